@@ -1,0 +1,8 @@
+"""What closes the loop: sensor, target and controllers."""
+
+from crinoid.control.clock import Clock as Clock
+from crinoid.control.controller import Controller as Controller
+from crinoid.control.controller import Idle as Idle
+from crinoid.control.pid import Pid as Pid
+from crinoid.control.sensor import Sensor as Sensor
+from crinoid.control.target import Target as Target

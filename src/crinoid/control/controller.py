@@ -1,0 +1,38 @@
+"""What a controller is."""
+
+from abc import abstractmethod
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+Pose = Float[Array, " pose"]
+Channels = Float[Array, " channel"]
+
+
+class Controller(eqx.Module):
+    """Turns what is measured and wanted of the tip into commands for the base's channels.
+
+    Called once per control period; its command is held until the next call.
+    """
+
+    @abstractmethod
+    def start(self, measured: Pose) -> Any:
+        """Return the controller's memory at the start."""
+
+    @abstractmethod
+    def command(self, memory: Any, measured: Pose, wanted: Pose) -> tuple[Channels, Any]:
+        """Return the commands (m, rad) and the memory for the next call."""
+
+
+class Idle(Controller):
+    """Commands nothing: the base stays where it is."""
+
+    channels: int = eqx.field(static=True)
+
+    def start(self, measured: Pose) -> None:
+        return None
+
+    def command(self, memory: None, measured: Pose, wanted: Pose) -> tuple[Channels, None]:
+        return jnp.zeros(self.channels), None

@@ -1,0 +1,57 @@
+"""PID control of the tip through the base's channels."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.control.controller import Channels, Controller, Pose
+from crinoid.control.target import pose_error
+
+
+class PidMemory(eqx.Module):
+    """What a PID carries from one call to the next, per channel."""
+
+    integral: Channels
+    """Command of the integral term (m, rad)."""
+    slope: Channels
+    """Filtered rate at which the measured tip moves, as seen by each channel (1/s)."""
+    measured: Pose
+
+
+class Pid(Controller):
+    """A PID per channel, on the part of the tip's error that the channel can undo.
+
+    The error of the tip becomes an error per channel through ``mapping``, the inverse of the
+    static Jacobian d(tip)/d(channels), so that at low frequency each channel sees a plant of gain
+    one. The derivative acts on the measurement, which spares the base the kick of a moved target,
+    and is filtered to first order. A channel at the end of its range stops integrating further
+    into it (Astrom and Murray 2008, sections 10.4 and 10.5).
+    """
+
+    kp: Channels
+    ki: Channels
+    """Per second."""
+    kd: Channels
+    """Seconds."""
+    filter_time: Channels
+    """Time constant of the derivative's filter (s)."""
+    mapping: Float[Array, "channel pose"]
+    lower: Channels
+    upper: Channels
+    period: Float[Array, ""]
+
+    def start(self, measured: Pose) -> PidMemory:
+        zero = jnp.zeros_like(self.kp)
+        return PidMemory(zero, zero, measured)
+
+    def command(
+        self, memory: PidMemory, measured: Pose, wanted: Pose
+    ) -> tuple[Channels, PidMemory]:
+        error = self.mapping @ pose_error(wanted, measured)
+        moved = self.mapping @ pose_error(measured, memory.measured)
+        slope = (self.filter_time * memory.slope + moved) / (self.filter_time + self.period)
+        integral = memory.integral + self.ki * self.period * error
+        free = self.kp * error + integral - self.kd * slope
+        held = jnp.clip(free, self.lower, self.upper)
+        winding = (free - held) * self.ki * error > 0
+        return held, PidMemory(jnp.where(winding, memory.integral, integral), slope, measured)

@@ -1,0 +1,130 @@
+"""Static equilibrium: the arm at rest under its loads, however far they bend it."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.newton import Outcome, Settings, constant, implied, solve
+
+Nodes = Float[Array, "n b"]
+
+_FIRST_SHARE = 0.25
+_SMALLEST_SHARE = 1e-3
+_SHIFT_FALL = 0.6
+_KICK = 1e-3
+_MAX_SOLVES = 400
+
+
+def still(time: Array, position: Nodes, by_acceleration: Array | float = 0.0) -> Stage:
+    """Return a stage without velocity in which the correction moves the nodes."""
+    zero = jnp.zeros_like(position)
+    return Stage(
+        time, position, zero, zero, jnp.ones(()), jnp.zeros(()), jnp.asarray(by_acceleration, float)
+    )
+
+
+class _Search(eqx.Module):
+    position: Nodes
+    load_factor: Float[Array, ""]
+    share: Float[Array, ""]
+    loaded: Bool[Array, ""]
+    shift: Float[Array, ""]
+    settled: Bool[Array, ""]
+    solves: Int[Array, ""]
+    iterations: Int[Array, ""]
+
+
+@eqx.filter_custom_jvp
+def equilibrium(
+    forces: Forces,
+    time: Float[Array, ""],
+    start: Nodes,
+    settings: Settings,
+    slowest_rate: Float[Array, ""],
+    fastest_rate: Float[Array, ""],
+) -> tuple[Nodes, Outcome]:
+    """Find a stable equilibrium of the forces at ``time``.
+
+    First the forces from outside are brought on in shares, halved where Newton's method fails and
+    doubled where it does not. Then the arm is pushed aside by a thousandth of its length and let
+    go in a very viscous medium, whose resistance falls by a constant factor from step to step
+    (pseudo-transient continuation, Kelley and Keyes 1998): it comes back to an equilibrium that is
+    stable, leaves one that is not (a column past its buckling load), and also arrives where the
+    shares got stuck at a limit point.
+
+    ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
+    leave an equilibrium. Returns the nodes (m; the first two as in ``start``) and the outcome of
+    the last solve, with all iterations counted. Differentiable as the solution of the balance.
+    """
+    along = jnp.linspace(0.0, 1.0, start.shape[0] - 2)[1:, None]
+    reach = jnp.sqrt(jnp.sum((start[-1] - start[1]) ** 2))
+
+    def unfinished(carry: tuple[_Search, Outcome]) -> Bool[Array, ""]:
+        search, outcome = carry
+        arrived = search.settled & outcome.converged
+        return ~arrived & (search.solves < _MAX_SOLVES)
+
+    def advance(carry: tuple[_Search, Outcome]) -> tuple[_Search, Outcome]:
+        search, _ = carry
+        load_factor = jnp.where(
+            search.loaded, 1.0, jnp.minimum(1.0, search.load_factor + search.share)
+        )
+        shift = jnp.where(search.loaded & ~search.settled, search.shift, 0.0)
+        correction, outcome = solve(
+            forces,
+            still(time, search.position, shift),
+            jnp.zeros_like(start),
+            settings,
+            load_factor,
+        )
+        good = outcome.converged
+        position = jnp.where(good, search.position + correction, search.position)
+        share = jnp.where(good, 2.0, 0.5) * search.share
+        loaded = search.loaded | (good & (load_factor >= 1.0)) | (share < _SMALLEST_SHARE)
+        kick = _KICK * reach * along**2 * _aside(position[-1] - position[1])
+        next_shift = jnp.where(good, _SHIFT_FALL, 4.0) * search.shift
+        iterations = search.iterations + outcome.iterations
+        return _Search(
+            position.at[3:].add(jnp.where(loaded & ~search.loaded, kick, 0.0)),
+            jnp.where(good, load_factor, search.load_factor),
+            share,
+            loaded,
+            jnp.where(search.loaded, next_shift, search.shift),
+            search.loaded & good & (next_shift < slowest_rate),
+            search.solves + 1,
+            iterations,
+        ), eqx.tree_at(lambda o: o.iterations, outcome, iterations)
+
+    no, nothing, none = jnp.asarray(False), jnp.asarray(0), jnp.zeros(())
+    search, outcome = jax.lax.while_loop(
+        unfinished,
+        advance,
+        (
+            _Search(start, none, none + _FIRST_SHARE, no, fastest_rate, no, nothing, nothing),
+            Outcome(no, nothing, none, none, nothing),
+        ),
+    )
+    return search.position, outcome
+
+
+@equilibrium.def_jvp
+def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
+    forces, time, start, *_ = primals
+    t_forces, t_time, t_start, *_ = tangents
+    position, outcome = equilibrium(*primals)
+    stage, t_stage = eqx.filter_jvp(still, (time, start), (t_time, t_start))
+    full = jnp.ones(())
+    correction = implied((forces, stage, full), (t_forces, t_stage, None), position - start)
+    held = jnp.zeros_like(start) if t_start is None else t_start
+    return (position, outcome), (correction + held, constant(outcome))
+
+
+def _aside(chord: Float[Array, " b"]) -> Float[Array, " b"]:
+    """Return a direction across a chord, in the plane of its first and last axes."""
+    across = jnp.zeros_like(chord).at[0].set(-chord[-1]).at[-1].set(chord[0])
+    return across / (jnp.sqrt(jnp.sum(across**2)) + jnp.finfo(float).tiny)

@@ -1,0 +1,251 @@
+"""The assembled arm: everything that a time step needs, and the step itself."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from crinoid import chain
+from crinoid.base import Base, ServoState
+from crinoid.dynamics import statics
+from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.integrator import Integrator, Stage
+from crinoid.dynamics.newton import HELD, Outcome, Settings, solve
+from crinoid.dynamics.state import State
+from crinoid.elements import WORKS, Motion
+from crinoid.rod import Rod
+
+Channels = Float[Array, " channel"]
+Nodes = Float[Array, "n b"]
+
+
+class Progress(eqx.Module):
+    """How a step went that was cut into shorter ones where it had to be."""
+
+    outcome: Outcome
+    """Of the last solve."""
+    steps: Int[Array, ""]
+    """Steps that succeeded."""
+    iterations: Int[Array, ""]
+    """Newton iterations of all solves, the failed ones too."""
+
+
+class System(eqx.Module):
+    """A soft arm on its base in the water, as arrays: `jax.jit`, `grad` and `vmap` apply.
+
+    Built by `crinoid.Scenario.system`.
+    """
+
+    rod: Rod
+    forces: Forces
+    base: Base
+    integrator: Integrator
+    settings: Settings
+    time_step: Float[Array, ""]
+    max_halvings: int = eqx.field(static=True)
+
+    @property
+    def channels(self) -> int:
+        """Number of base channels, which is the length of a command."""
+        return self.base.servo.lower.shape[0]
+
+    def rest(self, time: ArrayLike = 0.0) -> State:
+        """Return the arm without load, as the base holds it at ``time``."""
+        time = jnp.asarray(time, float)
+        return self._begin(time, self._rest_position(time))
+
+    def equilibrium(self, time: ArrayLike = 0.0) -> tuple[State, Outcome]:
+        """Return the arm in static equilibrium at ``time``, moving along with its base.
+
+        The outcome says whether one was found; see `crinoid.dynamics.statics.equilibrium`.
+        """
+        time = jnp.asarray(time, float)
+        # bending over length, and loads over mass: the squared rates at which an arm leaves a
+        # shape that does not hold lie between the first and the sum of both
+        rod = self.rod
+        mass = jnp.sum(rod.mass_per_length * rod.voronoi_length)
+        bending = jnp.mean(rod.EI) / (mass * rod.length**3)
+        start = self._rest_position(time)
+        _, load = self.forces.residual(self.forces.motion(statics.still(time, start), 0.0 * start))
+        position, outcome = statics.equilibrium(
+            self.forces,
+            time,
+            start,
+            eqx.tree_at(
+                lambda s: s.max_turn, self.settings, jnp.asarray(0.5), is_leaf=lambda x: x is None
+            ),
+            1e-3 * bending,
+            1e3 * (bending + load * rod.nodes / (mass * rod.length)),
+        )
+        return self._begin(time, position), outcome
+
+    def step(
+        self, state: State, command: Channels, step: ArrayLike | None = None
+    ) -> tuple[State, Outcome]:
+        """Advance by one time step, the base following ``command`` (m, rad).
+
+        Differentiable in both modes. Where Newton's method fails the state comes back with the
+        outcome that says so, and should not be used; `advance` recovers.
+        """
+        h = self.time_step if step is None else jnp.asarray(step, float)
+        method = self.integrator
+        time = state.time + h
+        servo = self.base.servo.advance(state.servo, command, h)
+        held = self.base.prescribe(time, servo)
+
+        position, velocity = method.predict(state.position, state.velocity, state.acceleration, h)
+        new = Stage(
+            time,
+            position.at[:HELD].set(held.position),
+            velocity.at[:HELD].set(held.velocity),
+            jnp.zeros_like(position).at[:HELD].set(held.acceleration),
+            jnp.ones(()),
+            *method.rates(h),
+        )
+
+        def blend(new: Array, old: Array, alpha: Array) -> Array:
+            return (1 - alpha) * new + alpha * old
+
+        stage = Stage(
+            blend(new.time, state.time, method.alpha_f),
+            blend(new.position, state.position, method.alpha_f),
+            blend(new.velocity, state.velocity, method.alpha_f),
+            blend(new.acceleration, state.acceleration, method.alpha_m),
+            (1 - method.alpha_f) * new.by_position,
+            (1 - method.alpha_f) * new.by_velocity,
+            (1 - method.alpha_m) * new.by_acceleration,
+        )
+        guess = (state.acceleration / new.by_acceleration).at[:HELD].set(0.0)
+        correction, outcome = solve(self.forces, stage, guess, self.settings, None)
+
+        observed = self._observe(self.forces.motion(new, correction), servo)
+        work = state.work + 0.5 * h * (state.power + observed.power)
+        return eqx.tree_at(lambda s: s.work, observed, work), outcome
+
+    def advance(
+        self, state: State, command: Channels, step: ArrayLike | None = None
+    ) -> tuple[State, Progress]:
+        """Advance by one time step, halving it where Newton's method fails.
+
+        Down to ``2**-max_halvings`` of the step; past that the last good state comes back with a
+        failed outcome. Not differentiable in reverse mode (a loop of unknown length): use `step`.
+        """
+        h = self.time_step if step is None else jnp.asarray(step, float)
+        whole = 2**self.max_halvings
+
+        def unfinished(carry: tuple[State, Progress, Array, Array]) -> Bool[Array, ""]:
+            _, _, done, part = carry
+            return (done < whole) & (part > 0)
+
+        def attempt(
+            carry: tuple[State, Progress, Array, Array],
+        ) -> tuple[State, Progress, Array, Array]:
+            state, progress, done, part = carry
+            new, outcome = self.step(state, command, h * (part / whole))
+            good = outcome.converged
+            kept = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
+            done = done + jnp.where(good, part, 0)
+            # after a success try twice as much again, from a place that twice as much divides
+            longer = jnp.where((done % (2 * part) == 0) & (part < whole), 2 * part, part)
+            part = jnp.where(good, longer, part // 2)
+            return (
+                kept,
+                Progress(outcome, progress.steps + good, progress.iterations + outcome.iterations),
+                done,
+                part,
+            )
+
+        nothing = jnp.asarray(0)
+        unsolved = Outcome(
+            jnp.asarray(False), nothing, jnp.asarray(jnp.nan), jnp.asarray(jnp.nan), nothing
+        )
+        state, progress, _, _ = jax.lax.while_loop(
+            unfinished,
+            attempt,
+            (state, Progress(unsolved, nothing, nothing), nothing, jnp.asarray(whole)),
+        )
+        return state, progress
+
+    def tip(self, state: State) -> Float[Array, " pose"]:
+        """Return the tip's place in the world (m) and its direction (rad): x, z, angle."""
+        return _tip(state.position) + jnp.append(self.forces.origin, 0.0)
+
+    def static_jacobian(self, state: State) -> Float[Array, "pose channel"]:
+        """Return d(tip)/d(channels) at rest: how the tip follows the base when moved slowly.
+
+        The forces are linearised about ``state``, taken as still.
+        """
+        stage = statics.still(state.time, state.position)
+        bands = self.forces.tangent(
+            stage, self.forces.motion(stage, jnp.zeros_like(state.position))
+        )
+        pose, _, _ = self.base.pose(state.time, state.servo)
+        held = jax.jacfwd(self.base.hold)(pose)
+
+        def follow(moved: Float[Array, "2 b"]) -> Nodes:
+            nodes = jnp.zeros_like(state.position).at[:HELD].set(moved)
+            free = chain.solve(bands[HELD:], -chain.matvec(bands, nodes)[HELD:])
+            return nodes.at[HELD:].set(free)
+
+        moved = jax.vmap(follow, -1, -1)(held)
+        return jax.vmap(lambda d: jax.jvp(_tip, (state.position,), (d,))[1], -1, -1)(moved)
+
+    def _rest_position(self, time: Array) -> Nodes:
+        pose, _, _ = self.base.pose(time, self.base.servo.at_rest())
+        held = self.base.hold(pose)
+        shape = self.rod.rest_shape(self.base.tilt + pose[2])
+        return jnp.concatenate([held[:1], held[1] + shape])
+
+    def _begin(self, time: Array, position: Nodes) -> State:
+        """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
+        servo = self.base.servo.at_rest()
+        held = self.base.prescribe(time, servo)
+        lever = held.position[0] - held.position[1]
+        swing = held.velocity[0] - held.velocity[1]
+        spin = (lever[0] * swing[1] - lever[1] * swing[0]) / jnp.sum(lever**2)
+        arm = position - position[1]
+        velocity = held.velocity[1] + spin * jnp.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        stage = Stage(
+            time,
+            position,
+            velocity.at[:HELD].set(held.velocity),
+            jnp.zeros_like(position).at[:HELD].set(held.acceleration),
+            jnp.zeros(()),
+            jnp.zeros(()),
+            jnp.ones(()),
+        )
+        # forces are affine in the acceleration: one Newton step is exact
+        motion = self.forces.motion(stage, jnp.zeros_like(position))
+        residual, _ = self.forces.residual(motion)
+        free = chain.solve(self.forces.tangent(stage, motion)[HELD:], -residual[HELD:])
+        return self._observe(self.forces.motion(stage, jnp.pad(free, ((HELD, 0), (0, 0)))), servo)
+
+    def _observe(self, motion: Motion, servo: ServoState) -> State:
+        energy, power = self.forces.audit(motion)
+        residual, _ = self.forces.residual(motion)
+        reaction = residual[:HELD]
+        force, moment = self.base.wrench(motion.position[:HELD], reaction)
+        actuation = jnp.sum(reaction * motion.velocity[:HELD])
+        power = power.at[WORKS.index("actuation")].add(actuation)
+        return State(
+            motion.time,
+            motion.position,
+            motion.velocity,
+            motion.acceleration,
+            servo,
+            motion.flow_velocity,
+            force,
+            moment,
+            energy,
+            power,
+            jnp.zeros_like(power),
+        )
+
+
+def _tip(position: Nodes) -> Float[Array, " pose"]:
+    # the last edge points where the arm does half an edge before the tip: carry its turn on
+    last, before = position[-1] - position[-2], position[-2] - position[-3]
+    turn = jnp.arctan2(before[0] * last[1] - before[1] * last[0], jnp.sum(before * last))
+    angle = jnp.arctan2(last[1], last[0]) + 0.5 * turn
+    return jnp.append(position[-1], angle)

@@ -1,0 +1,131 @@
+"""What the water does to the arm: Morison forces on the relative velocity, weight and buoyancy.
+
+Forces per length are integrated along each edge with the trapezoid rule, with the edge's own
+tangent ``t`` at both its ends. The relative velocity ``w = u - v`` splits into ``w_t`` along the
+tangent and ``w_n`` normal to it (Morison et al. 1950; cross-flow principle, Sumer and Fredsoe
+2006, section 1.4).
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from crinoid.elements.element import Element, Motion
+from crinoid.elements.geometry import smooth_speed, unit
+from crinoid.rod import Rod
+
+
+class Drag(Element):
+    """Quadratic drag along and across the arm, and a linear one.
+
+    Per length: ``1/2 rho C_dn d |w_n| w_n + 1/2 rho C_dt pi d |w_t| w_t + c w``.
+    """
+
+    stencil: ClassVar[int] = 2
+    external: ClassVar[bool] = True
+    worked: ClassVar[str] = "drag"
+    first: int = eqx.field(static=True)
+    normal: Float[Array, "*count 2"]
+    """Force on each end of an edge over ``|w_n| w_n`` (kg/m)."""
+    tangential: Float[Array, "*count 2"]
+    """Force on each end of an edge over ``|w_t| w_t`` (kg/m)."""
+    linear: Float[Array, "*count 2"]
+    """Force on each end of an edge over ``w`` (kg/s)."""
+
+    @staticmethod
+    def of(
+        rod: Rod, *, density: ArrayLike, normal: ArrayLike, tangential: ArrayLike, linear: ArrayLike
+    ) -> "Drag":
+        """Build the drag of a rod; ``linear`` in N s/m2, the others are coefficients."""
+        wetted = 0.5 * density * at_ends(rod.diameter)
+        share = rod.rest_length[:, None] / 2
+        return Drag(
+            1,
+            jnp.asarray(normal) * wetted * share,
+            jnp.asarray(tangential) * jnp.pi * wetted * share,
+            jnp.asarray(linear) * jnp.ones_like(wetted) * share,
+        )
+
+    def residual(self, motion: Motion) -> Float[Array, "2 b"]:
+        tangent, _ = unit(motion.position[1] - motion.position[0])
+        relative = motion.flow_velocity - motion.velocity
+        along = relative @ tangent
+        across = relative - along[:, None] * tangent
+        across_speed = smooth_speed(jnp.sum(across**2, axis=1))
+        return -(
+            (self.normal * across_speed)[:, None] * across
+            + (self.tangential * smooth_speed(along**2) * along)[:, None] * tangent
+            + self.linear[:, None] * relative
+        )
+
+
+class AddedMass(Element):
+    """Inertia of the water: added mass along and across the arm, and the Froude-Krylov force.
+
+    Per length: ``rho A [C_an (I - t t) + C_at t t] (Du/Dt - a) + rho A Du/Dt``. Its work counts
+    as that of a force from outside, the kinetic energy of the water not being kept.
+    """
+
+    stencil: ClassVar[int] = 2
+    external: ClassVar[bool] = True
+    worked: ClassVar[str] = "added_mass"
+    first: int = eqx.field(static=True)
+    displaced: Float[Array, "*count 2"]
+    """Mass of water that each end of an edge displaces (kg)."""
+    normal: Float[Array, "*count"]
+    tangential: Float[Array, "*count"]
+
+    @staticmethod
+    def of(
+        rod: Rod, *, density: ArrayLike, normal: ArrayLike, tangential: ArrayLike
+    ) -> "AddedMass":
+        """Build the added mass of a rod from its coefficients."""
+        displaced = density * at_ends(rod.displaced_area) * rod.rest_length[:, None] / 2
+        edges = rod.rest_length.shape
+        return AddedMass(
+            1,
+            displaced,
+            jnp.broadcast_to(jnp.asarray(normal, float), edges),
+            jnp.broadcast_to(jnp.asarray(tangential, float), edges),
+        )
+
+    def residual(self, motion: Motion) -> Float[Array, "2 b"]:
+        tangent, _ = unit(motion.position[1] - motion.position[0])
+        relative = motion.flow_acceleration - motion.acceleration
+        along = (relative @ tangent)[:, None] * tangent
+        return -self.displaced[:, None] * (
+            self.normal * (relative - along) + self.tangential * along + motion.flow_acceleration
+        )
+
+
+class Weight(Element):
+    """Weight less buoyancy, ``-(m - rho A) g`` per length, along the last axis."""
+
+    stencil: ClassVar[int] = 1
+    external: ClassVar[bool] = True
+    first: int = eqx.field(static=True)
+    force: Float[Array, "*count"]
+    """Downward force on each node (N)."""
+
+    @staticmethod
+    def of(rod: Rod, *, density: ArrayLike, gravity: ArrayLike) -> "Weight":
+        """Build the weight in water of a rod."""
+        submerged = rod.mass_per_length - density * rod.displaced_area
+        return Weight(1, submerged * rod.voronoi_length * gravity)
+
+    def residual(self, motion: Motion) -> Float[Array, "1 b"]:
+        return jnp.zeros_like(motion.position).at[0, -1].set(self.force)
+
+    def energy(self, motion: Motion) -> Float[Array, ""]:
+        return self.force * motion.position[0, -1]
+
+    def power(self, motion: Motion) -> Float[Array, ""]:
+        return jnp.zeros(())
+
+
+def at_ends(nodal: Float[Array, " n"]) -> Float[Array, "n-1 2"]:
+    """Return the values at both ends of each edge."""
+    return jnp.stack([nodal[:-1], nodal[1:]], axis=1)

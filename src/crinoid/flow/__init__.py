@@ -1,0 +1,9 @@
+"""How the water moves: its velocity and material acceleration anywhere, at any time."""
+
+from crinoid.flow.flow import Flow as Flow
+from crinoid.flow.flow import Water as Water
+from crinoid.flow.gust import Gust as Gust
+from crinoid.flow.shear import LogarithmicShear as LogarithmicShear
+from crinoid.flow.shear import PowerShear as PowerShear
+from crinoid.flow.sine import Sine as Sine
+from crinoid.flow.uniform import Uniform as Uniform

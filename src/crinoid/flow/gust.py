@@ -1,0 +1,22 @@
+"""A single gust."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.flow.flow import Flow, Point, Time
+from crinoid.onset import Onset
+
+
+class Gust(Flow):
+    """The 1-cosine gust: ``u = peak (1 - cos(2 pi s)) / 2`` with ``s = (t - start) / duration``.
+
+    Nothing blows before its start and after its duration (the discrete gust of IEC 61400-1).
+    """
+
+    onset: Onset
+    peak: Float[Array, " b"]
+    duration: Float[Array, ""]
+
+    def fully_on(self, point: Point, time: Time) -> Point:
+        share = jnp.clip((time - self.onset.start) / self.duration, 0.0, 1.0)
+        return self.peak * (0.5 - 0.5 * jnp.cos(2 * jnp.pi * share))

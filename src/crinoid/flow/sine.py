@@ -1,0 +1,22 @@
+"""A current that swings to and fro."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.flow.flow import Flow, Point, Time
+from crinoid.onset import Onset
+
+
+class Sine(Flow):
+    """``u = amplitude sin(2 pi f t + phase)``."""
+
+    onset: Onset
+    amplitude: Float[Array, " b"]
+    frequency: Float[Array, ""]
+    """Cycles per second (Hz)."""
+    phase: Float[Array, ""]
+    """Phase at time zero (rad)."""
+
+    def fully_on(self, point: Point, time: Time) -> Point:
+        angle = 2 * jnp.pi * self.frequency * time + self.phase
+        return self.amplitude * jnp.sin(angle)

@@ -1,0 +1,40 @@
+"""Figures from a result file.
+
+The only package that draws. Importing it costs nothing: the plotting library is loaded when
+`write_report` is called, not before.
+"""
+
+from pathlib import Path
+
+from crinoid.report.run import ReportError
+
+__all__ = ["ReportError", "write_report"]
+
+
+def write_report(path: Path, out: Path | None = None) -> list[Path]:
+    """Draw the figures of a result, or of a study of several cases.
+
+    A result gives `shape.png`, `tip_error.png`, `commands.png` and `energy.png`; a file
+    `uncontrolled.nc` beside it is drawn as the comparison. A study (a folder with `cases.csv`)
+    gives `cases.png`, and the figures of each case in the folder of that case.
+
+    Parameters
+    ----------
+    path
+        A result's folder, its `result.nc`, a study's folder or its `cases.csv`.
+    out
+        Folder for the figures, made if needed; beside the result by default.
+
+    Returns
+    -------
+    list of Path
+        The figures written, in the order above.
+
+    Raises
+    ------
+    ReportError
+        If there is no result at `path`, or the file is empty, broken or of another kind.
+    """
+    from crinoid.report.book import write_book
+
+    return write_book(Path(path), None if out is None else Path(out))

@@ -1,0 +1,66 @@
+"""The book of figures that belongs to a result or a study: which are drawn, and where to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from crinoid.report.cases import CASES, draw_cases, read_cases
+from crinoid.report.commands import draw_commands
+from crinoid.report.energy import draw_energy
+from crinoid.report.run import RESULT, ReportError, Run, open_run
+from crinoid.report.shape import draw_shape
+from crinoid.report.style import STYLE
+from crinoid.report.tip import draw_tip_error
+
+_FIGURES: dict[str, Callable[[Run], Figure]] = {
+    "shape.png": draw_shape,
+    "tip_error.png": draw_tip_error,
+    "commands.png": draw_commands,
+    "energy.png": draw_energy,
+}
+
+
+def write_book(path: Path, out: Path | None) -> list[Path]:
+    """Draw everything that the result or study at `path` gives; see `crinoid.report`."""
+    if not path.exists():
+        raise ReportError(f"{path}: no such file or directory")
+    if path.is_file() and path.name != CASES:
+        return _write_run(path, out or path.parent)
+    folder = path if path.is_dir() else path.parent
+    written = []
+    if (folder / CASES).is_file():
+        written += _write_study(folder, out or folder)
+    if (folder / RESULT).is_file() and path.is_dir():
+        written += _write_run(folder / RESULT, out or folder)
+    if not written:
+        raise ReportError(f"{path}: no result here, neither {RESULT} nor {CASES}")
+    return written
+
+
+def _write_run(path: Path, out: Path) -> list[Path]:
+    run = open_run(path)
+    return [_save(lambda draw=draw: draw(run), out / name) for name, draw in _FIGURES.items()]
+
+
+def _write_study(folder: Path, out: Path) -> list[Path]:
+    cases = read_cases(folder / CASES)
+    written = [_save(lambda: draw_cases(cases, folder.resolve().name), out / "cases.png")]
+    for case in cases:
+        if case.result is not None:
+            written += _write_run(case.result, out / case.directory)
+    return written
+
+
+def _save(draw: Callable[[], Figure], path: Path) -> Path:
+    """Draw and save within the style, which leaves the caller's own settings as they were."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with mpl.rc_context(STYLE):
+            draw().savefig(path, format="png", facecolor="white")
+    except OSError as error:
+        raise ReportError(f"{path}: cannot write the figure ({error.strerror})") from error
+    return path

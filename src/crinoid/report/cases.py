@@ -1,0 +1,207 @@
+"""The cases of a study side by side."""
+
+from __future__ import annotations
+
+import csv
+import math
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from crinoid.report import plane
+from crinoid.report.run import RESULT, ReportError, open_result
+from crinoid.report.style import GREY, INK, PALE, VERMILLION, WIDTH, head, time_map
+from crinoid.report.units import Unit, largest, length_unit
+
+CASES = "cases.csv"
+
+_MEASURES = ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time")
+_KNOWN = ("case", *_MEASURES, "status", "directory")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row of the study: its name, what was varied, what came of it, and where it lies."""
+
+    name: str
+    varied: dict[str, str]
+    measures: dict[str, float]  # SI; NaN where the table says nothing
+    status: str
+    directory: str
+    result: Path | None
+
+
+def read_cases(path: Path) -> list[Case]:
+    """Read the table of a study.
+
+    Raises
+    ------
+    ReportError
+        If the table is unreadable, lacks a column, holds no case, or points out of its folder.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            table = csv.DictReader(stream)
+            columns = list(table.fieldnames or [])
+            rows = list(table)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ReportError(f"{path}: not a readable table ({error})") from error
+    missing = [name for name in _KNOWN if name not in columns]
+    if missing:
+        raise ReportError(f"{path}: the table lacks the column {missing[0]!r}")
+    if not rows:
+        raise ReportError(f"{path}: the table holds no case")
+    return [_read_case(path, row) for row in rows]
+
+
+def _read_case(path: Path, row: dict[str, str | None]) -> Case:
+    texts = {name: (value or "").strip() for name, value in row.items() if name is not None}
+    measures = {}
+    for name in _MEASURES:
+        try:
+            measures[name] = float(texts[name]) if texts[name] else math.nan
+        except ValueError as error:
+            raise ReportError(
+                f"{path}: {name} of {texts['case']} is {texts[name]!r}, not a number"
+            ) from error
+    # The figures of a case are written into its folder, which a table must not choose freely.
+    folder = Path(texts["directory"] or texts["case"])
+    if folder.is_absolute() or ".." in folder.parts:
+        raise ReportError(f"{path}: {str(folder)!r} is not a folder inside the study")
+    result = path.parent / folder / RESULT
+    return Case(
+        name=texts["case"],
+        varied={name: text for name, text in texts.items() if name not in _KNOWN},
+        measures=measures,
+        status=texts["status"] or "ok",
+        directory=str(folder),
+        result=result if result.is_file() else None,
+    )
+
+
+def draw_cases(cases: Sequence[Case], title: str) -> Figure:
+    """Draw the final shapes of all cases, and the measures of each in its shape's colour."""
+    tall = 0.55 + 0.34 * len(cases) + 0.12 * sum(len(_label(c, cases).split("\n")) for c in cases)
+    figure = Figure(figsize=(WIDTH + 0.6, tall + 4.2), layout="constrained")
+    rows = figure.add_gridspec(2, 1, height_ratios=[3.2, tall + 0.4])
+    colours = [time_map()(v) for v in np.linspace(0.0, 1.0, len(cases))]
+    _shapes(figure.add_subplot(rows[0]), cases, colours)
+
+    columns = rows[1].subgridspec(1, 3, width_ratios=[1.0, 1.5, 1.0])
+    first = figure.add_subplot(columns[0])
+    errors = figure.add_subplot(columns[1], sharey=first)
+    settling = figure.add_subplot(columns[2], sharey=first)
+    unit = length_unit(largest(_values(cases, "deflection")))
+    _bars(first, cases, "deflection", unit, colours, missing="none")
+    first.set_xlabel(f"deflection ({unit.name})")
+    _errors(errors, cases, colours)
+    _bars(settling, cases, "settling_time", Unit(1.0, "s"), colours, missing="not settled")
+    settling.set_xlabel("settling time (s)")
+
+    first.set_yticks(range(len(cases)), [_label(case, cases) for case in cases])
+    first.set_ylim(len(cases) - 0.4, -0.6)
+    for axes in (first, errors, settling):
+        axes.grid(visible=False, axis="y")
+        axes.tick_params(axis="y", length=0, labelleft=axes is first)
+    head(figure, title, "ok")
+    return figure
+
+
+def _values(cases: Sequence[Case], measure: str) -> np.ndarray:
+    return np.array([case.measures[measure] for case in cases])
+
+
+def _label(case: Case, cases: Sequence[Case]) -> str:
+    """Name of a case and what was varied in it, keys shortened while that keeps them apart."""
+    last = Counter(key.rsplit(".", 1)[-1] for key in case.varied)
+    parts = []
+    for key, value in case.varied.items():
+        short = key.rsplit(".", 1)[-1]
+        parts.append(f"{short if last[short] == 1 else key} {_short(value)}".replace("_", " "))
+    together = ", ".join(parts)
+    lines = [case.name, *([together] if len(together) <= 30 else parts)]
+    if case.status != "ok":
+        lines.append(textwrap.shorten(case.status, 34, placeholder=" ..."))
+    return "\n".join(lines)
+
+
+def _short(value: str) -> str:
+    try:
+        return f"{float(value):.4g}"
+    except ValueError:
+        return textwrap.shorten(value, 28, placeholder=" ...")
+
+
+def _bars(
+    axes: Axes,
+    cases: Sequence[Case],
+    measure: str,
+    unit: Unit,
+    colours: Sequence[tuple[float, ...]],
+    *,
+    missing: str,
+) -> None:
+    values = _values(cases, measure) * unit.factor
+    shown = np.where(np.isfinite(values), values, 0.0)
+    axes.barh(range(len(cases)), shown, height=0.55, color=list(colours))
+    top = max(float(shown.max()), 0.0) or 1.0
+    axes.set_xlim(min(0.0, float(shown.min()) * 1.3), top * 1.3)  # room for the numbers
+    for place, (value, case) in enumerate(zip(values, cases, strict=True)):
+        known = math.isfinite(value)
+        words = f"{value:.3g}" if known else ("stopped" if case.status != "ok" else missing)
+        axes.annotate(
+            words,
+            (max(float(shown[place]), 0.0), place),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8.0,
+            color=INK if known else GREY,
+        )
+
+
+def _errors(axes: Axes, cases: Sequence[Case], colours: Sequence[tuple[float, ...]]) -> None:
+    names = ("rms_error_uncontrolled", "rms_error", "steady_error")
+    unit = length_unit(largest(*(_values(cases, name) for name in names)))
+    without, with_control, steady = (_values(cases, name) * unit.factor for name in names)
+    places = np.arange(len(cases))
+    axes.hlines(places, without, with_control, color=GREY, linewidth=1.0, zorder=1)
+    axes.scatter(
+        without, places, s=34, facecolor="white", edgecolor=INK, zorder=2, label="RMS, no control"
+    )
+    axes.scatter(with_control, places, s=40, color=list(colours), zorder=3)
+    axes.scatter([], [], s=40, color=INK, label="RMS")
+    axes.scatter(
+        steady, places, s=80, marker="|", linewidth=1.8, color=VERMILLION, zorder=4, label="steady"
+    )
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel(f"tip error ({unit.name})")
+    axes.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, columnspacing=1.0, handletextpad=0.1
+    )
+
+
+def _shapes(axes: Axes, cases: Sequence[Case], colours: Sequence[tuple[float, ...]]) -> None:
+    for case, colour in zip(cases, colours, strict=True):
+        if case.result is None:
+            continue
+        data = open_result(case.result)
+        shape = plane.project(data, "position")[-1]
+        if "diameter" in data:
+            band = plane.outline(shape, np.asarray(data["diameter"].values, dtype=float))
+            axes.fill(*band.T, color=PALE, zorder=1, alpha=0.6, linewidth=0)
+        axes.plot(*shape.T, color=colour, zorder=2)
+        axes.plot(*shape[-1], marker="o", markersize=4, color=colour, zorder=3)
+        axes.plot(*shape[0], marker="s", markersize=5, color=INK, zorder=3)
+    if not axes.lines:
+        axes.text(0.5, 0.5, "no case has a result", transform=axes.transAxes, ha="center")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title("final shapes, in the colours below", loc="left")
+    axes.set_xlabel(plane.LABELS[0])
+    axes.set_ylabel(plane.LABELS[1])

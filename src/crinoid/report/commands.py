@@ -1,0 +1,123 @@
+"""What the base is told, what it does, and what the arm does to the submarine."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from crinoid.report.run import Run
+from crinoid.report.style import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    WIDTH,
+    head,
+    key,
+    line_style,
+    note,
+    share_time,
+)
+from crinoid.report.units import Unit, largest, length_unit, si_unit
+
+_ANGLES = ("tilt", "pan", "roll")
+_STILL = 1e-9  # m or rad: less is no motion that anyone ordered
+_AXIS_COLOURS = {"x": GREEN, "y": PURPLE, "z": ORANGE}
+
+
+def draw_commands(run: Run) -> Figure:
+    """Draw the channels of the base that move or are driven, and the load on the submarine."""
+    channels = _moving_channels(run)
+    figure = Figure(
+        figsize=(WIDTH, 1.0 + 1.55 * (len(channels) + 2) + (0 if channels else 0.3)),
+        layout="constrained",
+    )
+    ratios = [1.0] * len(channels) + [1.0, 1.0]
+    panels = list(np.atleast_1d(figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)))
+    for axes, channel in zip(panels, channels, strict=False):
+        _channel(axes, run, channel, first=axes is panels[0])
+    _force(panels[-2], run)
+    _moment(panels[-1], run)
+    share_time(panels, run.result["time"].values)
+    figure.align_ylabels(panels)
+    head(figure, run.title, run.status)
+    if not channels:
+        panels[0].set_title("the base is held still: no channel moves", loc="right", fontsize=8.5)
+    return figure
+
+
+def _moving_channels(run: Run) -> list[str]:
+    found = []
+    if "channel" in run.result.coords and {"base_command", "base_pose"} <= set(run.result):
+        for channel in run.result["channel"].values:
+            values = [run.result[name].sel(channel=channel).values for name in _TRACES]
+            if largest(*values) > _STILL:
+                found.append(str(channel))
+    return found
+
+
+_TRACES = ("base_pose", "base_command")
+
+
+def _channel(axes: Axes, run: Run, channel: str, *, first: bool) -> None:
+    pose, command = (run.result[name].sel(channel=channel).values for name in _TRACES)
+    degrees = Unit(180.0 / np.pi, "deg")
+    unit = degrees if channel in _ANGLES else length_unit(largest(pose, command))
+    time = run.result["time"].values
+    axes.plot(time, pose * unit.factor, color=BLUE, label="pose", **line_style(time.size))
+    axes.plot(
+        time,
+        command * unit.factor,
+        color=VERMILLION,
+        linestyle=(0, (4, 2)),
+        linewidth=1.0,
+        label="command",
+        **line_style(time.size),
+    )
+    axes.set_ylabel(f"{channel} ({unit.name})")
+    if first:
+        key(axes)
+
+
+def _force(axes: Axes, run: Run) -> None:
+    if "base_force" not in run.result:
+        note(axes, "no force recorded")
+        return
+    force = run.result["base_force"].transpose("time", "axis")
+    unit = si_unit(largest(force.values), "N")
+    for axis in run.result["axis"].values:
+        axes.plot(
+            run.result["time"].values,
+            force.sel(axis=axis).values * unit.factor,
+            color=_AXIS_COLOURS[str(axis)],
+            label=f"force along {axis}",
+            **line_style(force.sizes["time"]),
+        )
+    axes.set_ylabel(f"force on\nsubmarine ({unit.name})")
+    key(axes)
+
+
+def _moment(axes: Axes, run: Run) -> None:
+    if "base_moment" not in run.result:
+        note(axes, "no moment recorded")
+        return
+    moment = run.result["base_moment"]
+    unit = si_unit(largest(moment.values), "N m")
+    time = run.result["time"].values
+    if moment.ndim == 1:  # planar: about the one axis there is, positive as tilt
+        parts = {"": moment.values}
+    else:
+        parts = {str(axis): moment.sel(axis=axis).values for axis in run.result["axis"].values}
+    for axis, values in parts.items():
+        axes.plot(
+            time,
+            values * unit.factor,
+            color=_AXIS_COLOURS.get(axis, INK),
+            label=f"moment about {axis}" if axis else None,
+            **line_style(time.size),
+        )
+    axes.set_ylabel(f"moment on\nsubmarine ({unit.name})")
+    key(axes)

@@ -1,0 +1,134 @@
+"""A run as the figures see it: the result file, checked, and the uncontrolled run beside it."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+RESULT = "result.nc"
+UNCONTROLLED = "uncontrolled.nc"
+
+# What makes a netCDF file a result; without any other variable a figure drops the panel it fed.
+_REQUIRED = {
+    "position": ("time", "node", "axis"),
+    "tip_position": ("time", "axis"),
+    "tip_target": ("time", "axis"),
+    "tip_error": ("time",),
+}
+
+
+class ReportError(ValueError):
+    """A report cannot be drawn; the message is one line that says why."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One result and, where there is one, the same scenario without control."""
+
+    result: xr.Dataset
+    uncontrolled: xr.Dataset | None = None
+
+    @property
+    def title(self) -> str:
+        """The scenario's title, or the program's name where it has none."""
+        return str(self.result.attrs.get("title", "")).strip() or "crinoid"
+
+    @property
+    def status(self) -> str:
+        """`"ok"`, or what went wrong and when."""
+        return str(self.result.attrs.get("status", "ok")).strip() or "ok"
+
+    @property
+    def members(self) -> list[tuple[str, xr.Dataset]]:
+        """The runs to draw, each with the name that tells it from the other."""
+        if self.uncontrolled is None:
+            return [("", self.result)]
+        return [("with control", self.result), ("without control", self.uncontrolled)]
+
+
+def open_run(path: Path) -> Run:
+    """Read a result file and the uncontrolled one beside it.
+
+    Raises
+    ------
+    ReportError
+        If either file is not a readable result with at least one finite record.
+    """
+    result = open_result(path)
+    beside = path.with_name(UNCONTROLLED)
+    compared = beside.is_file() and path.name != UNCONTROLLED
+    return Run(result, open_result(beside) if compared else None)
+
+
+def open_result(path: Path) -> xr.Dataset:
+    """Read one result file into memory; records whose shape is not finite are left out.
+
+    Raises
+    ------
+    ReportError
+        If the file is missing, empty, broken, or not a result.
+    """
+    if not path.is_file():
+        raise ReportError(f"{path}: no such file")
+    if path.stat().st_size == 0:
+        raise ReportError(f"{path}: the file is empty")
+    try:
+        # Times are plain seconds; decoding would turn them into dates.
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+            dataset = stored.load()
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
+
+    for name, dims in _REQUIRED.items():
+        if name not in dataset:
+            raise ReportError(f"{path}: not a crinoid result, it has no variable {name!r}")
+        if dataset[name].dims != dims:
+            raise ReportError(
+                f"{path}: not a crinoid result, {name!r} has dimensions "
+                f"{dataset[name].dims}, not {dims}"
+            )
+    for name in ("time", "axis"):
+        if name not in dataset.coords:
+            raise ReportError(f"{path}: not a crinoid result, it has no coordinate {name!r}")
+    if not {"x", "z"} <= {str(label) for label in dataset["axis"].values}:
+        raise ReportError(f"{path}: not a crinoid result, its axes are not labelled x and z")
+    if dataset.sizes["time"] == 0:
+        raise ReportError(f"{path}: the result holds no records")
+    if dataset.sizes["node"] < 2:
+        raise ReportError(f"{path}: not a crinoid result, the arm has fewer than two nodes")
+
+    # A run that diverged may end in records that no axis can hold.
+    finite = np.isfinite(dataset["position"].values).all(axis=(1, 2))
+    if not finite.any():
+        raise ReportError(f"{path}: the result holds no record with a finite shape")
+    return dataset if finite.all() else dataset.isel(time=np.flatnonzero(finite))
+
+
+def base_direction(dataset: xr.Dataset, record: int) -> float:
+    """Angle in rad, from +x toward +z, at which the base points at a record.
+
+    The scenario and the base's pose say it; failing that, the first edge does, which on a pinned
+    mount is only nearly the same.
+    """
+    tilt_deg: Any = None
+    with contextlib.suppress(KeyError, AttributeError, tomllib.TOMLDecodeError):
+        tilt_deg = tomllib.loads(str(dataset.attrs["scenario"])).get("base", {}).get("tilt_deg")
+    if isinstance(tilt_deg, int | float):
+        angle = math.radians(tilt_deg)
+        channels = [str(name) for name in dataset.get("channel", xr.DataArray([])).values]
+        if "base_pose" in dataset and "tilt" in channels:
+            pose = dataset["base_pose"].transpose("time", "channel").values
+            angle += float(pose[record, channels.index("tilt")])
+        return angle if math.isfinite(angle) else 0.0
+    edge = dataset["position"].isel(time=record, node=1) - dataset["position"].isel(
+        time=record, node=0
+    )
+    return math.atan2(float(edge.sel(axis="z")), float(edge.sel(axis="x")))

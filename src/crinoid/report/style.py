@@ -1,0 +1,129 @@
+"""How every figure looks: colours, type, and the frame around the panels."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+# Okabe and Ito's palette: told apart with every common colour blindness, and in grey.
+BLUE = "#0072B2"
+VERMILLION = "#D55E00"
+GREEN = "#009E73"
+PURPLE = "#CC79A7"
+ORANGE = "#E69F00"
+SKY = "#56B4E9"
+INK = "#262626"
+GREY = "#8C8C8C"
+PALE = "#DDE3E6"
+SERIES = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INK, GREY)
+
+WIDTH = 7.4  # inches
+_EDGE = 0.08  # inches, paper's edge to the title
+_LINE = 0.185  # inches, a line of the title
+_TITLE: Any = {"fontsize": 10.5, "fontweight": "bold"}
+
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-4, 5),
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.3,
+    "lines.solid_capstyle": "round",
+    "savefig.dpi": 200,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "axes.unicode_minus": True,
+    "text.usetex": False,
+    "agg.path.chunksize": 10000,
+}
+
+
+def time_map() -> Colormap:
+    """Perceptually uniform colours for time, without the yellow that white paper swallows."""
+    return ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.9, 256)), name="time")
+
+
+def head(figure: Figure, title: str, status: str) -> None:
+    """Write the title, and under it what went wrong where something did; keep panels clear."""
+    wide, tall = figure.get_size_inches()
+    lines, notes = _head_lines(title, status, wide)
+    x, y = _EDGE / wide, 1.0 - _EDGE / tall
+    figure.text(x, y, "\n".join(lines), va="top", **_TITLE)
+    figure.text(x, y - len(lines) * _LINE / tall, "\n".join(notes), va="top", color=VERMILLION)
+    engine = figure.get_layout_engine()
+    if isinstance(engine, ConstrainedLayoutEngine):
+        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - head_height(title, status, wide) / tall))
+
+
+def head_height(title: str, status: str, wide: float) -> float:
+    """Height in inches that `head` takes of a figure this wide."""
+    return _EDGE + _LINE * sum(len(lines) for lines in _head_lines(title, status, wide))
+
+
+def _head_lines(title: str, status: str, wide: float) -> tuple[list[str], list[str]]:
+    lines = textwrap.wrap(title, int(10.0 * wide), max_lines=2, placeholder=" ...") or [" "]
+    if status == "ok":
+        return lines, []
+    return lines, textwrap.wrap(status, int(11.5 * wide), max_lines=3, placeholder=" ...")
+
+
+def key(axes: Axes, columns: int = 4) -> None:
+    """Put the legend above the panel, where no data can be under it."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(
+            handles,
+            labels,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=columns,
+            borderaxespad=0.2,
+            borderpad=0.1,
+            columnspacing=1.6,
+            handlelength=1.9,
+        )
+
+
+def note(axes: Axes, text: str) -> None:
+    """Say something in the middle of a panel that has nothing else to show."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
+
+
+def line_style(records: int) -> dict[str, Any]:
+    """Lines of so few records that they could be overlooked get markers."""
+    return {"marker": "o", "markersize": 3.5} if records <= 12 else {}
+
+
+def share_time(panels: Sequence[Axes], time: Float[np.ndarray, " time"]) -> None:
+    """Give stacked panels one time axis, labelled on the last."""
+    for axes in panels:
+        if time.size > 1 and time[-1] > time[0]:
+            axes.set_xlim(float(time[0]), float(time[-1]))
+        axes.label_outer()
+    panels[-1].set_xlabel("time (s)")

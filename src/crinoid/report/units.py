@@ -1,0 +1,45 @@
+"""Units in which a quantity reads well."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+
+class Unit(NamedTuple):
+    """A unit to plot in: multiply SI values by `factor`, and write `name`."""
+
+    factor: float
+    name: str
+
+    def text(self, value: float) -> str:
+        """Write a value in SI with three digits, in this unit."""
+        return f"{value * self.factor:.3g} {self.name}"
+
+
+def largest(*values: Float[np.ndarray, " ..."]) -> float:
+    """Largest finite magnitude, 0 where there is none."""
+    found = 0.0
+    for array in values:
+        finite = np.abs(array[np.isfinite(array)])
+        found = max(found, float(finite.max(initial=0.0)))
+    return found
+
+
+def length_unit(magnitude: float) -> Unit:
+    """Metres, or millimetres for less than half a metre; exact zero is in millimetres."""
+    if magnitude >= 0.5:
+        return Unit(1.0, "m")
+    return Unit(1e3, "mm") if magnitude >= 5e-4 or magnitude == 0.0 else Unit(1e6, "µm")
+
+
+def si_unit(magnitude: float, name: str) -> Unit:
+    """Choose the unit, or its thousandth, millionth or billionth, to read numbers around one."""
+    if magnitude == 0.0 or magnitude >= 0.1:
+        return Unit(1.0, name)
+    for factor, prefix in ((1e3, "m"), (1e6, "µ")):
+        if magnitude * factor >= 0.1:
+            return Unit(factor, prefix + name)
+    return Unit(1e9, "n" + name)

@@ -1,0 +1,75 @@
+"""The description of a scenario: a strict model, to and from TOML.
+
+Nothing here computes; a mistake in a scenario is a `ScenarioError` with one line that names the
+key, what it got and what it takes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from crinoid.scenario.arm import Arm, Section
+from crinoid.scenario.base import Base
+from crinoid.scenario.channel import (
+    AngularChannel,
+    ChannelLimits,
+    ChannelName,
+    Channels,
+    LinearChannel,
+)
+from crinoid.scenario.control import Control, Coordinate, Pid, PidGains, Sensor
+from crinoid.scenario.errors import Mistake, ScenarioError
+from crinoid.scenario.flow import Flow, GustFlow, ShearFlow, SineFlow, UniformFlow
+from crinoid.scenario.library import builtin_names, builtin_text, load
+from crinoid.scenario.load import DistributedLoad, Load, TipLoad
+from crinoid.scenario.motion import Motion, SineMotion, TableMotion
+from crinoid.scenario.scenario import Scenario
+from crinoid.scenario.simulation import Output, Simulation
+from crinoid.scenario.target import Target
+from crinoid.scenario.water import Water
+
+__all__ = [
+    "AngularChannel",
+    "Arm",
+    "Base",
+    "ChannelLimits",
+    "ChannelName",
+    "Channels",
+    "Control",
+    "Coordinate",
+    "DistributedLoad",
+    "Flow",
+    "GustFlow",
+    "LinearChannel",
+    "Load",
+    "Mistake",
+    "Motion",
+    "Output",
+    "Pid",
+    "PidGains",
+    "Scenario",
+    "ScenarioError",
+    "Section",
+    "Sensor",
+    "ShearFlow",
+    "Simulation",
+    "SineFlow",
+    "SineMotion",
+    "TableMotion",
+    "Target",
+    "TipLoad",
+    "UniformFlow",
+    "Water",
+    "builtin_names",
+    "builtin_text",
+    "json_schema",
+    "load",
+]
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema of a scenario, for editors that check TOML files."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **Scenario.model_json_schema(),
+    }

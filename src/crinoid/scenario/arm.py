@@ -1,0 +1,95 @@
+"""The arm: its shape at rest and what it is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.model import Model
+from crinoid.scenario.quantity import (
+    AsTuple,
+    Metres,
+    Newtons,
+    PerMetre,
+    Quantity,
+    Seconds,
+    SquareMetres,
+)
+
+__all__ = ["Arm", "Section"]
+
+# The one place that says which arms there are.
+Dimension = Annotated[Literal[2], Quantity(takes="2 (a planar arm)")]
+
+_Above0 = Annotated[float, Field(gt=0)]
+Radius = Annotated[
+    _Above0 | Annotated[tuple[_Above0, _Above0], AsTuple],
+    Quantity("m", "a number above 0, or [root, tip], both above 0"),
+]
+Nodes = Annotated[
+    int, Field(ge=3), Quantity(takes="a whole number of 3 or more (an arm bends where edges meet)")
+]
+
+
+class Section(Model):
+    """Section properties that replace what radius, density and modulus would give."""
+
+    EA: Newtons | None = Field(default=None, gt=0, description="Axial stiffness.")
+    EI: Annotated[float, Quantity("N m2")] | None = Field(
+        default=None, gt=0, description="Bending stiffness."
+    )
+    GJ: Annotated[float, Quantity("N m2")] | None = Field(
+        default=None, gt=0, description="Twisting stiffness; of a spatial arm only."
+    )
+    mass_per_length: Annotated[float, Quantity("kg/m")] | None = Field(
+        default=None, gt=0, description="Mass of a metre of arm, without the water it moves."
+    )
+    diameter: Metres | None = Field(
+        default=None, ge=0, description="Diameter that the water sees: drag and added mass."
+    )
+    displaced_area: SquareMetres | None = Field(
+        default=None, ge=0, description="Section area that displaces water: buoyancy."
+    )
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if self.GJ is not None:
+            yield Mistake("GJ", f"got {shown(self.GJ)}, but only a spatial arm twists")
+
+
+class Arm(Model):
+    """The arm at rest, a round elastic rod."""
+
+    dimension: Dimension = Field(default=2, description="2: the arm moves in the plane of x and z.")
+    length: Metres = Field(default=0.5, gt=0, description="Length at rest.")
+    nodes: Nodes = Field(default=21, description="Number of nodes, evenly spaced along the arm.")
+    radius: Radius = Field(
+        default=0.02,
+        description="Radius of the section; a pair gives a linear taper from root to tip.",
+    )
+    density: Annotated[float, Quantity("kg/m3")] = Field(
+        default=1080.0, gt=0, description="Density of the material."
+    )
+    youngs_modulus: Annotated[float, Quantity("Pa")] = Field(
+        default=1.0e5, gt=0, description="Young's modulus of the material."
+    )
+    poisson_ratio: float = Field(
+        default=0.5, ge=0, le=0.5, description="Poisson's ratio; a planar arm does not feel it."
+    )
+    damping_time: Seconds = Field(
+        default=0.02, ge=0, description="Kelvin-Voigt damping: viscosity over modulus."
+    )
+    rest_curvature: PerMetre = Field(
+        default=0.0, description="Curvature at rest; positive curls the way tilt turns."
+    )
+    section: Section = Field(
+        default=Section(),
+        description="Section properties given directly; each replaces a derived one.",
+    )
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Radius at the root and at the tip, in m."""
+        return self.radius if isinstance(self.radius, tuple) else (self.radius, self.radius)

@@ -1,0 +1,79 @@
+"""What is wrong with a scenario, one line a mistake."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+__all__ = ["Mistake", "ScenarioError", "shown"]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One thing wrong with a scenario.
+
+    Parameters
+    ----------
+    key
+        Where it is: a dotted key with indexes, as ``--set`` takes it (``flow.0.velocity``).
+        Empty where no key is to blame.
+    text
+        What was got and what is taken.
+    instead
+        The nearest valid key, if there is one.
+    """
+
+    key: str
+    text: str
+    instead: str = ""
+
+    def under(self, prefix: str) -> Mistake:
+        """Return the same mistake seen from the table that holds this one as ``prefix``."""
+        instead = join(prefix, self.instead) if self.instead else ""
+        return replace(self, key=join(prefix, self.key), instead=instead)
+
+    def __str__(self) -> str:
+        line = f"{self.key}: {self.text}" if self.key else self.text
+        return f"{line}; did you mean {self.instead}?" if self.instead else line
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be used; ``str()`` gives one line a mistake.
+
+    Parameters
+    ----------
+    mistakes
+        At least one.
+    """
+
+    def __init__(self, mistakes: Iterable[Mistake]) -> None:
+        self.mistakes = tuple(mistakes)
+        super().__init__(self.mistakes)
+
+    @property
+    def lines(self) -> list[str]:
+        """One line a mistake."""
+        return [str(mistake) for mistake in self.mistakes]
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+
+def join(*parts: str) -> str:
+    """Join parts of a key with dots, leaving out empty ones."""
+    return ".".join(part for part in parts if part)
+
+
+def shown(value: Any) -> str:
+    """Return a value as TOML would write it, shortened to fit into a line."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, (list, tuple)):
+        text = f"[{', '.join(shown(item) for item in value)}]"
+    elif isinstance(value, (bool, str)):
+        text = json.dumps(value, ensure_ascii=False)
+    else:
+        text = " ".join(str(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,80 @@
+"""Scenarios from files, and those that come with the package."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from difflib import get_close_matches
+from importlib.resources import files
+from pathlib import Path
+
+from crinoid.scenario.document import override, parse
+from crinoid.scenario.errors import Mistake, ScenarioError
+from crinoid.scenario.scenario import Scenario
+
+__all__ = ["builtin_names", "builtin_text", "load"]
+
+_LIBRARY = files("crinoid.scenario") / "library"
+
+
+def load(name_or_path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scenario:
+    """Load a scenario.
+
+    Parameters
+    ----------
+    name_or_path
+        Name of a built-in scenario, or path to a TOML file. A built-in one goes first; write
+        ``./name`` for a file of the same name.
+    overrides
+        Changes ``key=value``, as ``--set`` of the command line takes them: the key dotted, with
+        indexes into lists (``load.0.magnitude``), the value TOML; words need no quotes.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such scenario or anything in it is wrong, with one line a mistake.
+    """
+    name = os.fspath(name_or_path)
+    text = builtin_text(name) if name in builtin_names() else _read(Path(name))
+    try:
+        document = parse(text)
+    except ScenarioError as error:
+        raise ScenarioError(mistake.under(name) for mistake in error.mistakes) from None
+    for setting in overrides:
+        override(document, setting)
+    return Scenario.from_dict(document)
+
+
+def builtin_names() -> list[str]:
+    """Return the names of the built-in scenarios, sorted."""
+    names = (entry.name for entry in _LIBRARY.iterdir())
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def builtin_text(name: str) -> str:
+    """Return the TOML text of a built-in scenario, with its comments."""
+    if name not in builtin_names():
+        raise ScenarioError([_not_found(name, "no such built-in scenario")])
+    return (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        mistake = _not_found(str(path), "no such file or built-in scenario")
+    except IsADirectoryError:
+        mistake = Mistake(str(path), "is a folder, takes a TOML file")
+    except UnicodeDecodeError as error:
+        mistake = Mistake(str(path), f"not valid TOML: byte {error.start} is not UTF-8")
+    except OSError as error:
+        mistake = Mistake(str(path), f"cannot be read: {error.strerror}")
+    raise ScenarioError([mistake])
+
+
+def _not_found(name: str, text: str) -> Mistake:
+    near = get_close_matches(name.removesuffix(".toml"), builtin_names(), n=1)
+    if near:
+        return Mistake(name, text, near[0])
+    known = ", ".join(builtin_names()) or "none"
+    return Mistake(name, f"{text} (built in: {known})")

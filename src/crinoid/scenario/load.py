@@ -1,0 +1,65 @@
+"""Loads: forces on the arm that are not the water's.
+
+A new kind is one class here and one entry in `Load`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.model import Model
+from crinoid.scenario.quantity import Force, Pair, Quantity, Seconds
+
+__all__ = ["DistributedLoad", "Load", "TipLoad"]
+
+Direction = Annotated[
+    Literal["tangential", "normal"] | Pair, Quantity(takes='"tangential", "normal" or [x, z]')
+]
+
+
+class _Load(Model):
+    kind: str
+    start: Seconds = Field(default=0.0, ge=0, description="When it sets in.")
+    ramp_time: Seconds = Field(
+        default=0.0, ge=0, description="How long it takes to reach full strength."
+    )
+
+
+class DistributedLoad(_Load):
+    """A force along the whole arm."""
+
+    kind: Literal["distributed"] = Field(
+        default="distributed", description="A force along the arm."
+    )
+    direction: Direction = Field(
+        description="tangential and normal follow the arm; [x, z] is fixed, its length is ignored."
+    )
+    magnitude: Annotated[float, Quantity("N/m")] = Field(description="Force on a metre of arm.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if self.direction == (0.0, 0.0):
+            yield Mistake("direction", f"got {shown(self.direction)}, takes a vector that is not 0")
+
+
+class TipLoad(_Load):
+    """A force and a moment at the tip."""
+
+    kind: Literal["tip"] = Field(default="tip", description="A force and a moment at the tip.")
+    force: Force = Field(
+        default=(0.0, 0.0), description="Force; of a follower, as it is on a straight arm along x."
+    )
+    moment: Annotated[float, Quantity("N m")] = Field(
+        default=0.0, description="Moment, positive the way tilt is."
+    )
+    follower: bool = Field(default=False, description="Whether the force turns with the tip.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if not self.model_fields_set & {"force", "moment"}:
+            yield Mistake("force", "missing, a tip load takes force, moment or both")
+
+
+Load = Annotated[DistributedLoad | TipLoad, Field(discriminator="kind")]

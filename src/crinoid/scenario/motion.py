@@ -1,0 +1,94 @@
+"""Prescribed motions of the submarine.
+
+A new kind is one class here and one entry in `Motion`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from crinoid.scenario.channel import ChannelName
+from crinoid.scenario.errors import Mistake
+from crinoid.scenario.model import Model
+from crinoid.scenario.quantity import (
+    AsTuple,
+    Degrees,
+    Hertz,
+    Metres,
+    Quantity,
+    Times,
+    length_conflicts,
+    time_conflicts,
+)
+
+__all__ = ["Motion", "SineMotion", "TableMotion"]
+
+
+class _Motion(Model):
+    kind: str
+    channel: ChannelName = Field(description="What moves: slide (x), heave (z) or tilt.")
+
+    def _unit_conflict(self, plain: str) -> Iterator[Mistake]:
+        """Check that an angle is given in degrees, and only an angle."""
+        wanted, other = (
+            (f"{plain}_deg", plain) if self.channel == "tilt" else (plain, f"{plain}_deg")
+        )
+        if getattr(self, other) is not None:
+            text = f'does not go with channel "{self.channel}", which takes {wanted}'
+            yield Mistake(other, text)
+        elif getattr(self, wanted) is None:
+            yield Mistake(wanted, f'missing, channel "{self.channel}" needs it')
+
+
+class SineMotion(_Motion):
+    """A motion ``amplitude * sin(2 pi frequency_hz t + phase)``."""
+
+    kind: Literal["sine"] = Field(default="sine", description="A sine.")
+    amplitude: Metres | None = Field(default=None, description="Amplitude of slide or heave.")
+    amplitude_deg: Degrees | None = Field(default=None, description="Amplitude of tilt.")
+    frequency_hz: Hertz = Field(gt=0, description="Frequency.")
+    phase_deg: Degrees = Field(default=0.0, description="Phase at t = 0.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from self._unit_conflict("amplitude")
+
+    @property
+    def amplitude_si(self) -> float:
+        """The amplitude in m or rad."""
+        if self.amplitude_deg is not None:
+            return math.radians(self.amplitude_deg)
+        return self.amplitude or 0.0
+
+
+class TableMotion(_Motion):
+    """A motion through points in time, joined by a cubic spline."""
+
+    kind: Literal["table"] = Field(default="table", description="Points in time.")
+    time: Times = Field(description="Times, increasing, from 0 or before to the end of the run.")
+    value: Annotated[tuple[Metres, ...], AsTuple, Quantity("m", "a list of numbers")] | None = (
+        Field(default=None, description="Slide or heave at these times.")
+    )
+    value_deg: (
+        Annotated[tuple[Degrees, ...], AsTuple, Quantity("degrees", "a list of numbers")] | None
+    ) = Field(default=None, description="Tilt at these times.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from self._unit_conflict("value")
+        yield from time_conflicts(self.time)
+        for key, values in (("value", self.value), ("value_deg", self.value_deg)):
+            if values is not None:
+                yield from length_conflicts(key, values, self.time)
+
+    @property
+    def value_si(self) -> tuple[float, ...]:
+        """The values in m or rad."""
+        if self.value_deg is not None:
+            return tuple(map(math.radians, self.value_deg))
+        return self.value or ()
+
+
+Motion = Annotated[SineMotion | TableMotion, Field(discriminator="kind")]

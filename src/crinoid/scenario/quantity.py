@@ -1,0 +1,82 @@
+"""Numbers with their units, and short lists of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, GetJsonSchemaHandler
+from pydantic_core import CoreSchema
+
+from crinoid.scenario.errors import Mistake, shown
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a number stands for; kept in the JSON schema, from where error messages take it.
+
+    Parameters
+    ----------
+    unit
+        Its unit; empty for a plain number.
+    takes
+        What the key takes, in words, where the type and the bounds do not say it well.
+    """
+
+    unit: str = ""
+    takes: str = ""
+
+    def __get_pydantic_json_schema__(
+        self, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        schema = handler(core_schema)
+        given = {"unit": self.unit, "takes": self.takes}
+        return {**schema, **{key: text for key, text in given.items() if text}}
+
+
+def _as_tuple(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return tuple(value) if isinstance(value, list) else value
+
+
+# TOML has lists and Python users have arrays; a frozen model holds tuples.
+AsTuple = BeforeValidator(_as_tuple)
+
+Metres = Annotated[float, Quantity("m")]
+SquareMetres = Annotated[float, Quantity("m2")]
+PerMetre = Annotated[float, Quantity("1/m")]
+Seconds = Annotated[float, Quantity("s")]
+Hertz = Annotated[float, Quantity("Hz")]
+Degrees = Annotated[float, Quantity("degrees")]
+MetresPerSecond = Annotated[float, Quantity("m/s")]
+Newtons = Annotated[float, Quantity("N")]
+
+Pair = Annotated[tuple[float, float], AsTuple]
+Times = Annotated[tuple[float, ...], AsTuple, Quantity("s", "a list of numbers")]
+
+# A planar arm moves in x (level) and z (up).
+Vector = Annotated[Pair, Quantity(takes="[x, z]")]
+Position = Annotated[Vector, Quantity("m")]
+Velocity = Annotated[Vector, Quantity("m/s")]
+Force = Annotated[Vector, Quantity("N")]
+
+
+def time_conflicts(time: tuple[float, ...]) -> Iterator[Mistake]:
+    """Yield what is wrong with the times of a table: they are to be two or more, increasing."""
+    if len(time) < 2:
+        yield Mistake("time", f"got {shown(time)}, takes 2 times or more")
+    for index, (before, after) in enumerate(pairwise(time), start=1):
+        if after <= before:
+            yield Mistake(f"time.{index}", f"got {after}, takes a number above {before} (s)")
+            return
+
+
+def length_conflicts(
+    key: str, values: tuple[Any, ...], time: tuple[float, ...]
+) -> Iterator[Mistake]:
+    """Yield what is wrong with the length of a list that goes with times."""
+    if len(values) != len(time):
+        yield Mistake(key, f"has {len(values)} entries, takes {len(time)}, as time has")

@@ -1,0 +1,195 @@
+"""A whole scenario: the tables together, to and from TOML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from math import prod
+from typing import Annotated, Any
+
+import tomli_w
+from pydantic import BeforeValidator, Field
+
+from crinoid.scenario.arm import Arm
+from crinoid.scenario.base import Base
+from crinoid.scenario.consistency import (
+    channel_conflicts,
+    depth_conflicts,
+    motion_conflicts,
+    output_conflicts,
+    rate_conflicts,
+)
+from crinoid.scenario.control import Control, Sensor
+from crinoid.scenario.document import assign, parse
+from crinoid.scenario.errors import Mistake, ScenarioError, shown
+from crinoid.scenario.flow import Flow
+from crinoid.scenario.load import Load
+from crinoid.scenario.model import Model
+from crinoid.scenario.quantity import AsTuple, Quantity
+from crinoid.scenario.simulation import Output, Simulation
+from crinoid.scenario.target import Target
+from crinoid.scenario.water import Water
+
+__all__ = ["Scenario"]
+
+_DEFAULT_RATE_HZ = 100.0
+_DEFAULT_INTERVAL = 0.02
+_MAX_CASES = 10_000
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as TOML gives it back, so that reading what was written changes nothing."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if not isinstance(value, (bool, int, float, str)):
+        raise ValueError(f"{value!r} is not a TOML value")
+    return value
+
+
+def _without_empty(table: dict[str, Any]) -> dict[str, Any]:
+    full = {
+        key: _without_empty(value) if isinstance(value, dict) else value
+        for key, value in table.items()
+    }
+    return {key: value for key, value in full.items() if value not in ({}, [])}
+
+
+Variations = Annotated[
+    dict[str, Annotated[list[Any], Field(min_length=1)]],
+    BeforeValidator(_plain),
+    Quantity(takes='keys such as "arm.length", each with a list of one value or more'),
+]
+
+
+class Scenario(Model):
+    """An arm, the water around it, what acts on it and what is wanted of it.
+
+    Every argument is a table of the TOML file, as a dictionary or as its class, and may be
+    left out.
+
+    Raises
+    ------
+    ScenarioError
+        If anything is wrong, naming every key at fault.
+    """
+
+    title: str = Field(default="", description="What the scenario shows.")
+    seed: int = Field(default=0, ge=0, lt=2**63, description="Seed of everything random.")
+    arm: Arm = Field(default=Arm(), description="The arm.")
+    base: Base = Field(default=Base(), description="The base, which holds the arm.")
+    water: Water = Field(default=Water(), description="The water.")
+    flow: Annotated[tuple[Flow, ...], AsTuple] = Field(
+        default=(), description="How the water moves; flows add up."
+    )
+    load: Annotated[tuple[Load, ...], AsTuple] = Field(
+        default=(), description="Other forces on the arm."
+    )
+    target: Target = Field(default=Target(), description="Where the tip is wanted.")
+    sensor: Sensor = Field(default=Sensor(), description="What the controller knows of the tip.")
+    control: Control = Field(default=Control(), description="The controller.")
+    simulation: Simulation = Field(default=Simulation(), description="How the motion is computed.")
+    output: Output = Field(default=Output(), description="What of the motion is kept.")
+    vary: Variations = Field(
+        default={},
+        description="Dotted keys, each with a list of values to run; several keys: every "
+        "combination.",
+    )
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Scenario:
+        """Make a scenario from tables, as ``tomllib`` gives them."""
+        return cls(**data)
+
+    @classmethod
+    def from_toml(cls, text: str) -> Scenario:
+        """Make a scenario from the text of a TOML file."""
+        return cls(**parse(text))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the tables as plain dictionaries and lists, without what is empty."""
+        document = self.model_dump(mode="json", exclude_none=True)
+        vary = document.pop("vary")
+        return {**_without_empty(document), **({"vary": vary} if vary else {})}
+
+    def to_toml(self) -> str:
+        """Return the scenario as TOML, defaults included; `from_toml` gives it back."""
+        return tomli_w.dumps(self.to_dict())
+
+    def cases(self) -> list[tuple[dict[str, Any], Scenario]]:
+        """Return what the scenario stands for: every combination of the values in ``vary``.
+
+        Returns
+        -------
+        list of (values, scenario)
+            The values by dotted key, in the order of ``vary``, the last key changing fastest;
+            without ``vary`` one empty dictionary with the scenario itself.
+        """
+        if not self.vary:
+            return [({}, self)]
+        return [(values, self._with(values)) for values in self._combinations()]
+
+    @property
+    def sensor_rate_hz(self) -> float:
+        """Readings a second."""
+        return self.sensor.rate_hz or self._default_rate_hz
+
+    @property
+    def control_rate_hz(self) -> float:
+        """Commands a second."""
+        return self.control.rate_hz or self._default_rate_hz
+
+    @property
+    def output_interval(self) -> float:
+        """Time between saved states, in s."""
+        return self.output_steps * self.simulation.time_step
+
+    @property
+    def output_steps(self) -> int:
+        """Number of time steps between saved states."""
+        interval = self.output.interval or min(_DEFAULT_INTERVAL, self.simulation.duration)
+        return max(1, round(interval / self.simulation.time_step))
+
+    @property
+    def _default_rate_hz(self) -> float:
+        return min(_DEFAULT_RATE_HZ, 1 / self.simulation.time_step)
+
+    def _combinations(self) -> list[dict[str, Any]]:
+        return [
+            dict(zip(self.vary, values, strict=True)) for values in product(*self.vary.values())
+        ]
+
+    def _with(self, values: Mapping[str, Any]) -> Scenario:
+        document = self.to_dict()
+        document.pop("vary", None)
+        for key, value in values.items():
+            assign(document, key, value)
+        return Scenario(**document)
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from depth_conflicts(self.water, self.base, self.flow)
+        yield from motion_conflicts(self.base, self.simulation)
+        yield from channel_conflicts(self.control, self.base)
+        yield from rate_conflicts(self.sensor, self.control, self.simulation)
+        yield from output_conflicts(self.output, self.simulation)
+        if self.vary:
+            yield from self._case_conflicts()
+
+    def _case_conflicts(self) -> Iterator[Mistake]:
+        count = prod(map(len, self.vary.values()))
+        if count > _MAX_CASES:
+            yield Mistake("vary", f"makes {count} cases, takes {_MAX_CASES} or fewer")
+            return
+        told = set()
+        for values in self._combinations():
+            try:
+                self._with(values)
+            except ScenarioError as error:
+                case = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
+                for mistake in error.mistakes:
+                    if mistake not in told:
+                        told.add(mistake)
+                        yield Mistake("vary", f"case {case}: {mistake}")

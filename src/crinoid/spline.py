@@ -1,0 +1,36 @@
+"""Piecewise cubic functions of time, as arrays that compiled code can evaluate and derive."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+from scipy.interpolate import PPoly
+
+
+class PiecewiseCubic(eqx.Module):
+    """A function of time with values of shape ``(c,)``; held constant outside its knots.
+
+    Built from any SciPy piecewise cubic (`CubicSpline`, `PchipInterpolator`, ...), so how the
+    points are joined is the caller's choice.
+    """
+
+    knots: Float[Array, " k"]
+    coefficients: Float[Array, "4 k-1 c"]
+
+    def __init__(self, interpolant: PPoly) -> None:
+        coefficients = np.asarray(interpolant.c, float)
+        self.knots = jnp.asarray(interpolant.x)
+        self.coefficients = jnp.asarray(coefficients.reshape(*coefficients.shape[:2], -1))
+
+    def __call__(self, time: Float[ArrayLike, ""]) -> Float[Array, " c"]:
+        """Return the value at ``time`` (s)."""
+        time = jnp.clip(time, self.knots[0], self.knots[-1])
+        piece = jnp.clip(jnp.searchsorted(self.knots, time, side="right") - 1, 0, self._last)
+        cubic, square, linear, constant = self.coefficients[:, piece]
+        since = time - self.knots[piece]
+        return ((cubic * since + square) * since + linear) * since + constant
+
+    @property
+    def _last(self) -> int:
+        return self.knots.shape[0] - 2

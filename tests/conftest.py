@@ -1,0 +1,17 @@
+"""What every test runs under: compiled code kept between runs, and shapes checked at run time."""
+
+import os
+from pathlib import Path
+
+# Compiling is most of what the tests cost, so the compiled code is kept. JAX reads these when it
+# is imported, which must be later; as environment variables they also reach the programs that
+# tests start and the workers of a parallel run.
+_CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+
+from jaxtyping import install_import_hook  # noqa: E402
+
+# Only modules imported from here on are checked: nothing above may import crinoid.
+install_import_hook("crinoid", "beartype.beartype")

@@ -1,0 +1,114 @@
+"""Arms for tests of the core, built straight from its parts."""
+
+from collections.abc import Callable, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from numpy.typing import ArrayLike
+
+from crinoid.base import Base, BaseMotion, Servo
+from crinoid.dynamics import Forces, Integrator, Settings, System
+from crinoid.elements import AddedMass, Bend, Drag, Element, Inertia, Stretch, Weight
+from crinoid.flow import Flow, Water
+from crinoid.onset import Onset
+from crinoid.rod import Rod
+
+
+def arm(
+    *,
+    nodes: int = 11,
+    length: float = 1.0,
+    EA: float = 1e4,
+    EI: float = 1.0,
+    mass_per_length: float = 1.0,
+    diameter: float = 0.02,
+    displaced_area: float = 0.0,
+    rest_curvature: float = 0.0,
+    damping_time: float = 0.0,
+    tilt: float = 0.0,
+    pinned: bool = False,
+    gravity: float = 0.0,
+    water_density: float = 0.0,
+    drag_normal: float = 1.1,
+    drag_tangential: float = 0.01,
+    added_mass_normal: float = 1.0,
+    added_mass_tangential: float = 0.0,
+    linear_drag: float = 0.0,
+    loads: Sequence[Callable[[Rod], Element]] = (),
+    flows: Sequence[Flow] = (),
+    motions: Sequence[BaseMotion] = (),
+    limits: ArrayLike = ((-1.0,) * 3, (1.0,) * 3, (10.0,) * 3, (100.0,) * 3, (5.0,) * 3),
+    integrator: Integrator | None = None,
+    time_step: float = 0.01,
+    tolerance: float = 1e-10,
+    max_iterations: int = 30,
+    max_halvings: int = 8,
+    origin: ArrayLike = (0.0, 0.0),
+) -> System:
+    """Build an arm; without further words a light, nearly inextensible one in a vacuum.
+
+    ``limits``: rows lower, upper, speed, acceleration, bandwidth; columns slide, heave, tilt.
+    """
+    rod = Rod.round(
+        length=length,
+        nodes=nodes,
+        radius=1.0,
+        density=1.0,
+        youngs_modulus=1.0,
+        rest_curvature=rest_curvature,
+        damping_time=damping_time,
+        EA=EA,
+        EI=EI,
+        mass_per_length=mass_per_length,
+        diameter=diameter,
+        displaced_area=displaced_area,
+    )
+    elements: list[Element] = [
+        Stretch.of(rod),
+        Bend.of(rod, pinned=pinned),
+        Inertia.of(rod),
+        Weight.of(rod, density=water_density, gravity=gravity),
+    ]
+    if water_density or linear_drag:
+        elements += [
+            Drag.of(
+                rod,
+                density=water_density,
+                normal=drag_normal,
+                tangential=drag_tangential,
+                linear=linear_drag,
+            ),
+            AddedMass.of(
+                rod,
+                density=water_density,
+                normal=added_mass_normal,
+                tangential=added_mass_tangential,
+            ),
+        ]
+    elements += [load(rod) for load in loads]
+    return System(
+        rod=rod,
+        forces=Forces(tuple(elements), Water(tuple(flows)), jnp.asarray(origin, float)),
+        base=Base(
+            jnp.asarray(tilt, float),
+            rod.rest_length[0],
+            Servo(*jnp.asarray(limits, float)),
+            tuple(motions),
+        ),
+        integrator=integrator or Integrator.newmark(),
+        settings=Settings.for_rod(rod, tolerance, max_iterations),
+        time_step=jnp.asarray(time_step, float),
+        max_halvings=max_halvings,
+    )
+
+
+def always() -> Onset:
+    """Return the onset of what is there from the start."""
+    return Onset(jnp.zeros(()), jnp.zeros(()))
+
+
+def order(errors: Sequence[float], refinement: float = 2.0) -> Array:
+    """Return the observed orders of convergence of successive errors."""
+    errors = np.asarray(errors)
+    return np.log(errors[:-1] / errors[1:]) / np.log(refinement)

@@ -1,0 +1,373 @@
+"""The figures: they are written, they show something, and they refuse what is no result."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib import image
+
+from crinoid.report import ReportError, write_report
+
+FIGURES = ["shape.png", "tip_error.png", "commands.png", "energy.png"]
+ENERGIES = ["kinetic", "elastic", "potential"]
+WORKS = ["drag", "damping", "actuation", "loads", "added_mass"]
+
+
+def swaying_arm(
+    *,
+    records=201,
+    duration=20.0,
+    nodes=21,
+    length=0.5,
+    tilt_deg=0.0,
+    sway=0.05,
+    flow=0.2,
+    gust=0.06,
+    driven=True,
+    moving_target=False,
+    seed=0,
+    status="ok",
+):
+    """Make a result that looks like an arm swaying in its first bending mode in a current."""
+    rng = np.random.default_rng(seed)
+    time = np.linspace(0.0, duration, records) if records > 1 else np.zeros(1)
+    arc = np.linspace(0.0, length, nodes)
+    edge = length / (nodes - 1)
+    phases = rng.uniform(0, 2 * np.pi, 6)
+    frequencies = np.array([0.11, 0.23, 0.41, 0.63, 0.9, 1.3])
+    unsteady = sum(
+        np.sin(2 * np.pi * f * time + p) / (1 + 2 * f)
+        for f, p in zip(frequencies, phases, strict=True)
+    )
+    amplitude = sway * (0.4 + 0.6 * unsteady)
+    slide = 0.3 * amplitude if driven else np.zeros_like(time)
+    tilt = -0.8 * amplitude / length if driven else np.zeros_like(time)
+
+    # Edge angles grow like those of a cantilever, so the arm keeps its length exactly.
+    middle = (np.arange(nodes - 1) + 0.5) / (nodes - 1)
+    mode = 3 * middle - 3 * middle**2 + middle**3
+    angle = np.deg2rad(tilt_deg) + tilt[:, None] + 1.4 * amplitude[:, None] / length * mode
+    tangent = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    base = np.stack([slide, np.full_like(time, -10.0)], axis=-1)
+    position = np.concatenate(
+        [base[:, None], base[:, None] + edge * np.cumsum(tangent, axis=1)], axis=1
+    )
+    curvature = np.zeros((records, nodes))
+    curvature[:, 1:-1] = np.diff(angle, axis=1) / edge
+
+    def rate(values):
+        return np.gradient(values, time, axis=0) if records > 1 else np.zeros_like(values)
+
+    velocity = rate(position)
+    tip = position[:, -1]
+    target = np.broadcast_to(tip[0], tip.shape).copy()
+    if moving_target:
+        target += 0.04 * np.stack([np.sin(0.6 * time), np.cos(0.6 * time) - 1], axis=-1)
+    current = np.zeros((records, nodes, 2))
+    if flow:
+        profile = 1 + 0.3 * arc / length
+        current[..., 0] = flow * profile + gust * unsteady[:, None]
+        current[..., 1] = 0.5 * gust * np.roll(unsteady, 7)[:, None]
+
+    kinetic = 0.5 * 1.3 * edge * (velocity**2).sum(axis=(1, 2))
+    elastic = 0.5 * 0.0126 * edge * (curvature**2).sum(axis=1)
+    potential = 0.6 * edge * (position[..., 1] + 10.0).sum(axis=1)
+    total = kinetic + elastic + potential
+    works = np.zeros((records, len(WORKS)))
+    works[:, 1] = -1e-4 * time
+    works[:, 2] = 2e-3 * slide
+    works[:, 4] = 1e-4 * unsteady - 1e-4 * unsteady[0]
+    works[:, 0] = total - total[0] - works.sum(axis=1) - 1e-6 * time
+    energy = np.concatenate([np.stack([kinetic, elastic, potential], axis=-1), works], axis=-1)
+    pose = np.stack([slide, np.zeros_like(time), tilt], axis=-1)
+    force = np.stack([0.2 + amplitude, -0.3 + 0.5 * amplitude], axis=-1)
+
+    return xr.Dataset(
+        {
+            "position": (("time", "node", "axis"), position),
+            "velocity": (("time", "node", "axis"), velocity),
+            "acceleration": (("time", "node", "axis"), rate(velocity)),
+            "tangent": (("time", "edge", "axis"), tangent),
+            "curvature": (("time", "node"), curvature),
+            "tension": (("time", "edge"), np.zeros((records, nodes - 1))),
+            "tip_position": (("time", "axis"), tip),
+            "tip_target": (("time", "axis"), target),
+            "tip_angle": ("time", angle[:, -1]),
+            "tip_angle_target": ("time", np.full(records, angle[0, -1])),
+            "tip_error": ("time", np.linalg.norm(tip - target, axis=-1)),
+            "base_command": (("time", "channel"), np.roll(pose, -2, axis=0)),
+            "base_pose": (("time", "channel"), pose),
+            "base_force": (("time", "axis"), force),
+            "base_moment": ("time", 0.05 * amplitude),
+            "flow_velocity": (("time", "node", "axis"), current),
+            "energy": (("time", "kind"), energy),
+            "newton_iterations": ("time", np.full(records, 2)),
+            "steps": ("time", np.arange(records)),
+            "residual": ("time", np.full(records, 1e-10)),
+        },
+        coords={
+            "time": ("time", time, {"units": "s"}),
+            "axis": ["x", "z"],
+            "channel": ["slide", "heave", "tilt"],
+            "kind": ENERGIES + WORKS,
+            "arc_length": ("node", arc),
+            "diameter": ("node", np.linspace(0.04, 0.03, nodes)),
+        },
+        attrs={
+            "title": "Station keeping in a turbulent current",
+            "scenario": f"[base]\ntilt_deg = {tilt_deg:.1f}\n",
+            "crinoid_version": "0.1.0",
+            "seed": seed,
+            "status": status,
+            "wall_time": 1.0,
+        },
+    )
+
+
+def save(dataset, path: Path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    dataset.to_netcdf(path, engine="netcdf4")
+    return path
+
+
+def write_study(folder: Path, rows):
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "cases.csv").open("w", newline="", encoding="utf-8") as stream:
+        table = csv.DictWriter(stream, fieldnames=list(rows[0]))
+        table.writeheader()
+        table.writerows(rows)
+
+
+def study_row(number, **changes):
+    return {
+        "case": f"case-{number:02d}",
+        "arm.youngs_modulus": 1e5 * number,
+        "flow.0.velocity": "[0.2, 0.0]",
+        "deflection": 0.12 / number,
+        "steady_error": 0.002 * number,
+        "rms_error": 0.006 * number,
+        "rms_error_uncontrolled": 0.03 + 0.01 * number,
+        "settling_time": 2.0 + number,
+        "status": "ok",
+        "directory": f"case-{number:02d}",
+    } | changes
+
+
+def assert_shows_something(path: Path):
+    pixels = image.imread(path)
+    high, wide = pixels.shape[:2]
+    assert 500 < wide < 4000, path
+    assert 300 < high < 6000, path
+    colours = np.unique((pixels[..., :3] * 255).astype(int) @ [65536, 256, 1])
+    assert len(colours) > 50, f"{path} holds {len(colours)} colours"
+    ink = (pixels[..., :3] < 0.9).any(axis=-1).mean()
+    assert 0.003 < ink < 0.6, f"{path}: {ink:.1%} of the paper is covered"
+
+
+def assert_report(folder: Path, **kwargs):
+    written = write_report(folder, **kwargs)
+    assert [path.name for path in written] == FIGURES
+    for path in written:
+        assert_shows_something(path)
+    return written
+
+
+def test_figures_are_written_beside_the_result(tmp_path):
+    save(swaying_arm(), tmp_path / "result.nc")
+    save(swaying_arm(driven=False, sway=0.12), tmp_path / "uncontrolled.nc")
+    written = assert_report(tmp_path)
+    assert {path.parent for path in written} == {tmp_path}
+
+
+def test_figures_go_where_they_are_told_from_the_file_itself(tmp_path):
+    path = save(swaying_arm(), tmp_path / "a" / "result.nc")
+    written = assert_report(path, out=tmp_path / "b" / "c")
+    assert {figure.parent for figure in written} == {tmp_path / "b" / "c"}
+    assert [p.name for p in path.parent.iterdir()] == ["result.nc"]
+
+
+def test_the_uncontrolled_run_changes_the_figures_it_belongs_in(tmp_path):
+    save(swaying_arm(), tmp_path / "result.nc")
+    alone = [path.read_bytes() for path in write_report(tmp_path)]
+    save(swaying_arm(driven=False, sway=0.12), tmp_path / "uncontrolled.nc")
+    compared = [path.read_bytes() for path in write_report(tmp_path)]
+    same = [a == b for a, b in zip(alone, compared, strict=True)]
+    assert same == [False, False, True, True]
+
+
+ODD = {
+    "straight down": {"tilt_deg": -90.0},
+    "straight up, nothing moves": {"tilt_deg": 90.0, "sway": 0.0, "flow": 0.0, "driven": False},
+    "stopped after two records": {
+        "records": 2,
+        "duration": 0.02,
+        "status": "stopped at 0.03 s: Newton did not converge in 20 iterations (residual 3.1e+04)",
+    },
+    "one record": {"records": 1, "duration": 0.0},
+    "exactly on target, still water": {"sway": 0.0, "flow": 0.0},
+    "nothing driven": {"driven": False},
+    "long": {"records": 3000, "duration": 60.0},
+    "moving target": {"moving_target": True},
+    "two nodes": {"nodes": 2},
+    "kilometre": {"length": 1000.0, "sway": 100.0},
+    "millimetre": {"length": 1e-3, "sway": 1e-4},
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_runs_are_drawn(name, tmp_path):
+    save(swaying_arm(**ODD[name]), tmp_path / "result.nc")
+    assert_report(tmp_path)
+
+
+def test_a_run_that_ends_in_nan_is_drawn_up_to_there(tmp_path):
+    broken = swaying_arm(status="diverged at 18 s")
+    for name in ("position", "tip_position", "tip_error", "energy", "base_force"):
+        broken[name][180:] = np.nan
+    save(broken, tmp_path / "result.nc")
+    assert_report(tmp_path)
+
+
+def test_a_result_of_shapes_alone_is_drawn(tmp_path):
+    few = swaying_arm()[["position", "tip_position", "tip_target", "tip_error"]]
+    save(few.drop_vars(["diameter", "arc_length"]), tmp_path / "result.nc")
+    assert_report(tmp_path)
+
+
+def test_a_study_is_drawn_with_each_of_its_cases(tmp_path):
+    rows = [study_row(1), study_row(2, settling_time=""), study_row(3, status="diverged at 3 s")]
+    write_study(tmp_path, rows)
+    for number in (1, 2):
+        save(swaying_arm(sway=0.1 / number), tmp_path / f"case-{number:02d}" / "result.nc")
+    written = write_report(tmp_path)
+    assert written[0] == tmp_path / "cases.png"
+    assert [p.relative_to(tmp_path) for p in written[1:]] == [
+        Path(f"case-{number:02d}") / name for number in (1, 2) for name in FIGURES
+    ]
+    for path in written:
+        assert_shows_something(path)
+
+
+def test_a_study_of_which_nothing_is_left_is_drawn(tmp_path):
+    empty = dict.fromkeys(
+        ["deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time"], ""
+    )
+    write_study(tmp_path, [study_row(1, status="diverged at 3 s", **empty)])
+    assert write_report(tmp_path) == [tmp_path / "cases.png"]
+    assert_shows_something(tmp_path / "cases.png")
+
+
+def spoil_missing(path):
+    path.unlink()
+
+
+def spoil_empty(path):
+    path.write_bytes(b"")
+
+
+def spoil_text(path):
+    path.write_text("this is no netCDF")
+
+
+def spoil_cut(path):
+    path.write_bytes(path.read_bytes()[:5000])
+
+
+def spoil_foreign(path):
+    path.unlink()
+    save(xr.Dataset({"temperature": ("time", [1.0])}, coords={"time": [0.0]}), path)
+
+
+def spoil_no_records(path):
+    path.unlink()
+    save(swaying_arm().isel(time=slice(0, 0)), path)
+
+
+def spoil_all_nan(path):
+    path.unlink()
+    dataset = swaying_arm()
+    dataset["position"][:] = np.nan
+    save(dataset, path)
+
+
+def spoil_axes(path):
+    path.unlink()
+    save(swaying_arm().assign_coords(axis=["u", "v"]), path)
+
+
+def spoil_dimensions(path):
+    path.unlink()
+    save(swaying_arm().rename(node="point"), path)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (spoil_missing, "no result here"),
+        (spoil_empty, "the file is empty"),
+        (spoil_text, "not a readable netCDF file"),
+        (spoil_cut, "not a readable netCDF file"),
+        (spoil_foreign, "no variable 'position'"),
+        (spoil_no_records, "holds no records"),
+        (spoil_all_nan, "no record with a finite shape"),
+        (spoil_axes, "not labelled x and z"),
+        (spoil_dimensions, "has dimensions"),
+    ],
+)
+def test_what_is_no_result_is_refused_in_one_line(spoil, words, tmp_path):
+    path = save(swaying_arm(records=5), tmp_path / "result.nc")
+    spoil(path)
+    with pytest.raises(ReportError, match=words) as caught:
+        write_report(tmp_path)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_a_path_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(ReportError, match="no such file or directory"):
+        write_report(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ({"case": "one"}, "lacks the column 'deflection'"),
+        (study_row(1, rms_error="much"), "rms_error of case-01 is 'much', not a number"),
+        (study_row(1, directory="../elsewhere"), "not a folder inside the study"),
+    ],
+)
+def test_a_broken_table_of_cases_is_refused(row, words, tmp_path):
+    write_study(tmp_path, [row])
+    with pytest.raises(ReportError, match=words):
+        write_report(tmp_path)
+
+
+def test_an_empty_table_of_cases_is_refused(tmp_path):
+    (tmp_path / "cases.csv").write_text(",".join(study_row(1)) + "\n", encoding="utf-8")
+    with pytest.raises(ReportError, match="holds no case"):
+        write_report(tmp_path)
+
+
+def test_importing_the_report_loads_no_plotting():
+    code = (
+        "import sys, crinoid.report; sys.exit(any(m.startswith('matplotlib') for m in sys.modules))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_drawing_leaves_the_settings_of_the_caller_alone(tmp_path):
+    import matplotlib as mpl
+
+    def settings():  # asking for the backend would load one
+        return {name: mpl.rcParams[name] for name in mpl.rcParams if name != "backend"}
+
+    before = settings()
+    save(swaying_arm(records=5), tmp_path / "result.nc")
+    write_report(tmp_path)
+    assert settings() == before
+    assert "matplotlib.pyplot" not in sys.modules

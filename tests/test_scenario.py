@@ -1,0 +1,627 @@
+"""A scenario says what it takes, refuses the rest in one line, and survives being written."""
+
+import itertools
+import json
+import math
+import pickle
+import tomllib
+
+import numpy as np
+import pytest
+
+from crinoid.scenario import (
+    Arm,
+    Base,
+    DistributedLoad,
+    Scenario,
+    ScenarioError,
+    Simulation,
+    TableMotion,
+    TipLoad,
+    UniformFlow,
+    builtin_names,
+    builtin_text,
+    json_schema,
+    load,
+)
+
+FULL = """
+title = "Every table, \\"quoted\\" and all"
+seed = 7
+[arm]
+length = 0.6
+radius = [0.02, 0.01]
+rest_curvature = -1
+[arm.section]
+EI = 0.0126
+displaced_area = 0
+[base]
+position = [0.1, -5]
+tilt_deg = -90
+[base.channels.slide]
+range = [-0.1, 0.3]
+[base.channels.heave]
+[base.channels.tilt]
+range_deg = [0, 45]
+[[base.motion]]
+channel = "tilt"
+kind = "sine"
+amplitude_deg = 3.0
+frequency_hz = 0.1
+[[base.motion]]
+channel = "heave"
+kind = "table"
+time = [0.0, 1.0, 2.0]
+value = [0.0, 0.1, 0.0]
+[water]
+depth = 20
+[[flow]]
+kind = "shear"
+velocity = [0.3, 0]
+reference_depth = 1
+roughness_length = 0.001
+ramp_time = 0.5
+[[flow]]
+kind = "gust"
+velocity = [0.1, 0.1]
+duration = 1.5
+[[flow]]
+kind = "sine"
+amplitude = [0, 0.1]
+frequency_hz = 0.3333333333333333
+[[load]]
+kind = "distributed"
+direction = "tangential"
+magnitude = -0.1
+[[load]]
+kind = "tip"
+moment = 1e-3
+follower = true
+[target]
+time = [0, 1]
+tip = [[0.6, -5], [0.5, -5.1]]
+[sensor]
+rate_hz = 50
+[control]
+kind = "pid"
+controlled = ["x", "z", "angle"]
+[control.pid.slide]
+kp = 1
+[control.pid.tilt]
+ki = 0.30000000000000004
+[simulation]
+duration = 2
+integrator = "generalized-alpha"
+[output]
+interval = 0.05
+[vary]
+"load.0.magnitude" = [0.25, 1]
+"load.0.direction" = ["normal", [0.0, -1.0]]
+"""
+
+
+def refused(text: str) -> list[str]:
+    with pytest.raises(ScenarioError) as caught:
+        Scenario.from_toml(text)
+    return caught.value.lines
+
+
+ONE_MISTAKE = {
+    "unknown key": (
+        "arm.lenght = 0.5",
+        "arm.lenght: unknown key; did you mean arm.length?",
+    ),
+    "unknown key in a list": (
+        'flow = [{kind = "uniform", velocity = [0, 0], ramp = 1}]',
+        "flow.0.ramp: unknown key; did you mean flow.0.ramp_time?",
+    ),
+    "unknown key like no other": (
+        "output.zzz = 1",
+        "output.zzz: unknown key, takes interval",
+    ),
+    "unknown table": ("[watr]", "watr: unknown key; did you mean water?"),
+    "wrong type": (
+        'arm.length = "long"',
+        'arm.length: got "long", takes a number above 0 (m)',
+    ),
+    "truth as a number": (
+        "water.gravity = true",
+        "water.gravity: got true, takes a number of 0 or more (m/s2)",
+    ),
+    "number as truth": ("control.compare = 1", "control.compare: got 1, takes true or false"),
+    "fraction as a whole number": (
+        "simulation.max_iterations = 2.5",
+        "simulation.max_iterations: got 2.5, takes a whole number of 1 or more",
+    ),
+    "table as a number": (
+        "arm.length.m = 1",
+        "arm.length: got a table, takes a number above 0 (m)",
+    ),
+    "number as a table": ("arm = 3", "arm: got 3, takes a table"),
+    "table as a list": (
+        '[flow]\nkind = "uniform"',
+        "flow: got a table, takes a list of tables, each under [[ ]]",
+    ),
+    "not a number": ("arm.length = nan", "arm.length: got nan, takes a finite number"),
+    "infinite in a vector": (
+        "base.position = [0.0, -inf]",
+        "base.position.1: got -inf, takes a finite number",
+    ),
+    "infinite in a union": (
+        "target.tip = [inf, 0.0]",
+        "target.tip: got [inf, 0.0], takes finite numbers",
+    ),
+    "negative length": ("arm.length = -0.5", "arm.length: got -0.5, takes a number above 0 (m)"),
+    "negative tip radius": (
+        "arm.radius = [0.02, -0.01]",
+        "arm.radius: got [0.02, -0.01], takes a number above 0, or [root, tip], both above 0 (m)",
+    ),
+    "two nodes": (
+        "arm.nodes = 2",
+        "arm.nodes: got 2, takes a whole number of 3 or more (an arm bends where edges meet)",
+    ),
+    "spatial arm": ("arm.dimension = 3", "arm.dimension: got 3, takes 2 (a planar arm)"),
+    "twist of a planar arm": (
+        "arm.section.GJ = 0.01",
+        "arm.section.GJ: got 0.01, but only a spatial arm twists",
+    ),
+    "vector too long": (
+        'flow = [{kind = "uniform", velocity = [0.1, 0.0, 0.0]}]',
+        "flow.0.velocity: got [0.1, 0.0, 0.0], takes [x, z] (m/s)",
+    ),
+    "vector too short": (
+        "base.position = [1.0]",
+        "base.position: got [1.0], takes [x, z] (m)",
+    ),
+    "word in a vector": (
+        'base.position = [1.0, "low"]',
+        'base.position.1: got "low", takes a number (m)',
+    ),
+    "unknown kind": (
+        'flow = [{kind = "tornado"}]',
+        'flow.0.kind: got "tornado", takes "gust", "shear", "sine" or "uniform"',
+    ),
+    "no kind": (
+        "load = [{magnitude = 1.0}]",
+        'load.0.kind: missing, takes "distributed" or "tip"',
+    ),
+    "unknown controller": (
+        'control.kind = "lqr"',
+        'control.kind: got "lqr", takes "none" or "pid"',
+    ),
+    "missing key": (
+        'load = [{kind = "distributed", direction = "normal"}]',
+        "load.0.magnitude: missing, takes a number (N/m)",
+    ),
+    "no direction": (
+        'load = [{kind = "distributed", direction = [0, 0], magnitude = 1}]',
+        "load.0.direction: got [0.0, 0.0], takes a vector that is not 0",
+    ),
+    "empty tip load": (
+        'load = [{kind = "tip"}]',
+        "load.0.force: missing, a tip load takes force, moment or both",
+    ),
+    "zero time step": (
+        "simulation.time_step = 0.0",
+        "simulation.time_step: got 0.0, takes a number above 0 (s)",
+    ),
+    "time step beyond the end": (
+        "simulation.time_step = 30.0",
+        "simulation.time_step: got 30.0, takes up to duration = 20.0 (s)",
+    ),
+    "broken time step": (
+        "simulation.time_step = 0.03",
+        "simulation.duration: got 20.0, takes a whole number of time steps of 0.03 s; "
+        "nearest 19.98 or 20.01",
+    ),
+    "negative damping": (
+        "simulation.gamma = 0.4",
+        "simulation.gamma: got 0.4, takes a number of 0.5 or more "
+        "(with less, damping is negative: motion grows)",
+    ),
+    "unstable beta": (
+        "simulation.beta = 0.2",
+        "simulation.beta: got 0.2, takes gamma / 2 = 0.25 or more "
+        "(else long time steps are unstable)",
+    ),
+    "unstable gamma": (
+        "simulation.gamma = 0.6",
+        "simulation.gamma: got 0.6, takes up to 2 beta = 0.5 (else long time steps are unstable)",
+    ),
+    "option of another integrator": (
+        'simulation = {integrator = "implicit-euler", beta = 0.25}',
+        'simulation.beta: does not go with integrator = "implicit-euler", '
+        "which takes neither beta, gamma nor spectral_radius",
+    ),
+    "broken interval": (
+        "output.interval = 0.025",
+        "output.interval: got 0.025, takes a whole number of time steps of 0.01 s; "
+        "nearest 0.02 or 0.03",
+    ),
+    "interval beyond the end": (
+        "output.interval = 40.0",
+        "output.interval: got 40.0, takes up to simulation.duration = 20.0 (s)",
+    ),
+    "fast sensor": (
+        "sensor.rate_hz = 200",
+        "sensor.rate_hz: got 200.0, takes up to 100 (Hz), once a time step "
+        "(simulation.time_step = 0.01)",
+    ),
+    "range without zero": (
+        "base.channels.slide.range = [0.1, 0.2]",
+        "base.channels.slide.range: got [0.1, 0.2], "
+        "takes [low, high] with low <= 0 <= high, not both 0",
+    ),
+    "angle in metres": (
+        'base.motion = [{kind = "sine", channel = "tilt", amplitude = 1, frequency_hz = 1}]',
+        'base.motion.0.amplitude: does not go with channel "tilt", which takes amplitude_deg',
+    ),
+    "no amplitude": (
+        'base.motion = [{kind = "sine", channel = "heave", frequency_hz = 1}]',
+        'base.motion.0.amplitude: missing, channel "heave" needs it',
+    ),
+    "motion that starts late": (
+        'base.motion = [{kind = "table", channel = "heave", time = [1, 20], value = [0, 0]}]',
+        "base.motion.0.time.0: starts at 1.0, takes 0 or before (s)",
+    ),
+    "motion that ends early": (
+        'base.motion = [{kind = "table", channel = "heave", time = [0, 1], value = [0, 0]}]',
+        "base.motion.0.time.1: ends at 1.0, takes simulation.duration = 20.0 or later (s)",
+    ),
+    "motion back in time": (
+        'base.motion = [{kind = "table", channel = "heave", time = [0, 0, 20], value = [0, 0, 0]}]',
+        "base.motion.0.time.1: got 0.0, takes a number above 0.0 (s)",
+    ),
+    "motion without a value": (
+        'base.motion = [{kind = "table", channel = "heave", time = [0, 1, 20], value = [0, 0]}]',
+        "base.motion.0.value: has 2 entries, takes 3, as time has",
+    ),
+    "tilt of a pin": (
+        'base = {mount = "pinned", channels = {tilt = {}}}',
+        'base.channels.tilt: moves nothing: with base.mount = "pinned" the root turns freely',
+    ),
+    "shear without depth": (
+        'flow = [{kind = "shear", velocity = [1, 0], reference_depth = 1}]',
+        "water.depth: missing, takes a number above 0 (m): flow.0 needs it",
+    ),
+    "shear from below the bed": (
+        'water.depth = 20\nflow = [{kind = "shear", velocity = [1, 0], reference_depth = 20}]',
+        "flow.0.reference_depth: got 20.0, takes a number below water.depth = 20.0 (m)",
+    ),
+    "rough bed": (
+        'water.depth = 20\n[[flow]]\nkind = "shear"\nvelocity = [1, 0]\nreference_depth = 15\n'
+        "roughness_length = 5",
+        "flow.0.roughness_length: got 5.0, takes a number below 5 (m), "
+        "the height of reference_depth above the bed",
+    ),
+    "two profiles": (
+        'water.depth = 20\n[[flow]]\nkind = "shear"\nvelocity = [1, 0]\nreference_depth = 0\n'
+        "roughness_length = 0.1\nexponent = 0.2",
+        "flow.0.exponent: does not go with roughness_length; takes one of the two",
+    ),
+    "base in the bed": (
+        "water.depth = 10",
+        "base.position.1: got -10.0, takes a number above -water.depth = -10.0 (m)",
+    ),
+    "path without times": (
+        "target.tip = [[0, 0], [1, 0]]",
+        "target.time: missing, a path (tip) takes it (s)",
+    ),
+    "times without a path": (
+        "target.time = [0, 1]",
+        "target.time: goes with a path; takes tip or angle_deg as a list as long",
+    ),
+    "path too short": (
+        "target = {time = [0, 1, 2], angle_deg = [0, 1]}",
+        "target.angle_deg: has 2 entries, takes 3, as time has",
+    ),
+    "path before the start": (
+        "target = {time = [-1, 1], angle_deg = [0, 1]}",
+        "target.time.0: got -1.0, takes a number of 0 or more (s)",
+    ),
+    "controlled twice": (
+        'control.controlled = ["x", "x"]',
+        'control.controlled: got ["x", "x"], takes each one once',
+    ),
+    "controls nothing": (
+        "control.controlled = []",
+        'control.controlled: got [], takes a list of "x", "z" and "angle"',
+    ),
+    "controls y": (
+        'control.controlled = ["x", "y"]',
+        'control.controlled.1: got "y", takes "x", "z" or "angle"',
+    ),
+    "pid without gains": (
+        'control.kind = "pid"',
+        'control.pid: missing, kind = "pid" takes gains for at least one channel',
+    ),
+    "pid without its channel": (
+        "control.pid.slide.kp = 1",
+        "control.pid.slide: drives a channel that is not there; "
+        "takes a table base.channels.slide with it",
+    ),
+    "identity without a partner": (
+        "base.channels.slide = {}\nbase.channels.tilt = {}\n[control]\n"
+        'mapping = "identity"\ncontrolled = ["x"]\npid = {slide = {}, tilt = {}}',
+        'control.pid.tilt: mapping = "identity" takes "angle" in controlled along with it',
+    ),
+    "identity without a channel": (
+        'base.channels.slide = {}\n[control]\nmapping = "identity"\npid = {slide = {}}',
+        'control.controlled: "z" takes gains in pid.heave with mapping = "identity"',
+    ),
+    "negative seed": (
+        "seed = -1",
+        "seed: got -1, takes a whole number of 0 or more, below 9223372036854775808",
+    ),
+    "case out of bounds": (
+        'vary = {"arm.nodes" = [11, 21], "arm.length" = [1.0, -1.0]}',
+        "vary: case arm.nodes = 11, arm.length = -1.0: "
+        "arm.length: got -1.0, takes a number above 0 (m)",
+    ),
+    "no cases": (
+        'vary = {"arm.length" = []}',
+        'vary: got a table, takes keys such as "arm.length", each with a list of one value or more',
+    ),
+    "too many cases": (
+        f'vary = {{"arm.length" = {[1.0] * 101}, "arm.density" = {[1.0] * 100}}}',
+        "vary: makes 10100 cases, takes 10000 or fewer",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "line"), ONE_MISTAKE.values(), ids=ONE_MISTAKE.keys())
+def test_a_mistake_gives_one_line(text, line):
+    assert refused(text) == [line]
+
+
+def test_each_mistake_gives_its_line():
+    lines = refused('arm = {length = -1, nodes = 2}\nwater.depht = 3\nload = [{kind = "push"}]')
+    assert [line.split(":")[0] for line in lines] == [
+        "arm.length",
+        "arm.nodes",
+        "water.depht",
+        "load.0.kind",
+    ]
+
+
+def test_a_mistake_common_to_all_cases_is_told_once():
+    (line,) = refused('vary = {"arm.lenght" = [1.0, 1.0, 1.0]}')
+    assert line.endswith("arm.lenght: unknown key; did you mean arm.length?")
+
+
+def test_broken_toml_names_file_line_and_column(tmp_path):
+    path = tmp_path / "broken.toml"
+    path.write_text("[arm]\nlength = 0..5\n")
+    with pytest.raises(ScenarioError) as caught:
+        load(path)
+    (line,) = caught.value.lines
+    assert line.startswith(f"{path}: not valid TOML: ")
+    assert "line 2, column 11" in line
+
+
+def test_toml_that_just_stops_names_line_and_column():
+    (line,) = refused("[arm]\nradius = [0.1,")
+    assert "line 2, column 15" in line
+
+
+def test_missing_file(tmp_path):
+    path = tmp_path / "nothing.toml"
+    with pytest.raises(ScenarioError) as caught:
+        load(path)
+    (line,) = caught.value.lines
+    assert line.startswith(f"{path}: no such file or built-in scenario")
+
+
+def test_folder_and_binary_are_refused(tmp_path):
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"title = '\xff'")
+    for path, reason in ((tmp_path, "is a folder, takes a TOML file"), (binary, "byte 9")):
+        with pytest.raises(ScenarioError) as caught:
+            load(path)
+        (line,) = caught.value.lines
+        assert line.startswith(f"{path}: ")
+        assert reason in line
+
+
+def test_mistakes_in_python_are_told_the_same_way():
+    with pytest.raises(ScenarioError) as caught:
+        Scenario(arm={"length": -1.0})
+    assert caught.value.lines == ["arm.length: got -1.0, takes a number above 0 (m)"]
+    with pytest.raises(ScenarioError) as caught:
+        Arm(length=-1.0)
+    assert str(caught.value) == "length: got -1.0, takes a number above 0 (m)"
+    with pytest.raises(ScenarioError) as caught:
+        Scenario(flow=[TipLoad(moment=1.0)])
+    assert caught.value.lines[0].startswith('flow.0.kind: got "tip", takes "gust"')
+
+
+def test_error_survives_pickling():
+    with pytest.raises(ScenarioError) as caught:
+        Scenario(seed=-1)
+    assert pickle.loads(pickle.dumps(caught.value)).lines == caught.value.lines
+
+
+def test_toml_round_trip_is_exact():
+    scenario = Scenario.from_toml(FULL)
+    text = scenario.to_toml()
+    assert Scenario.from_toml(text) == scenario
+    assert Scenario.from_toml(text).to_toml() == text
+    assert tomllib.loads(text)["control"]["pid"]["tilt"]["ki"] == 0.1 + 0.2
+
+
+def test_python_values_round_trip():
+    scenario = Scenario(
+        arm=Arm(radius=(0.02, 0.01)),
+        base=Base(motion=[TableMotion(channel="slide", time=np.arange(3.0), value=np.zeros(3))]),
+        load=[DistributedLoad(direction=(0, -1), magnitude=1)],
+        flow=(UniformFlow(velocity=np.array([0.1, 0.0])),),
+        simulation=Simulation(duration=2.0),
+        vary={"flow.0.velocity": [np.array([0.1, 0.0]), (0.2, 0)]},
+    )
+    assert scenario.flow[0].velocity == (0.1, 0.0)
+    assert scenario.base.motion[0].time == (0.0, 1.0, 2.0)
+    assert Scenario.from_toml(scenario.to_toml()) == scenario
+
+
+def test_default_scenario_is_valid_and_says_everything():
+    scenario = Scenario()
+    document = tomllib.loads(scenario.to_toml())
+    assert Scenario.from_dict(document) == scenario == Scenario.from_toml("")
+    assert document["arm"]["length"] == 0.5
+    assert document["simulation"]["max_halvings"] == 8
+
+
+def test_a_scenario_cannot_be_changed():
+    scenario = Scenario()
+    with pytest.raises(ValueError, match="frozen"):
+        scenario.arm.length = 1.0
+    assert scenario.arm.length == 0.5
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "full.toml"
+    path.write_text(FULL)
+    return path
+
+
+def test_overrides(path):
+    scenario = load(
+        path,
+        [
+            "arm.length = 0.7",
+            "load.0.magnitude=0.5",
+            "load.0.direction=normal",
+            "flow.1.velocity.0=1",
+            "control.kind=none",
+            "title=no quotes, please",
+            "base.channels.slide.max_speed=1.5",
+            'vary."load.0.direction"=["tangential"]',
+        ],
+    )
+    assert scenario.arm.length == 0.7
+    assert scenario.load[0] == DistributedLoad(direction="normal", magnitude=0.5)
+    assert scenario.flow[1].velocity == (1.0, 0.1)
+    assert scenario.control.kind == "none"
+    assert scenario.title == "no quotes, please"
+    assert scenario.base.channels.slide.max_speed == 1.5
+    assert len(scenario.cases()) == 2
+
+
+def test_overrides_make_what_is_missing(path):
+    path.write_text("")
+    scenario = load(path, ["flow.0.kind=uniform", "flow.0.velocity=[1, 0]", "arm.section.EA=10"])
+    assert scenario.flow == (UniformFlow(velocity=(1.0, 0.0)),)
+    assert scenario.arm.section.EA == 10.0
+
+
+@pytest.mark.parametrize(
+    ("setting", "line"),
+    [
+        ("arm.lenght=1", "arm.lenght: unknown key; did you mean arm.length?"),
+        ("arm.length=0.5m", 'arm.length: got "0.5m", takes a number above 0 (m)'),
+        ("arm.length", 'got "arm.length", takes key=value, such as arm.length=0.6'),
+        ("arm..length=1", "arm..length: not a key; takes names joined by dots, such as arm.length"),
+        ("arm.length.m=1", "arm.length.m: unknown key, arm.length is 0.6 and not a table"),
+        (
+            "load.9.magnitude=1",
+            "load.9.magnitude: unknown key, load takes an index from 0 to 2 (2 adds one)",
+        ),
+    ],
+)
+def test_wrong_override_gives_one_line(path, setting, line):
+    with pytest.raises(ScenarioError) as caught:
+        load(path, [setting, "vary={}"])
+    assert caught.value.lines == [line]
+
+
+def test_cases_are_every_combination():
+    scenario = Scenario.from_toml(FULL)
+    cases = scenario.cases()
+    expected = list(itertools.product([0.25, 1], ["normal", [0.0, -1.0]]))
+    assert [tuple(values.values()) for values, _ in cases] == expected
+    for values, case in cases:
+        assert case.load[0].magnitude == values["load.0.magnitude"]
+        assert case.load[0].direction in ("normal", (0.0, -1.0))
+        assert case.vary == {}
+        assert case.arm == scenario.arm
+        assert case.cases() == [({}, case)]
+
+
+def test_cases_may_vary_a_whole_table_or_an_integrator():
+    scenario = Scenario(
+        vary={
+            "load": [[], [{"kind": "tip", "moment": 1.0}]],
+            "simulation.integrator": ["newmark", "implicit-euler", "generalized-alpha"],
+        }
+    )
+    cases = [case for _, case in scenario.cases()]
+    assert [len(case.load) for case in cases] == [0, 0, 0, 1, 1, 1]
+    assert [case.simulation.integrator_options for case in cases[:3]] == [
+        {"beta": 0.25, "gamma": 0.5},
+        {},
+        {"spectral_radius": 0.8},
+    ]
+
+
+def test_rates_and_interval_follow_the_time_step():
+    fine, coarse = (
+        Scenario(simulation={"time_step": step, "duration": 1.0}) for step in (0.004, 0.05)
+    )
+    assert (fine.sensor_rate_hz, fine.control_rate_hz) == (100.0, 100.0)
+    assert (coarse.sensor_rate_hz, coarse.control_rate_hz) == (20.0, 20.0)
+    assert (fine.output_steps, coarse.output_steps) == (5, 1)
+    assert math.isclose(fine.output_interval, 0.02)
+    assert fine.simulation.steps == 250
+
+
+def test_rate_of_once_a_time_step_passes_in_spite_of_rounding():
+    step = 1 / 3 * 0.01
+    scenario = Scenario(
+        simulation={"time_step": step, "duration": 300 * step}, control={"rate_hz": 300.0}
+    )
+    assert scenario.control_rate_hz * step == pytest.approx(1.0)
+
+
+def test_conveniences_are_in_si_units():
+    scenario = Scenario.from_toml(FULL)
+    limits = scenario.base.channels.present["tilt"].limits
+    assert limits.high == pytest.approx(math.pi / 4)
+    assert limits.speed == pytest.approx(math.pi / 2)
+    assert list(scenario.base.channels.present) == ["slide", "heave", "tilt"]
+    assert scenario.base.motion[0].amplitude_si == pytest.approx(math.radians(3))
+    assert scenario.base.motion[1].value_si == (0.0, 0.1, 0.0)
+    assert scenario.arm.radii == (0.02, 0.01)
+    assert Arm(radius=0.03).radii == (0.03, 0.03)
+    assert scenario.flow[0].power_exponent is None
+    assert scenario.target.tip_path == ((0.6, -5.0), (0.5, -5.1))
+    assert scenario.target.angle_path_deg is None
+
+
+def test_schema_describes_every_key():
+    schema = json_schema()
+    text = json.dumps(schema)
+    tables = [schema, *schema["$defs"].values()]
+    keys = [key for table in tables for key in table["properties"].items()]
+    assert [name for name, key in keys if not key.get("description")] == []
+    assert schema["$schema"].endswith("2020-12/schema")
+    assert schema["$defs"]["Arm"]["properties"]["length"]["unit"] == "m"
+    references = {part.split('"')[0] for part in text.split('"#/$defs/')[1:]}
+    assert references == set(schema["$defs"])
+    assert all(table["additionalProperties"] is False for table in tables)
+
+
+def test_built_in_scenarios_load():
+    assert builtin_names()
+    for name in builtin_names():
+        scenario = load(name)
+        assert scenario == Scenario.from_toml(builtin_text(name))
+        assert scenario.title
+
+
+def test_unknown_built_in_scenario():
+    near = f"{builtin_names()[0]}s"
+    with pytest.raises(ScenarioError, match=f"did you mean {builtin_names()[0]}"):
+        load(near)
+    with pytest.raises(ScenarioError, match=r"^nowhere: no such built-in scenario"):
+        builtin_text("nowhere")
