@@ -30,10 +30,10 @@ def gather(nodes: Float[Array, "n b"], first: int, count: int, stencil: int) -> 
 
 def scatter(windows: Float[Array, "count k b"], first: int, num_nodes: int) -> Vectors:
     """Add windows back onto the nodes: the transpose of `gather`."""
-    count, stencil, _ = windows.shape
+    _, stencil, size = windows.shape
     return sum(
         (_place(windows[:, i], first + i, num_nodes) for i in range(stencil)),
-        start=jnp.zeros((num_nodes, windows.shape[2]), windows.dtype),
+        start=jnp.zeros((num_nodes, size), windows.dtype),
     )
 
 

@@ -2,7 +2,6 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
@@ -35,43 +34,43 @@ class Rod(eqx.Module):
     @staticmethod
     def round(
         *,
-        length: float,
+        length: ArrayLike,
         nodes: int,
         radius: ArrayLike,
-        density: float,
-        youngs_modulus: float,
-        rest_curvature: float = 0.0,
-        damping_time: float = 0.0,
-        EA: float | None = None,
-        EI: float | None = None,
-        mass_per_length: float | None = None,
-        diameter: float | None = None,
-        displaced_area: float | None = None,
+        density: ArrayLike,
+        youngs_modulus: ArrayLike,
+        rest_curvature: ArrayLike = 0.0,
+        damping_time: ArrayLike = 0.0,
+        EA: ArrayLike | None = None,
+        EI: ArrayLike | None = None,
+        mass_per_length: ArrayLike | None = None,
+        diameter: ArrayLike | None = None,
+        displaced_area: ArrayLike | None = None,
     ) -> "Rod":
         """Build an evenly divided arm of solid round sections.
 
         ``radius`` (m) is one number or ``(root, tip)``, tapering linearly. A section property
         that is given replaces, all along the arm, what radius, density and modulus would make it.
         """
-        along_nodes = np.linspace(0.0, 1.0, nodes)
+        along_nodes = jnp.linspace(0.0, 1.0, nodes)
         along_edges = (along_nodes[1:] + along_nodes[:-1]) / 2
-        root, tip = np.broadcast_to(np.asarray(radius, float), 2)
+        root, tip = jnp.broadcast_to(jnp.asarray(radius, float), 2)
 
-        def section(replacement: float | None, along: np.ndarray, law: float, power: int) -> Array:
-            if replacement is not None:
-                return jnp.full(along.shape, float(replacement))
-            return jnp.asarray(law * (root + (tip - root) * along) ** power)
+        def section(given: ArrayLike | None, round_: Array) -> Array:
+            return round_ if given is None else jnp.full(round_.shape, given, float)
 
-        area = np.pi
+        at_nodes = root + (tip - root) * along_nodes
+        at_edges = root + (tip - root) * along_edges
+        area = jnp.pi * at_nodes**2
         return Rod(
-            rest_length=jnp.full(nodes - 1, length / (nodes - 1)),
-            EA=section(EA, along_edges, youngs_modulus * area, 2),
-            EI=section(EI, along_nodes, youngs_modulus * np.pi / 4, 4),
-            rest_curvature=jnp.full(nodes, float(rest_curvature)),
-            damping_time=jnp.asarray(float(damping_time)),
-            mass_per_length=section(mass_per_length, along_nodes, density * area, 2),
-            diameter=section(diameter, along_nodes, 2.0, 1),
-            displaced_area=section(displaced_area, along_nodes, area, 2),
+            rest_length=jnp.full(nodes - 1, jnp.asarray(length, float) / (nodes - 1)),
+            EA=section(EA, youngs_modulus * jnp.pi * at_edges**2),
+            EI=section(EI, youngs_modulus * jnp.pi / 4 * at_nodes**4),
+            rest_curvature=jnp.full(nodes, rest_curvature, float),
+            damping_time=jnp.asarray(damping_time, float),
+            mass_per_length=section(mass_per_length, density * area),
+            diameter=section(diameter, 2 * at_nodes),
+            displaced_area=section(displaced_area, area),
         )
 
     @property

@@ -1,7 +1,6 @@
 """Sample times of what runs at its own rate."""
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 

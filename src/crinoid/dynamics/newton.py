@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
+from numpy.typing import ArrayLike
 
 from crinoid import chain
 from crinoid.dynamics.forces import Forces
@@ -30,6 +31,12 @@ class Outcome(eqx.Module):
     worst_node: Int[Array, ""]
     """Node with the largest imbalance; the root is 0."""
 
+    @staticmethod
+    def of_nothing(*, converged: bool) -> "Outcome":
+        """Return the outcome of no iterations, to start a loop with."""
+        none, zero = jnp.asarray(0), jnp.zeros(())
+        return Outcome(jnp.asarray(converged), none, zero, zero, none)
+
 
 class Settings(eqx.Module):
     """When Newton's method is done, and when it gives up."""
@@ -46,7 +53,7 @@ class Settings(eqx.Module):
     """
 
     @staticmethod
-    def for_rod(rod: Rod, tolerance: float, max_iterations: int) -> "Settings":
+    def for_rod(rod: Rod, tolerance: ArrayLike, max_iterations: ArrayLike) -> "Settings":
         """Set the floor to the round-off of the stretching forces of a rod."""
         stiffest = jnp.max(rod.EA / rod.rest_length) * rod.length
         floor = 64 * jnp.finfo(float).eps * stiffest

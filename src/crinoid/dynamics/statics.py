@@ -106,7 +106,7 @@ def equilibrium(
         advance,
         (
             _Search(start, none, none + _FIRST_SHARE, no, fastest_rate, no, nothing, nothing),
-            Outcome(no, nothing, none, none, nothing),
+            Outcome.of_nothing(converged=False),
         ),
     )
     return search.position, outcome

@@ -157,9 +157,7 @@ class System(eqx.Module):
             )
 
         nothing = jnp.asarray(0)
-        unsolved = Outcome(
-            jnp.asarray(False), nothing, jnp.asarray(jnp.nan), jnp.asarray(jnp.nan), nothing
-        )
+        unsolved = Outcome.of_nothing(converged=False)
         state, progress, _, _ = jax.lax.while_loop(
             unfinished,
             attempt,

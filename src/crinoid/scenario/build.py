@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -31,6 +32,7 @@ from crinoid.scenario import motion as motions
 from crinoid.spline import PiecewiseCubic
 
 if TYPE_CHECKING:
+    from crinoid.scenario.arm import Arm
     from crinoid.scenario.scenario import Scenario
 
 _INTEGRATORS = {
@@ -42,92 +44,118 @@ _INTEGRATORS = {
 
 def build_system(scenario: Scenario) -> System:
     """Assemble the arm, its base and the water of a scenario."""
-    simulation = scenario.simulation
-    rod = _rod(scenario)
+    simulation, water = scenario.simulation, scenario.water
+    rod, elements, settings = _assemble(
+        scenario.arm.nodes,
+        _rod(scenario.arm),
+        scenario.base.mount == "pinned",
+        {
+            name: _array(getattr(water, name))
+            for name in (
+                "density",
+                "gravity",
+                "drag_normal",
+                "drag_tangential",
+                "linear_drag",
+                "added_mass_normal",
+                "added_mass_tangential",
+            )
+        },
+        tuple(_load(load) for load in scenario.load),
+        _array(simulation.tolerance),
+        jnp.asarray(simulation.max_iterations),
+    )
     return System(
         rod=rod,
         forces=Forces(
-            tuple(_elements(scenario, rod)),
+            elements,
             Water(tuple(_flow(scenario, flow) for flow in scenario.flow)),
             _array(scenario.base.position),
         ),
         base=_base(scenario, rod),
         integrator=_INTEGRATORS[simulation.integrator](**simulation.integrator_options),
-        settings=Settings.for_rod(rod, simulation.tolerance, simulation.max_iterations),
+        settings=settings,
         time_step=_array(simulation.time_step),
         max_halvings=simulation.max_halvings,
     )
 
 
 def _array(value: object) -> Array:
-    return jnp.asarray(value, float)
+    return jnp.asarray(np.asarray(value, float))
 
 
-def _rod(scenario: Scenario) -> Rod:
-    arm = scenario.arm
-    section = arm.section
-    return Rod.round(
-        length=arm.length,
-        nodes=arm.nodes,
-        radius=arm.radii,
-        density=arm.density,
-        youngs_modulus=arm.youngs_modulus,
-        rest_curvature=arm.rest_curvature,
-        damping_time=arm.damping_time,
-        EA=section.EA,
-        EI=section.EI,
-        mass_per_length=section.mass_per_length,
-        diameter=section.diameter,
-        displaced_area=section.displaced_area,
-    )
+Numbers = dict[str, Array]
 
 
-def _elements(scenario: Scenario, rod: Rod) -> list[Element]:
-    water = scenario.water
-    elements: list[Element] = [
+@eqx.filter_jit  # one small program instead of many, and none of its own for each value
+def _assemble(
+    nodes: int,
+    sections: Numbers,
+    pinned: bool,
+    water: Numbers,
+    loads: tuple[tuple[type[DistributedLoad | TipLoad], Numbers], ...],
+    tolerance: Array,
+    max_iterations: Array,
+) -> tuple[Rod, tuple[Element, ...], Settings]:
+    rod = Rod.round(nodes=nodes, **sections)
+    density = water["density"]
+    elements = (
         Stretch.of(rod),
-        Bend.of(rod, pinned=scenario.base.mount == "pinned"),
+        Bend.of(rod, pinned=pinned),
         Inertia.of(rod),
-        Weight.of(rod, density=water.density, gravity=water.gravity),
+        Weight.of(rod, density=density, gravity=water["gravity"]),
         Drag.of(
             rod,
-            density=water.density,
-            normal=water.drag_normal,
-            tangential=water.drag_tangential,
-            linear=water.linear_drag,
+            density=density,
+            normal=water["drag_normal"],
+            tangential=water["drag_tangential"],
+            linear=water["linear_drag"],
         ),
         AddedMass.of(
             rod,
-            density=water.density,
-            normal=water.added_mass_normal,
-            tangential=water.added_mass_tangential,
+            density=density,
+            normal=water["added_mass_normal"],
+            tangential=water["added_mass_tangential"],
         ),
-    ]
-    return elements + [_load(rod, load) for load in scenario.load]
+        *(kind.of(rod, **numbers) for kind, numbers in loads),
+    )
+    return rod, elements, Settings.for_rod(rod, tolerance, max_iterations)
 
 
-def _load(rod: Rod, load: loads.DistributedLoad | loads.TipLoad) -> Element:
+def _rod(arm: Arm) -> Numbers:
+    numbers = {
+        "radius": arm.radii,
+        **{
+            name: getattr(arm, name)
+            for name in ("length", "density", "youngs_modulus", "rest_curvature", "damping_time")
+        },
+        **{
+            name: getattr(arm.section, name)
+            for name in ("EA", "EI", "mass_per_length", "diameter", "displaced_area")
+        },
+    }
+    return {name: _array(number) for name, number in numbers.items() if number is not None}
+
+
+def _load(
+    load: loads.DistributedLoad | loads.TipLoad,
+) -> tuple[type[DistributedLoad | TipLoad], Numbers]:
+    onset = {"start": _array(load.start), "ramp_time": _array(load.ramp_time)}
     if isinstance(load, loads.TipLoad):
-        dead, following = (0.0, load.force) if load.follower else (load.force, 0.0)
-        return TipLoad.of(
-            rod,
-            dead_force=np.broadcast_to(dead, 2),
-            follower_force=np.broadcast_to(following, 2),
-            moment=load.moment,
-            start=load.start,
-            ramp_time=load.ramp_time,
-        )
+        force = np.asarray(load.force)
+        return TipLoad, onset | {
+            "dead_force": _array(0 * force if load.follower else force),
+            "follower_force": _array(force if load.follower else 0 * force),
+            "moment": _array(load.moment),
+        }
     fixed = np.zeros(2)
     if not isinstance(load.direction, str):
         fixed = np.asarray(load.direction) / np.hypot(*load.direction)
-    return DistributedLoad.of(
-        rod,
-        tangential=load.magnitude * (load.direction == "tangential"),
-        normal=load.magnitude * (load.direction == "normal"),
-        fixed=load.magnitude * fixed,
-        start=load.start,
-        ramp_time=load.ramp_time,
-    )
+    return DistributedLoad, onset | {
+        "tangential": _array(load.magnitude * (load.direction == "tangential")),
+        "normal": _array(load.magnitude * (load.direction == "normal")),
+        "fixed": _array(load.magnitude * fixed),
+    }
 
 
 def _flow(scenario: Scenario, flow: flows.Flow) -> Flow:
@@ -171,7 +199,7 @@ def _base(scenario: Scenario, rod: Rod) -> Base:
         bandwidth[index] = limits.bandwidth_hz
     return Base(
         tilt=_array(np.deg2rad(scenario.base.tilt_deg)),
-        ghost_length=rod.rest_length[0],
+        ghost_length=_array(np.asarray(rod.rest_length)[0]),
         servo=Servo(*map(_array, (lower, upper, speed, acceleration, bandwidth))),
         motions=tuple(_motion(motion) for motion in scenario.base.motion),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from itertools import product
 from math import prod
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tomli_w
 from pydantic import BeforeValidator, Field
@@ -29,6 +29,9 @@ from crinoid.scenario.quantity import AsTuple, Quantity
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
 from crinoid.scenario.water import Water
+
+if TYPE_CHECKING:
+    from crinoid.dynamics import System
 
 __all__ = ["Scenario"]
 
@@ -130,7 +133,21 @@ class Scenario(Model):
         """
         if not self.vary:
             return [({}, self)]
-        return [(values, self._with(values)) for values in self._combinations()]
+        return [(values, self.with_values(values)) for values in self._combinations()]
+
+    def with_values(self, values: Mapping[str, Any]) -> Scenario:
+        """Return this scenario with other values, given by dotted key, and without ``vary``."""
+        document = self.to_dict()
+        document.pop("vary", None)
+        for key, value in values.items():
+            assign(document, key, value)
+        return Scenario(**document)
+
+    def system(self) -> System:
+        """Assemble the arm, its base and the water: the differentiable core."""
+        from crinoid.scenario.build import build_system  # JAX, which a description does not need
+
+        return build_system(self)
 
     @property
     def sensor_rate_hz(self) -> float:
@@ -162,13 +179,6 @@ class Scenario(Model):
             dict(zip(self.vary, values, strict=True)) for values in product(*self.vary.values())
         ]
 
-    def _with(self, values: Mapping[str, Any]) -> Scenario:
-        document = self.to_dict()
-        document.pop("vary", None)
-        for key, value in values.items():
-            assign(document, key, value)
-        return Scenario(**document)
-
     def _conflicts(self) -> Iterator[Mistake]:
         yield from depth_conflicts(self.water, self.base, self.flow)
         yield from motion_conflicts(self.base, self.simulation)
@@ -186,7 +196,7 @@ class Scenario(Model):
         told = set()
         for values in self._combinations():
             try:
-                self._with(values)
+                self.with_values(values)
             except ScenarioError as error:
                 case = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
                 for mistake in error.mistakes:

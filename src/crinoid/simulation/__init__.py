@@ -1,0 +1,11 @@
+"""The closed loop in time: from a scenario to a result."""
+
+from crinoid.simulation.loop import Loop as Loop
+from crinoid.simulation.loop import LoopState as LoopState
+from crinoid.simulation.run import Progress as Progress
+from crinoid.simulation.run import SimulationError as SimulationError
+from crinoid.simulation.run import equilibrium as equilibrium
+from crinoid.simulation.run import play as play
+from crinoid.simulation.run import simulate as simulate
+from crinoid.simulation.study import Case as Case
+from crinoid.simulation.study import play_cases as play_cases

@@ -1,0 +1,69 @@
+"""One tick of the closed loop: sensor, controller, base, arm."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from crinoid.control import Clock, Controller, Sensor, Target
+from crinoid.control.sensor import SensorState
+from crinoid.dynamics import State, System
+from crinoid.dynamics.system import Progress
+
+
+class LoopState(eqx.Module):
+    """What one tick hands to the next."""
+
+    state: State
+    sensor: SensorState
+    memory: Any
+    """Of the controller."""
+    ticks: Int[Array, ""]
+    """Commands given so far."""
+    command: Float[Array, " channel"]
+    steps: Int[Array, ""]
+    """Time steps taken so far."""
+
+
+class Loop(eqx.Module):
+    """An arm with what controls it."""
+
+    system: System
+    sensor: Sensor
+    controller: Controller
+    clock: Clock
+    """Of the controller."""
+    target: Target
+    enabled: Bool[Array, ""]
+    """Where false the commands stay zero: the same compiled loop runs without control."""
+
+    def start(self, state: State) -> LoopState:
+        """Close the loop around an arm."""
+        pose = self.system.tip(state)
+        return LoopState(
+            state,
+            self.sensor.start(pose),
+            self.controller.start(pose),
+            jnp.asarray(0),
+            jnp.zeros(self.system.channels),
+            jnp.asarray(0),
+        )
+
+    def tick(self, carry: LoopState) -> tuple[LoopState, Progress]:
+        """Advance by one time step; sensor and controller act if their time has come."""
+        time = carry.state.time
+        sensor = self.sensor.sample(carry.sensor, self.system.tip(carry.state), time)
+        due = self.clock.due(carry.ticks, time)
+        command, memory = self.controller.command(
+            carry.memory, self.sensor.reading(sensor, time), self.target(time)
+        )
+        memory = jax.tree.map(lambda new, old: jnp.where(due, new, old), memory, carry.memory)
+        command = jnp.where(due, jnp.where(self.enabled, command, 0.0), carry.command)
+        state, progress = self.system.advance(carry.state, command)
+        steps = carry.steps + progress.outcome.converged
+        # counted, not summed up: round-off of a sum would grow with the number of steps
+        counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, state.time)
+        state = eqx.tree_at(lambda s: s.time, state, counted)
+        return LoopState(state, sensor, memory, carry.ticks + due, command, steps), progress

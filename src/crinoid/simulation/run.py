@@ -1,0 +1,227 @@
+"""Running a scenario: chunks of compiled time, with progress and interruption between them."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from crinoid.dynamics import Outcome, State
+from crinoid.result import Result, build_dataset, describe, join
+from crinoid.scenario import Scenario
+from crinoid.simulation.loop import Loop, LoopState
+from crinoid.simulation.record import Record, record, start_tally, stretch
+from crinoid.simulation.setup import Setup, set_up
+
+_CAPACITY = 256
+_CHUNK_SECONDS = 0.25
+
+
+class Progress(NamedTuple):
+    """How far a run is."""
+
+    label: str
+    time: float
+    """Simulated time so far (s)."""
+    duration: float
+    """Simulated time in all (s)."""
+    elapsed: float
+    """Time that it took so far (s)."""
+
+
+Report = Callable[[Progress], None]
+
+
+class SimulationError(RuntimeError):
+    """A run that could not be finished. ``result`` holds what was computed."""
+
+    def __init__(self, result: Result) -> None:
+        super().__init__(result.failure)
+        self.result = result
+
+
+def simulate(scenario: Scenario, *, report: Report | None = None) -> Result:
+    """Run a scenario; with a controller and ``control.compare``, also the same case without it.
+
+    Parameters
+    ----------
+    scenario
+        What to run.
+    report
+        Called between chunks of the run.
+
+    Raises
+    ------
+    SimulationError
+        If a time step or the equilibrium at the start could not be solved.
+    ValueError
+        If the scenario stands for several cases (`crinoid.Scenario.cases`).
+    """
+    result = play(scenario, report=report)
+    if result.failure:
+        raise SimulationError(result)
+    return result
+
+
+def play(
+    scenario: Scenario, *, report: Report | None = None, resume: Result | None = None
+) -> Result:
+    """Run a scenario to its end, a failure or an interruption; `Result.status` says which.
+
+    ``resume`` continues an earlier result of the same scenario from where it stopped; its duration
+    may have grown.
+    """
+    if scenario.vary:
+        raise ValueError("a scenario with [vary] stands for several cases: run scenario.cases()")
+    setup = set_up(scenario)
+    controlled = scenario.control.kind != "none"
+    label = "controlled" if controlled else "simulated"
+    result = _run(scenario, setup, label, report, resume)
+    if controlled and scenario.control.compare and not result.interrupted:
+        idle = setup._replace(
+            loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False))
+        )
+        earlier = resume.uncontrolled if resume is not None else None
+        result.uncontrolled = _run(scenario, idle, "uncontrolled", report, earlier)
+    return result
+
+
+def equilibrium(scenario: Scenario) -> Result:
+    """Find the static equilibrium of a scenario at time zero: a result with one instant.
+
+    Raises
+    ------
+    SimulationError
+        If none was found.
+    """
+    begun = time.perf_counter()
+    still = scenario.with_values({"simulation.start": "equilibrium", "control.kind": "none"})
+    setup = set_up(still)
+    carry, first = _begin(setup.loop, setup.state)
+    records = [jax.tree.map(lambda x: np.asarray(x)[None], first)]
+    result = _result(scenario, setup, carry, records, _start_failure(setup), begun, None)
+    if result.failure:
+        raise SimulationError(result)
+    return result
+
+
+def _run(
+    scenario: Scenario, setup: Setup, label: str, report: Report | None, earlier: Result | None
+) -> Result:
+    begun = time.perf_counter()
+    loop, stride = setup.loop, scenario.output_steps
+    carry, first = _begin(loop, setup.state)
+    records = [jax.tree.map(lambda x: np.asarray(x)[None], first)]
+    if earlier is not None:
+        records.clear()
+        carry = earlier.restore(carry)
+        begun -= earlier.dataset.attrs["wall_time"]
+    failure = _start_failure(setup)
+    duration = scenario.simulation.duration
+    done, total = int(carry.steps), scenario.simulation.steps
+    chunk = 8
+    with _Interruption() as interruption:
+        while done < total and not failure and not interruption.asked:
+            # up to the next instant that is kept, or several of them at once
+            steps = min(stride - done % stride, total - done)
+            count = min(chunk, _CAPACITY, (total - done) // stride) if steps == stride else 1
+            chunk_begun = time.perf_counter()
+            carry, kept, new, outcome = stretch(
+                loop, carry, jnp.asarray(count), jnp.asarray(steps), _CAPACITY
+            )
+            records.append(_first_of(kept, int(new)))
+            took = time.perf_counter() - chunk_begun
+            done += count * steps
+            chunk = max(1, int(min(count * _CHUNK_SECONDS / took, 4 * chunk)))
+            if not outcome.converged:
+                failure = _step_failure(scenario, carry, outcome)
+            if report is not None:
+                elapsed = time.perf_counter() - begun
+                report(Progress(label, float(carry.state.time), duration, elapsed))
+    if not failure and done < total:
+        failure = f"interrupted at t = {float(carry.state.time):.6g} s"
+    return _result(scenario, setup, carry, records, failure, begun, earlier)
+
+
+class _Interruption:
+    """Turns the first Ctrl-C into a request to stop after the chunk that is running."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __enter__(self) -> "_Interruption":
+        self._main = threading.current_thread() is threading.main_thread()
+        if self._main:
+            self._earlier = signal.signal(signal.SIGINT, self._ask)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._main:
+            signal.signal(signal.SIGINT, self._earlier)
+
+    def _ask(self, *_: object) -> None:
+        self.asked = True
+        signal.signal(signal.SIGINT, self._earlier)  # a second one stops at once
+
+
+def _first_of(kept: Record, count: int) -> Record:
+    return jax.tree.map(lambda x: np.asarray(x)[:count], kept)
+
+
+@eqx.filter_jit
+def _begin(loop: Loop, state: State) -> tuple[LoopState, Record]:
+    carry = loop.start(state)
+    return carry, record(loop, carry, start_tally())
+
+
+def _result(
+    scenario: Scenario,
+    setup: Setup,
+    carry: LoopState,
+    records: list[Record],
+    trouble: str,
+    begun: float,
+    earlier: Result | None,
+) -> Result:
+    checkpoint = [np.asarray(leaf) for leaf in jax.tree.leaves(carry)]
+    parts = [] if earlier is None else [earlier.dataset]
+    if records:
+        whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
+        parts.append(build_dataset(scenario, setup.loop.system, whole))
+    dataset = join(parts)
+    dataset.attrs = describe(scenario) | {
+        "status": trouble or "ok",
+        "wall_time": time.perf_counter() - begun,
+    }
+    return Result(dataset, checkpoint)
+
+
+def _start_failure(setup: Setup) -> str:
+    outcome = setup.outcome
+    if outcome.converged:
+        return ""
+    return (
+        f"failed at t = 0 s: no static equilibrium found, {_imbalance(outcome)}; "
+        'try simulation.start = "rest", loads that come on with ramp_time, or more arm.nodes'
+    )
+
+
+def _step_failure(scenario: Scenario, carry: LoopState, outcome: Outcome) -> str:
+    halvings = scenario.simulation.max_halvings
+    return (
+        f"failed at t = {float(carry.state.time):.6g} s: a time step could not be solved even "
+        f"after {halvings} halvings, {_imbalance(outcome)}; try a smaller simulation.time_step, "
+        "loads that come on with ramp_time, or more simulation.max_halvings"
+    )
+
+
+def _imbalance(outcome: Outcome) -> str:
+    return (
+        f"node {int(outcome.worst_node)} is out of balance by {float(outcome.residual):.3g} N "
+        f"among forces of up to {float(outcome.scale):.3g} N"
+    )

@@ -1,0 +1,123 @@
+"""From a scenario to a closed loop that is ready to run."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.interpolate import PchipInterpolator
+
+from crinoid.base import CHANNELS
+from crinoid.control import Clock, Controller, Idle, Pid, Sensor, Target
+from crinoid.dynamics import Outcome, State, System
+from crinoid.scenario import Scenario
+from crinoid.simulation.loop import Loop
+from crinoid.spline import PiecewiseCubic
+
+POSE = ("x", "z", "angle")
+"""The tip's coordinates, in the order of a pose."""
+
+# where the static Jacobian nearly loses a direction, its inverse would ask for wild commands
+_SMALLEST_SINGULAR_VALUE = 1e-3
+
+
+class Setup(NamedTuple):
+    """A loop and the state that it starts from."""
+
+    loop: Loop
+    state: State
+    outcome: Outcome
+    """Of the static solve; that of nothing to solve where the arm starts undeformed."""
+
+
+def set_up(scenario: Scenario) -> Setup:
+    """Assemble the loop of a scenario and find the arm's state at the start."""
+    system = scenario.system()
+    state, outcome, tip, jacobian = _start(system, scenario.simulation.start == "equilibrium")
+    loop = Loop(
+        system=system,
+        sensor=_sensor(scenario),
+        controller=_controller(scenario, np.asarray(jacobian)),
+        clock=Clock(jnp.asarray(1.0 / scenario.control_rate_hz)),
+        target=_target(scenario, np.asarray(tip)),
+        enabled=jnp.asarray(True),
+    )
+    return Setup(loop, state, outcome)
+
+
+@eqx.filter_jit
+def _start(
+    system: System, loaded: bool
+) -> tuple[State, Outcome, Float[Array, " pose"], Float[Array, "pose channel"]]:
+    state, outcome = system.equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
+    return state, outcome, system.tip(state), system.static_jacobian(state)
+
+
+def _target(scenario: Scenario, tip: np.ndarray) -> Target:
+    target = scenario.target
+    fixed = np.array(tip)
+    moving: tuple[int, ...] = ()
+    paths = []
+    if target.tip_path is not None:
+        moving += (0, 1)
+        paths.append(np.asarray(target.tip_path))
+    elif not isinstance(target.tip, str):
+        fixed[:2] = target.tip
+    if target.angle_path_deg is not None:
+        moving += (2,)
+        paths.append(np.deg2rad(target.angle_path_deg)[:, None])
+    elif not isinstance(target.angle_deg, str):
+        fixed[2] = np.deg2rad(target.angle_deg)
+    path = None
+    if moving:
+        # monotone between the points: the target does not swing out past them
+        path = PiecewiseCubic(PchipInterpolator(target.time, np.concatenate(paths, axis=1)))
+    return Target(jnp.asarray(fixed), path, moving)
+
+
+def _sensor(scenario: Scenario) -> Sensor:
+    sensor = scenario.sensor
+    rate = scenario.sensor_rate_hz
+    noise = [sensor.noise_position] * 2 + [np.deg2rad(sensor.noise_angle_deg)]
+    return Sensor(
+        clock=Clock(jnp.asarray(1.0 / rate)),
+        delay=jnp.asarray(sensor.delay),
+        noise=jnp.asarray(noise),
+        key=jax.random.key(scenario.seed),
+        kept=int(np.ceil(sensor.delay * rate - 1e-6)) + 1,
+    )
+
+
+def _controller(scenario: Scenario, jacobian: np.ndarray) -> Controller:
+    control = scenario.control
+    if control.kind == "none":
+        return Idle(len(CHANNELS))
+    driven = {CHANNELS.index(name): gains for name, gains in control.pid.present.items()}
+    limits = {
+        CHANNELS.index(name): channel.limits
+        for name, channel in scenario.base.channels.present.items()
+    }
+    mapping = np.zeros((len(CHANNELS), len(POSE)))
+    rows, columns = list(driven), [POSE.index(name) for name in control.controlled]
+    if control.mapping == "identity":
+        mapping[rows, rows] = 1.0  # x with slide, z with heave, angle with tilt
+    else:
+        needed = jacobian[np.ix_(columns, rows)]
+        mapping[np.ix_(rows, columns)] = np.linalg.pinv(needed, rcond=_SMALLEST_SINGULAR_VALUE)
+
+    def per_channel(values: dict[int, float]) -> Float[Array, " channel"]:
+        return jnp.asarray([values.get(index, 0.0) for index in range(len(CHANNELS))])
+
+    filter_time = {i: 0.5 / (np.pi * g.derivative_filter_hz) for i, g in driven.items()}
+    return Pid(
+        kp=per_channel({index: gains.kp for index, gains in driven.items()}),
+        ki=per_channel({index: gains.ki for index, gains in driven.items()}),
+        kd=per_channel({index: gains.kd for index, gains in driven.items()}),
+        filter_time=per_channel(filter_time),
+        mapping=jnp.asarray(mapping),
+        lower=per_channel({index: limit.low for index, limit in limits.items()}),
+        upper=per_channel({index: limit.high for index, limit in limits.items()}),
+        period=jnp.asarray(1.0 / scenario.control_rate_hz),
+    )
