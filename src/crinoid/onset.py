@@ -3,7 +3,6 @@
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 
 class Onset(eqx.Module):
@@ -16,7 +15,7 @@ class Onset(eqx.Module):
     start: Float[Array, "*count"]
     ramp_time: Float[Array, "*count"]
 
-    def __call__(self, time: Float[ArrayLike, ""]) -> Float[Array, "*count"]:
+    def __call__(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
         """Return the factor at ``time`` (s)."""
         since = time - self.start
         ramped = self.ramp_time > 0

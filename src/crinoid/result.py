@@ -6,21 +6,20 @@ import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from crinoid.base import CHANNELS
 from crinoid.dynamics import System
 from crinoid.elements import ENERGIES, WORKS
+from crinoid.record import Record
 from crinoid.scenario import Scenario
 from crinoid.version import __version__
-
-if TYPE_CHECKING:
-    from crinoid.simulation.record import Record
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
@@ -70,8 +69,8 @@ class Result:
 
     def restore(self, like: Tree) -> Tree:
         """Return the state at the end, in the shape of ``like``."""
-        leaves, shape = jax.tree.flatten(like)
-        return jax.tree.unflatten(shape, [jnp.asarray(leaf) for leaf in self.checkpoint])
+        leaves = [jnp.asarray(leaf) for leaf in self.checkpoint]
+        return jax.tree.unflatten(jax.tree.structure(like), leaves)
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``result.nc``, and ``uncontrolled.nc`` if there is one, and return their paths.
@@ -136,7 +135,7 @@ def _read(path: Path) -> Result:
         with xr.open_dataset(path, engine="netcdf4") as dataset:
             dataset.load()
         with xr.open_dataset(path, engine="netcdf4", group=_CHECKPOINT) as leaves:
-            checkpoint = [leaves[name].values for name in sorted(leaves.data_vars)]
+            checkpoint = [leaves[name].values for name in sorted(map(str, leaves.data_vars))]
     except FileNotFoundError:
         raise ResultError(f"{path}: no such result") from None
     except (OSError, ValueError) as error:
@@ -185,7 +184,7 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
     miss = kept.tip[:, :2] - kept.wanted[:, :2]
     axes = ("x", "z")
 
-    quantities: dict[str, tuple[tuple[str, ...], np.ndarray, str, str]] = {
+    quantities: dict[str, tuple[tuple[str, ...], ArrayLike, str, str]] = {
         "position": (("time", "node", "axis"), kept.position + origin, "m", "place of the nodes"),
         "velocity": (("time", "node", "axis"), kept.velocity, "m s-1", "velocity of the nodes"),
         "acceleration": (
@@ -302,9 +301,7 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
     return dataset
 
 
-def _curvature(
-    scenario: Scenario, system: System, kept: Record, tangent: np.ndarray
-) -> np.ndarray:
+def _curvature(scenario: Scenario, system: System, kept: Record, tangent: np.ndarray) -> np.ndarray:
     base = float(system.base.tilt) + kept.pose[:, 2]
     clamp = np.stack([np.cos(base), np.sin(base)], axis=1)[:, None]
     before = np.concatenate([clamp, tangent[:, :-1]], axis=1)

@@ -34,18 +34,18 @@ class Rod(eqx.Module):
     @staticmethod
     def round(
         *,
-        length: ArrayLike,
+        length: float | Array,
         nodes: int,
         radius: ArrayLike,
-        density: ArrayLike,
-        youngs_modulus: ArrayLike,
-        rest_curvature: ArrayLike = 0.0,
-        damping_time: ArrayLike = 0.0,
-        EA: ArrayLike | None = None,
-        EI: ArrayLike | None = None,
-        mass_per_length: ArrayLike | None = None,
-        diameter: ArrayLike | None = None,
-        displaced_area: ArrayLike | None = None,
+        density: float | Array,
+        youngs_modulus: float | Array,
+        rest_curvature: float | Array = 0.0,
+        damping_time: float | Array = 0.0,
+        EA: float | Array | None = None,
+        EI: float | Array | None = None,
+        mass_per_length: float | Array | None = None,
+        diameter: float | Array | None = None,
+        displaced_area: float | Array | None = None,
     ) -> "Rod":
         """Build an evenly divided arm of solid round sections.
 
@@ -56,7 +56,7 @@ class Rod(eqx.Module):
         along_edges = (along_nodes[1:] + along_nodes[:-1]) / 2
         root, tip = jnp.broadcast_to(jnp.asarray(radius, float), 2)
 
-        def section(given: ArrayLike | None, round_: Array) -> Array:
+        def section(given: float | Array | None, round_: Array) -> Array:
             return round_ if given is None else jnp.full(round_.shape, given, float)
 
         at_nodes = root + (tip - root) * along_nodes
@@ -94,7 +94,7 @@ class Rod(eqx.Module):
         half = self.rest_length / 2
         return jnp.pad(half, (0, 1)) + jnp.pad(half, (1, 0))
 
-    def rest_shape(self, tilt: Float[ArrayLike, ""]) -> Float[Array, "n 2"]:
+    def rest_shape(self, tilt: float | Array) -> Float[Array, "n 2"]:
         """Return the nodes of the arm without load, its root at the origin and pointing at `tilt`.
 
         The turn at a node is the one whose bending strain ``2 tan(turn / 2)`` is that of rest

@@ -4,7 +4,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 
 
@@ -23,7 +22,7 @@ class PiecewiseCubic(eqx.Module):
         self.knots = jnp.asarray(interpolant.x)
         self.coefficients = jnp.asarray(coefficients.reshape(*coefficients.shape[:2], -1))
 
-    def __call__(self, time: Float[ArrayLike, ""]) -> Float[Array, " c"]:
+    def __call__(self, time: Float[Array, ""] | float) -> Float[Array, " c"]:
         """Return the value at ``time`` (s)."""
         time = jnp.clip(time, self.knots[0], self.knots[-1])
         piece = jnp.clip(jnp.searchsorted(self.knots, time, side="right") - 1, 0, self._last)

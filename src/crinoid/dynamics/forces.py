@@ -60,7 +60,7 @@ class Forces(eqx.Module):
         else:
             flow_slopes = (jnp.zeros((num_nodes, size, size)),) * 2
 
-        def jacobian(element: Element, window: Motion, slopes: tuple[Array, Array]) -> Array:
+        def jacobian(element: Element, window: Motion, slopes: list[Array]) -> Array:
             def along(direction: Float[Array, "k b"]) -> Array:
                 velocity_slope, acceleration_slope = (
                     jnp.einsum("kij,kj->ki", slope, direction) for slope in slopes
@@ -82,10 +82,10 @@ class Forces(eqx.Module):
         blocks = []
         for element in self.elements:
             count = _count(element)
-            slopes = tuple(
+            slopes = [
                 jnp.stack([s[element.first + i :][:count] for i in range(element.stencil)], 1)
                 for s in flow_slopes
-            )
+            ]
             block = jax.vmap(jacobian)(element, _windows(element, motion), slopes)
             if element.external and load_factor is not None:
                 block = load_factor * block

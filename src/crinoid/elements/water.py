@@ -11,7 +11,6 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import smooth_speed, unit
@@ -37,7 +36,12 @@ class Drag(Element):
 
     @staticmethod
     def of(
-        rod: Rod, *, density: ArrayLike, normal: ArrayLike, tangential: ArrayLike, linear: ArrayLike
+        rod: Rod,
+        *,
+        density: float | Array,
+        normal: float | Array,
+        tangential: float | Array,
+        linear: float | Array,
     ) -> "Drag":
         """Build the drag of a rod; ``linear`` in N s/m2, the others are coefficients."""
         wetted = 0.5 * density * at_ends(rod.diameter)
@@ -80,7 +84,7 @@ class AddedMass(Element):
 
     @staticmethod
     def of(
-        rod: Rod, *, density: ArrayLike, normal: ArrayLike, tangential: ArrayLike
+        rod: Rod, *, density: float | Array, normal: float | Array, tangential: float | Array
     ) -> "AddedMass":
         """Build the added mass of a rod from its coefficients."""
         displaced = density * at_ends(rod.displaced_area) * rod.rest_length[:, None] / 2
@@ -111,7 +115,7 @@ class Weight(Element):
     """Downward force on each node (N)."""
 
     @staticmethod
-    def of(rod: Rod, *, density: ArrayLike, gravity: ArrayLike) -> "Weight":
+    def of(rod: Rod, *, density: float | Array, gravity: float | Array) -> "Weight":
         """Build the weight in water of a rod."""
         submerged = rod.mass_per_length - density * rod.displaced_area
         return Weight(1, submerged * rod.voronoi_length * gravity)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import equinox as eqx
@@ -27,15 +28,16 @@ from crinoid.flow import Flow, Gust, LogarithmicShear, PowerShear, Sine, Uniform
 from crinoid.onset import Onset
 from crinoid.rod import Rod
 from crinoid.scenario import flow as flows
-from crinoid.scenario import load as loads
 from crinoid.scenario import motion as motions
+from crinoid.scenario.load import DistributedLoad as DistributedTable
+from crinoid.scenario.load import TipLoad as TipTable
 from crinoid.spline import PiecewiseCubic
 
 if TYPE_CHECKING:
     from crinoid.scenario.arm import Arm
     from crinoid.scenario.scenario import Scenario
 
-_INTEGRATORS = {
+_INTEGRATORS: dict[str, Callable[..., Integrator]] = {
     "newmark": Integrator.newmark,
     "generalized-alpha": Integrator.generalized_alpha,
     "implicit-euler": Integrator.implicit_euler,
@@ -138,10 +140,10 @@ def _rod(arm: Arm) -> Numbers:
 
 
 def _load(
-    load: loads.DistributedLoad | loads.TipLoad,
+    load: DistributedTable | TipTable,
 ) -> tuple[type[DistributedLoad | TipLoad], Numbers]:
     onset = {"start": _array(load.start), "ramp_time": _array(load.ramp_time)}
-    if isinstance(load, loads.TipLoad):
+    if isinstance(load, TipTable):
         force = np.asarray(load.force)
         return TipLoad, onset | {
             "dead_force": _array(0 * force if load.follower else force),

@@ -7,5 +7,3 @@ from crinoid.simulation.run import SimulationError as SimulationError
 from crinoid.simulation.run import equilibrium as equilibrium
 from crinoid.simulation.run import play as play
 from crinoid.simulation.run import simulate as simulate
-from crinoid.simulation.study import Case as Case
-from crinoid.simulation.study import play_cases as play_cases

@@ -51,7 +51,9 @@ def set_up(scenario: Scenario) -> Setup:
 def _start(
     system: System, loaded: bool
 ) -> tuple[State, Outcome, Float[Array, " pose"], Float[Array, "pose channel"]]:
-    state, outcome = system.equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
+    state, outcome = (
+        system.equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
+    )
     return state, outcome, system.tip(state), system.static_jacobian(state)
 
 

@@ -1,4 +1,4 @@
-"""What of a run is kept, and the compiled stretch of time between two looks at it."""
+"""The compiled stretch of time between two looks at a run, and what it keeps."""
 
 import equinox as eqx
 import jax
@@ -6,30 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics import Outcome
+from crinoid.record import Record
 from crinoid.simulation.loop import Loop, LoopState
-
-
-class Record(eqx.Module):
-    """One saved instant. SI units; places are relative to the base's set position."""
-
-    time: Float[Array, "*t"]
-    position: Float[Array, "*t n b"]
-    velocity: Float[Array, "*t n b"]
-    acceleration: Float[Array, "*t n b"]
-    flow_velocity: Float[Array, "*t n b"]
-    tip: Float[Array, "*t pose"]
-    wanted: Float[Array, "*t pose"]
-    command: Float[Array, "*t channel"]
-    pose: Float[Array, "*t channel"]
-    base_force: Float[Array, "*t b"]
-    base_moment: Float[Array, "*t"]
-    energy: Float[Array, "*t kind"]
-    steps: Int[Array, "*t"]
-    """Time steps since the instant before, halved ones counted each."""
-    iterations: Int[Array, "*t"]
-    """Newton iterations since the instant before."""
-    residual: Float[Array, "*t"]
-    """Largest imbalance that a step since the instant before ended with (N)."""
 
 
 class Tally(eqx.Module):
@@ -120,6 +98,4 @@ def stretch(
         lambda x: jnp.zeros((capacity, *x.shape), x.dtype),
         jax.eval_shape(lambda: record(loop, carry, tally)),
     )
-    return jax.lax.while_loop(
-        unfinished, instant, (carry, room, jnp.asarray(0), tally.outcome)
-    )
+    return jax.lax.while_loop(unfinished, instant, (carry, room, jnp.asarray(0), tally.outcome))

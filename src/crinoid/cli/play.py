@@ -1,0 +1,186 @@
+"""Running and saving, with progress while it lasts and a table when it is over."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import jax
+import platformdirs
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from crinoid.cli.tables import cases_table, equilibrium_table, run_table
+from crinoid.metrics import deflection, settling_time, tip_error
+from crinoid.result import Result, ResultError
+from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.simulation import Progress as Reached
+from crinoid.simulation import SimulationError, equilibrium, play
+
+CASES = "cases.csv"
+
+
+def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:
+    """Run a scenario, save it and show what came of it; return what went wrong, if anything."""
+    keep_compiled_code()
+    if scenario.vary:
+        return _run_cases(scenario, folder, resume=resume, console=console)
+    earlier = _earlier(scenario, folder) if resume else None
+    with _bar(console) as bar:
+        result = play(scenario, report=_reporter(bar, ""), resume=earlier)
+        paths = result.save(folder)
+    console.print(run_table(result))
+    _say_where(console, paths)
+    return _trouble(result)
+
+
+def find_equilibrium(scenario: Scenario, folder: Path, *, console: Console) -> str:
+    """Find the equilibrium of a scenario, save and show it; return what went wrong, if anything."""
+    keep_compiled_code()
+    if scenario.vary:
+        text = "an equilibrium is that of one case; give its values with --set and leave out vary"
+        raise ScenarioError([Mistake("vary", text)])
+    try:
+        result = equilibrium(scenario)
+    except SimulationError as error:
+        result = error.result
+    paths = result.save(folder)
+    console.print(equilibrium_table(result))
+    _say_where(console, paths)
+    return _trouble(result)
+
+
+def keep_compiled_code() -> None:
+    """Keep compiled code in the user's own cache folder, so that the next start is faster.
+
+    Programs are read back and run from there: nobody else may write to it.
+    """
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    folder = platformdirs.user_cache_path("crinoid") / "compiled"
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        folder.chmod(0o700)
+    except OSError:
+        return  # a read-only home: compile anew every time
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    jax.config.update("jax_compilation_cache_max_size", 500_000_000)
+
+
+def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:
+    cases = scenario.cases()
+    digits = len(str(len(cases)))
+    rows: list[dict[str, Any]] = []
+    failures = []
+    with _bar(console) as bar:
+        for number, (values, case) in enumerate(cases, start=1):
+            name = f"case-{number:0{max(2, digits)}d}"
+            earlier = _earlier(case, folder / name) if resume else None
+            label = f"{number}/{len(cases)} "
+            result = play(case, report=_reporter(bar, label), resume=earlier)
+            result.save(folder / name)
+            rows.append(_row(name, values, result))
+            _write_cases(folder / CASES, rows)
+            if _trouble(result):
+                failures.append(f"{name}: {_trouble(result)}")
+            if result.interrupted:
+                break
+    console.print(cases_table(scenario, rows))
+    _say_where(console, [folder / CASES])
+    if rows[-1]["status"].startswith("interrupted"):
+        return f"interrupted in {name}"
+    return "; ".join(failures)
+
+
+def _row(name: str, values: dict[str, Any], result: Result) -> dict[str, Any]:
+    settled = settling_time(result)
+    other = result.uncontrolled
+    return {
+        "case": name,
+        **values,
+        "deflection": deflection(result),
+        "steady_error": tip_error(result).steady,
+        "rms_error": tip_error(result).rms,
+        "rms_error_uncontrolled": "" if other is None else tip_error(other).rms,
+        "settling_time": "" if settled is None else settled,
+        "status": result.failure or result.status,
+        "directory": name,
+    }
+
+
+def _write_cases(path: Path, rows: list[dict[str, Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _earlier(scenario: Scenario, folder: Path) -> Result | None:
+    """Find the result to go on from; none where there is nothing yet."""
+    if not (folder / "result.nc").exists():
+        return None
+    try:
+        earlier = Result.load(folder)
+    except ResultError as error:
+        raise ScenarioError([Mistake("--resume", str(error))]) from error
+    if earlier.failure:
+        text = f"the run in {folder} {earlier.failure.split(';')[0]}: it would fail there again"
+        raise ScenarioError([Mistake("--resume", text)])
+    longer = {"simulation.duration": scenario.simulation.duration}
+    if earlier.scenario.with_values(longer) != scenario:
+        text = f"the run in {folder} is of another scenario; only its duration may be changed"
+        raise ScenarioError([Mistake("--resume", text)])
+    return earlier
+
+
+def _trouble(result: Result) -> str:
+    if result.failure:
+        return result.failure
+    if result.interrupted:
+        stopped = result if result.status.startswith("interrupted") else result.uncontrolled
+        assert stopped is not None
+        return f"{stopped.status}; what there is has been saved, --resume goes on from there"
+    return ""
+
+
+def _say_where(console: Console, paths: list[Path]) -> None:
+    for path in paths:
+        console.print(f"wrote {path}", soft_wrap=True)
+    console.print(f"figures: crinoid report {paths[0].parent}", soft_wrap=True)
+
+
+@contextmanager
+def _bar(console: Console) -> Iterator[Progress]:
+    with Progress(
+        TextColumn("{task.description:>14}"),
+        BarColumn(),
+        TextColumn("{task.fields[reached]}"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    ) as bar:
+        bar.add_task("compiling", total=None, reached="")
+        yield bar
+
+
+def _reporter(bar: Progress, prefix: str) -> Any:
+    """Make the callback that moves the bar: simulated time, speed and time left."""
+    task = bar.task_ids[0]
+    label = ""
+
+    def report(reached: Reached) -> None:
+        nonlocal label
+        if reached.label != label:
+            label = reached.label
+            bar.reset(task, total=reached.duration, description=f"{prefix}{label}")
+        speed = reached.time / reached.elapsed
+        text = f"{reached.time:.1f} of {reached.duration:g} s, {speed:.0f} x real time"
+        bar.update(task, completed=reached.time, reached=text)
+
+    return report

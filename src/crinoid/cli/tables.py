@@ -1,0 +1,94 @@
+"""The tables that close a command."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from crinoid.metrics import tip_error
+from crinoid.result import Result
+from crinoid.scenario import Scenario
+
+
+def run_table(result: Result) -> Table:
+    """Sum up a run, beside the one without control if there is one."""
+    runs = [result] if result.uncontrolled is None else [result, result.uncontrolled]
+    table = Table(title=result.dataset.attrs["title"], title_justify="left")
+    table.add_column("")
+    controlled = result.scenario.control.kind != "none"
+    for name in ["controlled" if controlled else "value", "uncontrolled"][: len(runs)]:
+        table.add_column(name, justify="right")
+    if len(runs) == 2:
+        table.add_column("ratio", justify="right")
+
+    errors = [tip_error(run) for run in runs]
+
+    def lengths(name: str, values: list[float], *, ratio: bool = False) -> None:
+        cells = [f"{1e3 * value:.2f} mm" for value in values]
+        if ratio and len(values) == 2 and values[1] > 0:
+            cells.append(f"{values[0] / values[1]:.1%}")
+        table.add_row(name, *cells)
+
+    lengths("tip error, RMS", [error.rms for error in errors], ratio=True)
+    lengths("tip error, maximum", [error.maximum for error in errors], ratio=True)
+    lengths("tip error, last tenth", [error.steady for error in errors], ratio=True)
+    lengths("tip about its mean, RMS", [error.fluctuation for error in errors])
+    steps = [int(run.dataset["steps"].sum()) for run in runs]
+    iterations = [int(run.dataset["newton_iterations"].sum()) for run in runs]
+    table.add_row("simulated", *(f"{float(run.dataset.time[-1]):g} s" for run in runs))
+    table.add_row("time steps", *map(str, steps))
+    table.add_row(
+        "Newton iterations a step",
+        *(f"{count / max(1, n):.2f}" for count, n in zip(iterations, steps, strict=True)),
+    )
+    table.add_row("faster than real time", *(f"{_speed(run):.0f} x" for run in runs))
+    return table
+
+
+def equilibrium_table(result: Result) -> Table:
+    """Sum up an equilibrium."""
+    dataset = result.dataset
+    table = Table(title=dataset.attrs["title"], title_justify="left", show_header=False)
+    tip, force = dataset["tip_position"].values[0], dataset["base_force"].values[0]
+    table.add_row("tip", f"x {tip[0]:.6g} m, z {tip[1]:.6g} m")
+    table.add_row("tip direction", f"{np.rad2deg(float(dataset['tip_angle'][0])):.4g} degrees")
+    table.add_row("force on the submarine", f"x {force[0]:.4g} N, z {force[1]:.4g} N")
+    table.add_row("moment on the submarine", f"{float(dataset['base_moment'][0]):.4g} N m")
+    table.add_row("greatest tension", f"{float(dataset['tension'].max()):.4g} N")
+    table.add_row("greatest curvature", f"{float(np.abs(dataset['curvature']).max()):.4g} 1/m")
+    return table
+
+
+def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
+    """Compare the cases of a study."""
+    table = Table(title=scenario.title, title_justify="left")
+    table.add_column("case")
+    for key in scenario.vary:
+        table.add_column(key, justify="right")
+    for name in ("deflection", "steady error", "RMS, controlled", "RMS, not", "settled after"):
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(
+            row["case"],
+            *(_value(row[key]) for key in scenario.vary),
+            *(
+                _length(row[name])
+                for name in ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled")
+            ),
+            "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f} s",
+        )
+    return table
+
+
+def _value(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _length(value: Any) -> str:
+    return "" if value == "" else f"{1e3 * value:.2f} mm"
+
+
+def _speed(result: Result) -> float:
+    return float(result.dataset["time"][-1]) / max(1e-9, float(result.dataset.attrs["wall_time"]))

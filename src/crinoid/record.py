@@ -1,0 +1,27 @@
+"""What of a run is kept."""
+
+import equinox as eqx
+from jaxtyping import Array, Float, Int
+
+
+class Record(eqx.Module):
+    """One saved instant. SI units; places are relative to the base's set position."""
+
+    time: Float[Array, "*t"]
+    position: Float[Array, "*t n b"]
+    velocity: Float[Array, "*t n b"]
+    acceleration: Float[Array, "*t n b"]
+    flow_velocity: Float[Array, "*t n b"]
+    tip: Float[Array, "*t pose"]
+    wanted: Float[Array, "*t pose"]
+    command: Float[Array, "*t channel"]
+    pose: Float[Array, "*t channel"]
+    base_force: Float[Array, "*t b"]
+    base_moment: Float[Array, "*t"]
+    energy: Float[Array, "*t kind"]
+    steps: Int[Array, "*t"]
+    """Time steps since the instant before, halved ones counted each."""
+    iterations: Int[Array, "*t"]
+    """Newton iterations since the instant before."""
+    residual: Float[Array, "*t"]
+    """Largest imbalance that a step since the instant before ended with (N)."""
