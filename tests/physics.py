@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -19,8 +20,10 @@ def arm(
     *,
     nodes: int = 11,
     length: float = 1.0,
-    EA: float = 1e4,
-    EI: float = 1.0,
+    EA: float | None = 1e4,
+    EI: float | None = 1.0,
+    radius: ArrayLike = 1.0,
+    youngs_modulus: float = 1.0,
     mass_per_length: float = 1.0,
     diameter: float = 0.02,
     displaced_area: float = 0.0,
@@ -42,20 +45,23 @@ def arm(
     integrator: Integrator | None = None,
     time_step: float = 0.01,
     tolerance: float = 1e-10,
+    floor: float | None = None,
     max_iterations: int = 30,
     max_halvings: int = 8,
     origin: ArrayLike = (0.0, 0.0),
 ) -> System:
     """Build an arm; without further words a light, nearly inextensible one in a vacuum.
 
+    ``EA`` and ``EI`` of None are those of the round section of ``radius`` and ``youngs_modulus``.
+    ``floor`` replaces the imbalance (N) that Newton's method puts up with as round-off.
     ``limits``: rows lower, upper, speed, acceleration, bandwidth; columns slide, heave, tilt.
     """
     rod = Rod.round(
         length=length,
         nodes=nodes,
-        radius=1.0,
+        radius=radius,
         density=1.0,
-        youngs_modulus=1.0,
+        youngs_modulus=youngs_modulus,
         rest_curvature=rest_curvature,
         damping_time=damping_time,
         EA=EA,
@@ -87,6 +93,9 @@ def arm(
             ),
         ]
     elements += [load(rod) for load in loads]
+    settings = Settings.for_rod(rod, tolerance, max_iterations)
+    if floor is not None:
+        settings = eqx.tree_at(lambda s: s.floor, settings, jnp.asarray(floor, float))
     return System(
         rod=rod,
         forces=Forces(tuple(elements), Water(tuple(flows)), jnp.asarray(origin, float)),
@@ -97,7 +106,7 @@ def arm(
             tuple(motions),
         ),
         integrator=integrator or Integrator.newmark(),
-        settings=Settings.for_rod(rod, tolerance, max_iterations),
+        settings=settings,
         time_step=jnp.asarray(time_step, float),
         max_halvings=max_halvings,
     )
@@ -105,7 +114,7 @@ def arm(
 
 def always() -> Onset:
     """Return the onset of what is there from the start."""
-    return Onset(jnp.zeros(()), jnp.zeros(()))
+    return Onset.of()
 
 
 def order(errors: Sequence[float], refinement: float = 2.0) -> Array:

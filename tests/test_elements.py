@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from physics import always
 
 from crinoid.elements import (
     AddedMass,
@@ -18,6 +17,7 @@ from crinoid.elements import (
     TipLoad,
     Weight,
 )
+from physics import always
 
 EDGE = 0.1
 """Length of an edge at rest (m)."""
@@ -161,26 +161,21 @@ def test_rigid_motion_is_not_damped(name):
     x, z = np.asarray(motion.position).T
     velocity = jnp.asarray(np.stack([0.3 - 2.0 * z, -0.8 + 2.0 * x], axis=1))
     rigid = eqx.tree_at(lambda m: m.velocity, motion, velocity)
-    moving = power(element, motion)
-    np.testing.assert_allclose(power(element, rigid), 0, atol=1e-20 + 1e-25 * abs(moving))
+    # round-off of the rate, squared
+    assert abs(power(element, rigid)) < 1e-24 * abs(power(element, motion))
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_power_that_is_not_stored_is_that_of_the_force(name):
-    # what an element neither stores nor damps, it takes from outside
+def test_power_of_a_force_is_either_stored_or_counted(name):
     element = ALL[name]
     motion = random_motion(element.stencil, 2)
-    fed = -np.sum(residual(element, motion) * motion.velocity)
-    stored = {
-        "stretch": np.sum(energy_slope(stretch(), motion) * motion.velocity)
-        if name == "stretch"
-        else 0.0,
-        "bend": np.sum(energy_slope(bend(), motion) * motion.velocity) if name == "bend" else 0.0,
-        "weight": np.sum(energy_slope(element, motion) * motion.velocity),
+    if name == "inertia":
         # d/dt 1/2 m v^2 = m v . a
-        "inertia": 0.3 * np.sum(motion.velocity * motion.acceleration),
-    }.get(name, 0.0)
-    np.testing.assert_allclose(power(element, motion) - stored, fed, rtol=1e-11, atol=1e-13)
+        storing = 0.3 * np.sum(motion.velocity * motion.acceleration)
+    else:
+        storing = np.sum(energy_slope(element, motion) * motion.velocity)
+    fed = -np.sum(residual(element, motion) * motion.velocity)
+    np.testing.assert_allclose(storing - power(element, motion), -fed, rtol=1e-11, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -6,18 +6,33 @@ from jaxtyping import Array, Float
 
 
 class Onset(eqx.Module):
-    """A factor of time: 0 before ``start``, 1 once ``ramp_time`` has passed.
+    """A factor of time: 0 before ``start``, 1 once ``ramp_time`` has passed, 0 again from ``stop``.
 
     In between it follows half a cosine, so that what is ramped keeps a continuous rate; with no
-    ramp time it jumps.
+    ramp time, and when it stops, it jumps.
     """
 
     start: Float[Array, "*count"]
     ramp_time: Float[Array, "*count"]
+    stop: Float[Array, "*count"]
+    """Infinite for what stays."""
+
+    @staticmethod
+    def of(
+        start: float | Array = 0.0,
+        ramp_time: float | Array = 0.0,
+        stop: float | Array = jnp.inf,
+        *,
+        shape: tuple[int, ...] = (),
+    ) -> "Onset":
+        """Build the onset of ``shape`` windows that come on together."""
+        times = (start, ramp_time, stop)
+        return Onset(*(jnp.broadcast_to(jnp.asarray(time, float), shape) for time in times))
 
     def __call__(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
         """Return the factor at ``time`` (s)."""
         since = time - self.start
         ramped = self.ramp_time > 0
         progress = jnp.clip(since / jnp.where(ramped, self.ramp_time, 1.0), 0.0, 1.0)
-        return jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), since >= 0)
+        factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), since >= 0)
+        return jnp.where(time < self.stop, factor, 0.0)

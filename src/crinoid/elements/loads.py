@@ -38,17 +38,16 @@ class DistributedLoad(Element):
         tangential: ArrayLike = 0.0,
         normal: ArrayLike = 0.0,
         fixed: ArrayLike = (0.0, 0.0),
-        start: ArrayLike = 0.0,
-        ramp_time: ArrayLike = 0.0,
+        onset: Onset | None = None,
     ) -> "DistributedLoad":
-        """Build the load of a rod from its three parts (N/m)."""
+        """Build the load of a rod from its three parts (N/m), there from the start by default."""
         share = rod.rest_length / 2
         return DistributedLoad(
             1,
             jnp.asarray(tangential) * share,
             jnp.asarray(normal) * share,
             share[:, None] * jnp.asarray(fixed),
-            _onset(share.shape, start, ramp_time),
+            _repeated(onset, share.shape),
         )
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
@@ -82,16 +81,15 @@ class TipLoad(Element):
         dead_force: ArrayLike = (0.0, 0.0),
         follower_force: ArrayLike = (0.0, 0.0),
         moment: ArrayLike = 0.0,
-        start: ArrayLike = 0.0,
-        ramp_time: ArrayLike = 0.0,
+        onset: Onset | None = None,
     ) -> "TipLoad":
-        """Build the load (N, N m) on the tip of a rod."""
+        """Build the load (N, N m) on the tip of a rod, there from the start by default."""
         return TipLoad(
             rod.nodes - 2,
             jnp.asarray(dead_force, float)[None],
             jnp.asarray(follower_force, float)[None],
             jnp.asarray(moment, float)[None],
-            _onset((1,), start, ramp_time),
+            _repeated(onset, (1,)),
         )
 
     def residual(self, motion: Motion) -> Float[Array, "3 b"]:
@@ -104,8 +102,6 @@ class TipLoad(Element):
         return -self.onset(motion.time) * force
 
 
-def _onset(shape: tuple[int, ...], start: ArrayLike, ramp_time: ArrayLike) -> Onset:
-    return Onset(
-        jnp.broadcast_to(jnp.asarray(start, float), shape),
-        jnp.broadcast_to(jnp.asarray(ramp_time, float), shape),
-    )
+def _repeated(onset: Onset | None, shape: tuple[int, ...]) -> Onset:
+    onset = onset or Onset.of()
+    return Onset.of(onset.start, onset.ramp_time, onset.stop, shape=shape)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -86,7 +86,7 @@ def _array(value: object) -> Array:
     return jnp.asarray(np.asarray(value, float))
 
 
-Numbers = dict[str, Array]
+Numbers = dict[str, Any]
 
 
 @eqx.filter_jit  # one small program instead of many, and none of its own for each value
@@ -142,7 +142,8 @@ def _rod(arm: Arm) -> Numbers:
 def _load(
     load: DistributedTable | TipTable,
 ) -> tuple[type[DistributedLoad | TipLoad], Numbers]:
-    onset = {"start": _array(load.start), "ramp_time": _array(load.ramp_time)}
+    stop = np.inf if load.stop is None else load.stop
+    onset = {"onset": Onset(*map(_array, (load.start, load.ramp_time, stop)))}
     if isinstance(load, TipTable):
         force = np.asarray(load.force)
         return TipLoad, onset | {
@@ -161,7 +162,7 @@ def _load(
 
 
 def _flow(scenario: Scenario, flow: flows.Flow) -> Flow:
-    onset = Onset(_array(flow.start), _array(flow.ramp_time))
+    onset = Onset(*map(_array, (flow.start, flow.ramp_time, np.inf)))
     match flow:
         case flows.UniformFlow():
             return Uniform(onset, _array(flow.velocity))

@@ -76,6 +76,9 @@ class Control(Model):
     rate_hz: Hertz | None = Field(
         default=None, gt=0, description=f"Commands a second; {_DEFAULT_RATE}."
     )
+    start: Seconds = Field(
+        default=0.0, ge=0, description="When it is switched on; the base rests until then."
+    )
     controlled: Annotated[
         tuple[Coordinate, ...],
         AsTuple,

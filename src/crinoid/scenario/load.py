@@ -27,6 +27,13 @@ class _Load(Model):
     ramp_time: Seconds = Field(
         default=0.0, ge=0, description="How long it takes to reach full strength."
     )
+    stop: Seconds | None = Field(
+        default=None, gt=0, description="When it is taken off; never if left out."
+    )
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if self.stop is not None and self.stop <= self.start:
+            yield Mistake("stop", f"got {self.stop}, takes a time after start = {self.start} (s)")
 
 
 class DistributedLoad(_Load):
@@ -41,6 +48,7 @@ class DistributedLoad(_Load):
     magnitude: Annotated[float, Quantity("N/m")] = Field(description="Force on a metre of arm.")
 
     def _conflicts(self) -> Iterator[Mistake]:
+        yield from super()._conflicts()
         if self.direction == (0.0, 0.0):
             yield Mistake("direction", f"got {shown(self.direction)}, takes a vector that is not 0")
 
@@ -58,6 +66,7 @@ class TipLoad(_Load):
     follower: bool = Field(default=False, description="Whether the force turns with the tip.")
 
     def _conflicts(self) -> Iterator[Mistake]:
+        yield from super()._conflicts()
         if not self.model_fields_set & {"force", "moment"}:
             yield Mistake("force", "missing, a tip load takes force, moment or both")
 

@@ -34,7 +34,9 @@ class Loop(eqx.Module):
     sensor: Sensor
     controller: Controller
     clock: Clock
-    """Of the controller."""
+    """Of the controller, from when it is switched on."""
+    switched_on: Float[Array, ""]
+    """When the controller is switched on (s)."""
     target: Target
     enabled: Bool[Array, ""]
     """Where false the commands stay zero: the same compiled loop runs without control."""
@@ -55,11 +57,12 @@ class Loop(eqx.Module):
         """Advance by one time step; sensor and controller act if their time has come."""
         time = carry.state.time
         sensor = self.sensor.sample(carry.sensor, self.system.tip(carry.state), time)
-        due = self.clock.due(carry.ticks, time)
-        command, memory = self.controller.command(
-            carry.memory, self.sensor.reading(sensor, time), self.target(time)
-        )
-        memory = jax.tree.map(lambda new, old: jnp.where(due, new, old), memory, carry.memory)
+        reading = self.sensor.reading(sensor, time)
+        due = self.clock.due(carry.ticks, time - self.switched_on)
+        first = due & (carry.ticks == 0)
+        before = _choose(first, self.controller.start(reading), carry.memory)
+        command, memory = self.controller.command(before, reading, self.target(time))
+        memory = _choose(due, memory, carry.memory)
         command = jnp.where(due, jnp.where(self.enabled, command, 0.0), carry.command)
         state, progress = self.system.advance(carry.state, command)
         steps = carry.steps + progress.outcome.converged
@@ -67,3 +70,7 @@ class Loop(eqx.Module):
         counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, state.time)
         state = eqx.tree_at(lambda s: s.time, state, counted)
         return LoopState(state, sensor, memory, carry.ticks + due, command, steps), progress
+
+
+def _choose(condition: Bool[Array, ""], new: Any, old: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)

@@ -41,6 +41,7 @@ def set_up(scenario: Scenario) -> Setup:
         sensor=_sensor(scenario),
         controller=_controller(scenario, np.asarray(jacobian)),
         clock=Clock(jnp.asarray(1.0 / scenario.control_rate_hz)),
+        switched_on=jnp.asarray(scenario.control.start),
         target=_target(scenario, np.asarray(tip)),
         enabled=jnp.asarray(True),
     )

@@ -1,0 +1,617 @@
+"""The arm in time: frequencies, damping, orders of convergence, energy, base motion, recovery."""
+
+from collections.abc import Callable
+from functools import cache
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+from numpy.typing import ArrayLike
+from physics import always, arm, order
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.linalg import eigh
+from scipy.special import ellipk
+
+from crinoid.base import BaseMotion, SineMotion, TableMotion
+from crinoid.dynamics import Integrator, Outcome, Progress, State, System
+from crinoid.dynamics.integrator import Stage
+from crinoid.elements import ENERGIES, WORKS, DistributedLoad, Element, TipLoad
+from crinoid.flow import Flow, Gust, PowerShear, Sine, Uniform
+from crinoid.onset import Onset
+from crinoid.rod import Rod
+from crinoid.spline import PiecewiseCubic
+
+CANTILEVER = np.array([1.8751041, 4.6940911, 7.8547574])
+"""beta L: roots of cos(x) cosh(x) = -1 (Blevins 1979, table 8-1)."""
+STILL = np.zeros(3)
+CHUNK = 250
+"""Steps of one compiled run that keeps every state."""
+
+# --- how an arm is run: compiled once for each make of arm, whatever its numbers ---------------
+
+
+@eqx.filter_jit
+def rest(system: System, time: ArrayLike = 0.0) -> State:
+    return system.rest(time)
+
+
+@eqx.filter_jit
+def equilibrium(system: System) -> tuple[State, Outcome]:
+    return system.equilibrium()
+
+
+@eqx.filter_jit
+def advance(system: System, state: State, step: Array) -> tuple[State, Progress]:
+    return system.advance(state, jnp.zeros(3), step)
+
+
+@eqx.filter_jit
+def _march(system: System, state: State, command: Array, steps: Array, step: Array):
+    def once(_, carry):
+        state, good = carry
+        state, outcome = system.step(state, command, step)
+        return state, good & outcome.converged
+
+    return jax.lax.fori_loop(0, steps, once, (state, jnp.asarray(True)))
+
+
+def march(
+    system: System, state: State, *, until: float, steps: int, command: ArrayLike = STILL
+) -> State:
+    """Return the state after equal steps, none of which may fail."""
+    step = (until - float(state.time)) / steps
+    state, good = _march(system, state, jnp.asarray(command), jnp.asarray(steps), jnp.asarray(step))
+    assert good
+    assert float(state.time) == pytest.approx(until, rel=1e-12)
+    return state
+
+
+@eqx.filter_jit
+def _track(system: System, state: State, step: Array):
+    def once(state, _):
+        state, outcome = system.step(state, jnp.zeros(3), step)
+        return state, (state, outcome)
+
+    return jax.lax.scan(once, state, None, length=CHUNK)[1]
+
+
+def track(system: System, state: State, step: float, chunks: int = 1) -> tuple[State, Outcome]:
+    """Return the states after each of ``chunks * CHUNK`` steps, and how the steps went."""
+    parts = []
+    for _ in range(chunks):
+        parts.append(_track(system, state, jnp.asarray(step)))
+        state = jax.tree.map(lambda leaf: leaf[-1], parts[-1][0])
+    states, outcomes = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    assert outcomes.converged.all()
+    return states, outcomes
+
+
+def imbalance(system: System, state: State) -> tuple[np.ndarray, float]:
+    """Return the residual of all nodes in a state and the largest single force in it."""
+    none = jnp.zeros(())
+    stage = Stage(
+        state.time, state.position, state.velocity, state.acceleration, none, none, none
+    )
+    motion = system.forces.motion(stage, jnp.zeros_like(state.position))
+    residual, scale = system.forces.residual(motion)
+    return np.asarray(residual), float(scale)
+
+
+# --- makes of arms -----------------------------------------------------------------------------
+
+
+def polynomial(channel: int, speed: float = 0.0, acceleration: float = 0.0) -> TableMotion:
+    """A channel that moves as ``speed t + acceleration t^2 / 2`` for -1 s < t < 3 s."""
+    knots = np.arange(-1.0, 4.0)
+    # a cubic spline through points of a parabola is the parabola
+    table = CubicSpline(knots, speed * knots + 0.5 * acceleration * knots**2)
+    return TableMotion(channel, PiecewiseCubic(table))
+
+
+def carried(
+    *,
+    speed: ArrayLike = (0.0, 0.0),
+    acceleration: ArrayLike = (0.0, 0.0),
+    turning: float = 0.0,
+    spin_up: float = 0.0,
+    current: ArrayLike = (0.0, 0.0),
+    **properties: object,
+) -> System:
+    """Build an arm under water on a base that slides, heaves and turns; in a uniform current."""
+    speed, acceleration = np.asarray(speed, float), np.asarray(acceleration, float)
+    return arm(
+        water_density=1000.0,
+        motions=(
+            polynomial(0, speed[0], acceleration[0]),
+            polynomial(1, speed[1], acceleration[1]),
+            polynomial(2, turning, spin_up),
+        ),
+        flows=(Uniform(always(), jnp.asarray(current, float)),),
+        **properties,
+    )
+
+
+def _everything(
+    integrator: Integrator | None = None, depth: float = 0.0, tolerance: float = 1e-12
+) -> System:
+    """Build an arm on which everything acts at once."""
+    number = jnp.asarray
+    flows: tuple[Flow, ...] = (
+        Uniform(always(), number([0.2, 0.1])),
+        Sine(always(), number([0.1, 0.3]), number(1.3), number(0.4)),
+        PowerShear(
+            always(), number([0.3, 0.0]), number(5.0), number(-depth - 5.0), number(1.0 / 7.0)
+        ),
+        Gust(Onset(number(0.0), number(0.3)), number([0.3, -0.2]), number(0.8)),
+    )
+    motions: tuple[BaseMotion, ...] = (
+        SineMotion(1, number(0.05), number(0.9), number(0.3)),
+        SineMotion(2, number(0.2), number(0.6), number(0.0)),
+        SineMotion(0, number(0.03), number(1.4), number(1.0)),
+    )
+    loads: tuple[Callable[[Rod], Element], ...] = (
+        lambda rod: DistributedLoad.of(
+            rod, tangential=0.1, normal=0.3, fixed=(0.2, 0.3), ramp_time=0.5
+        ),
+        lambda rod: TipLoad.of(
+            rod, dead_force=(0.2, 0.1), follower_force=(0.1, 0.3), moment=0.1, ramp_time=0.4
+        ),
+    )
+    return arm(
+        EA=1e3,
+        gravity=9.81,
+        water_density=1000.0,
+        displaced_area=8e-4,
+        diameter=0.032,
+        added_mass_tangential=0.2,
+        linear_drag=0.5,
+        damping_time=0.05,
+        flows=flows,
+        motions=motions,
+        loads=loads,
+        origin=(0.0, -depth),
+        integrator=integrator,
+        tolerance=tolerance,
+    )
+
+
+# --- vibration ---------------------------------------------------------------------------------
+
+
+@eqx.filter_jit
+def _tangents(system: System, state: State) -> tuple[Array, Array]:
+    none, one = jnp.zeros(()), jnp.ones(())
+    zero = jnp.zeros_like(state.position)
+
+    def tangent(by_position: Array, by_acceleration: Array) -> Array:
+        stage = Stage(
+            state.time, state.position, zero, zero, by_position, none, by_acceleration
+        )
+        return system.forces.tangent(stage, system.forces.motion(stage, zero))
+
+    return tangent(one, none), tangent(none, one)
+
+
+def vibrations(system: System) -> tuple[np.ndarray, np.ndarray]:
+    """Return circular frequencies (rad/s) and transverse shapes of a straight arm along x."""
+
+    def transverse(bands: Array) -> np.ndarray:
+        nodes = bands.shape[0]
+        dense = np.zeros((nodes, nodes))
+        for node in range(nodes):
+            for offset in range(-2, 3):
+                if 0 <= node + offset < nodes:
+                    dense[node, node + offset] = bands[node, offset + 2, 1, 1]
+        return dense[2:, 2:]
+
+    stiffness, mass = map(transverse, _tangents(system, rest(system)))
+    squared, shapes = eigh(stiffness, mass)
+    return np.sqrt(squared), shapes
+
+
+def ring_down(system: System, mode: int, step: float) -> complex:
+    """Return the pole (1/s) with which one small-amplitude mode rings in a simulation.
+
+    The trapezoid rule maps a pole ``s`` to ``z = (1 + s h / 2) / (1 - s h / 2)`` exactly (Tustin),
+    so undoing that map leaves no error of the time step. ``z`` comes from the two-term recurrence
+    of the tip's motion, which is the logarithmic decrement and the period in one.
+    """
+    frequency, shapes = vibrations(system)
+    shape = shapes[:, mode] / np.abs(shapes[:, mode]).max()
+    velocity = np.zeros((shape.size + 2, 2))
+    velocity[2:, 1] = 1e-3 * shape  # so slow that the nonlinear terms are 1e-6 of the linear
+    # Kelvin-Voigt damping of a mode is damping_time omega^2 times its velocity
+    slowing = -float(system.rod.damping_time) * frequency[mode] ** 2 * velocity
+    state = eqx.tree_at(
+        lambda s: (s.velocity, s.acceleration),
+        rest(system),
+        (jnp.asarray(velocity), jnp.asarray(slowing)),
+    )
+    tip = track(system, state, step)[0].position[:, -1, 1]
+    (twice, minus), *_ = np.linalg.lstsq(np.stack([tip[1:-1], tip[:-2]], 1), tip[2:], rcond=None)
+    z = np.roots([1.0, -twice, -minus])
+    s = 2.0 / step * (z - 1.0) / (z + 1.0)
+    return complex(s[np.argmax(s.imag)])
+
+
+def test_cantilever_frequencies_converge_at_order_two():
+    errors = []
+    for nodes in (11, 21, 41):
+        frequency, _ = vibrations(arm(nodes=nodes))  # EI = m = L = 1: omega = (beta L)^2
+        errors.append(np.abs(np.sqrt(frequency[:3]) / CANTILEVER - 1.0))
+    errors = np.array(errors)
+    for mode in range(3):
+        assert order(errors[:, mode]) == pytest.approx(2.0, abs=0.1)
+    assert np.all(errors[-1] < [2e-4, 5e-4, 1.5e-3])
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_simulated_mode_rings_at_its_frequency_and_damping(mode):
+    damping_time = 0.01
+    system = arm(damping_time=damping_time, tolerance=1e-12)
+    frequency = vibrations(system)[0][mode]
+    pole = ring_down(system, mode, step=0.2 / frequency)
+    assert abs(pole) == pytest.approx(frequency, rel=1e-5)
+    assert abs(pole) == pytest.approx(CANTILEVER[mode] ** 2, rel=2e-2)  # at N = 11
+    assert -pole.real / abs(pole) == pytest.approx(damping_time * frequency / 2, rel=1e-4)
+
+
+def test_water_lowers_the_frequencies():
+    # m = 1 kg/m, rho A = 0.6 kg/m, Ca = 1.5
+    dry = arm()
+    wet = arm(
+        water_density=1000.0, displaced_area=6e-4, added_mass_normal=1.5, drag_normal=0.0,
+        tolerance=1e-12,
+    )  # fmt: skip
+    expected = np.sqrt(1.0 / (1.0 + 1.5 * 0.6))
+    ratio = vibrations(wet)[0][:3] / vibrations(dry)[0][:3]
+    assert ratio == pytest.approx(expected, rel=1e-9)
+    pole = ring_down(wet, 0, step=0.05)
+    assert abs(pole) == pytest.approx(expected * vibrations(dry)[0][0], rel=1e-5)
+    assert pole.real == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_stiff_arm_on_a_pin_swings_as_a_physical_pendulum():
+    # released horizontally: a quarter of a swing takes K(k^2 = 1/2) / omega, with
+    # omega^2 = m g (L / 2) / J; J of the lumped masses is m L^2 (1/3 + 1/(6 edges^2))
+    system = arm(EI=1e5, EA=1e7, pinned=True, gravity=9.81, tolerance=1e-12)
+    states, _ = track(system, rest(system), 1e-3, chunks=2)
+    tip = CubicHermiteSpline(
+        states.time, states.position[:, -1, 0], states.velocity[:, -1, 0], extrapolate=False
+    )
+    lumped = 1.0 / 3.0 + 1.0 / (6.0 * 10**2)
+    quarter = ellipk(0.5) / np.sqrt(9.81 * 0.5 / lumped)
+    assert tip.roots()[0] == pytest.approx(quarter, rel=2e-5)
+
+
+# --- motion in water ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("tilt", "added"), [(0.0, 1.3), (np.pi / 2, 0.2)], ids=["broadside", "along"]
+)
+def test_a_submerged_body_rises_with_its_buoyant_acceleration(tilt, added):
+    # (rho V - m) g / (m + Ca rho V): a base that rises just so carries nothing
+    mass, displaced, gravity = 0.4, 1.0, 9.81
+    rising = (displaced - mass) * gravity / (mass + added * displaced)
+    system = carried(
+        acceleration=(0.0, rising), tilt=tilt, mass_per_length=mass, displaced_area=1e-3,
+        added_mass_normal=1.3, added_mass_tangential=0.2, drag_normal=0.0, drag_tangential=0.0,
+        gravity=gravity, EI=0.01,
+    )  # fmt: skip
+    state = rest(system)
+    assert np.asarray(state.acceleration[1:, 1]) == pytest.approx(rising, rel=1e-10)
+    for moved in (state, march(system, state, until=0.5, steps=50)):
+        assert np.asarray(moved.base_force) == pytest.approx(0.0, abs=1e-8)
+        assert float(moved.base_moment) == pytest.approx(0.0, abs=1e-8)
+        shape = np.asarray(moved.position - moved.position[1])
+        assert shape == pytest.approx(np.asarray(state.position - state.position[1]), abs=1e-9)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, -1.0])
+def test_broadside_cylinder_sinks_at_its_terminal_speed(share):
+    diameter, heavier, drag, gravity = 0.01, 1.2, 1.1, 9.81
+    terminal = np.sqrt(np.pi * diameter * gravity * (heavier - 1.0) / (2.0 * drag))
+    assert terminal == pytest.approx(0.16738, abs=5e-6)
+    area = np.pi / 4 * diameter**2
+    system = carried(
+        speed=(0.0, -share * terminal), mass_per_length=heavier * 1000.0 * area,
+        displaced_area=area, diameter=diameter, drag_normal=drag, gravity=gravity, EI=1e4,
+    )  # fmt: skip
+    weight = (heavier - 1.0) * 1000.0 * area * gravity
+    carries = -weight * (1.0 - share * abs(share))
+    state = rest(system)
+    # to begin with the base carries no more than the half edge at the root, unlike in the end
+    moved = march(system, state, until=0.5, steps=50)
+    if share == 1.0:
+        assert np.asarray(state.acceleration) == pytest.approx(0.0, abs=1e-10)
+        assert np.asarray(moved.base_force) == pytest.approx(0.0, abs=1e-10)
+    else:
+        settled = equilibrium(carried(
+            current=(0.0, share * terminal), mass_per_length=heavier * 1000.0 * area,
+            displaced_area=area, diameter=diameter, drag_normal=drag, gravity=gravity, EI=1e4,
+        ))[0]  # fmt: skip
+        assert float(settled.base_force[1]) == pytest.approx(carries, rel=1e-5)
+
+
+def test_an_arm_carried_through_still_water_is_an_arm_in_a_current():
+    speed = np.array([0.4, -0.25])
+    properties = {
+        "EI": 0.05, "gravity": 9.81, "mass_per_length": 0.9, "displaced_area": 8e-4,
+        "diameter": 0.03, "damping_time": 0.02, "tilt": 0.3, "tolerance": 1e-13,
+    }  # fmt: skip
+    moving = carried(speed=speed, **properties)
+    standing = carried(current=-speed, **properties)
+    moved = march(moving, rest(moving), until=1.0, steps=100)
+    stood = march(standing, rest(standing), until=1.0, steps=100)
+    assert np.asarray(moved.position[1]) == pytest.approx(speed, abs=1e-12)
+    bent = np.asarray(stood.position - rest(standing).position)
+    assert np.abs(bent).max() > 0.1
+    assert np.asarray(moved.position - moved.position[1]) == pytest.approx(
+        np.asarray(stood.position), abs=1e-9
+    )
+    assert np.asarray(moved.velocity - moved.velocity[1]) == pytest.approx(
+        np.asarray(stood.velocity), abs=1e-8
+    )
+    assert np.asarray(moved.base_force) == pytest.approx(np.asarray(stood.base_force), abs=1e-7)
+
+
+# --- what the base feels -----------------------------------------------------------------------
+
+
+def test_at_rest_the_base_carries_the_weight_and_its_lever():
+    system = carried(mass_per_length=0.7, displaced_area=2e-4, gravity=9.81)
+    state, outcome = equilibrium(system)
+    assert outcome.converged
+    weight = (0.7 - 0.2) * 9.81  # in water; L = 1
+    assert np.asarray(state.base_force) == pytest.approx([0.0, -weight], abs=1e-8)
+    share = np.asarray(system.rod.voronoi_length) * weight
+    lever = np.asarray(state.position[1:, 0])
+    # positive from +x toward +z: weight on an arm along +x turns the base the other way
+    assert float(state.base_moment) == pytest.approx(-np.sum(share * lever), abs=1e-8)
+    assert float(state.base_moment) < -0.4 * weight
+
+
+def test_steady_acceleration_is_a_weight():
+    # d'Alembert: the shape that hangs in gravity rides along on a base that accelerates upward
+    hanging, _ = equilibrium(carried(gravity=6.0, damping_time=0.1))
+    system = carried(acceleration=(0.0, 6.0), damping_time=0.1, tolerance=1e-12)
+    state = eqx.filter_jit(lambda s, q: s._begin(jnp.zeros(()), q))(system, hanging.position)
+    # without water to displace or drag (a slender arm of no area) the force is m a
+    state = eqx.filter_jit(lambda s, q: s._begin(jnp.zeros(()), q))(system, hanging.position)
+    assert np.asarray(state.acceleration[:, 1]) == pytest.approx(6.0, abs=1e-6)
+    assert np.asarray(state.base_force) == pytest.approx([0.0, -6.0], abs=1e-7)  # m = 1 kg
+    assert float(state.base_moment) == pytest.approx(float(hanging.base_moment), abs=1e-7)
+
+
+# --- order in the time step --------------------------------------------------------------------
+
+
+def _swing(integrator: Integrator, steps: int) -> np.ndarray:
+    """Return where a heavy, damped arm is 0.8 s after it was let go horizontally."""
+    system = arm(EA=1e3, gravity=10.0, damping_time=0.02, integrator=integrator, tolerance=1e-12)
+    return np.asarray(march(system, rest(system), until=0.8, steps=steps).position)
+
+
+@cache
+def _fine_swing() -> np.ndarray:
+    return _swing(Integrator.newmark(), 12800)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "expected", "within"),
+    [
+        (Integrator.newmark(), 2.0, 0.02),
+        (Integrator.generalized_alpha(0.8), 2.0, 0.02),
+        (Integrator.generalized_alpha(0.2), 2.0, 0.1),
+        (Integrator.implicit_euler(), 1.0, 0.05),
+    ],
+    ids=["newmark", "alpha-0.8", "alpha-0.2", "implicit-euler"],
+)
+def test_order_in_the_time_step_on_a_large_swing(integrator, expected, within):
+    # all against one reference, so all converge to the same motion; w L^3 / EI = 10
+    assert _fine_swing()[-1, 1] < -0.8
+    errors = [np.abs(_swing(integrator, steps) - _fine_swing()).max() for steps in (200, 400, 800)]
+    assert order(errors) == pytest.approx(expected, abs=within)
+    assert errors[-1] < (1e-2 if expected == 1.0 else 1e-4)
+
+
+# --- energy ------------------------------------------------------------------------------------
+
+
+def test_energy_of_an_undamped_swing_stays_in_a_band():
+    # 1e4 steps of 0.01 s, about 20 swings of the arm let go horizontally; its energy is zero
+    system = arm(gravity=10.0, tolerance=1e-12)
+    states, _ = track(system, rest(system), 0.01, chunks=10_000 // CHUNK)
+    kinetic = states.energy[:, ENERGIES.index("kinetic")].max()
+    total = states.energy.sum(axis=1) / kinetic
+    assert kinetic > 1.8
+    assert np.abs(total).max() < 1.2e-3
+    first, last = total[:1000], total[-1000:]
+    assert np.ptp(last) < 1.1 * np.ptp(first)
+    assert last.mean() == pytest.approx(first.mean(), abs=0.05 * np.ptp(first))
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [Integrator.newmark(), Integrator.generalized_alpha(0.8)],
+    ids=["newmark", "alpha-0.8"],
+)
+def test_energy_audit_closes_at_order_two(integrator):
+    defects, works = [], []
+    for steps in (200, 400, 800):
+        system = _everything(integrator)
+        start = rest(system)
+        end = march(system, start, until=1.0, steps=steps)
+        stored = float(jnp.sum(end.energy - start.energy))
+        defects.append(stored - float(jnp.sum(end.work)))
+        works.append(np.asarray(end.work))
+    assert np.abs(works[-1]).min() > 0.01  # J: drag, damping, base, loads, added mass all work
+    assert order(np.abs(defects)) == pytest.approx(2.0, abs=0.05)
+    assert abs(defects[-1]) < 1e-4 * np.abs(works[-1]).sum()
+
+
+def test_each_work_converges_at_order_two_in_generalized_alpha():
+    # the sum may hide an error of two works against each other
+    def work(integrator: Integrator, steps: int) -> np.ndarray:
+        system = _everything(integrator)
+        return np.asarray(march(system, rest(system), until=1.0, steps=steps).work)
+
+    exact = work(Integrator.newmark(), 6400)
+    errors = [
+        np.abs(work(Integrator.generalized_alpha(0.8), steps) - exact) for steps in (200, 400, 800)
+    ]
+    for name, error in zip(WORKS, np.transpose(errors), strict=True):
+        assert order(error) == pytest.approx(2.0, abs=0.2), name
+
+
+def test_energy_audit_closes_when_servos_move_the_base():
+    command = np.array([0.02, -0.03, 0.1])
+    defects = []
+    for steps in (200, 400, 800):
+        system = arm(EA=1e3, gravity=9.81, damping_time=0.05, tolerance=1e-12)
+        start = rest(system)
+        end = march(system, start, until=1.0, steps=steps, command=command)
+        defects.append(float(jnp.sum(end.energy - start.energy) - jnp.sum(end.work)))
+    assert float(end.work[WORKS.index("actuation")]) > 0.0
+    assert order(np.abs(defects)) == pytest.approx(2.0, abs=0.2)
+
+
+def test_still_water_and_damping_only_take_energy():
+    system = carried(gravity=9.81, displaced_area=1e-4, damping_time=0.05)
+    states, _ = track(system, rest(system), 0.004)
+    for name in ("drag", "damping"):
+        assert states.power[:, WORKS.index(name)].max() <= 0.0
+        assert states.work[-1, WORKS.index(name)] < -0.01
+
+
+# --- start, base motion ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("time", [0.0, 0.37])
+def test_initial_acceleration_balances_the_forces(time):
+    # on a base that moves in all its channels, in a current that changes
+    system = _everything()
+    state = rest(system, time)
+    residual, scale = imbalance(system, state)
+    assert np.abs(residual[2:]).max() < 1e-12 * scale
+    assert np.abs(np.asarray(state.acceleration)).max() > 1.0
+    force = -residual[:2].sum(axis=0)
+    assert np.asarray(state.base_force) == pytest.approx(force, abs=1e-12)
+
+
+def test_initial_velocity_is_that_of_the_base():
+    system = _everything()
+    state = rest(system, 0.37)
+    (dx, dz, turn), (vx, vz, spin), _ = map(
+        np.asarray, system.base.pose(state.time, system.base.servo.at_rest())
+    )
+    reach = np.linspace(0.0, 1.0, 11)[:, None]
+    along = np.array([np.cos(turn), np.sin(turn)])
+    across = np.array([-np.sin(turn), np.cos(turn)])
+    assert np.asarray(state.position[1:]) == pytest.approx([dx, dz] + reach * along, abs=1e-12)
+    assert np.asarray(state.velocity[1:]) == pytest.approx(
+        [vx, vz] + reach * spin * across, abs=1e-12
+    )
+
+
+def test_the_root_follows_the_prescribed_motion():
+    system = _everything()
+    states, _ = track(system, rest(system), 0.004)
+    for channel, axis in ((1, 1), (0, 0)):
+        (motion,) = (m for m in system.base.motions if m.channel == channel)
+        rate = 2 * np.pi * float(motion.frequency)
+        angle = rate * states.time + float(motion.phase)
+        amplitude = float(motion.amplitude)
+        assert states.position[:, 1, axis] == pytest.approx(amplitude * np.sin(angle), abs=1e-13)
+        assert states.velocity[:, 1, axis] == pytest.approx(
+            amplitude * rate * np.cos(angle), abs=1e-12
+        )
+        assert states.acceleration[:, 1, axis] == pytest.approx(
+            -amplitude * rate**2 * np.sin(angle), abs=1e-11
+        )
+    # the ghost edge turns with the tilt
+    edge = states.position[:, 1] - states.position[:, 0]
+    tilt = 0.2 * np.sin(2 * np.pi * 0.6 * states.time)
+    assert np.arctan2(edge[:, 1], edge[:, 0]) == pytest.approx(tilt, abs=1e-12)
+    assert np.hypot(*edge.T) == pytest.approx(0.1, abs=1e-13)
+
+
+def test_depth_does_not_round_the_motion():
+    shallow, deep = (
+        march(system, rest(system), until=1.0, steps=200)
+        for system in (_everything(depth=10.0), _everything(depth=4000.0))
+    )
+    assert np.asarray(deep.position) == pytest.approx(np.asarray(shallow.position), abs=1e-10)
+    assert np.asarray(deep.velocity) == pytest.approx(np.asarray(shallow.velocity), abs=1e-9)
+
+
+@pytest.mark.parametrize(("tilt", "curvature"), [(0.0, 0.0), (0.7, 0.0), (-0.4, 2.0)])
+def test_what_is_at_rest_stays_at_rest(tilt, curvature):
+    system = arm(tilt=tilt, rest_curvature=curvature)
+    start = rest(system)
+    states, outcomes = track(system, start, 0.01)
+    assert np.array_equal(states.position[-1], np.asarray(start.position))
+    assert not states.velocity.any()
+    assert not outcomes.iterations.any()
+
+
+# --- steps that fail ---------------------------------------------------------------------------
+
+
+def pushed(force: ArrayLike, max_halvings: int = 8) -> System:
+    """Build an arm that a force on its tip, there at once, buckles and folds back."""
+    return arm(
+        damping_time=0.02,
+        loads=(lambda rod: TipLoad.of(rod, dead_force=force),),
+        max_iterations=15,
+        max_halvings=max_halvings,
+    )
+
+
+def test_halving_recovers_a_step_that_newton_cannot_take():
+    system = pushed((-10.0, -1.0))  # four times the buckling load
+    start = rest(system)
+    _, outcome = eqx.filter_jit(System.step)(system, start, jnp.zeros(3), jnp.asarray(0.1))
+    assert not outcome.converged
+    state, progress = advance(system, start, jnp.asarray(0.1))
+    assert progress.outcome.converged
+    assert progress.steps > 1
+    assert progress.iterations > progress.outcome.iterations
+    assert float(state.time) == pytest.approx(0.1, rel=1e-12)
+    fine = march(system, start, until=0.1, steps=1000)
+    moved = np.abs(np.asarray(fine.position - start.position)).max()
+    assert moved > 0.03
+    # a few coarse steps of a sudden load: no closer than their own error
+    assert np.abs(np.asarray(state.position - fine.position)).max() < 0.1 * moved
+
+
+@pytest.mark.parametrize(("force", "steps"), [((-1e3, 0.0), 0), ((-1e2, -10.0), 1)])
+def test_a_step_past_all_halvings_gives_back_the_last_good_state(force, steps):
+    system = pushed(force)
+    start = rest(system)
+    state, progress = advance(system, start, jnp.asarray(3.0))
+    assert not progress.outcome.converged
+    assert (int(progress.steps) > 0) == bool(steps)
+    for leaf in jax.tree.leaves(state):
+        assert np.isfinite(leaf).all()
+    assert float(state.time) < 3.0
+    residual, scale = imbalance(system, state)
+    assert np.abs(residual[2:]).max() <= 1e-9 * scale
+    if not steps:
+        assert eqx.tree_equal(state, start)
+
+
+def test_a_good_step_is_not_cut():
+    system = pushed((0.0, -1.0))
+    start = rest(system)
+    state, progress = advance(system, start, jnp.asarray(0.01))
+    stepped, outcome = eqx.filter_jit(System.step)(
+        system, start, jnp.zeros(3), jnp.asarray(0.01)
+    )
+    assert progress.steps == 1
+    assert progress.iterations == outcome.iterations
+    assert np.asarray(state.position) == pytest.approx(np.asarray(stepped.position), abs=1e-14)

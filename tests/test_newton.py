@@ -1,0 +1,259 @@
+"""The balance of forces: its tangent is exact, Newton's method quadratic, its failures told."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from crinoid import chain
+from crinoid.dynamics import Settings
+from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.newton import HELD
+from crinoid.elements import (
+    AddedMass,
+    Bend,
+    DistributedLoad,
+    Drag,
+    Inertia,
+    Stretch,
+    TipLoad,
+    Weight,
+)
+from crinoid.flow import LogarithmicShear, PowerShear, Uniform
+from physics import always, arm
+
+NODES = 11
+EDGE = 0.1
+"""Length of an edge (m)."""
+LINEAR = (Inertia, Weight)
+NONLINEAR = (Stretch, Bend, Drag, AddedMass, DistributedLoad, TipLoad)
+
+
+def everything(**changes):
+    """Build an arm on which every element acts, in water that moves differently everywhere."""
+    shear = {
+        "reference_height": jnp.asarray(2.0),
+        "bed": jnp.asarray(-5.0),
+    }
+    return arm(
+        nodes=NODES,
+        EA=50.0,
+        EI=0.05,
+        mass_per_length=1.2,
+        diameter=0.04,
+        displaced_area=1.1e-3,
+        rest_curvature=0.8,
+        damping_time=0.03,
+        tilt=0.3,
+        gravity=9.81,
+        water_density=1000.0,
+        drag_tangential=0.1,
+        added_mass_tangential=0.2,
+        linear_drag=0.5,
+        loads=(
+            lambda rod: DistributedLoad.of(
+                rod, tangential=0.4, normal=-0.7, fixed=jnp.asarray([0.2, 0.1])
+            ),
+            lambda rod: TipLoad.of(
+                rod,
+                dead_force=jnp.asarray([0.1, -0.2]),
+                follower_force=jnp.asarray([0.3, 0.4]),
+                moment=0.05,
+            ),
+        ),
+        flows=(
+            Uniform(always(), jnp.asarray([0.3, -0.1])),
+            # an upward part makes the shear felt as an acceleration
+            PowerShear(always(), jnp.asarray([0.4, 0.1]), exponent=jnp.asarray(0.3), **shear),
+            LogarithmicShear(
+                always(), jnp.asarray([-0.2, 0.15]), roughness_length=jnp.asarray(0.01), **shear
+            ),
+        ),
+        **changes,
+    )
+
+
+def only(system, *kinds):
+    """Silence all elements but some, and inertia."""
+
+    def silenced(element):
+        if isinstance(element, Stretch):
+            return eqx.tree_at(lambda e: e.EA, element, jnp.zeros_like(element.EA))
+        return jax.tree.map(jnp.zeros_like, element)
+
+    elements = tuple(
+        element if isinstance(element, (Inertia, *kinds)) else silenced(element)
+        for element in system.forces.elements
+    )
+    return eqx.tree_at(lambda s: s.forces.elements, system, elements)
+
+
+def stage_of_a_step(turn=None, step=0.02):
+    """Make an arm that is bent, stretched and moving, in the middle of a time step."""
+    rng = np.random.default_rng(3)
+    turns = rng.uniform(-0.4, 0.4, NODES)
+    if turn is not None:
+        turns[NODES // 2] = turn
+    angles = 0.3 + np.cumsum(turns)
+    lengths = EDGE * rng.uniform(0.9, 1.1, NODES)
+    edges = lengths[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    position = np.concatenate([np.zeros((1, 2)), np.cumsum(edges, axis=0)])
+    velocity, acceleration = rng.normal(size=(2, NODES + 1, 2))
+    # rates of the trapezoid rule
+    return Stage(
+        *map(jnp.asarray, (1.0, position, velocity, acceleration, 1.0, 2 / step, 4 / step**2))
+    )
+
+
+@eqx.filter_jit
+def residuals(forces, stage, corrections, load_factor):
+    """Return the imbalance for a batch of corrections."""
+    return jax.vmap(lambda d: forces.residual(forces.motion(stage, d), load_factor)[0])(corrections)
+
+
+@eqx.filter_jit
+def tangent(forces, stage, correction, load_factor):
+    return forces.tangent(stage, forces.motion(stage, correction), load_factor)
+
+
+@eqx.filter_jit
+def iterate(forces, stage, correction, error):
+    """Do one step of Newton's method, and predict what error it leaves.
+
+    With R(d) = R'(d) e - 1/2 R''(d)[e, e] + O(e^3), e the error of d, the next error is
+    1/2 R'(d)^-1 R''(d)[e, e] + O(e^3).
+    """
+
+    def residual(d):
+        return forces.residual(forces.motion(stage, d))[0]
+
+    def slope(d):
+        return jax.jvp(residual, (d,), (error,))[1]
+
+    bands = forces.tangent(stage, forces.motion(stage, correction))[HELD:]
+    change = chain.solve(bands, -residual(correction)[HELD:])
+    curvature = jax.jvp(slope, (correction,), (error,))[1]
+    left = chain.solve(bands, 0.5 * curvature[HELD:])
+    return correction.at[HELD:].add(change), left
+
+
+def dense(bands):
+    """Write the bands out as a matrix with axes node, unknown, node, unknown."""
+    n, _, b, _ = bands.shape
+    matrix = np.zeros((n, b, n, b))
+    for i in range(n):
+        for d in range(max(0, 2 - i), min(5, n + 2 - i)):
+            matrix[i, :, i + d - 2] = bands[i, d]
+    return matrix
+
+
+@pytest.mark.parametrize("turn", [None, np.deg2rad(170.0)], ids=["bent", "folded"])
+@pytest.mark.parametrize("load_factor", [1.0, 0.3])
+def test_tangent_is_the_slope_of_the_residual(turn, load_factor):
+    forces, stage = everything().forces, stage_of_a_step(turn)
+    size = 2 * (NODES + 1)
+    h = 1e-5
+    steps = h * np.array([-2.0, -1.0, 1.0, 2.0])[:, None, None] * np.eye(size)
+    corrections = jnp.asarray(steps.reshape(-1, NODES + 1, 2))
+    factor = jnp.asarray(load_factor)
+    far_behind, behind, ahead, far_ahead = np.asarray(
+        residuals(forces, stage, corrections, factor)
+    ).reshape(4, size, NODES + 1, 2)
+    # central differences of order 4: the relative truncation is that of h over the edges (or over
+    # the width of the fold, 0.2 times that) to the fourth, below 1e-12
+    difference = (far_behind - 8 * behind + 8 * ahead - far_ahead) / (12 * h)
+    expected = np.moveaxis(difference, 0, -1).reshape(NODES + 1, 2, NODES + 1, 2)
+    got = dense(np.asarray(tangent(forces, stage, jnp.zeros((NODES + 1, 2)), factor)))
+    assert np.isfinite(got).all()
+    row = np.abs(got).max(axis=(2, 3), keepdims=True)
+    np.testing.assert_allclose(got / row, expected / row, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "kinds",
+    [*((kind,) for kind in LINEAR + NONLINEAR), LINEAR + NONLINEAR],
+    ids=lambda kinds: kinds[0].__name__ if len(kinds) == 1 else "all",
+)
+def test_newton_converges_quadratically(kinds):
+    system, stage = only(everything(), *kinds), stage_of_a_step()
+    nothing = jnp.zeros((NODES + 1, 2))
+    solution = nothing
+    for _ in range(15):
+        solution, _ = iterate(system.forces, stage, solution, nothing)
+    assert np.isfinite(solution).all()
+
+    # start again from within the asymptotic range: off by a twentieth of an edge
+    off = EDGE / 20 * np.random.default_rng(4).uniform(-1, 1, (NODES - 1, 2))
+    correction = solution.at[HELD:].add(off)
+    round_off = 1e-14
+    errors = [np.abs(off).max()]
+    for _ in range(6):
+        correction, left = iterate(system.forces, stage, correction, correction - solution)
+        errors.append(np.abs(correction - solution).max())
+        # what the second derivative leaves of the last error, and nothing of first order
+        assert errors[-1] <= 2 * np.abs(left).max() + round_off
+    assert errors[-1] <= round_off
+    if kinds[0] in LINEAR and len(kinds) == 1:
+        assert errors[1] <= round_off
+    else:
+        assert errors[1] > round_off
+
+
+step = eqx.filter_jit(lambda system, state, command: system.step(state, command))
+STILL = jnp.zeros(3)
+
+
+@pytest.fixture(scope="module")
+def system():
+    return arm(nodes=NODES, EA=50.0, EI=0.05, gravity=9.81)
+
+
+@pytest.fixture(scope="module")
+def state(system):
+    return eqx.filter_jit(lambda s: s.rest())(system)
+
+
+def test_convergence_is_told(system, state):
+    new, outcome = step(system, state, STILL)
+    assert outcome.converged
+    assert 1 <= outcome.iterations < 8
+    settings = system.settings
+    assert outcome.residual <= settings.tolerance * outcome.scale + settings.floor
+    assert outcome.scale > 0
+    assert new.time == system.time_step
+
+
+def test_too_few_iterations_are_told(system, state):
+    # a tip that is thrown at 50 m/s moves five edges in one step
+    thrown = eqx.tree_at(lambda s: s.velocity, state, state.velocity.at[-1].set([30.0, 40.0]))
+    hurried = eqx.tree_at(lambda s: s.settings.max_iterations, system, jnp.asarray(1))
+    _, outcome = step(hurried, thrown, STILL)
+    assert not outcome.converged
+    assert outcome.iterations == 1
+    assert outcome.residual > system.settings.tolerance * outcome.scale + system.settings.floor
+    # counted from the root: it is at the thrown end
+    assert NODES - 3 <= outcome.worst_node <= NODES - 1
+
+
+@pytest.mark.parametrize("node", [2, 6, NODES])
+@pytest.mark.parametrize("part", ["position", "velocity"])
+def test_what_is_not_a_number_is_never_accepted(system, state, part, node):
+    broken = eqx.tree_at(
+        lambda s: getattr(s, part), state, getattr(state, part).at[node, 1].set(jnp.nan)
+    )
+    _, outcome = step(system, broken, STILL)
+    assert not outcome.converged
+    assert not np.isfinite(outcome.residual)
+    # node 0 of the arrays is the ghost behind the root; windows span at most two nodes either way
+    assert abs(outcome.worst_node - (node - 1)) <= 2
+
+
+def test_a_command_that_is_not_a_number_is_never_accepted(system, state):
+    _, outcome = step(system, state, STILL.at[2].set(jnp.nan))
+    assert not outcome.converged
+
+
+def test_floor_is_the_round_off_of_the_stretching_forces(system):
+    settings = Settings.for_rod(system.rod, 1e-10, 30)
+    np.testing.assert_allclose(settings.floor, 64 * 2.0**-52 * 50.0 / EDGE, rtol=1e-12)
