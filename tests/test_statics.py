@@ -15,6 +15,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from crinoid.dynamics import System
 from crinoid.dynamics.statics import still
 from crinoid.elements import DistributedLoad, TipLoad
 from crinoid.flow import Uniform
@@ -26,7 +27,12 @@ FLOOR = 4e-7
 """A few times the round-off of the stretching forces (N)."""
 UPRIGHT = np.pi / 2
 
-equilibrium = eqx.filter_jit(lambda system: system.equilibrium())
+find = eqx.filter_jit(System.find_equilibrium)
+
+
+def equilibrium(system):
+    # the time as an array: so it is the same compilation as that of `System.equilibrium`
+    return find(system, jnp.zeros(()))
 
 
 def loaded(
@@ -133,19 +139,21 @@ def elastica(
     return Shape(-root[4], -root[5], angle, -root[6])
 
 
-def converge(exact, *, digits=1e-5, orders=(1.8, 2.2), **case):
+def converge(exact, *, digits=2e-5, within=0.2, **case):
     """Solve on all meshes: the error falls with order 2, its leading terms removed it is small.
 
     The ends of the arm add a term of order 3, so that both are taken out (Richardson).
+    ``within``: how near 2 the order of the last refinement is.
     """
     exact = np.asarray(exact)
     shapes = np.array([solve(nodes, **case) for nodes in MESHES])
     errors = np.linalg.norm(shapes - exact, axis=1)
-    print("orders", order(errors), end=" ")
     once = shapes[1:] + (shapes[1:] - shapes[:-1]) / (2**2 - 1)
     limit = once[1] + (once[1] - once[0]) / (2**3 - 1)
-    print("limit error", np.abs(limit - exact).max(), "finest", errors[-1])
-    assert ((orders[0] < order(errors)) & (order(errors) < orders[1])).all()
+    print("orders", order(errors), "finest", errors[-1], "limit", np.abs(limit - exact).max())
+    coarse, fine = order(errors)
+    assert coarse > 1.4
+    assert abs(fine - 2) < within
     np.testing.assert_allclose(limit, exact, rtol=0, atol=digits)
 
 
@@ -168,7 +176,7 @@ def test_dead_tip_load(load):
     np.testing.assert_allclose(
         (-exact.angle, -exact.z, 1 - exact.x), (angle, drop, shortening), rtol=0, atol=6e-7
     )
-    converge(exact, dead=(0.0, -load), digits=2e-5)
+    converge(exact, dead=(0.0, -load))
 
 
 def test_oblique_dead_tip_load():
@@ -177,12 +185,13 @@ def test_oblique_dead_tip_load():
     converge(elastica((np.deg2rad(-119.9), -0.2), dead=dead), dead=dead)
 
 
-@pytest.mark.parametrize("load", [1, 3.3, 5, 10])
+@pytest.mark.parametrize("load", [1.0, 3.3, 5.0, 10.0])
 def test_own_weight(load):
     exact = elastica((-UPRIGHT + 1e-9, -0.05), distributed=lambda angle: (0.0, -load))
     if load in OWN_WEIGHT:
         np.testing.assert_allclose((-exact.z, 1 - exact.x), OWN_WEIGHT[load], rtol=0, atol=6e-7)
-    converge(exact, gravity=load)
+    # under the largest load the terms of order 2 and 3 almost cancel on the coarsest mesh
+    converge(exact, gravity=load, within=0.3 if load == 10 else 0.2)
 
 
 @pytest.mark.parametrize("turns", [0.5, 1.0, -1.0])
@@ -196,7 +205,9 @@ def test_end_moment_bends_a_circle(turns):
         turned = np.unwrap([angle, direction])[1]
         errors.append(np.linalg.norm([x - exact[0], z - exact[1], turned - angle]))
     print("orders", order(errors), errors)
-    assert (abs(order(errors) - 2) < 0.2).all()
+    coarse, fine = order(errors)
+    assert coarse > 1.6
+    assert abs(fine - 2) < 0.2
 
 
 def test_tapered_arm_under_a_tip_load():
@@ -210,13 +221,15 @@ def test_tapered_arm_under_a_tip_load():
     exact = elastica((-UPRIGHT + 1e-9, -0.1), dead=(0.0, -1.5), stiffness=stiffness)
     # EA is that of the section, 4e6 EI/L^2 at the root and a quarter of it at the tip
     section = {"EA": None, "EI": None, "radius": jnp.asarray([root, tip])}
-    converge(exact, dead=(0.0, -1.5), youngs_modulus=modulus, mass_per_length=1.0, **section)
+    # the thin end turns most, over a few edges of the coarsest mesh
+    converge(exact, dead=(0.0, -1.5), youngs_modulus=modulus, digits=1e-4, **section)
 
 
 @pytest.mark.parametrize("load", [2.0, 6.0])
 def test_follower_tip_load(load):
     exact = elastica((0.1, 4.0), follower=(0.0, load))
-    converge(exact, follower=(0.0, load))
+    # 6 EI/L^2 bends the arm by 136 degrees
+    converge(exact, follower=(0.0, load), digits=1e-4)
 
 
 def test_tip_force_and_moment_together():
@@ -231,9 +244,11 @@ def test_curved_arm_without_load_keeps_its_shape():
     arc = (np.sin(tilt + 2) - np.sin(tilt)) / 2, (np.cos(tilt) - np.cos(tilt + 2)) / 2, tilt + 2
     np.testing.assert_allclose(exact[:3], arc, rtol=0, atol=1e-11)
     converge(exact, tilt=tilt, rest_curvature=curvature)
-    system = loaded(11, tilt=tilt, rest_curvature=curvature)
-    state, _ = equilibrium(system)
-    np.testing.assert_allclose(state.position[1:], system.rod.rest_shape(tilt), rtol=0, atol=1e-12)
+    # a soft arm, whose round-off is small
+    system = loaded(11, tilt=tilt, rest_curvature=curvature, EA=1e3, floor=1e-11)
+    state, outcome = equilibrium(system)
+    assert outcome.converged
+    np.testing.assert_allclose(state.position[1:], system.rod.rest_shape(tilt), rtol=0, atol=1e-10)
 
 
 def test_curved_arm_under_load():
@@ -302,15 +317,17 @@ def test_almost_limp_clamped_chain_in_a_current(current):
     np.testing.assert_allclose(angle[20:], LIMP, rtol=0, atol=1e-4)
 
 
-tangent = eqx.filter_jit(
-    lambda system, position: system.forces.tangent(
-        still(jnp.zeros(()), position),
-        system.forces.motion(still(jnp.zeros(()), position), jnp.zeros_like(position)),
-    )
-)
+@eqx.filter_jit
+def at_rest(system, position):
+    """Return imbalance, tangent and stored energies of a shape at rest."""
+    forces, stage = system.forces, still(jnp.zeros(()), position)
+    motion = forces.motion(stage, jnp.zeros_like(position))
+    residual, _ = forces.residual(motion)
+    energy, _ = forces.audit(motion)
+    return residual, forces.tangent(stage, motion), energy
 
 
-def dense(bands):
+def free_stiffness(bands):
     """Write the bands of the free nodes out as a matrix with axes node, unknown, node, unknown."""
     bands = np.asarray(bands)[2:]
     n, _, b, _ = bands.shape
@@ -321,117 +338,125 @@ def dense(bands):
     return matrix
 
 
-def standing(nodes, *, tip=0.0, own=0.0):
-    """Return a column that bears loads, straight and compressed, and its sideways stiffness."""
-    system = loaded(nodes, tilt=UPRIGHT, dead=(0.0, -tip), gravity=own)
-    carried = np.full(nodes - 1, tip) + own * (1 - (np.arange(nodes - 1) + 0.5) / (nodes - 1))
-    edges = (1 - carried / EA) / (nodes - 1)
-    position = np.zeros((nodes + 1, 2))
-    position[0, 1] = -1 / (nodes - 1)
-    position[2:, 1] = np.cumsum(edges)
-    position = jnp.asarray(position)
-    residual, _ = balance(system, position)
-    # it is in balance indeed, but for the round-off of its stretching forces
-    np.testing.assert_allclose(residual[2:], 0, atol=FLOOR)
-    matrix = dense(tangent(system, position))
-    np.testing.assert_allclose(matrix, matrix.transpose(2, 3, 0, 1), atol=1e-12 * matrix.max())
-    # sideways and lengthwise do not couple
-    np.testing.assert_allclose(matrix[:, 0, :, 1], 0, atol=1e-6 * abs(matrix[:, 0, :, 0]).max())
-    return position, matrix[:, 0, :, 0]
+def lowest_stiffness(system, position):
+    """Return the lowest eigenvalue of the tangent: positive where the equilibrium is stable."""
+    matrix = free_stiffness(at_rest(system, position)[1])
+    size = matrix.shape[0] * matrix.shape[1]
+    return np.linalg.eigvalsh(matrix.reshape(size, size))[0]
 
-
-balance = eqx.filter_jit(
-    lambda system, position: system.forces.residual(
-        system.forces.motion(still(jnp.zeros(()), position), jnp.zeros_like(position))
-    )
-)
 
 # Euler: pi^2 / 4. Greenhill (1881): a standing arm buckles under its own weight where
 # w L^3 / EI is 9/4 of the square of the first zero of the Bessel function J_{-1/3}: 7.837347.
 CRITICAL = {"tip": np.pi**2 / 4, "own": 7.837347}
 
 
+def standing(nodes, kind, load):
+    """Return a column that bears a load, and its place when straight and compressed."""
+    forces = {"dead": (0.0, -load)} if kind == "tip" else {"gravity": load}
+    system = loaded(nodes, tilt=UPRIGHT, **forces)
+    above = 1 - (np.arange(nodes - 1) + 0.5) / (nodes - 1)
+    carried = load * (np.ones(nodes - 1) if kind == "tip" else above)
+    position = np.zeros((nodes + 1, 2))
+    position[0, 1] = -1 / (nodes - 1)
+    position[2:, 1] = np.cumsum((1 - carried / EA) / (nodes - 1))
+    return system, jnp.asarray(position)
+
+
+def stored(system, position, kind, load):
+    """Return elastic and potential energy, that of the tip's dead load included (J)."""
+    _, elastic, potential = np.asarray(at_rest(system, position)[2])
+    return elastic + potential + (load * position[-1, 1] if kind == "tip" else 0.0)
+
+
 @pytest.mark.parametrize("kind", CRITICAL)
 def test_buckling_load(kind):
-    def stiffness(load, nodes):
-        return np.linalg.eigvalsh(standing(nodes, **{kind: load})[1])[0]
+    def sideways_stiffness(load, nodes):
+        residual, bands, _ = at_rest(*standing(nodes, kind, load))
+        # it is in balance indeed, but for the round-off of its stretching forces
+        np.testing.assert_allclose(residual[2:], 0, atol=FLOOR)
+        matrix = free_stiffness(bands)
+        np.testing.assert_allclose(matrix, matrix.transpose(2, 3, 0, 1), atol=1e-12 * EA * nodes)
+        # sideways and lengthwise do not couple, and the former is not drowned by the latter
+        np.testing.assert_allclose(matrix[:, 0, :, 1], 0, atol=1e-12)
+        return np.linalg.eigvalsh(matrix[:, 0, :, 0])[0]
 
     exact = CRITICAL[kind]
     loads = np.array(
-        [brentq(stiffness, 0.9 * exact, 1.1 * exact, (nodes,), xtol=1e-9) for nodes in MESHES]
+        [
+            brentq(sideways_stiffness, 0.9 * exact, 1.1 * exact, (nodes,), xtol=1e-9)
+            for nodes in MESHES
+        ]
     )
     errors = abs(loads - exact)
-    print(kind, loads, order(errors))
+    print(loads, "orders", order(errors))
     assert (abs(order(errors) - 2) < 0.1).all()
     once = loads[1:] + (loads[1:] - loads[:-1]) / 3
     np.testing.assert_allclose(once[1] + (once[1] - once[0]) / 15, exact, rtol=2e-6)
 
 
-def stored(system, state, tip):
-    """Return elastic and potential energy, that of the tip's dead load included (J)."""
-    _, elastic, potential = np.asarray(state.energy)
-    return elastic + potential + tip * float(system.tip(state)[1])
-
-
+@pytest.mark.parametrize("nodes", [21, 41])
 @pytest.mark.parametrize("kind", CRITICAL)
-def test_column_leaves_the_straight_past_its_buckling_load(kind):
-    load = 1.1 * CRITICAL[kind]
-    system = loaded(21, tilt=UPRIGHT, **forces_of(kind, load))
+@pytest.mark.parametrize("excess", [1.1, 2.0])
+def test_column_leaves_the_straight_past_its_buckling_load(kind, nodes, excess):
+    load = excess * CRITICAL[kind]
+    system, straight = standing(nodes, kind, load)
+    assert lowest_stiffness(system, straight) < 0
     state, outcome = equilibrium(system)
     assert outcome.converged
-    position, _ = standing(21, **{kind: load})
-    straight = eqx.filter_jit(lambda s, p: s._begin(jnp.zeros(()), p))(system, position)
-    tip = load if kind == "tip" else 0.0
-    assert stored(system, state, tip) < stored(system, straight, tip) - 1e-3
-    # and it is stable where it went
-    matrix = dense(tangent(system, state.position))
-    free = matrix.shape[0] * 2
-    assert np.linalg.eigvalsh(matrix.reshape(free, free))[0] > 0
+    assert lowest_stiffness(system, state.position) > 0
+    fall = stored(system, straight, kind, load) - stored(system, state.position, kind, load)
+    assert fall > 1e-2
     # it leans to either side: the exact shape, mirrored if need be
-    x, z, angle, _ = solve(41, tilt=UPRIGHT, **forces_of(kind, load))
     exact = elastica(
-        (-UPRIGHT, UPRIGHT - 0.5),
+        (-UPRIGHT + 1e-3, UPRIGHT - 0.5),
         tilt=UPRIGHT,
-        dead=(0.0, -tip),
+        dead=(0.0, -load if kind == "tip" else 0.0),
         distributed=lambda _: (0.0, -load if kind == "own" else 0.0),
     )
-    np.testing.assert_allclose((abs(x), z), (exact.x, exact.z), rtol=0, atol=5e-3)
-    np.testing.assert_allclose(abs(angle - UPRIGHT), UPRIGHT - exact.angle, rtol=0, atol=5e-3)
+    x, z = np.asarray(state.position)[-1]
+    # a mesh that buckles at a load off by 1/nodes^2 leans that much differently, over the excess
+    assert np.hypot(abs(x) - exact.x, z - exact.z) < 15 / nodes**2
 
 
 @pytest.mark.parametrize("kind", CRITICAL)
 def test_column_stands_below_its_buckling_load(kind):
-    state, outcome = equilibrium(loaded(21, tilt=UPRIGHT, **forces_of(kind, 0.98 * CRITICAL[kind])))
+    system, _ = standing(21, kind, 0.98 * CRITICAL[kind])
+    state, outcome = equilibrium(system)
     assert outcome.converged
-    # what is left of the push that tries its stability is round-off over its stiffness
+    # what is left of the push that tries its stability: round-off over a fiftieth of its stiffness
     np.testing.assert_allclose(state.position[:, 0], 0, atol=1e-4)
 
 
-def forces_of(kind, load):
-    return {"dead": (0.0, -load)} if kind == "tip" else {"gravity": load}
-
-
 def test_very_large_dead_load_from_straight():
+    # the arm bends within L / 10 of the clamp, one edge of the coarsest mesh
     exact = elastica((-UPRIGHT + 1e-12, -1.4), dead=(0.0, -100.0))
     shapes = np.array([solve(nodes, dead=(0.0, -100.0)) for nodes in MESHES])
-    # the arm bends within L / 10 of the clamp, one edge of the coarsest mesh
     errors = np.linalg.norm(shapes - np.asarray(exact), axis=1)
-    print("a=100", errors, order(errors))
-    assert (order(errors) > 1.3).all()
-    assert errors[-1] < 1e-2
+    print("errors", errors, "orders", order(errors))
+    assert (order(errors) > 1.4).all()
+    assert errors[-1] < 1.5e-3
 
 
-@pytest.mark.parametrize("inclination", [0.02, -0.02])
+@pytest.mark.parametrize("inclination", [0.02, -0.02, 0.2])
 def test_push_almost_along_the_arm(inclination):
-    # ten times the buckling load, from a straight arm: it must fold over, to the pushed side
+    # ten times the buckling load on a straight arm: it folds over, and stays at no saddle
     angle = np.pi + inclination
     dead = 25.0 * np.array([np.cos(angle), np.sin(angle)])
-    shape = solve(41, dead=dead)
-    system = loaded(41, dead=dead)
-    state, _ = equilibrium(system)
-    matrix = dense(tangent(system, state.position))
-    assert np.linalg.eigvalsh(matrix.reshape(80, 80))[0] > 0
-    print(shape)
+    errors = []
+    for nodes in (21, 41):
+        system = loaded(nodes, dead=dead)
+        state, outcome = equilibrium(system)
+        assert outcome.converged
+        assert lowest_stiffness(system, state.position) > 0
+        x, z, direction = np.asarray(system.tip(state))
+        # over either side: both are stable
+        side = np.sign(np.asarray(state.position)[nodes // 2, 1])
+        exact = elastica(sorted((side * 2.0, side * np.pi + inclination - side * 1e-6)), dead=dead)
+        turn = np.angle(np.exp(1j * (direction - exact.angle)))
+        errors.append(np.linalg.norm([x - exact.x, z - exact.z, turn]))
+    print("errors", errors, "order", order(errors))
+    assert order(errors) > 1.6
+    assert errors[-1] < 5e-3
 
 
 def test_signs():
@@ -457,6 +482,9 @@ def test_signs():
         np.testing.assert_allclose((x, z), (1.001, 0.0), rtol=0, atol=1e-8)
 
 
-def test_loads_that_are_no_numbers_are_no_equilibrium():
-    _, outcome = equilibrium(loaded(11, dead=(0.0, np.nan)))
+def test_loads_that_are_no_numbers_have_no_equilibrium():
+    system = loaded(11, dead=(0.0, np.nan))
+    _, outcome = equilibrium(system)
     assert not outcome.converged
+    with pytest.raises(RuntimeError, match="no static equilibrium found"):
+        system.equilibrium()

@@ -37,7 +37,7 @@ def scatter(windows: Float[Array, "count k b"], first: int, num_nodes: int) -> V
     )
 
 
-def assemble(blocks: Iterable[tuple[int, Float[Array, "count k b k b"]]], num_nodes: int) -> Bands:
+def assemble(blocks: Iterable[tuple[int, Float[Array, "_ _ b _ b"]]], num_nodes: int) -> Bands:
     """Add up the blocks of windows that start at the given nodes."""
     diagonals: list[Array | None] = [None] * 5
     for first, block in blocks:

@@ -1,9 +1,10 @@
 """The arm at rest: where its nodes lie along its length, and what each section is made of."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 
 class Rod(eqx.Module):
@@ -36,7 +37,7 @@ class Rod(eqx.Module):
         *,
         length: float | Array,
         nodes: int,
-        radius: ArrayLike,
+        radius: float | Sequence[float] | Array,
         density: float | Array,
         youngs_modulus: float | Array,
         rest_curvature: float | Array = 0.0,

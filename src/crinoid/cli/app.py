@@ -163,6 +163,9 @@ def _told() -> Iterator[None]:
         _stop(*error.lines)
     except OSError as error:
         _stop(f"{error.filename or 'file'}: {error.strerror or error}")
+    except KeyboardInterrupt:
+        errors.print("crinoid: interrupted before there was anything to save")
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def _stop(*lines: str) -> NoReturn:

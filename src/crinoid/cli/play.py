@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,6 +28,7 @@ CASES = "cases.csv"
 def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:
     """Run a scenario, save it and show what came of it; return what went wrong, if anything."""
     keep_compiled_code()
+    _make(folder)
     if scenario.vary:
         return _run_cases(scenario, folder, resume=resume, console=console)
     earlier = _earlier(scenario, folder) if resume else None
@@ -44,6 +46,7 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, console: Console) -> s
     if scenario.vary:
         text = "an equilibrium is that of one case; give its values with --set and leave out vary"
         raise ScenarioError([Mistake("vary", text)])
+    _make(folder)
     try:
         result = equilibrium(scenario)
     except SimulationError as error:
@@ -71,6 +74,13 @@ def keep_compiled_code() -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     jax.config.update("jax_compilation_cache_max_size", 500_000_000)
+
+
+def _make(folder: Path) -> None:
+    """Make a folder that can be written to, before time is spent on what should go there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
 
 
 def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:

@@ -64,14 +64,14 @@ def equilibrium_table(result: Result) -> Table:
 def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
     """Compare the cases of a study."""
     table = Table(title=scenario.title, title_justify="left")
-    table.add_column("case")
+    table.add_column("case", no_wrap=True)
     for key in scenario.vary:
-        table.add_column(key, justify="right")
-    for name in ("deflection", "steady error", "RMS, controlled", "RMS, not", "settled after"):
-        table.add_column(name, justify="right")
+        table.add_column(key.replace(".", ". "), justify="right", overflow="fold")
+    for name in ("without control", "steady error", "RMS", "RMS, without", "settled"):
+        table.add_column(name, justify="right", overflow="fold")
     for row in rows:
         table.add_row(
-            row["case"],
+            row["case"].removeprefix("case-"),
             *(_value(row[key]) for key in scenario.vary),
             *(
                 _length(row[name])
@@ -83,7 +83,9 @@ def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
 
 
 def _value(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, list):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def _length(value: Any) -> str:

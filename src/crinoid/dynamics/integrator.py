@@ -3,7 +3,6 @@
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 Nodes = Float[Array, "n b"]
 
@@ -42,12 +41,12 @@ class Integrator(eqx.Module):
     lag: Float[Array, ""]
 
     @staticmethod
-    def newmark(beta: float = 0.25, gamma: float = 0.5) -> "Integrator":
+    def newmark(beta: float | Array = 0.25, gamma: float | Array = 0.5) -> "Integrator":
         """Newmark (1959); the default is the trapezoid rule: order 2, no numerical damping."""
         return _integrator(0.0, 0.0, beta, gamma, 0.5 - beta, 1.0 - gamma)
 
     @staticmethod
-    def generalized_alpha(spectral_radius: float = 0.8) -> "Integrator":
+    def generalized_alpha(spectral_radius: float | Array = 0.8) -> "Integrator":
         """Chung and Hulbert (1993): order 2, damps what the step cannot resolve.
 
         ``spectral_radius`` is the share of amplitude that the fastest vibration keeps per step:
@@ -78,5 +77,5 @@ class Integrator(eqx.Module):
         return self.gamma / (self.beta * step), 1.0 / (self.beta * step**2)
 
 
-def _integrator(*numbers: ArrayLike) -> Integrator:
+def _integrator(*numbers: float | Array) -> Integrator:
     return Integrator(*(jnp.asarray(number, float) for number in numbers))

@@ -6,7 +6,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
-from numpy.typing import ArrayLike
 
 from crinoid import chain
 from crinoid.dynamics.forces import Forces
@@ -53,7 +52,7 @@ class Settings(eqx.Module):
     """
 
     @staticmethod
-    def for_rod(rod: Rod, tolerance: ArrayLike, max_iterations: ArrayLike) -> "Settings":
+    def for_rod(rod: Rod, tolerance: float | Array, max_iterations: int | Array) -> "Settings":
         """Set the floor to the round-off of the stretching forces of a rod."""
         stiffest = jnp.max(rod.EA / rod.rest_length) * rod.length
         floor = 64 * jnp.finfo(float).eps * stiffest

@@ -4,7 +4,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
-from numpy.typing import ArrayLike
 
 from crinoid import chain
 from crinoid.base import Base, ServoState
@@ -50,15 +49,32 @@ class System(eqx.Module):
         """Number of base channels, which is the length of a command."""
         return self.base.servo.lower.shape[0]
 
-    def rest(self, time: ArrayLike = 0.0) -> State:
+    def rest(self, time: float | Array = 0.0) -> State:
         """Return the arm without load, as the base holds it at ``time``."""
         time = jnp.asarray(time, float)
         return self._begin(time, self._rest_position(time))
 
-    def equilibrium(self, time: ArrayLike = 0.0) -> tuple[State, Outcome]:
+    def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
 
-        The outcome says whether one was found; see `crinoid.dynamics.statics.equilibrium`.
+        Raises
+        ------
+        RuntimeError
+            If none was found. Under a JAX transformation nothing can be raised: there, use
+            `find_equilibrium` and its outcome.
+        """
+        state, outcome = eqx.filter_jit(System.find_equilibrium)(self, jnp.asarray(time, float))
+        if not isinstance(outcome.converged, jax.core.Tracer) and not outcome.converged:
+            raise RuntimeError(
+                f"no static equilibrium found: node {int(outcome.worst_node)} is out of balance "
+                f"by {float(outcome.residual):.3g} N"
+            )
+        return state
+
+    def find_equilibrium(self, time: float | Array = 0.0) -> tuple[State, Outcome]:
+        """Find the static equilibrium at ``time``; the outcome says whether there was one.
+
+        See `crinoid.dynamics.statics.equilibrium` for how.
         """
         time = jnp.asarray(time, float)
         # bending over length, and loads over mass: the squared rates at which an arm leaves a
@@ -81,7 +97,7 @@ class System(eqx.Module):
         return self._begin(time, position), outcome
 
     def step(
-        self, state: State, command: Channels, step: ArrayLike | None = None
+        self, state: State, command: Channels, step: float | Array | None = None
     ) -> tuple[State, Outcome]:
         """Advance by one time step, the base following ``command`` (m, rad).
 
@@ -124,7 +140,7 @@ class System(eqx.Module):
         return eqx.tree_at(lambda s: s.work, observed, work), outcome
 
     def advance(
-        self, state: State, command: Channels, step: ArrayLike | None = None
+        self, state: State, command: Channels, step: float | Array | None = None
     ) -> tuple[State, Progress]:
         """Advance by one time step, halving it where Newton's method fails.
 

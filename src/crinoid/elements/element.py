@@ -14,16 +14,19 @@ WORKS = ("drag", "damping", "actuation", "loads", "added_mass")
 
 
 class Motion(eqx.Module):
-    """How ``k`` nodes move, and how the water moves where they are. SI units."""
+    """How ``k`` nodes move, and how the water moves where they are. SI units.
 
-    position: Float[Array, "k b"]
-    velocity: Float[Array, "k b"]
-    acceleration: Float[Array, "k b"]
-    flow_velocity: Float[Array, "k b"]
+    Of all windows of an element together the arrays have a leading axis, ``count``.
+    """
+
+    position: Float[Array, "*count k b"]
+    velocity: Float[Array, "*count k b"]
+    acceleration: Float[Array, "*count k b"]
+    flow_velocity: Float[Array, "*count k b"]
     """Velocity of the undisturbed water at the nodes (m/s)."""
-    flow_acceleration: Float[Array, "k b"]
+    flow_acceleration: Float[Array, "*count k b"]
     """Material acceleration Du/Dt of the undisturbed water at the nodes (m/s2)."""
-    time: Float[Array, ""]
+    time: Float[Array, "*count"]
 
 
 class Element(eqx.Module):

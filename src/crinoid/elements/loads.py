@@ -1,16 +1,18 @@
 """Loads that a user puts on the arm."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import turned, unit
 from crinoid.onset import Onset
 from crinoid.rod import Rod
+
+Vector = Sequence[float] | Array
 
 
 class DistributedLoad(Element):
@@ -35,9 +37,9 @@ class DistributedLoad(Element):
     def of(
         rod: Rod,
         *,
-        tangential: ArrayLike = 0.0,
-        normal: ArrayLike = 0.0,
-        fixed: ArrayLike = (0.0, 0.0),
+        tangential: float | Array = 0.0,
+        normal: float | Array = 0.0,
+        fixed: Vector = (0.0, 0.0),
         onset: Onset | None = None,
     ) -> "DistributedLoad":
         """Build the load of a rod from its three parts (N/m), there from the start by default."""
@@ -78,9 +80,9 @@ class TipLoad(Element):
     def of(
         rod: Rod,
         *,
-        dead_force: ArrayLike = (0.0, 0.0),
-        follower_force: ArrayLike = (0.0, 0.0),
-        moment: ArrayLike = 0.0,
+        dead_force: Vector = (0.0, 0.0),
+        follower_force: Vector = (0.0, 0.0),
+        moment: float | Array = 0.0,
         onset: Onset | None = None,
     ) -> "TipLoad":
         """Build the load (N, N m) on the tip of a rod, there from the start by default."""

@@ -53,7 +53,7 @@ def _start(
     system: System, loaded: bool
 ) -> tuple[State, Outcome, Float[Array, " pose"], Float[Array, "pose channel"]]:
     state, outcome = (
-        system.equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
+        system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
     )
     return state, outcome, system.tip(state), system.static_jacobian(state)
 

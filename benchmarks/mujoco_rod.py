@@ -1,0 +1,82 @@
+"""The arm of a scenario as a flex rod of MuJoCo, to be timed and compared with crinoid.
+
+MuJoCo's rods bend and twist but do not stretch: their edges keep their length by soft constraints.
+The water is left out but for its buoyancy, which reduces gravity. Damping is Rayleigh's, with the
+arm's damping time. Implicit elasticity of a rod asks for the integrator "discrete".
+"""
+
+import mujoco
+import numpy as np
+
+from crinoid import Scenario
+
+VERSION = mujoco.__version__
+
+
+def rod(
+    scenario: Scenario, time_step: float, *, planar: bool = False, centred: bool = False
+) -> mujoco.MjModel:
+    """Declare a horizontal rod, its first two vertices pinned, as many vertices as the arm's nodes.
+
+    Parameters
+    ----------
+    scenario
+        Whose arm, water density and gravity to take.
+    time_step
+        In s.
+    planar
+        Two degrees of freedom for each vertex, instead of three and a twist for each edge. Gravity
+        then acts along -y, otherwise along -z.
+    centred
+        Shift the vertices so that the clamp, half an edge behind the second of them, is at the
+        origin and the tip at the arm's length, and give the tip half of a vertex's mass.
+    """
+    arm, water = scenario.arm, scenario.water
+    radius = arm.radii[0]
+    gravity = water.gravity * (1 - water.density / arm.density)
+    edge = arm.length / (arm.nodes - (1.5 if centred else 1))
+    places = edge * (np.arange(arm.nodes) - (0.5 if centred else 0))
+    mass = arm.density * np.pi * radius**2 * edge
+    points = " ".join(f"{x!r} 0 0" for x in places.tolist())
+    edges = " ".join(f"{i} {i + 1}" for i in range(arm.nodes - 1))
+    model = mujoco.MjModel.from_xml_string(
+        f"""
+        <mujoco>
+          <option integrator="discrete" timestep="{time_step}"
+                  gravity="{f"0 {-gravity} 0" if planar else f"0 0 {-gravity}"}">
+            <flag contact="disable"/>
+          </option>
+          <worldbody>
+            <body name="base">
+              <flexcomp name="rod" type="direct" dim="1" dof="{"2d" if planar else "full"}"
+                        radius="{radius}" mass="{mass * arm.nodes}"
+                        point="{points}" element="{edges}">
+                <edge equality="true"/>
+                <elasticity young="{arm.youngs_modulus}" poisson="{min(arm.poisson_ratio, 0.49)}"
+                            damping="{arm.damping_time}"/>
+                <contact selfcollide="none" contype="0" conaffinity="0"/>
+                <pin id="0 1"/>
+              </flexcomp>
+            </body>
+          </worldbody>
+        </mujoco>"""
+    )
+    if centred:
+        model.body(f"rod_{arm.nodes - 1}").mass *= 0.5
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def run(model: mujoco.MjModel, data: mujoco.MjData, steps: int) -> None:
+    """Let the rod swing from rest, all steps in one call of the C library."""
+    mujoco.mj_resetData(model, data)
+    mujoco.mj_step(model, data, steps)
+
+
+def warnings(data: mujoco.MjData) -> int:
+    """Return how many steps since the start MuJoCo warned about."""
+    return sum(warning.number for warning in data.warning)
+
+
+# it reports through `warnings` instead of a line on the screen each and a log file
+mujoco.set_mju_user_warning(lambda _: None)

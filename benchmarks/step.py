@@ -1,0 +1,217 @@
+"""Time of one step of the closed loop, and of MuJoCo's flex rod measured in turn with it.
+
+The closed loop is that of the built-in scenario station-keeping with all water terms, sensor,
+controller, energy ledger and records, run by the same two compiled programs as `crinoid run`.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import crinoid
+from crinoid.simulation.loop import LoopState
+from crinoid.simulation.setup import Setup, set_up
+from crinoid.simulation.stretch import stretch
+
+try:
+    import mujoco
+    import mujoco_rod
+except ImportError as error:
+    mujoco_rod, WHY_NOT = None, f"without MuJoCo ({error}): pip install '.[bench]'"
+
+RESULTS = Path(__file__).parent / "results"
+CONTROLLED, UNCONTROLLED, BARE = "closed loop", "control off", "steps only"
+
+
+class Contestant(NamedTuple):
+    """Something to time."""
+
+    name: str
+    run: Callable[[], Any]
+    steps: int
+    time_step: float
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--nodes", type=int, nargs="+", default=[11, 21, 51, 101])
+    parser.add_argument("--repeats", type=int, default=7)
+    options = parser.parse_args()
+    # what is on disk would make a first compilation look faster than it is
+    jax.config.update("jax_enable_compilation_cache", False)
+    console = Console(highlight=False)
+
+    rows = []
+    for nodes in options.nodes:
+        with console.status(f"{nodes} nodes"):
+            rows.append(measure(nodes, options.repeats))
+    console.print(start_table(rows))
+    console.print(step_table(rows))
+    exponents = {name: exponent(rows, name) for name in (CONTROLLED, UNCONTROLLED, BARE)}
+    for name, power in exponents.items():
+        if power is not None:
+            console.print(f"{name}: time of a step grows as nodes^{power:.2f} from 21 nodes on")
+    if mujoco_rod is None:
+        console.print(WHY_NOT)
+    RESULTS.mkdir(exist_ok=True)
+    path = RESULTS / "step.json"
+    path.write_text(json.dumps({"exponents": exponents, "cases": rows}, indent=2), "utf-8")
+    console.print(f"wrote {path}")
+
+
+def measure(nodes: int, repeats: int) -> dict[str, Any]:
+    """Compile and time everything at one number of nodes."""
+    scenario = crinoid.load("station-keeping", [f"arm.nodes={nodes}"])
+    begun = time.perf_counter()
+    setup = jax.block_until_ready(set_up(scenario))
+    ready = time.perf_counter()
+    loops, iterations = closed_loops(scenario, setup)
+    compiled = time.perf_counter()
+
+    contestants = [*loops, bare_steps(scenario, setup)]
+    warned = {}
+    if mujoco_rod is not None:
+        for planar in (False, True):
+            for time_step in (0.005, 0.01):
+                name = f"MuJoCo {'2D' if planar else '3D'}, {1e3 * time_step:g} ms"
+                model = mujoco_rod.rod(scenario, time_step, planar=planar)
+                data = mujoco.MjData(model)
+                steps = max(200, round(40_000 / nodes))
+                contestants.append(
+                    Contestant(name, lambda *a: mujoco_rod.run(*a), steps, time_step)._replace(
+                        run=lambda a=(model, data, steps): mujoco_rod.run(*a)
+                    )
+                )
+                mujoco_rod.run(model, data, steps)
+                warned[name] = mujoco_rod.warnings(data)
+
+    times: dict[str, list[float]] = {each.name: [] for each in contestants}
+    for each in contestants:
+        each.run()
+    for _ in range(repeats):  # in turn, so that a busy machine slows all of them alike
+        for each in contestants:
+            start = time.perf_counter()
+            each.run()
+            times[each.name].append((time.perf_counter() - start) / each.steps)
+    return {
+        "nodes": nodes,
+        "set_up_seconds": ready - begun,
+        "stretch_seconds": compiled - ready,
+        "iterations_per_step": iterations,
+        "seconds_per_step": times,
+        "time_step": {each.name: each.time_step for each in contestants},
+        "ratio": {
+            name: float(np.median(np.divide(times[CONTROLLED], times[name])))
+            for name in times
+            if name.startswith("MuJoCo")
+        },
+        "warnings": warned,
+    }
+
+
+def closed_loops(
+    scenario: crinoid.Scenario, setup: Setup
+) -> tuple[list[Contestant], dict[str, float]]:
+    """Return the loop with its controller on and off, and the Newton iterations of each."""
+    steps, stride = scenario.simulation.steps, scenario.output_steps
+    count = steps // stride
+    contestants, iterations = [], {}
+    for name in (CONTROLLED, UNCONTROLLED):
+        on = jnp.asarray(name == CONTROLLED)
+        loop = eqx.tree_at(lambda loop: loop.enabled, setup.loop, on)
+        carry = loop.start(setup.state)
+
+        def run(loop: Any = loop, carry: LoopState = carry) -> Any:
+            return jax.block_until_ready(
+                stretch(loop, carry, jnp.asarray(count), jnp.asarray(stride), count)
+            )
+
+        _, kept, filled, outcome = run()
+        if not outcome.converged or filled != count:
+            raise RuntimeError(f"the run of {scenario.arm.nodes} nodes stopped early")
+        iterations[name] = float(np.sum(kept.iterations) / np.sum(kept.steps))
+        contestants.append(Contestant(name, run, count * stride, scenario.simulation.time_step))
+    return contestants, iterations
+
+
+def bare_steps(scenario: crinoid.Scenario, setup: Setup) -> Contestant:
+    """Return time steps in a scan: no sensor, controller, records, halving or energy ledger."""
+    steps = scenario.simulation.steps
+    command = jnp.zeros(setup.loop.system.channels)
+
+    @eqx.filter_jit
+    def roll(system: Any, state: Any) -> Any:
+        def step(state: Any, _: None) -> tuple[Any, None]:
+            return system.step(state, command)[0], None
+
+        # of what is not asked for at the end, the compiler leaves out what no step needs
+        return jax.lax.scan(step, state, length=steps)[0].position
+
+    return Contestant(
+        BARE,
+        lambda: jax.block_until_ready(roll(setup.loop.system, setup.state)),
+        steps,
+        scenario.simulation.time_step,
+    )
+
+
+def exponent(rows: list[dict[str, Any]], name: str) -> float | None:
+    """Fit the power of the number of nodes with which the time of a step grows."""
+    points = [
+        (np.log(row["nodes"]), np.log(np.median(row["seconds_per_step"][name])))
+        for row in rows
+        if row["nodes"] >= 21
+    ]
+    return float(np.polyfit(*zip(*points, strict=True), 1)[0]) if len(points) > 1 else None
+
+
+def start_table(rows: list[dict[str, Any]]) -> Table:
+    """Show what compiling costs."""
+    table = Table(title="First call: tracing, compiling and running", title_justify="left")
+    for name in ("nodes", "set-up (s)", "stretch (s)"):
+        table.add_column(name, justify="right")
+    for row in rows:
+        seconds = (row["set_up_seconds"], row["stretch_seconds"])
+        table.add_row(str(row["nodes"]), *(f"{each:.2f}" for each in seconds))
+    return table
+
+
+def step_table(rows: list[dict[str, Any]]) -> Table:
+    """Show what a step costs."""
+    table = Table(title="One time step", title_justify="left")
+    table.add_column("nodes", justify="right")
+    table.add_column("")
+    for name in ("median (us)", "least (us)", "iterations", "us an iteration", "x real time"):
+        table.add_column(name, justify="right")
+    table.add_column("closed loop over this", justify="right")
+    for row in rows:
+        for name, times in row["seconds_per_step"].items():
+            typical = float(np.median(times))
+            iterations = row["iterations_per_step"].get(name)
+            ratio = row["ratio"].get(name)
+            table.add_row(
+                str(row["nodes"]) if name == CONTROLLED else "",
+                name + (" (warns)" if row["warnings"].get(name) else ""),
+                f"{1e6 * typical:.1f}",
+                f"{1e6 * min(times):.1f}",
+                "" if iterations is None else f"{iterations:.2f}",
+                "" if iterations is None else f"{1e6 * typical / iterations:.1f}",
+                f"{row['time_step'][name] / typical:.0f}",
+                "" if ratio is None else f"{ratio:.2f}",
+                end_section=name == list(row["seconds_per_step"])[-1],
+            )
+    return table
+
+
+if __name__ == "__main__":
+    main()

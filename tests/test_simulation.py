@@ -1,0 +1,272 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import crinoid
+from crinoid.metrics import deflection, settling_time, tip_error
+from crinoid.result import Result, ResultError
+from crinoid.simulation import SimulationError, play
+
+# one shape of arm, flows and controller for all tests: they share their compiled code
+SCENARIO = """
+[arm]
+nodes = 11
+youngs_modulus = 5e5
+[base]
+tilt_deg = -30
+[base.channels.slide]
+[base.channels.tilt]
+[[flow]]
+kind = "uniform"
+velocity = [0.2, 0.0]
+ramp_time = 1.0
+[[flow]]
+kind = "sine"
+amplitude = [0.05, 0.02]
+frequency_hz = 0.5
+[control]
+kind = "pid"
+[control.pid.slide]
+kp = 0.3
+ki = 2.0
+[control.pid.tilt]
+kp = 0.3
+ki = 2.0
+kd = 0.05
+[simulation]
+duration = 2.0
+"""
+
+
+def scenario(**values: object) -> crinoid.Scenario:
+    keys = {key.replace("__", "."): value for key, value in values.items()}
+    return crinoid.Scenario.from_toml(SCENARIO).with_values(keys)
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return crinoid.simulate(scenario())
+
+
+def test_every_variable_has_units_and_the_contract_s_dimensions(result):
+    dataset = result.dataset
+    expected = {
+        "position": ("time", "node", "axis"),
+        "velocity": ("time", "node", "axis"),
+        "acceleration": ("time", "node", "axis"),
+        "tangent": ("time", "edge", "axis"),
+        "curvature": ("time", "node"),
+        "tension": ("time", "edge"),
+        "tip_position": ("time", "axis"),
+        "tip_target": ("time", "axis"),
+        "tip_angle": ("time",),
+        "tip_error": ("time",),
+        "base_command": ("time", "channel"),
+        "base_pose": ("time", "channel"),
+        "base_force": ("time", "axis"),
+        "base_moment": ("time",),
+        "flow_velocity": ("time", "node", "axis"),
+        "energy": ("time", "kind"),
+        "newton_iterations": ("time",),
+        "residual": ("time",),
+    }
+    for name, dims in expected.items():
+        assert dataset[name].dims == dims, name
+    for name, variable in dataset.data_vars.items():
+        assert variable.attrs["units"], name
+        assert variable.attrs["long_name"], name
+        assert np.isfinite(variable.values).all(), name
+    assert dataset["flow_speed"].attrs["standard_name"] == "sea_water_speed"
+    assert dataset.attrs["status"] == "ok"
+    assert dataset.attrs["seed"] == 0
+    assert list(dataset["axis"].values) == ["x", "z"]
+
+
+def test_times_are_the_exact_multiples_of_the_interval(result):
+    np.testing.assert_allclose(result.dataset["time"], 0.02 * np.arange(101), atol=1e-13)
+
+
+def test_derived_variables_follow_from_the_motion(result):
+    dataset = result.dataset
+    position = dataset["position"].values
+    edges = np.diff(position, axis=1)
+    length = np.linalg.norm(edges, axis=2)
+    np.testing.assert_allclose(dataset["tangent"].values, edges / length[..., None])
+    np.testing.assert_allclose(dataset["tip_position"].values, position[:, -1])
+    miss = dataset["tip_position"].values - dataset["tip_target"].values
+    np.testing.assert_allclose(dataset["tip_error"].values, np.hypot(*miss.T))
+    # the root is where the base is
+    pose = dataset["base_pose"].values
+    np.testing.assert_allclose(position[:, 0] - [0.0, -10.0], pose[:, :2], atol=1e-15)
+    # the moment in the clamp is what bends the arm there: EI (kappa - kappa_rest)
+    arm = result.scenario.system().rod
+    still = crinoid.equilibrium(scenario()).dataset
+    bend = float(arm.EI[0]) * still["curvature"].values[0, 0]
+    # strain 2 tan(turn / 2) of half an edge: moment and curvature differ at second order
+    assert float(still["base_moment"][0]) == pytest.approx(bend, rel=1e-3)
+
+
+def test_energy_balances(result):
+    energy = result.dataset["energy"]
+    stored = energy.sel(kind=["kinetic", "elastic", "potential"]).sum("kind")
+    works = energy.sel(kind=["drag", "damping", "actuation", "loads", "added_mass"])
+    defect = (stored - stored[0] - works.sum("kind")).values
+    assert np.abs(defect).max() < 1e-3 * np.abs(works.values).max()
+
+
+def test_the_comparison_is_the_same_run_with_the_base_at_rest(result):
+    other = result.uncontrolled
+    assert np.abs(other.dataset["base_command"].values).max() == 0.0
+    alone = crinoid.simulate(scenario(control__kind="none")).dataset
+    np.testing.assert_allclose(other.dataset["position"], alone["position"], atol=1e-12)
+
+
+def test_control_can_be_switched_on_later():
+    late = crinoid.simulate(scenario(control__start=1.0))
+    command = late.dataset["base_command"]
+    assert np.abs(command.sel(time=slice(None, 0.99)).values).max() == 0.0
+    assert np.abs(command.sel(time=slice(1.02, None)).values).max() > 0.0
+    before = slice(None, 1.0)
+    np.testing.assert_array_equal(
+        late.dataset["position"].sel(time=before),
+        late.uncontrolled.dataset["position"].sel(time=before),
+    )
+    # the derivative starts from the reading of that moment, not from that of time zero
+    jump = np.abs(command.sel(time=1.0, method="nearest").values).max()
+    error = float(late.dataset["tip_error"].sel(time=1.0, method="nearest"))
+    assert jump < 5 * error
+
+
+def test_results_do_not_depend_on_how_often_they_are_kept(result):
+    rare = crinoid.simulate(scenario(output__interval=0.5)).dataset
+    np.testing.assert_array_equal(rare["position"].values, result.dataset["position"].values[::25])
+    assert int(rare["steps"].sum()) == int(result.dataset["steps"].sum()) == 200
+    assert int(rare["newton_iterations"].sum()) == int(result.dataset["newton_iterations"].sum())
+    # an interval that does not divide the duration: the end is kept all the same
+    uneven = crinoid.simulate(scenario(output__interval=0.3)).dataset
+    np.testing.assert_allclose(uneven["time"], [0, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.0])
+    np.testing.assert_array_equal(
+        uneven["position"].values[-1], result.dataset["position"].values[-1]
+    )
+
+
+def test_seeds_change_the_noise_and_nothing_else():
+    noisy = {"sensor__noise_position": 1e-3, "control__compare": False}
+    first = crinoid.simulate(scenario(**noisy)).dataset
+    again = crinoid.simulate(scenario(**noisy)).dataset
+    other = crinoid.simulate(scenario(**noisy, seed=1)).dataset
+    np.testing.assert_array_equal(first["position"], again["position"])
+    assert np.abs(first["base_command"].values - other["base_command"].values).max() > 1e-5
+    np.testing.assert_array_equal(first["position"][0], other["position"][0])
+
+
+def test_targets_can_move_and_are_held_at_the_ends():
+    moving = scenario(target__time=[0.5, 1.5], target__tip=[[0.4, -10.2], [0.42, -10.2]])
+    target = crinoid.simulate(moving).dataset["tip_target"]
+    np.testing.assert_allclose(target.sel(time=slice(0, 0.5)), [[0.4, -10.2]] * 26)
+    np.testing.assert_allclose(target.sel(time=slice(1.5, None)), [[0.42, -10.2]] * 26)
+    assert (np.diff(target.values[:, 0]) >= 0).all()
+
+
+def test_a_result_comes_back_from_its_file(result, tmp_path):
+    paths = result.save(tmp_path)
+    assert [path.name for path in paths] == ["result.nc", "uncontrolled.nc"]
+    with xr.open_dataset(paths[0]) as dataset:
+        xr.testing.assert_identical(dataset.load(), result.dataset)
+    back = Result.load(tmp_path)
+    assert back.scenario == scenario()
+    assert tip_error(back.uncontrolled) == tip_error(result.uncontrolled)
+    # no half-written or temporary file is left behind
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result.nc", "uncontrolled.nc"]
+
+
+def test_files_that_are_no_results_are_refused(tmp_path):
+    with pytest.raises(ResultError, match="no such result"):
+        Result.load(tmp_path)
+    (tmp_path / "result.nc").write_text("not netCDF")
+    with pytest.raises(ResultError, match="not a result of crinoid"):
+        Result.load(tmp_path)
+
+
+def test_a_run_goes_on_from_where_it_stopped_as_if_it_had_not(result, tmp_path):
+    part = crinoid.simulate(scenario(simulation__duration=0.7))
+    part.save(tmp_path)
+    whole = play(scenario(), resume=Result.load(tmp_path))
+    for mine, other in ((whole, result), (whole.uncontrolled, result.uncontrolled)):
+        for name in ("time", "position", "base_command", "energy", "tip_angle"):
+            np.testing.assert_array_equal(mine.dataset[name], other.dataset[name], name)
+
+
+def test_a_step_that_cannot_be_solved_ends_the_run_with_what_there_is():
+    # one Newton iteration is not enough once the flow has turned the arm
+    hopeless = scenario(
+        simulation__max_iterations=1, simulation__max_halvings=0, control__compare=False
+    )
+    hopeless = hopeless.with_values({"flow.0.velocity": [5.0, 0.0], "simulation.start": "rest"})
+    with pytest.raises(SimulationError, match=r"failed at t = .* node \d+ .*time_step") as caught:
+        crinoid.simulate(hopeless)
+    kept = caught.value.result
+    assert kept.status.startswith("failed at t = ")
+    for name, variable in kept.dataset.data_vars.items():
+        assert np.isfinite(variable.values).all(), name
+
+
+def test_an_arm_that_nothing_holds_has_no_equilibrium():
+    floating = scenario(
+        base__mount="pinned",
+        base__channels={"slide": {}},
+        control={"kind": "none"},
+        arm__density=1000.0,
+        simulation__max_iterations=3,
+    ).with_values({"flow": [], "water.gravity": 0.0, "load": [{"kind": "tip", "moment": 1.0}]})
+    with pytest.raises(SimulationError, match="no static equilibrium"):
+        crinoid.simulate(floating)
+
+
+def test_several_cases_are_not_one_run():
+    with pytest.raises(ValueError, match="several cases"):
+        crinoid.simulate(
+            crinoid.Scenario.from_toml(SCENARIO + '[vary]\n"arm.length" = [0.4, 0.5]\n')
+        )
+
+
+def test_settling_and_deflection_of_a_known_error():
+    time = np.linspace(0.0, 10.0, 101)
+
+    def made(error: np.ndarray) -> Result:
+        tip = np.stack([error, 0 * error], axis=1)
+        return Result(
+            xr.Dataset(
+                {"tip_error": ("time", np.abs(error)), "tip_position": (("time", "axis"), tip)},
+                {"time": time},
+            )
+        )
+
+    run = made(np.where(time < 3.95, 0.5, 0.01))
+    run.uncontrolled = made(np.where(time < 1.0, 0.0, 1.0))
+    assert settling_time(run) == pytest.approx(4.0)
+    assert deflection(run) == pytest.approx(1.0)
+    assert tip_error(run).steady == pytest.approx(0.01)
+    run.dataset["tip_error"][-1] = 0.06
+    assert settling_time(run) is None
+
+
+def test_the_public_core_steps_and_differentiates():
+    system = scenario().system()
+    state = system.equilibrium()
+    stepped, outcome = jax.jit(lambda s, c: system.step(s, c))(state, jnp.zeros(3))
+    assert bool(outcome.converged)
+
+    def height(tilt: jax.Array) -> jax.Array:
+        def one(state, _):
+            return system.step(state, jnp.zeros(3).at[2].set(tilt))[0], None
+
+        end, _ = jax.lax.scan(one, state, None, length=5)
+        return system.tip(end)[1]
+
+    slope = jax.jit(jax.grad(height))(0.01)
+    ends = [jax.jit(height)(tilt) for tilt in (0.01 - 1e-5, 0.01 + 1e-5)]
+    assert float(slope) == pytest.approx(float(ends[1] - ends[0]) / 2e-5, rel=1e-5)
+    assert float(stepped.time) == 0.01
