@@ -10,11 +10,14 @@ import numpy as np
 
 from crinoid import Scenario
 
-VERSION = mujoco.__version__
-
 
 def rod(
-    scenario: Scenario, time_step: float, *, planar: bool = False, centred: bool = False
+    scenario: Scenario,
+    time_step: float,
+    *,
+    planar: bool = False,
+    stiff: bool = True,
+    centred: bool = False,
 ) -> mujoco.MjModel:
     """Declare a horizontal rod, its first two vertices pinned, as many vertices as the arm's nodes.
 
@@ -27,6 +30,9 @@ def rod(
     planar
         Two degrees of freedom for each vertex, instead of three and a twist for each edge. Gravity
         then acts along -y, otherwise along -z.
+    stiff
+        Ask for edges that hardly stretch; with the default constraint the rod grows longer the
+        more vertices it has.
     centred
         Shift the vertices so that the clamp, half an edge behind the second of them, is at the
         origin and the tip at the arm's length, and give the tip half of a vertex's mass.
@@ -37,6 +43,7 @@ def rod(
     edge = arm.length / (arm.nodes - (1.5 if centred else 1))
     places = edge * (np.arange(arm.nodes) - (0.5 if centred else 0))
     mass = arm.density * np.pi * radius**2 * edge
+    hard = 'solref="0.004 1" solimp="0.999 0.9999 0.001"' if stiff else ""
     points = " ".join(f"{x!r} 0 0" for x in places.tolist())
     edges = " ".join(f"{i} {i + 1}" for i in range(arm.nodes - 1))
     model = mujoco.MjModel.from_xml_string(
@@ -51,7 +58,7 @@ def rod(
               <flexcomp name="rod" type="direct" dim="1" dof="{"2d" if planar else "full"}"
                         radius="{radius}" mass="{mass * arm.nodes}"
                         point="{points}" element="{edges}">
-                <edge equality="true"/>
+                <edge equality="true" {hard}/>
                 <elasticity young="{arm.youngs_modulus}" poisson="{min(arm.poisson_ratio, 0.49)}"
                             damping="{arm.damping_time}"/>
                 <contact selfcollide="none" contype="0" conaffinity="0"/>

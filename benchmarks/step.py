@@ -8,6 +8,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from crinoid.simulation.stretch import stretch
 
 try:
     import mujoco
+
     import mujoco_rod
 except ImportError as error:
     mujoco_rod, WHY_NOT = None, f"without MuJoCo ({error}): pip install '.[bench]'"
@@ -49,7 +51,7 @@ def main() -> None:
     options = parser.parse_args()
     # what is on disk would make a first compilation look faster than it is
     jax.config.update("jax_enable_compilation_cache", False)
-    console = Console(highlight=False)
+    console = Console(highlight=False, width=100)
 
     rows = []
     for nodes in options.nodes:
@@ -87,12 +89,9 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
                 model = mujoco_rod.rod(scenario, time_step, planar=planar)
                 data = mujoco.MjData(model)
                 steps = max(200, round(40_000 / nodes))
-                contestants.append(
-                    Contestant(name, lambda *a: mujoco_rod.run(*a), steps, time_step)._replace(
-                        run=lambda a=(model, data, steps): mujoco_rod.run(*a)
-                    )
-                )
-                mujoco_rod.run(model, data, steps)
+                run = partial(mujoco_rod.run, model, data, steps)
+                contestants.append(Contestant(name, run, steps, time_step))
+                run()
                 warned[name] = mujoco_rod.warnings(data)
 
     times: dict[str, list[float]] = {each.name: [] for each in contestants}
@@ -190,10 +189,10 @@ def step_table(rows: list[dict[str, Any]]) -> Table:
     """Show what a step costs."""
     table = Table(title="One time step", title_justify="left")
     table.add_column("nodes", justify="right")
-    table.add_column("")
-    for name in ("median (us)", "least (us)", "iterations", "us an iteration", "x real time"):
+    table.add_column("", no_wrap=True)
+    for name in ("median us", "least us", "iterations", "us each", "x real time"):
         table.add_column(name, justify="right")
-    table.add_column("closed loop over this", justify="right")
+    table.add_column("closed loop / this", justify="right")
     for row in rows:
         for name, times in row["seconds_per_step"].items():
             typical = float(np.median(times))

@@ -248,7 +248,6 @@ def test_cantilever_frequencies_converge_at_order_two():
         frequency, _ = vibrations(bare(nodes=nodes))  # EI = m = L = 1: omega = (beta L)^2
         errors.append(np.sqrt(frequency[:3]) / CANTILEVER - 1.0)
     errors = np.array(errors)
-    print(errors, (4 * errors[2] - errors[1]) / 3)
     for mode in range(3):
         assert order(np.abs(errors[:, mode])) == pytest.approx(2.0, abs=0.1)
     assert np.all(np.abs(errors[-1]) < 3e-3)
@@ -570,9 +569,8 @@ def test_round_off_does_not_stir_what_is_at_rest(tilt, curvature):
     system = bare(tilt=tilt, rest_curvature=curvature)
     start = rest(system)
     states, outcomes = track(system, start, 0.01)
-    print(np.abs(states.position - start.position).max(), np.abs(states.velocity).max())
-    assert states.position[-1] == pytest.approx(np.asarray(start.position), abs=1e-11)
-    assert not outcomes.iterations.any()
+    assert np.abs(states.position - start.position).max() < 1e-13
+    assert outcomes.iterations.max() <= 1
 
 
 # --- steps that fail ---------------------------------------------------------------------------

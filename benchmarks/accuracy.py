@@ -1,0 +1,243 @@
+"""Time to reach a stated error: an arm let go from the horizontal, with crinoid and with MuJoCo.
+
+Still conditions: no drag, no added mass, gravity less buoyancy, Kelvin-Voigt damping. The error is
+the largest distance of the tip, over two seconds, from the engine's own converged solution,
+relative to the largest displacement of the tip. Times are those of the simulation alone: neither
+compiling nor loading is in them.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import crinoid
+from crinoid.simulation.setup import set_up
+from crinoid.simulation.stretch import stretch
+
+try:
+    import mujoco
+
+    import mujoco_rod
+except ImportError as error:
+    mujoco_rod, WHY_NOT = None, f"without MuJoCo ({error}): pip install '.[bench]'"
+
+RESULTS = Path(__file__).parent / "results"
+DURATION, INTERVAL = 2.0, 0.2
+SAMPLES = round(DURATION / INTERVAL)
+TARGETS = (0.01, 0.001)
+
+CRINOID = {
+    "nodes": (6, 11, 21),
+    "time_steps": (0.04, 0.02, 0.01, 0.005),
+    "reference": (81, 0.001),
+}
+MUJOCO = {
+    "nodes": (6, 11, 21, 41),
+    "time_steps": (0.01, 0.005, 0.002, 0.001, 0.0005, 0.00025),
+    "reference": (81, 0.0005),
+}
+
+
+class Case(NamedTuple):
+    """One mesh and time step of an engine."""
+
+    engine: str
+    nodes: int
+    time_step: float
+    run: Callable[[], np.ndarray]
+    """Returns the tip at each sample, `(samples, 2)` in m."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5)
+    options = parser.parse_args()
+    console = Console(highlight=False, width=100)
+
+    engines = {"crinoid": (CRINOID, crinoid_case)}
+    if mujoco_rod is not None:
+        engines["MuJoCo"] = (MUJOCO, mujoco_case)
+    cases, converged, rows = [], {}, []
+    with console.status("converged solutions"):
+        for engine, (grid, make) in engines.items():
+            converged[engine] = reference(engine, grid, make)
+            cases += [make(n, h) for n in grid["nodes"] for h in grid["time_steps"]]
+    with console.status("timing"):
+        times = in_turn(cases, options.repeats)
+    for case, seconds in zip(cases, times, strict=True):
+        wrong = distance(case.run(), converged[case.engine])
+        rows.append(
+            {
+                "engine": case.engine,
+                "nodes": case.nodes,
+                "time_step": case.time_step,
+                "error": wrong,
+                "seconds": seconds,
+            }
+        )
+    console.print(grid_table(rows))
+    summary = reach_table(rows)
+    console.print(summary)
+    if mujoco_rod is None:
+        console.print(WHY_NOT)
+    else:
+        apart = distance(converged["MuJoCo"], converged["crinoid"])
+        console.print(f"the two converged solutions are {apart:.2%} apart")
+        console.print(default_table())
+    RESULTS.mkdir(exist_ok=True)
+    path = RESULTS / "accuracy.json"
+    path.write_text(json.dumps(rows, indent=2), "utf-8")
+    console.print(f"wrote {path}")
+
+
+def scenario(nodes: int, time_step: float) -> crinoid.Scenario:
+    """Return the arm of station-keeping, horizontal, without control, current or drag."""
+    settings = {
+        "arm.nodes": nodes,
+        "base.tilt_deg": 0.0,
+        "flow": [],
+        "sensor": {},
+        "control": {"kind": "none"},
+        "water.drag_normal": 0.0,
+        "water.drag_tangential": 0.0,
+        "water.added_mass_normal": 0.0,
+        "simulation.start": "rest",
+        "simulation.time_step": time_step,
+        "simulation.duration": DURATION,
+    }
+    return crinoid.load("station-keeping").with_values(settings)
+
+
+def crinoid_case(nodes: int, time_step: float) -> Case:
+    """Return a run of crinoid, compiled."""
+    setup = set_up(scenario(nodes, time_step))
+    carry = setup.loop.start(setup.state)
+    stride = jnp.asarray(round(INTERVAL / time_step))
+
+    def run() -> np.ndarray:
+        _, kept, filled, _ = stretch(setup.loop, carry, jnp.asarray(SAMPLES), stride, SAMPLES)
+        if filled != SAMPLES:
+            raise RuntimeError(f"{nodes} nodes at {time_step} s stopped early")
+        return np.asarray(kept.tip[:, :2] - setup.loop.system.forces.origin)
+
+    return Case("crinoid", nodes, time_step, run)
+
+
+def mujoco_case(nodes: int, time_step: float, **kind: bool) -> Case:
+    """Return a run of MuJoCo's rod at its best: planar, hard edges, clamp in its right place."""
+    kind = {"planar": nodes < 50, "centred": True} | kind
+    model = mujoco_rod.rod(scenario(nodes, 0.01), time_step, **kind)
+    data = mujoco.MjData(model)
+    up = 1 if kind["planar"] else 2
+
+    def run() -> np.ndarray:
+        mujoco.mj_resetData(model, data)
+        tips = np.empty((SAMPLES, 2))
+        for tip in tips:
+            mujoco.mj_step(model, data, round(INTERVAL / time_step))
+            # the vertices are those of before the last step: move them along
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_flex(model, data)
+            tip[:] = data.flexvert_xpos[-1][[0, up]]
+        if mujoco_rod.warnings(data):
+            raise RuntimeError(f"MuJoCo warned about {nodes} vertices at {time_step} s")
+        return tips
+
+    return Case("MuJoCo", nodes, time_step, run)
+
+
+def reference(engine: str, grid: dict[str, Any], make: Callable[[int, float], Case]) -> np.ndarray:
+    """Extrapolate a fine solution to no time step at all, by the engine's order in time."""
+    nodes, time_step = grid["reference"]
+    order = {"crinoid": 2, "MuJoCo": 1}[engine]
+    coarse, fine = (make(nodes, h).run() for h in (2 * time_step, time_step))
+    return fine + (fine - coarse) / (2**order - 1)
+
+
+def distance(tips: np.ndarray, truth: np.ndarray) -> float:
+    """Return the largest distance over the samples, relative to the largest displacement."""
+    start = np.array([0.5, 0.0])
+    return float(
+        np.max(np.linalg.norm(tips - truth, axis=1)) / np.max(np.linalg.norm(truth - start, axis=1))
+    )
+
+
+def in_turn(cases: list[Case], repeats: int) -> list[float]:
+    """Return the median time of each case, run in turn so that all meet the same machine."""
+    times = np.empty((repeats, len(cases)))
+    for case in cases:
+        case.run()
+    for row in times:
+        for i, case in enumerate(cases):
+            start = time.perf_counter()
+            case.run()
+            row[i] = time.perf_counter() - start
+    return np.median(times, axis=0).tolist()
+
+
+def grid_table(rows: list[dict[str, Any]]) -> Table:
+    """Show error and time of every case."""
+    table = Table(title="Two seconds of swinging", title_justify="left")
+    table.add_column("")
+    for name in ("nodes", "time step", "tip error", "wall time"):
+        table.add_column(name, justify="right")
+    before = None
+    for row in rows:
+        if before not in (None, (row["engine"], row["nodes"])):
+            table.add_section()
+        before = (row["engine"], row["nodes"])
+        table.add_row(
+            row["engine"],
+            str(row["nodes"]),
+            f"{1e3 * row['time_step']:g} ms",
+            f"{row['error']:.3%}",
+            f"{1e3 * row['seconds']:.2f} ms",
+        )
+    return table
+
+
+def reach_table(rows: list[dict[str, Any]]) -> Table:
+    """Show the fastest case of each engine within each error."""
+    table = Table(title="Fastest within an error", title_justify="left")
+    table.add_column("")
+    for target in TARGETS:
+        table.add_column(f"{target:.1%}", justify="right")
+    for engine in dict.fromkeys(row["engine"] for row in rows):
+        cells = []
+        for target in TARGETS:
+            within = [row for row in rows if row["engine"] == engine and row["error"] <= target]
+            best = min(within, key=lambda row: row["seconds"], default=None)
+            cells.append(
+                "none"
+                if best is None
+                else f"{1e3 * best['seconds']:.2f} ms ({best['nodes']} nodes, "
+                f"{1e3 * best['time_step']:g} ms)"
+            )
+        table.add_row(engine, *cells)
+    return table
+
+
+def default_table() -> Table:
+    """Show where the tip of a rod with MuJoCo's default edges ends up, mesh by mesh."""
+    title = "MuJoCo with its default edges, pinned at 0 and one edge (2 ms): tip after 2 s"
+    table = Table(title=title, title_justify="left")
+    for name in ("vertices", "x", "z"):
+        table.add_column(name, justify="right")
+    for nodes in (11, 21, 41, 81):
+        x, z = mujoco_case(nodes, 0.002, planar=False, stiff=False, centred=False).run()[-1]
+        table.add_row(str(nodes), f"{1e3 * x:.2f} mm", f"{1e3 * z:.2f} mm")
+    return table
+
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_compilation_cache", False)
+    main()

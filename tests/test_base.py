@@ -1,0 +1,318 @@
+"""Servos against the second-order system they are; prescribed motion; the wrench."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+from numpy.typing import ArrayLike
+from physics import order
+from scipy.interpolate import CubicSpline
+
+from crinoid.base import CHANNELS, Base, Servo, ServoState, SineMotion, TableMotion
+from crinoid.spline import PiecewiseCubic
+
+NATURAL = 2 * np.pi / np.sqrt(np.sqrt(2.0) - 1.0)
+"""Natural frequency of a bandwidth of 1 Hz (rad/s): 1 / (1 + (w/n)^2) = 1 / sqrt(2)."""
+
+# --- servos ------------------------------------------------------------------------------------
+
+
+def servo(
+    *,
+    bandwidth: float = 1.0,
+    speed: float = 1e3,
+    acceleration: float = 1e6,
+    reach: float = 1e3,
+) -> Servo:
+    """Build one servo; without further words its limits are far away."""
+    return Servo(*(jnp.full(1, x) for x in (-reach, reach, speed, acceleration, bandwidth)))
+
+
+@eqx.filter_jit
+def _follow(servo: Servo, start: ServoState, commands: Array, step: Array) -> ServoState:
+    def once(state: ServoState, command: Array) -> tuple[ServoState, ServoState]:
+        state = servo.advance(state, command[None], step)
+        return state, state
+
+    return jax.lax.scan(once, start, commands)[1]
+
+
+def follow(
+    servo: Servo, commands: np.ndarray, step: float, start: ServoState | None = None
+) -> np.ndarray:
+    """Return position, velocity and acceleration, each after every step."""
+    states = _follow(servo, start or servo.at_rest(), jnp.asarray(commands), jnp.asarray(step))
+    return np.stack([states.position, states.velocity, states.acceleration])[..., 0]
+
+
+STEPS = 1000
+"""Commands of a run, the same for all so that they share one compiled loop."""
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.01, 0.1, 0.7])
+def test_a_small_step_command_is_answered_exactly(step):
+    # critically damped second order: x / c = 1 - (1 + n t) exp(-n t)
+    position, velocity, acceleration = follow(servo(), np.full(STEPS, 0.01), step)
+    time = step * np.arange(1, STEPS + 1)
+    decay = np.exp(-NATURAL * time)
+    assert position == pytest.approx(0.01 * (1 - (1 + NATURAL * time) * decay), abs=1e-13)
+    assert velocity == pytest.approx(0.01 * NATURAL**2 * time * decay, abs=1e-12)
+    assert acceleration == pytest.approx(
+        0.01 * NATURAL**2 * (1 - NATURAL * time) * decay, abs=1e-10
+    )
+
+
+def test_any_state_is_left_exactly():
+    # (e + (v + n e) t) exp(-n t), past the command and back
+    start = ServoState(jnp.full(1, 0.01), jnp.full(1, -0.2), jnp.zeros(1))
+    position, *_ = follow(servo(), np.zeros(STEPS), 5e-3, start)
+    time = 5e-3 * np.arange(1, STEPS + 1)
+    exact = (0.01 + (-0.2 + NATURAL * 0.01) * time) * np.exp(-NATURAL * time)
+    assert exact.min() < -1e-3
+    assert position == pytest.approx(exact, abs=1e-13)
+
+
+@pytest.mark.parametrize("bandwidth", [0.5, 2.0])
+def test_response_falls_by_3_dB_at_the_bandwidth(bandwidth):
+    # 1 / sqrt(2) by definition; the phase of a critically damped system is -2 atan(w / n)
+    step = 5.0 / bandwidth / STEPS
+    angle = 2 * np.pi * bandwidth * step * np.arange(STEPS)
+    position, *_ = follow(servo(bandwidth=bandwidth), 0.01 * np.sin(angle), step)
+    settled = slice(STEPS // 2, None)
+    after = angle + angle[1]
+    waves = np.stack([np.sin(after), np.cos(after)], axis=1)[settled]
+    (inphase, quadrature), *_ = np.linalg.lstsq(waves, position[settled], rcond=None)
+    assert np.hypot(inphase, quadrature) / 0.01 == pytest.approx(np.sqrt(0.5), rel=1e-3)
+    lag = -2 * np.arctan(np.sqrt(np.sqrt(2.0) - 1.0))
+    held = -angle[1] / 2  # a command held over a step lags by half of it
+    assert np.arctan2(quadrature, inphase) == pytest.approx(lag + held, abs=2e-3)
+
+
+def _random_servos() -> list[tuple[float, float, float, float, np.ndarray]]:
+    """Return bandwidth, speed, acceleration, step and commands, each over decades."""
+    cases = []
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        bandwidth = 10 ** random.uniform(-1.0, 1.5)
+        speed = 10 ** random.uniform(-1.5, 1.0)
+        acceleration = 10 ** random.uniform(-1.0, 2.0)
+        step = 10 ** random.uniform(-3.0, -0.5)
+        held = [1, 7, 50][seed % 3]
+        commands = np.repeat(random.uniform(-0.5, 0.5, STEPS // held + 1), held)[:STEPS]
+        cases.append((bandwidth, speed, acceleration, step, commands))
+    return cases
+
+
+def test_limits_hold_whatever_is_commanded():
+    reached = dict.fromkeys(("range", "speed", "acceleration"), 0)
+    for bandwidth, speed, acceleration, step, commands in _random_servos():
+        reach = 0.3
+        slow = servo(bandwidth=bandwidth, speed=speed, acceleration=acceleration, reach=reach)
+        x, v, a = follow(slow, commands, step)
+        case = f"{bandwidth=} {speed=} {acceleration=} {step=}"
+        assert np.abs(x).max() <= reach, case
+        assert np.abs(v).max() <= speed * (1 + 1e-12), case
+        assert np.abs(a).max() <= acceleration * (1 + 1e-9), case
+        # nor may the positions and velocities tell another story than the rates
+        before = np.pad([x, v], ((0, 0), (1, 0)))[:, :-1]
+        mean_speed, mean_acceleration = np.abs([x, v] - before) / step
+        assert mean_speed.max() <= speed * (1 + 1e-9), case
+        assert mean_acceleration.max() <= acceleration * (1 + 1e-9), case
+        reached["range"] += np.abs(x).max() > 0.999 * reach
+        reached["speed"] += np.abs(v).max() > 0.999 * speed
+        reached["acceleration"] += np.abs(a).max() > 0.999 * acceleration
+    assert min(reached.values()) > 10  # so the limits were met, not only kept
+
+
+def test_a_step_command_is_reached_and_not_overrun():
+    for bandwidth, speed, acceleration, step, _ in _random_servos():
+        slow = servo(bandwidth=bandwidth, speed=speed, acceleration=acceleration, reach=10.0)
+        natural = NATURAL * bandwidth
+        case = f"{bandwidth=} {speed=} {acceleration=} {step=}"
+        position, *_ = follow(slow, np.full(STEPS, 1.0), step)
+        # a step longer than the servo takes to respond cannot be finer than what it brakes in it
+        coarse = natural * step > 1.0
+        assert position.max() - 1.0 < (1e-6 if coarse else 1e-12), case
+        # on the way, braking, and settling within exp(-20) (1 + 20)
+        enough = 1.0 / speed + 2 * np.sqrt(1.0 / acceleration) + 20.0 / natural + 20 * step
+        if enough < STEPS * step:
+            assert position[-1] == pytest.approx(1.0, abs=1e-6), case
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration"), [(0.5, 2.0), (5.0, 2.0), (0.3, 100.0)], ids=["both", "acc", "speed"]
+)
+def test_limited_motion_is_second_order_in_the_step(speed, acceleration):
+    limited = servo(bandwidth=2.0, speed=speed, acceleration=acceleration)
+
+    def run(refinement: int) -> np.ndarray:
+        steps = 125 * refinement
+        time = 3.0 / steps * np.arange(steps)
+        # turned around on the way, at a time that is on all grids
+        commands = np.where(time < 0.96 - 1e-9, 0.5, -0.2)
+        position, *_ = follow(limited, commands, 3.0 / steps)
+        return position[refinement - 1 :: refinement]
+
+    exact = run(256)
+    errors = [np.abs(run(refinement) - exact).max() for refinement in (1, 4, 16)]
+    # events inside a step make single orders uneven: over a 16-fold refinement
+    assert order([errors[0], errors[-1]], 16.0) == pytest.approx(2.0, abs=0.35)
+    assert errors[-1] < 1e-4
+
+
+def test_a_channel_without_room_stays():
+    fixed = Servo(*(jnp.asarray([x]) for x in (0.0, 0.0, 1.0, 1.0, 1.0)))
+    states = follow(fixed, np.full(STEPS, 0.5), 0.01)
+    assert not states.any()
+
+
+def test_gradients_of_a_servo_are_finite():
+    # at rest on the command, at the end of the range, and far away
+    limited = servo(speed=0.5, acceleration=2.0, reach=0.3)
+    for position, command in ((0.0, 0.0), (0.3, 0.3), (0.3, 1.0), (-0.3, 0.3)):
+        start = ServoState(jnp.full(1, position), jnp.zeros(1), jnp.zeros(1))
+
+        def last(command: Array, start: ServoState = start) -> Array:
+            return limited.advance(start, command, jnp.asarray(0.01)).position[0]
+
+        assert np.isfinite(jax.grad(last)(jnp.full(1, command))).all()
+
+
+# --- prescribed motion -------------------------------------------------------------------------
+
+
+def sine(channel: int, amplitude: float, frequency: float, phase: float) -> SineMotion:
+    return SineMotion(channel, *(jnp.asarray(x) for x in (amplitude, frequency, phase)))
+
+
+def test_a_sine_and_its_rates():
+    value, rate, second = sine(0, 0.3, 0.5, 0.2).derivatives(jnp.asarray(1.7))
+    angle = np.pi * 1.7 + 0.2
+    assert value == pytest.approx(0.3 * np.sin(angle), abs=1e-14)
+    assert rate == pytest.approx(0.3 * np.pi * np.cos(angle), abs=1e-14)
+    assert second == pytest.approx(-0.3 * np.pi**2 * np.sin(angle), abs=1e-13)
+
+
+KNOTS = np.array([0.0, 0.7, 1.5, 2.0, 3.1])
+TABLE = CubicSpline(KNOTS, [0.0, 0.3, -0.1, 0.2, 0.4])
+
+
+@pytest.mark.parametrize("time", [0.0, 0.3, 0.7, 1.9, 3.0, 3.1])
+def test_a_table_is_its_spline(time):
+    # at the first knot the motion begins with the slope that it goes on with
+    motion = TableMotion(1, PiecewiseCubic(TABLE))
+    for derivative, value in enumerate(motion.derivatives(jnp.asarray(time))):
+        assert value == pytest.approx(float(TABLE(time, derivative)), abs=1e-11)
+
+
+@pytest.mark.parametrize(("time", "end"), [(-0.5, 0.0), (3.2, 0.4)])
+def test_a_table_is_held_outside_its_times(time, end):
+    motion = TableMotion(1, PiecewiseCubic(TABLE))
+    value, rate, second = motion.derivatives(jnp.asarray(time))
+    assert value == pytest.approx(end, abs=1e-14)
+    assert rate == 0.0
+    assert second == 0.0
+
+
+# --- the base ----------------------------------------------------------------------------------
+
+
+def base(*motions: SineMotion | TableMotion, tilt: float = -0.4) -> Base:
+    limits = ((-1.0,) * 3, (1.0,) * 3, (10.0,) * 3, (100.0,) * 3, (5.0,) * 3)
+    return Base(jnp.asarray(tilt), jnp.asarray(0.2), Servo(*jnp.asarray(limits)), motions)
+
+
+def at_rest(*position: float) -> ServoState:
+    return ServoState(jnp.asarray(position), jnp.zeros(3), jnp.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("pose", "root", "ghost"),
+    [
+        ((0.0, 0.0, 0.0), (0.0, 0.0), (-0.2, 0.0)),
+        ((0.3, -0.1, 0.0), (0.3, -0.1), (0.1, -0.1)),
+        ((0.0, 0.0, np.pi / 2), (0.0, 0.0), (0.0, -0.2)),  # the arm points up
+        ((0.0, 0.0, np.pi), (0.0, 0.0), (0.2, 0.0)),
+    ],
+)
+def test_channels_move_the_clamp(pose, root, ghost):
+    held = base(tilt=0.0).prescribe(jnp.asarray(0.0), at_rest(*pose))
+    assert np.asarray(held.position) == pytest.approx(np.array([ghost, root]), abs=1e-15)
+    assert not held.velocity.any()
+    assert not held.acceleration.any()
+
+
+def test_tilt_of_the_mount_and_of_the_channel_add():
+    held = base(tilt=0.5).prescribe(jnp.asarray(0.0), at_rest(0.0, 0.0, 0.25))
+    edge = np.asarray(held.position[1] - held.position[0])
+    assert np.arctan2(edge[1], edge[0]) == pytest.approx(0.75, abs=1e-14)
+
+
+def test_prescribed_velocity_and_acceleration_are_those_of_the_position():
+    moving = base(
+        sine(0, 0.3, 0.5, 0.2),
+        sine(2, 0.9, 0.8, 1.0),
+        TableMotion(CHANNELS.index("heave"), PiecewiseCubic(TABLE)),
+        sine(2, 0.2, 1.7, 0.0),  # two motions of one channel add up
+    )
+    # a servo under way rides along: x = p + v t + a t^2 / 2 about t = 1.1
+    p, v, a = (jnp.asarray(x) for x in ([0.1, -0.2, 0.3], [0.4, 0.1, -0.6], [-1.0, 2.0, 1.5]))
+    prescribe = jax.jit(
+        lambda t: moving.prescribe(
+            t, ServoState(p + v * (t - 1.1) + 0.5 * a * (t - 1.1) ** 2, v + a * (t - 1.1), a)
+        )
+    )
+    step = 1e-3
+    times = 1.1 + step * np.arange(-2, 3)
+    places = np.stack([prescribe(jnp.asarray(time)).position for time in times])
+    held = prescribe(jnp.asarray(1.1))
+    # central differences of order four
+    velocity = np.tensordot([1, -8, 0, 8, -1], places, 1) / (12 * step)
+    acceleration = np.tensordot([-1, 16, -30, 16, -1], places, 1) / (12 * step**2)
+    assert np.asarray(held.velocity) == pytest.approx(velocity, abs=1e-7)
+    assert np.asarray(held.acceleration) == pytest.approx(acceleration, abs=1e-5)
+    assert np.abs(np.diff(held.acceleration, axis=0)).max() > 1.0
+
+
+def test_a_turning_base_swings_its_ghost():
+    # constant rate w: velocity w r, acceleration toward the root w^2 r
+    held = base(tilt=0.0).prescribe(
+        jnp.asarray(0.0), ServoState(jnp.zeros(3), jnp.asarray([0.0, 0.0, 3.0]), jnp.zeros(3))
+    )
+    assert np.asarray(held.velocity[0]) == pytest.approx([0.0, -0.6], abs=1e-14)
+    assert np.asarray(held.acceleration[0]) == pytest.approx([1.8, 0.0], abs=1e-14)
+    assert not held.velocity[1].any()
+    assert not held.acceleration[1].any()
+
+
+@pytest.mark.parametrize(
+    ("reaction", "force", "moment"),
+    [
+        # the base pushes the root up: the arm pushes the submarine down, without a lever
+        (((0.0, 0.0), (0.0, 2.0)), (0.0, -2.0), 0.0),
+        # the base pushes the ghost, 0.2 m behind the root, up: that turns the arm from +z toward
+        # +x, so the arm turns the submarine from +x toward +z
+        (((0.0, 2.0), (0.0, 0.0)), (0.0, -2.0), 0.4),
+        (((0.0, 2.0), (0.0, -2.0)), (0.0, 0.0), 0.4),
+        (((3.0, 0.0), (0.0, 0.0)), (-3.0, 0.0), 0.0),
+    ],
+)
+def test_wrench_is_what_the_arm_does_to_the_submarine(reaction, force, moment):
+    places = jnp.asarray([[-0.2, 0.0], [0.0, 0.0]])
+    on_submarine, turning = base().wrench(places, jnp.asarray(reaction))
+    assert np.asarray(on_submarine) == pytest.approx(np.array(force), abs=1e-15)
+    assert float(turning) == pytest.approx(moment, abs=1e-15)
+
+
+@pytest.mark.parametrize("where", [(0.0, 0.0), (3.0, -4.0)])
+def test_wrench_does_work_as_the_reactions_do(where: ArrayLike):
+    # virtual work: force . shift + moment . turn = -sum of reaction . displacement
+    random = np.random.default_rng(0)
+    reaction = jnp.asarray(random.normal(size=(2, 2)))
+    pose = jnp.asarray([*where, 0.3])
+    turned = base()
+    force, moment = turned.wrench(turned.hold(pose), reaction)
+    work = jax.grad(lambda pose: -jnp.sum(reaction * turned.hold(pose)))(pose)
+    assert np.append(force, moment) == pytest.approx(np.asarray(work), abs=1e-14)
