@@ -15,8 +15,10 @@ Nodes = Float[Array, "n b"]
 
 _FIRST_SHARE = 0.25
 _SMALLEST_SHARE = 1e-3
-_SHIFT_FALL = 0.6
+_SHIFT_FALL = 0.5
 _KICK = 1e-3
+_STILL = 1e-9
+_LEAVING = 1.2
 _MAX_SOLVES = 400
 
 
@@ -34,6 +36,8 @@ class _Search(eqx.Module):
     share: Float[Array, ""]
     loaded: Bool[Array, ""]
     shift: Float[Array, ""]
+    moved: Float[Array, ""]
+    """How far the last solve with this shift moved the arm (m); negative before the first."""
     settled: Bool[Array, ""]
     solves: Int[Array, ""]
     iterations: Int[Array, ""]
@@ -52,10 +56,11 @@ def equilibrium(
 
     First the forces from outside are brought on in shares, halved where Newton's method fails and
     doubled where it does not. Then the arm is pushed aside by a thousandth of its length and let
-    go in a very viscous medium, whose resistance falls by a constant factor from step to step
-    (pseudo-transient continuation, Kelley and Keyes 1998): it comes back to an equilibrium that is
-    stable, leaves one that is not (a column past its buckling load), and also arrives where the
-    shares got stuck at a limit point.
+    go in a very viscous medium (implicit Euler steps of ``s M dq/ds = -residual``, pseudo-transient
+    continuation, Kelley and Keyes 1998). The viscosity ``s`` is halved from step to step while
+    the arm comes to rest, and kept while two steps at the same viscosity show it moving faster
+    and faster: it comes back to an equilibrium that is stable, leaves one that is not (a column
+    past its buckling load), and also arrives where the shares got stuck at a limit point.
 
     ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
     leave an equilibrium. Returns the nodes (m; the first two as in ``start``) and the outcome of
@@ -66,8 +71,7 @@ def equilibrium(
 
     def unfinished(carry: tuple[_Search, Outcome]) -> Bool[Array, ""]:
         search, outcome = carry
-        arrived = search.settled & outcome.converged
-        return ~arrived & (search.solves < _MAX_SOLVES)
+        return ~outcome.converged & (search.solves < _MAX_SOLVES)
 
     def advance(carry: tuple[_Search, Outcome]) -> tuple[_Search, Outcome]:
         search, _ = carry
@@ -87,7 +91,11 @@ def equilibrium(
         share = jnp.where(good, 2.0, 0.5) * search.share
         loaded = search.loaded | (good & (load_factor >= 1.0)) | (share < _SMALLEST_SHARE)
         kick = _KICK * reach * along**2 * _aside(position[-1] - position[1])
-        next_shift = jnp.where(good, _SHIFT_FALL, 4.0) * search.shift
+        moved = jnp.max(jnp.abs(correction))
+        first = search.moved < 0
+        leaving = (moved > _LEAVING * search.moved) & (moved > _STILL * reach)
+        kept = good & (first | leaving)
+        next_shift = jnp.where(kept, 1.0, jnp.where(good, _SHIFT_FALL, 4.0)) * search.shift
         iterations = search.iterations + outcome.iterations
         return _Search(
             position.at[3:].add(jnp.where(loaded & ~search.loaded, kick, 0.0)),
@@ -95,17 +103,25 @@ def equilibrium(
             share,
             loaded,
             jnp.where(search.loaded, next_shift, search.shift),
+            jnp.where(search.loaded & kept, moved, -1.0),
             search.loaded & good & (next_shift < slowest_rate),
             search.solves + 1,
             iterations,
-        ), eqx.tree_at(lambda o: o.iterations, outcome, iterations)
+        ), eqx.tree_at(
+            # only the last solve, of the bare balance, decides
+            lambda o: (o.converged, o.iterations),
+            outcome,
+            (good & search.settled, iterations),
+        )
 
     no, nothing, none = jnp.asarray(False), jnp.asarray(0), jnp.zeros(())
     search, outcome = jax.lax.while_loop(
         unfinished,
         advance,
         (
-            _Search(start, none, none + _FIRST_SHARE, no, fastest_rate, no, nothing, nothing),
+            _Search(
+                start, none, none + _FIRST_SHARE, no, fastest_rate, none - 1, no, nothing, nothing
+            ),
             Outcome.of_nothing(converged=False),
         ),
     )
