@@ -1,5 +1,7 @@
 """The algebra of a chain against the same algebra on dense matrices."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -34,7 +36,8 @@ def dense(bands):
     return matrix.reshape(n * b, n * b)
 
 
-@jax.jit
+# fifteen shapes to compile, each to run a few times: little optimisation is the quickest
+@partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 def algebra(bands, rhs, bands_dot, rhs_dot, cotangent):
     """Do everything that a chain can, for one shape, in one compilation."""
     solution, linear = jax.linearize(chain.solve, bands, rhs)

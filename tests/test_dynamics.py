@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 from numpy.typing import ArrayLike
-from physics import always, arm, order
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.linalg import eigh
 from scipy.special import ellipk
@@ -19,10 +18,11 @@ from crinoid.base import BaseMotion, SineMotion, TableMotion
 from crinoid.dynamics import Integrator, Outcome, Progress, State, System
 from crinoid.dynamics.integrator import Stage
 from crinoid.elements import ENERGIES, WORKS, DistributedLoad, Element, TipLoad
-from crinoid.flow import Flow, Gust, PowerShear, Sine, Uniform
+from crinoid.flow import Flow, PowerShear, Sine, Uniform
 from crinoid.onset import Onset
 from crinoid.rod import Rod
 from crinoid.spline import PiecewiseCubic
+from physics import always, arm, order
 
 CANTILEVER = np.array([1.8751041, 4.6940911, 7.8547574])
 """beta L: roots of cos(x) cosh(x) = -1 (Blevins 1979, table 8-1)."""
@@ -44,7 +44,7 @@ def rest(system: System, time: float = 0.0) -> State:
 
 @eqx.filter_jit
 def equilibrium(system: System) -> tuple[State, Outcome]:
-    return system.equilibrium()
+    return system.find_equilibrium()
 
 
 @eqx.filter_jit
@@ -147,12 +147,10 @@ def _everything(
     """Build an arm on which everything acts at once."""
     number = jnp.asarray
     flows: tuple[Flow, ...] = (
-        Uniform(always(), number([0.2, 0.1])),
-        Sine(always(), number([0.1, 0.3]), number(1.3), number(0.4)),
+        Sine(Onset.of(0.0, 0.3), number([0.3, 0.4]), number(1.3), number(0.4)),
         PowerShear(
-            always(), number([0.3, 0.0]), number(5.0), number(-depth - 5.0), number(1.0 / 7.0)
+            always(), number([0.5, 0.1]), number(5.0), number(-depth - 5.0), number(1.0 / 7.0)
         ),
-        Gust(Onset.of(0.0, 0.3), number([0.3, -0.2]), number(0.8)),
     )
     motions: tuple[BaseMotion, ...] = (
         SineMotion(1, number(0.05), number(0.9), number(0.3)),
@@ -164,7 +162,11 @@ def _everything(
             rod, tangential=0.1, normal=0.3, fixed=(0.2, 0.3), onset=Onset.of(0.0, 0.5)
         ),
         lambda rod: TipLoad.of(
-            rod, dead_force=(0.2, 0.1), follower_force=(0.1, 0.3), moment=0.1, onset=Onset.of(0.0, 0.4)
+            rod,
+            dead_force=(0.2, 0.6),
+            follower_force=(0.1, 0.3),
+            moment=0.1,
+            onset=Onset.of(0.0, 0.4),
         ),
     )
     return arm(
@@ -262,9 +264,9 @@ def test_a_simulated_mode_rings_at_its_frequency_and_damping(mode):
     system = carried(damping_time=damping_time, drag_normal=0.0, tolerance=1e-12)
     frequency = vibrations(system)[0][mode]
     pole = ring_down(system, mode, step=0.2 / frequency)
-    assert abs(pole) == pytest.approx(frequency, rel=1e-5)
+    assert abs(pole) == pytest.approx(frequency, rel=1e-7)
     assert abs(pole) == pytest.approx(CANTILEVER[mode] ** 2, rel=5e-2)  # at N = 11
-    assert -pole.real / abs(pole) == pytest.approx(damping_time * frequency / 2, rel=1e-4)
+    assert -pole.real / abs(pole) == pytest.approx(damping_time * frequency / 2, rel=1e-6)
 
 
 def test_water_lowers_the_frequencies():
@@ -316,30 +318,37 @@ def test_a_submerged_body_rises_with_its_buoyant_acceleration(tilt, added):
         assert shape == pytest.approx(np.asarray(state.position - state.position[1]), abs=1e-9)
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5, -1.0])
-def test_broadside_cylinder_sinks_at_its_terminal_speed(share):
+def _cylinder(**motion: ArrayLike) -> tuple[System, float, float]:
+    """Build a stiff cylinder across the water; with its weight in water and its terminal speed."""
     diameter, heavier, drag, gravity = 0.01, 1.2, 1.1, 9.81
-    terminal = np.sqrt(np.pi * diameter * gravity * (heavier - 1.0) / (2.0 * drag))
-    assert terminal == pytest.approx(0.16738, abs=5e-6)
     area = np.pi / 4 * diameter**2
     system = carried(
-        speed=(0.0, -share * terminal), mass_per_length=heavier * 1000.0 * area,
-        displaced_area=area, diameter=diameter, drag_normal=drag, gravity=gravity, EI=1e4,
+        mass_per_length=heavier * 1000.0 * area, displaced_area=area, diameter=diameter,
+        drag_normal=drag, gravity=gravity, EI=1e4, **motion,
     )  # fmt: skip
-    weight = (heavier - 1.0) * 1000.0 * area * gravity
-    carries = -weight * (1.0 - share * abs(share))
+    terminal = np.sqrt(np.pi * diameter * gravity * (heavier - 1.0) / (2.0 * drag))
+    return system, (heavier - 1.0) * 1000.0 * area * gravity, terminal
+
+
+def test_broadside_cylinder_sinks_at_its_terminal_speed():
+    *_, terminal = _cylinder()
+    assert terminal == pytest.approx(0.16738, abs=5e-6)
+    system, weight, _ = _cylinder(speed=(0.0, -terminal))
     state = rest(system)
-    # to begin with the base carries no more than the half edge at the root, unlike in the end
-    moved = march(system, state, until=0.5, steps=50)
-    if share == 1.0:
-        assert np.asarray(state.acceleration) == pytest.approx(0.0, abs=1e-8)  # of 9.81
-        assert np.asarray(moved.base_force) == pytest.approx(0.0, abs=1e-8 * weight)
-    else:
-        settled = equilibrium(carried(
-            current=(0.0, share * terminal), mass_per_length=heavier * 1000.0 * area,
-            displaced_area=area, diameter=diameter, drag_normal=drag, gravity=gravity, EI=1e4,
-        ))[0]  # fmt: skip
-        assert float(settled.base_force[1]) == pytest.approx(carries, rel=1e-5)
+    assert np.asarray(state.acceleration) == pytest.approx(0.0, abs=1e-8)  # of 9.81
+    sunk = march(system, state, until=0.5, steps=50)
+    assert float(sunk.position[-1, 1]) == pytest.approx(-0.5 * terminal, abs=1e-10)
+    assert np.asarray(sunk.base_force) == pytest.approx(0.0, abs=1e-8 * weight)
+
+
+@pytest.mark.parametrize("share", [0.5, -1.0])
+def test_drag_on_a_cylinder_grows_with_the_square_of_the_speed(share):
+    *_, terminal = _cylinder()
+    system, weight, _ = _cylinder(current=(0.0, share * terminal))
+    state, outcome = equilibrium(system)
+    assert outcome.converged
+    carries = -weight * (1.0 - share * abs(share))
+    assert float(state.base_force[1]) == pytest.approx(carries, rel=1e-6)
 
 
 def test_an_arm_carried_through_still_water_is_an_arm_in_a_current():
@@ -356,7 +365,7 @@ def test_an_arm_carried_through_still_water_is_an_arm_in_a_current():
     bent = np.asarray(stood.position - rest(standing).position)
     assert np.abs(bent).max() > 0.05
     assert np.asarray(moved.position - moved.position[1]) == pytest.approx(
-        np.asarray(stood.position), abs=1e-9
+        np.asarray(stood.position), abs=1e-11
     )
     assert np.asarray(moved.velocity - moved.velocity[1]) == pytest.approx(
         np.asarray(stood.velocity), abs=1e-8
@@ -600,7 +609,7 @@ def test_halving_recovers_a_step_that_newton_cannot_take():
     moved = np.abs(np.asarray(fine.position - start.position)).max()
     assert moved > 0.03
     # a few coarse steps of a sudden load: no closer than their own error
-    assert np.abs(np.asarray(state.position - fine.position)).max() < 0.1 * moved
+    assert np.abs(np.asarray(state.position - fine.position)).max() < 0.02 * moved
 
 
 @pytest.mark.parametrize(("force", "steps"), [((-1e3, 0.0), 0), ((-1e2, -10.0), 1)])

@@ -256,4 +256,4 @@ def test_a_command_that_is_not_a_number_is_never_accepted(system, state):
 
 def test_floor_is_the_round_off_of_the_stretching_forces(system):
     settings = Settings.for_rod(system.rod, 1e-10, 30)
-    np.testing.assert_allclose(settings.floor, 64 * 2.0**-52 * 50.0 / EDGE, rtol=1e-12)
+    np.testing.assert_allclose(settings.floor, 16 * 2.0**-52 * 50.0 / EDGE, rtol=1e-12)

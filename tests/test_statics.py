@@ -23,7 +23,7 @@ from physics import always, arm, order
 
 MESHES = (11, 21, 41)
 EA = 1e7
-FLOOR = 4e-7
+FLOOR = 2e-7
 """A few times the round-off of the stretching forces (N)."""
 UPRIGHT = np.pi / 2
 

@@ -24,7 +24,9 @@ class PiecewiseCubic(eqx.Module):
 
     def __call__(self, time: Float[Array, ""] | float) -> Float[Array, " c"]:
         """Return the value at ``time`` (s)."""
-        time = jnp.clip(time, self.knots[0], self.knots[-1])
+        first, last = self.knots[0], self.knots[-1]
+        # not `clip`, which has half the slope at the knots at both ends
+        time = jnp.where(time < first, first, jnp.where(time > last, last, time))
         piece = jnp.clip(jnp.searchsorted(self.knots, time, side="right") - 1, 0, self._last)
         cubic, square, linear, constant = self.coefficients[:, piece]
         since = time - self.knots[piece]

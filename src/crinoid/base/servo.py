@@ -19,7 +19,13 @@ class ServoState(eqx.Module):
 
 
 class Servo(eqx.Module):
-    """Critically damped second-order followers with limits on range, speed and acceleration."""
+    """Critically damped second-order followers with limits on range, speed and acceleration.
+
+    A speed loop in a position loop: the distance ``d`` to the command wants a speed ``s(d)``, and
+    the acceleration is ``2 n (s - speed)``, ``n`` the natural frequency. Near the command
+    ``s = n d / 2``, which makes the loops critically damped; farther out it leads, by the lag of
+    the speed loop, the speed that the greatest acceleration brakes off on the way.
+    """
 
     lower: Channels
     upper: Channels
@@ -34,31 +40,75 @@ class Servo(eqx.Module):
         return ServoState(zero, zero, zero)
 
     def advance(self, state: ServoState, command: Channels, step: Array) -> ServoState:
-        """Follow ``command`` for ``step`` seconds at an acceleration constant over the step.
+        """Follow ``command``, held for ``step`` seconds.
 
-        Without limits the end of the step lies on the exact response to a held command. The speed
-        is held to what the servo can still brake off before the end of its range and before the
-        command, so that neither is overrun.
+        Exact for any step where no limit is met, second order in the step where one is. However
+        coarse the step, no limit is broken: the servo can always stop within its range.
         """
         command = jnp.clip(command, self.lower, self.upper)
-        natural = 2 * jnp.pi * self.bandwidth / _DAMPED_BANDWIDTH
-        error = state.position - command
-        slope = state.velocity + natural * error
-        free_velocity = (state.velocity - natural * slope * step) * jnp.exp(-natural * step)
+        natural, reach = self._natural, self._linear_reach
+        start, error = state.velocity, state.position - command
 
-        forward = jnp.minimum(self.max_speed, self._braking_speed(command - state.position, step))
-        backward = jnp.minimum(self.max_speed, self._braking_speed(state.position - command, step))
-        velocity = jnp.clip(free_velocity, -backward, forward)
+        slope = start + natural * error
+        decay = jnp.exp(-natural * step)
+        near_velocity = (start - natural * slope * step) * decay
+        near_position = command + (error + slope * step) * decay
+
+        distance = jnp.abs(error)
+        wanted = self._wanted_velocity(error + jnp.clip(0.5 * step * start, -distance, distance))
+        decay = jnp.exp(-2 * natural * step)
+        far_velocity = wanted + (start - wanted) * decay
+        travel = wanted * step + (start - wanted) * (1 - decay) / (2 * natural)
+        far = distance > reach
+        free_velocity = jnp.where(far, far_velocity, near_velocity)
+        free_position = jnp.where(far, state.position + travel, near_position)
+
+        # a step that is coarse for these loops must still stop before the range and the command
+        up, down = self.upper - state.position, state.position - self.lower
+        to_linear = jnp.where(far, distance - reach / 3, jnp.inf)
+        up = jnp.where(error < 0, jnp.minimum(up, to_linear), up)
+        down = jnp.where(error > 0, jnp.minimum(down, to_linear), down)
+        velocity = jnp.clip(
+            free_velocity, -self._fastest(down, -start, step), self._fastest(up, start, step)
+        )
         limit = self.max_acceleration * step
-        velocity = jnp.clip(velocity, state.velocity - limit, state.velocity + limit)
-        position = state.position + 0.5 * (state.velocity + velocity) * step
-        # round-off and a step too coarse to brake in must not carry the servo past its stops
-        held = jnp.clip(position, self.lower, self.upper)
-        velocity = jnp.where(held == position, velocity, 0.0)
-        return ServoState(held, velocity, (velocity - state.velocity) / step)
+        velocity = jnp.clip(velocity, start - limit, start + limit)
+        room = jnp.where(velocity > 0, self.upper - free_position, free_position - self.lower)
+        free = (velocity == free_velocity) & (velocity**2 <= 2 * self.max_acceleration * room)
 
-    def _braking_speed(self, distance: Channels, step: Array) -> Channels:
-        # the fastest speed at the end of this step that full braking stops within `distance`
+        braking = 0.5 * start**2 / self.max_acceleration
+        limited_position = state.position + jnp.clip(
+            0.5 * (start + velocity) * step, -jnp.maximum(down, braking), jnp.maximum(up, braking)
+        )
+        position = jnp.clip(
+            jnp.where(free, free_position, limited_position), self.lower, self.upper
+        )  # nothing but round-off
+        loops = 2 * natural * (self._wanted_velocity(position - command) - velocity)
+        loops = jnp.clip(loops, -self.max_acceleration, self.max_acceleration)
+        return ServoState(position, velocity, jnp.where(free, loops, (velocity - start) / step))
+
+    @property
+    def _natural(self) -> Channels:
+        return 2 * jnp.pi * self.bandwidth / _DAMPED_BANDWIDTH
+
+    @property
+    def _linear_reach(self) -> Channels:
+        braking = 3 * self.max_acceleration / self._natural**2
+        return jnp.minimum(braking, 2 * self.max_speed / self._natural)
+
+    def _wanted_velocity(self, error: Channels) -> Channels:
+        # v = sqrt(2 a (d - a / n^2)) brakes at a; less the lag a / (2 n) it meets n d / 2 where
+        # d = 3 a / n^2, with the same slope
+        natural, brake = self._natural, self.max_acceleration
+        distance = jnp.abs(error)
+        margin = brake / natural**2
+        curve = jnp.sqrt(2 * brake * jnp.maximum(distance - margin, 2 * margin))
+        far = -jnp.sign(error) * (curve - 0.5 * brake / natural)
+        velocity = jnp.where(distance > 3 * margin, far, -0.5 * natural * error)
+        return jnp.clip(velocity, -self.max_speed, self.max_speed)
+
+    def _fastest(self, room: Channels, start: Channels, step: Array) -> Channels:
+        """Return the greatest speed after a step from which full braking stops within ``room``."""
         brake = self.max_acceleration * step
-        room = jnp.maximum(distance, 0.0)
-        return jnp.sqrt(0.25 * brake**2 + 2 * self.max_acceleration * room) - 0.5 * brake
+        left = jnp.maximum(room - 0.5 * start * step, 0.0)
+        return jnp.sqrt(0.25 * brake**2 + 2 * self.max_acceleration * left) - 0.5 * brake

@@ -55,7 +55,7 @@ class Settings(eqx.Module):
     def for_rod(rod: Rod, tolerance: float | Array, max_iterations: int | Array) -> "Settings":
         """Set the floor to the round-off of the stretching forces of a rod."""
         stiffest = jnp.max(rod.EA / rod.rest_length) * rod.length
-        floor = 64 * jnp.finfo(float).eps * stiffest
+        floor = 16 * jnp.finfo(float).eps * stiffest
         return Settings(jnp.asarray(tolerance), floor, jnp.asarray(max_iterations))
 
 

@@ -135,9 +135,16 @@ class System(eqx.Module):
         guess = (state.acceleration / new.by_acceleration).at[:HELD].set(0.0)
         correction, outcome = solve(self.forces, stage, guess, self.settings, None)
 
-        observed = self._observe(self.forces.motion(new, correction), servo)
+        motion = self.forces.motion(new, correction)
+        # the accelerations of generalized-alpha are those of (alpha_f - alpha_m) h ago (Arnold and
+        # Bruels 2007): right for the next step, but the powers want those of now
+        lag = method.alpha_f - method.alpha_m
+        since = (motion.acceleration - state.acceleration)[HELD:]
+        now = motion.acceleration.at[HELD:].add(lag * since)
+        observed = self._observe(eqx.tree_at(lambda m: m.acceleration, motion, now), servo)
         work = state.work + 0.5 * h * (state.power + observed.power)
-        return eqx.tree_at(lambda s: s.work, observed, work), outcome
+        kept = (work, motion.acceleration)
+        return eqx.tree_at(lambda s: (s.work, s.acceleration), observed, kept), outcome
 
     def advance(
         self, state: State, command: Channels, step: float | Array | None = None

@@ -1,0 +1,410 @@
+"""Clocks, sensors, targets and the PID, alone: against sequences worked out by hand."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from crinoid.control import Clock, Idle, Pid, Sensor, Target
+from crinoid.control.pid import PidMemory
+from crinoid.control.sensor import SensorState
+from crinoid.control.target import pose_error
+from crinoid.spline import PiecewiseCubic
+
+# --- clock -------------------------------------------------------------------------------------
+
+
+@eqx.filter_jit
+def _ticks(clock: Clock, times: Array) -> Array:
+    def once(ticks: Array, time: Array) -> tuple[Array, Array]:
+        due = clock.due(ticks, time)
+        return ticks + due, due
+
+    return jax.lax.scan(once, jnp.asarray(0), times)[1]
+
+
+def ticks(period: float, times: np.ndarray) -> np.ndarray:
+    """Return the steps at which a clock ticks."""
+    return np.flatnonzero(_ticks(Clock(jnp.asarray(period)), jnp.asarray(times)))
+
+
+LONG = 100_000
+"""Steps of a long run, the same for all so that they share one compiled loop."""
+
+
+@pytest.mark.parametrize(
+    ("step", "steps_per_tick"), [(0.01, 1), (0.01, 2), (0.001, 7), (1 / 3, 3), (0.1, 10)]
+)
+@pytest.mark.parametrize("summed", [False, True], ids=["counted", "summed"])
+def test_a_clock_ticks_at_every_whole_period(step, steps_per_tick, summed):
+    # neither the round-off of n h nor that of h + h + ... may cost or add a tick in 1e5 steps
+    times = step * np.arange(LONG)
+    if summed:
+        times = np.cumsum(np.full(LONG, step)) - step
+    expected = np.arange(0, LONG, steps_per_tick)
+    assert np.array_equal(ticks(steps_per_tick * step, times), expected)
+
+
+@pytest.mark.parametrize("period", [0.0137, 0.025, 0.1 * np.sqrt(2)])
+def test_a_clock_out_of_step_ticks_at_the_first_step_at_or_after_its_time(period):
+    step = 0.01
+    ticked = ticks(period, step * np.arange(LONG))
+    # the quotient's round-off is 1e-16 of 1e5, the clock's own slack 1e-6 of a period
+    expected = np.ceil(np.arange(LONG) * (period / step) - 1e-6 * period / step)
+    assert np.array_equal(ticked, expected[expected < LONG])
+
+
+def test_a_clock_faster_than_the_steps_ticks_at_every_step():
+    assert np.array_equal(ticks(0.003, 0.01 * np.arange(LONG)), np.arange(LONG))
+
+
+# --- sensor ------------------------------------------------------------------------------------
+
+
+def sensor(
+    *, period: float = 0.02, delay: float = 0.0, noise: ArrayLike = (0.0,) * 3, seed: int = 0
+) -> Sensor:
+    return Sensor(
+        Clock(jnp.asarray(period)),
+        jnp.asarray(delay),
+        jnp.asarray(noise, float),
+        jax.random.key(seed),
+        kept=4,
+    )
+
+
+@eqx.filter_jit
+def _watch(sensor: Sensor, first: Array, poses: Array, times: Array) -> tuple[SensorState, Array]:
+    def once(state: SensorState, now: tuple[Array, Array]) -> tuple[SensorState, Array]:
+        pose, time = now
+        state = sensor.sample(state, pose, time)
+        return state, sensor.reading(state, time)
+
+    return jax.lax.scan(once, sensor.start(first), (poses, times))
+
+
+WATCHED = 2000
+"""Steps of a run with a sensor, the same for all so that they share one compiled loop."""
+
+
+def watch(
+    sensor: Sensor, poses: ArrayLike, step: float, first: ArrayLike = (9.0, 9.0, 9.0)
+) -> np.ndarray:
+    """Return what is known of the tip at each time step."""
+    poses = jnp.broadcast_to(jnp.asarray(poses, float), (WATCHED, 3))
+    times = step * jnp.arange(WATCHED)
+    return np.asarray(_watch(sensor, jnp.asarray(first), poses, times)[1])
+
+
+def moving(step: float) -> np.ndarray:
+    """Return poses that tell the time."""
+    time = step * np.arange(WATCHED)
+    return np.stack([time, 2 * time, -time], axis=1)
+
+
+def test_a_sensor_without_delay_knows_what_it_samples():
+    known = watch(sensor(period=0.03), moving(0.01), 0.01)
+    sampled = 0.03 * (np.arange(WATCHED) // 3)
+    assert known == pytest.approx(np.stack([sampled, 2 * sampled, -sampled], 1), abs=1e-12)
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.05, 0.06])
+def test_a_sample_is_known_exactly_its_delay_later(delay):
+    step, late = 0.01, round(delay / 0.01)
+    known = watch(sensor(period=0.02, delay=delay), moving(step), step)
+    # before the first sample is known, the tip is known to be where it was at the start
+    assert np.array_equal(known[:late], np.full((late, 3), 9.0))
+    sampled = 0.02 * (np.arange(WATCHED - late) // 2)
+    assert known[late:, 0] == pytest.approx(sampled, abs=1e-12)
+
+
+def test_a_delay_between_time_steps_is_rounded_up_to_the_next():
+    known = watch(sensor(period=0.02, delay=0.013), moving(0.01), 0.01)
+    sampled = 0.02 * (np.arange(WATCHED - 2) // 2)
+    assert known[2:, 0] == pytest.approx(sampled, abs=1e-12)
+
+
+def test_noise_has_its_standard_deviation_and_no_memory():
+    spread = np.array([0.01, 0.002, 0.1])
+    pose = np.array([1.0, -2.0, 0.3])
+    noise = watch(sensor(period=0.01, noise=spread), pose, 0.01) - pose
+    # of n samples the mean scatters by s / sqrt(n), the deviation by s / sqrt(2 n), a correlation
+    # by 1 / sqrt(n): four times that leaves one seed in ten thousand out
+    scatter = 4 / np.sqrt(WATCHED)
+    assert np.abs(noise.mean(axis=0) / spread).max() < scatter
+    assert noise.std(axis=0) / spread == pytest.approx(1.0, abs=scatter / np.sqrt(2))
+    between = np.corrcoef(noise.T)
+    assert np.abs(between - np.eye(3)).max() < scatter
+    for coordinate in noise.T:
+        assert abs(np.corrcoef(coordinate[1:], coordinate[:-1])[0, 1]) < scatter
+
+
+def test_noise_depends_on_the_seed_and_on_nothing_else():
+    def heard(seed: int, step: float) -> np.ndarray:
+        known = watch(sensor(period=0.04, noise=[0.1] * 3, seed=seed), np.zeros(3), step)
+        return known[:: round(0.04 / step)]  # one reading per sample
+
+    assert np.array_equal(heard(1, 0.02), heard(1, 0.02))
+    assert np.array_equal(heard(1, 0.02)[:400], heard(1, 0.01)[:400])
+    assert np.abs(heard(1, 0.02) - heard(2, 0.02)).max() > 0.1
+
+
+def test_a_sensor_can_be_stopped_and_taken_up_again():
+    noisy = sensor(period=0.03, delay=0.05, noise=[0.1] * 3)
+    times, poses = 0.01 * jnp.arange(200), jnp.asarray(moving(0.01))[:200]
+    first = jnp.zeros(3)
+    _, whole = _watch(noisy, first, poses, times)
+    state, before = _watch(noisy, first, poses[:100], times[:100])
+
+    def once(state: SensorState, now: tuple[Array, Array]) -> tuple[SensorState, Array]:
+        state = noisy.sample(state, *now)
+        return state, noisy.reading(state, now[1])
+
+    _, after = jax.lax.scan(once, state, (poses[100:], times[100:]))
+    assert np.array_equal(np.concatenate([before, after]), np.asarray(whole))
+
+
+# --- target ------------------------------------------------------------------------------------
+
+
+def test_a_fixed_target():
+    target = Target(jnp.asarray([0.5, -0.2, 0.1]), None, ())
+    for time in (0.0, 7.0):
+        assert np.asarray(target(jnp.asarray(time))) == pytest.approx([0.5, -0.2, 0.1])
+
+
+TIMES = np.array([1.0, 2.0, 4.0, 5.0])
+POINTS = np.array([[0.1, 0.5], [0.2, 0.5], [0.2, -0.3], [0.4, 0.1]])
+
+
+def path() -> Target:
+    """A target of fixed z whose x and angle follow points."""
+    through = PiecewiseCubic(PchipInterpolator(TIMES, POINTS))
+    return Target(jnp.asarray([9.0, -0.7, 9.0]), through, (0, 2))
+
+
+@pytest.mark.parametrize("point", range(4))
+def test_a_path_passes_through_its_points(point):
+    x, z, angle = path()(jnp.asarray(TIMES[point]))
+    assert np.stack([x, angle]) == pytest.approx(POINTS[point], abs=1e-14)
+    assert z == -0.7
+
+
+@pytest.mark.parametrize(("time", "point"), [(0.0, 0), (0.999, 0), (5.001, -1), (80.0, -1)])
+def test_a_path_is_held_before_and_after(time, point):
+    x, z, angle = path()(jnp.asarray(time))
+    assert np.stack([x, angle]) == pytest.approx(POINTS[point], abs=1e-15)
+    assert z == -0.7
+
+
+def test_a_path_between_points_does_not_overshoot_them():
+    times = np.linspace(1.0, 5.0, 401)
+    x, _, angle = np.asarray(jax.vmap(path())(jnp.asarray(times))).T
+    expected = PchipInterpolator(TIMES, POINTS)(times)
+    assert np.stack([x, angle], 1) == pytest.approx(expected, abs=1e-14)
+    assert np.diff(x).min() >= -1e-15  # rising points, x of the middle two the same
+    between = (times >= 2.0) & (times <= 4.0)
+    assert x[between] == pytest.approx(0.2, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "measured", "short"),
+    [
+        (0.3, 0.1, 0.2),
+        (3.0, -3.0, 6.0 - 2 * np.pi),
+        (-3.0, 3.0, 2 * np.pi - 6.0),
+        (0.1, 0.1 + 4 * np.pi, 0.0),
+        (3.1, 0.0, 3.1),
+        (3.2, 0.0, 3.2 - 2 * np.pi),
+    ],
+)
+def test_angles_are_corrected_the_short_way_round(wanted, measured, short):
+    error = pose_error(jnp.asarray([0.5, 7.0, wanted]), jnp.asarray([0.2, -7.0, measured]))
+    # places are not angles: 14 m is 14 m
+    assert np.asarray(error) == pytest.approx([0.3, 14.0, short], abs=1e-14)
+
+
+# --- spline ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [CubicSpline, PchipInterpolator])
+def test_a_piecewise_cubic_is_what_it_was_built_from(kind):
+    times = np.array([0.0, 0.3, 1.1, 1.2, 2.5])
+    values = np.array([[0.0, 1.0], [2.0, -1.0], [0.5, 0.0], [0.7, 3.0], [0.6, 2.0]])
+    source = kind(times, values)
+    spline = PiecewiseCubic(source)
+    sampled = np.linspace(0.0, 2.5, 51)
+    at = jnp.asarray(sampled)
+    assert np.asarray(jax.vmap(spline)(at)) == pytest.approx(source(sampled), abs=1e-13)
+    slopes = jax.vmap(jax.jacfwd(spline))(at)  # at its first and last knots too
+    assert np.asarray(slopes) == pytest.approx(source(sampled, 1), abs=1e-11)
+
+
+# --- PID ---------------------------------------------------------------------------------------
+
+PERIOD = 0.1
+
+
+def pid(
+    *,
+    kp: float = 0.0,
+    ki: float = 0.0,
+    kd: float = 0.0,
+    filter_time: float = 0.0,
+    limit: float = 100.0,
+    mapping: ArrayLike | None = None,
+) -> Pid:
+    """One channel that moves x, unless a mapping says otherwise."""
+    mapping = jnp.asarray([[1.0, 0.0, 0.0]] if mapping is None else mapping)
+    channels = mapping.shape[0]
+    gains = (jnp.full(channels, x) for x in (kp, ki, kd, filter_time))
+    return Pid(
+        *gains, mapping, jnp.full(channels, -limit), jnp.full(channels, limit), jnp.asarray(PERIOD)
+    )
+
+
+@eqx.filter_jit
+def _command(pid: Pid, memory: PidMemory, measured: Array, wanted: Array):
+    return pid.command(memory, measured, wanted)
+
+
+def commands(pid: Pid, measured: ArrayLike, wanted: ArrayLike) -> np.ndarray:
+    """Return the commands for tips whose x is given; one per call."""
+    measured, wanted = np.broadcast_arrays(measured, wanted)
+    poses, targets = (np.pad(np.asarray(x, float)[:, None], ((0, 0), (0, 2))) for x in
+                      (measured, wanted))  # fmt: skip
+    memory = pid.start(jnp.asarray(poses[0]))
+    given = []
+    for pose, target in zip(poses, targets, strict=True):
+        command, memory = _command(pid, memory, jnp.asarray(pose), jnp.asarray(target))
+        given.append(np.asarray(command))
+    return np.squeeze(given, axis=1) if given[0].size == 1 else np.asarray(given)
+
+
+def test_proportional():
+    given = commands(pid(kp=2.0), [0.0, 0.3, 1.2], 1.0)
+    assert given == pytest.approx([2.0, 1.4, -0.4], abs=1e-14)
+
+
+def test_integral():
+    # ki e h, summed: 0.5 * 0.1 * (1, 0.7, -0.2)
+    given = commands(pid(ki=0.5), [0.0, 0.3, 1.2], 1.0)
+    assert given == pytest.approx([0.05, 0.085, 0.075], abs=1e-14)
+
+
+def test_derivative_acts_on_the_measurement():
+    # -kd dy / h; a target that moves does not kick
+    given = commands(pid(kd=0.2), [0.0, 0.0, 0.3, 0.3, 0.2], [0.0, 1.0, 1.0, 5.0, 5.0])
+    assert given == pytest.approx([0.0, 0.0, -0.6, 0.0, 0.2], abs=1e-14)
+
+
+def test_derivative_is_filtered_with_its_time_constant():
+    # T s' + s = dy/dt by backward Euler: after a jump of 1, s = (T / (T + h))^k / (T + h)
+    filter_time, kd = 0.4, 1.0
+    given = commands(pid(kd=kd, filter_time=filter_time), [0.0] + [1.0] * 30, 0.0)
+    decay = filter_time / (filter_time + PERIOD)
+    expected = np.append(0.0, -kd * decay ** np.arange(30) / (filter_time + PERIOD))
+    assert given == pytest.approx(expected, abs=1e-14)
+    # a jump of 1 moves the integral of the rate by 1, however it is filtered
+    assert given.sum() * PERIOD == pytest.approx(-kd, abs=2e-3)
+
+
+def test_derivative_of_a_ramp_settles_at_its_slope():
+    filter_time = 0.3
+    given = commands(pid(kd=0.5, filter_time=filter_time), 0.2 * PERIOD * np.arange(80), 0.0)
+    assert given[-1] == pytest.approx(-0.5 * 0.2, rel=1e-6)
+    # and gets there as 1 - (T / (T + h))^k
+    share = given[1:40] / (-0.5 * 0.2)
+    decay = filter_time / (filter_time + PERIOD)
+    assert share == pytest.approx(1 - decay ** np.arange(1, 40), abs=1e-12)
+
+
+def test_all_terms_together():
+    kp, ki, kd, filter_time = 1.5, 0.8, 0.3, 0.2
+    x, wanted = [0.0, 0.4, 0.9, 1.1], 1.0
+    given = commands(pid(kp=kp, ki=ki, kd=kd, filter_time=filter_time), x, wanted)
+    integral = slope = 0.0
+    for k, command in enumerate(given):
+        error = wanted - x[k]
+        integral += ki * PERIOD * error
+        moved = x[k] - x[max(k - 1, 0)]
+        slope = (filter_time * slope + moved) / (filter_time + PERIOD)
+        assert command == pytest.approx(kp * error + integral - kd * slope, abs=1e-14)
+
+
+def test_errors_are_mapped_to_channels():
+    mapping = [[2.0, 0.0, 0.5], [0.0, -1.0, 0.0], [0.0, 0.0, 3.0]]
+    controller = pid(kp=1.0, mapping=mapping)
+    measured, wanted = jnp.asarray([0.1, 0.2, 3.0]), jnp.asarray([0.3, 0.5, -3.0])
+    command, _ = _command(controller, controller.start(measured), measured, wanted)
+    short = 2 * np.pi - 6.0
+    assert np.asarray(command) == pytest.approx(
+        [2.0 * 0.2 + 0.5 * short, -0.3, 3.0 * short], abs=1e-14
+    )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_commands_stay_within_their_limits(sign):
+    given = commands(pid(kp=3.0, ki=5.0, limit=0.5), [0.0] * 20, sign)
+    assert given == pytest.approx(sign * 0.5, abs=0.0)
+
+
+def _closed_loop(controller: Pid, *, anti_windup: bool) -> np.ndarray:
+    """Return x of a plant that follows its command with a lag, sent out of reach and back."""
+    lag, steps = 1.0, 400
+    wanted = np.where(np.arange(steps) < 200, 2.0, 0.2)
+    limit = float(controller.upper[0])
+    x, integral, given = 0.0, 0.0, []
+    memory = controller.start(jnp.zeros(3))
+    for target in wanted:
+        if anti_windup:
+            pose, goal = jnp.asarray([x, 0.0, 0.0]), jnp.asarray([target, 0.0, 0.0])
+            answer, memory = _command(controller, memory, pose, goal)
+            command = float(answer[0])
+        else:
+            integral += float(controller.ki[0]) * PERIOD * (target - x)
+            command = float(controller.kp[0]) * (target - x) + integral
+            command = min(max(command, -limit), limit)
+        x = command + (x - command) * np.exp(-PERIOD / lag)
+        given.append(x)
+    return np.array(given)
+
+
+def test_a_long_saturation_is_left_at_once():
+    controller = pid(kp=1.0, ki=0.8, limit=1.0)
+    guarded = _closed_loop(controller, anti_windup=True)
+    naive = _closed_loop(controller, anti_windup=False)
+    # both are stuck at the limit, out of reach of 2
+    assert guarded[199] == pytest.approx(1.0, abs=1e-6)
+    assert naive[199] == pytest.approx(1.0, abs=1e-6)
+
+    def settled(x: np.ndarray) -> float:
+        """Return the time from the new target until x stays within 0.05 of it (s)."""
+        away = np.flatnonzero(np.abs(x[200:] - 0.2) > 0.05)
+        return (away[-1] + 1) * PERIOD
+
+    # 20 s at an error of 1 wind the naive integral up to 16 times the limit, which takes
+    # 20 s (16 - 1) / 16 and more to unwind; without windup a few lags of the plant suffice
+    assert settled(guarded) < 5.0
+    assert settled(naive) > 15.0
+
+
+def test_integration_goes_on_where_it_leads_back_from_the_limit():
+    # at the upper limit a negative error must unwind what is there
+    controller = pid(ki=1.0, limit=0.25)
+    given = commands(controller, [0.0] * 10 + [2.0] * 5, 1.0)
+    assert given == pytest.approx(
+        [0.1, 0.2] + [0.25] * 8 + [0.1, 0.0, -0.1, -0.2, -0.25], abs=1e-12
+    )
+
+
+def test_idle_commands_nothing():
+    idle = Idle(3)
+    pose = jnp.asarray([1.0, 2.0, 3.0])
+    command, memory = idle.command(idle.start(pose), pose, 0 * pose)
+    assert memory is None
+    assert np.array_equal(command, np.zeros(3))

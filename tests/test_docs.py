@@ -1,0 +1,70 @@
+"""The documentation: it is up to date, its links lead somewhere, its examples run."""
+
+import ast
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+import crinoid
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.glob("*.md")])
+
+pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """Return the fenced blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text("utf-8"), re.M | re.S)
+
+
+def slugs(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    prose = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.M | re.S)
+    headings = re.findall(r"^#+ (.*)$", prose, re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_the_reference_of_the_scenario_is_up_to_date():
+    path = DOCS / "make_scenario_reference.py"
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    text = script.PAGE.read_text("utf-8")
+    assert script.updated(text) == text, "run python docs/make_scenario_reference.py"
+
+
+@pages
+def test_scenarios_in_the_text_are_valid(page):
+    for text in blocks(page, "toml"):
+        scenario = crinoid.Scenario.from_toml(text)
+        assert len(scenario.cases()) >= 1
+
+
+@pages
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text("utf-8")):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        to = (page.parent / path).resolve() if path else page
+        assert to.exists(), target
+        assert not anchor or anchor in slugs(to), target
+
+
+@pages
+def test_tests_in_the_text_exist(page):
+    for file, name in re.findall(r"(tests/\w+\.py)::(\w+)", page.read_text("utf-8")):
+        defined = ast.parse((ROOT / file).read_text("utf-8")).body
+        assert name in {node.name for node in defined if isinstance(node, ast.FunctionDef)}, name
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "extending.md"], ids=["README", "ext"])
+def test_examples_run(page):
+    # under a name of their own: the shapes of their classes are not checked, as a user's are not
+    names = {"__name__": "example"}
+    for text in blocks(page, "python"):
+        exec(compile(text, str(page), "exec"), names)
