@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from rich import box
 from rich.table import Table
 
 from crinoid.metrics import tip_error
@@ -62,22 +63,27 @@ def equilibrium_table(result: Result) -> Table:
 
 
 def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
-    """Compare the cases of a study."""
-    table = Table(title=scenario.title, title_justify="left")
+    """Compare the cases of a study, lengths in mm and times in s."""
+    table = Table(title=scenario.title, title_justify="left", box=box.SIMPLE, pad_edge=False)
     table.add_column("case", no_wrap=True)
-    for key in scenario.vary:
-        table.add_column(key.replace(".", ". "), justify="right", overflow="fold")
-    for name in ("without control", "steady error", "RMS", "RMS, without", "settled"):
-        table.add_column(name, justify="right", overflow="fold")
+    last = [key.rpartition(".")[2] for key in scenario.vary]
+    for key, short in zip(scenario.vary, last, strict=True):
+        heading = short if last.count(short) == 1 else key
+        table.add_column(heading, justify="right", overflow="fold")
+    lengths = {
+        "deflection": "without control (mm)",
+        "steady_error": "steady error (mm)",
+        "rms_error": "RMS (mm)",
+        "rms_error_uncontrolled": "RMS without (mm)",
+    }
+    for heading in (*lengths.values(), "settled (s)"):
+        table.add_column(heading, justify="right")
     for row in rows:
         table.add_row(
             row["case"].removeprefix("case-"),
             *(_value(row[key]) for key in scenario.vary),
-            *(
-                _length(row[name])
-                for name in ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled")
-            ),
-            "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f} s",
+            *("" if row[name] == "" else f"{1e3 * row[name]:.2f}" for name in lengths),
+            "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f}",
         )
     return table
 
@@ -86,10 +92,6 @@ def _value(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(_value(item) for item in value)}]"
     return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def _length(value: Any) -> str:
-    return "" if value == "" else f"{1e3 * value:.2f} mm"
 
 
 def _speed(result: Result) -> float:
