@@ -45,7 +45,7 @@ class Servo(eqx.Module):
         Exact for any step where no limit is met, second order in the step where one is. However
         coarse the step, no limit is broken: the servo can always stop within its range.
         """
-        command = jnp.clip(command, self.lower, self.upper)
+        command = self._within(command)
         natural, reach = self._natural, self._linear_reach
         start, error = state.velocity, state.position - command
 
@@ -80,12 +80,15 @@ class Servo(eqx.Module):
         limited_position = state.position + jnp.clip(
             0.5 * (start + velocity) * step, -jnp.maximum(down, braking), jnp.maximum(up, braking)
         )
-        position = jnp.clip(
-            jnp.where(free, free_position, limited_position), self.lower, self.upper
-        )  # nothing but round-off
+        position = self._within(jnp.where(free, free_position, limited_position))  # round-off
         loops = 2 * natural * (self._wanted_velocity(position - command) - velocity)
         loops = jnp.clip(loops, -self.max_acceleration, self.max_acceleration)
         return ServoState(position, velocity, jnp.where(free, loops, (velocity - start) / step))
+
+    def _within(self, position: Channels) -> Channels:
+        # a channel without room stays put; `clip` would let it answer with half a slope
+        fixed = self.lower >= self.upper
+        return jnp.where(fixed, self.lower, jnp.clip(position, self.lower, self.upper))
 
     @property
     def _natural(self) -> Channels:

@@ -33,7 +33,8 @@ class Progress(eqx.Module):
 class System(eqx.Module):
     """A soft arm on its base in the water, as arrays: `jax.jit`, `grad` and `vmap` apply.
 
-    Built by `crinoid.Scenario.system`.
+    Built by `crinoid.Scenario.system`. To compile a method, use `equinox.filter_jit(system.step)`
+    or pass the system as an argument of a function under `jax.jit`.
     """
 
     rod: Rod

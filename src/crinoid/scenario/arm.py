@@ -48,10 +48,12 @@ class Section(Model):
         default=None, gt=0, description="Mass of a metre of arm, without the water it moves."
     )
     diameter: Metres | None = Field(
-        default=None, ge=0, description="Diameter that the water sees: drag and added mass."
+        default=None, ge=0, description="Diameter that the water sees: drag."
     )
     displaced_area: SquareMetres | None = Field(
-        default=None, ge=0, description="Section area that displaces water: buoyancy."
+        default=None,
+        ge=0,
+        description="Section area that displaces water: buoyancy and added mass.",
     )
 
     def _conflicts(self) -> Iterator[Mistake]:

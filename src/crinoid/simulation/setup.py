@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from crinoid.base import CHANNELS
 from crinoid.control import Clock, Controller, Idle, Pid, Sensor, Target
 from crinoid.dynamics import Outcome, State, System
-from crinoid.scenario import Scenario
+from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation.loop import Loop
 from crinoid.spline import PiecewiseCubic
 
@@ -108,6 +108,12 @@ def _controller(scenario: Scenario, jacobian: np.ndarray) -> Controller:
         mapping[rows, rows] = 1.0  # x with slide, z with heave, angle with tilt
     else:
         needed = jacobian[np.ix_(columns, rows)]
+        if not np.isfinite(needed).all():
+            text = (
+                'got "static-jacobian", but nothing holds this arm in its place at rest, so the tip '
+                'does not follow the base; takes "identity", or an arm with a clamp or a weight'
+            )
+            raise ScenarioError([Mistake("control.mapping", text)])
         mapping[np.ix_(rows, columns)] = np.linalg.pinv(needed, rcond=_SMALLEST_SINGULAR_VALUE)
 
     def per_channel(values: dict[int, float]) -> Float[Array, " channel"]:

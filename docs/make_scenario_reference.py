@@ -1,0 +1,114 @@
+"""Write the tables of `docs/scenario.md` from the schema of a scenario.
+
+    python docs/make_scenario_reference.py
+
+Run it after a change to what a scenario takes; `tests/test_docs.py` asks for it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from crinoid.scenario import json_schema
+from crinoid.scenario.model import _takes
+
+PAGE = Path(__file__).with_name("scenario.md")
+BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
+
+Schema = dict[str, Any]
+
+
+def reference() -> str:
+    """Return all tables of a scenario, in the order of the schema."""
+    schema = json_schema()
+    definitions = schema["$defs"]
+    top = f"### Outside any table\n\n{_table(schema['properties'])}"
+    return "\n\n".join([top, *_sections("", schema, definitions)])
+
+
+def updated(text: str) -> str:
+    """Return a page with its tables renewed."""
+    before, rest = text.split(BEGIN)
+    _, after = rest.split(END)
+    return f"{before}{BEGIN}\n\n{reference()}\n\n{END}{after}"
+
+
+def _sections(prefix: str, schema: Schema, definitions: Schema) -> Iterator[str]:
+    """Yield the section of each table below one, those that are alike under one heading."""
+    entries = schema["properties"]
+    alike: dict[str, list[str]] = {}
+    for name, entry in entries.items():
+        if (found := _reference(entry)) is not None:
+            alike.setdefault(found, []).append(f"{prefix}{name}")
+    for name, entry in entries.items():
+        if (kinds := _kinds(entry)) is not None:
+            for kind, found in kinds.items():
+                title = f'`[[{prefix}{name}]]` with `kind = "{kind}"`'
+                yield _section(title, _definition(found, definitions))
+        elif name == "vary":
+            yield f"### `[vary]`\n\n{entry['description']}"
+        elif (found := _reference(entry)) in alike:
+            keys = alike.pop(found)
+            inner = _definition(found, definitions)
+            # a table of tables only has no keys of its own to show
+            if any(_reference(part) is None for part in inner["properties"].values()):
+                yield _section(", ".join(f"`[{key}]`" for key in keys), inner)
+            yield from _sections(f"{keys[0]}.", inner, definitions)
+
+
+def _section(title: str, schema: Schema) -> str:
+    words = " ".join(schema["description"].split()).replace("``", "`")
+    return f"### {title}\n\n{words}\n\n{_table(schema['properties'])}"
+
+
+def _table(properties: Schema) -> str:
+    rows = ["| Key | Takes | Unit | Default | Meaning |", "|---|---|---|---|---|"]
+    for name, entry in properties.items():
+        if _reference(entry) is not None or _kinds(entry) is not None or name == "vary":
+            continue
+        words, unit = _takes(entry), _unit(entry)
+        cells = (
+            f"`{name}`",
+            words.removesuffix(f" ({unit})"),
+            unit,
+            _default(entry),
+            entry["description"],
+        )
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(rows)
+
+
+def _unit(entry: Schema) -> str:
+    units = (member.get("unit", "") for member in (entry, *entry.get("anyOf", ())))
+    return next(filter(None, units), "")
+
+
+def _default(entry: Schema) -> str:
+    if ("const" in entry and entry.get("type") == "string") or "default" not in entry:
+        return "must be given"  # a kind always must be, to tell which table it is
+    return "none" if entry["default"] is None else f"`{json.dumps(entry['default'])}`"
+
+
+def _reference(entry: Schema) -> str | None:
+    """Return the definition that an entry is, if it is a table."""
+    for member in (entry, *entry.get("anyOf", ()), *entry.get("allOf", ())):
+        if "$ref" in member:
+            return str(member["$ref"])
+    return None
+
+
+def _kinds(entry: Schema) -> dict[str, str] | None:
+    """Return the definitions of a list of tables by their kind, if an entry is one."""
+    discriminator = entry.get("items", {}).get("discriminator")
+    return None if discriminator is None else discriminator["mapping"]
+
+
+def _definition(found: str, definitions: Schema) -> Schema:
+    return definitions[found.rpartition("/")[2]]
+
+
+if __name__ == "__main__":
+    PAGE.write_text(updated(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
