@@ -110,7 +110,7 @@ def _controller(scenario: Scenario, jacobian: np.ndarray) -> Controller:
         needed = jacobian[np.ix_(columns, rows)]
         if not np.isfinite(needed).all():
             text = (
-                'got "static-jacobian", but nothing holds this arm in its place at rest, so its tip '
+                'got "static-jacobian", but nothing holds this arm in place at rest, so its tip '
                 'does not follow the base; takes "identity", or an arm with a clamp or a weight'
             )
             raise ScenarioError([Mistake("control.mapping", text)])
