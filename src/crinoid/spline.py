@@ -1,10 +1,16 @@
 """Piecewise cubic functions of time, as arrays that compiled code can evaluate and derive."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.interpolate import PPoly
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 
 class PiecewiseCubic(eqx.Module):

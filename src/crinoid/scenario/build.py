@@ -9,7 +9,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from scipy.interpolate import CubicSpline
 
 from crinoid.base import CHANNELS, Base, BaseMotion, Servo, SineMotion, TableMotion
 from crinoid.dynamics import Forces, Integrator, Settings, System
@@ -217,4 +216,6 @@ def _motion(motion: motions.SineMotion | motions.TableMotion) -> BaseMotion:
             _array(motion.frequency_hz),
             _array(np.deg2rad(motion.phase_deg)),
         )
+    from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+
     return TableMotion(channel, PiecewiseCubic(CubicSpline(motion.time, motion.value_si)))

@@ -1,5 +1,6 @@
 """From a scenario to a closed loop that is ready to run."""
 
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -7,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.interpolate import PchipInterpolator
 
 from crinoid.base import CHANNELS
 from crinoid.control import Clock, Controller, Idle, Pid, Sensor, Target
@@ -48,7 +48,8 @@ def set_up(scenario: Scenario) -> Setup:
     return Setup(loop, state, outcome)
 
 
-@eqx.filter_jit
+# runs once: a third less time to compile is worth more than milliseconds of running
+@partial(eqx.filter_jit, compiler_options={"xla_backend_optimization_level": 0})
 def _start(
     system: System, loaded: bool
 ) -> tuple[State, Outcome, Float[Array, " pose"], Float[Array, "pose channel"]]:
@@ -75,6 +76,8 @@ def _target(scenario: Scenario, tip: np.ndarray) -> Target:
         fixed[2] = np.deg2rad(target.angle_deg)
     path = None
     if moving:
+        from scipy.interpolate import PchipInterpolator  # slow to load, and often not needed
+
         # monotone between the points: the target does not swing out past them
         path = PiecewiseCubic(PchipInterpolator(target.time, np.concatenate(paths, axis=1)))
     return Target(jnp.asarray(fixed), path, moving)
