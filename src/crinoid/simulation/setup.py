@@ -1,6 +1,5 @@
 """From a scenario to a closed loop that is ready to run."""
 
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -49,7 +48,7 @@ def set_up(scenario: Scenario) -> Setup:
 
 
 # runs once: a third less time to compile is worth more than milliseconds of running
-@partial(eqx.filter_jit, compiler_options={"xla_backend_optimization_level": 0})
+@eqx.filter_jit(compiler_options={"xla_backend_optimization_level": 0})
 def _start(
     system: System, loaded: bool
 ) -> tuple[State, Outcome, Float[Array, " pose"], Float[Array, "pose channel"]]:
