@@ -47,15 +47,21 @@ def set_up(scenario: Scenario) -> Setup:
     return Setup(loop, state, outcome)
 
 
-# runs once: a third less time to compile is worth more than milliseconds of running
-@eqx.filter_jit(compiler_options={"xla_backend_optimization_level": 0})
-def _start(
+def _find_start(
     system: System, loaded: bool
 ) -> tuple[State, Outcome, Float[Array, " pose"], Float[Array, "pose channel"]]:
     state, outcome = (
         system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
     )
     return state, outcome, system.tip(state), system.static_jacobian(state)
+
+
+# Runs once: a third less time to compile is worth more than milliseconds of running. (The type of
+# `filter_jit` leaves out the options that it hands on to JAX.)
+_start = eqx.filter_jit(
+    _find_start,
+    compiler_options={"xla_backend_optimization_level": 0},  # type: ignore[call-overload]
+)
 
 
 def _target(scenario: Scenario, tip: np.ndarray) -> Target:
