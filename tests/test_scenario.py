@@ -131,7 +131,7 @@ ONE_MISTAKE = {
     "number as truth": ("control.compare = 1", "control.compare: got 1, takes true or false"),
     "fraction as a whole number": (
         "simulation.max_iterations = 2.5",
-        "simulation.max_iterations: got 2.5, takes a whole number of 1 or more",
+        "simulation.max_iterations: got 2.5, takes a whole number from 1 to 1000",
     ),
     "table as a number": (
         "arm.length.m = 1",
@@ -158,7 +158,7 @@ ONE_MISTAKE = {
     ),
     "two nodes": (
         "arm.nodes = 2",
-        "arm.nodes: got 2, takes a whole number of 3 or more (an arm bends where edges meet)",
+        "arm.nodes: got 2, takes a whole number from 3 (an arm bends where edges meet) to 10000",
     ),
     "spatial arm": ("arm.dimension = 3", "arm.dimension: got 3, takes 2 (a planar arm)"),
     "twist of a planar arm": (

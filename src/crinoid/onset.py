@@ -4,6 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+_SLACK = 1e-9
+"""What round-off may make a time step late (s)."""
+
 
 class Onset(eqx.Module):
     """A factor of time: 0 before ``start``, 1 once ``ramp_time`` has passed, 0 again from ``stop``.
@@ -34,5 +37,5 @@ class Onset(eqx.Module):
         since = time - self.start
         ramped = self.ramp_time > 0
         progress = jnp.clip(since / jnp.where(ramped, self.ramp_time, 1.0), 0.0, 1.0)
-        factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), since >= 0)
-        return jnp.where(time < self.stop, factor, 0.0)
+        factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), since >= -_SLACK)
+        return jnp.where(time < self.stop - _SLACK, factor, 0.0)

@@ -68,7 +68,16 @@ class Result:
         return Scenario.from_toml(str(self.dataset.attrs["scenario"]))
 
     def restore(self, like: Tree) -> Tree:
-        """Return the state at the end, in the shape of ``like``."""
+        """Return the state at the end, in the shape of ``like``.
+
+        Raises
+        ------
+        ResultError
+            If the state saved is not of that shape.
+        """
+        wanted = [(leaf.shape, leaf.dtype) for leaf in map(np.asarray, jax.tree.leaves(like))]
+        if wanted != [(leaf.shape, leaf.dtype) for leaf in self.checkpoint]:
+            raise ResultError("it holds no state that this scenario can go on from")
         leaves = [jnp.asarray(leaf) for leaf in self.checkpoint]
         return jax.tree.unflatten(jax.tree.structure(like), leaves)
 
@@ -167,7 +176,9 @@ def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     """Put the stretches of one run after each other."""
     if len(parts) == 1:
         return parts[0]
-    return xr.concat(parts, "time", data_vars="minimal", coords="minimal", compat="override")
+    whole = xr.concat(parts, "time", data_vars="minimal", coords="minimal", compat="override")
+    whole["tip_angle"].values = np.unwrap(whole["tip_angle"].values)
+    return whole
 
 
 def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Dataset:

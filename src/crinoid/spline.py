@@ -31,8 +31,10 @@ class PiecewiseCubic(eqx.Module):
     def __call__(self, time: Float[Array, ""] | float) -> Float[Array, " c"]:
         """Return the value at ``time`` (s)."""
         first, last = self.knots[0], self.knots[-1]
-        # not `clip`, which has half the slope at the knots at both ends
-        time = jnp.where(time < first, first, jnp.where(time > last, last, time))
+        # not `clip`, which has half the slope at the knots at both ends; and a time that round-off
+        # puts past the end still moves
+        slack = 1e-9 * (last - first)
+        time = jnp.where(time < first - slack, first, jnp.where(time > last + slack, last, time))
         piece = jnp.clip(jnp.searchsorted(self.knots, time, side="right") - 1, 0, self._last)
         cubic, square, linear, constant = self.coefficients[:, piece]
         since = time - self.knots[piece]

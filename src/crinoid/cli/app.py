@@ -29,7 +29,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-console = Console(highlight=False)
+console = Console(highlight=False, markup=False)
 errors = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 
 ScenarioName = Annotated[
@@ -117,7 +117,7 @@ def scenarios(
         console.print(f"wrote {path}")
     else:
         for name in builtin_names():
-            console.print(f"[bold]{name:18}[/]{load(name).title}")
+            console.print(f"{name:18}{load(name).title}")
 
 
 @app.command()
@@ -149,8 +149,9 @@ def _load(name: str, settings: list[str] | None) -> Scenario:
 
 def _folder(out: Path | None, name: str) -> Path:
     folder = out if out is not None else Path("results") / Path(name).stem
-    if folder.exists() and not folder.is_dir():
-        _stop(f"--out: {folder} is a file, takes a folder")
+    with _told():
+        if folder.exists() and not folder.is_dir():
+            _stop(f"--out: {folder} is a file, takes a folder")
     return folder
 
 

@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from crinoid.cli.tables import cases_table, equilibrium_table, run_table
 from crinoid.metrics import deflection, settling_time, tip_error
-from crinoid.result import Result, ResultError
+from crinoid.result import RESULT, Result, ResultError
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import Progress as Reached
 from crinoid.simulation import SimulationError, equilibrium, play
@@ -32,8 +32,11 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Con
     if scenario.vary:
         return _run_cases(scenario, folder, resume=resume, console=console)
     earlier = _earlier(scenario, folder) if resume else None
+    if earlier is not None and earlier.failure:
+        text = f"the run in {folder} {earlier.failure.split(';')[0]}: it would fail there again"
+        raise ScenarioError([Mistake("--resume", text)])
     with _bar(console) as bar:
-        result = play(scenario, report=_reporter(bar, ""), resume=earlier)
+        result = _play(scenario, _reporter(bar, ""), earlier, folder)
         paths = result.save(folder)
     console.print(run_table(result))
     _say_where(console, paths)
@@ -93,8 +96,11 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
             name = f"case-{number:0{max(2, digits)}d}"
             earlier = _earlier(case, folder / name) if resume else None
             label = f"{number}/{len(cases)} "
-            result = play(case, report=_reporter(bar, label), resume=earlier)
-            result.save(folder / name)
+            if earlier is not None and earlier.failure:
+                result = earlier  # it would fail there again
+            else:
+                result = _play(case, _reporter(bar, label), earlier, folder / name)
+                result.save(folder / name)
             rows.append(_row(name, values, result))
             _write_cases(folder / CASES, rows)
             if _trouble(result):
@@ -103,8 +109,8 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
                 break
     console.print(cases_table(scenario, rows))
     _say_where(console, [folder / CASES])
-    if rows[-1]["status"].startswith("interrupted"):
-        return f"interrupted in {name}"
+    if result.interrupted:
+        return f"interrupted in {name}; --resume goes on from there"
     return "; ".join(failures)
 
 
@@ -119,7 +125,7 @@ def _row(name: str, values: dict[str, Any], result: Result) -> dict[str, Any]:
         "rms_error": tip_error(result).rms,
         "rms_error_uncontrolled": "" if other is None else tip_error(other).rms,
         "settling_time": "" if settled is None else settled,
-        "status": result.failure or result.status,
+        "status": _trouble(result) or "ok",
         "directory": name,
     }
 
@@ -133,20 +139,32 @@ def _write_cases(path: Path, rows: list[dict[str, Any]]) -> None:
 
 def _earlier(scenario: Scenario, folder: Path) -> Result | None:
     """Find the result to go on from; none where there is nothing yet."""
-    if not (folder / "result.nc").exists():
+    if not (folder / RESULT).exists():
         return None
     try:
         earlier = Result.load(folder)
+        described = earlier.scenario
     except ResultError as error:
         raise ScenarioError([Mistake("--resume", str(error))]) from error
-    if earlier.failure:
-        text = f"the run in {folder} {earlier.failure.split(';')[0]}: it would fail there again"
+    except ScenarioError as error:
+        text = f"the scenario in {folder / RESULT} cannot be read: {error.lines[0]}"
+        raise ScenarioError([Mistake("--resume", text)]) from error
+    duration = scenario.simulation.duration
+    if duration < described.simulation.duration:
+        text = f"the run in {folder} is of {described.simulation.duration} s already"
         raise ScenarioError([Mistake("--resume", text)])
-    longer = {"simulation.duration": scenario.simulation.duration}
-    if earlier.scenario.with_values(longer) != scenario:
+    longer = {"simulation.duration": duration}
+    if described.with_values(longer) != scenario:
         text = f"the run in {folder} is of another scenario; only its duration may be changed"
         raise ScenarioError([Mistake("--resume", text)])
     return earlier
+
+
+def _play(scenario: Scenario, report: Any, earlier: Result | None, folder: Path) -> Result:
+    try:
+        return play(scenario, report=report, resume=earlier)
+    except ResultError as error:
+        raise ScenarioError([Mistake("--resume", f"the run in {folder}: {error}")]) from error
 
 
 def _trouble(result: Result) -> str:

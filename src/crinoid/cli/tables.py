@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from rich import box
+from rich.markup import escape
 from rich.table import Table
 
 from crinoid.metrics import tip_error
@@ -16,7 +17,7 @@ from crinoid.scenario import Scenario
 def run_table(result: Result) -> Table:
     """Sum up a run, beside the one without control if there is one."""
     runs = [result] if result.uncontrolled is None else [result, result.uncontrolled]
-    table = Table(title=result.dataset.attrs["title"], title_justify="left")
+    table = Table(title=escape(result.dataset.attrs["title"]), title_justify="left")
     table.add_column("")
     controlled = result.scenario.control.kind != "none"
     for name in ["controlled" if controlled else "value", "uncontrolled"][: len(runs)]:
@@ -51,7 +52,7 @@ def run_table(result: Result) -> Table:
 def equilibrium_table(result: Result) -> Table:
     """Sum up an equilibrium."""
     dataset = result.dataset
-    table = Table(title=dataset.attrs["title"], title_justify="left", show_header=False)
+    table = Table(title=escape(dataset.attrs["title"]), title_justify="left", show_header=False)
     tip, force = dataset["tip_position"].values[0], dataset["base_force"].values[0]
     table.add_row("tip", f"x {tip[0]:.6g} m, z {tip[1]:.6g} m")
     table.add_row("tip direction", f"{np.rad2deg(float(dataset['tip_angle'][0])):.4g} degrees")
@@ -64,7 +65,9 @@ def equilibrium_table(result: Result) -> Table:
 
 def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
     """Compare the cases of a study, lengths in mm and times in s."""
-    table = Table(title=scenario.title, title_justify="left", box=box.SIMPLE, pad_edge=False)
+    table = Table(
+        title=escape(scenario.title), title_justify="left", box=box.SIMPLE, pad_edge=False
+    )
     table.add_column("case", no_wrap=True)
     last = [key.rpartition(".")[2] for key in scenario.vary]
     for key, short in zip(scenario.vary, last, strict=True):
@@ -81,7 +84,7 @@ def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
     for row in rows:
         table.add_row(
             row["case"].removeprefix("case-"),
-            *(_value(row[key]) for key in scenario.vary),
+            *(escape(_value(row[key])) for key in scenario.vary),
             *("" if row[name] == "" else f"{1e3 * row[name]:.2f}" for name in lengths),
             "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f}",
         )

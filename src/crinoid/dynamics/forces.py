@@ -25,6 +25,11 @@ class Forces(eqx.Module):
     water: Water
     origin: Float[Array, " b"]
 
+    def frozen(self, time: Float[Array, ""]) -> "Forces":
+        """Return the forces in the flow as it is at ``time``, for good: what statics balances."""
+        water = Water(self.water.flows, time)
+        return Forces(self.elements, water, self.origin)
+
     def motion(self, stage: Stage, correction: Nodes) -> Motion:
         """Return the motion of all nodes and of the water at them, at a stage of the step."""
         position = stage.position + stage.by_position * correction

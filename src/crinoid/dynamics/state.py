@@ -19,6 +19,8 @@ class State(eqx.Module):
     servo: ServoState
     flow_velocity: Float[Array, "n b"]
     """Velocity of the undisturbed water at the nodes (m/s)."""
+    reaction: Float[Array, "2 b"]
+    """Force of the base on the ghost node and the root (N)."""
     base_force: Float[Array, " b"]
     """Force of the arm on the submarine (N)."""
     base_moment: Float[Array, ""]

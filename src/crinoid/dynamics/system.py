@@ -18,6 +18,8 @@ from crinoid.rod import Rod
 Channels = Float[Array, " channel"]
 Nodes = Float[Array, "n b"]
 
+_ACTUATION = WORKS.index("actuation")
+
 
 class Progress(eqx.Module):
     """How a step went that was cut into shorter ones where it had to be."""
@@ -75,6 +77,8 @@ class System(eqx.Module):
     def find_equilibrium(self, time: float | Array = 0.0) -> tuple[State, Outcome]:
         """Find the static equilibrium at ``time``; the outcome says whether there was one.
 
+        The water flows on as it does at that time: what it is just gaining or losing in speed
+        would be no lasting load.
         See `crinoid.dynamics.statics.equilibrium` for how.
         """
         time = jnp.asarray(time, float)
@@ -84,9 +88,10 @@ class System(eqx.Module):
         mass = jnp.sum(rod.mass_per_length * rod.voronoi_length)
         bending = jnp.mean(rod.EI) / (mass * rod.length**3)
         start = self._rest_position(time)
-        _, load = self.forces.residual(self.forces.motion(statics.still(time, start), 0.0 * start))
+        forces = self.forces.frozen(time)
+        _, load = forces.residual(forces.motion(statics.still(time, start), 0.0 * start))
         position, outcome = statics.equilibrium(
-            self.forces,
+            forces,
             time,
             start,
             eqx.tree_at(
@@ -96,6 +101,13 @@ class System(eqx.Module):
             1e3 * (bending + load * rod.nodes / (mass * rod.length)),
         )
         return self._begin(time, position), outcome
+
+    def stand(self, state: State) -> State:
+        """Return the same shape without any motion, in water that flows on as it does: statics."""
+        stage = statics.still(state.time, state.position)
+        forces = self.forces.frozen(state.time)
+        motion = forces.motion(stage, jnp.zeros_like(state.position))
+        return self._observe(forces, motion, state.servo)
 
     def step(
         self, state: State, command: Channels, step: float | Array | None = None
@@ -142,8 +154,14 @@ class System(eqx.Module):
         lag = method.alpha_f - method.alpha_m
         since = (motion.acceleration - state.acceleration)[HELD:]
         now = motion.acceleration.at[HELD:].add(lag * since)
-        observed = self._observe(eqx.tree_at(lambda m: m.acceleration, motion, now), servo)
+        observed = self._observe(
+            self.forces, eqx.tree_at(lambda m: m.acceleration, motion, now), servo
+        )
         work = state.work + 0.5 * h * (state.power + observed.power)
+        # a servo's speed may change much within a step: its path is known, so use that
+        pulled = 0.5 * (state.reaction + observed.reaction)
+        actuation = jnp.sum(pulled * (motion.position - state.position)[:HELD])
+        work = work.at[_ACTUATION].set(state.work[_ACTUATION] + actuation)
         kept = (work, motion.acceleration)
         return eqx.tree_at(lambda s: (s.work, s.acceleration), observed, kept), outcome
 
@@ -199,9 +217,8 @@ class System(eqx.Module):
         The forces are linearised about ``state``, taken as still.
         """
         stage = statics.still(state.time, state.position)
-        bands = self.forces.tangent(
-            stage, self.forces.motion(stage, jnp.zeros_like(state.position))
-        )
+        forces = self.forces.frozen(state.time)
+        bands = forces.tangent(stage, forces.motion(stage, jnp.zeros_like(state.position)))
         pose, _, _ = self.base.pose(state.time, state.servo)
         held = jax.jacfwd(self.base.hold)(pose)
 
@@ -241,15 +258,16 @@ class System(eqx.Module):
         motion = self.forces.motion(stage, jnp.zeros_like(position))
         residual, _ = self.forces.residual(motion)
         free = chain.solve(self.forces.tangent(stage, motion)[HELD:], -residual[HELD:])
-        return self._observe(self.forces.motion(stage, jnp.pad(free, ((HELD, 0), (0, 0)))), servo)
+        return self._observe(
+            self.forces, self.forces.motion(stage, jnp.pad(free, ((HELD, 0), (0, 0)))), servo
+        )
 
-    def _observe(self, motion: Motion, servo: ServoState) -> State:
-        energy, power = self.forces.audit(motion)
-        residual, _ = self.forces.residual(motion)
+    def _observe(self, forces: Forces, motion: Motion, servo: ServoState) -> State:
+        energy, power = forces.audit(motion)
+        residual, _ = forces.residual(motion)
         reaction = residual[:HELD]
         force, moment = self.base.wrench(motion.position[:HELD], reaction)
-        actuation = jnp.sum(reaction * motion.velocity[:HELD])
-        power = power.at[WORKS.index("actuation")].add(actuation)
+        power = power.at[_ACTUATION].add(jnp.sum(reaction * motion.velocity[:HELD]))
         return State(
             motion.time,
             motion.position,
@@ -257,6 +275,7 @@ class System(eqx.Module):
             motion.acceleration,
             servo,
             motion.flow_velocity,
+            reaction,
             force,
             moment,
             energy,

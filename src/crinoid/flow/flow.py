@@ -35,9 +35,12 @@ class Water(eqx.Module):
     """
 
     flows: tuple[Flow, ...]
+    frozen_at: Time | None = None
+    """A time (s) at which the flow stands still, for statics: du/dt is then zero."""
 
     def velocity(self, point: Point, time: Time) -> Point:
         """Return the velocity (m/s)."""
+        time = time if self.frozen_at is None else self.frozen_at
         return sum((flow.velocity(point, time) for flow in self.flows), jnp.zeros_like(point))
 
     def acceleration(self, point: Point, time: Time) -> Point:

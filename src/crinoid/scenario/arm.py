@@ -30,7 +30,9 @@ Radius = Annotated[
     Quantity("m", "a number above 0, or [root, tip], both above 0"),
 ]
 Nodes = Annotated[
-    int, Field(ge=3), Quantity(takes="a whole number of 3 or more (an arm bends where edges meet)")
+    int,
+    Field(ge=3, le=10_000),
+    Quantity(takes="a whole number from 3 (an arm bends where edges meet) to 10000"),
 ]
 
 

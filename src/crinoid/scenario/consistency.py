@@ -18,7 +18,11 @@ __all__ = [
     "motion_conflicts",
     "output_conflicts",
     "rate_conflicts",
+    "size_conflicts",
 ]
+
+_MAX_BYTES = 8e9
+_BYTES_PER_NODE = 100
 
 
 def depth_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterator[Mistake]:
@@ -89,4 +93,13 @@ def output_conflicts(output: Output, simulation: Simulation) -> Iterator[Mistake
         yield Mistake("output.interval", not_whole(interval, simulation.time_step))
     elif steps > simulation.steps:
         text = f"got {interval}, takes up to simulation.duration = {simulation.duration} (s)"
+        yield Mistake("output.interval", text)
+
+
+def size_conflicts(nodes: int, instants: int) -> Iterator[Mistake]:
+    """Yield a result that no memory holds: all of it is kept until the end of a run."""
+    size = instants * nodes * _BYTES_PER_NODE
+    if size > _MAX_BYTES:
+        text = f"keeps {instants} instants of {nodes} nodes, about {size / 1e9:.0f} GB; "
+        text += f"takes a longer one, for {_MAX_BYTES / 1e9:.0f} GB or less"
         yield Mistake("output.interval", text)

@@ -20,7 +20,9 @@ def parse(text: str) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise ScenarioError([Mistake("", "not valid TOML: nested too deeply")]) from None
+    except ValueError as error:  # broken, or a number of thousands of digits
         lines = text.split("\n")
         end = f"(at line {len(lines)}, column {len(lines[-1]) + 1})"
         what = str(error).replace("(at end of document)", end)
@@ -64,7 +66,7 @@ def _index(table: Any, part: str, key: str, outer: list[str]) -> Any:
     if not isinstance(table, list):
         text = f"unknown key, {here} is {shown(table)} and not a table"
         raise ScenarioError([Mistake(key, text)])
-    if not part.isdecimal() or int(part) > len(table):
+    if not part.isdecimal() or len(part) > 9 or int(part) > len(table):
         text = f"unknown key, {here} takes an index from 0 to {len(table)} ({len(table)} adds one)"
         raise ScenarioError([Mistake(key, text)])
     if int(part) == len(table):
@@ -74,10 +76,12 @@ def _index(table: Any, part: str, key: str, outer: list[str]) -> Any:
 
 def _parts(key: str) -> list[str]:
     try:
+        if set(key) & set("#[]\n"):
+            raise ValueError(key)
         table: Any = tomllib.loads(f"{key} = 0")
-    except tomllib.TOMLDecodeError:
+    except ValueError:
         text = "not a key; takes names joined by dots, such as arm.length"
-        raise ScenarioError([Mistake(key, text)]) from None
+        raise ScenarioError([Mistake(key.replace("\n", " "), text)]) from None
     parts = []
     while isinstance(table, dict):
         part, table = next(iter(table.items()))
@@ -88,6 +92,6 @@ def _parts(key: str) -> list[str]:
 def _value(text: str) -> Any:
     try:
         table = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text
     return table["value"] if len(table) == 1 else text

@@ -18,6 +18,7 @@ from crinoid.scenario.consistency import (
     motion_conflicts,
     output_conflicts,
     rate_conflicts,
+    size_conflicts,
 )
 from crinoid.scenario.control import Control, Sensor
 from crinoid.scenario.document import assign, parse
@@ -185,6 +186,7 @@ class Scenario(Model):
         yield from channel_conflicts(self.control, self.base)
         yield from rate_conflicts(self.sensor, self.control, self.simulation)
         yield from output_conflicts(self.output, self.simulation)
+        yield from size_conflicts(self.arm.nodes, self.simulation.steps // self.output_steps)
         if self.vary:
             yield from self._case_conflicts()
 

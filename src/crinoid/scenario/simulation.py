@@ -29,6 +29,9 @@ _OPTIONS: dict[Integrator, dict[str, float]] = {
 }
 
 
+_MAX_STEPS = 10**9
+
+
 class Simulation(Model):
     """Time, time steps and the solver."""
 
@@ -50,7 +53,7 @@ class Simulation(Model):
         default=1e-8, gt=0, le=1e-2, description="Relative residual at which a step has converged."
     )
     max_iterations: int = Field(
-        default=20, ge=1, description="Greatest number of iterations of a step."
+        default=20, ge=1, le=1000, description="Greatest number of iterations of a step."
     )
     max_halvings: int = Field(
         default=8, ge=0, le=16, description="How often a step that fails may be halved."
@@ -65,6 +68,9 @@ class Simulation(Model):
             yield Mistake(
                 "time_step", f"got {self.time_step}, takes up to duration = {self.duration} (s)"
             )
+        elif self.duration / self.time_step > _MAX_STEPS:
+            text = f"got {self.duration}, takes up to {_MAX_STEPS:.0e} time steps ("
+            yield Mistake("duration", f"{text}{_MAX_STEPS * self.time_step:.6g} s)")
         elif whole_steps(self.duration, self.time_step) is None:
             yield Mistake("duration", not_whole(self.duration, self.time_step))
         taken = self.integrator_options

@@ -1,5 +1,7 @@
 """Running a scenario: chunks of compiled time, with progress and interruption between them."""
 
+from __future__ import annotations
+
 import signal
 import threading
 import time
@@ -10,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray as xr
 
 from crinoid.dynamics import Outcome, State
 from crinoid.record import Record
@@ -79,16 +82,19 @@ def play(
     """
     if scenario.vary:
         raise ValueError("a scenario with [vary] stands for several cases: run scenario.cases()")
-    setup = set_up(scenario)
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
-    result = _run(scenario, setup, label, report, resume)
-    if controlled and scenario.control.compare and not result.interrupted:
-        idle = setup._replace(
-            loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False))
-        )
-        earlier = resume.uncontrolled if resume is not None else None
-        result.uncontrolled = _run(scenario, idle, "uncontrolled", report, earlier)
+    with _Interruption() as interruption:
+        setup = set_up(scenario)
+        result = _run(scenario, setup, label, report, resume, interruption)
+        if controlled and scenario.control.compare:
+            idle = setup._replace(
+                loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False))
+            )
+            earlier = resume.uncontrolled if resume is not None else None
+            result.uncontrolled = _run(
+                scenario, idle, "uncontrolled", report, earlier, interruption
+            )
     return result
 
 
@@ -103,7 +109,9 @@ def equilibrium(scenario: Scenario) -> Result:
     begun = time.perf_counter()
     still = scenario.with_values({"simulation.start": "equilibrium", "control.kind": "none"})
     setup = set_up(still)
-    carry, first = _begin(setup.loop, setup.state)
+    standing = eqx.filter_jit(lambda system, state: system.stand(state))
+    state = standing(setup.loop.system, setup.state)
+    carry, first = _begin(setup.loop, state)
     records = [jax.tree.map(lambda x: np.asarray(x)[None], first)]
     result = _result(scenario, setup, carry, records, _start_failure(setup), begun, None)
     if result.failure:
@@ -112,44 +120,88 @@ def equilibrium(scenario: Scenario) -> Result:
 
 
 def _run(
-    scenario: Scenario, setup: Setup, label: str, report: Report | None, earlier: Result | None
+    scenario: Scenario,
+    setup: Setup,
+    label: str,
+    report: Report | None,
+    earlier: Result | None,
+    interruption: _Interruption,
 ) -> Result:
     loop, stride = setup.loop, scenario.output_steps
+    duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = _begin(loop, setup.state)
     records = [jax.tree.map(lambda x: np.asarray(x)[None], first)]
+    pending = _Pending()
+    kept_earlier = None
     if earlier is not None:
         records.clear()
         carry = earlier.restore(carry)
+        kept_earlier = earlier.dataset
+        if int(carry.steps) % stride:
+            # it stopped between two instants that are kept: go on counting for the next one
+            pending = _Pending.of(kept_earlier)
+            kept_earlier = kept_earlier.isel(time=slice(None, -1))
     # a stretch of nothing: compiles, so that what follows is timed without it
     jax.block_until_ready(stretch(loop, carry, jnp.asarray(0), jnp.asarray(stride), _CAPACITY))
     begun = time.perf_counter()
     if earlier is not None:
         begun -= earlier.dataset.attrs["wall_time"]
     failure = _start_failure(setup)
-    duration = scenario.simulation.duration
-    done, total = int(carry.steps), scenario.simulation.steps
-    chunk = 8
-    with _Interruption() as interruption:
-        while done < total and not failure and not interruption.asked:
-            # up to the next instant that is kept, or several of them at once
-            steps = min(stride - done % stride, total - done)
-            count = min(chunk, _CAPACITY, (total - done) // stride) if steps == stride else 1
-            chunk_begun = time.perf_counter()
-            carry, kept, new, outcome = stretch(
-                loop, carry, jnp.asarray(count), jnp.asarray(steps), _CAPACITY
-            )
-            records.append(_first_of(kept, int(new)))
-            took = time.perf_counter() - chunk_begun
-            done += count * steps
-            chunk = max(1, int(min(count * _CHUNK_SECONDS / took, 4 * chunk)))
-            if not outcome.converged:
-                failure = _step_failure(scenario, carry, outcome)
-            if report is not None:
-                elapsed = time.perf_counter() - begun
-                report(Progress(label, float(carry.state.time), duration, elapsed))
+    done, chunk = int(carry.steps), 16
+    while done < total and not failure and not interruption.asked:
+        # several instants that are kept, or up to the next one, or less if that is far
+        due = min(stride - done % stride, total - done)
+        steps = min(due, chunk)
+        count = min(chunk // stride, (total - done) // stride, _CAPACITY) if due == stride else 1
+        count = max(1, count)
+        chunk_begun = time.perf_counter()
+        carry, kept, new, outcome = stretch(
+            loop, carry, jnp.asarray(count), jnp.asarray(steps), _CAPACITY
+        )
+        latest = pending.added_to(jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept))  # noqa: B023
+        took = time.perf_counter() - chunk_begun
+        done += count * steps
+        chunk = max(16, int(min(count * steps * _CHUNK_SECONDS / took, 4 * chunk)))
+        if not outcome.converged:
+            failure = _step_failure(scenario, carry, outcome)
+        if steps < due and not failure and not interruption.asked:
+            pending = _Pending.of(latest)
+        else:
+            records.append(latest)
+            pending = _Pending()
+        if report is not None:
+            elapsed = time.perf_counter() - begun
+            report(Progress(label, float(carry.state.time), duration, elapsed))
     if not failure and done < total:
         failure = f"interrupted at t = {float(carry.state.time):.6g} s"
-    return _result(scenario, setup, carry, records, failure, begun, earlier)
+    return _result(scenario, setup, carry, records, failure, begun, kept_earlier)
+
+
+class _Pending(NamedTuple):
+    """What steps cost that no kept instant tells of yet."""
+
+    steps: int = 0
+    iterations: int = 0
+    residual: float = 0.0
+
+    @staticmethod
+    def of(kept: Record | xr.Dataset) -> _Pending:
+        iterations = kept.iterations if isinstance(kept, Record) else kept["newton_iterations"]
+        last = (kept.steps[-1], iterations[-1], kept.residual[-1])
+        return _Pending(int(last[0]), int(last[1]), float(last[2]))
+
+    def added_to(self, kept: Record) -> Record:
+        if kept.steps.size == 0:
+            return kept
+        steps, iterations, residual = (
+            np.array(x) for x in (kept.steps, kept.iterations, kept.residual)
+        )
+        steps[0] += self.steps
+        iterations[0] += self.iterations
+        residual[0] = max(residual[0], self.residual)
+        return eqx.tree_at(
+            lambda r: (r.steps, r.iterations, r.residual), kept, (steps, iterations, residual)
+        )
 
 
 class _Interruption:
@@ -158,7 +210,7 @@ class _Interruption:
     def __init__(self) -> None:
         self.asked = False
 
-    def __enter__(self) -> "_Interruption":
+    def __enter__(self) -> _Interruption:
         self._main = threading.current_thread() is threading.main_thread()
         if self._main:
             self._earlier = signal.signal(signal.SIGINT, self._ask)
@@ -171,10 +223,6 @@ class _Interruption:
     def _ask(self, *_: object) -> None:
         self.asked = True
         signal.signal(signal.SIGINT, self._earlier)  # a second one stops at once
-
-
-def _first_of(kept: Record, count: int) -> Record:
-    return jax.tree.map(lambda x: np.asarray(x)[:count], kept)
 
 
 @eqx.filter_jit
@@ -190,17 +238,18 @@ def _result(
     records: list[Record],
     trouble: str,
     begun: float,
-    earlier: Result | None,
+    earlier: xr.Dataset | None,
 ) -> Result:
+    wall_time = time.perf_counter() - begun
     checkpoint = [np.asarray(leaf) for leaf in jax.tree.leaves(carry)]
-    parts = [] if earlier is None else [earlier.dataset]
+    parts = [] if earlier is None else [earlier]
     if records:
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
         parts.append(build_dataset(scenario, setup.loop.system, whole))
     dataset = join(parts)
     dataset.attrs = describe(scenario) | {
         "status": trouble or "ok",
-        "wall_time": time.perf_counter() - begun,
+        "wall_time": wall_time,
     }
     return Result(dataset, checkpoint)
 
@@ -225,6 +274,8 @@ def _step_failure(scenario: Scenario, carry: LoopState, outcome: Outcome) -> str
 
 
 def _imbalance(outcome: Outcome) -> str:
+    if not np.isfinite(outcome.residual):
+        return "forces grew without bound"
     return (
         f"node {int(outcome.worst_node)} is out of balance by {float(outcome.residual):.3g} N "
         f"among forces of up to {float(outcome.scale):.3g} N"

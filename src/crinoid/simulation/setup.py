@@ -97,7 +97,8 @@ def _sensor(scenario: Scenario) -> Sensor:
         delay=jnp.asarray(sensor.delay),
         noise=jnp.asarray(noise),
         key=jax.random.key(scenario.seed),
-        kept=int(np.ceil(sensor.delay * rate - 1e-6)) + 1,
+        # where the rate does not divide the time step samples may bunch: one more is under way
+        kept=min(int(np.ceil(sensor.delay * rate)), scenario.simulation.steps) + 2,
     )
 
 
