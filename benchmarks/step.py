@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 import crinoid
-from crinoid.simulation.loop import LoopState
+from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.stretch import stretch
 
@@ -32,7 +32,11 @@ except ImportError as error:
     mujoco_rod, WHY_NOT = None, f"without MuJoCo ({error}): pip install '.[bench]'"
 
 RESULTS = Path(__file__).parent / "results"
-CONTROLLED, UNCONTROLLED, BARE = "closed loop", "control off", "steps only"
+CONTROLLED, NOISY = "closed loop", "closed loop, noisy sensor"
+UNCONTROLLED, BARE = "control off", "steps only"
+
+NOISE = 5e-4
+"""Standard deviation of a noisy sensor (m): its controller jerks the base at every step."""
 
 
 class Contestant(NamedTuple):
@@ -59,7 +63,7 @@ def main() -> None:
             rows.append(measure(nodes, options.repeats))
     console.print(start_table(rows))
     console.print(step_table(rows))
-    exponents = {name: exponent(rows, name) for name in (CONTROLLED, UNCONTROLLED, BARE)}
+    exponents = {name: exponent(rows, name) for name in (CONTROLLED, NOISY, UNCONTROLLED, BARE)}
     for name, power in exponents.items():
         if power is not None:
             console.print(f"{name}: time of a step grows as nodes^{power:.2f} from 21 nodes on")
@@ -121,16 +125,18 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
 def closed_loops(
     scenario: crinoid.Scenario, setup: Setup
 ) -> tuple[list[Contestant], dict[str, float]]:
-    """Return the loop with its controller on and off, and the Newton iterations of each."""
+    """Return the loop as it is, with a noisy sensor and switched off, and their iterations."""
     steps, stride = scenario.simulation.steps, scenario.output_steps
     count = steps // stride
     contestants, iterations = [], {}
-    for name in (CONTROLLED, UNCONTROLLED):
-        on = jnp.asarray(name == CONTROLLED)
-        loop = eqx.tree_at(lambda loop: loop.enabled, setup.loop, on)
-        carry = loop.start(setup.state)
+    for name, changed in (
+        (CONTROLLED, setup.loop),
+        (NOISY, eqx.tree_at(lambda x: x.sensor.noise, setup.loop, jnp.array([NOISE, NOISE, 0.0]))),
+        (UNCONTROLLED, eqx.tree_at(lambda x: x.enabled, setup.loop, jnp.asarray(False))),
+    ):
+        carry = changed.start(setup.state)
 
-        def run(loop: Any = loop, carry: LoopState = carry) -> Any:
+        def run(loop: Loop = changed, carry: LoopState = carry) -> Any:
             return jax.block_until_ready(
                 stretch(loop, carry, jnp.asarray(count), jnp.asarray(stride), count)
             )
@@ -138,7 +144,7 @@ def closed_loops(
         _, kept, filled, outcome = run()
         if not outcome.converged or filled != count:
             raise RuntimeError(f"the run of {scenario.arm.nodes} nodes stopped early")
-        iterations[name] = float(np.sum(kept.iterations) / np.sum(kept.steps))
+        iterations[name] = float(np.sum(kept.iterations)) / (count * stride)
         contestants.append(Contestant(name, run, count * stride, scenario.simulation.time_step))
     return contestants, iterations
 
@@ -190,7 +196,7 @@ def step_table(rows: list[dict[str, Any]]) -> Table:
     table = Table(title="One time step", title_justify="left")
     table.add_column("nodes", justify="right")
     table.add_column("", no_wrap=True)
-    for name in ("median us", "least us", "iterations", "us each", "x real time"):
+    for name in ("median us", "least us", "Newton", "us each", "x real time"):
         table.add_column(name, justify="right")
     table.add_column("closed loop / this", justify="right")
     for row in rows:
