@@ -254,6 +254,16 @@ def test_a_command_that_is_not_a_number_is_never_accepted(system, state):
     assert not outcome.converged
 
 
-def test_floor_is_the_round_off_of_the_stretching_forces(system):
-    settings = Settings.for_rod(system.rod, 1e-10, 30)
-    np.testing.assert_allclose(settings.floor, 16 * 2.0**-52 * 50.0 / EDGE, rtol=1e-12)
+def test_floor_is_the_round_off_of_the_elastic_forces(system):
+    rod = system.rod
+    settings = Settings.for_rod(rod, 1e-10, 30)
+    stiffness = 50.0 / EDGE + 4 * float(rod.EI.max()) / EDGE**3
+    expected = 16 * 2.0**-52 * stiffness * float(rod.length)
+    np.testing.assert_allclose(settings.floor, expected, rtol=1e-12)
+    # of the order of what the elastic forces of a straight arm amount to by round-off alone
+    straight = arm(nodes=NODES, EA=50.0, EI=float(rod.EI.max()), tilt=0.3)
+    state = straight.rest()
+    zero = jnp.zeros_like(state.position)
+    still = Stage(jnp.zeros(()), state.position, zero, zero, *[jnp.ones(())] * 3)
+    residual, _ = straight.forces.residual(straight.forces.motion(still, zero))
+    assert float(jnp.abs(residual[2:]).max()) < float(settings.floor)

@@ -53,9 +53,11 @@ class Settings(eqx.Module):
 
     @staticmethod
     def for_rod(rod: Rod, tolerance: float | Array, max_iterations: int | Array) -> "Settings":
-        """Set the floor to the round-off of the stretching forces of a rod."""
-        stiffest = jnp.max(rod.EA / rod.rest_length) * rod.length
-        floor = 16 * jnp.finfo(float).eps * stiffest
+        """Set the floor to the round-off of the forces that stretch and bend a rod."""
+        length = rod.rest_length
+        stretching = jnp.max(rod.EA / length)
+        bending = 4.0 * jnp.max(rod.EI) / jnp.min(length) ** 3
+        floor = 16 * jnp.finfo(float).eps * (stretching + bending) * rod.length
         return Settings(jnp.asarray(tolerance), floor, jnp.asarray(max_iterations))
 
 
