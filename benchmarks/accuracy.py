@@ -58,7 +58,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
-    console = Console(highlight=False, width=100)
+    console = Console(highlight=False, markup=False, width=100)
 
     engines = {"crinoid": crinoid_case}
     if mujoco_rod is not None:

@@ -22,7 +22,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--scenario", default="station-keeping")
     options = parser.parse_args()
-    console = Console(highlight=False, width=100)
+    console = Console(highlight=False, markup=False, width=100)
     times: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as place, console.status("starting processes"):
         folder = Path(place)
