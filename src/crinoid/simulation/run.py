@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from crinoid.dynamics import Outcome, State
+from crinoid.dynamics import Outcome, State, System
 from crinoid.record import Record
 from crinoid.result import Result, build_dataset, describe, join
 from crinoid.scenario import Scenario
@@ -109,9 +109,7 @@ def equilibrium(scenario: Scenario) -> Result:
     begun = time.perf_counter()
     still = scenario.with_values({"simulation.start": "equilibrium", "control.kind": "none"})
     setup = set_up(still)
-    standing = eqx.filter_jit(lambda system, state: system.stand(state))
-    state = standing(setup.loop.system, setup.state)
-    carry, first = _begin(setup.loop, state)
+    carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
     records = [jax.tree.map(lambda x: np.asarray(x)[None], first)]
     result = _result(scenario, setup, carry, records, _start_failure(setup), begun, None)
     if result.failure:
@@ -223,6 +221,11 @@ class _Interruption:
     def _ask(self, *_: object) -> None:
         self.asked = True
         signal.signal(signal.SIGINT, self._earlier)  # a second one stops at once
+
+
+@eqx.filter_jit
+def _stand(system: System, state: State) -> State:
+    return system.stand(state)
 
 
 @eqx.filter_jit

@@ -56,7 +56,7 @@ def _find_start(
     return state, outcome, system.tip(state), system.static_jacobian(state)
 
 
-# Runs once: a third less time to compile is worth more than milliseconds of running. (The type of
+# Runs once: less time to compile is worth more than milliseconds of running. (The type of
 # `filter_jit` leaves out the options that it hands on to JAX.)
 _start = eqx.filter_jit(
     _find_start,
