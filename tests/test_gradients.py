@@ -95,9 +95,9 @@ def varied(parameters):
 
 def bare(state):
     """Leave out of a state what does not move the arm, whose derivatives take long to compile."""
-    books = [state.energy, state.power, state.work, state.base_force, state.base_moment]
+    books = [state.energy, state.power, state.work, state.reaction]
     return eqx.tree_at(
-        lambda s: [s.energy, s.power, s.work, s.base_force, s.base_moment, s.flow_velocity],
+        lambda s: [s.energy, s.power, s.work, s.reaction, s.flow_velocity],
         state,
         [jnp.zeros_like(x) for x in [*books, state.flow_velocity]],
     )

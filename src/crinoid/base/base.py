@@ -64,8 +64,9 @@ class Base(eqx.Module):
         (position, velocity), (_, acceleration) = jax.jvp(moving, (pose, rate), (rate, second))
         return Prescribed(position, velocity, acceleration)
 
+    @staticmethod
     def wrench(
-        self, position: Float[Array, "2 b"], reaction: Float[Array, "2 b"]
+        position: Float[Array, "2 b"], reaction: Float[Array, "2 b"]
     ) -> tuple[Float[Array, " b"], Float[Array, ""]]:
         """Return the force (N) and the moment about the root (N m) of the arm on the submarine.
 

@@ -3,7 +3,7 @@
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from crinoid.base import ServoState
+from crinoid.base import Base, ServoState
 
 
 class State(eqx.Module):
@@ -21,13 +21,19 @@ class State(eqx.Module):
     """Velocity of the undisturbed water at the nodes (m/s)."""
     reaction: Float[Array, "2 b"]
     """Force of the base on the ghost node and the root (N)."""
-    base_force: Float[Array, " b"]
-    """Force of the arm on the submarine (N)."""
-    base_moment: Float[Array, ""]
-    """Moment of the arm on the submarine about the root (N m)."""
     energy: Float[Array, " energy"]
     """Stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
     power: Float[Array, " work"]
     """Power that flows into the arm, in the order of `crinoid.elements.WORKS` (W)."""
     work: Float[Array, " work"]
     """Work done on the arm since the start, in the same order (J)."""
+
+    @property
+    def base_force(self) -> Float[Array, " b"]:
+        """Force of the arm on the submarine (N)."""
+        return Base.wrench(self.position[:2], self.reaction)[0]
+
+    @property
+    def base_moment(self) -> Float[Array, ""]:
+        """Moment of the arm on the submarine about the root (N m)."""
+        return Base.wrench(self.position[:2], self.reaction)[1]

@@ -266,7 +266,6 @@ class System(eqx.Module):
         energy, power = forces.audit(motion)
         residual, _ = forces.residual(motion)
         reaction = residual[:HELD]
-        force, moment = self.base.wrench(motion.position[:HELD], reaction)
         power = power.at[_ACTUATION].add(jnp.sum(reaction * motion.velocity[:HELD]))
         return State(
             motion.time,
@@ -276,8 +275,6 @@ class System(eqx.Module):
             servo,
             motion.flow_velocity,
             reaction,
-            force,
-            moment,
             energy,
             power,
             jnp.zeros_like(power),

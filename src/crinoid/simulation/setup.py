@@ -34,11 +34,14 @@ class Setup(NamedTuple):
 def set_up(scenario: Scenario) -> Setup:
     """Assemble the loop of a scenario and find the arm's state at the start."""
     system = scenario.system()
-    state, outcome, tip, jacobian = _start(system, scenario.simulation.start == "equilibrium")
+    control = scenario.control
+    mapped = control.kind == "pid" and control.mapping == "static-jacobian"
+    loaded = scenario.simulation.start == "equilibrium"
+    state, outcome, tip, jacobian = _start(system, loaded, mapped)
     loop = Loop(
         system=system,
         sensor=_sensor(scenario),
-        controller=_controller(scenario, np.asarray(jacobian)),
+        controller=_controller(scenario, jacobian),
         clock=Clock(jnp.asarray(1.0 / scenario.control_rate_hz)),
         switched_on=jnp.asarray(scenario.control.start),
         target=_target(scenario, np.asarray(tip)),
@@ -48,12 +51,12 @@ def set_up(scenario: Scenario) -> Setup:
 
 
 def _find_start(
-    system: System, loaded: bool
-) -> tuple[State, Outcome, Float[Array, " pose"], Float[Array, "pose channel"]]:
+    system: System, loaded: bool, mapped: bool
+) -> tuple[State, Outcome, Float[Array, " pose"], Float[Array, "pose channel"] | None]:
     state, outcome = (
         system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
     )
-    return state, outcome, system.tip(state), system.static_jacobian(state)
+    return state, outcome, system.tip(state), system.static_jacobian(state) if mapped else None
 
 
 # Runs once: less time to compile is worth more than milliseconds of running. (The type of
@@ -102,7 +105,7 @@ def _sensor(scenario: Scenario) -> Sensor:
     )
 
 
-def _controller(scenario: Scenario, jacobian: np.ndarray) -> Controller:
+def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
     control = scenario.control
     if control.kind == "none":
         return Idle(len(CHANNELS))
@@ -113,10 +116,10 @@ def _controller(scenario: Scenario, jacobian: np.ndarray) -> Controller:
     }
     mapping = np.zeros((len(CHANNELS), len(POSE)))
     rows, columns = list(driven), [POSE.index(name) for name in control.controlled]
-    if control.mapping == "identity":
+    if jacobian is None:
         mapping[rows, rows] = 1.0  # x with slide, z with heave, angle with tilt
     else:
-        needed = jacobian[np.ix_(columns, rows)]
+        needed = np.asarray(jacobian)[np.ix_(columns, rows)]
         if not np.isfinite(needed).all():
             text = (
                 'got "static-jacobian", but nothing holds this arm in place at rest, so its tip '
