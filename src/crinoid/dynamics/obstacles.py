@@ -83,12 +83,7 @@ class Obstacles(eqx.Module):
     def held(self) -> "Obstacles":
         """Return the same obstacles, none of them free: what statics leans the arm against."""
         none = jax.tree.map(lambda x: x[:0], self.bodies)
-        return eqx.tree_at(
-            lambda o: (o.bodies, o.free),
-            self,
-            (none, ()),
-            is_leaf=lambda x: x is None or x == (),
-        )
+        return Obstacles(self.contact, none, self.place, self.drift, (), self.carried)
 
     def begin(self, places: Rows, velocity: Callable[[Rows], Rows]) -> Rows:
         """Return the velocities that the obstacles start with; ``velocity`` is the water's."""

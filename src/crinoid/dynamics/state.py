@@ -67,5 +67,18 @@ class State(eqx.Module):
         """Moment of the arm on the submarine about the root (N m)."""
         return Base.wrench(self.position[:2], self.reaction)[1]
 
+    @property
+    def obstacle_position(self) -> Any:
+        """Places of the obstacles (m), None where there are none."""
+        return self._obstacles(self.motion.position)
+
+    @property
+    def obstacle_velocity(self) -> Any:
+        """Velocities of the obstacles (m/s), None where there are none."""
+        return self._obstacles(self.motion.velocity)
+
+    def _obstacles(self, rows: Any) -> Any:
+        return None if self.touch is None else rows[..., -self.touch.gap.shape[-2] :, :]
+
     def _nodes(self, rows: Nodes) -> Nodes:
         return rows if self.touch is None else rows[..., : -self.touch.gap.shape[-2], :]

@@ -45,6 +45,9 @@ def record(loop: Loop, carry: LoopState, tally: Tally) -> Record:
         tally.steps,
         tally.iterations,
         tally.residual,
+        state.obstacle_position,
+        state.obstacle_velocity,
+        state.touch,
     )
 
 
