@@ -138,7 +138,8 @@ class Forces(eqx.Module):
         if self.free:
             own = jax.vmap(lambda e, m: _residuals((e,), m, None)[0])
             bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]
-            rows = rows.at[num_nodes + jnp.asarray(self.free)].add(bodies)
+            free = num_nodes + jnp.asarray(self.free)
+            rows = rows.at[free].add(bodies, unique_indices=True)
             largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies)))
         return rows, largest
 
@@ -199,14 +200,14 @@ class Forces(eqx.Module):
         return Tangent(bands, border, self.free)
 
     def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, " work"]]:
-        """Return the stored energies (J) and the powers that flow in from outside (W)."""
+        """Return the stored energies (J) and the powers that flow in from outside (W).
+
+        Contacts aside: what they do to the arm is a `Touch`.
+        """
         energy = dict.fromkeys(ENERGIES, jnp.zeros(()))
         power = dict.fromkeys(WORKS, jnp.zeros(()))
-        groups = [(elements, _windows(elements[0], motion)) for _, elements in self._groups()]
-        if self.obstacles is not None:
-            groups.append(((self.obstacles.contact,), self.obstacles.motions(motion)))
-        for elements, windows in groups:
-            accounts = jax.vmap(_accounts)(elements, windows)
+        for _, elements in self._groups():
+            accounts = jax.vmap(_accounts)(elements, _windows(elements[0], motion))
             for element, (stored, flowing) in zip(elements, accounts, strict=True):
                 energy[element.stored] += jnp.sum(stored)
                 power[element.worked] += jnp.sum(flowing)

@@ -15,7 +15,7 @@ Rows = Float[Array, "rows b"]
 
 _MISSED = 0.01
 """What a step may miss of the work of a contact, over the energy of the hit."""
-_NEGLIGIBLE = 1e-5
+_NEGLIGIBLE = 5e-7
 """Work that no hit is too gentle to miss, over the energy that the whole skin takes up."""
 
 
@@ -26,6 +26,8 @@ class Touch(eqx.Module):
     """Distance of each obstacle from the surface of each edge (m)."""
     force: Float[Array, "m b"]
     """Of each obstacle on the arm (N)."""
+    on_nodes: Float[Array, "n b"]
+    """Of all obstacles on the nodes (N)."""
     in_contact: Bool[Array, " m"]
     impulse: Float[Array, "m b"]
     """Of each obstacle on the arm since the start (N s)."""
@@ -39,6 +41,7 @@ class Touch(eqx.Module):
         return Touch(
             self.gap,
             self.force,
+            self.on_nodes,
             self.in_contact,
             before.impulse + 0.5 * step * (before.force + self.force),
             before.duration + jnp.where(self.in_contact, step, 0.0),
@@ -90,7 +93,7 @@ class Obstacles(eqx.Module):
         if not self.carried:
             return self.drift
         carried = jnp.asarray(self.carried)
-        return self.drift.at[carried].set(velocity(places[carried]))
+        return self.drift.at[carried].set(velocity(places[carried]), unique_indices=True)
 
     def lead(
         self, position: Rows, flow_velocity: Rows, velocity: Callable[[Rows], Rows], step: Array
@@ -106,20 +109,23 @@ class Obstacles(eqx.Module):
             return told, self.drift
         start, leaving = position[carried], flow_velocity[carried]
         reached = start + 0.5 * step * (leaving + velocity(start + step * leaving))
-        return told.at[carried].set(reached), self.drift.at[carried].set(velocity(reached))
+        return (
+            told.at[carried].set(reached, unique_indices=True),
+            self.drift.at[carried].set(velocity(reached), unique_indices=True),
+        )
 
     def touch(self, motion: Motion) -> Touch:
         """Return what the obstacles do to the arm right now."""
         pairs = self.motions(motion)
-        forces = jax.vmap(lambda contact, pair: -contact.residual(pair)[2])(self.contact, pairs)
+        pushes = jax.vmap(lambda contact, pair: -contact.residual(pair))(self.contact, pairs)
+        rows = self.scatter(pushes, motion.position.shape[0])
+        on_nodes, force = rows[: -self.count], -rows[-self.count :]
         gap = self.gaps(motion.position)
         _, pressing = self.contact.press(gap.reshape(-1))
-        force = -jnp.sum(forces.reshape(*gap.shape, -1), axis=1)
         none = jnp.zeros(self.count)
         closest = jnp.min(gap, axis=1)
-        return Touch(
-            gap, force, jnp.any(pressing.reshape(gap.shape) > 0, axis=1), 0.0 * force, none, closest
-        )
+        touching = jnp.any(pressing.reshape(gap.shape) > 0, axis=1)
+        return Touch(gap, force, on_nodes, touching, 0.0 * force, none, closest)
 
     def windows(self, rows: Rows) -> Float[Array, "pairs 3 b"]:
         """Return each edge with each obstacle, obstacle by obstacle."""
@@ -171,7 +177,7 @@ class Obstacles(eqx.Module):
         closed = gap_before - gap
         missed = 0.5 * (force + force_before) * closed - (held - held_before)
         hit = held + held_before + 0.5 * contact.mass * (closed / step) ** 2
-        negligible = _NEGLIGIBLE * contact.strength * contact.skin / 3
+        negligible = _NEGLIGIBLE * contact.press(jnp.zeros_like(gap))[0]
         accounted = jnp.abs(missed) <= _MISSED * hit + negligible
 
         moved = self.windows(after - before)

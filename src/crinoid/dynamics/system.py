@@ -20,7 +20,7 @@ Channels = Float[Array, " channel"]
 Nodes = Float[Array, "n b"]
 Rows = Float[Array, "rows b"]
 
-_ACTUATION = WORKS.index("actuation")
+_ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
 
 
 class Progress(eqx.Module):
@@ -173,9 +173,10 @@ class System(eqx.Module):
             self.forces, eqx.tree_at(lambda m: m.acceleration, motion, now), servo
         )
         work = state.work + 0.5 * h * (state.power + after.power)
-        # a servo's speed may change much within a step: its path is known, so use that
-        pulled = 0.5 * (state.reaction + after.reaction)
-        actuation = jnp.sum(pulled * (motion.position - before.position)[:HELD])
+        # a servo's speed may change much within a step, and so may the arm's where something hits
+        # it: the paths are known, so use those
+        path = motion.position - before.position
+        actuation = 0.5 * jnp.sum((state.reaction + after.reaction) * path[:HELD])
         work = work.at[_ACTUATION].set(state.work[_ACTUATION] + actuation)
         after = eqx.tree_at(lambda s: (s.motion, s.work), after, (motion, work))
         obstacles = self.forces.obstacles
@@ -183,6 +184,9 @@ class System(eqx.Module):
             return after, outcome
         assert state.touch is not None
         assert after.touch is not None
+        pushed = state.touch.on_nodes + after.touch.on_nodes
+        contact = state.work[_CONTACT] + 0.5 * jnp.sum(pushed * self.forces.nodes(path))
+        after = eqx.tree_at(lambda s: s.work, after, work.at[_CONTACT].set(contact))
         resolved = obstacles.resolved(before.position, state.touch, motion.position, after.touch, h)
         return (
             eqx.tree_at(lambda s: s.touch, after, after.touch.after(state.touch, h)),
@@ -295,7 +299,9 @@ class System(eqx.Module):
         led = obstacles.led
         values = (place, velocity, jnp.zeros_like(place))
         at = led - count  # rows counted from the end
-        return tuple(row.at[at].set(v[led]) for row, v in zip(rows, values, strict=True))
+        return tuple(
+            row.at[at].set(v[led], unique_indices=True) for row, v in zip(rows, values, strict=True)
+        )
 
     def _begin(self, time: Array, position: Rows) -> State:
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
@@ -333,8 +339,11 @@ class System(eqx.Module):
         residual, _ = forces.residual(motion)
         reaction = residual[:HELD]
         power = power.at[_ACTUATION].add(jnp.sum(reaction * motion.velocity[:HELD]))
-        obstacles = forces.obstacles
-        touch = None if obstacles is None else obstacles.touch(motion)
+        touch = None
+        if forces.obstacles is not None:
+            touch = forces.obstacles.touch(motion)
+            pushed = jnp.sum(touch.on_nodes * forces.nodes(motion.velocity))
+            power = power.at[_CONTACT].set(pushed)
         return State(motion, servo, reaction, energy, power, jnp.zeros_like(power), touch)
 
 

@@ -1,6 +1,7 @@
 """The matrix of a Newton step: the chain of nodes, bordered by the bodies that it touches."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -9,7 +10,7 @@ from crinoid import chain
 HELD = 2
 """The ghost node and the root: their motion is prescribed, not solved for."""
 
-Rows = Float[Array, "rows b"]
+Rows = Float[Array, "_ b"]
 
 
 class Border(eqx.Module):
@@ -20,6 +21,11 @@ class Border(eqx.Module):
     of_bodies: Float[Array, "f b n b"]
     """d(residual of the bodies) / d(correction of the nodes)."""
     corner: Float[Array, "f b f b"]
+
+    def transposed(self) -> "Border":
+        """Return the border of the transposed matrix."""
+        swapped = (self.of_bodies, self.of_nodes, self.corner)
+        return Border(*(jnp.einsum("icjd->jdic", block) for block in swapped))
 
 
 class Tangent(eqx.Module):
@@ -34,22 +40,40 @@ class Tangent(eqx.Module):
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for what is not prescribed; the other rows come back as zero."""
-        num_nodes, size = self.bands.shape[0], rhs.shape[1]
-        nodes = rhs[HELD:num_nodes]
-        bands = self.bands[HELD:]
+        num_nodes = self.bands.shape[0]
+        bands, nodes = self.bands[HELD:], rhs[HELD:num_nodes]
         answer = jnp.zeros_like(rhs)
         if self.border is None:
             return answer.at[HELD:num_nodes].set(chain.solve(bands, nodes))
-        # block elimination: the nodes' answer to their own load and to each move of a body
-        unknowns = len(self.free) * size
-        moves = self.border.of_nodes[HELD:].reshape(*nodes.shape, unknowns)
-        alone, followed = jnp.split(
-            chain.solve(bands, jnp.concatenate([nodes[..., None], moves], axis=-1)), [1], axis=-1
-        )
-        back = self.border.of_bodies[:, :, HELD:].reshape(unknowns, -1)
-        corner = self.border.corner.reshape(unknowns, unknowns)
         rows = num_nodes + jnp.asarray(self.free)
-        schur = corner - back @ followed.reshape(-1, unknowns)
-        bodies = jnp.linalg.solve(schur, rhs[rows].reshape(-1) - back @ alone.reshape(-1))
-        answer = answer.at[HELD:num_nodes].set(alone[..., 0] - followed @ bodies)
-        return answer.at[rows].set(bodies.reshape(-1, size))
+        border = Border(
+            self.border.of_nodes[HELD:], self.border.of_bodies[:, :, HELD:], self.border.corner
+        )
+        nodes, bodies = jax.lax.custom_linear_solve(
+            lambda x: _matvec(bands, border, *x),
+            (nodes, rhs[rows]),
+            solve=lambda _, b: _eliminate(bands, border, *b),
+            transpose_solve=lambda _, b: _eliminate(
+                chain.transpose(bands), border.transposed(), *b
+            ),
+        )
+        return answer.at[HELD:num_nodes].set(nodes).at[rows].set(bodies, unique_indices=True)
+
+
+def _matvec(bands: chain.Bands, border: Border, nodes: Rows, bodies: Rows) -> tuple[Rows, Rows]:
+    return (
+        chain.matvec(bands, nodes) + jnp.einsum("icjd,jd->ic", border.of_nodes, bodies),
+        jnp.einsum("icjd,jd->ic", border.of_bodies, nodes)
+        + jnp.einsum("icjd,jd->ic", border.corner, bodies),
+    )
+
+
+def _eliminate(bands: chain.Bands, border: Border, nodes: Rows, bodies: Rows) -> tuple[Rows, Rows]:
+    """Solve by block elimination: the nodes' answer to their own load and to each body's move."""
+    moves = border.of_nodes.reshape(*nodes.shape, -1)
+    answers = chain.solve(bands, jnp.concatenate([nodes[..., None], moves], axis=-1))
+    alone, followed = answers[..., 0], answers[..., 1:]
+    back = border.of_bodies.reshape(bodies.size, -1)
+    schur = border.corner.reshape(bodies.size, -1) - back @ followed.reshape(-1, bodies.size)
+    moved = jnp.linalg.solve(schur, bodies.reshape(-1) - back @ alone.reshape(-1))
+    return alone - followed @ moved, moved.reshape(bodies.shape)

@@ -12,6 +12,8 @@ from crinoid.rod import Rod
 
 SKIN = 0.05
 """Thickness of the skin over the radius of the arm."""
+_STRENGTH = 32.0
+"""Force where the surfaces meet, over the modulus and the squared radius of the arm."""
 _EASE = 0.01
 """How strongly the point of contact is drawn to the middle of an edge."""
 _CREEP = 1e-3
@@ -26,9 +28,9 @@ class Contact(Element):
     end in sight), or the half space behind a plane.
 
     The gap ``g`` is the least distance of the surfaces. Within a skin ``d``, a twentieth of the
-    radius outside the arm's surface, a pressure ``k (d - g)^2 / d`` keeps them apart, the gradient
-    of a potential. Its strength ``k d = E r^2``, with the modulus ``E`` that bends the arm, stops
-    any hit that the arm itself could take well before the surfaces meet.
+    radius outside the arm's surface, a force ``F (1 - g / d)^4`` keeps them apart, the gradient of
+    a potential: soft at first, and by far strong enough before the surfaces meet, where it is
+    ``F = 32 E r^2``, with the modulus ``E`` that bends the arm.
 
     Where the point of least distance would jump from end to end of the edge, as it does when the
     arm lies flat on something, it is drawn to the middle: the distance is the root of
@@ -83,7 +85,7 @@ class Contact(Element):
             1,
             per_edge(rod.rest_length),
             per_edge(arm_radius),
-            per_edge(modulus * arm_radius**2),
+            per_edge(_STRENGTH * modulus * arm_radius**2),
             *map(per_obstacle, (radius, half_axis, normal, friction)),
             mass=1
             / (
@@ -103,8 +105,8 @@ class Contact(Element):
 
     def press(self, gap: Float[Array, "*count"]) -> tuple[Array, Array]:
         """Return the potential (J) and the force (N) of the skin at a gap (m)."""
-        depth = jnp.maximum(self.skin - gap, 0.0) / self.skin
-        return self.strength * self.skin * depth**3 / 3, self.strength * depth**2
+        depth = jnp.maximum(1.0 - gap / self.skin, 0.0)
+        return self.strength * self.skin * depth**5 / 5, self.strength * depth**4
 
     def residual(self, motion: Motion) -> Float[Array, "3 b"]:
         gap, slopes, share = self._closest(motion.position)

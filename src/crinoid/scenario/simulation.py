@@ -56,7 +56,7 @@ class Simulation(Model):
         default=20, ge=1, le=1000, description="Greatest number of iterations of a step."
     )
     max_halvings: int = Field(
-        default=8, ge=0, le=16, description="How often a step that fails may be halved."
+        default=12, ge=0, le=16, description="How often a step that fails may be halved."
     )
     start: Literal["equilibrium", "rest"] = Field(
         default="equilibrium",
