@@ -39,6 +39,9 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Con
         result = _play(scenario, _reporter(bar, ""), earlier, folder)
         paths = result.save(folder)
     console.print(run_table(result))
+    _tell(console, "", result)
+    if result.uncontrolled is not None:
+        _tell(console, "without control: ", result.uncontrolled)
     _say_where(console, paths)
     return _trouble(result)
 
@@ -56,6 +59,7 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, console: Console) -> s
         result = error.result
     paths = result.save(folder)
     console.print(equilibrium_table(result))
+    _tell(console, "", result)
     _say_where(console, paths)
     return _trouble(result)
 
@@ -91,6 +95,7 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
     digits = len(str(len(cases)))
     rows: list[dict[str, Any]] = []
     failures = []
+    told = 0
     with _bar(console) as bar:
         for number, (values, case) in enumerate(cases, start=1):
             name = f"case-{number:0{max(2, digits)}d}"
@@ -101,6 +106,7 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
             else:
                 result = _play(case, _reporter(bar, label), earlier, folder / name)
                 result.save(folder / name)
+            told += bool(result.notes)
             rows.append(_row(name, values, result))
             _write_cases(folder / CASES, rows)
             if _trouble(result):
@@ -108,6 +114,8 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
             if result.interrupted:
                 break
     console.print(cases_table(scenario, rows))
+    if told:
+        console.print(f"note: of {told} of {len(rows)} cases there are notes in result.nc")
     _say_where(console, [folder / CASES])
     if result.interrupted:
         return f"interrupted in {name}; --resume goes on from there"
@@ -175,6 +183,11 @@ def _trouble(result: Result) -> str:
         assert stopped is not None
         return f"{stopped.status}; what there is has been saved, --resume goes on from there"
     return ""
+
+
+def _tell(console: Console, which: str, result: Result) -> None:
+    for note in result.notes:
+        console.print(f"note: {which}{note}")
 
 
 def _say_where(console: Console, paths: list[Path]) -> None:

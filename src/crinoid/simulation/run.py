@@ -14,7 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from crinoid.dimensionless import with_dimensionless
 from crinoid.dynamics import Outcome, State, System
+from crinoid.notes import notes
 from crinoid.record import Record
 from crinoid.result import Result, build_dataset, describe, join
 from crinoid.scenario import Scenario
@@ -249,10 +251,11 @@ def _result(
     if records:
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
         parts.append(build_dataset(scenario, setup.loop.system, whole))
-    dataset = join(parts)
+    dataset = with_dimensionless(join(parts), scenario, setup.modes)
     dataset.attrs = describe(scenario) | {
         "status": trouble or "ok",
         "wall_time": wall_time,
+        "notes": "\n".join(notes(dataset, scenario)),
     }
     return Result(dataset, checkpoint)
 
