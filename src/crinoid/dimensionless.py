@@ -88,7 +88,7 @@ def keulegan_carpenter(
 ) -> Float[np.ndarray, " node"]:
     """Return ``2 pi A / d``, with the amplitude ``A`` of the water's swings relative to the arm.
 
-    Of a velocity ``U sin(2 pi t / T)`` it is ``U T / d`` (Sumer and Fredsoe 2006, section 3.1). Of
+    Of a velocity ``U sin(2 pi t / T)`` it is ``U T / d`` (Sumer and Fredsoe 2006, chapter 3). Of
     any other, ``U`` is the root of twice the variance and ``T = 2 pi sqrt(m0 / m2)``, the mean
     period between upward crossings of the mean (Rice 1945, of a Gaussian process), with the
     spectral moments ``m0`` and ``m2``: the variances of the velocity and of its rate of change.

@@ -19,7 +19,8 @@ _SHEDDING = 50.0
 _WORTH = 0.05
 """Share of the time, and of the length, from which on something is worth a note."""
 _SUBCRITICAL = (1e3, 1e5)
-"""Reynolds numbers between which the drag coefficient of a cylinder hardly changes."""
+"""Reynolds numbers between which the drag coefficient of a cylinder hardly changes
+(Sumer and Fredsoe 2006, chapter 2)."""
 _FELT = 0.1
 """Share of the largest force on the base that drag must reach to be worth a note."""
 _STRAIN = 0.5
