@@ -52,8 +52,8 @@ class Result:
 
     @property
     def notes(self) -> list[str]:
-        """What one should know of this run that its numbers do not say by themselves."""
-        return str(self.dataset.attrs["notes"]).splitlines()
+        """What should be known of the run besides its data, a sentence each."""
+        return str(self.dataset.attrs.get("notes", "")).splitlines()
 
     @property
     def failure(self) -> str:

@@ -23,6 +23,7 @@ from crinoid.simulation import Progress as Reached
 from crinoid.simulation import SimulationError, equilibrium, play
 
 CASES = "cases.csv"
+_MOST_NOTES = 6
 
 
 def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:
@@ -39,9 +40,10 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Con
         result = _play(scenario, _reporter(bar, ""), earlier, folder)
         paths = result.save(folder)
     console.print(run_table(result))
-    _tell(console, "", result)
+    say_notes(console, result.notes)
     if result.uncontrolled is not None:
-        _tell(console, "without control: ", result.uncontrolled)
+        apart = [note for note in result.uncontrolled.notes if note not in result.notes]
+        say_notes(console, [f"without control: {note}" for note in apart])
     _say_where(console, paths)
     return _trouble(result)
 
@@ -59,7 +61,7 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, console: Console) -> s
         result = error.result
     paths = result.save(folder)
     console.print(equilibrium_table(result))
-    _tell(console, "", result)
+    say_notes(console, result.notes)
     _say_where(console, paths)
     return _trouble(result)
 
@@ -83,6 +85,12 @@ def keep_compiled_code() -> None:
     jax.config.update("jax_compilation_cache_max_size", 500_000_000)
 
 
+def say_notes(console: Console, notes: list[str]) -> None:
+    """Show notes, a paragraph each."""
+    for note in notes:
+        console.print(f"note: {note}", soft_wrap=True)
+
+
 def _make(folder: Path) -> None:
     """Make a folder that can be written to, before time is spent on what should go there."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -95,7 +103,7 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
     digits = len(str(len(cases)))
     rows: list[dict[str, Any]] = []
     failures = []
-    told = 0
+    told: dict[str, list[str]] = {}
     with _bar(console) as bar:
         for number, (values, case) in enumerate(cases, start=1):
             name = f"case-{number:0{max(2, digits)}d}"
@@ -106,7 +114,8 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
             else:
                 result = _play(case, _reporter(bar, label), earlier, folder / name)
                 result.save(folder / name)
-            told += bool(result.notes)
+            for note in result.notes:
+                told.setdefault(note, []).append(name)
             rows.append(_row(name, values, result))
             _write_cases(folder / CASES, rows)
             if _trouble(result):
@@ -114,12 +123,21 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
             if result.interrupted:
                 break
     console.print(cases_table(scenario, rows))
-    if told:
-        console.print(f"note: of {told} of {len(rows)} cases there are notes in result.nc")
+    say_notes(console, _of_cases(told))
     _say_where(console, [folder / CASES])
     if result.interrupted:
         return f"interrupted in {name}; --resume goes on from there"
     return "; ".join(failures)
+
+
+def _of_cases(told: dict[str, list[str]]) -> list[str]:
+    """Return the notes of a study's cases, each one once; not all of them where there are many."""
+    notes = [
+        f"{first}{f' and {len(others)} more cases' if others else ''}: {note}"
+        for note, (first, *others) in told.items()
+    ]
+    left = len(notes) - _MOST_NOTES
+    return notes if left <= 0 else [*notes[:_MOST_NOTES], f"{left} more in the cases' results"]
 
 
 def _row(name: str, values: dict[str, Any], result: Result) -> dict[str, Any]:
@@ -183,11 +201,6 @@ def _trouble(result: Result) -> str:
         assert stopped is not None
         return f"{stopped.status}; what there is has been saved, --resume goes on from there"
     return ""
-
-
-def _tell(console: Console, which: str, result: Result) -> None:
-    for note in result.notes:
-        console.print(f"note: {which}{note}")
 
 
 def _say_where(console: Console, paths: list[Path]) -> None:
