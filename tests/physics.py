@@ -9,8 +9,18 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from crinoid.base import Base, BaseMotion, Servo
-from crinoid.dynamics import Forces, Integrator, Settings, System
-from crinoid.elements import AddedMass, Bend, Drag, Element, Inertia, Stretch, Weight
+from crinoid.dynamics import Forces, Integrator, Obstacles, Settings, System
+from crinoid.elements import (
+    AddedMass,
+    Bend,
+    Body,
+    Contact,
+    Drag,
+    Element,
+    Inertia,
+    Stretch,
+    Weight,
+)
 from crinoid.flow import Flow, Water
 from crinoid.onset import Onset
 from crinoid.rod import Rod
@@ -49,6 +59,7 @@ def arm(
     max_iterations: int = 30,
     max_halvings: int = 8,
     origin: ArrayLike = (0.0, 0.0),
+    obstacles: Callable[[Rod], Obstacles] | None = None,
 ) -> System:
     """Build an arm; without further words a light, nearly inextensible one in a vacuum.
 
@@ -98,7 +109,12 @@ def arm(
         settings = eqx.tree_at(lambda s: s.floor, settings, jnp.asarray(floor, float))
     return System(
         rod=rod,
-        forces=Forces(tuple(elements), Water(tuple(flows)), jnp.asarray(origin, float)),
+        forces=Forces(
+            tuple(elements),
+            Water(tuple(flows)),
+            jnp.asarray(origin, float),
+            obstacles(rod) if obstacles is not None else None,
+        ),
         base=Base(
             jnp.asarray(tilt, float),
             rod.rest_length[0],
@@ -110,6 +126,51 @@ def arm(
         time_step=jnp.asarray(time_step, float),
         max_halvings=max_halvings,
     )
+
+
+def obstacles(
+    places: ArrayLike,
+    *,
+    radius: ArrayLike = 0.02,
+    half_axis: ArrayLike = (0.0, 0.0),
+    normal: ArrayLike = (0.0, 0.0),
+    friction: float = 0.0,
+    velocity: ArrayLike = (0.0, 0.0),
+    mass: ArrayLike | None = None,
+    carried: tuple[int, ...] = (),
+    density: float = 0.0,
+    gravity: float = 0.0,
+) -> Callable[[Rod], Obstacles]:
+    """Say which obstacles an arm has: all of them free if they have a mass (kg)."""
+    place = jnp.asarray(places, float)
+    count = place.shape[0]
+    radii = jnp.broadcast_to(jnp.asarray(radius, float), count)
+    free = tuple(range(count)) if mass is not None else ()
+    masses = jnp.broadcast_to(jnp.asarray(0.0 if mass is None else mass, float), count)
+
+    def of(rod: Rod) -> Obstacles:
+        return Obstacles(
+            Contact.of(
+                rod,
+                radius=radii,
+                half_axis=jnp.broadcast_to(jnp.asarray(half_axis, float), place.shape),
+                normal=jnp.broadcast_to(jnp.asarray(normal, float), place.shape),
+                friction=jnp.full(count, friction),
+                mass=masses if free else jnp.full(count, jnp.inf),
+            ),
+            Body.of(
+                mass=masses[: len(free)],
+                radius=radii[: len(free)],
+                density=density,
+                gravity=gravity,
+            ),
+            place,
+            jnp.broadcast_to(jnp.asarray(velocity, float), place.shape),
+            free,
+            carried,
+        )
+
+    return of
 
 
 def always() -> Onset:

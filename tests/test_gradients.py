@@ -112,7 +112,7 @@ def start_and_end(parameters, commands):
     state, found = system.find_equilibrium()
     along = jnp.linspace(0.0, 1.0, NODES)
     throw = parameters[4] * jnp.stack([0.0 * along, along**2], axis=1)
-    thrown = eqx.tree_at(lambda s: s.velocity, state, state.velocity.at[1:].add(throw))
+    thrown = eqx.tree_at(lambda s: s.motion.velocity, state, state.velocity.at[1:].add(throw))
 
     def step(state, command):
         state, outcome = system.step(state, command)

@@ -87,7 +87,9 @@ def test_a_thrust_lowers_the_first_frequency_to_nothing_at_the_buckling_load():
         thrust = share * np.pi**2 / 4  # of Euler's load, EI = L = 1
         system = arm(nodes=21)
         state = _rest(system)
-        squeezed = eqx.tree_at(lambda s: s.position, state, state.position * (1.0 - thrust / 1e4))
+        squeezed = eqx.tree_at(
+            lambda s: s.motion.position, state, state.position * (1.0 - thrust / 1e4)
+        )
         return float((2 * np.pi * system.natural_frequencies(squeezed)[0]) ** 2)
 
     free = squared(0.0)

@@ -23,8 +23,8 @@ Blocks = Float[Array, "n m m"]
 Vectors = Float[Array, "n b"]
 
 
-def gather(nodes: Float[Array, "n b"], first: int, count: int, stencil: int) -> Array:
-    """Return the ``(count, stencil, b)`` windows of ``nodes`` that start at ``first``."""
+def gather(nodes: Float[Array, "n ..."], first: int, count: int, stencil: int) -> Array:
+    """Return the ``(count, stencil, ...)`` windows of ``nodes`` that start at ``first``."""
     return jnp.stack([nodes[first + i : first + i + count] for i in range(stencil)], axis=1)
 
 
@@ -53,12 +53,12 @@ def assemble(blocks: Iterable[tuple[int, Float[Array, "_ _ b _ b"]]], num_nodes:
     return jnp.stack([empty if d is None else d for d in diagonals], axis=1)
 
 
-def matvec(bands: Bands, nodes: Vectors) -> Vectors:
-    """Multiply the banded matrix by a vector on the nodes."""
+def matvec(bands: Bands, nodes: Float[Array, "n b *columns"]) -> Float[Array, "n b *columns"]:
+    """Multiply the banded matrix by a vector on the nodes, or by several columns of them."""
     num_nodes = bands.shape[0]
-    padded = jnp.pad(nodes, ((2, 2), (0, 0)))
+    padded = jnp.pad(nodes, [(2, 2)] + [(0, 0)] * (nodes.ndim - 1))
     return sum(
-        (jnp.einsum("nij,nj->ni", bands[:, d], padded[d : d + num_nodes]) for d in range(5)),
+        (jnp.einsum("nij,nj...->ni...", bands[:, d], padded[d : d + num_nodes]) for d in range(5)),
         start=jnp.zeros_like(nodes),
     )
 
@@ -71,8 +71,8 @@ def transpose(bands: Bands) -> Bands:
     return jnp.stack(rows, axis=1)
 
 
-def solve(bands: Bands, rhs: Vectors) -> Vectors:
-    """Solve the banded system; differentiable in both arguments, in both modes.
+def solve(bands: Bands, rhs: Float[Array, "n b *columns"]) -> Float[Array, "n b *columns"]:
+    """Solve the banded system for one or several columns; differentiable in both modes.
 
     Blocks are inverted without pivoting between the unknowns of different nodes, which is safe
     for the matrices of an arm near a stable state. A singular matrix gives infinities or NaN:
@@ -98,13 +98,14 @@ def _place(rows: Array, first: int, num_nodes: int) -> Array:
     return jnp.pad(rows, margins)
 
 
-def _solve(bands: Bands, rhs: Vectors) -> Vectors:
+def _solve(bands: Bands, rhs: Float[Array, "n b *columns"]) -> Float[Array, "n b *columns"]:
     num_nodes, _, size, _ = bands.shape
+    shape, rhs = rhs.shape, rhs.reshape(num_nodes, size, -1)
     # the tip is followed by nodes that nothing couples, up to an even number of pairs
     missing = -num_nodes % 4
     nobody = jnp.zeros((missing, 5, size, size)).at[:, 2].set(jnp.eye(size))
     bands = jnp.concatenate([_within(bands), nobody])
-    rhs = jnp.pad(rhs, ((0, missing), (0, 0)))
+    rhs = jnp.pad(rhs, ((0, missing), (0, 0), (0, 0)))
     pairs = bands.reshape(-1, 2, 5, size, size)
     outside = jnp.zeros_like(pairs[:, 0, 0])
 
@@ -125,11 +126,14 @@ def _solve(bands: Bands, rhs: Vectors) -> Vectors:
             axis=-2,
         )
 
-    solution = _eliminate(coupling(-1), coupling(0), coupling(1), rhs.reshape(-1, 2 * size))
-    return solution.reshape(-1, size)[:num_nodes]
+    columns = rhs.reshape(-1, 2 * size, rhs.shape[-1])
+    solution = _eliminate(coupling(-1), coupling(0), coupling(1), columns)
+    return solution.reshape(-1, size, rhs.shape[-1])[:num_nodes].reshape(shape)
 
 
-def _eliminate(lower: Blocks, main: Blocks, upper: Blocks, rhs: Vectors) -> Vectors:
+def _eliminate(
+    lower: Blocks, main: Blocks, upper: Blocks, rhs: Float[Array, "n m c"]
+) -> Float[Array, "n m c"]:
     """Solve a block tridiagonal system of an even number of rows from both its ends at once."""
     half = main.shape[0] // 2
     size = main.shape[-1]
@@ -139,27 +143,27 @@ def _eliminate(lower: Blocks, main: Blocks, upper: Blocks, rhs: Vectors) -> Vect
 
     def forward(before: Array, row: tuple[Array, ...]) -> tuple[Array, Array]:
         behind, here, ahead, known = row
-        # x_here = reduced[..., -1] - reduced[..., :-1] x_ahead
+        # x_here = reduced[..., size:] - reduced[..., :size] x_ahead
         inflow = _product(behind, before)
         reduced = _product(
             _inverse(here - inflow[..., :size]),
-            jnp.concatenate([ahead, (known - inflow[..., size])[..., None]], axis=-1),
+            jnp.concatenate([ahead, known - inflow[..., size:]], axis=-1),
         )
         return reduced, reduced
 
     def backward(ahead: Array, reduced: Array) -> tuple[Array, Array]:
-        here = reduced[..., size] - _apply(reduced[..., :size], ahead)
+        here = reduced[..., size:] - _product(reduced[..., :size], ahead)
         return here, here
 
     last, reduced = jax.lax.scan(
         forward,
-        jnp.zeros((2, size, size + 1)),
+        jnp.zeros((2, size, size + rhs.shape[-1])),
         (ends(lower, upper), ends(main, main), ends(upper, lower), ends(rhs, rhs)),
     )
-    coupling, known = last[..., :size], last[..., size]
+    coupling, known = last[..., :size], last[..., size:]
     meeting = _inverse(jnp.eye(size) - _product(coupling[0], coupling[1]))
-    near = _apply(meeting, known[0] - _apply(coupling[0], known[1]))
-    far = known[1] - _apply(coupling[1], near)
+    near = _product(meeting, known[0] - _product(coupling[0], known[1]))
+    far = known[1] - _product(coupling[1], near)
     _, halves = jax.lax.scan(backward, jnp.stack([far, near]), reduced, reverse=True)
     return jnp.concatenate([halves[:, 0], halves[::-1, 1]])
 
@@ -189,7 +193,3 @@ def _inverse(block: Float[Array, "... m m"]) -> Float[Array, "... m m"]:
 def _product(a: Float[Array, "... i j"], b: Float[Array, "... j k"]) -> Float[Array, "... i k"]:
     # for blocks this small XLA fuses a sum of products but calls a routine for `@`
     return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
-
-
-def _apply(a: Float[Array, "... i j"], x: Float[Array, "... j"]) -> Float[Array, "... i"]:
-    return jnp.sum(a * x[..., None, :], axis=-1)

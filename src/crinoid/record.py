@@ -3,6 +3,8 @@
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
+from crinoid.dynamics import Touch
+
 
 class Record(eqx.Module):
     """One saved instant. SI units; places are relative to the base's set position."""
@@ -25,3 +27,6 @@ class Record(eqx.Module):
     """Newton iterations since the instant before."""
     residual: Float[Array, "*t"]
     """Largest imbalance that a step since the instant before ended with (N)."""
+    obstacle_position: Float[Array, "*t m b"] | None
+    obstacle_velocity: Float[Array, "*t m b"] | None
+    touch: Touch | None

@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from crinoid.base import CHANNELS
-from crinoid.dynamics import System
+from crinoid.dynamics import System, Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.record import Record
 from crinoid.scenario import Scenario
@@ -284,6 +284,8 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
             "largest force imbalance of a node since the instant before",
         ),
     }
+    if kept.touch is not None:
+        quantities |= _contact(kept, kept.touch, origin)
     dataset = xr.Dataset(
         {
             name: (dims, values, {"units": units, "long_name": meaning})
@@ -316,6 +318,54 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
         dataset[name].attrs["units"] = "m or rad"
         dataset[name].attrs["comment"] = "slide and heave in m, tilt in rad: see channel_unit"
     return dataset
+
+
+def _contact(
+    kept: Record, touch: Touch, origin: np.ndarray
+) -> dict[str, tuple[tuple[str, ...], ArrayLike, str, str]]:
+    """Return what there is to know of the obstacles."""
+    vectors, numbers = ("time", "obstacle", "axis"), ("time", "obstacle")
+    assert kept.obstacle_position is not None
+    assert kept.obstacle_velocity is not None
+    return {
+        "obstacle_position": (
+            vectors,
+            kept.obstacle_position + origin,
+            "m",
+            "place of the obstacles",
+        ),
+        "obstacle_velocity": (
+            vectors,
+            kept.obstacle_velocity,
+            "m s-1",
+            "velocity of the obstacles",
+        ),
+        "contact_force": (vectors, touch.force, "N", "force of the obstacles on the arm"),
+        "contact_impulse": (
+            vectors,
+            touch.impulse,
+            "N s",
+            "impulse of the obstacles on the arm since the start",
+        ),
+        "contact_time": (
+            numbers,
+            touch.duration,
+            "s",
+            "time that the obstacles have been in contact since the start",
+        ),
+        "contact_gap": (
+            numbers,
+            touch.gap.min(axis=-1),
+            "m",
+            "distance of the obstacles from the arm's surface",
+        ),
+        "contact_closest": (
+            numbers,
+            touch.closest,
+            "m",
+            "smallest distance of the obstacles from the arm's surface since the start",
+        ),
+    }
 
 
 def _curvature(scenario: Scenario, system: System, kept: Record, tangent: np.ndarray) -> np.ndarray:

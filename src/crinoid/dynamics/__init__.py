@@ -6,6 +6,8 @@ from crinoid.dynamics.modes import Modes as Modes
 from crinoid.dynamics.modes import find_modes as find_modes
 from crinoid.dynamics.newton import Outcome as Outcome
 from crinoid.dynamics.newton import Settings as Settings
+from crinoid.dynamics.obstacles import Obstacles as Obstacles
+from crinoid.dynamics.obstacles import Touch as Touch
 from crinoid.dynamics.state import State as State
 from crinoid.dynamics.system import Progress as Progress
 from crinoid.dynamics.system import System as System

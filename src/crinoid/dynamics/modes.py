@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from crinoid import chain
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.newton import HELD
+from crinoid.dynamics.tangent import HELD
 
 COUNT = 8
 """How many modes are looked for: more than a current can reach on all but the limpest arms."""
@@ -26,18 +26,20 @@ class Modes(NamedTuple):
 
 
 def linearise(
-    forces: Forces, time: Float[Array, ""], position: Float[Array, "n b"]
+    forces: Forces, time: Float[Array, ""], position: Float[Array, "rows b"]
 ) -> tuple[chain.Bands, chain.Bands]:
-    """Return stiffness (N/m) and mass (kg) of small motions about a shape without motion.
+    """Return stiffness (N/m) and mass (kg) of small motions of the nodes about a shape at rest.
 
-    The water flows on as it does at ``time``. The mass contains the added mass.
+    The water flows on as it does at ``time``, obstacles stay where they are (in ``position``, the
+    rows after the nodes). The mass contains the added mass.
     """
     forces = forces.frozen(time)
     zero, none = jnp.zeros_like(position), jnp.zeros(())
 
     def tangent(by: Float[Array, "2"]) -> chain.Bands:
         stage = Stage(time, position, zero, zero, by[0], none, by[1])
-        return forces.tangent(stage, forces.motion(stage, zero))
+        current = forces.current(stage, zero)
+        return forces.tangent(stage, forces.motion(stage, zero, current), current).bands
 
     # one after the other: the tangent is compiled once for both
     stiffness, mass = jax.lax.map(tangent, jnp.eye(2))

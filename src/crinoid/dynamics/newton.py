@@ -7,15 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid import chain
-from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.forces import Current, Forces
 from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.tangent import HELD
 from crinoid.rod import Rod
 
-Nodes = Float[Array, "n b"]
-
-HELD = 2
-"""The ghost node and the root: their motion is prescribed, not solved for."""
+Rows = Float[Array, "rows b"]
 
 
 class Outcome(eqx.Module):
@@ -24,17 +21,19 @@ class Outcome(eqx.Module):
     converged: Bool[Array, ""]
     iterations: Int[Array, ""]
     residual: Float[Array, ""]
-    """Largest imbalance of a node (N)."""
+    """Largest imbalance of a node or a free obstacle (N)."""
     scale: Float[Array, ""]
     """Largest single force in the balance (N)."""
     worst_node: Int[Array, ""]
-    """Node with the largest imbalance; the root is 0."""
+    """Node with the largest imbalance; the root is 0, the free obstacles come after the tip."""
+    resolved: Bool[Array, ""]
+    """Whether the step was short enough for its contacts; if not it has not converged either."""
 
     @staticmethod
     def of_nothing(*, converged: bool) -> "Outcome":
         """Return the outcome of no iterations, to start a loop with."""
         none, zero = jnp.asarray(0), jnp.zeros(())
-        return Outcome(jnp.asarray(converged), none, zero, zero, none)
+        return Outcome(jnp.asarray(converged), none, zero, zero, none, jnp.asarray(True))
 
 
 class Settings(eqx.Module):
@@ -50,6 +49,8 @@ class Settings(eqx.Module):
 
     Keeps edges from flipping in a static solve from a distant guess; a time step needs no limit.
     """
+    max_move: Float[Array, ""] | None = None
+    """Largest displacement in one iteration (m), so that a static solve jumps over no obstacle."""
 
     @staticmethod
     def for_rod(rod: Rod, tolerance: float | Array, max_iterations: int | Array) -> "Settings":
@@ -63,21 +64,27 @@ class Settings(eqx.Module):
 
 @eqx.filter_custom_jvp
 def solve(
-    forces: Forces, stage: Stage, guess: Nodes, settings: Settings, load_factor: Array | None
-) -> tuple[Nodes, Outcome]:
-    """Find the correction of the free nodes that balances the forces at a stage.
+    forces: Forces,
+    current: Current,
+    stage: Stage,
+    guess: Rows,
+    settings: Settings,
+    load_factor: Array | None,
+) -> tuple[Rows, Outcome]:
+    """Find the correction of what is free to move that balances the forces at a stage.
 
-    Convergence is judged by the residual, relative to the largest force in it. The derivative of
-    the solution comes from the converged tangent, solved once (implicit function theorem), so
-    iterations are never differentiated.
+    The water is that of ``current``. Convergence is judged by the residual, relative to the
+    largest force in it. The derivative of the solution comes from the converged tangent, solved
+    once (implicit function theorem), so iterations are never differentiated.
 
-    Returns the correction (m, zero on the nodes that the base holds) and the outcome; a failure
-    is an outcome, never an exception.
+    Returns the correction (m, zero on what is prescribed) and the outcome; a failure is an
+    outcome, never an exception.
     """
 
-    def evaluate(correction: Nodes) -> tuple[Nodes, Outcome]:
-        residual, scale = forces.residual(forces.motion(stage, correction), load_factor)
-        imbalance = jnp.max(jnp.abs(residual[HELD:]), axis=1)
+    def evaluate(correction: Rows) -> tuple[Rows, Outcome]:
+        motion = forces.motion(stage, correction, current)
+        residual, scale = forces.residual(motion, load_factor)
+        imbalance = jnp.max(jnp.abs(forces.unknown(residual)), axis=1)
         worst = jnp.argmax(imbalance)
         return residual, Outcome(
             imbalance[worst] <= settings.tolerance * scale + settings.floor,
@@ -85,9 +92,10 @@ def solve(
             imbalance[worst],
             scale,
             worst + HELD - 1,
+            jnp.asarray(True),
         )
 
-    def unfinished(carry: tuple[Nodes, Nodes, Outcome]) -> Bool[Array, ""]:
+    def unfinished(carry: tuple[Rows, Rows, Outcome]) -> Bool[Array, ""]:
         _, _, outcome = carry
         return (
             ~outcome.converged
@@ -95,11 +103,14 @@ def solve(
             & jnp.isfinite(outcome.residual)
         )
 
-    def iterate(carry: tuple[Nodes, Nodes, Outcome]) -> tuple[Nodes, Nodes, Outcome]:
+    def iterate(carry: tuple[Rows, Rows, Outcome]) -> tuple[Rows, Rows, Outcome]:
         correction, residual, before = carry
-        change = _newton_step(forces, stage, correction, residual, load_factor)
+        change = newton_step(forces, current, stage, correction, residual, load_factor)
         if settings.max_turn is not None:
-            change *= jnp.minimum(1.0, settings.max_turn / _largest_turn(stage, change))
+            turn = _largest_turn(forces.nodes(stage.position), forces.nodes(change))
+            change *= jnp.minimum(1.0, settings.max_turn / turn)
+        if settings.max_move is not None:
+            change *= jnp.minimum(1.0, settings.max_move / jnp.max(jnp.abs(change)))
         correction = correction + change
         residual, outcome = evaluate(correction)
         counted = eqx.tree_at(lambda o: o.iterations, outcome, before.iterations + 1)
@@ -111,22 +122,26 @@ def solve(
 
 @solve.def_jvp
 def _solve_jvp(primals: Any, tangents: Any) -> Any:
-    forces, stage, guess, settings, load_factor = primals
-    t_forces, t_stage, _, _, t_load_factor = tangents
-    correction, outcome = solve(forces, stage, guess, settings, load_factor)
-    tangent = implied((forces, stage, load_factor), (t_forces, t_stage, t_load_factor), correction)
+    forces, current, stage, _, _, load_factor = primals
+    t_forces, t_current, t_stage, _, _, t_load_factor = tangents
+    correction, outcome = solve(*primals)
+    tangent = implied(
+        (forces, current, stage, load_factor),
+        (t_forces, t_current, t_stage, t_load_factor),
+        correction,
+    )
     return (correction, outcome), (tangent, constant(outcome))
 
 
-def implied(primals: Any, tangents: Any, correction: Nodes) -> Nodes:
-    """Return how a converged correction follows forces, stage and load factor."""
+def implied(primals: Any, tangents: Any, correction: Rows) -> Rows:
+    """Return how a converged correction follows forces, current, stage and load factor."""
 
-    def residual(forces: Forces, stage: Stage, load_factor: Array | None) -> Nodes:
-        return forces.residual(forces.motion(stage, correction), load_factor)[0]
+    def residual(forces: Forces, current: Current, stage: Stage, factor: Array | None) -> Rows:
+        return forces.residual(forces.motion(stage, correction, current), factor)[0]
 
     _, t_residual = eqx.filter_jvp(residual, primals, tangents)
-    forces, stage, load_factor = primals
-    return _newton_step(forces, stage, correction, t_residual, load_factor)
+    forces, current, stage, load_factor = primals
+    return newton_step(forces, current, stage, correction, t_residual, load_factor)
 
 
 def constant(outcome: Outcome) -> Any:
@@ -134,16 +149,20 @@ def constant(outcome: Outcome) -> Any:
     return jax.tree.map(lambda x: jnp.zeros_like(x) if eqx.is_inexact_array(x) else None, outcome)
 
 
-def _newton_step(
-    forces: Forces, stage: Stage, correction: Nodes, residual: Nodes, load_factor: Array | None
-) -> Nodes:
-    bands = forces.tangent(stage, forces.motion(stage, correction), load_factor)
-    free = chain.solve(bands[HELD:], -residual[HELD:])
-    return jnp.pad(free, ((HELD, 0), (0, 0)))
+def newton_step(
+    forces: Forces,
+    current: Current,
+    stage: Stage,
+    correction: Rows,
+    residual: Rows,
+    load_factor: Array | None = None,
+) -> Rows:
+    """Return the change of the correction that would cancel the residual, were it linear."""
+    motion = forces.motion(stage, correction, current)
+    return forces.tangent(stage, motion, current, load_factor).solve(-residual)
 
 
-def _largest_turn(stage: Stage, change: Nodes) -> Float[Array, ""]:
-    apart = stage.position[1:] - stage.position[:-1]
-    moved = stage.by_position * (change[1:] - change[:-1])
+def _largest_turn(position: Rows, change: Rows) -> Float[Array, ""]:
+    apart, moved = position[1:] - position[:-1], change[1:] - change[:-1]
     ratio = jnp.sum(moved**2, axis=1) / jnp.sum(apart**2, axis=1)
     return jnp.sqrt(jnp.max(ratio)) + jnp.finfo(float).tiny

@@ -1,24 +1,26 @@
 """Everything that one step hands to the next."""
 
+from typing import Any
+
 import equinox as eqx
 from jaxtyping import Array, Float
 
 from crinoid.base import Base, ServoState
+from crinoid.dynamics.obstacles import Touch
+from crinoid.elements import Motion
+
+Nodes = Any  # (n, b), of one state or of many at once, in JAX or NumPy
 
 
 class State(eqx.Module):
-    """The motion of the arm at one time. SI units; places are relative to the base's set position.
+    """How everything moves at one time. SI units; places are relative to the base's set position.
 
     Node 0 is the ghost behind the root, node 1 the root.
     """
 
-    time: Float[Array, ""]
-    position: Float[Array, "n b"]
-    velocity: Float[Array, "n b"]
-    acceleration: Float[Array, "n b"]
+    motion: Motion
+    """Of the nodes, and in the rows after them of the obstacles; and of the water at them."""
     servo: ServoState
-    flow_velocity: Float[Array, "n b"]
-    """Velocity of the undisturbed water at the nodes (m/s)."""
     reaction: Float[Array, "2 b"]
     """Force of the base on the ghost node and the root (N)."""
     energy: Float[Array, " energy"]
@@ -27,6 +29,33 @@ class State(eqx.Module):
     """Power that flows into the arm, in the order of `crinoid.elements.WORKS` (W)."""
     work: Float[Array, " work"]
     """Work done on the arm since the start, in the same order (J)."""
+    touch: Touch | None
+    """What the obstacles do to the arm."""
+
+    @property
+    def time(self) -> Any:
+        """Time (s)."""
+        return self.motion.time
+
+    @property
+    def position(self) -> Nodes:
+        """Places of the nodes (m)."""
+        return self._nodes(self.motion.position)
+
+    @property
+    def velocity(self) -> Nodes:
+        """Velocities of the nodes (m/s)."""
+        return self._nodes(self.motion.velocity)
+
+    @property
+    def acceleration(self) -> Nodes:
+        """Accelerations of the nodes (m/s2)."""
+        return self._nodes(self.motion.acceleration)
+
+    @property
+    def flow_velocity(self) -> Nodes:
+        """Velocity of the undisturbed water at the nodes (m/s)."""
+        return self._nodes(self.motion.flow_velocity)
 
     @property
     def base_force(self) -> Float[Array, " b"]:
@@ -37,3 +66,19 @@ class State(eqx.Module):
     def base_moment(self) -> Float[Array, ""]:
         """Moment of the arm on the submarine about the root (N m)."""
         return Base.wrench(self.position[:2], self.reaction)[1]
+
+    @property
+    def obstacle_position(self) -> Any:
+        """Places of the obstacles (m), None where there are none."""
+        return self._obstacles(self.motion.position)
+
+    @property
+    def obstacle_velocity(self) -> Any:
+        """Velocities of the obstacles (m/s), None where there are none."""
+        return self._obstacles(self.motion.velocity)
+
+    def _obstacles(self, rows: Any) -> Any:
+        return None if self.touch is None else rows[..., -self.touch.gap.shape[-2] :, :]
+
+    def _nodes(self, rows: Nodes) -> Nodes:
+        return rows if self.touch is None else rows[..., : -self.touch.gap.shape[-2], :]

@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.forces import Current, Forces
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.newton import Outcome, Settings, constant, implied, solve
 
-Nodes = Float[Array, "n b"]
+Rows = Float[Array, "rows b"]
 
 _FIRST_SHARE = 0.25
 _SMALLEST_SHARE = 1e-3
@@ -22,7 +22,7 @@ _LEAVING = 1.2
 _MAX_SOLVES = 400
 
 
-def still(time: Array, position: Nodes, by_acceleration: Array | float = 0.0) -> Stage:
+def still(time: Array, position: Rows, by_acceleration: Array | float = 0.0) -> Stage:
     """Return a stage without velocity in which the correction moves the nodes."""
     zero = jnp.zeros_like(position)
     return Stage(
@@ -31,7 +31,7 @@ def still(time: Array, position: Nodes, by_acceleration: Array | float = 0.0) ->
 
 
 class _Search(eqx.Module):
-    position: Nodes
+    position: Rows
     load_factor: Float[Array, ""]
     share: Float[Array, ""]
     loaded: Bool[Array, ""]
@@ -47,11 +47,11 @@ class _Search(eqx.Module):
 def equilibrium(
     forces: Forces,
     time: Float[Array, ""],
-    start: Nodes,
+    start: Rows,
     settings: Settings,
     slowest_rate: Float[Array, ""],
     fastest_rate: Float[Array, ""],
-) -> tuple[Nodes, Outcome]:
+) -> tuple[Rows, Outcome]:
     """Find a stable equilibrium of the forces at ``time``.
 
     First the forces from outside are brought on in shares, halved where Newton's method fails and
@@ -63,11 +63,13 @@ def equilibrium(
     past its buckling load), and also arrives where the shares got stuck at a limit point.
 
     ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
-    leave an equilibrium. Returns the nodes (m; the first two as in ``start``) and the outcome of
-    the last solve, with all iterations counted. Differentiable as the solution of the balance.
+    leave an equilibrium. Returns the places (m; the first two as in ``start``, and those of the
+    obstacles) and the outcome of the last solve, with all iterations counted. Differentiable as
+    the solution of the balance.
     """
-    along = jnp.linspace(0.0, 1.0, start.shape[0] - 2)[1:, None]
-    reach = jnp.sqrt(jnp.sum((start[-1] - start[1]) ** 2))
+    tip = forces.nodes(start).shape[0] - 1
+    along = jnp.linspace(0.0, 1.0, tip - 1)[1:, None]
+    reach = jnp.sqrt(jnp.sum((start[tip] - start[1]) ** 2))
 
     def unfinished(carry: tuple[_Search, Outcome]) -> Bool[Array, ""]:
         search, outcome = carry
@@ -79,18 +81,15 @@ def equilibrium(
             search.loaded, 1.0, jnp.minimum(1.0, search.load_factor + search.share)
         )
         shift = jnp.where(search.loaded & ~search.settled, search.shift, 0.0)
-        correction, outcome = solve(
-            forces,
-            still(time, search.position, shift),
-            jnp.zeros_like(start),
-            settings,
-            load_factor,
-        )
+        stage, none = still(time, search.position, shift), jnp.zeros_like(start)
+        # the water is expanded anew around the place that each solve starts from
+        current = forces.current(stage, none)
+        correction, outcome = solve(forces, current, stage, none, settings, load_factor)
         good = outcome.converged
         position = jnp.where(good, search.position + correction, search.position)
         share = jnp.where(good, 2.0, 0.5) * search.share
         loaded = search.loaded | (good & (load_factor >= 1.0)) | (share < _SMALLEST_SHARE)
-        kick = _KICK * reach * along**2 * _aside(position[-1] - position[1])
+        kick = _KICK * reach * along**2 * _aside(position[tip] - position[1])
         moved = jnp.max(jnp.abs(correction))
         first = search.moved < 0
         leaving = (moved > _LEAVING * search.moved) & (moved > _STILL * reach)
@@ -98,7 +97,7 @@ def equilibrium(
         next_shift = jnp.where(kept, 1.0, jnp.where(good, _SHIFT_FALL, 4.0)) * search.shift
         iterations = search.iterations + outcome.iterations
         return _Search(
-            position.at[3:].add(jnp.where(loaded & ~search.loaded, kick, 0.0)),
+            position.at[3 : tip + 1].add(jnp.where(loaded & ~search.loaded, kick, 0.0)),
             jnp.where(good, load_factor, search.load_factor),
             share,
             loaded,
@@ -108,10 +107,11 @@ def equilibrium(
             search.solves + 1,
             iterations,
         ), eqx.tree_at(
-            # only the last solve, of the bare balance, decides
+            # only the last solve, of the bare balance, decides: one that had nothing to mend, in
+            # the water as it is where the arm has come to lie
             lambda o: (o.converged, o.iterations),
             outcome,
-            (good & search.settled, iterations),
+            (good & search.settled & (outcome.iterations == 0), iterations),
         )
 
     no, nothing, none = jnp.asarray(False), jnp.asarray(0), jnp.zeros(())
@@ -133,10 +133,19 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
     forces, time, start, *_ = primals
     t_forces, t_time, t_start, *_ = tangents
     position, outcome = equilibrium(*primals)
-    stage, t_stage = eqx.filter_jvp(still, (time, start), (t_time, t_start))
-    full = jnp.ones(())
-    correction = implied((forces, stage, full), (t_forces, t_stage, None), position - start)
     held = jnp.zeros_like(start) if t_start is None else t_start
+
+    def around(forces: Forces, time: Array, position: Rows) -> tuple[Stage, Current]:
+        stage = still(time, position)
+        return stage, forces.current(stage, jnp.zeros_like(start))
+
+    (stage, current), (t_stage, t_current) = eqx.filter_jvp(
+        around, (forces, time, position), (t_forces, t_time, held)
+    )
+    full = jnp.ones(())
+    correction = implied(
+        (forces, current, stage, full), (t_forces, t_current, t_stage, None), jnp.zeros_like(start)
+    )
     return (position, outcome), (correction + held, constant(outcome))
 
 

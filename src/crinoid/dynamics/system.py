@@ -11,13 +11,15 @@ from crinoid.base import Base, ServoState
 from crinoid.dynamics import modes, statics
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Integrator, Stage
-from crinoid.dynamics.newton import HELD, Outcome, Settings, solve
+from crinoid.dynamics.newton import Outcome, Settings, newton_step, solve
 from crinoid.dynamics.state import State
+from crinoid.dynamics.tangent import HELD
 from crinoid.elements import WORKS, Motion
 from crinoid.rod import Rod
 
 Channels = Float[Array, " channel"]
 Nodes = Float[Array, "n b"]
+Rows = Float[Array, "rows b"]
 
 _ACTUATION = WORKS.index("actuation")
 
@@ -90,14 +92,19 @@ class System(eqx.Module):
         bending = jnp.mean(rod.EI) / (mass * rod.length**3)
         start = self._rest_position(time)
         forces = self.forces.frozen(time)
-        _, load = forces.residual(forces.motion(statics.still(time, start), 0.0 * start))
+        stage, none = statics.still(time, start), jnp.zeros_like(start)
+        _, load = forces.residual(forces.motion(stage, none, forces.current(stage, none)))
+        settings = eqx.tree_at(
+            lambda s: (s.max_turn, s.max_move),
+            self.settings,
+            (jnp.asarray(0.5), None if forces.obstacles is None else forces.obstacles.finest / 2),
+            is_leaf=lambda x: x is None,
+        )
         position, outcome = statics.equilibrium(
             forces,
             time,
             start,
-            eqx.tree_at(
-                lambda s: s.max_turn, self.settings, jnp.asarray(0.5), is_leaf=lambda x: x is None
-            ),
+            settings,
             1e-3 * bending,
             1e3 * (bending + load * rod.nodes / (mass * rod.length)),
         )
@@ -105,9 +112,10 @@ class System(eqx.Module):
 
     def stand(self, state: State) -> State:
         """Return the same shape without any motion, in water that flows on as it does: statics."""
-        stage = statics.still(state.time, state.position)
+        rows = state.motion.position
+        stage, none = statics.still(state.time, rows), jnp.zeros_like(rows)
         forces = self.forces.frozen(state.time)
-        motion = forces.motion(stage, jnp.zeros_like(state.position))
+        motion = forces.motion(stage, none, forces.current(stage, none))
         return self._observe(forces, motion, state.servo)
 
     def step(
@@ -122,49 +130,69 @@ class System(eqx.Module):
         method = self.integrator
         time = state.time + h
         servo = self.base.servo.advance(state.servo, command, h)
-        held = self.base.prescribe(time, servo)
-
-        position, velocity = method.predict(state.position, state.velocity, state.acceleration, h)
-        new = Stage(
-            time,
-            position.at[:HELD].set(held.position),
-            velocity.at[:HELD].set(held.velocity),
-            jnp.zeros_like(position).at[:HELD].set(held.acceleration),
-            jnp.ones(()),
-            *method.rates(h),
+        before = state.motion
+        position, velocity = method.predict(
+            before.position, before.velocity, before.acceleration, h
         )
+        position, velocity, acceleration = self._prescribe(
+            state, time, servo, h, (position, velocity, jnp.zeros_like(position))
+        )
+        new = Stage(time, position, velocity, acceleration, jnp.ones(()), *method.rates(h))
 
         def blend(new: Array, old: Array, alpha: Array) -> Array:
             return (1 - alpha) * new + alpha * old
 
         stage = Stage(
             blend(new.time, state.time, method.alpha_f),
-            blend(new.position, state.position, method.alpha_f),
-            blend(new.velocity, state.velocity, method.alpha_f),
-            blend(new.acceleration, state.acceleration, method.alpha_m),
+            blend(new.position, before.position, method.alpha_f),
+            blend(new.velocity, before.velocity, method.alpha_f),
+            blend(new.acceleration, before.acceleration, method.alpha_m),
             (1 - method.alpha_f) * new.by_position,
             (1 - method.alpha_f) * new.by_velocity,
             (1 - method.alpha_m) * new.by_acceleration,
         )
-        guess = (state.acceleration / new.by_acceleration).at[:HELD].set(0.0)
-        correction, outcome = solve(self.forces, stage, guess, self.settings, None)
+        # what is prescribed needs no guess
+        guess = (before.acceleration / new.by_acceleration).at[:HELD].set(0.0)
+        # the water is costly: looked at once, where the arm is expected, and expanded from there;
+        # where the guess is wrong by O(h^3) the water is by O(h^6)
+        current = self.forces.current(new, guess)
+        between = current.since(
+            stage.position + stage.by_position * guess,
+            before.flow_velocity,
+            before.flow_acceleration,
+            method.alpha_f,
+        )
+        correction, outcome = solve(self.forces, between, stage, guess, self.settings, None)
 
-        motion = self.forces.motion(new, correction)
+        motion = self.forces.motion(new, correction, current)
         # the accelerations of generalized-alpha are those of (alpha_f - alpha_m) h ago (Arnold and
         # Bruels 2007): right for the next step, but the powers want those of now
         lag = method.alpha_f - method.alpha_m
-        since = (motion.acceleration - state.acceleration)[HELD:]
+        since = (motion.acceleration - before.acceleration)[HELD:]
         now = motion.acceleration.at[HELD:].add(lag * since)
-        observed = self._observe(
+        after = self._observe(
             self.forces, eqx.tree_at(lambda m: m.acceleration, motion, now), servo
         )
-        work = state.work + 0.5 * h * (state.power + observed.power)
+        work = state.work + 0.5 * h * (state.power + after.power)
         # a servo's speed may change much within a step: its path is known, so use that
-        pulled = 0.5 * (state.reaction + observed.reaction)
-        actuation = jnp.sum(pulled * (motion.position - state.position)[:HELD])
+        pulled = 0.5 * (state.reaction + after.reaction)
+        actuation = jnp.sum(pulled * (motion.position - before.position)[:HELD])
         work = work.at[_ACTUATION].set(state.work[_ACTUATION] + actuation)
-        kept = (work, motion.acceleration)
-        return eqx.tree_at(lambda s: (s.work, s.acceleration), observed, kept), outcome
+        after = eqx.tree_at(lambda s: (s.motion, s.work), after, (motion, work))
+        obstacles = self.forces.obstacles
+        if obstacles is None:
+            return after, outcome
+        assert state.touch is not None
+        assert after.touch is not None
+        resolved = obstacles.resolved(before.position, state.touch, motion.position, after.touch, h)
+        return (
+            eqx.tree_at(lambda s: s.touch, after, after.touch.after(state.touch, h)),
+            eqx.tree_at(
+                lambda o: (o.converged, o.resolved),
+                outcome,
+                (outcome.converged & resolved, resolved),
+            ),
+        )
 
     def advance(
         self, state: State, command: Channels, step: float | Array | None = None
@@ -215,10 +243,10 @@ class System(eqx.Module):
     def linearise(self, state: State) -> tuple[chain.Bands, chain.Bands]:
         """Return stiffness (N/m) and mass (kg) of small motions of all nodes about ``state``.
 
-        The state is taken as still, in water that flows on as it does; the mass contains the added
-        mass.
+        The state is taken as still, obstacles included, in water that flows on as it does; the
+        mass contains the added mass.
         """
-        return modes.linearise(self.forces, state.time, state.position)
+        return modes.linearise(self.forces, state.time, state.motion.position)
 
     def natural_frequencies(
         self, state: State, *, count: int = modes.COUNT
@@ -251,55 +279,82 @@ class System(eqx.Module):
         moved = jax.vmap(follow, -1, -1)(held)
         return jax.vmap(lambda d: jax.jvp(_tip, (state.position,), (d,))[1], -1, -1)(moved)
 
-    def _rest_position(self, time: Array) -> Nodes:
+    def _rest_position(self, time: Array) -> Rows:
         pose, _, _ = self.base.pose(time, self.base.servo.at_rest())
         held = self.base.hold(pose)
         shape = self.rod.rest_shape(self.base.tilt + pose[2])
-        return jnp.concatenate([held[:1], held[1] + shape])
+        rows = jnp.concatenate([held[:1], held[1] + shape])
+        obstacles = self.forces.obstacles
+        if obstacles is None:
+            return rows
+        return jnp.concatenate([rows, obstacles.place + time * obstacles.drift])
 
-    def _begin(self, time: Array, position: Nodes) -> State:
+    def _prescribe(
+        self,
+        state: State,
+        time: Array,
+        servo: ServoState,
+        step: Array,
+        rows: tuple[Rows, ...],
+    ) -> tuple[Rows, ...]:
+        """Return places, velocities and accelerations with those set that are not solved for."""
+        held = self.base.prescribe(time, servo)
+        values = (held.position, held.velocity, held.acceleration)
+        rows = tuple(row.at[:HELD].set(value) for row, value in zip(rows, values, strict=True))
+        obstacles = self.forces.obstacles
+        if obstacles is None:
+            return rows
+        count = obstacles.count
+        place, velocity = obstacles.lead(
+            state.motion.position[-count:],
+            state.motion.flow_velocity[-count:],
+            lambda places: self.forces.flow_velocity(places, time),
+            step,
+        )
+        led = obstacles.led
+        values = (place, velocity, jnp.zeros_like(place))
+        at = led - count  # rows counted from the end
+        return tuple(row.at[at].set(v[led]) for row, v in zip(rows, values, strict=True))
+
+    def _begin(self, time: Array, position: Rows) -> State:
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
         servo = self.base.servo.at_rest()
         held = self.base.prescribe(time, servo)
         lever = held.position[0] - held.position[1]
         swing = held.velocity[0] - held.velocity[1]
         spin = (lever[0] * swing[1] - lever[1] * swing[0]) / jnp.sum(lever**2)
-        arm = position - position[1]
+        arm = self.forces.nodes(position) - position[1]
         velocity = held.velocity[1] + spin * jnp.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        velocity = velocity.at[:HELD].set(held.velocity)
+        obstacles = self.forces.obstacles
+        if obstacles is not None:
+            places = position[-obstacles.count :]
+            started = obstacles.begin(places, lambda p: self.forces.flow_velocity(p, time))
+            velocity = jnp.concatenate([velocity, started])
         stage = Stage(
             time,
             position,
-            velocity.at[:HELD].set(held.velocity),
+            velocity,
             jnp.zeros_like(position).at[:HELD].set(held.acceleration),
             jnp.zeros(()),
             jnp.zeros(()),
             jnp.ones(()),
         )
         # forces are affine in the acceleration: one Newton step is exact
-        motion = self.forces.motion(stage, jnp.zeros_like(position))
-        residual, _ = self.forces.residual(motion)
-        free = chain.solve(self.forces.tangent(stage, motion)[HELD:], -residual[HELD:])
-        return self._observe(
-            self.forces, self.forces.motion(stage, jnp.pad(free, ((HELD, 0), (0, 0)))), servo
-        )
+        none = jnp.zeros_like(position)
+        current = self.forces.current(stage, none)
+        residual, _ = self.forces.residual(self.forces.motion(stage, none, current))
+        acceleration = newton_step(self.forces, current, stage, none, residual)
+        return self._observe(self.forces, self.forces.motion(stage, acceleration, current), servo)
 
     def _observe(self, forces: Forces, motion: Motion, servo: ServoState) -> State:
         energy, power = forces.audit(motion)
         residual, _ = forces.residual(motion)
         reaction = residual[:HELD]
         power = power.at[_ACTUATION].add(jnp.sum(reaction * motion.velocity[:HELD]))
-        return State(
-            motion.time,
-            motion.position,
-            motion.velocity,
-            motion.acceleration,
-            servo,
-            motion.flow_velocity,
-            reaction,
-            energy,
-            power,
-            jnp.zeros_like(power),
-        )
+        obstacles = forces.obstacles
+        touch = None if obstacles is None else obstacles.touch(motion)
+        return State(motion, servo, reaction, energy, power, jnp.zeros_like(power), touch)
 
 
 def _tip(position: Nodes) -> Float[Array, " pose"]:

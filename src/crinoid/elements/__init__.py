@@ -1,5 +1,7 @@
 """What acts on the arm: each effect is a force law on a short run of neighbouring nodes."""
 
+from crinoid.elements.body import Body as Body
+from crinoid.elements.contact import Contact as Contact
 from crinoid.elements.elastic import Bend as Bend
 from crinoid.elements.elastic import Stretch as Stretch
 from crinoid.elements.element import ENERGIES as ENERGIES

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 ENERGIES = ("kinetic", "elastic", "potential")
 """Stored energies of the ledger."""
-WORKS = ("drag", "damping", "actuation", "loads", "added_mass")
+WORKS = ("drag", "damping", "actuation", "loads", "added_mass", "contact")
 """Running works of the ledger: together they equal the change of the stored energies."""
 
 

@@ -23,6 +23,7 @@ from crinoid.scenario.flow import Flow, GustFlow, ShearFlow, SineFlow, UniformFl
 from crinoid.scenario.library import builtin_names, builtin_text, load
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
 from crinoid.scenario.motion import Motion, SineMotion, TableMotion
+from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle, Plane, Sphere
 from crinoid.scenario.scenario import Scenario
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
@@ -32,11 +33,13 @@ __all__ = [
     "AngularChannel",
     "Arm",
     "Base",
+    "Capsule",
     "ChannelLimits",
     "ChannelName",
     "Channels",
     "Control",
     "Coordinate",
+    "Cylinder",
     "DistributedLoad",
     "Flow",
     "GustFlow",
@@ -44,9 +47,11 @@ __all__ = [
     "Load",
     "Mistake",
     "Motion",
+    "Obstacle",
     "Output",
     "Pid",
     "PidGains",
+    "Plane",
     "Scenario",
     "ScenarioError",
     "Section",
@@ -55,6 +60,7 @@ __all__ = [
     "Simulation",
     "SineFlow",
     "SineMotion",
+    "Sphere",
     "TableMotion",
     "Target",
     "TipLoad",

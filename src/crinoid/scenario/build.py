@@ -11,10 +11,12 @@ import numpy as np
 from jaxtyping import Array
 
 from crinoid.base import CHANNELS, Base, BaseMotion, Servo, SineMotion, TableMotion
-from crinoid.dynamics import Forces, Integrator, Settings, System
+from crinoid.dynamics import Forces, Integrator, Obstacles, Settings, System
 from crinoid.elements import (
     AddedMass,
     Bend,
+    Body,
+    Contact,
     DistributedLoad,
     Drag,
     Element,
@@ -30,6 +32,7 @@ from crinoid.scenario import flow as flows
 from crinoid.scenario import motion as motions
 from crinoid.scenario.load import DistributedLoad as DistributedTable
 from crinoid.scenario.load import TipLoad as TipTable
+from crinoid.scenario.obstacle import Sphere
 from crinoid.spline import PiecewiseCubic
 
 if TYPE_CHECKING:
@@ -46,7 +49,7 @@ _INTEGRATORS: dict[str, Callable[..., Integrator]] = {
 def build_system(scenario: Scenario) -> System:
     """Assemble the arm, its base and the water of a scenario."""
     simulation, water = scenario.simulation, scenario.water
-    rod, elements, settings = _assemble(
+    rod, elements, settings, contact, bodies = _assemble(
         scenario.arm.nodes,
         _rod(scenario.arm),
         scenario.base.mount == "pinned",
@@ -63,6 +66,8 @@ def build_system(scenario: Scenario) -> System:
             )
         },
         tuple(_load(load) for load in scenario.load),
+        _contact(scenario),
+        _bodies(scenario),
         _array(simulation.tolerance),
         jnp.asarray(simulation.max_iterations),
     )
@@ -72,6 +77,7 @@ def build_system(scenario: Scenario) -> System:
             elements,
             Water(tuple(_flow(scenario, flow) for flow in scenario.flow)),
             _array(scenario.base.position),
+            _obstacles(scenario, contact, bodies),
         ),
         base=_base(scenario, rod),
         integrator=_INTEGRATORS[simulation.integrator](**simulation.integrator_options),
@@ -95,9 +101,11 @@ def _assemble(
     pinned: bool,
     water: Numbers,
     loads: tuple[tuple[type[DistributedLoad | TipLoad], Numbers], ...],
+    contact: Numbers | None,
+    bodies: Numbers | None,
     tolerance: Array,
     max_iterations: Array,
-) -> tuple[Rod, tuple[Element, ...], Settings]:
+) -> tuple[Rod, tuple[Element, ...], Settings, Contact | None, Body | None]:
     rod = Rod.round(nodes=nodes, **sections)
     density = water["density"]
     elements = (
@@ -120,7 +128,13 @@ def _assemble(
         ),
         *(kind.of(rod, **numbers) for kind, numbers in loads),
     )
-    return rod, elements, Settings.for_rod(rod, tolerance, max_iterations)
+    return (
+        rod,
+        elements,
+        Settings.for_rod(rod, tolerance, max_iterations),
+        None if contact is None else Contact.of(rod, **contact),
+        None if bodies is None else Body.of(**bodies, density=density, gravity=water["gravity"]),
+    )
 
 
 def _rod(arm: Arm) -> Numbers:
@@ -186,6 +200,54 @@ def _flow(scenario: Scenario, flow: flows.Flow) -> Flow:
             if flow.power_exponent is None:
                 return LogarithmicShear(*profile, _array(flow.roughness_length))
             return PowerShear(*profile, _array(flow.power_exponent))
+
+
+def _contact(scenario: Scenario) -> Numbers | None:
+    obstacles = scenario.obstacle
+    if not obstacles:
+        return None
+    return {
+        "radius": _array([getattr(o, "radius", 0.0) for o in obstacles]),
+        "half_axis": _array([o.half_axis for o in obstacles]),
+        "normal": _array([o.out for o in obstacles]),
+        "friction": _array([o.friction for o in obstacles]),
+        "mass": _array([getattr(o, "mass", None) or np.inf for o in obstacles]),
+    }
+
+
+def _bodies(scenario: Scenario) -> Numbers | None:
+    if not scenario.obstacle:
+        return None
+    free = [scenario.obstacle[index] for index in _free(scenario)]
+    return {
+        "mass": _array([getattr(body, "mass", None) for body in free]),
+        "radius": _array([getattr(body, "radius", None) for body in free]),
+    }
+
+
+def _free(scenario: Scenario) -> tuple[int, ...]:
+    """Return which obstacles the arm can push away."""
+    return tuple(
+        index
+        for index, obstacle in enumerate(scenario.obstacle)
+        if isinstance(obstacle, Sphere) and obstacle.mass is not None
+    )
+
+
+def _obstacles(
+    scenario: Scenario, contact: Contact | None, bodies: Body | None
+) -> Obstacles | None:
+    if contact is None or bodies is None:
+        return None
+    drifts = [obstacle.velocity for obstacle in scenario.obstacle]
+    return Obstacles(
+        contact=contact,
+        bodies=bodies,
+        place=_array([o.position for o in scenario.obstacle]) - _array(scenario.base.position),
+        drift=_array([(0.0, 0.0) if drift == "flow" else drift for drift in drifts]),
+        free=_free(scenario),
+        carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
+    )
 
 
 def _base(scenario: Scenario, rod: Rod) -> Base:

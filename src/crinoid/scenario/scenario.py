@@ -26,6 +26,7 @@ from crinoid.scenario.errors import Mistake, ScenarioError, shown
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.load import Load
 from crinoid.scenario.model import Model
+from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import AsTuple, Quantity
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
@@ -91,6 +92,9 @@ class Scenario(Model):
     )
     load: Annotated[tuple[Load, ...], AsTuple] = Field(
         default=(), description="Other forces on the arm."
+    )
+    obstacle: Annotated[tuple[Obstacle, ...], AsTuple] = Field(
+        default=(), description="Rigid bodies that the arm meets."
     )
     target: Target = Field(default=Target(), description="Where the tip is wanted.")
     sensor: Sensor = Field(default=Sensor(), description="What the controller knows of the tip.")

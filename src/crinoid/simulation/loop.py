@@ -95,7 +95,7 @@ class Loop(eqx.Module):
         steps = carry.steps + progress.outcome.converged
         # counted, not summed up: round-off of a sum would grow with the number of steps
         counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, state.time)
-        state = eqx.tree_at(lambda s: s.time, state, counted)
+        state = eqx.tree_at(lambda s: s.motion.time, state, counted)
         tally = carry.tally.with_step(progress)
         return LoopState(state, sensor, memory, carry.ticks + due, command, steps, tally), progress
 

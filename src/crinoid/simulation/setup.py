@@ -40,7 +40,8 @@ def set_up(scenario: Scenario) -> Setup:
     control = scenario.control
     mapped = control.kind == "pid" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
-    state, outcome, tip, linear, jacobian = _start(system, loaded, mapped)
+    state, outcome, tip, linear, jacobian, gaps = _start(system, loaded, mapped)
+    _check_room(gaps)
     loop = Loop(
         system=system,
         sensor=_sensor(scenario),
@@ -56,14 +57,26 @@ def set_up(scenario: Scenario) -> Setup:
 def _find_start(
     system: System, loaded: bool, mapped: bool
 ) -> tuple[
-    State, Outcome, Float[Array, " pose"], tuple[Bands, Bands], Float[Array, "pose channel"] | None
+    State,
+    Outcome,
+    Float[Array, " pose"],
+    tuple[Bands, Bands],
+    Float[Array, "pose channel"] | None,
+    Float[Array, " m"] | None,
 ]:
+    rest = system.rest()
     state, outcome = (
-        system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
+        system.find_equilibrium() if loaded else (rest, Outcome.of_nothing(converged=True))
     )
     linear = system.linearise(state)
-    jacobian = system.static_jacobian(state, linear[0]) if mapped else None
-    return state, outcome, system.tip(state), linear, jacobian
+    return (
+        state,
+        outcome,
+        system.tip(state),
+        linear,
+        system.static_jacobian(state, linear[0]) if mapped else None,
+        None if rest.touch is None else rest.touch.closest,
+    )
 
 
 # Runs once: less time to compile is worth more than milliseconds of running. (The type of
@@ -72,6 +85,20 @@ _start = eqx.filter_jit(
     _find_start,
     compiler_options={"xla_backend_optimization_level": 0},  # type: ignore[call-overload]
 )
+
+
+def _check_room(gaps: Array | None) -> None:
+    """Refuse obstacles that lie within the arm as it is without load."""
+    mistakes = [
+        Mistake(
+            f"obstacle.{index}.position",
+            f"lies {-1e3 * gap:.3g} mm inside the arm at rest, takes a place clear of it",
+        )
+        for index, gap in enumerate(np.asarray([] if gaps is None else gaps))
+        if gap < 0
+    ]
+    if mistakes:
+        raise ScenarioError(mistakes)
 
 
 def _target(scenario: Scenario, tip: np.ndarray) -> Target:

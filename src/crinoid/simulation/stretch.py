@@ -30,6 +30,9 @@ def record(loop: Loop, carry: LoopState) -> Record:
         tally.steps,
         tally.iterations,
         tally.residual,
+        state.obstacle_position,
+        state.obstacle_velocity,
+        state.touch,
     )
 
 

@@ -1,0 +1,180 @@
+"""Rigid bodies beside the arm: how they move, and what they and the arm do to each other."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from crinoid import chain
+from crinoid.elements import Body, Contact, Motion
+
+Rows = Float[Array, "rows b"]
+
+_MISSED = 0.01
+"""What a step may miss of the work of a contact, over the energy of the hit."""
+_NEGLIGIBLE = 1e-5
+"""Work that no hit is too gentle to miss, over the energy that the whole skin takes up."""
+
+
+class Touch(eqx.Module):
+    """What ``m`` obstacles do to the arm, and have done since the start. SI units."""
+
+    gap: Float[Array, "m e"]
+    """Distance of each obstacle from the surface of each edge (m)."""
+    force: Float[Array, "m b"]
+    """Of each obstacle on the arm (N)."""
+    in_contact: Bool[Array, " m"]
+    impulse: Float[Array, "m b"]
+    """Of each obstacle on the arm since the start (N s)."""
+    duration: Float[Array, " m"]
+    """How long each one has been in contact since the start (s)."""
+    closest: Float[Array, " m"]
+    """Smallest distance of each one from the arm since the start (m)."""
+
+    def after(self, before: "Touch", step: Array) -> "Touch":
+        """Return what is now, added to what was before a step."""
+        return Touch(
+            self.gap,
+            self.force,
+            self.in_contact,
+            before.impulse + 0.5 * step * (before.force + self.force),
+            before.duration + jnp.where(self.in_contact, step, 0.0),
+            jnp.minimum(before.closest, self.closest),
+        )
+
+
+class Obstacles(eqx.Module):
+    """``m`` obstacles; in what a time step solves for, they are the rows after the nodes.
+
+    Most move as they are told: at a steady velocity, which may be zero, or carried by the water.
+    Those with a mass are free: the arm, the water and their weight move them.
+    """
+
+    contact: Contact
+    """Of every obstacle with every edge, obstacle by obstacle."""
+    bodies: Body
+    """What the free ones are made of."""
+    place: Float[Array, "m b"]
+    """At the start (m)."""
+    drift: Float[Array, "m b"]
+    """Velocity of the steady ones, and of the free ones at the start (m/s)."""
+    free: tuple[int, ...] = eqx.field(static=True)
+    carried: tuple[int, ...] = eqx.field(static=True)
+    """Those that start with the water's velocity; they keep to it unless they are free."""
+
+    @property
+    def count(self) -> int:
+        """Number of obstacles."""
+        return self.place.shape[0]
+
+    @property
+    def finest(self) -> Float[Array, ""]:
+        """Smallest distance between the middles of an obstacle and the arm where they touch (m)."""
+        return jnp.min(self.contact.arm_radius + self.contact.radius)
+
+    @property
+    def led(self) -> np.ndarray:
+        """Which ones move as they are told."""
+        return np.setdiff1d(np.arange(self.count), self.free)
+
+    def held(self) -> "Obstacles":
+        """Return the same obstacles, none of them free: what statics leans the arm against."""
+        none = jax.tree.map(lambda x: x[:0], self.bodies)
+        return Obstacles(self.contact, none, self.place, self.drift, (), self.carried)
+
+    def begin(self, places: Rows, velocity: Callable[[Rows], Rows]) -> Rows:
+        """Return the velocities that the obstacles start with; ``velocity`` is the water's."""
+        if not self.carried:
+            return self.drift
+        carried = jnp.asarray(self.carried)
+        return self.drift.at[carried].set(velocity(places[carried]))
+
+    def lead(
+        self, position: Rows, flow_velocity: Rows, velocity: Callable[[Rows], Rows], step: Array
+    ) -> tuple[Rows, Rows]:
+        """Return where the obstacles that move as they are told get to, and how fast they then are.
+
+        The carried ones drift with the mean of the water's velocities at both ends of the step
+        (Heun); ``velocity`` is that at given places at its end.
+        """
+        told = position + step * self.drift
+        carried = np.setdiff1d(self.carried, self.free).astype(int)
+        if not carried.size:
+            return told, self.drift
+        start, leaving = position[carried], flow_velocity[carried]
+        reached = start + 0.5 * step * (leaving + velocity(start + step * leaving))
+        return told.at[carried].set(reached), self.drift.at[carried].set(velocity(reached))
+
+    def touch(self, motion: Motion) -> Touch:
+        """Return what the obstacles do to the arm right now."""
+        pairs = self.motions(motion)
+        forces = jax.vmap(lambda contact, pair: -contact.residual(pair)[2])(self.contact, pairs)
+        gap = self.gaps(motion.position)
+        _, pressing = self.contact.press(gap.reshape(-1))
+        force = -jnp.sum(forces.reshape(*gap.shape, -1), axis=1)
+        none = jnp.zeros(self.count)
+        closest = jnp.min(gap, axis=1)
+        return Touch(
+            gap, force, jnp.any(pressing.reshape(gap.shape) > 0, axis=1), 0.0 * force, none, closest
+        )
+
+    def windows(self, rows: Rows) -> Float[Array, "pairs 3 b"]:
+        """Return each edge with each obstacle, obstacle by obstacle."""
+        nodes, places = rows[: -self.count], rows[-self.count :]
+        edges = chain.gather(nodes, 1, nodes.shape[0] - 2, 2)
+        shape = (self.count, *edges.shape)
+        each = jnp.broadcast_to(places[:, None, None], (*shape[:2], 1, shape[-1]))
+        pairs = jnp.concatenate([jnp.broadcast_to(edges, shape), each], axis=2)
+        return pairs.reshape(-1, 3, shape[-1])
+
+    def motions(self, motion: Motion) -> Motion:
+        """Return how each edge moves with each obstacle."""
+        pairs = self.contact.radius.shape
+        return Motion(
+            self.windows(motion.position),
+            self.windows(motion.velocity),
+            self.windows(motion.acceleration),
+            self.windows(motion.flow_velocity),
+            self.windows(motion.flow_acceleration),
+            jnp.broadcast_to(motion.time, pairs),
+        )
+
+    def gaps(self, rows: Rows) -> Float[Array, "m e"]:
+        """Return the distance of each obstacle from each edge (m)."""
+        gaps = jax.vmap(lambda contact, window: contact.gap(window))(
+            self.contact, self.windows(rows)
+        )
+        return gaps.reshape(self.count, -1)
+
+    def scatter(self, windows: Float[Array, "pairs 3 b"], num_rows: int) -> Rows:
+        """Add forces on edges and obstacles up on their rows."""
+        each = windows.reshape(self.count, -1, *windows.shape[1:])
+        nodes = chain.scatter(jnp.sum(each, axis=0)[:, :2], 1, num_rows - self.count)
+        return jnp.concatenate([nodes, jnp.sum(each[:, :, 2], axis=1)])
+
+    def resolved(
+        self, before: Rows, was: Touch, after: Rows, now: Touch, step: Array
+    ) -> Bool[Array, ""]:
+        """Return whether a step was short enough for its contacts.
+
+        It was if the force at its two ends accounts for what the skin takes up in between, so
+        that a hit gives back the energy that it took; and if no obstacle moved on further,
+        relative to an edge, than would bring its middle half of the way into the arm's, so that
+        none can pass through unseen.
+        """
+        contact = self.contact
+        gap, gap_before = now.gap.reshape(-1), was.gap.reshape(-1)
+        (held, force), (held_before, force_before) = map(contact.press, (gap, gap_before))
+        closed = gap_before - gap
+        missed = 0.5 * (force + force_before) * closed - (held - held_before)
+        hit = held + held_before + 0.5 * contact.mass * (closed / step) ** 2
+        negligible = _NEGLIGIBLE * contact.strength * contact.skin / 3
+        accounted = jnp.abs(missed) <= _MISSED * hit + negligible
+
+        moved = self.windows(after - before)
+        travel = jnp.max(jnp.sum((moved[:, :2] - moved[:, 2:]) ** 2, axis=-1), axis=1)
+        room = jnp.maximum(gap_before, 0.0) + 0.5 * (contact.arm_radius + contact.radius)
+        return jnp.all(accounted) & jnp.all(travel <= room**2)

@@ -1,0 +1,173 @@
+"""Contact of the arm with rigid bodies: a soft skin that keeps them apart, and friction in it."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.elements.element import Element, Motion
+from crinoid.elements.geometry import turned, unit
+from crinoid.rod import Rod
+
+SKIN = 0.05
+"""Thickness of the skin over the radius of the arm."""
+_EASE = 0.01
+"""How strongly the point of contact is drawn to the middle of an edge."""
+_CREEP = 1e-3
+"""Sliding speed at which friction has come on (m/s)."""
+
+
+class Contact(Element):
+    """Contact of an edge, a capsule as thick as the arm, with one obstacle.
+
+    A window holds the two nodes of the edge and the obstacle's place. The obstacle is a sphere, a
+    capsule whose core reaches ``half_axis`` to both sides of its place (a cylinder's core has no
+    end in sight), or the half space behind a plane.
+
+    The gap ``g`` is the least distance of the surfaces. Within a skin ``d``, a twentieth of the
+    radius outside the arm's surface, a pressure ``k (d - g)^2 / d`` keeps them apart, the gradient
+    of a potential. Its strength ``k d = E r^2``, with the modulus ``E`` that bends the arm, stops
+    any hit that the arm itself could take well before the surfaces meet.
+
+    Where the point of least distance would jump from end to end of the edge, as it does when the
+    arm lies flat on something, it is drawn to the middle: the distance is the root of
+    ``min_s |x(s) - c|^2 + _EASE |e|^2 (s - 1/2)^2``. So its gradient is continuous, and the force
+    does not change the momentum or the angular momentum of the two.
+
+    Friction is Coulomb's, ``-mu N v / sqrt(v^2 + creep^2)`` with the sliding velocity ``v`` of
+    the surfaces: at rest there is none, a body that sticks creeps by less than 1 mm/s. Obstacles
+    do not spin.
+    """
+
+    stencil: ClassVar[int] = 3
+    worked: ClassVar[str] = "contact"
+    first: int = eqx.field(static=True)
+    rest_length: Float[Array, "*count"]
+    arm_radius: Float[Array, "*count"]
+    strength: Float[Array, "*count"]
+    """Force where the surfaces meet (N)."""
+    radius: Float[Array, "*count"]
+    half_axis: Float[Array, "*count b"]
+    normal: Float[Array, "*count b"]
+    """Out of the half space; zero for what is round."""
+    friction: Float[Array, "*count"]
+    mass: Float[Array, "*count"]
+    """Reduced mass of edge and obstacle (kg): what a hit has to turn back."""
+
+    @staticmethod
+    def of(
+        rod: Rod,
+        *,
+        radius: Float[Array, " m"],
+        half_axis: Float[Array, "m b"],
+        normal: Float[Array, "m b"],
+        friction: Float[Array, " m"],
+        mass: Float[Array, " m"],
+    ) -> "Contact":
+        """Pair every edge of a rod with every one of ``m`` obstacles.
+
+        ``radius`` and ``half_axis`` in m, ``mass`` in kg, infinite for what the arm cannot move.
+        """
+        arm_radius = _at_edges(rod.diameter) / 2
+        modulus = _at_edges(rod.EI) / (jnp.pi / 4 * arm_radius**4)
+        edges, obstacles = arm_radius.shape[0], radius.shape[0]
+
+        def per_edge(values: Array) -> Array:
+            return jnp.tile(values, obstacles)
+
+        def per_obstacle(values: Array) -> Array:
+            return jnp.repeat(values, edges, axis=0)
+
+        return Contact(
+            1,
+            per_edge(rod.rest_length),
+            per_edge(arm_radius),
+            per_edge(modulus * arm_radius**2),
+            *map(per_obstacle, (radius, half_axis, normal, friction)),
+            mass=1
+            / (
+                1 / per_edge(_at_edges(rod.mass_per_length) * rod.rest_length)
+                + 1 / per_obstacle(mass)
+            ),
+        )
+
+    @property
+    def skin(self) -> Float[Array, "*count"]:
+        """Distance from the arm's surface at which contact begins (m)."""
+        return SKIN * self.arm_radius
+
+    def gap(self, position: Float[Array, "3 b"]) -> Float[Array, ""]:
+        """Return the distance of the surfaces (m)."""
+        return self._closest(position)[0]
+
+    def press(self, gap: Float[Array, "*count"]) -> tuple[Array, Array]:
+        """Return the potential (J) and the force (N) of the skin at a gap (m)."""
+        depth = jnp.maximum(self.skin - gap, 0.0) / self.skin
+        return self.strength * self.skin * depth**3 / 3, self.strength * depth**2
+
+    def residual(self, motion: Motion) -> Float[Array, "3 b"]:
+        gap, slopes, share = self._closest(motion.position)
+        _, pressing = self.press(gap)
+        edge, length = unit(motion.position[1] - motion.position[0])
+        outward, _ = unit(-slopes[2])
+        lever = -self.arm_radius * outward
+        at_axis = jnp.stack([1 - share, share])
+        velocity = motion.velocity
+        spin = turned(edge) @ (velocity[1] - velocity[0]) / length
+        sliding = at_axis @ velocity[:2] + spin * turned(lever) - velocity[2]
+        sliding = sliding - (sliding @ outward) * outward
+        rubbing = -self.friction * pressing * sliding / jnp.sqrt(sliding @ sliding + _CREEP**2)
+        moment = turned(lever) @ rubbing
+        couple = moment * turned(edge) / length
+        rubbed = jnp.stack([at_axis[0] * rubbing - couple, at_axis[1] * rubbing + couple, -rubbing])
+        return -(pressing * slopes + rubbed)
+
+    def power(self, motion: Motion) -> Float[Array, ""]:
+        return -jnp.sum(self.residual(motion)[:2] * motion.velocity[:2])
+
+    def _closest(self, position: Float[Array, "3 b"]) -> tuple[Array, Array, Array]:
+        """Return the gap, its gradient by the three places, and where along the edge it is."""
+        near, far, place = position
+        edge, apart = far - near, near - place
+        flat = jnp.any(self.normal != 0)
+
+        rise = self.normal @ edge
+        pull = _EASE * self.rest_length
+        share_flat = jnp.clip(0.5 - rise / pull, 0.0, 1.0)
+        height = self.normal @ apart + share_flat * rise + 0.5 * pull * (share_flat - 0.5) ** 2
+        weights = jnp.stack([1 - share_flat, share_flat, -jnp.ones_like(share_flat)])
+        slopes_flat = weights[:, None] * self.normal
+
+        share, along = self._closest_of_cores(edge, apart)
+        off = share - 0.5
+        between = apart + share * edge - along * self.half_axis
+        eased = _EASE * off**2 * edge
+        # what is flat has no distance from its place: keep the branch not taken finite
+        distance = jnp.sqrt(between @ between + eased @ edge + jnp.finfo(float).tiny)
+        slopes = jnp.stack([(1 - share) * between - eased, share * between + eased, -between])
+
+        return (
+            jnp.where(flat, height, distance - self.radius) - self.arm_radius,
+            jnp.where(flat, slopes_flat, slopes / distance),
+            jnp.where(flat, share_flat, share),
+        )
+
+    def _closest_of_cores(self, edge: Array, apart: Array) -> tuple[Array, Array]:
+        """Return the nearest points of the edge (0 to 1) and of the capsule's core (-1 to 1).
+
+        The minimum of a convex quadratic in a box of two (Ericson, Real-Time Collision Detection,
+        2005, section 5.1.9).
+        """
+        core = self.half_axis
+        of_edge, of_core, mixed = (1 + _EASE) * edge @ edge, core @ core, edge @ core
+        on_edge, on_core = edge @ apart - 0.5 * _EASE * edge @ edge, core @ apart
+        long = of_core > 0
+        whole = jnp.where(long, of_edge * of_core - mixed**2, 1.0)
+        share = jnp.clip((mixed * on_core - of_core * on_edge) / whole, 0.0, 1.0)
+        along = jnp.clip((on_core + mixed * share) / jnp.where(long, of_core, 1.0), -1.0, 1.0)
+        return jnp.clip((mixed * along - on_edge) / of_edge, 0.0, 1.0), along
+
+
+def _at_edges(nodal: Float[Array, " n"]) -> Float[Array, " n-1"]:
+    return 0.5 * (nodal[1:] + nodal[:-1])
