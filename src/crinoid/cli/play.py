@@ -133,7 +133,7 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
 def _of_cases(told: dict[str, list[str]]) -> list[str]:
     """Return the notes of a study's cases, each one once; not all of them where there are many."""
     notes = [
-        f"{first}{f' and {len(others)} more cases' if others else ''}: {note}"
+        f"{first}{f' and {len(others)} more' if others else ''}: {note}"
         for note, (first, *others) in told.items()
     ]
     left = len(notes) - _MOST_NOTES
