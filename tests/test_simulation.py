@@ -122,6 +122,23 @@ def test_frequencies_are_those_of_the_state_at_the_start(result):
         assert not run.dataset["mode_shape"].sel(node=0).values.any()  # the base holds the root
 
 
+def test_an_arm_that_hangs_in_a_current_at_lock_in_has_a_note(result):
+    assert result.notes == []
+    diameter, reduced_velocity = 0.04, 6.0
+    first = float(result.dataset["natural_frequency"][0])  # of nearly the same arm
+    slow = scenario(base__tilt_deg=-90, simulation__duration=12.0).with_values(
+        {
+            "flow.0.velocity": [reduced_velocity * first * diameter, 0.0],
+            "flow.0.ramp_time": 0.0,
+            "flow.1.amplitude": [0.0, 0.0],
+        }
+    )
+    free = crinoid.simulate(slow).uncontrolled
+    assert float(free.dataset["reduced_velocity"].mean()) == pytest.approx(6.0, rel=0.1)
+    assert len(free.notes) == 1
+    assert free.notes[0].startswith("vortex shedding may lock in to mode 1 (")
+
+
 def test_energy_balances(result):
     def defect(run: Result) -> float:
         energy = run.dataset["energy"]
