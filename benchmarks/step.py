@@ -127,7 +127,7 @@ def compile_stretch(scenario: crinoid.Scenario, setup: Setup) -> None:
     """Run a stretch of nothing, as `crinoid run` does first."""
     stride, count = jnp.asarray(scenario.output_steps), instants(scenario)
     carry = setup.loop.start(setup.state)
-    jax.block_until_ready(stretch(setup.loop, carry, jnp.asarray(0), stride, count))
+    jax.block_until_ready(stretch(setup.loop, carry, carry.steps, stride, count))
 
 
 def instants(scenario: crinoid.Scenario) -> int:
@@ -150,7 +150,7 @@ def closed_loops(
 
         def run(loop: Loop = changed, carry: LoopState = carry) -> Any:
             return jax.block_until_ready(
-                stretch(loop, carry, jnp.asarray(count), jnp.asarray(stride), count)
+                stretch(loop, carry, jnp.asarray(count * stride), jnp.asarray(stride), count)
             )
 
         _, kept, filled, outcome = run()

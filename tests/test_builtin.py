@@ -27,6 +27,7 @@ def test_station_keeping_holds_the_tip():
 
 def test_still_water_lets_a_bent_arm_go_and_moves_its_tip():
     result = crinoid.simulate(crinoid.load("still-water"))
+    assert result.notes == result.uncontrolled.notes == []
     free = result.uncontrolled.dataset
     height = free["tip_position"].sel(axis="z") + 10.0
     bent = float(height.sel(time=0.4, method="nearest"))

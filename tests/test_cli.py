@@ -104,6 +104,25 @@ def test_equilibrium_is_a_result_with_one_time(here):
     assert call("report", here / "still").exit_code == 0
 
 
+def test_notes_stand_under_the_table_and_of_cases_each_one_once(here):
+    # a thread in slow water: its drag is outside the range of the default coefficient
+    thin = ("--set", "arm.radius=5e-4", "--set", "arm.youngs_modulus=1e9")
+    ended = call("run", "small.toml", *thin)
+    assert ended.exit_code == 0, ended.output
+    noted = [line for line in ended.stdout.splitlines() if line.startswith("note: ")]
+    assert len(noted) == 2
+    assert noted[0].startswith("note: most of the drag acts at Reynolds numbers near")
+    assert noted[1].startswith("note: without control: most of the drag acts")
+    with xr.open_dataset(here / "results" / "small" / "result.nc") as dataset:
+        assert [f"note: {line}" for line in dataset.attrs["notes"].splitlines()] == noted[:1]
+    studied = ("--set", "vary.seed=[1, 2]", "--set", "control.compare=false", "--out", "cases")
+    ended = call("run", "small.toml", *thin, *studied)
+    assert ended.exit_code == 0, ended.output
+    noted = [line for line in ended.stdout.splitlines() if line.startswith("note: ")]
+    assert len(noted) == 1
+    assert noted[0].startswith("note: case-01 and 1 more: most of the drag")
+
+
 def test_cases_become_a_table_and_a_folder_each(here):
     (here / "small.toml").write_text(
         SMALL + '[vary]\n"flow.0.velocity" = [[0.1, 0.1], [0.3, 0.2]]\n'

@@ -151,6 +151,10 @@ ONE_MISTAKE = {
         "target.tip = [inf, 0.0]",
         "target.tip: got [inf, 0.0], takes finite numbers",
     ),
+    "no viscosity": (
+        "water.kinematic_viscosity = 0",
+        "water.kinematic_viscosity: got 0, takes a number above 0 (m2/s)",
+    ),
     "negative length": ("arm.length = -0.5", "arm.length: got -0.5, takes a number above 0 (m)"),
     "negative tip radius": (
         "arm.radius = [0.02, -0.01]",

@@ -69,6 +69,11 @@ def test_every_variable_has_units_and_the_contract_s_dimensions(result):
         "base_moment": ("time",),
         "flow_velocity": ("time", "node", "axis"),
         "energy": ("time", "kind"),
+        "natural_frequency": ("mode",),
+        "mode_shape": ("mode", "node", "axis"),
+        "reynolds_number": ("time", "node"),
+        "reduced_velocity": ("time", "node"),
+        "keulegan_carpenter": ("node",),
         "newton_iterations": ("time",),
         "residual": ("time",),
     }
@@ -106,6 +111,32 @@ def test_derived_variables_follow_from_the_motion(result):
     bend = float(arm.EI[0]) * still["curvature"].values[0, 0]
     # strain 2 tan(turn / 2) of half an edge: moment and curvature differ at second order
     assert float(still["base_moment"][0]) == pytest.approx(bend, rel=1e-3)
+
+
+def test_frequencies_are_those_of_the_state_at_the_start(result):
+    system = scenario().system()
+    expected = system.natural_frequencies(system.equilibrium(), count=3)
+    for run in (result, result.uncontrolled):
+        found = run.dataset["natural_frequency"].sel(mode=[1, 2, 3])
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        assert not run.dataset["mode_shape"].sel(node=0).values.any()  # the base holds the root
+
+
+def test_an_arm_that_hangs_in_a_current_at_lock_in_has_a_note(result):
+    assert result.notes == []
+    diameter, reduced_velocity = 0.04, 6.0
+    first = float(result.dataset["natural_frequency"][0])  # of nearly the same arm
+    slow = scenario(base__tilt_deg=-90, simulation__duration=12.0).with_values(
+        {
+            "flow.0.velocity": [reduced_velocity * first * diameter, 0.0],
+            "flow.0.ramp_time": 0.0,
+            "flow.1.amplitude": [0.0, 0.0],
+        }
+    )
+    free = crinoid.simulate(slow).uncontrolled
+    assert float(free.dataset["reduced_velocity"].mean()) == pytest.approx(6.0, rel=0.1)
+    assert len(free.notes) == 1
+    assert free.notes[0].startswith("vortex shedding may lock in to mode 1 (")
 
 
 def test_energy_balances(result):
@@ -200,8 +231,24 @@ def test_a_run_goes_on_from_where_it_stopped_as_if_it_had_not(result, tmp_path):
     part.save(tmp_path)
     whole = play(scenario(), resume=Result.load(tmp_path))
     for mine, other in ((whole, result), (whole.uncontrolled, result.uncontrolled)):
-        for name in ("time", "position", "base_command", "energy", "tip_angle"):
-            np.testing.assert_array_equal(mine.dataset[name], other.dataset[name], name)
+        assert set(mine.dataset.variables) == set(other.dataset.variables)
+        for name in other.dataset.variables:
+            np.testing.assert_array_equal(mine.dataset[name], other.dataset[name], str(name))
+        assert mine.notes == other.notes
+
+
+def test_a_run_that_stopped_between_two_kept_instants_counts_on():
+    apart = {"output__interval": 0.3, "control__compare": False}
+    part = crinoid.simulate(scenario(**apart, simulation__duration=0.7))
+    np.testing.assert_allclose(part.dataset["time"], [0.0, 0.3, 0.6, 0.7])
+    whole = play(scenario(**apart), resume=part).dataset
+    unbroken = crinoid.simulate(scenario(**apart)).dataset
+    for name in unbroken.variables:
+        np.testing.assert_array_equal(whole[name], unbroken[name], str(name))
+    # a run that is complete has nothing to add
+    again = play(scenario(**apart, simulation__duration=0.7), resume=part).dataset
+    for name in part.dataset.variables:
+        np.testing.assert_array_equal(again[name], part.dataset[name], str(name))
 
 
 def test_a_step_that_cannot_be_solved_ends_the_run_with_what_there_is():
@@ -226,8 +273,9 @@ def test_an_arm_that_nothing_holds_has_no_equilibrium():
         arm__density=1000.0,
         simulation__max_iterations=3,
     ).with_values({"flow": [], "water.gravity": 0.0, "load": [{"kind": "tip", "moment": 1.0}]})
-    with pytest.raises(SimulationError, match="no static equilibrium"):
+    with pytest.raises(SimulationError, match="no static equilibrium") as caught:
         crinoid.simulate(floating)
+    assert "natural_frequency" not in caught.value.result.dataset
 
 
 def test_several_cases_are_not_one_run():

@@ -51,6 +51,11 @@ class Result:
         return str(self.dataset.attrs["status"])
 
     @property
+    def notes(self) -> list[str]:
+        """What should be known of the run besides its data, a sentence each."""
+        return str(self.dataset.attrs.get("notes", "")).splitlines()
+
+    @property
     def failure(self) -> str:
         """What went wrong in this run or in the one without control; empty if nothing did."""
         other = self.uncontrolled.failure if self.uncontrolled is not None else ""
@@ -173,9 +178,10 @@ def describe(scenario: Scenario) -> dict[str, Any]:
 
 
 def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Put the stretches of one run after each other."""
+    """Put the stretches of one run after each other; what only the first one holds is left out."""
     if len(parts) == 1:
         return parts[0]
+    parts = [part[list(parts[-1].data_vars)] for part in parts]
     whole = xr.concat(parts, "time", data_vars="minimal", coords="minimal", compat="override")
     whole["tip_angle"].values = np.unwrap(whole["tip_angle"].values)
     return whole

@@ -23,6 +23,7 @@ from crinoid.simulation import Progress as Reached
 from crinoid.simulation import SimulationError, equilibrium, play
 
 CASES = "cases.csv"
+_MOST_NOTES = 6
 
 
 def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:
@@ -39,6 +40,10 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Con
         result = _play(scenario, _reporter(bar, ""), earlier, folder)
         paths = result.save(folder)
     console.print(run_table(result))
+    say_notes(console, result.notes)
+    if result.uncontrolled is not None:
+        apart = [note for note in result.uncontrolled.notes if note not in result.notes]
+        say_notes(console, [f"without control: {note}" for note in apart])
     _say_where(console, paths)
     return _trouble(result)
 
@@ -56,6 +61,7 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, console: Console) -> s
         result = error.result
     paths = result.save(folder)
     console.print(equilibrium_table(result))
+    say_notes(console, result.notes)
     _say_where(console, paths)
     return _trouble(result)
 
@@ -79,6 +85,12 @@ def keep_compiled_code() -> None:
     jax.config.update("jax_compilation_cache_max_size", 500_000_000)
 
 
+def say_notes(console: Console, notes: list[str]) -> None:
+    """Show notes, a paragraph each."""
+    for note in notes:
+        console.print(f"note: {note}", soft_wrap=True)
+
+
 def _make(folder: Path) -> None:
     """Make a folder that can be written to, before time is spent on what should go there."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -91,6 +103,7 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
     digits = len(str(len(cases)))
     rows: list[dict[str, Any]] = []
     failures = []
+    told: dict[str, list[str]] = {}
     with _bar(console) as bar:
         for number, (values, case) in enumerate(cases, start=1):
             name = f"case-{number:0{max(2, digits)}d}"
@@ -101,6 +114,8 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
             else:
                 result = _play(case, _reporter(bar, label), earlier, folder / name)
                 result.save(folder / name)
+            for note in result.notes:
+                told.setdefault(note, []).append(name)
             rows.append(_row(name, values, result))
             _write_cases(folder / CASES, rows)
             if _trouble(result):
@@ -108,10 +123,21 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
             if result.interrupted:
                 break
     console.print(cases_table(scenario, rows))
+    say_notes(console, _of_cases(told))
     _say_where(console, [folder / CASES])
     if result.interrupted:
         return f"interrupted in {name}; --resume goes on from there"
     return "; ".join(failures)
+
+
+def _of_cases(told: dict[str, list[str]]) -> list[str]:
+    """Return the notes of a study's cases, each one once; not all of them where there are many."""
+    notes = [
+        f"{first}{f' and {len(others)} more' if others else ''}: {note}"
+        for note, (first, *others) in told.items()
+    ]
+    left = len(notes) - _MOST_NOTES
+    return notes if left <= 0 else [*notes[:_MOST_NOTES], f"{left} more in the cases' results"]
 
 
 def _row(name: str, values: dict[str, Any], result: Result) -> dict[str, Any]:

@@ -60,6 +60,9 @@ def equilibrium_table(result: Result) -> Table:
     table.add_row("moment on the submarine", f"{float(dataset['base_moment'][0]):.4g} N m")
     table.add_row("greatest tension", f"{float(dataset['tension'].max()):.4g} N")
     table.add_row("greatest curvature", f"{float(np.abs(dataset['curvature']).max()):.4g} 1/m")
+    if "natural_frequency" in dataset:
+        first = ", ".join(f"{value:.3g}" for value in dataset["natural_frequency"].values[:4])
+        table.add_row("lowest natural frequencies", f"{first} Hz")
     return table
 
 

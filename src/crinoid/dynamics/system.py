@@ -3,11 +3,12 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid import chain
 from crinoid.base import Base, ServoState
-from crinoid.dynamics import statics
+from crinoid.dynamics import modes, statics
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Integrator, Stage
 from crinoid.dynamics.newton import Outcome, Settings, newton_step, solve
@@ -243,16 +244,34 @@ class System(eqx.Module):
         """Return the tip's place in the world (m) and its direction (rad): x, z, angle."""
         return _tip(state.position) + jnp.append(self.forces.origin, 0.0)
 
-    def static_jacobian(self, state: State) -> Float[Array, "pose channel"]:
+    def linearise(self, state: State) -> tuple[chain.Bands, chain.Bands]:
+        """Return stiffness (N/m) and mass (kg) of small motions of all nodes about ``state``.
+
+        The state is taken as still, obstacles included, in water that flows on as it does; the
+        mass contains the added mass.
+        """
+        return modes.linearise(self.forces, state.time, state.motion.position)
+
+    def natural_frequencies(
+        self, state: State, *, count: int = modes.COUNT
+    ) -> Float[np.ndarray, " mode"]:
+        """Return the natural frequencies of small vibrations about ``state`` (Hz), ascending.
+
+        The base is held and damping left out; 0 stands for a motion that does not swing back.
+        Computed on the host: not for use under a JAX transformation.
+        See `crinoid.dynamics.modes.find_modes` for how, and for the shapes.
+        """
+        return modes.find_modes(*eqx.filter_jit(System.linearise)(self, state), count).frequency
+
+    def static_jacobian(
+        self, state: State, stiffness: chain.Bands | None = None
+    ) -> Float[Array, "pose channel"]:
         """Return d(tip)/d(channels) at rest: how the tip follows the base when moved slowly.
 
-        The forces are linearised about ``state``, taken as still.
+        The forces are linearised about ``state``, taken as still; ``stiffness`` is that of
+        `linearise` where it is at hand already.
         """
-        rows = state.motion.position
-        stage, none = statics.still(state.time, rows), jnp.zeros_like(rows)
-        forces = self.forces.frozen(state.time)
-        current = forces.current(stage, none)
-        bands = forces.tangent(stage, forces.motion(stage, none, current), current).bands
+        bands = self.linearise(state)[0] if stiffness is None else stiffness
         pose, _, _ = self.base.pose(state.time, state.servo)
         held = jax.jacfwd(self.base.hold)(pose)
 

@@ -18,6 +18,12 @@ class Water(Model):
     density: Annotated[float, Quantity("kg/m3")] = Field(
         default=1025.0, ge=0, description="Density; 0: no water."
     )
+    # sea water (3.5 % salt) at 14 to 15 degrees C: ITTC procedure 7.5-02-01-03 (2011)
+    kinematic_viscosity: Annotated[float, Quantity("m2/s")] = Field(
+        default=1.2e-6,
+        gt=0,
+        description="Kinematic viscosity: Reynolds numbers in the result; no force depends on it.",
+    )
     drag_normal: float = Field(default=1.1, ge=0, description="Drag coefficient across the arm.")
     drag_tangential: float = Field(
         default=0.01, ge=0, description="Drag coefficient along the arm."

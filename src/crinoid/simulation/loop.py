@@ -13,6 +13,30 @@ from crinoid.dynamics import State, System
 from crinoid.dynamics.system import Progress
 
 
+class Tally(eqx.Module):
+    """What time steps cost."""
+
+    steps: Int[Array, ""]
+    iterations: Int[Array, ""]
+    residual: Float[Array, ""]
+    """Largest imbalance that one of them ended with (N)."""
+
+    @staticmethod
+    def of_nothing() -> "Tally":
+        """Return the tally of no steps."""
+        return Tally(jnp.asarray(0), jnp.asarray(0), jnp.zeros(()))
+
+    def with_step(self, progress: Progress) -> "Tally":
+        """Count in one more step, or the parts of it that succeeded."""
+        outcome = progress.outcome
+        residual = jnp.where(outcome.converged, outcome.residual, 0.0)
+        return Tally(
+            self.steps + progress.steps,
+            self.iterations + progress.iterations,
+            jnp.maximum(self.residual, residual),
+        )
+
+
 class LoopState(eqx.Module):
     """What one tick hands to the next."""
 
@@ -25,6 +49,8 @@ class LoopState(eqx.Module):
     command: Float[Array, " channel"]
     steps: Int[Array, ""]
     """Time steps taken so far."""
+    tally: Tally
+    """Of the time steps since the last instant that was kept."""
 
 
 class Loop(eqx.Module):
@@ -51,6 +77,7 @@ class Loop(eqx.Module):
             jnp.asarray(0),
             jnp.zeros(self.system.channels),
             jnp.asarray(0),
+            Tally.of_nothing(),
         )
 
     def tick(self, carry: LoopState) -> tuple[LoopState, Progress]:
@@ -69,7 +96,8 @@ class Loop(eqx.Module):
         # counted, not summed up: round-off of a sum would grow with the number of steps
         counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, state.time)
         state = eqx.tree_at(lambda s: s.motion.time, state, counted)
-        return LoopState(state, sensor, memory, carry.ticks + due, command, steps), progress
+        tally = carry.tally.with_step(progress)
+        return LoopState(state, sensor, memory, carry.ticks + due, command, steps, tally), progress
 
 
 def _choose(condition: Bool[Array, ""], new: Any, old: Any) -> Any:

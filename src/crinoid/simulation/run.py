@@ -14,13 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from crinoid.dimensionless import with_dimensionless
 from crinoid.dynamics import Outcome, State, System
+from crinoid.notes import notes
 from crinoid.record import Record
 from crinoid.result import Result, build_dataset, describe, join
 from crinoid.scenario import Scenario
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up
-from crinoid.simulation.stretch import record, start_tally, stretch
+from crinoid.simulation.stretch import record, stretch
 
 _CAPACITY = 256
 _CHUNK_SECONDS = 0.25
@@ -110,8 +112,8 @@ def equilibrium(scenario: Scenario) -> Result:
     still = scenario.with_values({"simulation.start": "equilibrium", "control.kind": "none"})
     setup = set_up(still)
     carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
-    records = [jax.tree.map(lambda x: np.asarray(x)[None], first)]
-    result = _result(scenario, setup, carry, records, _start_failure(setup), begun, None)
+    wall_time = time.perf_counter() - begun
+    result = _result(scenario, setup, carry, [_one(first)], _start_failure(setup), wall_time, None)
     if result.failure:
         raise SimulationError(result)
     return result
@@ -128,78 +130,40 @@ def _run(
     loop, stride = setup.loop, scenario.output_steps
     duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = _begin(loop, setup.state)
-    records = [jax.tree.map(lambda x: np.asarray(x)[None], first)]
-    pending = _Pending()
-    kept_earlier = None
+    records, kept_earlier = [_one(first)], None
     if earlier is not None:
         records.clear()
-        carry = earlier.restore(carry)
-        kept_earlier = earlier.dataset
-        if int(carry.steps) % stride:
-            # it stopped between two instants that are kept: go on counting for the next one
-            pending = _Pending.of(kept_earlier)
+        carry, kept_earlier = earlier.restore(carry), earlier.dataset
+        if int(carry.tally.steps):  # it stopped between two instants that are kept
             kept_earlier = kept_earlier.isel(time=slice(None, -1))
+    done, chunk = int(carry.steps), 16
     # a stretch of nothing: compiles, so that what follows is timed without it
-    jax.block_until_ready(stretch(loop, carry, jnp.asarray(0), jnp.asarray(stride), _CAPACITY))
+    jax.block_until_ready(stretch(loop, carry, carry.steps, jnp.asarray(stride), _CAPACITY))
     begun = time.perf_counter()
     if earlier is not None:
         begun -= earlier.dataset.attrs["wall_time"]
     failure = _start_failure(setup)
-    done, chunk = int(carry.steps), 16
     while done < total and not failure and not interruption.asked:
-        # several instants that are kept, or up to the next one, or less if that is far
-        due = min(stride - done % stride, total - done)
-        steps = min(due, chunk)
-        count = min(chunk // stride, (total - done) // stride, _CAPACITY) if due == stride else 1
-        count = max(1, count)
         chunk_begun = time.perf_counter()
+        steps = min(chunk, total - done, stride * _CAPACITY)
+        done += steps
         carry, kept, new, outcome = stretch(
-            loop, carry, jnp.asarray(count), jnp.asarray(steps), _CAPACITY
+            loop, carry, jnp.asarray(done), jnp.asarray(stride), _CAPACITY
         )
-        latest = pending.added_to(jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept))  # noqa: B023
+        records.append(jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept))  # noqa: B023
         took = time.perf_counter() - chunk_begun
-        done += count * steps
-        chunk = max(16, int(min(count * steps * _CHUNK_SECONDS / took, 4 * chunk)))
+        chunk = max(16, int(min(steps * _CHUNK_SECONDS / took, 4 * chunk)))
         if not outcome.converged:
             failure = _step_failure(scenario, carry, outcome)
-        if steps < due and not failure and not interruption.asked:
-            pending = _Pending.of(latest)
-        else:
-            records.append(latest)
-            pending = _Pending()
         if report is not None:
             elapsed = time.perf_counter() - begun
             report(Progress(label, float(carry.state.time), duration, elapsed))
+    wall_time = time.perf_counter() - begun
+    if int(carry.tally.steps):  # steps that no kept instant tells of yet
+        records.append(_one(_keep(loop, carry)))
     if not failure and done < total:
         failure = f"interrupted at t = {float(carry.state.time):.6g} s"
-    return _result(scenario, setup, carry, records, failure, begun, kept_earlier)
-
-
-class _Pending(NamedTuple):
-    """What steps cost that no kept instant tells of yet."""
-
-    steps: int = 0
-    iterations: int = 0
-    residual: float = 0.0
-
-    @staticmethod
-    def of(kept: Record | xr.Dataset) -> _Pending:
-        iterations = kept.iterations if isinstance(kept, Record) else kept["newton_iterations"]
-        last = (kept.steps[-1], iterations[-1], kept.residual[-1])
-        return _Pending(int(last[0]), int(last[1]), float(last[2]))
-
-    def added_to(self, kept: Record) -> Record:
-        if kept.steps.size == 0:
-            return kept
-        steps, iterations, residual = (
-            np.array(x) for x in (kept.steps, kept.iterations, kept.residual)
-        )
-        steps[0] += self.steps
-        iterations[0] += self.iterations
-        residual[0] = max(residual[0], self.residual)
-        return eqx.tree_at(
-            lambda r: (r.steps, r.iterations, r.residual), kept, (steps, iterations, residual)
-        )
+    return _result(scenario, setup, carry, records, failure, wall_time, kept_earlier)
 
 
 class _Interruption:
@@ -231,7 +195,14 @@ def _stand(system: System, state: State) -> State:
 @eqx.filter_jit
 def _begin(loop: Loop, state: State) -> tuple[LoopState, Record]:
     carry = loop.start(state)
-    return carry, record(loop, carry, start_tally())
+    return carry, record(loop, carry)
+
+
+_keep = eqx.filter_jit(record)
+
+
+def _one(record: Record) -> Record:
+    return jax.tree.map(lambda x: np.asarray(x)[None], record)
 
 
 def _result(
@@ -240,19 +211,19 @@ def _result(
     carry: LoopState,
     records: list[Record],
     trouble: str,
-    begun: float,
+    wall_time: float,
     earlier: xr.Dataset | None,
 ) -> Result:
-    wall_time = time.perf_counter() - begun
     checkpoint = [np.asarray(leaf) for leaf in jax.tree.leaves(carry)]
     parts = [] if earlier is None else [earlier]
     if records:
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
         parts.append(build_dataset(scenario, setup.loop.system, whole))
-    dataset = join(parts)
+    dataset = with_dimensionless(join(parts), scenario, setup.modes)
     dataset.attrs = describe(scenario) | {
         "status": trouble or "ok",
         "wall_time": wall_time,
+        "notes": "\n".join(notes(dataset, scenario)),
     }
     return Result(dataset, checkpoint)
 

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.base import CHANNELS
+from crinoid.chain import Bands
 from crinoid.control import Clock, Controller, Idle, Pid, Sensor, Target
-from crinoid.dynamics import Outcome, State, System
+from crinoid.dynamics import Modes, Outcome, State, System, find_modes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation.loop import Loop
 from crinoid.spline import PiecewiseCubic
@@ -29,6 +30,8 @@ class Setup(NamedTuple):
     state: State
     outcome: Outcome
     """Of the static solve; that of nothing to solve where the arm starts undeformed."""
+    modes: Modes | None
+    """Small vibrations about the state; none where no equilibrium was found."""
 
 
 def set_up(scenario: Scenario) -> Setup:
@@ -37,7 +40,7 @@ def set_up(scenario: Scenario) -> Setup:
     control = scenario.control
     mapped = control.kind == "pid" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
-    state, outcome, tip, jacobian, gaps = _start(system, loaded, mapped)
+    state, outcome, tip, linear, jacobian, gaps = _start(system, loaded, mapped)
     _check_room(gaps)
     loop = Loop(
         system=system,
@@ -48,7 +51,7 @@ def set_up(scenario: Scenario) -> Setup:
         target=_target(scenario, np.asarray(tip)),
         enabled=jnp.asarray(True),
     )
-    return Setup(loop, state, outcome)
+    return Setup(loop, state, outcome, find_modes(*linear) if outcome.converged else None)
 
 
 def _find_start(
@@ -57,6 +60,7 @@ def _find_start(
     State,
     Outcome,
     Float[Array, " pose"],
+    tuple[Bands, Bands],
     Float[Array, "pose channel"] | None,
     Float[Array, " m"] | None,
 ]:
@@ -64,11 +68,13 @@ def _find_start(
     state, outcome = (
         system.find_equilibrium() if loaded else (rest, Outcome.of_nothing(converged=True))
     )
+    linear = system.linearise(state)
     return (
         state,
         outcome,
         system.tip(state),
-        system.static_jacobian(state) if mapped else None,
+        linear,
+        system.static_jacobian(state, linear[0]) if mapped else None,
         None if rest.touch is None else rest.touch.closest,
     )
 

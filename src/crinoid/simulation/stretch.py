@@ -3,31 +3,16 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from crinoid.dynamics import Outcome
 from crinoid.record import Record
-from crinoid.simulation.loop import Loop, LoopState
+from crinoid.simulation.loop import Loop, LoopState, Tally
 
 
-class Tally(eqx.Module):
-    """What a stretch of steps cost, and how its last solve ended."""
-
-    steps: Int[Array, ""]
-    iterations: Int[Array, ""]
-    residual: Float[Array, ""]
-    outcome: Outcome
-
-
-def start_tally() -> Tally:
-    """Return the tally of no steps."""
-    none = jnp.asarray(0)
-    return Tally(none, none, jnp.zeros(()), Outcome.of_nothing(converged=True))
-
-
-def record(loop: Loop, carry: LoopState, tally: Tally) -> Record:
+def record(loop: Loop, carry: LoopState) -> Record:
     """Keep the present instant."""
-    state = carry.state
+    state, tally = carry.state, carry.tally
     pose, _, _ = loop.system.base.pose(state.time, state.servo)
     return Record(
         state.time,
@@ -53,52 +38,46 @@ def record(loop: Loop, carry: LoopState, tally: Tally) -> Record:
 
 @eqx.filter_jit
 def stretch(
-    loop: Loop, carry: LoopState, records: Int[Array, ""], stride: Int[Array, ""], capacity: int
+    loop: Loop, carry: LoopState, end: Int[Array, ""], stride: Int[Array, ""], capacity: int
 ) -> tuple[LoopState, Record, Int[Array, ""], Outcome]:
-    """Run on for ``records`` instants, ``stride`` time steps apart, or until a step fails.
+    """Run on to the time step ``end``, or until one fails; keep every ``stride``-th instant.
 
     Returns the loop's new state, room for ``capacity`` instants of which the first ones are
-    filled, how many are, and the outcome of the last solve. A stretch cut short by a failure ends
-    with the last good state as an instant of its own.
+    filled, how many are, and the outcome of the last solve.
     """
+    Inner = tuple[LoopState, Outcome]
 
-    def step(inner: tuple[LoopState, Tally, Array]) -> tuple[LoopState, Tally, Array]:
-        carry, tally, done = inner
-        carry, progress = loop.tick(carry)
-        outcome = progress.outcome
-        residual = jnp.where(outcome.converged, outcome.residual, 0.0)
-        tally = Tally(
-            tally.steps + progress.steps,
-            tally.iterations + progress.iterations,
-            jnp.maximum(tally.residual, residual),
-            outcome,
-        )
-        return carry, tally, done + 1
-
-    def unfinished_stride(inner: tuple[LoopState, Tally, Array]) -> Bool[Array, ""]:
-        _, tally, done = inner
-        return (done < stride) & tally.outcome.converged
+    def step(inner: Inner) -> Inner:
+        carry, progress = loop.tick(inner[0])
+        return carry, progress.outcome
 
     Outer = tuple[LoopState, Record, Array, Outcome]
 
-    def instant(outer: Outer) -> Outer:
-        carry, kept, filled, _ = outer
-        carry, tally, _ = jax.lax.while_loop(
-            unfinished_stride, step, (carry, start_tally(), jnp.asarray(0))
-        )
-        now = record(loop, carry, tally)
+    def run_to_next(outer: Outer) -> Outer:
+        carry, kept, filled, outcome = outer
+        due = (carry.steps // stride + 1) * stride
+
+        def unfinished_stride(inner: Inner) -> Bool[Array, ""]:
+            carry, outcome = inner
+            return (carry.steps < jnp.minimum(due, end)) & outcome.converged
+
+        carry, outcome = jax.lax.while_loop(unfinished_stride, step, (carry, outcome))
+        now = record(loop, carry)
         kept = jax.tree.map(lambda all_, one: all_.at[filled].set(one), kept, now)
-        # a failure at the very first step leaves nothing new to keep
-        good = tally.outcome.converged | (tally.steps > 0)
-        return carry, kept, filled + good, tally.outcome
+        is_due = carry.steps == due
+        tally = jax.tree.map(
+            lambda none, some: jnp.where(is_due, none, some), Tally.of_nothing(), carry.tally
+        )
+        carry = eqx.tree_at(lambda c: c.tally, carry, tally)
+        return carry, kept, filled + is_due, outcome
 
     def unfinished(outer: Outer) -> Bool[Array, ""]:
-        _, _, filled, outcome = outer
-        return (filled < records) & outcome.converged
+        carry, _, _, outcome = outer
+        return (carry.steps < end) & outcome.converged
 
-    tally = start_tally()
     room = jax.tree.map(
         lambda x: jnp.zeros((capacity, *x.shape), x.dtype),
-        jax.eval_shape(lambda: record(loop, carry, tally)),
+        jax.eval_shape(lambda: record(loop, carry)),
     )
-    return jax.lax.while_loop(unfinished, instant, (carry, room, jnp.asarray(0), tally.outcome))
+    started = Outcome.of_nothing(converged=True)
+    return jax.lax.while_loop(unfinished, run_to_next, (carry, room, jnp.asarray(0), started))

@@ -1,0 +1,118 @@
+"""What a user should know of a run that its numbers do not say by themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float
+
+from crinoid.dimensionless import node_normal, normal_velocity
+from crinoid.scenario import Scenario
+from crinoid.scenario.water import Water
+
+_LOCK_IN = (4.0, 8.0)
+"""Reduced velocities at which shedding follows a vibration (Williamson and Govardhan 2004)."""
+_CYCLES = 3.0
+"""Periods of a mode that lock-in must last: it takes some to build up, and swings reverse it."""
+_SHEDDING = 50.0
+"""Reynolds number above which vortices are shed (Williamson 1996: 49)."""
+_WORTH = 0.05
+"""Share of the time, and of the length, from which on something is worth a note."""
+_SUBCRITICAL = (1e3, 1e5)
+"""Reynolds numbers between which the drag coefficient of a cylinder hardly changes
+(Sumer and Fredsoe 2006, chapter 2)."""
+_FELT = 0.1
+"""Share of the largest force on the base that drag must reach to be worth a note."""
+_STRAIN = 0.5
+"""Strain that no linear elasticity describes."""
+
+
+def notes(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
+    """Return sentences about a finished run; none where there is nothing to say."""
+    found = [_stretch(dataset), _vortices(dataset, scenario), _drag(dataset, scenario)]
+    return [note for note in found if note]
+
+
+def _stretch(dataset: xr.Dataset) -> str:
+    edges = np.linalg.norm(np.diff(dataset["position"].values, axis=1), axis=2)
+    strain = edges / np.diff(dataset["arc_length"].values) - 1
+    longest, shortest = float(strain.max()), float(strain.min())
+    if max(longest, -shortest) <= _STRAIN:
+        return ""
+    how = f"stretched by up to {longest:.0%}"
+    if -shortest > longest:
+        how = f"squeezed by up to {-shortest:.0%}"
+    return f"the arm is {how}: its linear elasticity does not hold there"
+
+
+def _vortices(dataset: xr.Dataset, scenario: Scenario) -> str:
+    if "reduced_velocity" not in dataset:
+        return ""
+    time, diameter = dataset["time"].values, dataset["diameter"].values
+    speed, share = np.abs(normal_velocity(dataset)), _length_share(dataset)
+    sheds = speed * diameter > _SHEDDING * scenario.water.kinematic_viscosity
+    struck = []
+    for mode in _bending(dataset):
+        frequency = float(dataset["natural_frequency"].sel(mode=mode))
+        reduced = speed / (frequency * diameter)
+        inside = sheds & (reduced > _LOCK_IN[0]) & (reduced < _LOCK_IN[1])
+        part = _lasting(inside, time, _CYCLES / frequency) @ share
+        at = part > _WORTH
+        if at.mean() > _WORTH:
+            struck.append(
+                f"mode {mode} ({frequency:.2g} Hz) for {at.mean():.0%} of the time on "
+                f"{part[at].mean():.0%} of the length"
+            )
+    if not struck:
+        return ""
+    return (
+        f"vortex shedding may lock in to {', '.join(struck)} (4 < U/fd < 8); its lift, out of the "
+        "plane of the arm, is not modelled"
+    )
+
+
+def _bending(dataset: xr.Dataset) -> list[int]:
+    """Return the modes that move the arm across itself rather than along."""
+    shape = dataset["mode_shape"].values
+    across = np.sum(shape * node_normal(dataset["tangent"].values[:1]), axis=2)
+    share = np.sum(across**2, axis=1) / np.sum(shape**2, axis=(1, 2))
+    return [int(mode) for mode in dataset["mode"].values[share > 0.5]]
+
+
+def _lasting(
+    inside: Bool[np.ndarray, "time node"], time: Float[np.ndarray, " time"], least: float
+) -> Bool[np.ndarray, "time node"]:
+    """Keep what is true at a node for a time of ``least`` on end."""
+    edges = np.diff(np.pad(inside.T.astype(int), ((0, 0), (1, 1))), axis=1)
+    (node, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
+    long = time[end - 1] - time[begin] >= least
+    marks = np.zeros_like(edges)
+    marks[node[long], begin[long]] = 1
+    marks[node[long], end[long]] = -1
+    return np.cumsum(marks, axis=1)[:, :-1].T > 0
+
+
+def _drag(dataset: xr.Dataset, scenario: Scenario) -> str:
+    water = scenario.water
+    if "reynolds_number" not in dataset or water.drag_normal != Water().drag_normal:
+        return ""
+    diameter, speed = dataset["diameter"].values, np.abs(normal_velocity(dataset))
+    drag = diameter * speed**2 * _length_share(dataset)
+    length = float(dataset["arc_length"][-1])
+    largest = 0.5 * water.density * water.drag_normal * length * drag.sum(axis=1).max()
+    if largest < _FELT * np.linalg.norm(dataset["base_force"].values, axis=1).max() or not largest:
+        return ""
+    reynolds = speed * diameter / water.kinematic_viscosity
+    outside = (reynolds < _SUBCRITICAL[0]) | (reynolds > _SUBCRITICAL[1])
+    if np.average(outside, weights=drag) <= 0.5:
+        return ""
+    return (
+        f"most of the drag acts at Reynolds numbers near {np.average(reynolds, weights=drag):.2g}; "
+        f"the default water.drag_normal = {water.drag_normal:g} is for 1e3 to 1e5"
+    )
+
+
+def _length_share(dataset: xr.Dataset) -> Float[np.ndarray, " node"]:
+    """Return the share of the arm's length that each node owns."""
+    arc_length = dataset["arc_length"].values
+    return np.convolve(np.diff(arc_length), [0.5, 0.5]) / arc_length[-1]

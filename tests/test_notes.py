@@ -1,0 +1,197 @@
+"""The dimensionless numbers of a run, and the notes that follow from them, on made-up motions."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import ArrayLike
+
+import crinoid
+from crinoid.dimensionless import keulegan_carpenter, normal_velocity, with_dimensionless
+from crinoid.dynamics import Modes
+from crinoid.notes import notes
+
+DIAMETER, LENGTH, NODES = 0.04, 0.5, 11
+FREQUENCY = np.array([0.5, 3.0, 3.2])
+WATER = crinoid.Scenario()
+
+
+def held_still(
+    across: ArrayLike,
+    *,
+    along: float = 0.0,
+    duration: float = 20.0,
+    length: float = LENGTH,
+    diameter: float = DIAMETER,
+    force: float = 1e-3,
+    scenario: crinoid.Scenario = WATER,
+) -> xr.Dataset:
+    """Make the run of an arm along x that does not move in water that does, in three modes.
+
+    The third one is a vibration along the arm.
+    """
+    across = np.asarray(across, float)
+    time = np.linspace(0.0, duration, across.shape[0])
+    still = np.zeros((time.size, NODES, 2))
+    position, flow = still.copy(), still.copy()
+    position[..., 0] = np.linspace(0.0, length, NODES)
+    flow[..., 0], flow[..., 1] = along, across.reshape(time.size, -1)
+    shape = np.zeros((3, NODES, 2))
+    shape[:2, :, 1] = np.linspace(0.0, 1.0, NODES) ** 2
+    shape[2, :, 0] = np.linspace(0.0, 1.0, NODES)
+    dataset = xr.Dataset(
+        {
+            "position": (("time", "node", "axis"), position),
+            "velocity": (("time", "node", "axis"), still),
+            "tangent": (("time", "edge", "axis"), np.diff(position, axis=1) / length * (NODES - 1)),
+            "flow_velocity": (("time", "node", "axis"), flow),
+            "base_force": (("time", "axis"), np.full((time.size, 2), force)),
+        },
+        {
+            "time": time,
+            "arc_length": ("node", np.linspace(0.0, LENGTH, NODES)),
+            "diameter": ("node", np.full(NODES, diameter)),
+        },
+    )
+    return with_dimensionless(dataset, scenario, Modes(FREQUENCY, shape))
+
+
+def speed_at(reduced_velocity: float, mode: int = 0) -> float:
+    return reduced_velocity * FREQUENCY[mode] * DIAMETER
+
+
+# --- the numbers -------------------------------------------------------------------------------
+
+
+def test_numbers_of_a_steady_oblique_current_are_those_on_paper():
+    run = held_still(np.full(5, 0.3), along=0.4)
+    np.testing.assert_allclose(run["reynolds_number"], 0.5 * DIAMETER / 1.2e-6)
+    np.testing.assert_allclose(run["reduced_velocity"], 0.3 / (0.5 * DIAMETER))
+    np.testing.assert_array_equal(run["keulegan_carpenter"], 0.0)  # nothing swings
+    np.testing.assert_array_equal(run["natural_frequency"].sel(mode=[1, 2]), [0.5, 3.0])
+    honey = WATER.with_values({"water.kinematic_viscosity": 1e-2})
+    run = held_still(np.full(5, 0.3), scenario=honey)
+    np.testing.assert_allclose(run["reynolds_number"], 0.3 * DIAMETER / 1e-2)
+
+
+def test_velocity_across_the_arm_is_positive_along_its_normal():
+    run = held_still(np.full(2, 0.3), along=0.4)
+    np.testing.assert_allclose(normal_velocity(run), 0.3)  # the normal of x is z
+    # two edges at a right angle: their joint points between them
+    bent = run.isel(node=slice(3), edge=slice(2)).copy(deep=True)
+    bent["tangent"][:, 1] = [0.0, 1.0]
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(normal_velocity(bent), [[0.3, half * (0.3 - 0.4), -0.4]] * 2)
+
+
+def test_keulegan_carpenter_number_of_a_sine_is_u_t_over_d():
+    time = np.arange(0.0, 40.001, 0.02)  # whole periods
+    swing = 0.1 + np.outer(np.sin(2 * np.pi * 0.25 * time), [0.2, 0.1])
+    number = keulegan_carpenter(swing, time, np.array([0.04, 0.02]))
+    np.testing.assert_allclose(number, 0.2 * 4.0 / 0.04, rtol=1e-4)
+    # and of two sines what their spectral moments say
+    low, high = 2 * np.pi * 0.25, 2 * np.pi * 0.75
+    both = np.sin(low * time) + 0.5 * np.sin(high * time)
+    m0, m2 = (1 + 0.25) / 2, (low**2 + 0.25 * high**2) / 2
+    expected = np.sqrt(2 * m0) * 2 * np.pi * np.sqrt(m0 / m2) / 0.04
+    found = keulegan_carpenter(both[:, None], time, np.array([0.04]))
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
+def test_keulegan_carpenter_number_weighs_samples_by_the_time_they_stand_for():
+    even = np.linspace(0.0, 8.0, 1601)
+    uneven = even[(even < 4.0) | (np.arange(even.size) % 2 == 0)]
+    finely, coarsely = (
+        keulegan_carpenter(np.sin(3 * t)[:, None], t, np.ones(1))[0] for t in (even, uneven)
+    )
+    assert coarsely == pytest.approx(finely, rel=1e-4)
+
+
+@pytest.mark.parametrize("instants", [1, 2])
+def test_few_instants_of_steady_water_have_finite_numbers(instants):
+    run = held_still(np.full(instants, 0.3), duration=0.02 * (instants - 1))
+    for name in ("reynolds_number", "reduced_velocity", "keulegan_carpenter"):
+        assert np.isfinite(run[name].values).all(), name
+    assert notes(run, WATER) == []
+
+
+def test_numbers_without_meaning_are_left_out():
+    flows = {"reynolds_number", "reduced_velocity", "keulegan_carpenter"}
+    vacuum = WATER.with_values({"water.density": 0.0})
+    for run in (
+        held_still(np.zeros(5), scenario=vacuum),
+        held_still(np.zeros(5), diameter=0.0),
+    ):
+        assert not flows & set(run)
+        assert "natural_frequency" in run
+        assert notes(run, vacuum) == []
+    bare = held_still(np.ones(5)).drop_vars(
+        [*flows, "natural_frequency", "mode_shape"], errors="ignore"
+    )
+    assert "reduced_velocity" not in with_dimensionless(bare, WATER, None)
+    loose = Modes(np.zeros(1), np.zeros((1, NODES, 2)))
+    assert flows - set(with_dimensionless(bare, WATER, loose)) == {"reduced_velocity"}
+
+
+# --- the notes ---------------------------------------------------------------------------------
+
+
+def test_an_arm_in_lock_in_gets_a_note():
+    (note,) = notes(held_still(np.full(101, speed_at(6.0))), WATER)
+    assert "vortex shedding may lock in to mode 1 (0.5 Hz)" in note
+    assert "100% of the time on 100% of the length" in note
+    assert "not modelled" in note
+    assert "mode 2" not in note
+
+
+@pytest.mark.parametrize("reduced_velocity", [0.0, 3.9, 8.1])
+def test_outside_the_range_of_lock_in_there_is_no_note(reduced_velocity):
+    assert notes(held_still(np.full(101, speed_at(reduced_velocity))), WATER) == []
+
+
+def test_a_part_of_the_arm_and_of_the_time_is_told():
+    # the outer half of the arm for the first quarter of the time, in the second mode
+    across = np.zeros((401, NODES))
+    across[:101, 6:] = speed_at(5.0, mode=1)
+    (note,) = notes(held_still(across), WATER)
+    assert "mode 2 (3 Hz) for 25% of the time on 45% of the length" in note
+    assert "mode 1" not in note
+    # the third mode is in its range too, but runs along the arm, where there is no lift
+    assert across.max() == pytest.approx(speed_at(4.6875, mode=2))
+    assert "mode 3" not in note
+
+
+def test_what_passes_through_lock_in_faster_than_it_builds_up_gets_no_note():
+    swinging = speed_at(10.0) * np.sin(2 * np.pi * 0.5 * np.linspace(0.0, 20.0, 1001))
+    assert notes(held_still(swinging), WATER) == []
+
+
+def test_nothing_is_shed_below_a_reynolds_number_of_50():
+    syrup = WATER.with_values(
+        {"water.kinematic_viscosity": speed_at(6.0) * DIAMETER / 45, "water.drag_normal": 1.5}
+    )
+    assert notes(held_still(np.full(101, speed_at(6.0)), scenario=syrup), syrup) == []
+    thinner = syrup.with_values(
+        {"water.kinematic_viscosity": speed_at(6.0) * DIAMETER / 55, "water.drag_normal": 1.5}
+    )
+    assert len(notes(held_still(np.full(101, speed_at(6.0)), scenario=thinner), thinner)) == 1
+
+
+def test_the_default_drag_outside_its_range_gets_a_note_where_drag_is_felt():
+    slow = np.full(5, 2e-3)  # Re = 67
+    (note,) = notes(held_still(slow, force=1e-5), WATER)
+    assert "Reynolds numbers near 67; the default water.drag_normal = 1.1" in note
+    # not where the base carries much else, nor where the coefficient is the user's own
+    assert notes(held_still(slow, force=1.0), WATER) == []
+    own = WATER.with_values({"water.drag_normal": 1.8})
+    assert notes(held_still(slow, force=1e-5, scenario=own), own) == []
+    assert notes(held_still(np.zeros(5), force=0.0), WATER) == []
+    (note,) = notes(held_still(np.full(5, 10.0), force=1.0), WATER)
+    assert "near 3.3e+05" in note
+
+
+def test_an_absurd_strain_gets_a_note():
+    for length, words in ((2.4, "stretched by up to 140%"), (0.4, "squeezed by up to 60%")):
+        (note,) = notes(held_still(np.zeros(5), length=length * LENGTH), WATER)
+        assert words in note
+        assert "linear elasticity" in note
+    assert notes(held_still(np.zeros(5), length=1.4 * LENGTH), WATER) == []
