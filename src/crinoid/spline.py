@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -30,13 +31,23 @@ class PiecewiseCubic(eqx.Module):
 
     def __call__(self, time: Float[Array, ""] | float) -> Float[Array, " c"]:
         """Return the value at ``time`` (s)."""
-        first, last = self.knots[0], self.knots[-1]
+        return self.columns(time, 0, self.coefficients.shape[2])
+
+    def columns(
+        self, time: Float[Array, ""] | float, first: Int[Array, ""] | int, count: int
+    ) -> Float[Array, " {count}"]:
+        """Return ``count`` entries of the value at ``time`` (s), from ``first`` on.
+
+        Of a value with many entries only those that are asked for are looked up.
+        """
+        begin, end = self.knots[0], self.knots[-1]
         # not `clip`, which has half the slope at the knots at both ends; and a time that round-off
         # puts past the end still moves
-        slack = 1e-9 * (last - first)
-        time = jnp.where(time < first - slack, first, jnp.where(time > last + slack, last, time))
+        slack = 1e-9 * (end - begin)
+        time = jnp.where(time < begin - slack, begin, jnp.where(time > end + slack, end, time))
         piece = jnp.clip(jnp.searchsorted(self.knots, time, side="right") - 1, 0, self._last)
-        cubic, square, linear, constant = self.coefficients[:, piece]
+        found = jax.lax.dynamic_slice(self.coefficients, (0, piece, first), (4, 1, count))
+        cubic, square, linear, constant = found[:, 0]
         since = time - self.knots[piece]
         return ((cubic * since + square) * since + linear) * since + constant
 

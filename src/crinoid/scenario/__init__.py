@@ -19,7 +19,7 @@ from crinoid.scenario.channel import (
 )
 from crinoid.scenario.control import Control, Coordinate, Pid, PidGains, Sensor
 from crinoid.scenario.errors import Mistake, ScenarioError
-from crinoid.scenario.flow import Flow, GustFlow, ShearFlow, SineFlow, UniformFlow
+from crinoid.scenario.flow import Flow, GustFlow, MeasuredFlow, ShearFlow, SineFlow, UniformFlow
 from crinoid.scenario.library import builtin_names, builtin_text, load
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
 from crinoid.scenario.motion import Motion, SineMotion, TableMotion
@@ -42,6 +42,7 @@ __all__ = [
     "GustFlow",
     "LinearChannel",
     "Load",
+    "MeasuredFlow",
     "Mistake",
     "Motion",
     "Output",

@@ -28,6 +28,7 @@ from crinoid.onset import Onset
 from crinoid.rod import Rod
 from crinoid.scenario import flow as flows
 from crinoid.scenario import motion as motions
+from crinoid.scenario.build_measured import measured
 from crinoid.scenario.load import DistributedLoad as DistributedTable
 from crinoid.scenario.load import TipLoad as TipTable
 from crinoid.spline import PiecewiseCubic
@@ -186,6 +187,9 @@ def _flow(scenario: Scenario, flow: flows.Flow) -> Flow:
             if flow.power_exponent is None:
                 return LogarithmicShear(*profile, _array(flow.roughness_length))
             return PowerShear(*profile, _array(flow.power_exponent))
+        case flows.MeasuredFlow():
+            recording = scenario.recordings[scenario.flow.index(flow)]
+            return measured(onset, recording, scenario)
 
 
 def _base(scenario: Scenario, rod: Rod) -> Base:
