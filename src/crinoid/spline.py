@@ -46,7 +46,8 @@ class PiecewiseCubic(eqx.Module):
         slack = 1e-9 * (end - begin)
         time = jnp.where(time < begin - slack, begin, jnp.where(time > end + slack, end, time))
         piece = jnp.clip(jnp.searchsorted(self.knots, time, side="right") - 1, 0, self._last)
-        found = jax.lax.dynamic_slice(self.coefficients, (0, piece, first), (4, 1, count))
+        start = [jnp.asarray(index, jnp.int32) for index in (0, piece, first)]
+        found = jax.lax.dynamic_slice(self.coefficients, start, (4, 1, count))
         cubic, square, linear, constant = found[:, 0]
         since = time - self.knots[piece]
         return ((cubic * since + square) * since + linear) * since + constant

@@ -14,6 +14,7 @@ from rich.console import Console
 from crinoid.scenario import (
     Scenario,
     ScenarioError,
+    builtin_files,
     builtin_names,
     builtin_text,
     json_schema,
@@ -107,14 +108,14 @@ def scenarios(
         typer.echo(json.dumps(json_schema(), indent=2))
     elif copy is not None:
         with _told():
-            text = builtin_text(copy)
-            path = Path(f"{copy}.toml")
-            try:
-                with path.open("x", encoding="utf-8") as file:
-                    file.write(text)
-            except FileExistsError:
-                _stop(f"{path}: already there; move it away first")
-        console.print(f"wrote {path}")
+            contents = {Path(f"{copy}.toml"): builtin_text(copy).encode()}
+            contents |= {Path(file.name): file.read_bytes() for file in builtin_files(copy)}
+            for path in contents:
+                if path.exists():
+                    _stop(f"{path}: already there; move it away first")
+            for path, content in contents.items():
+                path.write_bytes(content)
+                console.print(f"wrote {path}")
     else:
         for name in builtin_names():
             console.print(f"{name:18}{load(name).title}")

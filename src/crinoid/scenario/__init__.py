@@ -20,7 +20,7 @@ from crinoid.scenario.channel import (
 from crinoid.scenario.control import Control, Coordinate, Pid, PidGains, Sensor
 from crinoid.scenario.errors import Mistake, ScenarioError
 from crinoid.scenario.flow import Flow, GustFlow, MeasuredFlow, ShearFlow, SineFlow, UniformFlow
-from crinoid.scenario.library import builtin_names, builtin_text, load
+from crinoid.scenario.library import builtin_files, builtin_names, builtin_text, load
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
 from crinoid.scenario.motion import Motion, SineMotion, TableMotion
 from crinoid.scenario.scenario import Scenario
@@ -61,6 +61,7 @@ __all__ = [
     "TipLoad",
     "UniformFlow",
     "Water",
+    "builtin_files",
     "builtin_names",
     "builtin_text",
     "json_schema",
