@@ -51,6 +51,11 @@ class Result:
         return str(self.dataset.attrs["status"])
 
     @property
+    def notes(self) -> list[str]:
+        """What should be known of the run besides its data, a sentence each."""
+        return str(self.dataset.attrs.get("notes", "")).splitlines()
+
+    @property
     def failure(self) -> str:
         """What went wrong in this run or in the one without control; empty if nothing did."""
         other = self.uncontrolled.failure if self.uncontrolled is not None else ""

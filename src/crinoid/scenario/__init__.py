@@ -18,7 +18,7 @@ from crinoid.scenario.channel import (
     LinearChannel,
 )
 from crinoid.scenario.control import Control, Coordinate, Pid, PidGains, Sensor
-from crinoid.scenario.errors import Mistake, ScenarioError
+from crinoid.scenario.errors import Mistake, ScenarioError, shown
 from crinoid.scenario.flow import Flow, GustFlow, MeasuredFlow, ShearFlow, SineFlow, UniformFlow
 from crinoid.scenario.library import builtin_files, builtin_names, builtin_text, load
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
@@ -66,6 +66,7 @@ __all__ = [
     "builtin_text",
     "json_schema",
     "load",
+    "shown",
 ]
 
 
