@@ -85,12 +85,27 @@ def equilibrium(
 ) -> None:
     """Find the shape of the arm at rest under the loads of t = 0, and save it."""
     described = _load(scenario, settings)
-    folder = _folder(out, f"{scenario}-equilibrium")
+    folder = _folder(out, scenario, "-equilibrium")
     from crinoid.cli.play import find_equilibrium
 
     with _told():
         trouble = find_equilibrium(described, folder, console=console)
     _end(trouble)
+
+
+@app.command()
+def flow(
+    scenario: ScenarioName,
+    settings: Settings = None,
+    out: Out = None,
+) -> None:
+    """Draw and sum up the current of a scenario at its arm, without simulating the arm."""
+    described = _load(scenario, settings)
+    folder = _folder(out, scenario, "-flow")
+    from crinoid.cli.current import show_current
+
+    with _told():
+        show_current(described, folder, console=console)
 
 
 @app.command()
@@ -148,8 +163,8 @@ def _load(name: str, settings: list[str] | None) -> Scenario:
         return load(name, settings or ())
 
 
-def _folder(out: Path | None, name: str) -> Path:
-    folder = out if out is not None else Path("results") / Path(name).stem
+def _folder(out: Path | None, name: str, ending: str = "") -> Path:
+    folder = out if out is not None else Path("results") / f"{Path(name).stem}{ending}"
     with _told():
         if folder.exists() and not folder.is_dir():
             _stop(f"--out: {folder} is a file, takes a folder")
