@@ -24,7 +24,7 @@ PLACES = ("root", "tip")
 
 _MOST = 100_000
 """Samples that are taken at most."""
-_HEIGHTS = 81
+_HEIGHTS = 161
 _INSTANTS = 1000
 _RANDOM = {"gauss-markov", "measured", "turbulence"}
 """Kinds of flow that have a spectrum worth comparing with that of turbulence."""
@@ -111,6 +111,11 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
         "settled": settled,
         "notes": "\n".join(scenario.notes()),
     }
+    if model is not None:
+        dataset["model_spectrum"].attrs["comment"] = "as asked" if "asks" in words else "fitted"
+    rates = [1 / record.interval / record.time_scale for record in scenario.recordings.values()]
+    if rates:
+        dataset["flow_spectrum"].attrs["record_rate_hz"] = min(rates)
     if scenario.water.depth is not None:
         dataset.attrs["depth"] = scenario.water.depth
     return dataset

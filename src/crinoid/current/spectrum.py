@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-_SEGMENTS = 8
+_SEGMENTS = 4
 _SHORTEST = 256
 
 _LENGTH = 8.4130926
@@ -15,7 +15,7 @@ def spectrum(
 ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "frequency place axis"]]:
     """Return frequencies (Hz) and one-sided spectral densities (m2 s-2/Hz), by Welch's method.
 
-    Eight Hann windows that overlap by half, or fewer, so that none has less than 256 samples.
+    Four Hann windows that overlap by half, or fewer, so that none has less than 256 samples.
     """
     from scipy.signal import welch  # slow to load
 
