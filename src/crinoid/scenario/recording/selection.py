@@ -36,9 +36,10 @@ def component_of(
         elif variable.sizes[dimension] == 1:
             variable = variable.isel({dimension: 0})
         else:
-            raise refusal(
-                key, f"{name} also runs over {_left_over(variable, component, dimension)}"
-            )
+            hint = _left_over(variable, component, dimension)
+            if upright is None and _labelled_by_numbers(variable, dimension):
+                hint += f', or vertical = "{dimension}" for a profile'
+            raise refusal(key, f"{name} also runs over {hint}")
     kept = [along] if upright is None else [along, upright]
     values = np.asarray(variable.transpose(*kept).values)
     if values.dtype.kind not in "iuf":
@@ -64,6 +65,10 @@ def _entry(
     return variable.isel({found[0]: index})
 
 
+def _labelled_by_numbers(variable: xr.DataArray, dimension: str) -> bool:
+    return dimension in variable.coords and variable.coords[dimension].dtype.kind in "iuf"
+
+
 def _labels(variable: xr.DataArray, dimension: str) -> list[str]:
     values = variable.coords[dimension].values
     texts = [item.decode() if isinstance(item, bytes) else str(item) for item in values.tolist()]
@@ -77,11 +82,10 @@ def _nearest(variable: xr.DataArray, dimension: str, flow: MeasuredFlow) -> int:
         if wanted != int(wanted) or not 0 <= wanted < size:
             raise refusal(key, f"got {wanted:g}, takes an index from 0 to {size - 1}")
         return int(wanted)
-    places = np.asarray(variable.coords[dimension].values)
-    if places.dtype.kind not in "iuf":
+    if not _labelled_by_numbers(variable, dimension):
         text = f"holds {listed(_labels(variable, dimension))}"
         raise refusal(key, f'{dimension} {text}; takes an entry in velocity, such as "name[label]"')
-    places = places.astype(float)
+    places = np.asarray(variable.coords[dimension].values, float)
     low, high = float(places.min()), float(places.max())
     slack = 0.5 * (high - low) / max(1, size - 1)
     # longitudes count from -180 or from 0
@@ -101,12 +105,11 @@ def _left_over(variable: xr.DataArray, component: Component, dimension: str) -> 
     if dimension not in variable.coords:
         size = variable.sizes[dimension]
         return f"{dimension}; takes select = {{{dimension} = ...}}, an index from 0 to {size - 1}"
-    coordinate = variable.coords[dimension]
-    if coordinate.dtype.kind not in "iuf":
+    if not _labelled_by_numbers(variable, dimension):
         texts = _labels(variable, dimension)
         return (
             f'{dimension} ({listed(texts)}); takes an entry, such as "{component.name}[{texts[0]}]"'
         )
+    coordinate = variable.coords[dimension]
     low, high = float(coordinate.min()), float(coordinate.max())
-    text = f"{dimension} ({low:g} to {high:g}); takes select = {{{dimension} = ...}}"
-    return f'{text}, or vertical = "{dimension}" for a profile'
+    return f"{dimension} ({low:g} to {high:g}); takes select = {{{dimension} = ...}}"
