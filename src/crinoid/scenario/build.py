@@ -28,7 +28,6 @@ from crinoid.onset import Onset
 from crinoid.rod import Rod
 from crinoid.scenario import flow as flows
 from crinoid.scenario import motion as motions
-from crinoid.scenario.build_measured import measured
 from crinoid.scenario.load import DistributedLoad as DistributedTable
 from crinoid.scenario.load import TipLoad as TipTable
 from crinoid.spline import PiecewiseCubic
@@ -188,6 +187,8 @@ def _flow(scenario: Scenario, flow: flows.Flow) -> Flow:
                 return LogarithmicShear(*profile, _array(flow.roughness_length))
             return PowerShear(*profile, _array(flow.power_exponent))
         case flows.MeasuredFlow():
+            from crinoid.scenario.build_measured import measured  # xarray, which few need
+
             recording = scenario.recordings[scenario.flow.index(flow)]
             return measured(onset, recording, scenario)
 

@@ -104,7 +104,10 @@ class MeasuredFlow(Onset):
         "dimension without coordinates the index, from 0.",
     )
     skip: Seconds = Field(
-        default=0.0, ge=0, description="Seconds of the record before the run begins."
+        default=0.0,
+        ge=0,
+        description="Time of the record when the run begins; later if being carried past the arm "
+        "takes longer.",
     )
     velocity_scale: float = Field(
         default=1.0, gt=0, description="Velocity in the run over that in the record."
