@@ -20,8 +20,8 @@ for v and for w, where `adv.toml` plays that file for 595 s as it is, but for a 
 
 The filter keeps out the white noise of the instrument, which hides the spectrum of u from about
 0.5 Hz on and is no current; this record has none. In the original v swings at 0.2 Hz along with
-the mooring that the instrument hung from; here the same deviation is spread as turbulence would. And
-of u the original has more from 0.1 to 1 Hz: two to three times the spectral density of this one.
+the mooring that the instrument hung from; here the same deviation is spread as turbulence would.
+And of u the original has more from 0.1 to 1 Hz: two to four times the spectral density of this.
 """
 
 from __future__ import annotations

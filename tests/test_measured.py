@@ -380,7 +380,7 @@ def test_an_arm_outside_the_levels_is_told(tmp_path):
     profile(tmp_path / "a.nc", levels=5)
     (note,) = scenario(tmp_path / "a.nc", **PROFILE).notes()
     assert note == (
-        "flow.0: the arm at rest lies at z = -10 to -10 m and the levels at -19.5 to -17.5 m: "
+        "flow.0: the arm at rest lies at z = -10 m and the levels at -19.5 to -17.5 m: "
         "outside, the current of the nearest level is taken"
     )
 
@@ -393,6 +393,32 @@ def test_levels_may_count_from_anywhere_and_downward(tmp_path):
     np.testing.assert_allclose(down.recordings[0].levels, (-2.0 - height)[::-1])
     np.testing.assert_allclose(
         down.recordings[0].velocity, up.recordings[0].velocity[:, ::-1], rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("kind", ["point", "profile"])
+def test_slopes_are_the_same_forth_and_back_and_those_of_differences(tmp_path, kind):
+    if kind == "point":
+        point(tmp_path / "a.nc", interval=0.5)
+        case = scenario(tmp_path / "a.nc")
+    else:
+        profile(tmp_path / "a.nc")
+        case = scenario(tmp_path / "a.nc", **PROFILE)
+    water = case.system().forces.water
+    place = jnp.array([0.13, -10.21])
+
+    @eqx.filter_jit
+    def slopes(water, place, time):
+        modes = (jax.jacfwd, jax.jacrev)
+        return [mode(water.acceleration, argnums=(0, 1))(place, time) for mode in modes]
+
+    forward, backward = slopes(water, place, jnp.asarray(2.13))
+    for one, other in zip(forward, backward, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+    step = 1e-5
+    accelerations = moves(case, place, 2.13 + step * np.array([-1.0, 1.0]))[1]
+    np.testing.assert_allclose(
+        forward[1], (accelerations[1] - accelerations[0]) / (2 * step), atol=1e-6
     )
 
 

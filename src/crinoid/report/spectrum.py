@@ -27,7 +27,7 @@ def draw_spectrum(flow: xr.Dataset) -> Figure:
         _component(axes, flow, axis, frequency, density[..., index])
         if model is not None and density[:, 1, index].max() > _NOTHING:
             finest = flow["frequency"].values
-            _turbulence(axes, finest, model.values[:, index], str(model.attrs["comment"]))
+            _turbulence(axes, finest, model.values[:, index], str(model.attrs.get("comment", "")))
         rate = flow["flow_spectrum"].attrs.get("record_rate_hz")
         if rate is not None and rate / 2 < frequency[-1]:
             axes.axvline(rate / 2, color=INK, linewidth=0.8, label="half the record's rate")
@@ -81,7 +81,7 @@ def _turbulence(
 ) -> None:
     if not np.isfinite(model).all():
         return
-    label = f"von Karman, {words}"
+    label = f"von Karman, {words}".removesuffix(", ")
     axes.plot(frequency, model, color=INK, linestyle=(0, (4, 2)), linewidth=1.1, label=label)
     # beside the model, where it has come down to its own slope
     where = frequency > np.sqrt(frequency[0] * frequency[-1])

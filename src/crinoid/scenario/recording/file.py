@@ -17,7 +17,7 @@ from crinoid.scenario.errors import ScenarioError, shown
 from crinoid.scenario.measured import Component, MeasuredFlow
 from crinoid.scenario.recording.coordinates import factor_to, heights, only_dimension, seconds
 from crinoid.scenario.recording.refusal import listed, refusal
-from crinoid.scenario.recording.selection import component_of
+from crinoid.scenario.recording.selection import component_of, labelled_by_text
 from crinoid.scenario.recording.units import velocity_factor
 
 _MAX_VALUES = 20_000_000
@@ -141,12 +141,17 @@ def _find(dataset: xr.Dataset, name: str, key: str, file: str) -> str:
 
 
 def _unused(dataset: xr.Dataset, flow: MeasuredFlow, along: str, upright: str | None) -> str:
-    dims = {
-        str(dimension)
+    variables = [
+        dataset[_find(dataset, component.name, "velocity", flow.file)]
         for component in flow.components
         if component is not None
-        for dimension in dataset[_find(dataset, component.name, "velocity", flow.file)].dims
-    } - {along, upright}
+    ]
+    dims = {
+        str(dimension)
+        for variable in variables
+        for dimension in variable.dims
+        if dimension not in (along, upright) and not labelled_by_text(variable, str(dimension))
+    }
     text = "no dimension to select in"
     return f"{text}; takes {listed(sorted(dims))}" if dims else f"{text}, there is none"
 

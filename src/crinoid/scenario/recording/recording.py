@@ -171,9 +171,10 @@ def _outside(levels: Float[np.ndarray, " level"], stage: Stage) -> list[str]:
     low, high = stage.heights
     if levels[0] <= low and high <= levels[-1]:
         return []
+    arm = f"{low:.4g}" if high - low < 1e-9 else f"{low:.4g} to {high:.4g}"
     return [
-        f"the arm at rest lies at z = {low:.4g} to {high:.4g} m and the levels at {levels[0]:.4g} "
-        f"to {levels[-1]:.4g} m: outside, the current of the nearest level is taken"
+        f"the arm at rest lies at z = {arm} m and the levels at {levels[0]:.4g} to "
+        f"{levels[-1]:.4g} m: outside, the current of the nearest level is taken"
     ]
 
 

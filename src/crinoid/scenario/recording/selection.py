@@ -37,7 +37,8 @@ def component_of(
             variable = variable.isel({dimension: 0})
         else:
             hint = _left_over(variable, component, dimension)
-            if upright is None and _labelled_by_numbers(variable, dimension):
+            numbered = dimension in variable.coords and not labelled_by_text(variable, dimension)
+            if upright is None and numbered:
                 hint += f', or vertical = "{dimension}" for a profile'
             raise refusal(key, f"{name} also runs over {hint}")
     kept = [along] if upright is None else [along, upright]
@@ -65,8 +66,9 @@ def _entry(
     return variable.isel({found[0]: index})
 
 
-def _labelled_by_numbers(variable: xr.DataArray, dimension: str) -> bool:
-    return dimension in variable.coords and variable.coords[dimension].dtype.kind in "iuf"
+def labelled_by_text(variable: xr.DataArray, dimension: str) -> bool:
+    """Whether the entries of a dimension have names, and no numbers."""
+    return dimension in variable.coords and variable.coords[dimension].dtype.kind not in "iuf"
 
 
 def _labels(variable: xr.DataArray, dimension: str) -> list[str]:
@@ -82,7 +84,7 @@ def _nearest(variable: xr.DataArray, dimension: str, flow: MeasuredFlow) -> int:
         if wanted != int(wanted) or not 0 <= wanted < size:
             raise refusal(key, f"got {wanted:g}, takes an index from 0 to {size - 1}")
         return int(wanted)
-    if not _labelled_by_numbers(variable, dimension):
+    if labelled_by_text(variable, dimension):
         text = f"holds {listed(_labels(variable, dimension))}"
         raise refusal(key, f'{dimension} {text}; takes an entry in velocity, such as "name[label]"')
     places = np.asarray(variable.coords[dimension].values, float)
@@ -105,7 +107,7 @@ def _left_over(variable: xr.DataArray, component: Component, dimension: str) -> 
     if dimension not in variable.coords:
         size = variable.sizes[dimension]
         return f"{dimension}; takes select = {{{dimension} = ...}}, an index from 0 to {size - 1}"
-    if not _labelled_by_numbers(variable, dimension):
+    if labelled_by_text(variable, dimension):
         texts = _labels(variable, dimension)
         return (
             f'{dimension} ({listed(texts)}); takes an entry, such as "{component.name}[{texts[0]}]"'
