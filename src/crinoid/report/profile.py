@@ -49,6 +49,7 @@ def draw_profile(flow: xr.Dataset) -> Figure:
         axes.axhspan(low, high, color=PALE, zorder=0, label="the arm at rest")
         axes.set_xlabel(f"velocity {axis} (m/s)")
         axes.margins(x=0.3)
+        axes.locator_params(axis="x", nbins=6)
         if np.ptp(axes.get_xlim()) < 1e-3:  # round-off is no profile
             middle = float(mean.mean())
             axes.set_xlim(middle - 0.05, middle + 0.05)
