@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from crinoid.base import CHANNELS, Base, Prescribed, Servo, ServoState, SineMotion, TableMotion
 from crinoid.spline import PiecewiseCubic
@@ -351,3 +351,17 @@ def test_wrench_does_work_as_the_reactions_do(where: ArrayLike):
     force, moment = turned.wrench(turned.hold(pose), reaction)
     work = jax.grad(lambda pose: -jnp.sum(reaction * turned.hold(pose)))(pose)
     assert np.append(force, moment) == pytest.approx(np.asarray(work), abs=1e-14)
+
+
+def test_a_spline_finds_its_pieces_whether_its_knots_are_even_or_not():
+    even = CubicSpline(np.linspace(-1.0, 3.0, 9), np.sin(np.linspace(0.0, 5.0, 9)))
+    # the same function with one knot more
+    knots = np.insert(even.x, 3, 0.3)
+    taylor = np.stack([even(knots[:-1], order) for order in (3, 2, 1, 0)])
+    uneven = PPoly(taylor / np.array([6, 2, 1, 1])[:, None], knots)
+    both = [PiecewiseCubic(spline) for spline in (even, uneven)]
+    assert [spline.even for spline in both] == [True, False]
+    times = jnp.asarray(np.concatenate([np.linspace(-2.0, 4.0, 101), knots]))
+    one, other = (jax.vmap(spline)(times) for spline in both)
+    np.testing.assert_allclose(one, other, atol=1e-14)
+    np.testing.assert_allclose(one[:, 0], even(np.clip(times, -1.0, 3.0)), atol=1e-14)

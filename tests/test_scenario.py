@@ -5,6 +5,7 @@ import json
 import math
 import pickle
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,11 +20,15 @@ from crinoid.scenario import (
     TableMotion,
     TipLoad,
     UniformFlow,
+    builtin_files,
     builtin_names,
     builtin_text,
     json_schema,
+    library,
     load,
 )
+from crinoid.scenario.document import parse
+from crinoid.scenario.files import anchor
 
 FULL = """
 title = "Every table, \\"quoted\\" and all"
@@ -183,7 +188,7 @@ ONE_MISTAKE = {
     ),
     "unknown kind": (
         'flow = [{kind = "tornado"}]',
-        'flow.0.kind: got "tornado", takes "gust", "shear", "sine" or "uniform"',
+        'flow.0.kind: got "tornado", takes "gust", "measured", "shear", "sine" or "uniform"',
     ),
     "no kind": (
         "load = [{magnitude = 1.0}]",
@@ -619,8 +624,11 @@ def test_built_in_scenarios_load():
     assert builtin_names()
     for name in builtin_names():
         scenario = load(name)
-        assert scenario == Scenario.from_toml(builtin_text(name))
+        document = parse(builtin_text(name))
+        anchor(document, Path(library.__file__).parent / "library")
+        assert scenario == Scenario.from_dict(document)
         assert scenario.title
+        assert all(path.is_file() for path in builtin_files(name))
 
 
 def test_unknown_built_in_scenario():

@@ -14,6 +14,7 @@ from rich.console import Console
 from crinoid.scenario import (
     Scenario,
     ScenarioError,
+    builtin_files,
     builtin_names,
     builtin_text,
     json_schema,
@@ -84,12 +85,27 @@ def equilibrium(
 ) -> None:
     """Find the shape of the arm at rest under the loads of t = 0, and save it."""
     described = _load(scenario, settings)
-    folder = _folder(out, f"{scenario}-equilibrium")
+    folder = _folder(out, scenario, "-equilibrium")
     from crinoid.cli.play import find_equilibrium
 
     with _told():
         trouble = find_equilibrium(described, folder, console=console)
     _end(trouble)
+
+
+@app.command()
+def flow(
+    scenario: ScenarioName,
+    settings: Settings = None,
+    out: Out = None,
+) -> None:
+    """Draw and sum up the current of a scenario at its arm, without simulating the arm."""
+    described = _load(scenario, settings)
+    folder = _folder(out, scenario, "-flow")
+    from crinoid.cli.current import show_current
+
+    with _told():
+        show_current(described, folder, console=console)
 
 
 @app.command()
@@ -107,14 +123,14 @@ def scenarios(
         typer.echo(json.dumps(json_schema(), indent=2))
     elif copy is not None:
         with _told():
-            text = builtin_text(copy)
-            path = Path(f"{copy}.toml")
-            try:
-                with path.open("x", encoding="utf-8") as file:
-                    file.write(text)
-            except FileExistsError:
-                _stop(f"{path}: already there; move it away first")
-        console.print(f"wrote {path}")
+            contents = {Path(f"{copy}.toml"): builtin_text(copy).encode()}
+            contents |= {Path(file.name): file.read_bytes() for file in builtin_files(copy)}
+            for path in contents:
+                if path.exists():
+                    _stop(f"{path}: already there; move it away first")
+            for path, content in contents.items():
+                path.write_bytes(content)
+                console.print(f"wrote {path}")
     else:
         for name in builtin_names():
             console.print(f"{name:18}{load(name).title}")
@@ -147,8 +163,8 @@ def _load(name: str, settings: list[str] | None) -> Scenario:
         return load(name, settings or ())
 
 
-def _folder(out: Path | None, name: str) -> Path:
-    folder = out if out is not None else Path("results") / Path(name).stem
+def _folder(out: Path | None, name: str, ending: str = "") -> Path:
+    folder = out if out is not None else Path("results") / f"{Path(name).stem}{ending}"
     with _told():
         if folder.exists() and not folder.is_dir():
             _stop(f"--out: {folder} is a file, takes a folder")

@@ -18,7 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from crinoid.cli.tables import cases_table, equilibrium_table, run_table
 from crinoid.metrics import deflection, settling_time, tip_error
 from crinoid.result import RESULT, Result, ResultError
-from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import Progress as Reached
 from crinoid.simulation import SimulationError, equilibrium, play
 
@@ -29,7 +29,8 @@ _MOST_NOTES = 6
 def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:
     """Run a scenario, save it and show what came of it; return what went wrong, if anything."""
     keep_compiled_code()
-    _make(folder)
+    check_files(scenario)
+    make(folder)
     if scenario.vary:
         return _run_cases(scenario, folder, resume=resume, console=console)
     earlier = _earlier(scenario, folder) if resume else None
@@ -54,7 +55,8 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, console: Console) -> s
     if scenario.vary:
         text = "an equilibrium is that of one case; give its values with --set and leave out vary"
         raise ScenarioError([Mistake("vary", text)])
-    _make(folder)
+    check_files(scenario)
+    make(folder)
     try:
         result = equilibrium(scenario)
     except SimulationError as error:
@@ -85,13 +87,28 @@ def keep_compiled_code() -> None:
     jax.config.update("jax_compilation_cache_max_size", 500_000_000)
 
 
+def check_files(scenario: Scenario) -> None:
+    """Read the files that a scenario names, before anything is written or computed."""
+    cases = scenario.cases()
+    while cases:
+        values, case = cases.pop(0)  # a case keeps what it has read
+        try:
+            case.notes()
+        except ScenarioError as error:
+            if not values:
+                raise
+            told = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
+            mistakes = [Mistake("vary", f"case {told}: {mistake}") for mistake in error.mistakes]
+            raise ScenarioError(mistakes) from error
+
+
 def say_notes(console: Console, notes: list[str]) -> None:
     """Show notes, a paragraph each."""
     for note in notes:
         console.print(f"note: {note}", soft_wrap=True)
 
 
-def _make(folder: Path) -> None:
+def make(folder: Path) -> None:
     """Make a folder that can be written to, before time is spent on what should go there."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=folder):
@@ -100,15 +117,17 @@ def _make(folder: Path) -> None:
 
 def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:
     cases = scenario.cases()
-    digits = len(str(len(cases)))
+    count = len(cases)
+    digits = len(str(count))
     rows: list[dict[str, Any]] = []
     failures = []
     told: dict[str, list[str]] = {}
     with _bar(console) as bar:
-        for number, (values, case) in enumerate(cases, start=1):
+        for number in range(1, count + 1):
+            values, case = cases.pop(0)  # a case keeps what it has read
             name = f"case-{number:0{max(2, digits)}d}"
             earlier = _earlier(case, folder / name) if resume else None
-            label = f"{number}/{len(cases)} "
+            label = f"{number}/{count} "
             if earlier is not None and earlier.failure:
                 result = earlier  # it would fail there again
             else:

@@ -3,6 +3,8 @@
 from crinoid.flow.flow import Flow as Flow
 from crinoid.flow.flow import Water as Water
 from crinoid.flow.gust import Gust as Gust
+from crinoid.flow.measured import MeasuredPoint as MeasuredPoint
+from crinoid.flow.measured import MeasuredProfile as MeasuredProfile
 from crinoid.flow.shear import LogarithmicShear as LogarithmicShear
 from crinoid.flow.shear import PowerShear as PowerShear
 from crinoid.flow.sine import Sine as Sine

@@ -16,12 +16,14 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
 
     A result gives `shape.png`, `tip_error.png`, `commands.png` and `energy.png`; a file
     `uncontrolled.nc` beside it is drawn as the comparison. A study (a folder with `cases.csv`)
-    gives `cases.png`, and the figures of each case in the folder of that case.
+    gives `cases.png`, and the figures of each case in the folder of that case. The current that
+    `crinoid flow` sampled (`flow.nc`) gives `flow.png`, `spectrum.png` and `profile.png`.
 
     Parameters
     ----------
     path
-        A result's folder, its `result.nc`, a study's folder or its `cases.csv`.
+        A result's folder, its `result.nc`, a study's folder or its `cases.csv`, a folder with
+        `flow.nc` or that file.
     out
         Folder for the figures, made if needed; beside the result by default.
 

@@ -6,13 +6,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib as mpl
+import xarray as xr
 from matplotlib.figure import Figure
 
 from crinoid.report.cases import CASES, draw_cases, read_cases
 from crinoid.report.commands import draw_commands
 from crinoid.report.energy import draw_energy
+from crinoid.report.flow import FLOW, open_flow
+from crinoid.report.profile import draw_profile
 from crinoid.report.run import RESULT, ReportError, Run, open_run
+from crinoid.report.series import draw_series
 from crinoid.report.shape import draw_shape
+from crinoid.report.spectrum import draw_spectrum
 from crinoid.report.style import STYLE
 from crinoid.report.tip import draw_tip_error
 
@@ -23,11 +28,19 @@ _FIGURES: dict[str, Callable[[Run], Figure]] = {
     "energy.png": draw_energy,
 }
 
+_FLOW_FIGURES: dict[str, Callable[[xr.Dataset], Figure]] = {
+    "flow.png": draw_series,
+    "spectrum.png": draw_spectrum,
+    "profile.png": draw_profile,
+}
+
 
 def write_book(path: Path, out: Path | None) -> list[Path]:
     """Draw everything that the result or study at `path` gives; see `crinoid.report`."""
     if not path.exists():
         raise ReportError(f"{path}: no such file or directory")
+    if path.is_file() and path.name == FLOW:
+        return _write_flow(path, out or path.parent)
     if path.is_file() and path.name != CASES:
         return _write_run(path, out or path.parent)
     folder = path if path.is_dir() else path.parent
@@ -36,14 +49,22 @@ def write_book(path: Path, out: Path | None) -> list[Path]:
         written += _write_study(folder, out or folder)
     if (folder / RESULT).is_file() and path.is_dir():
         written += _write_run(folder / RESULT, out or folder)
+    if (folder / FLOW).is_file() and path.is_dir():
+        written += _write_flow(folder / FLOW, out or folder)
     if not written:
-        raise ReportError(f"{path}: no result here, neither {RESULT} nor {CASES}")
+        raise ReportError(f"{path}: no result here, neither {RESULT} nor {CASES} nor {FLOW}")
     return written
 
 
 def _write_run(path: Path, out: Path) -> list[Path]:
     run = open_run(path)
     return [_save(lambda draw=draw: draw(run), out / name) for name, draw in _FIGURES.items()]
+
+
+def _write_flow(path: Path, out: Path) -> list[Path]:
+    flow = open_flow(path)
+    figures = _FLOW_FIGURES.items()
+    return [_save(lambda draw=draw: draw(flow), out / name) for name, draw in figures]
 
 
 def _write_study(folder: Path, out: Path) -> list[Path]:

@@ -18,9 +18,9 @@ from crinoid.scenario.channel import (
     LinearChannel,
 )
 from crinoid.scenario.control import Control, Coordinate, Pid, PidGains, Sensor
-from crinoid.scenario.errors import Mistake, ScenarioError
-from crinoid.scenario.flow import Flow, GustFlow, ShearFlow, SineFlow, UniformFlow
-from crinoid.scenario.library import builtin_names, builtin_text, load
+from crinoid.scenario.errors import Mistake, ScenarioError, shown
+from crinoid.scenario.flow import Flow, GustFlow, MeasuredFlow, ShearFlow, SineFlow, UniformFlow
+from crinoid.scenario.library import builtin_files, builtin_names, builtin_text, load
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
 from crinoid.scenario.motion import Motion, SineMotion, TableMotion
 from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle, Plane, Sphere
@@ -45,6 +45,7 @@ __all__ = [
     "GustFlow",
     "LinearChannel",
     "Load",
+    "MeasuredFlow",
     "Mistake",
     "Motion",
     "Obstacle",
@@ -66,10 +67,12 @@ __all__ = [
     "TipLoad",
     "UniformFlow",
     "Water",
+    "builtin_files",
     "builtin_names",
     "builtin_text",
     "json_schema",
     "load",
+    "shown",
 ]
 
 

@@ -200,6 +200,11 @@ def _flow(scenario: Scenario, flow: flows.Flow) -> Flow:
             if flow.power_exponent is None:
                 return LogarithmicShear(*profile, _array(flow.roughness_length))
             return PowerShear(*profile, _array(flow.power_exponent))
+        case flows.MeasuredFlow():
+            from crinoid.scenario.build_measured import measured  # xarray, which few need
+
+            recording = scenario.recordings[scenario.flow.index(flow)]
+            return measured(onset, recording, scenario)
 
 
 def _contact(scenario: Scenario) -> Numbers | None:

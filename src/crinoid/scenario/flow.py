@@ -11,18 +11,11 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from crinoid.scenario.errors import Mistake
-from crinoid.scenario.model import Model
+from crinoid.scenario.measured import MeasuredFlow
+from crinoid.scenario.onset import Onset as _Flow
 from crinoid.scenario.quantity import Degrees, Hertz, Metres, Seconds, Velocity
 
-__all__ = ["Flow", "GustFlow", "ShearFlow", "SineFlow", "UniformFlow"]
-
-
-class _Flow(Model):
-    kind: str
-    start: Seconds = Field(default=0.0, ge=0, description="When it sets in.")
-    ramp_time: Seconds = Field(
-        default=0.0, ge=0, description="How long it takes to reach full strength."
-    )
+__all__ = ["Flow", "GustFlow", "MeasuredFlow", "ShearFlow", "SineFlow", "UniformFlow"]
 
 
 class UniformFlow(_Flow):
@@ -83,4 +76,6 @@ class SineFlow(_Flow):
     phase_deg: Degrees = Field(default=0.0, description="Phase at t = 0.")
 
 
-Flow = Annotated[UniformFlow | ShearFlow | GustFlow | SineFlow, Field(discriminator="kind")]
+Flow = Annotated[
+    UniformFlow | ShearFlow | GustFlow | SineFlow | MeasuredFlow, Field(discriminator="kind")
+]

@@ -10,11 +10,13 @@ from pathlib import Path
 
 from crinoid.scenario.document import override, parse
 from crinoid.scenario.errors import Mistake, ScenarioError
+from crinoid.scenario.files import anchor, named_files
 from crinoid.scenario.scenario import Scenario
 
-__all__ = ["builtin_names", "builtin_text", "load"]
+__all__ = ["builtin_files", "builtin_names", "builtin_text", "load"]
 
 _LIBRARY = files("crinoid.scenario") / "library"
+_FOLDER = Path(str(_LIBRARY))
 
 
 def load(name_or_path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scenario:
@@ -29,17 +31,22 @@ def load(name_or_path: str | os.PathLike[str], overrides: Sequence[str] = ()) ->
         Changes ``key=value``, as ``--set`` of the command line takes them: the key dotted, with
         indexes into lists (``load.0.magnitude``), the value TOML; words need no quotes.
 
+    The relative path of a file starts from the folder of the TOML file that names it, that of an
+    override from the working directory; the scenario holds it absolute.
+
     Raises
     ------
     ScenarioError
         If there is no such scenario or anything in it is wrong, with one line a mistake.
     """
     name = os.fspath(name_or_path)
-    text = builtin_text(name) if name in builtin_names() else _read(Path(name))
+    built_in = name in builtin_names()
+    text = builtin_text(name) if built_in else _read(Path(name))
     try:
         document = parse(text)
     except ScenarioError as error:
         raise ScenarioError(mistake.under(name) for mistake in error.mistakes) from None
+    anchor(document, _FOLDER if built_in else Path(name).absolute().parent)
     for setting in overrides:
         override(document, setting)
     return Scenario.from_dict(document)
@@ -56,6 +63,11 @@ def builtin_text(name: str) -> str:
     if name not in builtin_names():
         raise ScenarioError([_not_found(name, "no such built-in scenario")])
     return (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def builtin_files(name: str) -> list[Path]:
+    """Return the files that come with a built-in scenario and that it names."""
+    return [_FOLDER / file for file in named_files(parse(builtin_text(name)))]
 
 
 def _read(path: Path) -> str:

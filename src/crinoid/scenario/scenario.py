@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from itertools import product
 from math import prod
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,6 +26,7 @@ from crinoid.scenario.document import assign, parse
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.load import Load
+from crinoid.scenario.measured import MeasuredFlow
 from crinoid.scenario.model import Model
 from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import AsTuple, Quantity
@@ -34,6 +36,7 @@ from crinoid.scenario.water import Water
 
 if TYPE_CHECKING:
     from crinoid.dynamics import System
+    from crinoid.scenario.recording import Recording
 
 __all__ = ["Scenario"]
 
@@ -148,8 +151,54 @@ class Scenario(Model):
             assign(document, key, value)
         return Scenario(**document)
 
+    @cached_property
+    def recordings(self) -> dict[int, Recording]:
+        """The measured currents by their index in ``flow``, read from their files once.
+
+        Raises
+        ------
+        ScenarioError
+            If a file is not what the flow takes.
+        """
+        measured = {
+            index: flow for index, flow in enumerate(self.flow) if isinstance(flow, MeasuredFlow)
+        }
+        if not measured:
+            return {}
+        from crinoid.scenario.recording import Stage, read_recording  # xarray, which few need
+
+        found, mistakes = {}, []
+        for index, flow in measured.items():
+            try:
+                found[index] = read_recording(flow, Stage.of(self))
+            except ScenarioError as error:
+                mistakes += [mistake.under(f"flow.{index}") for mistake in error.mistakes]
+        if mistakes:
+            raise ScenarioError(mistakes)
+        return found
+
+    def notes(self) -> list[str]:
+        """Return what a user should know of what the scenario is made from, a sentence each.
+
+        Raises
+        ------
+        ScenarioError
+            If a file that the scenario names is not what it takes.
+        """
+        return [
+            f"flow.{index}: {note}"
+            for index, recording in self.recordings.items()
+            for note in recording.notes
+        ]
+
     def system(self) -> System:
-        """Assemble the arm, its base and the water: the differentiable core."""
+        """Assemble the arm, its base and the water: the differentiable core.
+
+        Raises
+        ------
+        ScenarioError
+            If a file that the scenario names is not what it takes.
+        """
         from crinoid.scenario.build import build_system  # JAX, which a description does not need
 
         return build_system(self)

@@ -65,6 +65,8 @@ def simulate(scenario: Scenario, *, report: Report | None = None) -> Result:
     ------
     SimulationError
         If a time step or the equilibrium at the start could not be solved.
+    ScenarioError
+        If a file that the scenario names is not what it takes.
     ValueError
         If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
@@ -223,7 +225,7 @@ def _result(
     dataset.attrs = describe(scenario) | {
         "status": trouble or "ok",
         "wall_time": wall_time,
-        "notes": "\n".join(notes(dataset, scenario)),
+        "notes": "\n".join([*scenario.notes(), *notes(dataset, scenario)]),
     }
     return Result(dataset, checkpoint)
 

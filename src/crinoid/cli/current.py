@@ -1,0 +1,89 @@
+"""Showing the current of a scenario: a file, figures and a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from crinoid.cli.play import check_files, keep_compiled_code, make, say_notes
+from crinoid.current import FLOW, Statistics, sample_current, statistics
+from crinoid.report import write_report
+from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario.recording import Recording
+
+
+def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
+    """Sample the current of a scenario at its arm, save and draw it, and sum it up."""
+    if scenario.vary:
+        text = "a current is that of one case; give its values with --set and leave out vary"
+        raise ScenarioError([Mistake("vary", text)])
+    if not scenario.flow:
+        console.print("still water: the scenario has no [[flow]]")
+        return
+    keep_compiled_code()
+    check_files(scenario)
+    make(folder)
+    dataset = sample_current(scenario)
+    dataset.to_netcdf(folder / FLOW, engine="netcdf4")
+    figures = write_report(folder / FLOW)
+    time = dataset["time"].values
+    late = time >= dataset.attrs["settled"] - 1e-9
+    found = [
+        statistics(dataset["flow_velocity"].sel(place=place).values[late], time[1] - time[0])
+        for place in ("root", "tip")
+    ]
+    console.print(_table(dataset.attrs["title"], time[late], *found))
+    for index, recording in scenario.recordings.items():
+        console.print(f"flow.{index}: {_described(recording)}", soft_wrap=True)
+    say_notes(console, scenario.notes())
+    for path in (folder / FLOW, *figures):
+        console.print(f"wrote {path}", soft_wrap=True)
+
+
+def _table(title: str, time: np.ndarray, root: Statistics, tip: Statistics) -> Table:
+    table = Table(title=escape(title), title_justify="left")
+    table.add_column(f"{time[0]:g} to {time[-1]:g} s")
+    for place in ("at the root", "at the tip"):
+        table.add_column(place, justify="right")
+
+    def add(name: str, texts: list[str]) -> None:
+        table.add_row(name, *texts)
+
+    both = (root, tip)
+    add("mean velocity x, z", [_row(found.mean, "m/s") for found in both])
+    add("mean speed", [f"{found.mean_speed:.3f} m/s" for found in both])
+    add("greatest speed", [f"{found.greatest_speed:.3f} m/s" for found in both])
+    add("standard deviation x, z", [_row(found.standard_deviation, "m/s") for found in both])
+    add("intensity x, z", [_row(100 * found.intensity, "%", 1) for found in both])
+    add("integral time x, z", [_row(found.integral_time, "s", 2) for found in both])
+    add("integral length x, z", [_row(found.integral_length, "m", 2) for found in both])
+    return table
+
+
+def _row(values: np.ndarray, unit: str, digits: int = 3) -> str:
+    """Write the values of both axes; a dash for what there is not."""
+    texts = ("-" if np.isnan(value) else f"{value + 0.0:.{digits}f}" for value in values)
+    return f"{', '.join(texts)} {unit}"
+
+
+def _described(recording: Recording) -> str:
+    text = (
+        f"{recording.name}, {recording.length:.6g} s at {1 / recording.interval:.6g} Hz, "
+        f"{recording.time.size} samples"
+    )
+    if recording.levels is None:
+        text += " at one place"
+    else:
+        low, high = recording.levels[[0, -1]]
+        text += f" at {recording.levels.size} levels from z = {low:.4g} to {high:.4g} m"
+    if recording.time_scale != 1:
+        text += f"; a second of it lasts {recording.time_scale:g} s"
+    text += f"; the run begins {recording.begins:.4g} s into it"
+    distance = float(np.linalg.norm(recording.slowness))
+    if distance > 0:
+        text += f" and it is carried past the arm at {1 / distance:.3g} m/s"
+    return text

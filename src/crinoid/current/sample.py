@@ -1,0 +1,221 @@
+"""The current of a scenario at its arm, sampled: an `xarray.Dataset` with units."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float
+
+from crinoid.current.spectrum import spectrum, von_karman
+from crinoid.current.statistics import statistics
+from crinoid.dynamics import System
+from crinoid.result import describe
+from crinoid.scenario import Scenario
+
+FLOW = "flow.nc"
+
+AXES = ("x", "z")
+PLACES = ("root", "tip")
+
+_MOST = 100_000
+"""Samples that are taken at most."""
+_HEIGHTS = 161
+_INSTANTS = 1000
+_RANDOM = {"gauss-markov", "measured", "turbulence"}
+"""Kinds of flow that have a spectrum worth comparing with that of turbulence."""
+
+
+def sample_current(scenario: Scenario) -> xr.Dataset:
+    """Sample the current of a scenario at the arm at rest, without simulating anything.
+
+    Returns
+    -------
+    xarray.Dataset
+        Velocity over time at root and tip, its spectra, its mean and standard deviation over
+        height above and below the root, and of measured profiles those at their levels. The
+        attribute ``settled`` is the time (s) at which the last ramp is over: spectra, means and
+        deviations are taken from there on.
+
+    Raises
+    ------
+    ScenarioError
+        If a file that the scenario names is not what it takes.
+    """
+    system = scenario.system()
+    times, interval = _times(scenario)
+    settled = _settled(scenario)
+    root, tip = np.asarray(_ends(system))
+    heights = _heights(scenario, min(root[1], tip[1]), max(root[1], tip[1]))
+    column = np.stack([np.full(heights.shape, root[0]), heights], axis=1)
+
+    velocity = _velocity(system, np.stack([root, tip]), times)
+    late = times >= settled - 1e-9
+    stride = max(1, late.sum() // _INSTANTS)
+    profile = _velocity(system, column, times[late][::stride])
+    frequency, density = spectrum(velocity[late], interval)
+
+    quantities: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
+        "flow_velocity": (
+            ("time", "place", "axis"),
+            velocity,
+            "m s-1",
+            "velocity of the undisturbed water",
+        ),
+        "flow_spectrum": (
+            ("frequency", "place", "axis"),
+            density,
+            "m2 s-1",
+            "one-sided spectral density of the velocity",
+        ),
+        "profile_mean": (("height", "axis"), profile.mean(axis=0), "m s-1", "mean velocity"),
+        "profile_standard_deviation": (
+            ("height", "axis"),
+            profile.std(axis=0),
+            "m s-1",
+            "standard deviation of the velocity",
+        ),
+    }
+    model, words = _model(scenario, frequency, velocity[late, 1], interval)
+    if model is not None:
+        quantities["model_spectrum"] = (("frequency", "axis"), model, "m2 s-1", words)
+    quantities |= _records(scenario, float(times[-1]))
+    dataset = xr.Dataset(
+        {
+            name: (dims, values, {"units": units, "long_name": meaning})
+            for name, (dims, values, units, meaning) in quantities.items()
+        },
+        coords={
+            "time": ("time", times, {"units": "s", "long_name": "time", "axis": "T"}),
+            "axis": ("axis", list(AXES), {"long_name": "x forward, z up"}),
+            "place": ("place", list(PLACES), {"long_name": "end of the arm at rest"}),
+            "position": (
+                ("place", "axis"),
+                np.stack([root, tip]),
+                {"units": "m", "long_name": "place of the ends"},
+            ),
+            "frequency": ("frequency", frequency, {"units": "Hz", "long_name": "frequency"}),
+            "height": (
+                "height",
+                heights,
+                {"units": "m", "long_name": "height z above or below the root", "positive": "up"},
+            ),
+        },
+    )
+    dataset.attrs = describe(scenario) | {
+        "title": scenario.title or "current",
+        "settled": settled,
+        "notes": "\n".join(scenario.notes()),
+    }
+    if model is not None:
+        dataset["model_spectrum"].attrs["comment"] = "as asked" if "asks" in words else "fitted"
+    rates = [1 / record.interval / record.time_scale for record in scenario.recordings.values()]
+    if rates:
+        dataset["flow_spectrum"].attrs["record_rate_hz"] = min(rates)
+    if scenario.water.depth is not None:
+        dataset.attrs["depth"] = scenario.water.depth
+    return dataset
+
+
+@eqx.filter_jit
+def _ends(system: System) -> Float[Array, "place axis"]:
+    shape = system.rod.rest_shape(system.base.tilt)
+    return system.forces.origin + shape[jnp.array([0, -1])]
+
+
+def _velocity(
+    system: System, points: Float[np.ndarray, "place axis"], times: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, "time place axis"]:
+    return np.asarray(_over_time(system, jnp.asarray(points), jnp.asarray(times)))
+
+
+@eqx.filter_jit
+def _over_time(system: System, points: Array, times: Array) -> Array:
+    return jax.lax.map(
+        lambda time: jax.vmap(system.forces.water.velocity, (0, None))(points, time), times
+    )
+
+
+def _times(scenario: Scenario) -> tuple[Float[np.ndarray, " time"], float]:
+    """Return instants that a result would keep, or fewer, and the time between them (s)."""
+    duration, interval = scenario.simulation.duration, scenario.output_interval
+    interval *= np.ceil(duration / interval / _MOST)
+    return np.arange(int(duration / interval + 1e-6) + 1) * interval, float(interval)
+
+
+def _settled(scenario: Scenario) -> float:
+    """Return when the last ramp is over (s); if that leaves too little of the run, 0."""
+    ends = [flow.start + flow.ramp_time for flow in scenario.flow if flow.ramp_time > 0]
+    settled = max(ends, default=0.0)
+    return settled if settled <= 0.5 * scenario.simulation.duration else 0.0
+
+
+def _heights(scenario: Scenario, low: float, high: float) -> Float[np.ndarray, " height"]:
+    """Return heights that hold the arm, the levels of profiles, and all of the water if known."""
+    if scenario.water.depth is not None:
+        low, high = min(low, -scenario.water.depth), max(high, 0.0)
+    else:
+        low, high = low - 0.5 * scenario.arm.length, high + 0.5 * scenario.arm.length
+    for recording in scenario.recordings.values():
+        if recording.levels is not None:
+            low, high = min(low, recording.levels[0]), max(high, recording.levels[-1])
+    return np.linspace(low, high, _HEIGHTS)
+
+
+def _model(
+    scenario: Scenario,
+    frequency: Float[np.ndarray, " frequency"],
+    velocity: Float[np.ndarray, "time axis"],
+    interval: float,
+) -> tuple[Float[np.ndarray, "frequency axis"] | None, str]:
+    """Return the spectra that turbulence would have, and in words of which size.
+
+    As the scenario asks for it; failing that, of the same deviations and integral times.
+    """
+    asked = np.zeros((frequency.size, len(AXES)))
+    tables = [flow.model_dump() for flow in scenario.flow]
+    for table in tables:
+        if table["kind"] == "turbulence":
+            speed = float(np.linalg.norm(table["mean"]))
+            for axis, component in enumerate(table["mean"]):
+                asked[:, axis] += von_karman(
+                    frequency,
+                    table["intensity"] * speed,
+                    table["length_scale"] / speed,
+                    (component / speed) ** 2,
+                )
+    if asked.any():
+        return asked, "von Karman's spectrum, as the scenario asks for it"
+    found = statistics(velocity, interval)
+    if not _RANDOM & {table["kind"] for table in tables} or np.isnan(found.integral_time).all():
+        return None, ""
+    speed = float(np.linalg.norm(found.mean))
+    fitted = np.zeros_like(asked)
+    for axis in range(len(AXES)):
+        along = float(found.mean[axis] / speed) ** 2 if speed > 0 else 1.0
+        # across the mean velocity an eddy is half as long
+        passing = 2 * found.integral_time[axis] / (1 + along)
+        fitted[:, axis] = von_karman(
+            frequency, float(found.standard_deviation[axis]), float(passing), along
+        )
+    return fitted, "von Karman's spectrum of the same deviation and integral time"
+
+
+def _records(
+    scenario: Scenario, duration: float
+) -> dict[str, tuple[tuple[str, ...], Any, str, str]]:
+    """Return what measured profiles are in the mean at their levels, during the run."""
+    found: dict[str, tuple[tuple[str, ...], Any, str, str]] = {}
+    for index, recording in scenario.recordings.items():
+        if recording.levels is None:
+            continue
+        name, level = f"record_{index}", f"level_{index}"
+        played = (recording.run_time >= 0) & (recording.run_time <= duration)
+        measured = recording.velocity[played].mean(axis=0)
+        found[f"{name}_height"] = ((level,), recording.levels, "m", "height z of the levels")
+        found[f"{name}_mean"] = ((level, "axis"), measured, "m s-1", "mean velocity as measured")
+    return found

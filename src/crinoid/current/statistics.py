@@ -1,0 +1,68 @@
+"""What sums up a current at one place."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+_STEADY = 1e-9
+"""A standard deviation of less than this part of the largest speed is round-off."""
+
+
+class Statistics(NamedTuple):
+    """Of a velocity over time, by component; not a number where there is none."""
+
+    mean: Float[np.ndarray, " axis"]
+    """Mean velocity (m/s)."""
+    mean_speed: float
+    """Mean of the speed (m/s)."""
+    greatest_speed: float
+    """In m/s."""
+    standard_deviation: Float[np.ndarray, " axis"]
+    """About the mean velocity (m/s)."""
+    intensity: Float[np.ndarray, " axis"]
+    """Standard deviation over the size of the mean velocity."""
+    integral_time: Float[np.ndarray, " axis"]
+    """How long the current remembers itself (s): see `integral_time`."""
+    integral_length: Float[np.ndarray, " axis"]
+    """How far the mean velocity gets in that time (m): Taylor's frozen turbulence."""
+
+
+def statistics(velocity: Float[np.ndarray, "time axis"], interval: float) -> Statistics:
+    """Sum up a velocity (m/s) sampled at even intervals (s)."""
+    mean, deviation = velocity.mean(axis=0), velocity.std(axis=0)
+    speed = np.linalg.norm(velocity, axis=1)
+    carried = float(np.linalg.norm(mean))
+    if carried <= _STEADY * speed.max():
+        carried = np.nan
+    times = np.full(mean.shape, np.nan)
+    for axis, series in enumerate(velocity.T):
+        if deviation[axis] > _STEADY * speed.max():
+            times[axis] = integral_time(series, interval)
+    return Statistics(
+        mean=mean,
+        mean_speed=float(speed.mean()),
+        greatest_speed=float(speed.max()),
+        standard_deviation=deviation,
+        intensity=deviation / carried,
+        integral_time=times,
+        integral_length=carried * times,
+    )
+
+
+def integral_time(series: Float[np.ndarray, " time"], interval: float) -> float:
+    """Return the integral of the autocorrelation up to where it first crosses zero (s).
+
+    Past there it is mostly noise: a record is finite, and its mean has been taken off.
+    """
+    fluctuation = series - series.mean()
+    # twice as long, so that the end does not meet the start (Wiener and Khinchin)
+    spectrum = np.abs(np.fft.rfft(fluctuation, 2 * series.size)) ** 2
+    correlation = np.fft.irfft(spectrum)[: series.size]
+    correlation = correlation / correlation[0]
+    negative = np.flatnonzero(correlation <= 0)  # there are some: all of them add up to -1/2
+    last = int(negative[0])
+    before, after = correlation[last - 1], correlation[last]
+    to_zero = before / (before - after)
+    whole = correlation[:last].sum() - 0.5 * (correlation[0] + before)
+    return float(interval * (whole + 0.5 * before * to_zero))

@@ -1,0 +1,62 @@
+"""Currents as they were measured."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.flow.flow import Flow, Point, Time
+from crinoid.onset import Onset
+from crinoid.spline import PiecewiseCubic
+
+
+class MeasuredPoint(Flow):
+    """A record of one place, carried past the arm: ``u = record(t - slowness . (x - place))``.
+
+    With ``slowness = U / |U|^2`` the pattern of the current drifts along unchanged at its mean
+    velocity U: the frozen turbulence of G. I. Taylor, The spectrum of turbulence, Proc. R. Soc.
+    A 164 (1938). With zero the water moves as one.
+    """
+
+    onset: Onset
+    record: PiecewiseCubic
+    """Velocity (m/s) over the time of the run (s)."""
+    place: Float[Array, " b"]
+    """Where the record is met at its own time (m)."""
+    slowness: Float[Array, " b"]
+    """Delay of the record over distance (s/m)."""
+
+    def fully_on(self, point: Point, time: Time) -> Point:
+        return self.record(time - jnp.dot(self.slowness, point - self.place))
+
+
+class MeasuredProfile(Flow):
+    """A record at several heights, the same along x: cubic in time and in height.
+
+    In height it is Hermite's cubic between two levels, so that a look-up touches these two only;
+    its slope is continuous. Below the first level and above the last one it stays constant.
+    """
+
+    onset: Onset
+    record: PiecewiseCubic
+    """Over the time of the run (s); of each level in turn velocity (m/s) and its slope in z (1/s).
+
+    The slopes of the first and the last level are zero.
+    """
+    levels: Float[Array, " level"]
+    """Heights z (m), increasing, two or more."""
+
+    def fully_on(self, point: Point, time: Time) -> Point:
+        height = point[-1]
+        # few enough to be compared all at once; the outermost levels bound nothing
+        below = jnp.sum(height >= self.levels[1:-1])
+        width = point.shape[0]
+        values = self.record.columns(time, below * 2 * width, 4 * width)
+        lower, slope_lower, upper, slope_upper = values.reshape(4, width)
+        bottom = self.levels[below]
+        thickness = self.levels[below + 1] - bottom
+        # `where`, as `clip` has half the slope at its ends
+        share = (height - bottom) / thickness
+        share = jnp.where(share < 0, 0.0, jnp.where(share > 1, 1.0, share))
+        rest = 1 - share
+        return rest**2 * ((1 + 2 * share) * lower + share * thickness * slope_lower) + share**2 * (
+            (1 + 2 * rest) * upper - rest * thickness * slope_upper
+        )

@@ -1,0 +1,60 @@
+"""A sampled current as the figures see it: the file that `crinoid flow` wrote, checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from crinoid.report.run import ReportError
+from crinoid.report.style import GREEN, ORANGE
+
+FLOW = "flow.nc"
+
+COLOURS = {"x": GREEN, "z": ORANGE}
+
+_REQUIRED = {
+    "flow_velocity": ("time", "place", "axis"),
+    "flow_spectrum": ("frequency", "place", "axis"),
+    "profile_mean": ("height", "axis"),
+    "profile_standard_deviation": ("height", "axis"),
+}
+
+
+def open_flow(path: Path) -> xr.Dataset:
+    """Read a sampled current into memory.
+
+    Raises
+    ------
+    ReportError
+        If the file is broken, or not a current that crinoid sampled.
+    """
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+            dataset = stored.load()
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
+    for name, dims in _REQUIRED.items():
+        if name not in dataset or dataset[name].dims != dims:
+            raise ReportError(f"{path}: not a current of crinoid, it has no {name} over {dims}")
+    return dataset
+
+
+def title(flow: xr.Dataset) -> str:
+    """Return what stands above a figure."""
+    return str(flow.attrs.get("title", "")).strip() or "current"
+
+
+def late(flow: xr.Dataset) -> Float[np.ndarray, "time place axis"]:
+    """Return the velocity (m/s) from when the last ramp is over."""
+    after = flow["time"].values >= float(flow.attrs.get("settled", 0.0)) - 1e-9
+    return np.asarray(flow["flow_velocity"].values[after], float)
+
+
+def differ(flow: xr.Dataset) -> bool:
+    """Whether the current at the tip is another than that at the root."""
+    velocity = flow["flow_velocity"].values
+    return not np.allclose(velocity[:, 0], velocity[:, 1], atol=1e-6 * np.abs(velocity).max())

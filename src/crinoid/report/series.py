@@ -1,0 +1,40 @@
+"""The velocity of a sampled current over time."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from crinoid.report.flow import COLOURS, differ, late, title
+from crinoid.report.style import GREY, INK, WIDTH, head, key, share_time
+
+
+def draw_series(flow: xr.Dataset) -> Figure:
+    """Draw both components and the speed over time, at the tip and behind it at the root."""
+    figure = Figure(figsize=(WIDTH, 6.4), layout="constrained")
+    panels = list(figure.subplots(3, 1, sharex=True))
+    time = flow["time"].values
+    velocity, settled = flow["flow_velocity"].values, late(flow)
+    apart = differ(flow)
+    speed = np.linalg.norm(velocity, axis=2)
+    place = "tip" if apart else "root and tip"
+    lines = [
+        *((axis, velocity[..., index], settled[..., index]) for index, axis in enumerate("xz")),
+        ("speed", speed, np.linalg.norm(settled, axis=2)),
+    ]
+    for axes, (name, values, steady) in zip(panels, lines, strict=True):
+        colour = COLOURS.get(name, INK)
+        mean, deviation = steady[:, 1].mean(), steady[:, 1].std()
+        label = f"{place}: mean {mean:.3g} (dashed), standard deviation {deviation:.2g} m/s"
+        axes.plot(time, values[:, 1], color=colour, linewidth=0.9, zorder=3, label=label)
+        axes.axhline(mean, color=colour, linestyle=(0, (4, 2)), linewidth=0.9, zorder=4)
+        if apart:
+            axes.plot(time, values[:, 0], color=GREY, linewidth=0.9, zorder=2, label="root")
+        axes.set_ylabel(f"{name} (m/s)" if name == "speed" else f"velocity {name} (m/s)")
+        key(axes)
+    panels[2].set_ylim(bottom=0.0)
+    share_time(panels, time)
+    figure.align_ylabels(panels)
+    head(figure, title(flow), "ok")
+    return figure

@@ -1,0 +1,58 @@
+"""From a measured current to the splines that play it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.flow import MeasuredPoint, MeasuredProfile
+from crinoid.onset import Onset
+from crinoid.scenario.recording import Recording, Stage
+from crinoid.spline import PiecewiseCubic
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
+
+    from crinoid.scenario.scenario import Scenario
+
+
+def measured(
+    onset: Onset, recording: Recording, scenario: Scenario
+) -> MeasuredPoint | MeasuredProfile:
+    """Return the flow of a recording."""
+    from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+
+    stage = Stage.of(scenario)
+    delay = stage.reach * float(np.linalg.norm(recording.slowness))
+
+    def played(values: Float[np.ndarray, "time column"]) -> PiecewiseCubic:
+        spline = CubicSpline(recording.run_time, values)
+        return PiecewiseCubic(_between(spline, -delay, stage.duration + delay))
+
+    if recording.levels is None:
+        return MeasuredPoint(
+            onset,
+            played(recording.velocity[:, 0]),
+            jnp.asarray(np.array(scenario.base.position)),
+            jnp.asarray(recording.slowness),
+        )
+    values = recording.velocity
+    slopes = CubicSpline(recording.levels, values, axis=1)(recording.levels, 1)
+    # beyond the outermost levels nothing changes with height: so it ends there without a kink
+    slopes[:, [0, -1]] = 0.0
+    columns = np.stack([values, slopes], axis=2).reshape(len(values), -1)
+    return MeasuredProfile(onset, played(columns), jnp.asarray(recording.levels))
+
+
+def _between(spline: PPoly, first: float, last: float) -> PPoly:
+    """Return the pieces of a spline that a run needs: of a long record these are few."""
+    from scipy.interpolate import PPoly
+
+    knots = spline.x
+    start = max(int(np.searchsorted(knots, first, side="right")) - 1, 0)
+    stop = min(int(np.searchsorted(knots, last, side="left")), knots.size - 1)
+    stop = max(stop, start + 1)
+    return PPoly(spline.c[:, start:stop], knots[start : stop + 1])

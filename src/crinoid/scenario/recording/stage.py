@@ -1,0 +1,50 @@
+"""What a record is to be laid over: the time of a run, and the room that an arm takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crinoid.scenario.motion import SineMotion
+
+if TYPE_CHECKING:
+    from crinoid.scenario.scenario import Scenario
+
+_STRETCH = 1.1
+"""More than an arm gets longer in a current."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A run, as far as a record is concerned."""
+
+    duration: float
+    """How long the run lasts (s)."""
+    reach: float
+    """How far the arm gets from where its root is set (m)."""
+    heights: tuple[float, float]
+    """Lowest and highest place of the straight arm, at rest (m)."""
+    bed: float | None
+    """Height z of the bed (m), if it is known."""
+
+    @staticmethod
+    def of(scenario: Scenario) -> Stage:
+        """Return the stage that a scenario sets."""
+        base, depth = scenario.base, scenario.water.depth
+        travel = {"slide": 0.0, "heave": 0.0, "tilt": 0.0}
+        for name, channel in base.channels.present.items():
+            travel[name] += max(-channel.limits.low, channel.limits.high)
+        for motion in base.motion:
+            swing = motion.amplitude_si if isinstance(motion, SineMotion) else motion.value_si
+            travel[motion.channel] += float(np.abs(swing).max())
+        root = base.position[1]
+        tip = root + scenario.arm.length * float(np.sin(np.deg2rad(base.tilt_deg)))
+        return Stage(
+            duration=scenario.simulation.duration,
+            reach=_STRETCH * scenario.arm.length
+            + float(np.hypot(travel["slide"], travel["heave"])),
+            heights=(min(root, tip), max(root, tip)),
+            bed=None if depth is None else -depth,
+        )

@@ -1,0 +1,280 @@
+"""A scenario's current by itself: its numbers against theory, and `crinoid flow`."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.integrate import quad
+from scipy.signal import lfilter
+
+from crinoid.current import sample_current, statistics
+from crinoid.current.spectrum import spectrum, von_karman
+from crinoid.current.statistics import integral_time
+from crinoid.report import ReportError, write_report
+from crinoid.result import Result
+from crinoid.scenario import Scenario, builtin_names, library, load
+from test_cli import call
+from test_report import assert_shows_something
+
+FIGURES = ["flow.png", "spectrum.png", "profile.png"]
+
+
+# --- numbers -----------------------------------------------------------------------------------
+
+
+def test_the_integral_time_of_a_markov_process_is_its_correlation_time():
+    correlation_time, interval, count = 2.0, 0.1, 200_000
+    damping = np.exp(-interval / correlation_time)
+    noise = np.random.default_rng(1).normal(size=count)
+    process = lfilter([np.sqrt(1 - damping**2)], [1, -damping], noise)
+    assert integral_time(process, interval) == pytest.approx(correlation_time, rel=0.1)
+
+
+def test_the_integral_time_of_a_sine_is_the_first_quarter_of_its_correlation():
+    time = np.arange(0, 1000, 0.01)
+    expected = 4.0 / (2 * np.pi)  # the integral of cos(2 pi t / 4 s) up to 1 s
+    assert integral_time(np.sin(2 * np.pi * time / 4.0), 0.01) == pytest.approx(expected, rel=2e-3)
+
+
+def test_statistics_of_a_known_series():
+    time = np.arange(0, 100, 0.01)
+    swing = np.sin(2 * np.pi * time / 5.0)
+    velocity = np.stack([0.3 + 0.1 * swing, -0.4 + 0 * time], axis=1)
+    found = statistics(velocity, 0.01)
+    np.testing.assert_allclose(found.mean, [0.3, -0.4], atol=1e-12)
+    np.testing.assert_allclose(found.standard_deviation, [0.1 / np.sqrt(2), 0.0], atol=1e-12)
+    np.testing.assert_allclose(found.intensity, [0.2 / np.sqrt(2), 0.0], atol=1e-12)
+    assert found.greatest_speed == pytest.approx(np.hypot(0.4, 0.4), rel=1e-6)
+    assert found.mean_speed == pytest.approx(np.hypot(velocity[:, 0], 0.4).mean())
+    assert np.isfinite(found.integral_time[0])
+    assert found.integral_length[0] == pytest.approx(0.5 * found.integral_time[0])
+    assert np.isnan(found.integral_time[1])  # what is steady has none
+
+
+def test_without_a_mean_there_is_no_intensity():
+    found = statistics(np.stack([np.tile([1.0, -1.0], 50), np.zeros(100)], axis=1), 0.1)
+    assert np.isnan(found.intensity).all()
+    assert np.isnan(found.integral_length).all()
+
+
+def test_the_spectrum_of_white_noise_is_flat_and_adds_up_to_its_variance():
+    noise = np.random.default_rng(0).normal(scale=0.2, size=(40_000, 1, 1))
+    frequency, density = spectrum(noise, 0.05)
+    inner = slice(5, -5)
+    # 0.04 m2/s2 spread over 0 to 10 Hz
+    assert density[inner].mean() == pytest.approx(0.04 / 10, rel=0.03)
+    assert frequency[-1] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("along", [0.0, 0.5, 1.0])
+def test_von_karmans_spectrum_adds_up_and_has_its_length(along):
+    deviation, passing = 0.1, 3.0
+
+    def density(frequency):
+        return float(von_karman(np.array([frequency]), deviation, passing, along)[0])
+
+    total = quad(density, 0, 1, limit=200)[0] + quad(density, 1, np.inf, limit=200)[0]
+    assert total == pytest.approx(deviation**2, rel=1e-4)
+    # S(0) is four times variance times integral time: whole along, half across
+    assert density(0.0) / (4 * deviation**2) == pytest.approx(passing * (1 + along) / 2)
+    steep = np.log(density(2e4) / density(1e4)) / np.log(2)
+    assert steep == pytest.approx(-5 / 3, abs=1e-3)
+    if along < 1:  # isotropic: across it has 4/3 of what it has along
+        across = von_karman(np.array([1e4]), deviation, passing, 0.0)
+        parallel = von_karman(np.array([1e4]), deviation, passing, 1.0)
+        assert across / parallel == pytest.approx(4 / 3, rel=1e-3)
+
+
+# --- sampling ----------------------------------------------------------------------------------
+
+
+def test_a_current_is_sampled_where_the_arm_is():
+    scenario = Scenario(
+        arm={"length": 0.6},
+        base={"position": [1.0, -8.0], "tilt_deg": -90.0},
+        water={"depth": 20.0},
+        flow=[
+            {
+                "kind": "shear",
+                "velocity": [0.5, 0.0],
+                "reference_depth": 4.0,
+                "exponent": 0.5,
+                "ramp_time": 2.0,
+            },
+            {"kind": "sine", "amplitude": [0.1, 0.0], "frequency_hz": 0.5},
+        ],
+        simulation={"duration": 10.0},
+    )
+    dataset = sample_current(scenario)
+    np.testing.assert_allclose(dataset["position"].sel(place="tip"), [1.0, -8.6], atol=1e-12)
+    time, velocity = dataset["time"].values, dataset["flow_velocity"]
+    sheared = 0.5 * np.sqrt(np.array([12.0, 11.4]) / 16.0)  # by height above the bed
+    late = time >= 2.0
+    assert dataset.attrs["settled"] == 2.0
+    expected = sheared + 0.1 * np.sin(np.pi * time[late, None])
+    np.testing.assert_allclose(velocity.sel(axis="x").values[late], expected, atol=1e-12)
+    assert float(velocity.sel(time=0.0, axis="x").values.max()) == 0.0
+    heights = dataset["height"].values
+    assert (heights[0], heights[-1]) == (-20.0, 0.0)
+    mean = 0.5 * np.sqrt((20.0 + heights) / 16.0)
+    np.testing.assert_allclose(dataset["profile_mean"].sel(axis="x"), mean, atol=2e-3)
+    peak = dataset["frequency"].values[np.argmax(dataset["flow_spectrum"].values[:, 1, 0])]
+    assert peak == pytest.approx(0.5, abs=0.15)
+    assert "model_spectrum" not in dataset  # nothing random in it
+
+
+# --- the command -------------------------------------------------------------------------------
+
+KINDS = {
+    "uniform": 'kind = "uniform"\nvelocity = [0.2, 0.1]\nramp_time = 0.5',
+    "shear": 'kind = "shear"\nvelocity = [0.2, 0.0]\nreference_depth = 1.0',
+    "gust": 'kind = "gust"\nvelocity = [0.2, 0.0]\nduration = 1.0',
+    "sine": 'kind = "sine"\namplitude = [0.2, 0.1]\nfrequency_hz = 1.0',
+    "measured": 'kind = "measured"\nfile = "a.nc"\nvelocity = ["u", "w"]',
+}
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(0, 30, 0.1)
+    random = np.random.default_rng(0)
+    values = {"u": 0.5 + 0.02 * random.normal(size=time.size), "w": 0.01 * np.sin(time)}
+    values["u"][40:45] = np.nan
+    xr.Dataset(
+        {name: ("time", series, {"units": "m/s"}) for name, series in values.items()},
+        {"time": ("time", time, {"units": "s"})},
+    ).to_netcdf(tmp_path / "a.nc")
+    return tmp_path
+
+
+def write(folder, kind, extra=""):
+    text = f"title = 'A {kind} current'\nwater.depth = 20\nsimulation.duration = 2\n{extra}\n"
+    (folder / "mine.toml").write_text(text + (f"[[flow]]\n{KINDS[kind]}\n" if kind else ""))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_current_is_drawn_and_summed_up(here, kind):
+    write(here, kind)
+    ended = call("flow", "mine.toml")
+    assert ended.exit_code == 0, ended.output
+    for word in (f"A {kind} current", "mean velocity", "intensity", "integral time"):
+        assert word in ended.stdout
+    folder = here / "results" / "mine-flow"
+    assert sorted(path.name for path in folder.iterdir()) == sorted(["flow.nc", *FIGURES])
+    for name in FIGURES:
+        assert_shows_something(folder / name)
+    with xr.open_dataset(folder / "flow.nc", decode_times=False) as dataset:
+        for name in dataset.data_vars:
+            assert dataset[name].attrs["units"]
+            assert dataset[name].attrs["long_name"]
+        assert ("model_spectrum" in dataset) == (kind == "measured")
+        assert Scenario.from_toml(dataset.attrs["scenario"]).flow[0].kind == kind
+
+
+def test_a_measured_current_is_described_with_what_was_mended(here):
+    write(here, "measured")
+    ended = call("flow", "mine.toml", "--set", "simulation.duration=20", "--out", "out")
+    assert "flow.0: a.nc, 29.9 s at 10 Hz, 300 samples at one place" in ended.stdout
+    assert "note: flow.0: 1.67% of u is missing" in ended.stdout
+    with xr.open_dataset(here / "out" / "flow.nc") as dataset:
+        assert dataset.attrs["notes"].startswith("flow.0: 1.67% of u is missing")
+
+
+def test_still_water_is_said_and_a_study_refused(here):
+    write(here, "")
+    still = call("flow", "mine.toml")
+    assert still.exit_code == 0
+    assert still.stdout.strip() == "still water: the scenario has no [[flow]]"
+    write(here, "sine", '[vary]\n"flow.0.frequency_hz" = [1.0, 2.0]')
+    study = call("flow", "mine.toml")
+    assert study.exit_code == 2
+    assert study.stderr.startswith("crinoid: vary: a current is that of one case")
+    assert sorted(path.name for path in here.iterdir()) == ["a.nc", "mine.toml"]
+
+
+@pytest.mark.parametrize("command", ["run", "equilibrium", "flow"])
+def test_a_file_that_does_not_fit_is_a_mistake_and_nothing_is_written(here, command):
+    write(here, "measured")
+    before = sorted(here.rglob("*"))
+    ended = call(command, "mine.toml", "--set", 'flow.0.velocity=["east", "w"]')
+    assert ended.exit_code == 2
+    (line,) = ended.stderr.strip().splitlines()
+    assert line.startswith('crinoid: flow.0.velocity.0: got "east", no such variable in a.nc')
+    assert sorted(here.rglob("*")) == before
+
+
+def test_a_case_with_a_file_that_does_not_fit_is_named_before_any_is_run(here):
+    write(here, "measured", '[vary]\n"flow.0.file" = ["a.nc", "b.nc"]')
+    ended = call("run", "mine.toml", "--out", "out")
+    assert ended.exit_code == 2
+    (line,) = ended.stderr.strip().splitlines()
+    assert line.startswith("crinoid: vary: case flow.0.file = ")
+    assert line.endswith("b.nc: no such file")
+    assert not (here / "out").exists()
+
+
+def test_notes_are_shown_and_kept_and_a_run_is_resumed_from_elsewhere(here, monkeypatch):
+    write(here, "measured", "arm.nodes = 5\ncontrol.compare = false")
+    ended = call("run", "mine.toml", "--out", "out")
+    assert ended.exit_code == 0, ended.output
+    assert "note: flow.0: 1.67% of u is missing" in ended.stdout
+    result = Result.load(here / "out")
+    assert result.notes == [
+        "flow.0: 1.67% of u is missing and was filled by straight lines, the longest gap 0.6 s"
+    ]
+    (here / "deep").mkdir()
+    monkeypatch.chdir(here / "deep")
+    longer = ("--resume", "--set", "simulation.duration=2.5")
+    resumed = call("run", "../mine.toml", "--out", "../out", *longer)
+    assert resumed.exit_code == 0, resumed.output
+    whole = call("run", "../mine.toml", "--out", "whole", "--set", "simulation.duration=2.5")
+    assert whole.exit_code == 0, whole.output
+    one, other = (Result.load(folder).dataset for folder in (here / "out", Path("whole")))
+    np.testing.assert_array_equal(one["position"], other["position"])
+
+
+def test_a_broken_flow_file_is_refused(here):
+    (here / "flow.nc").write_text("no netCDF")
+    with pytest.raises(ReportError, match="not a readable netCDF file"):
+        write_report(here / "flow.nc")
+    (here / "flow.nc").unlink()
+    xr.Dataset({"a": ("b", [1.0])}).to_netcdf(here / "flow.nc")
+    with pytest.raises(ReportError, match="it has no flow_velocity"):
+        write_report(here)
+
+
+# --- what comes with the package ---------------------------------------------------------------
+
+
+def test_the_record_that_comes_along_is_the_one_its_script_makes():
+    path = Path(__file__).resolve().parents[1] / "docs" / "make_tidal_record.py"
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    made = script.synthetic(script.SEED)
+    assert script.deviates(made) < 0.1
+    with xr.open_dataset(script.RECORD, decode_times=False) as stored:
+        for name, series in made.items():
+            np.testing.assert_allclose(stored[name], series, atol=1e-6)
+    played = Scenario(flow=[{"kind": "measured", "file": str(script.RECORD)}])
+    assert played.notes() == []
+
+
+def test_a_built_in_scenario_brings_its_file_along(here, monkeypatch):
+    folder = here / "library"
+    folder.mkdir()
+    (here / "a.nc").rename(folder / "a.nc")
+    (folder / "channel.toml").write_text(f"title = 'Channel'\n[[flow]]\n{KINDS['measured']}\n")
+    monkeypatch.setattr(library, "_LIBRARY", folder)
+    monkeypatch.setattr(library, "_FOLDER", folder)
+    assert builtin_names() == ["channel"]
+    assert load("channel").flow[0].file == str(folder / "a.nc")
+    assert call("scenarios", "--copy", "channel").exit_code == 0
+    assert (here / "a.nc").read_bytes() == (folder / "a.nc").read_bytes()
+    assert load("./channel.toml").flow[0].file == str(here / "a.nc")
+    again = call("scenarios", "--copy", "channel")
+    assert again.exit_code == 2
+    assert "channel.toml: already there" in again.stderr
