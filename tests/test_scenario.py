@@ -179,7 +179,7 @@ ONE_MISTAKE = {
     ),
     "unknown kind": (
         'flow = [{kind = "tornado"}]',
-        'flow.0.kind: got "tornado", takes "gust", "shear", "sine" or "uniform"',
+        'flow.0.kind: got "tornado", takes "gauss-markov", "gust", "shear", "sine", "turbulence", "uniform" or "waves"',
     ),
     "no kind": (
         "load = [{magnitude = 1.0}]",
@@ -432,7 +432,7 @@ def test_mistakes_in_python_are_told_the_same_way():
     assert str(caught.value) == "length: got -1.0, takes a number above 0 (m)"
     with pytest.raises(ScenarioError) as caught:
         Scenario(flow=[TipLoad(moment=1.0)])
-    assert caught.value.lines[0].startswith('flow.0.kind: got "tip", takes "gust"')
+    assert caught.value.lines[0].startswith('flow.0.kind: got "tip", takes "gauss-markov"')
 
 
 def test_error_survives_pickling():

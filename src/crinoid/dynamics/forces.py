@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from crinoid import chain
 from crinoid.dynamics.integrator import Stage
 from crinoid.elements import ENERGIES, WORKS, Element, Motion
-from crinoid.flow import Water
+from crinoid.flow import Current, Water
 
 Nodes = Float[Array, "n b"]
 Elements = tuple[Element, ...]
@@ -35,9 +35,9 @@ class Forces(eqx.Module):
         position = stage.position + stage.by_position * correction
         velocity = stage.velocity + stage.by_velocity * correction
         acceleration = stage.acceleration + stage.by_acceleration * correction
-        flow_velocity, flow_acceleration = self._flow(position, stage.time)
+        current = self._currents(position, stage.time)
         return Motion(
-            position, velocity, acceleration, flow_velocity, flow_acceleration, stage.time
+            position, velocity, acceleration, current.velocity, current.acceleration, stage.time
         )
 
     def residual(
@@ -58,12 +58,9 @@ class Forces(eqx.Module):
         self, stage: Stage, motion: Motion, load_factor: Array | None = None
     ) -> chain.Bands:
         """Return d(residual)/d(correction): each element's Jacobian along the stage's motion."""
-        position = motion.position
-        num_nodes, size = position.shape
-        if self.water.flows:
-            flow_slopes = jax.vmap(jax.jacfwd(self._flow_at_node), (0, None))(position, stage.time)
-        else:
-            flow_slopes = (jnp.zeros((num_nodes, size, size)),) * 2
+        num_nodes = motion.position.shape[0]
+        current = self._currents(motion.position, stage.time)
+        flow_slopes = (current.velocity_slope, current.acceleration_slope)
 
         def jacobian(elements: Elements, window: Motion, slopes: list[Array]) -> Array:
             def residual(window: Motion) -> Array:
@@ -119,13 +116,9 @@ class Forces(eqx.Module):
             groups[key] = (*groups.get(key, ()), element)
         return [(first, elements) for (first, _, _), elements in groups.items()]
 
-    def _flow_at_node(self, position: Float[Array, " b"], time: Array) -> tuple[Array, Array]:
-        return self.water.velocity_and_acceleration(self.origin + position, time)
-
-    def _flow(self, position: Nodes, time: Array) -> tuple[Nodes, Nodes]:
-        if not self.water.flows:
-            return jnp.zeros_like(position), jnp.zeros_like(position)
-        return jax.vmap(self._flow_at_node, (0, None))(position, time)
+    def _currents(self, position: Nodes, time: Array) -> Current:
+        """Return the current at each node."""
+        return jax.vmap(self.water.current, (0, None))(self.origin + position, time)
 
 
 def _count(element: Element) -> int:

@@ -19,7 +19,16 @@ from crinoid.scenario.channel import (
 )
 from crinoid.scenario.control import Control, Coordinate, Pid, PidGains, Sensor
 from crinoid.scenario.errors import Mistake, ScenarioError
-from crinoid.scenario.flow import Flow, GustFlow, ShearFlow, SineFlow, UniformFlow
+from crinoid.scenario.flow import (
+    Flow,
+    GaussMarkovFlow,
+    GustFlow,
+    ShearFlow,
+    SineFlow,
+    TurbulenceFlow,
+    UniformFlow,
+    WavesFlow,
+)
 from crinoid.scenario.library import builtin_names, builtin_text, load
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
 from crinoid.scenario.motion import Motion, SineMotion, TableMotion
@@ -39,6 +48,7 @@ __all__ = [
     "Coordinate",
     "DistributedLoad",
     "Flow",
+    "GaussMarkovFlow",
     "GustFlow",
     "LinearChannel",
     "Load",
@@ -58,8 +68,10 @@ __all__ = [
     "TableMotion",
     "Target",
     "TipLoad",
+    "TurbulenceFlow",
     "UniformFlow",
     "Water",
+    "WavesFlow",
     "builtin_names",
     "builtin_text",
     "json_schema",

@@ -1,0 +1,121 @@
+"""Turbulence that a mean flow carries along."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from crinoid.flow.flow import Flow, Point, Time
+from crinoid.flow.jet import Jet
+from crinoid.flow.turns import cosine, sine
+from crinoid.onset import Onset
+
+# The spectrum is cut where k L_e is below the first and above the second, and what is left is
+# raised to the full variance. Below lie 6e-5 of the variance. Above lie 3.2 %, in eddies shorter
+# than 1/36 of the length scale: over the thickness of an arm and the distance of its nodes these
+# would average out, which a flow that is asked at points does not do for them.
+_LEAST, _MOST = 0.2, 300.0
+# (1, 2, 3) powers of the root of g^4 = g + 1: multiples of these fill a cube evenly, any number
+# of them and from any one on (the generalised golden ratio; Roberts 2018)
+_EVENLY = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+
+
+class Turbulence(Flow):
+    """A mean flow and frozen turbulence: ``u = mean + sum_m a_m cos(k_m . (x - mean t) + p_m)``.
+
+    Random Fourier modes (Kraichnan 1970) with the spectrum of von Karman (1948). The amplitude
+    of each mode is normal to its wave vector, so that the flow has no divergence. Turbulence is
+    three-dimensional; a planar arm sees the cut ``y = 0`` through it.
+    """
+
+    onset: Onset
+    mean: Float[Array, " b"]
+    wave_vectors: Float[Array, "m b"]
+    """Of each mode the axes that there are (rad/m)."""
+    amplitudes: Float[Array, "m b"]
+    """Likewise (m/s)."""
+    phases: Float[Array, " m"]
+    """In turns."""
+
+    @staticmethod
+    def of(
+        onset: Onset,
+        *,
+        mean: ArrayLike,
+        intensity: float,
+        length_scale: float,
+        modes: int,
+        generator: np.random.Generator,
+    ) -> "Turbulence":
+        """Draw turbulence.
+
+        Parameters
+        ----------
+        mean
+            Velocity (m/s) along x, z or along x, y, z.
+        intensity
+            Standard deviation of each component over the magnitude of ``mean``.
+        length_scale
+            Longitudinal integral scale (m).
+        modes
+            Number of Fourier modes.
+        generator
+            What it is drawn from.
+        """
+        from scipy.special import betainc, gamma  # slow to load, and few scenarios need it
+
+        mean = np.asarray(mean, float)
+        # E(k) ~ (k L_e)^4 / (1 + (k L_e)^2)^(17/6), whose integral scale is
+        # L_u = sqrt(pi) Gamma(5/6) / Gamma(1/3) L_e; the energy below k is an incomplete beta
+        # function. One mode somewhere in each of many intervals that are equal in log k carries
+        # the energy of the interval.
+        energetic_length = length_scale * gamma(1 / 3) / (np.sqrt(np.pi) * gamma(5 / 6))
+        bounds = np.geomspace(_LEAST, _MOST, modes + 1)
+        energy = np.diff(betainc(5 / 2, 1 / 3, bounds**2 / (1 + bounds**2)))
+        shift = generator.random(modes)
+        wave_number = bounds[:-1] ** (1 - shift) * bounds[1:] ** shift / energetic_length
+
+        # Directions and polarisations fill all there are evenly within any band of wave numbers,
+        # so that every draw is nearly isotropic; a random shift makes them so on average.
+        level, azimuth, polarisation = (
+            (generator.random(3) + np.arange(modes)[:, None] * _EVENLY) % 1
+        ).T * [[2.0], [2 * np.pi], [np.pi]]
+        cos_polar, sin_polar = level - 1, np.sqrt(level * (2 - level))
+        cos, sin = np.cos(azimuth), np.sin(azimuth)
+        direction = np.stack([sin_polar * cos, sin_polar * sin, cos_polar], axis=1)
+        southward = np.stack([cos_polar * cos, cos_polar * sin, -sin_polar], axis=1)
+        eastward = np.stack([-sin, cos, 0 * sin], axis=1)
+        normal = (np.cos(polarisation) * southward.T + np.sin(polarisation) * eastward.T).T
+
+        # over three components: sum of a^2 / 2 = 3 (intensity |mean|)^2
+        deviation = intensity * np.linalg.norm(mean)
+        amplitude = deviation * np.sqrt(6 * energy / energy.sum())
+        axes = [0, 2] if mean.size == 2 else [0, 1, 2]
+        return Turbulence(
+            onset,
+            jnp.asarray(mean),
+            jnp.asarray((wave_number * direction.T).T[:, axes]),
+            jnp.asarray((amplitude * normal.T).T[:, axes]),
+            jnp.asarray(generator.random(modes)),
+        )
+
+    def fully_on(self, point: Point, time: Time) -> Point:
+        return self.mean + cosine(self._turns(point, time)) @ self.amplitudes
+
+    def fully_on_jet(self, point: Point, time: Time) -> Jet:
+        size = point.shape[0]
+        # carried along: d/dt = -mean . grad
+        along_time = -self.wave_vectors @ self.mean
+        numbers = jnp.concatenate([self.wave_vectors, along_time[:, None]], axis=1)
+        first = self.amplitudes[:, :, None] * numbers[:, None, :]
+        second = first[:, :, :, None] * numbers[:, None, None, :]
+        turns = self._turns(point, time)
+        # two products with matrices are all that is done for each point
+        even = jnp.concatenate([self.amplitudes, -second.reshape(len(second), -1)], axis=1)
+        velocity, bend = jnp.split(cosine(turns) @ even, [size])
+        slope = sine(turns) @ -first.reshape(len(first), -1)
+        axes = size + 1
+        return Jet(self.mean + velocity, slope.reshape(size, axes), bend.reshape(size, axes, axes))
+
+    def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
+        return self.phases + self.wave_vectors @ (point - self.mean * time) / (2 * jnp.pi)
