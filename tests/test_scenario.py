@@ -179,7 +179,8 @@ ONE_MISTAKE = {
     ),
     "unknown kind": (
         'flow = [{kind = "tornado"}]',
-        'flow.0.kind: got "tornado", takes "gauss-markov", "gust", "shear", "sine", "turbulence", "uniform" or "waves"',
+        'flow.0.kind: got "tornado", takes "gauss-markov", "gust", "shear", "sine", '
+        '"turbulence", "uniform" or "waves"',
     ),
     "no kind": (
         "load = [{magnitude = 1.0}]",

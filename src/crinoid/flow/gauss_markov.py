@@ -3,7 +3,7 @@
 from itertools import accumulate
 
 import numpy as np
-from numpy.typing import ArrayLike
+from jaxtyping import Float
 
 from crinoid.flow.flow import Flow, Point, Time
 from crinoid.flow.jet import Jet
@@ -31,8 +31,8 @@ class GaussMarkov(Flow):
     def of(
         onset: Onset,
         *,
-        mean: ArrayLike,
-        standard_deviation: ArrayLike,
+        mean: Float[np.ndarray, " b"],
+        standard_deviation: Float[np.ndarray, ""] | Float[np.ndarray, " b"],
         correlation_time: float,
         duration: float,
         generator: np.random.Generator,
@@ -40,11 +40,10 @@ class GaussMarkov(Flow):
         """Draw a record from t = 0 to ``duration`` (s), past which the velocity stays.
 
         ``mean`` (m/s) has an entry for each axis, ``standard_deviation`` (m/s) too or one for
-        all. A longer record of the same generator begins with the shorter one.
+        all of them. A longer record of the same generator begins with the shorter one.
         """
         from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
 
-        mean = np.asarray(mean, float)
         step = correlation_time / POINTS_PER_CORRELATION_TIME
         points = np.arange(-_MARGIN, np.ceil(duration / step) + _MARGIN + 1)
         normal = generator.standard_normal((points.size, mean.size))
@@ -54,7 +53,7 @@ class GaussMarkov(Flow):
         drawn = np.sqrt(1 - kept**2) * normal
         drawn[0] = normal[0]
         wandering = np.array(list(accumulate(drawn, lambda value, new: kept * value + new)))
-        velocity = mean + np.asarray(standard_deviation, float) * wandering
+        velocity = mean + standard_deviation * wandering
         return GaussMarkov(onset, PiecewiseCubic(CubicSpline(step * points, velocity)))
 
     def fully_on(self, point: Point, time: Time) -> Point:

@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 from crinoid.flow.flow import Flow, Point, Time
 from crinoid.flow.jet import Jet
@@ -41,7 +40,7 @@ class Turbulence(Flow):
     def of(
         onset: Onset,
         *,
-        mean: ArrayLike,
+        mean: Float[np.ndarray, " b"],
         intensity: float,
         length_scale: float,
         modes: int,
@@ -64,7 +63,6 @@ class Turbulence(Flow):
         """
         from scipy.special import betainc, gamma  # slow to load, and few scenarios need it
 
-        mean = np.asarray(mean, float)
         # E(k) ~ (k L_e)^4 / (1 + (k L_e)^2)^(17/6), whose integral scale is
         # L_u = sqrt(pi) Gamma(5/6) / Gamma(1/3) L_e; the energy below k is an incomplete beta
         # function. One mode somewhere in each of many intervals that are equal in log k carries

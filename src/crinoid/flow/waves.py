@@ -25,7 +25,7 @@ class Waves(Flow):
 
     onset: Onset
     depth: Float[Array, ""]
-    heading: Float[Array, " b-1"]
+    heading: Float[Array, " level"]
     """What the level axes have of the unit vector along which the waves travel."""
     amplitudes: Float[Array, " m"]
     """Of the elevation (m)."""
@@ -42,7 +42,7 @@ class Waves(Flow):
         *,
         significant_height: float,
         peak_period: float,
-        heading: np.ndarray,
+        heading: Float[np.ndarray, " level"],
         gamma: float,
         components: int,
         depth: float,
@@ -135,14 +135,16 @@ class Waves(Flow):
         return (turned * around + lifted * up).reshape(*weights.shape, -1)
 
 
-def jonswap(relative: np.ndarray, gamma: float) -> np.ndarray:
+def jonswap(relative: Float[np.ndarray, " f"], gamma: float) -> Float[np.ndarray, " f"]:
     """Return the spectral density, up to a factor, at frequencies over the peak's."""
     width = np.where(relative <= 1, 0.07, 0.09)
     peak = gamma ** np.exp(-0.5 * ((relative - 1) / width) ** 2)
     return relative**-5.0 * np.exp(-1.25 * relative**-4.0) * peak
 
 
-def wave_number(frequency: np.ndarray, depth: float, gravity: float) -> np.ndarray:
+def wave_number(
+    frequency: Float[np.ndarray, " f"], depth: float, gravity: float
+) -> Float[np.ndarray, " f"]:
     """Solve the dispersion relation ``omega^2 = g k tanh(k h)`` for ``k`` (rad/m)."""
     wanted = frequency**2 * depth / gravity
     number = wanted / np.sqrt(np.tanh(wanted))  # within a twentieth (Eckart 1952)

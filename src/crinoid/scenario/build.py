@@ -202,8 +202,8 @@ def _flow(scenario: Scenario, index: int, flow: flows.Flow) -> Flow:
         case flows.GaussMarkovFlow():
             return GaussMarkov.of(
                 onset,
-                mean=flow.mean,
-                standard_deviation=flow.standard_deviation,
+                mean=np.array(flow.mean),
+                standard_deviation=np.array(flow.standard_deviation),
                 correlation_time=flow.correlation_time,
                 duration=scenario.simulation.duration,
                 generator=np.random.default_rng(seed),
@@ -211,7 +211,7 @@ def _flow(scenario: Scenario, index: int, flow: flows.Flow) -> Flow:
         case flows.TurbulenceFlow():
             return Turbulence.of(
                 onset,
-                mean=flow.mean,
+                mean=np.array(flow.mean),
                 intensity=flow.intensity,
                 length_scale=flow.length_scale,
                 modes=flow.modes,
