@@ -5,9 +5,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import crinoid
 from crinoid.flow import GaussMarkov
+from crinoid.flow.gauss_markov import POINTS_PER_CORRELATION_TIME
 from crinoid.onset import Onset
 
 T = 0.5
@@ -77,11 +79,28 @@ def test_it_has_an_acceleration_that_does_not_jump():
         # a cubic spline's third derivative is what jumps: it is of order 6 / step^3 here
         np.testing.assert_allclose(before.slope, after.slope, atol=1e-4)
         np.testing.assert_allclose(before.bend, after.bend, atol=1e-2)
-    # what the spline makes of a process without one: 6.8 standard deviations a correlation time
+
+
+def test_what_the_spline_keeps_and_adds():
+    # the variance of what a cubic spline makes of the process follows from how much each point
+    # has to say in the middle of many: on average, and of its rate too
+    points = np.arange(121)
+    spline = CubicSpline(points, np.eye(121))
+    inside = np.linspace(60, 61, 101)
+    correlation = np.exp(-np.abs(points[:, None] - points) / POINTS_PER_CORRELATION_TIME)
+
+    def variance(weights):
+        return np.trapezoid(np.sum(weights @ correlation * weights, axis=1), inside)
+
+    kept = variance(spline(inside))
+    rate = np.sqrt(variance(spline(inside, 1))) * POINTS_PER_CORRELATION_TIME
+    assert kept == pytest.approx(0.996, abs=5e-4)
+    assert rate == pytest.approx(6.8, abs=0.05)
+    # and that is what a record has
     times = jnp.linspace(0.0, 2000 * T, 100_001)
-    long = gauss_markov(2000 * T)
-    rates = jax.jit(jax.vmap(lambda time: long.jet(jnp.zeros(2), time).slope[:, -1]))(times)
-    assert np.std(rates, axis=0) / DEVIATION * T == pytest.approx([6.76, 6.76], rel=0.05)
+    flow = gauss_markov(2000 * T)
+    rates = jax.jit(jax.vmap(lambda time: flow.jet(jnp.zeros(2), time).slope[:, -1]))(times)
+    assert np.std(rates, axis=0) / DEVIATION * T == pytest.approx([rate, rate], rel=0.05)
 
 
 def test_a_scenario_draws_each_flow_from_its_seed_and_never_from_the_time_step():

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.special import gamma, kv
 
 import crinoid
@@ -116,6 +117,28 @@ def test_spectrum_of_a_point_record(many):
     # von Karman's longitudinal spectrum, in its level too
     expected = 2 * DEVIATION**2 * LENGTH / np.pi / (1 + at**2) ** (5 / 6)
     assert np.mean(mean / expected) == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_the_cut_of_the_spectrum_leaves_out(many):
+    number = np.linalg.norm(many.wave_vectors, axis=-1) * ENERGETIC
+    assert number.min() > 0.2 * (1 - 1e-12)
+    assert number.max() < 300 * (1 + 1e-12)
+
+    def energy(low, high):
+        def by_logarithm(log):
+            k = np.exp(log)
+            return k * k**4 / (1 + k**2) ** (17 / 6)
+
+        return quad(by_logarithm, np.log(low), np.log(high), limit=200, epsrel=1e-10)[0]
+
+    whole = energy(1e-4, 1e12)
+    assert energy(300, 1e12) / whole == pytest.approx(0.032, abs=5e-4)
+    assert energy(1e-4, 0.2) / whole == pytest.approx(6e-5, abs=5e-6)
+    # each interval of equal logarithm has one mode with just its energy
+    below = number < 3.0
+    amplitudes = np.sum(np.asarray(many.amplitudes) ** 2, axis=-1)
+    share = np.sum(amplitudes * below, axis=1) / np.sum(amplitudes, axis=1)
+    assert share == pytest.approx(np.full(SEEDS, energy(0.2, 3.0) / energy(0.2, 300)), abs=0.01)
 
 
 def test_longitudinal_correlation_and_its_integral(many):
