@@ -73,18 +73,7 @@ class Turbulence(Flow):
         shift = generator.random(modes)
         wave_number = bounds[:-1] ** (1 - shift) * bounds[1:] ** shift / energetic_length
 
-        # Directions and polarisations fill all there are evenly within any band of wave numbers,
-        # so that every draw is nearly isotropic; a random shift makes them so on average.
-        level, azimuth, polarisation = (
-            (generator.random(3) + np.arange(modes)[:, None] * _EVENLY) % 1
-        ).T * [[2.0], [2 * np.pi], [np.pi]]
-        cos_polar, sin_polar = level - 1, np.sqrt(level * (2 - level))
-        cos, sin = np.cos(azimuth), np.sin(azimuth)
-        direction = np.stack([sin_polar * cos, sin_polar * sin, cos_polar], axis=1)
-        southward = np.stack([cos_polar * cos, cos_polar * sin, -sin_polar], axis=1)
-        eastward = np.stack([-sin, cos, 0 * sin], axis=1)
-        normal = (np.cos(polarisation) * southward.T + np.sin(polarisation) * eastward.T).T
-
+        direction, normal = _spread(modes, generator)
         # over three components: sum of a^2 / 2 = 3 (intensity |mean|)^2
         deviation = intensity * np.linalg.norm(mean)
         amplitude = deviation * np.sqrt(6 * energy / energy.sum())
@@ -92,8 +81,8 @@ class Turbulence(Flow):
         return Turbulence(
             onset,
             jnp.asarray(mean),
-            jnp.asarray((wave_number * direction.T).T[:, axes]),
-            jnp.asarray((amplitude * normal.T).T[:, axes]),
+            jnp.asarray(wave_number[:, None] * direction[:, axes]),
+            jnp.asarray(amplitude[:, None] * normal[:, axes]),
             jnp.asarray(generator.random(modes)),
         )
 
@@ -117,3 +106,24 @@ class Turbulence(Flow):
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
         return self.phases + self.wave_vectors @ (point - self.mean * time) / (2 * jnp.pi)
+
+
+def _spread(
+    modes: int, generator: np.random.Generator
+) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]:
+    """Return unit vectors in all directions, and one normal to each of them.
+
+    Directions and polarisations are spread evenly within any run of modes, so that every draw is
+    nearly isotropic in any band of wave numbers; a random shift makes it so on average.
+    """
+    shares = (generator.random(3) + np.arange(modes)[:, None] * _EVENLY) % 1
+    # a sphere has equal areas between equal steps of the cosine
+    polar = np.arccos(2 * shares[:, 0] - 1)
+    azimuth, polarisation = 2 * np.pi * shares[:, 1], np.pi * shares[:, 2]
+    along = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=1)
+    across = np.stack([-np.sin(azimuth), np.cos(azimuth), 0 * azimuth], axis=1)
+    up = np.array([0.0, 0.0, 1.0])
+    cos, sin = np.cos(polar)[:, None], np.sin(polar)[:, None]
+    direction, southward = sin * along + cos * up, cos * along - sin * up
+    cos, sin = np.cos(polarisation)[:, None], np.sin(polarisation)[:, None]
+    return direction, cos * southward + sin * across
