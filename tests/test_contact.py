@@ -201,12 +201,12 @@ def test_tangent_with_contacts_is_the_slope_of_the_residual():
     assert bool(state.touch.in_contact.all())
 
     def residual(correction):
-        current = forces.current(stage, correction)
+        current = forces.surroundings(stage, correction)
         return forces.unknown(forces.residual(forces.motion(stage, correction, current))[0])
 
     @jax.jit
     def solved(rhs):
-        current = forces.current(stage, zero)
+        current = forces.surroundings(stage, zero)
         now = forces.motion(stage, zero, current)
         return forces.tangent(stage, now, current).solve(rhs)
 

@@ -98,7 +98,7 @@ def imbalance(system: System, state: State) -> tuple[Array, Array]:
     none = jnp.zeros(())
     stage = Stage(state.time, state.position, state.velocity, state.acceleration, none, none, none)
     zero = jnp.zeros_like(state.position)
-    current = system.forces.current(stage, zero)
+    current = system.forces.surroundings(stage, zero)
     return system.forces.residual(system.forces.motion(stage, zero, current))
 
 

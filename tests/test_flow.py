@@ -42,7 +42,8 @@ def sine(phase: float = 0.0) -> Sine:
 
 @eqx.filter_jit
 def _moves(water: Water, point: Array, time: Array) -> tuple[Array, Array]:
-    return water.velocity(point, time), water.acceleration(point, time)
+    current = water.current(point, time)
+    return current.velocity, current.acceleration
 
 
 def moves(flow: Flow | Water, point: ArrayLike, time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -54,7 +55,7 @@ def moves(flow: Flow | Water, point: ArrayLike, time: float) -> tuple[np.ndarray
 @eqx.filter_jit
 def _slopes(water: Water, point: Array, time: Array) -> list[Array]:
     """Return how velocity and acceleration change with place and time, in both modes."""
-    functions = (water.velocity, water.acceleration)
+    functions = (water.velocity, lambda point, time: water.current(point, time).acceleration)
     return [
         slope
         for function in functions

@@ -101,7 +101,8 @@ def scenario(file, duration=10.0, base=(0.0, -10.0), depth=20.0, **keys):
 
 @eqx.filter_jit
 def _moves(water: Water, points: jax.Array, times: jax.Array):
-    return jax.vmap(water.velocity_and_acceleration)(points, times)
+    currents = jax.vmap(water.current)(points, times)
+    return currents.velocity, currents.acceleration
 
 
 def moves(case, points, times):

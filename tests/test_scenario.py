@@ -74,6 +74,22 @@ duration = 1.5
 kind = "sine"
 amplitude = [0, 0.1]
 frequency_hz = 0.3333333333333333
+[[flow]]
+kind = "gauss-markov"
+mean = [0.1, 0]
+standard_deviation = [0.02, 0]
+correlation_time = 2
+[[flow]]
+kind = "turbulence"
+mean = [0.1, 0]
+intensity = 0.1
+length_scale = 0.5
+modes = 64
+[[flow]]
+kind = "waves"
+significant_height = 0.5
+peak_period = 5
+direction_deg = 180
 [[load]]
 kind = "distributed"
 direction = "tangential"
@@ -188,7 +204,8 @@ ONE_MISTAKE = {
     ),
     "unknown kind": (
         'flow = [{kind = "tornado"}]',
-        'flow.0.kind: got "tornado", takes "gust", "measured", "shear", "sine" or "uniform"',
+        'flow.0.kind: got "tornado", takes "gauss-markov", "gust", "measured", "shear", "sine", '
+        '"turbulence", "uniform" or "waves"',
     ),
     "no kind": (
         "load = [{magnitude = 1.0}]",
@@ -307,6 +324,56 @@ ONE_MISTAKE = {
         'water.depth = 20\n[[flow]]\nkind = "shear"\nvelocity = [1, 0]\nreference_depth = 0\n'
         "roughness_length = 0.1\nexponent = 0.2",
         "flow.0.exponent: does not go with roughness_length; takes one of the two",
+    ),
+    "waves without depth": (
+        'flow = [{kind = "waves", significant_height = 1, peak_period = 6}]',
+        "water.depth: missing, takes a number above 0 (m): flow.0 needs it",
+    ),
+    "waves higher than deep": (
+        "water.depth = 2\nbase.position = [0, -1]\n"
+        'flow = [{kind = "waves", significant_height = 2, peak_period = 6}]',
+        "flow.0.significant_height: got 2.0, takes a number below water.depth = 2.0 (m)",
+    ),
+    "waves without gravity": (
+        "water = {depth = 20, gravity = 0}\n"
+        'flow = [{kind = "waves", significant_height = 1, peak_period = 6}]',
+        "water.gravity: got 0.0, takes a number above 0 (m/s2): flow.0 needs it",
+    ),
+    "base above the waves": (
+        "water.depth = 20\nbase.position = [0, 0]\n"
+        'flow = [{kind = "waves", significant_height = 1, peak_period = 6}]',
+        "base.position.1: got 0.0, takes a number below 0 (m): "
+        "flow.0 has its still surface at z = 0",
+    ),
+    "flat spectrum": (
+        'water.depth = 20\n[[flow]]\nkind = "waves"\nsignificant_height = 1\npeak_period = 6\n'
+        "gamma = 0.5",
+        "flow.0.gamma: got 0.5, takes a number from 1 to 10",
+    ),
+    "turbulence of nothing": (
+        'flow = [{kind = "turbulence", mean = [0, 0], intensity = 0.2, length_scale = 1}]',
+        "flow.0.mean: got [0.0, 0.0], takes a velocity other than 0: intensity is a share of it",
+    ),
+    "intensity in percent": (
+        'flow = [{kind = "turbulence", mean = [1, 0], intensity = 20, length_scale = 1}]',
+        "flow.0.intensity: got 20, takes a number above 0, up to 1",
+    ),
+    "too few modes": (
+        'flow = [{kind = "turbulence", mean = [1, 0], intensity = 0.2, length_scale = 1, '
+        "modes = 1}]",
+        "flow.0.modes: got 1, takes a whole number from 8 to 10000",
+    ),
+    "negative deviation": (
+        'flow = [{kind = "gauss-markov", mean = [1, 0], standard_deviation = [0.1, -0.1], '
+        "correlation_time = 1}]",
+        "flow.0.standard_deviation: got [0.1, -0.1], "
+        "takes a number of 0 or more, or [x, z], both 0 or more (m/s)",
+    ),
+    "hasty wandering": (
+        'flow = [{kind = "gauss-markov", mean = [1, 0], standard_deviation = 0.1, '
+        "correlation_time = 1e-6}]",
+        "flow.0.correlation_time: got 1e-06, takes 0.0004 or more (s): "
+        "simulation.duration = 20.0 may hold 50000 of them",
     ),
     "base in the bed": (
         "water.depth = 10",
@@ -441,7 +508,7 @@ def test_mistakes_in_python_are_told_the_same_way():
     assert str(caught.value) == "length: got -1.0, takes a number above 0 (m)"
     with pytest.raises(ScenarioError) as caught:
         Scenario(flow=[TipLoad(moment=1.0)])
-    assert caught.value.lines[0].startswith('flow.0.kind: got "tip", takes "gust"')
+    assert caught.value.lines[0].startswith('flow.0.kind: got "tip", takes "gauss-markov"')
 
 
 def test_error_survives_pickling():

@@ -322,7 +322,7 @@ def at_rest(system, position):
     """Return imbalance, tangent and stored energies of a shape at rest."""
     forces, stage = system.forces, still(jnp.zeros(()), position)
     zero = jnp.zeros_like(position)
-    current = forces.current(stage, zero)
+    current = forces.surroundings(stage, zero)
     motion = forces.motion(stage, zero, current)
     residual, _ = forces.residual(motion)
     energy, _ = forces.audit(motion)

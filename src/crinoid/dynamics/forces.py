@@ -19,7 +19,7 @@ Rows = Float[Array, "rows b"]
 Elements = tuple[Element, ...]
 
 
-class Current(eqx.Module):
+class Surroundings(eqx.Module):
     """The water around given places, expanded to first order from each."""
 
     position: Rows
@@ -31,12 +31,12 @@ class Current(eqx.Module):
 
     def since(
         self, position: Rows, velocity: Rows, acceleration: Rows, alpha: Float[Array, ""]
-    ) -> "Current":
+    ) -> "Surroundings":
         """Return the water at a share ``alpha`` of a step back, between what it was and is now.
 
         Given are the places there, and velocity and acceleration at the step's start.
         """
-        return Current(
+        return Surroundings(
             position,
             (1 - alpha) * self.velocity + alpha * velocity,
             (1 - alpha) * self.acceleration + alpha * acceleration,
@@ -94,26 +94,27 @@ class Forces(eqx.Module):
         """Return the velocity of the water at places (m/s)."""
         return jax.vmap(lambda place: self.water.velocity(self.origin + place, time))(places)
 
-    def current(self, stage: Stage, correction: Rows) -> Current:
+    def surroundings(self, stage: Stage, correction: Rows) -> Surroundings:
         """Return the water around the places at a stage of the step."""
         position = stage.position + stage.by_position * correction
-        zero = jnp.zeros_like(position)
-        if not self.water.flows:
-            flat = jnp.zeros((*position.shape, position.shape[1]))
-            return Current(position, zero, zero, flat, flat)
-        at_place = self._flow_at_place
-        velocity, acceleration = jax.vmap(at_place, (0, None))(position, stage.time)
-        slopes = jax.vmap(jax.jacfwd(at_place), (0, None))(position, stage.time)
-        return Current(position, velocity, acceleration, *slopes)
+        current = jax.vmap(lambda place: self.water.current(self.origin + place, stage.time))
+        water = current(position)
+        return Surroundings(
+            position,
+            water.velocity,
+            water.acceleration,
+            water.velocity_slope,
+            water.acceleration_slope,
+        )
 
-    def motion(self, stage: Stage, correction: Rows, current: Current) -> Motion:
+    def motion(self, stage: Stage, correction: Rows, around: Surroundings) -> Motion:
         """Return the motion of everything and of the water around it, at a stage of the step."""
         position = stage.position + stage.by_position * correction
         return Motion(
             position,
             stage.velocity + stage.by_velocity * correction,
             stage.acceleration + stage.by_acceleration * correction,
-            *current.at(position),
+            *around.at(position),
             stage.time,
         )
 
@@ -153,12 +154,12 @@ class Forces(eqx.Module):
         self,
         stage: Stage,
         motion: Motion,
-        current: Current,
+        around: Surroundings,
         load_factor: Array | None = None,
     ) -> Tangent:
         """Return d(residual)/d(correction): each element's Jacobian along the stage's motion."""
         num_nodes = self.nodes(motion.position).shape[0]
-        slopes = (current.velocity_slope, current.acceleration_slope)
+        slopes = (around.velocity_slope, around.acceleration_slope)
 
         def jacobian(elements: Elements, window: Motion, slopes: list[Array]) -> Array:
             return _jacobian(stage, elements, window, slopes, load_factor)
@@ -167,8 +168,8 @@ class Forces(eqx.Module):
         blocks = []
         for first, elements in self._groups():
             count, stencil = _count(elements[0]), elements[0].stencil
-            around = [chain.gather(s, first, count, stencil) for s in slopes]
-            blocks.append((first, jacobians(elements, _windows(elements[0], motion), around)))
+            along = [chain.gather(s, first, count, stencil) for s in slopes]
+            blocks.append((first, jacobians(elements, _windows(elements[0], motion), along)))
         if self.obstacles is None:
             return Tangent(chain.assemble(blocks, num_nodes), None, ())
 
@@ -184,8 +185,8 @@ class Forces(eqx.Module):
 
         free = jnp.asarray(self.free)
         touch = touch[free]
-        around = [slope[num_nodes + free][:, None] for slope in slopes]
-        own = jacobians((obstacles.bodies,), self._bodies(motion), around)[:, 0, :, 0]
+        of_free = [slope[num_nodes + free][:, None] for slope in slopes]
+        own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
         own = own + jnp.sum(touch[:, :, 2, :, 2], axis=1)
 
         def scatter(edges: Float[Array, "edges 2 b"]) -> Float[Array, "n b"]:
@@ -235,9 +236,6 @@ class Forces(eqx.Module):
             motion.flow_acceleration[free][:, None],
             jnp.broadcast_to(motion.time, (len(self.free),)),
         )
-
-    def _flow_at_place(self, position: Float[Array, " b"], time: Array) -> tuple[Array, Array]:
-        return self.water.velocity_and_acceleration(self.origin + position, time)
 
 
 def _jacobian(

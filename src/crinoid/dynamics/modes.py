@@ -38,8 +38,8 @@ def linearise(
 
     def tangent(by: Float[Array, "2"]) -> chain.Bands:
         stage = Stage(time, position, zero, zero, by[0], none, by[1])
-        current = forces.current(stage, zero)
-        return forces.tangent(stage, forces.motion(stage, zero, current), current).bands
+        around = forces.surroundings(stage, zero)
+        return forces.tangent(stage, forces.motion(stage, zero, around), around).bands
 
     # one after the other: the tangent is compiled once for both
     stiffness, mass = jax.lax.map(tangent, jnp.eye(2))

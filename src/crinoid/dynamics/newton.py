@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.dynamics.forces import Current, Forces
+from crinoid.dynamics.forces import Forces, Surroundings
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.tangent import HELD
 from crinoid.rod import Rod
@@ -65,7 +65,7 @@ class Settings(eqx.Module):
 @eqx.filter_custom_jvp
 def solve(
     forces: Forces,
-    current: Current,
+    around: Surroundings,
     stage: Stage,
     guess: Rows,
     settings: Settings,
@@ -73,7 +73,7 @@ def solve(
 ) -> tuple[Rows, Outcome]:
     """Find the correction of what is free to move that balances the forces at a stage.
 
-    The water is that of ``current``. Convergence is judged by the residual, relative to the
+    The water is that of ``around``. Convergence is judged by the residual, relative to the
     largest force in it. The derivative of the solution comes from the converged tangent, solved
     once (implicit function theorem), so iterations are never differentiated.
 
@@ -82,7 +82,7 @@ def solve(
     """
 
     def evaluate(correction: Rows) -> tuple[Rows, Outcome]:
-        motion = forces.motion(stage, correction, current)
+        motion = forces.motion(stage, correction, around)
         residual, scale = forces.residual(motion, load_factor)
         imbalance = jnp.max(jnp.abs(forces.unknown(residual)), axis=1)
         worst = jnp.argmax(imbalance)
@@ -105,7 +105,7 @@ def solve(
 
     def iterate(carry: tuple[Rows, Rows, Outcome]) -> tuple[Rows, Rows, Outcome]:
         correction, residual, before = carry
-        change = newton_step(forces, current, stage, correction, residual, load_factor)
+        change = newton_step(forces, around, stage, correction, residual, load_factor)
         if settings.max_turn is not None:
             turn = _largest_turn(forces.nodes(stage.position), forces.nodes(change))
             change *= jnp.minimum(1.0, settings.max_turn / turn)
@@ -122,26 +122,26 @@ def solve(
 
 @solve.def_jvp
 def _solve_jvp(primals: Any, tangents: Any) -> Any:
-    forces, current, stage, _, _, load_factor = primals
-    t_forces, t_current, t_stage, _, _, t_load_factor = tangents
+    forces, around, stage, _, _, load_factor = primals
+    t_forces, t_around, t_stage, _, _, t_load_factor = tangents
     correction, outcome = solve(*primals)
     tangent = implied(
-        (forces, current, stage, load_factor),
-        (t_forces, t_current, t_stage, t_load_factor),
+        (forces, around, stage, load_factor),
+        (t_forces, t_around, t_stage, t_load_factor),
         correction,
     )
     return (correction, outcome), (tangent, constant(outcome))
 
 
 def implied(primals: Any, tangents: Any, correction: Rows) -> Rows:
-    """Return how a converged correction follows forces, current, stage and load factor."""
+    """Return how a converged correction follows forces, water, stage and load factor."""
 
-    def residual(forces: Forces, current: Current, stage: Stage, factor: Array | None) -> Rows:
-        return forces.residual(forces.motion(stage, correction, current), factor)[0]
+    def residual(forces: Forces, around: Surroundings, stage: Stage, factor: Array | None) -> Rows:
+        return forces.residual(forces.motion(stage, correction, around), factor)[0]
 
     _, t_residual = eqx.filter_jvp(residual, primals, tangents)
-    forces, current, stage, load_factor = primals
-    return newton_step(forces, current, stage, correction, t_residual, load_factor)
+    forces, around, stage, load_factor = primals
+    return newton_step(forces, around, stage, correction, t_residual, load_factor)
 
 
 def constant(outcome: Outcome) -> Any:
@@ -151,15 +151,15 @@ def constant(outcome: Outcome) -> Any:
 
 def newton_step(
     forces: Forces,
-    current: Current,
+    around: Surroundings,
     stage: Stage,
     correction: Rows,
     residual: Rows,
     load_factor: Array | None = None,
 ) -> Rows:
     """Return the change of the correction that would cancel the residual, were it linear."""
-    motion = forces.motion(stage, correction, current)
-    return forces.tangent(stage, motion, current, load_factor).solve(-residual)
+    motion = forces.motion(stage, correction, around)
+    return forces.tangent(stage, motion, around, load_factor).solve(-residual)
 
 
 def _largest_turn(position: Rows, change: Rows) -> Float[Array, ""]:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.dynamics.forces import Current, Forces
+from crinoid.dynamics.forces import Forces, Surroundings
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.newton import Outcome, Settings, constant, implied, solve
 
@@ -83,8 +83,8 @@ def equilibrium(
         shift = jnp.where(search.loaded & ~search.settled, search.shift, 0.0)
         stage, none = still(time, search.position, shift), jnp.zeros_like(start)
         # the water is expanded anew around the place that each solve starts from
-        current = forces.current(stage, none)
-        correction, outcome = solve(forces, current, stage, none, settings, load_factor)
+        around = forces.surroundings(stage, none)
+        correction, outcome = solve(forces, around, stage, none, settings, load_factor)
         good = outcome.converged
         position = jnp.where(good, search.position + correction, search.position)
         share = jnp.where(good, 2.0, 0.5) * search.share
@@ -135,16 +135,16 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
     position, outcome = equilibrium(*primals)
     held = jnp.zeros_like(start) if t_start is None else t_start
 
-    def around(forces: Forces, time: Array, position: Rows) -> tuple[Stage, Current]:
+    def begin(forces: Forces, time: Array, position: Rows) -> tuple[Stage, Surroundings]:
         stage = still(time, position)
-        return stage, forces.current(stage, jnp.zeros_like(start))
+        return stage, forces.surroundings(stage, jnp.zeros_like(start))
 
-    (stage, current), (t_stage, t_current) = eqx.filter_jvp(
-        around, (forces, time, position), (t_forces, t_time, held)
+    (stage, around), (t_stage, t_around) = eqx.filter_jvp(
+        begin, (forces, time, position), (t_forces, t_time, held)
     )
     full = jnp.ones(())
     correction = implied(
-        (forces, current, stage, full), (t_forces, t_current, t_stage, None), jnp.zeros_like(start)
+        (forces, around, stage, full), (t_forces, t_around, t_stage, None), jnp.zeros_like(start)
     )
     return (position, outcome), (correction + held, constant(outcome))
 

@@ -93,7 +93,7 @@ class System(eqx.Module):
         start = self._rest_position(time)
         forces = self.forces.frozen(time)
         stage, none = statics.still(time, start), jnp.zeros_like(start)
-        _, load = forces.residual(forces.motion(stage, none, forces.current(stage, none)))
+        _, load = forces.residual(forces.motion(stage, none, forces.surroundings(stage, none)))
         settings = eqx.tree_at(
             lambda s: (s.max_turn, s.max_move),
             self.settings,
@@ -115,7 +115,7 @@ class System(eqx.Module):
         rows = state.motion.position
         stage, none = statics.still(state.time, rows), jnp.zeros_like(rows)
         forces = self.forces.frozen(state.time)
-        motion = forces.motion(stage, none, forces.current(stage, none))
+        motion = forces.motion(stage, none, forces.surroundings(stage, none))
         return self._observe(forces, motion, state.servo)
 
     def step(
@@ -155,8 +155,8 @@ class System(eqx.Module):
         guess = (before.acceleration / new.by_acceleration).at[:HELD].set(0.0)
         # the water is costly: looked at once, where the arm is expected, and expanded from there;
         # where the guess is wrong by O(h^3) the water is by O(h^6)
-        current = self.forces.current(new, guess)
-        between = current.since(
+        around = self.forces.surroundings(new, guess)
+        between = around.since(
             stage.position + stage.by_position * guess,
             before.flow_velocity,
             before.flow_acceleration,
@@ -164,7 +164,7 @@ class System(eqx.Module):
         )
         correction, outcome = solve(self.forces, between, stage, guess, self.settings, None)
 
-        motion = self.forces.motion(new, correction, current)
+        motion = self.forces.motion(new, correction, around)
         # the accelerations of generalized-alpha are those of (alpha_f - alpha_m) h ago (Arnold and
         # Bruels 2007): right for the next step, but the powers want those of now
         lag = method.alpha_f - method.alpha_m
@@ -348,10 +348,10 @@ class System(eqx.Module):
         )
         # forces are affine in the acceleration: one Newton step is exact
         none = jnp.zeros_like(position)
-        current = self.forces.current(stage, none)
-        residual, _ = self.forces.residual(self.forces.motion(stage, none, current))
-        acceleration = newton_step(self.forces, current, stage, none, residual)
-        return self._observe(self.forces, self.forces.motion(stage, acceleration, current), servo)
+        around = self.forces.surroundings(stage, none)
+        residual, _ = self.forces.residual(self.forces.motion(stage, none, around))
+        acceleration = newton_step(self.forces, around, stage, none, residual)
+        return self._observe(self.forces, self.forces.motion(stage, acceleration, around), servo)
 
     def _observe(self, forces: Forces, motion: Motion, servo: ServoState) -> State:
         energy, power = forces.audit(motion)

@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.flow.current import Current
+from crinoid.flow.jet import Jet
 from crinoid.onset import Onset
 
 Point = Float[Array, " b"]
@@ -14,7 +16,7 @@ Time = Float[Array, ""]
 
 
 class Flow(eqx.Module):
-    """A model of a current: a velocity field that can be differentiated in place and time."""
+    """A model of a current: a velocity field that can be differentiated twice."""
 
     onset: eqx.AbstractVar[Onset]
 
@@ -22,9 +24,19 @@ class Flow(eqx.Module):
     def fully_on(self, point: Point, time: Time) -> Point:
         """Return the velocity (m/s) at a point (m) and a time (s), its onset aside."""
 
+    def fully_on_jet(self, point: Point, time: Time) -> Jet:
+        """Return the same with its derivatives; a flow may know them in a cheaper form."""
+        return Jet.of(self.fully_on, point, time)
+
     def velocity(self, point: Point, time: Time) -> Point:
         """Return the velocity (m/s) at a point (m) and a time (s)."""
         return self.onset(time) * self.fully_on(point, time)
+
+    def jet(self, point: Point, time: Time) -> Jet:
+        """Return the velocity at a point (m) and a time (s) with its derivatives."""
+        rate = jax.grad(self.onset)
+        onset = (self.onset(time), rate(time), jax.grad(rate)(time))
+        return self.fully_on_jet(point, time).times(*onset)
 
 
 class Water(eqx.Module):
@@ -43,12 +55,9 @@ class Water(eqx.Module):
         time = time if self.frozen_at is None else self.frozen_at
         return sum((flow.velocity(point, time) for flow in self.flows), jnp.zeros_like(point))
 
-    def acceleration(self, point: Point, time: Time) -> Point:
-        """Return the material acceleration Du/Dt (m/s2), exact by forward differentiation."""
-        return self.velocity_and_acceleration(point, time)[1]
-
-    def velocity_and_acceleration(self, point: Point, time: Time) -> tuple[Point, Point]:
-        """Return velocity (m/s) and material acceleration (m/s2) in one pass."""
-        time = jnp.asarray(time, float)
-        velocity = self.velocity(point, time)
-        return jax.jvp(self.velocity, (point, time), (velocity, jnp.ones_like(time)))
+    def current(self, point: Point, time: Time) -> Current:
+        """Return velocity, material acceleration and how both change with the place, at once."""
+        time = jnp.asarray(time if self.frozen_at is None else self.frozen_at, float)
+        jets = (flow.jet(point, time) for flow in self.flows)
+        together = sum(jets, Jet.still(point.shape[0]))
+        return Current.of(together, steady=self.frozen_at is not None)

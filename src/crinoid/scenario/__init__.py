@@ -19,7 +19,17 @@ from crinoid.scenario.channel import (
 )
 from crinoid.scenario.control import Control, Coordinate, Pid, PidGains, Sensor
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
-from crinoid.scenario.flow import Flow, GustFlow, MeasuredFlow, ShearFlow, SineFlow, UniformFlow
+from crinoid.scenario.flow import (
+    Flow,
+    GaussMarkovFlow,
+    GustFlow,
+    MeasuredFlow,
+    ShearFlow,
+    SineFlow,
+    TurbulenceFlow,
+    UniformFlow,
+    WavesFlow,
+)
 from crinoid.scenario.library import builtin_files, builtin_names, builtin_text, load
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
 from crinoid.scenario.motion import Motion, SineMotion, TableMotion
@@ -42,6 +52,7 @@ __all__ = [
     "Cylinder",
     "DistributedLoad",
     "Flow",
+    "GaussMarkovFlow",
     "GustFlow",
     "LinearChannel",
     "Load",
@@ -65,8 +76,10 @@ __all__ = [
     "TableMotion",
     "Target",
     "TipLoad",
+    "TurbulenceFlow",
     "UniformFlow",
     "Water",
+    "WavesFlow",
     "builtin_files",
     "builtin_names",
     "builtin_text",

@@ -25,7 +25,18 @@ from crinoid.elements import (
     TipLoad,
     Weight,
 )
-from crinoid.flow import Flow, Gust, LogarithmicShear, PowerShear, Sine, Uniform, Water
+from crinoid.flow import (
+    Flow,
+    GaussMarkov,
+    Gust,
+    LogarithmicShear,
+    PowerShear,
+    Sine,
+    Turbulence,
+    Uniform,
+    Water,
+    Waves,
+)
 from crinoid.onset import Onset
 from crinoid.rod import Rod
 from crinoid.scenario import flow as flows
@@ -75,7 +86,7 @@ def build_system(scenario: Scenario) -> System:
         rod=rod,
         forces=Forces(
             elements,
-            Water(tuple(_flow(scenario, flow) for flow in scenario.flow)),
+            Water(tuple(_flow(scenario, *numbered) for numbered in enumerate(scenario.flow))),
             _array(scenario.base.position),
             _obstacles(scenario, contact, bodies),
         ),
@@ -174,8 +185,10 @@ def _load(
     }
 
 
-def _flow(scenario: Scenario, flow: flows.Flow) -> Flow:
+def _flow(scenario: Scenario, index: int, flow: flows.Flow) -> Flow:
     onset = Onset(*map(_array, (flow.start, flow.ramp_time, np.inf)))
+    # two random flows of one scenario are not the same
+    seed = np.random.SeedSequence(scenario.seed, spawn_key=(index,))
     match flow:
         case flows.UniformFlow():
             return Uniform(onset, _array(flow.velocity))
@@ -200,10 +213,42 @@ def _flow(scenario: Scenario, flow: flows.Flow) -> Flow:
             if flow.power_exponent is None:
                 return LogarithmicShear(*profile, _array(flow.roughness_length))
             return PowerShear(*profile, _array(flow.power_exponent))
+        case flows.GaussMarkovFlow():
+            return GaussMarkov.of(
+                onset,
+                mean=np.array(flow.mean),
+                standard_deviation=np.array(flow.standard_deviation),
+                correlation_time=flow.correlation_time,
+                duration=scenario.simulation.duration,
+                generator=np.random.default_rng(seed),
+            )
+        case flows.TurbulenceFlow():
+            return Turbulence.of(
+                onset,
+                mean=np.array(flow.mean),
+                intensity=flow.intensity,
+                length_scale=flow.length_scale,
+                modes=flow.modes,
+                generator=np.random.default_rng(seed),
+            )
+        case flows.WavesFlow():
+            depth = scenario.water.depth
+            assert depth is not None  # likewise
+            return Waves.of(
+                onset,
+                significant_height=flow.significant_height,
+                peak_period=flow.peak_period,
+                heading=np.cos([np.deg2rad(flow.direction_deg)]),
+                gamma=flow.gamma,
+                components=flow.components,
+                depth=depth,
+                gravity=scenario.water.gravity,
+                generator=np.random.default_rng(seed),
+            )
         case flows.MeasuredFlow():
             from crinoid.scenario.build_measured import measured  # xarray, which few need
 
-            recording = scenario.recordings[scenario.flow.index(flow)]
+            recording = scenario.recordings[index]
             return measured(onset, recording, scenario)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from crinoid.scenario.base import Base
 from crinoid.scenario.control import Control, Sensor
 from crinoid.scenario.errors import Mistake
-from crinoid.scenario.flow import Flow, ShearFlow
+from crinoid.scenario.flow import Flow, GaussMarkovFlow, ShearFlow, WavesFlow
 from crinoid.scenario.motion import TableMotion
 from crinoid.scenario.simulation import Output, Simulation, not_whole, whole_steps
 from crinoid.scenario.water import Water
@@ -18,29 +18,40 @@ __all__ = [
     "motion_conflicts",
     "output_conflicts",
     "rate_conflicts",
+    "record_conflicts",
     "size_conflicts",
+    "wave_conflicts",
 ]
 
 _MAX_BYTES = 8e9
 _BYTES_PER_NODE = 100
+_MAX_CORRELATION_TIMES = 50_000
+"""A random current as long as that takes 2 s to draw and 64 MB to keep."""
 
 
 def depth_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterator[Mistake]:
     """Yield what lies below the bed, and what needs to know where it is."""
     depth = water.depth
-    shears = {
-        f"flow.{index}": flow for index, flow in enumerate(flows) if isinstance(flow, ShearFlow)
+    needing = {
+        f"flow.{index}": flow
+        for index, flow in enumerate(flows)
+        if isinstance(flow, ShearFlow | WavesFlow)
     }
     if depth is None:
-        if shears:
-            names = ", ".join(shears)
+        if needing:
+            names = ", ".join(needing)
             yield Mistake("water.depth", f"missing, takes a number above 0 (m): {names} needs it")
         return
     height = base.position[1]
     if height <= -depth:
         text = f"got {height}, takes a number above -water.depth = {-depth} (m)"
         yield Mistake("base.position.1", text)
-    for name, flow in shears.items():
+    for name, flow in needing.items():
+        if isinstance(flow, WavesFlow):
+            if flow.significant_height >= depth:
+                text = f"got {flow.significant_height}, takes a number below water.depth"
+                yield Mistake(f"{name}.significant_height", f"{text} = {depth} (m)")
+            continue
         reference = depth - flow.reference_depth
         if reference <= 0:
             text = f"got {flow.reference_depth}, takes a number below water.depth = {depth} (m)"
@@ -49,6 +60,32 @@ def depth_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterat
             text = f"got {flow.roughness_length}, takes a number below {reference:.6g} (m), "
             text += "the height of reference_depth above the bed"
             yield Mistake(f"{name}.roughness_length", text)
+
+
+def wave_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterator[Mistake]:
+    """Yield what waves cannot do without."""
+    waves = [f"flow.{index}" for index, flow in enumerate(flows) if isinstance(flow, WavesFlow)]
+    if not waves:
+        return
+    names = ", ".join(waves)
+    if water.gravity == 0:
+        yield Mistake("water.gravity", f"got 0.0, takes a number above 0 (m/s2): {names} needs it")
+    height = base.position[1]
+    if height >= 0:
+        text = f"got {height}, takes a number below 0 (m): {names} has its still surface at z = 0"
+        yield Mistake("base.position.1", text)
+
+
+def record_conflicts(flows: tuple[Flow, ...], simulation: Simulation) -> Iterator[Mistake]:
+    """Yield random currents that change so quickly that a run holds too much of them."""
+    duration = simulation.duration
+    for index, flow in enumerate(flows):
+        if not isinstance(flow, GaussMarkovFlow):
+            continue
+        if duration > _MAX_CORRELATION_TIMES * flow.correlation_time:
+            text = f"got {flow.correlation_time}, takes {duration / _MAX_CORRELATION_TIMES:.6g} or "
+            text += f"more (s): simulation.duration = {duration} may hold {_MAX_CORRELATION_TIMES}"
+            yield Mistake(f"flow.{index}.correlation_time", f"{text} of them")
 
 
 def motion_conflicts(base: Base, simulation: Simulation) -> Iterator[Mistake]:

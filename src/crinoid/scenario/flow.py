@@ -10,12 +10,36 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.errors import Mistake
+from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.measured import MeasuredFlow
 from crinoid.scenario.onset import Onset as _Flow
-from crinoid.scenario.quantity import Degrees, Hertz, Metres, Seconds, Velocity
+from crinoid.scenario.quantity import (
+    AsTuple,
+    Degrees,
+    Hertz,
+    Metres,
+    Quantity,
+    Seconds,
+    Velocity,
+)
 
-__all__ = ["Flow", "GustFlow", "MeasuredFlow", "ShearFlow", "SineFlow", "UniformFlow"]
+__all__ = [
+    "Flow",
+    "GaussMarkovFlow",
+    "GustFlow",
+    "MeasuredFlow",
+    "ShearFlow",
+    "SineFlow",
+    "TurbulenceFlow",
+    "UniformFlow",
+    "WavesFlow",
+]
+
+_From0 = Annotated[float, Field(ge=0)]
+StandardDeviation = Annotated[
+    _From0 | Annotated[tuple[_From0, _From0], AsTuple],
+    Quantity("m/s", "a number of 0 or more, or [x, z], both 0 or more"),
+]
 
 
 class UniformFlow(_Flow):
@@ -76,6 +100,76 @@ class SineFlow(_Flow):
     phase_deg: Degrees = Field(default=0.0, description="Phase at t = 0.")
 
 
+class GaussMarkovFlow(_Flow):
+    """A velocity that wanders about its mean: a Gauss-Markov process for each axis.
+
+    The same everywhere; drawn from `seed`.
+    """
+
+    kind: Literal["gauss-markov"] = Field(
+        default="gauss-markov", description="A velocity that wanders about its mean."
+    )
+    mean: Velocity = Field(description="Mean velocity.")
+    standard_deviation: StandardDeviation = Field(
+        description="Standard deviation of each component, or [x, z]."
+    )
+    correlation_time: Seconds = Field(
+        gt=0, description="Time over which its correlation falls to 1/e."
+    )
+
+
+class TurbulenceFlow(_Flow):
+    """Turbulence that a mean flow carries along: Fourier modes with a von Karman spectrum.
+
+    Drawn from `seed`. A planar arm sees a cut through three-dimensional turbulence.
+    """
+
+    kind: Literal["turbulence"] = Field(
+        default="turbulence", description="Turbulence that a mean flow carries along."
+    )
+    mean: Velocity = Field(description="Mean velocity.")
+    intensity: float = Field(
+        gt=0,
+        le=1,
+        description="Standard deviation of each component, as a share of the mean's magnitude.",
+    )
+    length_scale: Metres = Field(gt=0, description="Longitudinal integral scale.")
+    modes: int = Field(default=256, ge=8, le=10_000, description="Number of Fourier modes.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if not any(self.mean):
+            text = f"got {shown(self.mean)}, takes a velocity other than 0: "
+            yield Mistake("mean", f"{text}intensity is a share of it")
+
+
+class WavesFlow(_Flow):
+    """Surface waves: linear, with a JONSWAP spectrum, on a still surface at z = 0.
+
+    Drawn from `seed`. They need `water.depth`.
+    """
+
+    kind: Literal["waves"] = Field(default="waves", description="Surface waves.")
+    significant_height: Metres = Field(
+        gt=0, description="Significant height, four standard deviations of the surface."
+    )
+    peak_period: Seconds = Field(gt=0, description="Period of the highest waves.")
+    direction_deg: Degrees = Field(
+        default=0.0, description="Where they travel: 0 toward +x, 90 toward +y."
+    )
+    gamma: float = Field(
+        default=3.3, ge=1, le=10, description="How peaked the spectrum is; 1: Pierson-Moskowitz."
+    )
+    components: int = Field(default=64, ge=1, le=10_000, description="Number of waves that add up.")
+
+
 Flow = Annotated[
-    UniformFlow | ShearFlow | GustFlow | SineFlow | MeasuredFlow, Field(discriminator="kind")
+    UniformFlow
+    | ShearFlow
+    | GustFlow
+    | SineFlow
+    | GaussMarkovFlow
+    | TurbulenceFlow
+    | WavesFlow
+    | MeasuredFlow,
+    Field(discriminator="kind"),
 ]

@@ -19,7 +19,9 @@ from crinoid.scenario.consistency import (
     motion_conflicts,
     output_conflicts,
     rate_conflicts,
+    record_conflicts,
     size_conflicts,
+    wave_conflicts,
 )
 from crinoid.scenario.control import Control, Sensor
 from crinoid.scenario.document import assign, parse
@@ -235,6 +237,8 @@ class Scenario(Model):
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from depth_conflicts(self.water, self.base, self.flow)
+        yield from wave_conflicts(self.water, self.base, self.flow)
+        yield from record_conflicts(self.flow, self.simulation)
         yield from motion_conflicts(self.base, self.simulation)
         yield from channel_conflicts(self.control, self.base)
         yield from rate_conflicts(self.sensor, self.control, self.simulation)

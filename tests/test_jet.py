@@ -1,0 +1,204 @@
+"""Flows with their derivatives: closed forms against differentiation, sums, and the current."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from crinoid.flow import (
+    GaussMarkov,
+    Gust,
+    Jet,
+    LogarithmicShear,
+    PowerShear,
+    Sine,
+    Turbulence,
+    Uniform,
+    Water,
+    Waves,
+)
+from crinoid.onset import Onset
+
+
+def vector(dimension, along, up):
+    return jnp.asarray([along, up] if dimension == 2 else [along, 0.3 * along, up])
+
+
+def numbers(*values):
+    return tuple(jnp.asarray(value, float) for value in values)
+
+
+def flows(dimension):
+    """Return one flow of each kind, all of them coming on."""
+    onset = Onset.of(0.5, 3.0)
+    mean = np.asarray(vector(dimension, 0.4, 0.1))
+    heading = np.array([1.0] if dimension == 2 else [0.6, 0.8])
+    return (
+        Uniform(onset, vector(dimension, 0.3, 0.2)),
+        PowerShear(onset, vector(dimension, 0.8, 0.0), *numbers(10.0, -30.0, 0.4)),
+        LogarithmicShear(onset, vector(dimension, 0.8, 0.0), *numbers(10.0, -30.0, 0.01)),
+        Gust(onset, vector(dimension, 0.6, -0.2), *numbers(4.0)),
+        Sine(onset, vector(dimension, 0.3, 0.1), *numbers(0.25, 0.4)),
+        GaussMarkov.of(
+            onset,
+            mean=mean,
+            standard_deviation=np.array(0.2),
+            correlation_time=1.5,
+            duration=10.0,
+            generator=np.random.default_rng(1),
+        ),
+        Turbulence.of(
+            onset,
+            mean=mean,
+            intensity=0.3,
+            length_scale=5.0,
+            modes=64,
+            generator=np.random.default_rng(2),
+        ),
+        Waves.of(
+            onset,
+            significant_height=1.5,
+            peak_period=5.0,
+            heading=heading,
+            gamma=3.3,
+            components=16,
+            depth=30.0,
+            gravity=9.81,
+            generator=np.random.default_rng(3),
+        ),
+    )
+
+
+KINDS = {
+    f"{type(flow).__name__}-{dimension}": (dimension, flow)
+    for dimension in (2, 3)
+    for flow in flows(dimension)
+}
+PLACES = {2: np.array([1.3, -4.0]), 3: np.array([1.3, -0.4, -4.0])}
+EVERYTHING = Water(flows(3))
+
+
+@eqx.filter_jit
+def jets(flow, point, time):
+    """Return a flow's jet, and the one that differentiating its velocity gives."""
+    return flow.jet(point, time), Jet.of(flow.velocity, point, time)
+
+
+@eqx.filter_jit
+def current(water, point, time):
+    return water.current(point, time)
+
+
+def differences(function, at, step):
+    """Return the derivative of a function by central differences of order 4, as the last axis."""
+
+    def along(direction):
+        near, far = (
+            jax.tree.map(
+                lambda ahead, behind, h=h: (np.asarray(ahead) - np.asarray(behind)) / (2 * h),
+                function(at + h * direction),
+                function(at - h * direction),
+            )
+            for h in (step, 2 * step)
+        )
+        return jax.tree.map(lambda a, b: (4 * a - b) / 3, near, far)
+
+    slopes = [along(direction) for direction in np.eye(len(at))]
+    return jax.tree.map(lambda *parts: np.stack(parts, axis=-1), *slopes)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_jet_is_the_flow_and_its_derivatives(kind):
+    dimension, flow = KINDS[kind]
+    # before it starts, while it comes on, later
+    for time in (0.2, 1.7, 4.3):
+        jet, differentiated = jets(flow, *numbers(PLACES[dimension], time))
+        for part, expected in zip(
+            jax.tree.leaves(jet), jax.tree.leaves(differentiated), strict=True
+        ):
+            np.testing.assert_allclose(part, expected, rtol=1e-11, atol=1e-13)
+
+
+def test_jets_add_up_and_symmetry_of_second_derivatives():
+    jet, _ = jets(EVERYTHING.flows[0], *numbers(PLACES[3], 1.7))
+    for flow in EVERYTHING.flows[1:]:
+        jet = jet + jets(flow, *numbers(PLACES[3], 1.7))[0]
+    np.testing.assert_allclose(jet.bend, jnp.swapaxes(jet.bend, 1, 2), atol=1e-14)
+    together = current(EVERYTHING, *numbers(PLACES[3], 1.7))
+    np.testing.assert_allclose(together.velocity, jet.velocity, atol=1e-15)
+    np.testing.assert_allclose(together.velocity_slope, jet.slope[:, :-1], atol=1e-15)
+
+
+def test_acceleration_is_that_of_a_drifting_particle():
+    # along the path of a particle through all flows at once, cross terms included
+    time, now = 1.7, current(EVERYTHING, *numbers(PLACES[3], 1.7))
+
+    def passed(since):
+        # where the particle is a little later, exact to the third power of the time since
+        (since,) = since
+        point = (
+            PLACES[3]
+            + since * np.asarray(now.velocity)
+            + since**2 / 2 * np.asarray(now.acceleration)
+        )
+        return current(EVERYTHING, *numbers(point, time + since)).velocity
+
+    followed = differences(passed, np.zeros(1), 1e-3)[:, 0]
+    np.testing.assert_allclose(now.acceleration, followed, rtol=1e-6)
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_slopes_of_a_current_are_how_it_changes_with_the_place(frozen):
+    time = jnp.asarray(1.7)
+    water = Water(EVERYTHING.flows, time) if frozen else EVERYTHING
+    now = current(water, jnp.asarray(PLACES[3]), time)
+
+    def moved(point):
+        there = current(water, jnp.asarray(point), time)
+        return there.velocity, there.acceleration
+
+    velocity_slope, acceleration_slope = differences(moved, PLACES[3], 2e-4)
+    np.testing.assert_allclose(now.velocity_slope, velocity_slope, atol=1e-9)
+    np.testing.assert_allclose(now.acceleration_slope, acceleration_slope, atol=1e-9)
+    assert np.abs(now.acceleration_slope).max() > 1e-2
+
+
+def test_a_frozen_flow_keeps_its_velocity_and_only_carries_itself_along():
+    point, time = numbers(PLACES[3], 1.7)
+    now = current(EVERYTHING, point, time)
+    # whatever time it is asked at
+    frozen = current(Water(EVERYTHING.flows, time), point, jnp.asarray(9.0))
+    np.testing.assert_allclose(frozen.velocity, now.velocity, atol=1e-15)
+    np.testing.assert_allclose(frozen.velocity_slope, now.velocity_slope, atol=1e-15)
+    carried = now.velocity_slope @ now.velocity
+    np.testing.assert_allclose(frozen.acceleration, carried, atol=1e-14)
+    assert np.abs(now.acceleration - carried).max() > 1e-2
+
+
+def test_still_water_has_no_current():
+    for part in jax.tree.leaves(current(Water(()), *numbers([1.0, -2.0], 3.0))):
+        assert not part.any()
+
+
+@pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
+def test_a_current_can_be_differentiated_once_more(mode):
+    # as gradients of a time step do, over many places at once
+    points = PLACES[2] + np.array([[0.0, 0.0], [0.2, -0.3], [0.4, -0.5]])
+    water = Water(tuple(flow for dimension, flow in KINDS.values() if dimension == 2)[-3:])
+
+    def slopes(strength):
+        stronger = jax.tree.map(lambda x: x, water)
+        turbulence = eqx.tree_at(
+            lambda f: f.amplitudes, stronger.flows[1], replace_fn=strength.__mul__
+        )
+        waves = eqx.tree_at(lambda f: f.amplitudes, stronger.flows[2], replace_fn=strength.__mul__)
+        stronger = Water((stronger.flows[0], turbulence, waves))
+        return jax.vmap(stronger.current, (0, None))(jnp.asarray(points), jnp.asarray(1.7))
+
+    compiled = jax.jit(slopes)
+    exact = jax.jit(mode(slopes))(jnp.asarray(1.0))
+    numeric = differences(lambda x: compiled(jnp.asarray(x[0])), np.ones(1), 1e-3)
+    for got, wanted in zip(jax.tree.leaves(exact), jax.tree.leaves(numeric), strict=True):
+        np.testing.assert_allclose(got, wanted[..., 0], atol=1e-10)
+        assert np.abs(got).max() > 1e-3

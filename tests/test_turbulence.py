@@ -1,0 +1,201 @@
+"""Turbulence: no divergence, the intensity and the spectrum asked for, carried by the mean."""
+
+from itertools import pairwise
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import gamma, kv
+
+import crinoid
+from crinoid.flow import Turbulence, Water
+from crinoid.onset import Onset
+
+SPEED = 1.5
+"""Of the mean (m/s), along x."""
+INTENSITY = 0.2
+LENGTH = 0.8
+"""Longitudinal integral scale (m)."""
+ENERGETIC = LENGTH * gamma(1 / 3) / (np.sqrt(np.pi) * gamma(5 / 6))
+"""The length L_e of the spectrum (m)."""
+DEVIATION = INTENSITY * SPEED
+SEEDS = 48
+
+
+def turbulence(seed=0, *, dimension=3, modes=256, mean=None):
+    usual = np.array([SPEED, 0.0] if dimension == 2 else [SPEED, 0.0, 0.0])
+    return Turbulence.of(
+        Onset.of(),
+        mean=usual if mean is None else mean,
+        intensity=INTENSITY,
+        length_scale=LENGTH,
+        modes=modes,
+        generator=np.random.default_rng(seed),
+    )
+
+
+@pytest.fixture(scope="module")
+def many():
+    """Return turbulence of many seeds, stacked."""
+    flows = [turbulence(seed) for seed in range(SEEDS)]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *flows)
+
+
+@eqx.filter_jit
+def fluctuations(flows, points, time=0.0):
+    """Return what is added to the mean by each of the stacked flows at each of some places."""
+
+    def at(flow, point):
+        return flow.velocity(point, jnp.asarray(time)) - flow.mean
+
+    return jax.vmap(jax.vmap(at, (None, 0)), (0, None))(flows, jnp.asarray(points))
+
+
+def test_there_is_no_divergence():
+    flow = turbulence(dimension=3, mean=np.array([1.0, 0.4, -0.3]))
+    points = np.random.default_rng(9).uniform(-10, 10, (300, 3))
+
+    @jax.jit
+    @jax.vmap
+    def gradient(point):
+        return jax.jacfwd(lambda x: flow.velocity(x, jnp.asarray(3.7)))(point)
+
+    gradients = np.asarray(gradient(jnp.asarray(points)))
+    divergence = np.trace(gradients, axis1=1, axis2=2)
+    assert np.abs(divergence).max() < 1e-10
+    assert np.abs(divergence).max() < 1e-10 * np.sqrt(np.mean(gradients**2))
+
+
+def test_intensity_of_each_component(many):
+    points = np.random.default_rng(9).uniform(-500, 500, (400, 3))
+    found = np.asarray(fluctuations(many, points))
+    deviation = np.sqrt(np.mean(found**2, axis=(0, 1)))
+    assert deviation == pytest.approx([DEVIATION] * 3, rel=0.05)
+    # isotropic: components do not go together
+    cross = np.einsum("spi,spj->ij", found, found) / found[..., 0].size / DEVIATION**2
+    assert cross == pytest.approx(np.eye(3), abs=0.1)
+
+
+def test_intensity_of_each_draw(many):
+    # over all places and times each mode has half its amplitude squared
+    variance = np.sum(np.asarray(many.amplitudes) ** 2, axis=1) / 2
+    assert variance.sum(axis=1) == pytest.approx(np.full(SEEDS, 3 * DEVIATION**2), rel=1e-12)
+    assert np.sqrt(variance) == pytest.approx(np.full((SEEDS, 3), DEVIATION), rel=0.03)
+
+
+def test_spectrum_of_a_point_record(many):
+    # what drifts past a point: frequencies are wave numbers along the mean, k = 2 pi f / U
+    count, step = 8192, 4e-3
+    still = np.zeros(3)
+    times = step * np.arange(count)
+
+    @jax.jit
+    def records(flows):
+        def record(flow):
+            return jax.vmap(lambda time: flow.velocity(jnp.asarray(still), time)[0])(times)
+
+        return jax.vmap(record)(flows)
+
+    record = np.asarray(records(many)) - SPEED
+    window = np.hanning(count)
+    power = np.abs(np.fft.rfft(record * window, axis=1)) ** 2
+    density = 2 * step / np.sum(window**2) * power.mean(axis=0)
+    number = 2 * np.pi * np.fft.rfftfreq(count, step) / SPEED
+    density *= SPEED / (2 * np.pi)  # of wave numbers
+
+    def band(low, high):
+        inside = (number * ENERGETIC > low) & (number * ENERGETIC < high)
+        return np.sqrt(low * high), density[inside].mean()
+
+    bounds = np.geomspace(5.0, 60.0, 13)
+    at, mean = np.array([band(*pair) for pair in pairwise(bounds)]).T
+    slope, _ = np.polyfit(np.log(at), np.log(mean), 1)
+    assert slope == pytest.approx(-5 / 3, abs=0.15)
+    # von Karman's longitudinal spectrum, in its level too
+    expected = 2 * DEVIATION**2 * LENGTH / np.pi / (1 + at**2) ** (5 / 6)
+    assert np.mean(mean / expected) == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_the_cut_of_the_spectrum_leaves_out(many):
+    number = np.linalg.norm(many.wave_vectors, axis=-1) * ENERGETIC
+    assert number.min() > 0.2 * (1 - 1e-12)
+    assert number.max() < 300 * (1 + 1e-12)
+
+    def energy(low, high):
+        def by_logarithm(log):
+            k = np.exp(log)
+            return k * k**4 / (1 + k**2) ** (17 / 6)
+
+        return quad(by_logarithm, np.log(low), np.log(high), limit=200, epsrel=1e-10)[0]
+
+    whole = energy(1e-4, 1e12)
+    assert energy(300, 1e12) / whole == pytest.approx(0.032, abs=5e-4)
+    assert energy(1e-4, 0.2) / whole == pytest.approx(6e-5, abs=5e-6)
+    # each interval of equal logarithm has one mode with just its energy
+    below = number < 3.0
+    amplitudes = np.sum(np.asarray(many.amplitudes) ** 2, axis=-1)
+    share = np.sum(amplitudes * below, axis=1) / np.sum(amplitudes, axis=1)
+    assert share == pytest.approx(np.full(SEEDS, energy(0.2, 3.0) / energy(0.2, 300)), abs=0.01)
+
+
+def test_longitudinal_correlation_and_its_integral(many):
+    start = np.random.default_rng(9).uniform(-500, 500, (150, 3))
+    lags = np.concatenate([np.linspace(0, 1, 21), np.linspace(1, 6, 26)[1:]]) * LENGTH
+    there = np.asarray(fluctuations(many, start))[..., 0]
+    ahead = [
+        np.asarray(fluctuations(many, start + np.array([lag, 0.0, 0.0])))[..., 0] for lag in lags
+    ]
+    correlation = np.array([np.mean(there * moved) for moved in ahead]) / np.mean(there**2)
+    ratio = np.maximum(lags, 1e-9) / ENERGETIC
+    known = 2 ** (2 / 3) / gamma(1 / 3) * np.cbrt(ratio) * kv(1 / 3, ratio)
+    # the eddies that the spectrum is cut by would take 3.2 % off at any but the smallest lags
+    assert correlation == pytest.approx(known, abs=0.04)
+    assert np.trapezoid(correlation, lags) == pytest.approx(LENGTH, rel=0.1)
+
+
+def test_it_is_carried_by_the_mean():
+    mean = np.array([0.7, -0.2, 0.1])
+    flow = turbulence(mean=mean)
+    point, later = np.array([0.3, 0.1, -4.0]), 2.3
+    now = flow.velocity(jnp.asarray(point), jnp.asarray(0.4))
+    then = flow.velocity(jnp.asarray(point + later * mean), jnp.asarray(0.4 + later))
+    np.testing.assert_allclose(now, then, rtol=1e-12)
+
+
+def test_a_planar_arm_sees_the_cut_through_it():
+    flat, full = turbulence(dimension=2), turbulence(dimension=3)
+    point, time = np.array([0.3, 0.0, -4.0]), jnp.asarray(2.1)
+    whole = full.velocity(jnp.asarray(point), time)
+    np.testing.assert_allclose(
+        flat.velocity(jnp.asarray(point[[0, 2]]), time), whole[jnp.array([0, 2])], rtol=1e-12
+    )
+
+
+def test_flows_that_are_stacked_are_those_alone(many):
+    point, time = jnp.asarray([0.3, 0.0, -4.0]), jnp.asarray(2.1)
+
+    @jax.jit
+    @jax.vmap
+    def currents(flow):
+        return Water((flow,)).current(point, time)
+
+    together = currents(many)
+    alone = eqx.filter_jit(Water.current)(Water((turbulence(5),)), point, time)
+    for batch, single in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
+        np.testing.assert_allclose(batch[5], single, rtol=1e-9)
+
+
+def test_a_scenario_draws_each_flow_from_its_seed():
+    table = {"kind": "turbulence", "mean": [0.3, 0.0], "intensity": 0.2, "length_scale": 0.5}
+
+    def waves(seed):
+        system = crinoid.Scenario(seed=seed, flow=[table, table]).system()
+        return [np.asarray(flow.wave_vectors) for flow in system.forces.water.flows]
+
+    first, second = waves(0)
+    np.testing.assert_array_equal(waves(0)[0], first)
+    assert np.abs(first - second).max() > 1.0
+    assert np.abs(first - waves(1)[0]).max() > 1.0
