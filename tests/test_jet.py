@@ -124,10 +124,10 @@ def test_jets_add_up_and_symmetry_of_second_derivatives():
     jet, _ = jets(EVERYTHING.flows[0], *numbers(PLACES[3], 1.7))
     for flow in EVERYTHING.flows[1:]:
         jet = jet + jets(flow, *numbers(PLACES[3], 1.7))[0]
-    np.testing.assert_allclose(jet.bend, jnp.swapaxes(jet.bend, 1, 2), atol=1e-14)
+    np.testing.assert_allclose(jet.hessian, jnp.swapaxes(jet.hessian, 1, 2), atol=1e-14)
     together = current(EVERYTHING, *numbers(PLACES[3], 1.7))
     np.testing.assert_allclose(together.velocity, jet.velocity, atol=1e-15)
-    np.testing.assert_allclose(together.velocity_slope, jet.slope[:, :-1], atol=1e-15)
+    np.testing.assert_allclose(together.velocity_slope, jet.gradient, atol=1e-15)
 
 
 def test_acceleration_is_that_of_a_drifting_particle():

@@ -25,12 +25,12 @@ class Current(eqx.Module):
 
         ``Du/Dt = du/dt + (grad u) u``; of a steady flow ``du/dt`` is left out.
         """
-        velocity, gradient, hessian = jet.velocity, jet.slope[:, :-1], jet.bend[:, :-1, :-1]
+        velocity, gradient = jet.velocity, jet.gradient
         # sums of products and not `@`: many small matrices are quicker that way
         acceleration = jnp.sum(gradient * velocity, axis=-1)
-        slope = jnp.sum(hessian * velocity, axis=-1)
+        slope = jnp.sum(jet.hessian * velocity, axis=-1)
         slope += jnp.sum(gradient[:, :, None] * gradient, axis=1)
         if not steady:
-            acceleration += jet.slope[:, -1]
-            slope += jet.bend[:, :-1, -1]
+            acceleration += jet.rate
+            slope += jet.gradient_rate
         return Current(velocity, acceleration, gradient, slope)

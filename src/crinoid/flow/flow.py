@@ -34,9 +34,23 @@ class Flow(eqx.Module):
 
     def jet(self, point: Point, time: Time) -> Jet:
         """Return the velocity at a point (m) and a time (s) with its derivatives."""
-        rate = jax.grad(self.onset)
-        onset = (self.onset(time), rate(time), jax.grad(rate)(time))
+        onset = jax.jvp(self.onset, (time,), (jnp.ones_like(time),))
         return self.fully_on_jet(point, time).times(*onset)
+
+
+class Everywhere(Flow):
+    """A flow that is the same everywhere: a velocity of time alone."""
+
+    @abstractmethod
+    def at(self, time: Time) -> Point:
+        """Return the velocity (m/s) at a time (s), its onset aside."""
+
+    def fully_on(self, point: Point, time: Time) -> Point:
+        return self.at(time)
+
+    def jet(self, point: Point, time: Time) -> Jet:
+        moving = jax.jvp(lambda t: self.velocity(point, t), (time,), (jnp.ones_like(time),))
+        return Jet.everywhere(*moving)
 
 
 class Water(eqx.Module):
@@ -59,5 +73,6 @@ class Water(eqx.Module):
         """Return velocity, material acceleration and how both change with the place, at once."""
         time = jnp.asarray(time if self.frozen_at is None else self.frozen_at, float)
         jets = (flow.jet(point, time) for flow in self.flows)
-        together = sum(jets, Jet.still(point.shape[0]))
+        still = jnp.zeros_like(point)
+        together = sum(jets, Jet.everywhere(still, still))
         return Current.of(together, steady=self.frozen_at is not None)

@@ -5,8 +5,7 @@ from itertools import accumulate
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.flow.flow import Flow, Point, Time
-from crinoid.flow.jet import Jet
+from crinoid.flow.flow import Everywhere, Point, Time
 from crinoid.onset import Onset
 from crinoid.spline import PiecewiseCubic
 
@@ -16,7 +15,7 @@ _MARGIN = 40
 """Points before and after the record, so that the ends of the spline are not felt within it."""
 
 
-class GaussMarkov(Flow):
+class GaussMarkov(Everywhere):
     """The same everywhere; in time a Gauss-Markov (Ornstein-Uhlenbeck) process for each axis.
 
     Its correlation falls as ``exp(-|lag| / correlation_time)``. The process itself has no
@@ -56,8 +55,5 @@ class GaussMarkov(Flow):
         velocity = mean + standard_deviation * wandering
         return GaussMarkov(onset, PiecewiseCubic(CubicSpline(step * points, velocity)))
 
-    def fully_on(self, point: Point, time: Time) -> Point:
+    def at(self, time: Time) -> Point:
         return self.record(time)
-
-    def fully_on_jet(self, point: Point, time: Time) -> Jet:
-        return Jet.everywhere(self.record, time)

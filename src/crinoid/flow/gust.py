@@ -3,11 +3,11 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.flow.flow import Flow, Point, Time
+from crinoid.flow.flow import Everywhere, Point, Time
 from crinoid.onset import Onset
 
 
-class Gust(Flow):
+class Gust(Everywhere):
     """The 1-cosine gust: ``u = peak (1 - cos(2 pi s)) / 2`` with ``s = (t - start) / duration``.
 
     Nothing blows before its start and after its duration (the discrete gust of IEC 61400-1).
@@ -17,6 +17,6 @@ class Gust(Flow):
     peak: Float[Array, " b"]
     duration: Float[Array, ""]
 
-    def fully_on(self, point: Point, time: Time) -> Point:
+    def at(self, time: Time) -> Point:
         share = jnp.clip((time - self.onset.start) / self.duration, 0.0, 1.0)
         return self.peak * (0.5 - 0.5 * jnp.cos(2 * jnp.pi * share))

@@ -3,11 +3,11 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.flow.flow import Flow, Point, Time
+from crinoid.flow.flow import Everywhere, Point, Time
 from crinoid.onset import Onset
 
 
-class Sine(Flow):
+class Sine(Everywhere):
     """``u = amplitude sin(2 pi f t + phase)``."""
 
     onset: Onset
@@ -17,6 +17,6 @@ class Sine(Flow):
     phase: Float[Array, ""]
     """Phase at time zero (rad)."""
 
-    def fully_on(self, point: Point, time: Time) -> Point:
+    def at(self, time: Time) -> Point:
         angle = 2 * jnp.pi * self.frequency * time + self.phase
         return self.amplitude * jnp.sin(angle)

@@ -91,18 +91,18 @@ class Turbulence(Flow):
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         size = point.shape[0]
-        # carried along: d/dt = -mean . grad
-        along_time = -self.wave_vectors @ self.mean
-        numbers = jnp.concatenate([self.wave_vectors, along_time[:, None]], axis=1)
-        first = self.amplitudes[:, :, None] * numbers[:, None, :]
-        second = first[:, :, :, None] * numbers[:, None, None, :]
+        first = self.amplitudes[:, :, None] * self.wave_vectors[:, None, :]
+        second = first[:, :, :, None] * self.wave_vectors[:, None, None, :]
         turns = self._turns(point, time)
         # two products with matrices are all that is done for each point
         even = jnp.concatenate([self.amplitudes, -second.reshape(len(second), -1)], axis=1)
-        velocity, bend = jnp.split(cosine(turns) @ even, [size])
-        slope = sine(turns) @ -first.reshape(len(first), -1)
-        axes = size + 1
-        return Jet(self.mean + velocity, slope.reshape(size, axes), bend.reshape(size, axes, axes))
+        velocity, hessian = jnp.split(cosine(turns) @ even, [size])
+        gradient = (sine(turns) @ -first.reshape(len(first), -1)).reshape(size, size)
+        hessian = hessian.reshape(size, size, size)
+        # carried along: d/dt = -mean . grad
+        rate = -jnp.sum(gradient * self.mean, axis=-1)
+        gradient_rate = -jnp.sum(hessian * self.mean, axis=-1)
+        return Jet(self.mean + velocity, gradient, rate, hessian, gradient_rate)
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
         return self.phases + self.wave_vectors @ (point - self.mean * time) / (2 * jnp.pi)

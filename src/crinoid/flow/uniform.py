@@ -2,15 +2,15 @@
 
 from jaxtyping import Array, Float
 
-from crinoid.flow.flow import Flow, Point, Time
+from crinoid.flow.flow import Everywhere, Point, Time
 from crinoid.onset import Onset
 
 
-class Uniform(Flow):
+class Uniform(Everywhere):
     """``u = velocity``."""
 
     onset: Onset
     uniform_velocity: Float[Array, " b"]
 
-    def fully_on(self, point: Point, time: Time) -> Point:
+    def at(self, time: Time) -> Point:
         return self.uniform_velocity

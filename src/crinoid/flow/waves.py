@@ -79,21 +79,23 @@ class Waves(Flow):
         return self._shapes(point, time) @ self._weights()
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
+        size = point.shape[0]
         value = self._weights()
         first = self._derived(value)
-        second = self._derived(first)
+        second = self._derived(first[..., :size])
         weights = [part.reshape(value.shape[0], -1) for part in (value, first, second)]
         together = self._shapes(point, time) @ jnp.concatenate(weights, axis=1)
-        size = point.shape[0]
-        axes = size + 1
-        velocity, slope, bend = jnp.split(together, [size, size + size * axes])
+        velocity, first, second = jnp.split(together, [size, size + size * (size + 1)])
+        first, second = first.reshape(size, size + 1), second.reshape(size, size, size + 1)
         # where the height is held, it changes nothing
         held = (point[-1] > 0) | (point[-1] < -self.depth)
-        moving = jnp.ones(axes).at[-2].set(jnp.where(held, 0.0, 1.0))
+        moving = jnp.where(held, 1.0 - np.eye(size)[-1], 1.0)
         return Jet(
             velocity,
-            slope.reshape(size, axes) * moving,
-            bend.reshape(size, axes, axes) * moving[:, None] * moving,
+            first[:, :size] * moving,
+            first[:, size],
+            second[..., :size] * moving[:, None] * moving,
+            second[..., size] * moving,
         )
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
