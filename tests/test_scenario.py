@@ -544,7 +544,7 @@ def test_default_scenario_is_valid_and_says_everything():
     document = tomllib.loads(scenario.to_toml())
     assert Scenario.from_dict(document) == scenario == Scenario.from_toml("")
     assert document["arm"]["length"] == 0.5
-    assert document["simulation"]["max_halvings"] == 8
+    assert document["simulation"]["max_halvings"] == 12
 
 
 def test_a_scenario_cannot_be_changed():
