@@ -132,10 +132,9 @@ class Forces(eqx.Module):
             largest = jnp.maximum(largest, jnp.max(jnp.abs(forces)))
         if self.obstacles is None:
             return total, largest
-        pushes = self.contact_forces(motion)
-        largest = jnp.maximum(largest, jnp.max(jnp.abs(pushes)))
-        rows = self.obstacles.scatter(-pushes, motion.position.shape[0])
-        rows = rows.at[:num_nodes].add(total)
+        _, pushed = self.obstacles.push(motion)
+        largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed)))
+        rows = (-pushed).at[:num_nodes].add(total)
         if self.free:
             own = jax.vmap(lambda e, m: _residuals((e,), m, None)[0])
             bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]
@@ -143,12 +142,6 @@ class Forces(eqx.Module):
             rows = rows.at[free].add(bodies, unique_indices=True)
             largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies)))
         return rows, largest
-
-    def contact_forces(self, motion: Motion) -> Float[Array, "pairs 3 b"]:
-        """Return the forces of each contact on the two nodes of the edge and on the obstacle."""
-        assert self.obstacles is not None
-        push = jax.vmap(lambda contact, window: -contact.residual(window))
-        return push(self.obstacles.contact, self.obstacles.motions(motion))
 
     def tangent(
         self,

@@ -114,13 +114,17 @@ class Obstacles(eqx.Module):
             self.drift.at[carried].set(velocity(reached), unique_indices=True),
         )
 
+    def push(self, motion: Motion) -> tuple[Float[Array, "m e"], Rows]:
+        """Return how far each obstacle is from each edge (m), and the forces on all rows (N)."""
+        push = jax.vmap(lambda contact, pair: contact.push(pair))
+        gap, forces = push(self.contact, self.motions(motion))
+        rows = self.scatter(forces, motion.position.shape[0])
+        return gap.reshape(self.count, -1), rows
+
     def touch(self, motion: Motion) -> Touch:
         """Return what the obstacles do to the arm right now."""
-        pairs = self.motions(motion)
-        pushes = jax.vmap(lambda contact, pair: -contact.residual(pair))(self.contact, pairs)
-        rows = self.scatter(pushes, motion.position.shape[0])
+        gap, rows = self.push(motion)
         on_nodes, force = rows[: -self.count], -rows[-self.count :]
-        gap = self.gaps(motion.position)
         _, pressing = self.contact.press(gap.reshape(-1))
         none = jnp.zeros(self.count)
         closest = jnp.min(gap, axis=1)

@@ -60,6 +60,13 @@ class System(eqx.Module):
         time = jnp.asarray(time, float)
         return self._begin(time, self._rest_position(time))
 
+    def clearance(self) -> Float[Array, " m"] | None:
+        """Return how far each obstacle is from the arm without load at the start (m)."""
+        obstacles = self.forces.obstacles
+        if obstacles is None:
+            return None
+        return jnp.min(obstacles.gaps(self._rest_position(jnp.zeros(()))), axis=1)
+
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
 

@@ -43,7 +43,6 @@ class Contact(Element):
     """
 
     stencil: ClassVar[int] = 3
-    worked: ClassVar[str] = "contact"
     first: int = eqx.field(static=True)
     rest_length: Float[Array, "*count"]
     arm_radius: Float[Array, "*count"]
@@ -109,6 +108,10 @@ class Contact(Element):
         return self.strength * self.skin * depth**5 / 5, self.strength * depth**4
 
     def residual(self, motion: Motion) -> Float[Array, "3 b"]:
+        return -self.push(motion)[1]
+
+    def push(self, motion: Motion) -> tuple[Float[Array, ""], Float[Array, "3 b"]]:
+        """Return the gap (m) and the forces on the two nodes and on the obstacle (N)."""
         gap, slopes, share = self._closest(motion.position)
         _, pressing = self.press(gap)
         edge, length = unit(motion.position[1] - motion.position[0])
@@ -123,10 +126,7 @@ class Contact(Element):
         moment = turned(lever) @ rubbing
         couple = moment * turned(edge) / length
         rubbed = jnp.stack([at_axis[0] * rubbing - couple, at_axis[1] * rubbing + couple, -rubbing])
-        return -(pressing * slopes + rubbed)
-
-    def power(self, motion: Motion) -> Float[Array, ""]:
-        return -jnp.sum(self.residual(motion)[:2] * motion.velocity[:2])
+        return gap, pressing * slopes + rubbed
 
     def _closest(self, position: Float[Array, "3 b"]) -> tuple[Array, Array, Array]:
         """Return the gap, its gradient by the three places, and where along the edge it is."""

@@ -64,9 +64,8 @@ def _find_start(
     Float[Array, "pose channel"] | None,
     Float[Array, " m"] | None,
 ]:
-    rest = system.rest()
     state, outcome = (
-        system.find_equilibrium() if loaded else (rest, Outcome.of_nothing(converged=True))
+        system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
     )
     linear = system.linearise(state)
     return (
@@ -75,7 +74,7 @@ def _find_start(
         system.tip(state),
         linear,
         system.static_jacobian(state, linear[0]) if mapped else None,
-        None if rest.touch is None else rest.touch.closest,
+        system.clearance(),
     )
 
 
