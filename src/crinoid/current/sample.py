@@ -13,8 +13,8 @@ from jaxtyping import Array, Float
 
 from crinoid.current.spectrum import spectrum, von_karman
 from crinoid.current.statistics import statistics
+from crinoid.dataset import describe
 from crinoid.dynamics import System
-from crinoid.result import describe
 from crinoid.scenario import Scenario
 
 FLOW = "flow.nc"

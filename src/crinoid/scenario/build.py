@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from crinoid.base import CHANNELS, Base, BaseMotion, Servo, SineMotion, TableMotion
-from crinoid.dynamics import Forces, Integrator, Obstacles, Settings, System
+from crinoid.dynamics import Forces, Integrator, Settings, System
 from crinoid.elements import (
     AddedMass,
     Bend,
@@ -25,25 +25,15 @@ from crinoid.elements import (
     TipLoad,
     Weight,
 )
-from crinoid.flow import (
-    Flow,
-    GaussMarkov,
-    Gust,
-    LogarithmicShear,
-    PowerShear,
-    Sine,
-    Turbulence,
-    Uniform,
-    Water,
-    Waves,
-)
+from crinoid.flow import Water
 from crinoid.onset import Onset
 from crinoid.rod import Rod
-from crinoid.scenario import flow as flows
 from crinoid.scenario import motion as motions
+from crinoid.scenario.build_flow import build_flow
+from crinoid.scenario.build_obstacle import body_numbers, build_obstacles, contact_numbers
 from crinoid.scenario.load import DistributedLoad as DistributedTable
 from crinoid.scenario.load import TipLoad as TipTable
-from crinoid.scenario.obstacle import Sphere
+from crinoid.scenario.numbers import Numbers, array
 from crinoid.spline import PiecewiseCubic
 
 if TYPE_CHECKING:
@@ -65,7 +55,7 @@ def build_system(scenario: Scenario) -> System:
         _rod(scenario.arm),
         scenario.base.mount == "pinned",
         {
-            name: _array(getattr(water, name))
+            name: array(getattr(water, name))
             for name in (
                 "density",
                 "gravity",
@@ -77,32 +67,25 @@ def build_system(scenario: Scenario) -> System:
             )
         },
         tuple(_load(load) for load in scenario.load),
-        _contact(scenario),
-        _bodies(scenario),
-        _array(simulation.tolerance),
+        contact_numbers(scenario),
+        body_numbers(scenario),
+        array(simulation.tolerance),
         jnp.asarray(simulation.max_iterations),
     )
     return System(
         rod=rod,
         forces=Forces(
             elements,
-            Water(tuple(_flow(scenario, *numbered) for numbered in enumerate(scenario.flow))),
-            _array(scenario.base.position),
-            _obstacles(scenario, contact, bodies),
+            Water(tuple(build_flow(scenario, *numbered) for numbered in enumerate(scenario.flow))),
+            array(scenario.base.position),
+            build_obstacles(scenario, contact, bodies),
         ),
         base=_base(scenario, rod),
         integrator=_INTEGRATORS[simulation.integrator](**simulation.integrator_options),
         settings=settings,
-        time_step=_array(simulation.time_step),
+        time_step=array(simulation.time_step),
         max_halvings=simulation.max_halvings,
     )
-
-
-def _array(value: object) -> Array:
-    return jnp.asarray(np.asarray(value, float))
-
-
-Numbers = dict[str, Any]
 
 
 @eqx.filter_jit  # one small program instead of many, and none of its own for each value
@@ -160,144 +143,29 @@ def _rod(arm: Arm) -> Numbers:
             for name in ("EA", "EI", "mass_per_length", "diameter", "displaced_area")
         },
     }
-    return {name: _array(number) for name, number in numbers.items() if number is not None}
+    return {name: array(number) for name, number in numbers.items() if number is not None}
 
 
 def _load(
     load: DistributedTable | TipTable,
 ) -> tuple[type[DistributedLoad | TipLoad], Numbers]:
     stop = np.inf if load.stop is None else load.stop
-    onset = {"onset": Onset(*map(_array, (load.start, load.ramp_time, stop)))}
+    onset = {"onset": Onset(*map(array, (load.start, load.ramp_time, stop)))}
     if isinstance(load, TipTable):
         force = np.asarray(load.force)
         return TipLoad, onset | {
-            "dead_force": _array(0 * force if load.follower else force),
-            "follower_force": _array(force if load.follower else 0 * force),
-            "moment": _array(load.moment),
+            "dead_force": array(0 * force if load.follower else force),
+            "follower_force": array(force if load.follower else 0 * force),
+            "moment": array(load.moment),
         }
     fixed = np.zeros(2)
     if not isinstance(load.direction, str):
         fixed = np.asarray(load.direction) / np.hypot(*load.direction)
     return DistributedLoad, onset | {
-        "tangential": _array(load.magnitude * (load.direction == "tangential")),
-        "normal": _array(load.magnitude * (load.direction == "normal")),
-        "fixed": _array(load.magnitude * fixed),
+        "tangential": array(load.magnitude * (load.direction == "tangential")),
+        "normal": array(load.magnitude * (load.direction == "normal")),
+        "fixed": array(load.magnitude * fixed),
     }
-
-
-def _flow(scenario: Scenario, index: int, flow: flows.Flow) -> Flow:
-    onset = Onset(*map(_array, (flow.start, flow.ramp_time, np.inf)))
-    # two random flows of one scenario are not the same
-    seed = np.random.SeedSequence(scenario.seed, spawn_key=(index,))
-    match flow:
-        case flows.UniformFlow():
-            return Uniform(onset, _array(flow.velocity))
-        case flows.GustFlow():
-            return Gust(onset, _array(flow.velocity), _array(flow.duration))
-        case flows.SineFlow():
-            return Sine(
-                onset,
-                _array(flow.amplitude),
-                _array(flow.frequency_hz),
-                _array(np.deg2rad(flow.phase_deg)),
-            )
-        case flows.ShearFlow():
-            depth = scenario.water.depth
-            assert depth is not None  # the scenario refuses a shear flow without one
-            profile = (
-                onset,
-                _array(flow.velocity),
-                _array(depth - flow.reference_depth),
-                _array(-depth),
-            )
-            if flow.power_exponent is None:
-                return LogarithmicShear(*profile, _array(flow.roughness_length))
-            return PowerShear(*profile, _array(flow.power_exponent))
-        case flows.GaussMarkovFlow():
-            return GaussMarkov.of(
-                onset,
-                mean=np.array(flow.mean),
-                standard_deviation=np.array(flow.standard_deviation),
-                correlation_time=flow.correlation_time,
-                duration=scenario.simulation.duration,
-                generator=np.random.default_rng(seed),
-            )
-        case flows.TurbulenceFlow():
-            return Turbulence.of(
-                onset,
-                mean=np.array(flow.mean),
-                intensity=flow.intensity,
-                length_scale=flow.length_scale,
-                modes=flow.modes,
-                generator=np.random.default_rng(seed),
-            )
-        case flows.WavesFlow():
-            depth = scenario.water.depth
-            assert depth is not None  # likewise
-            return Waves.of(
-                onset,
-                significant_height=flow.significant_height,
-                peak_period=flow.peak_period,
-                heading=np.cos([np.deg2rad(flow.direction_deg)]),
-                gamma=flow.gamma,
-                components=flow.components,
-                depth=depth,
-                gravity=scenario.water.gravity,
-                generator=np.random.default_rng(seed),
-            )
-        case flows.MeasuredFlow():
-            from crinoid.scenario.build_measured import measured  # xarray, which few need
-
-            recording = scenario.recordings[index]
-            return measured(onset, recording, scenario)
-
-
-def _contact(scenario: Scenario) -> Numbers | None:
-    obstacles = scenario.obstacle
-    if not obstacles:
-        return None
-    return {
-        "radius": _array([getattr(o, "radius", 0.0) for o in obstacles]),
-        "half_axis": _array([o.half_axis for o in obstacles]),
-        "normal": _array([o.out for o in obstacles]),
-        "friction": _array([o.friction for o in obstacles]),
-        "mass": _array([getattr(o, "mass", None) or np.inf for o in obstacles]),
-    }
-
-
-def _bodies(scenario: Scenario) -> Numbers | None:
-    if not scenario.obstacle:
-        return None
-    free = [scenario.obstacle[index] for index in _free(scenario)]
-    return {
-        "mass": _array([getattr(body, "mass", None) for body in free]),
-        "radius": _array([getattr(body, "radius", None) for body in free]),
-    }
-
-
-def _free(scenario: Scenario) -> tuple[int, ...]:
-    """Return which obstacles the arm can push away."""
-    return tuple(
-        index
-        for index, obstacle in enumerate(scenario.obstacle)
-        if isinstance(obstacle, Sphere) and obstacle.mass is not None
-    )
-
-
-def _obstacles(
-    scenario: Scenario, contact: Contact | None, bodies: Body | None
-) -> Obstacles | None:
-    if contact is None or bodies is None:
-        return None
-    drifts = [obstacle.velocity for obstacle in scenario.obstacle]
-    return Obstacles(
-        contact=contact,
-        bodies=bodies,
-        place=_array([o.position for o in scenario.obstacle]) - _array(scenario.base.position),
-        drift=_array([(0.0, 0.0) if drift == "flow" else drift for drift in drifts]),
-        free=_free(scenario),
-        carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
-    )
 
 
 def _base(scenario: Scenario, rod: Rod) -> Base:
@@ -312,9 +180,9 @@ def _base(scenario: Scenario, rod: Rod) -> Base:
         speed[index], acceleration[index] = limits.speed, limits.acceleration
         bandwidth[index] = limits.bandwidth_hz
     return Base(
-        tilt=_array(np.deg2rad(scenario.base.tilt_deg)),
-        ghost_length=_array(np.asarray(rod.rest_length)[0]),
-        servo=Servo(*map(_array, (lower, upper, speed, acceleration, bandwidth))),
+        tilt=array(np.deg2rad(scenario.base.tilt_deg)),
+        ghost_length=array(np.asarray(rod.rest_length)[0]),
+        servo=Servo(*map(array, (lower, upper, speed, acceleration, bandwidth))),
         motions=tuple(_motion(motion) for motion in scenario.base.motion),
     )
 
@@ -324,9 +192,9 @@ def _motion(motion: motions.SineMotion | motions.TableMotion) -> BaseMotion:
     if isinstance(motion, motions.SineMotion):
         return SineMotion(
             channel,
-            _array(motion.amplitude_si),
-            _array(motion.frequency_hz),
-            _array(np.deg2rad(motion.phase_deg)),
+            array(motion.amplitude_si),
+            array(motion.frequency_hz),
+            array(np.deg2rad(motion.phase_deg)),
         )
     from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
 

@@ -14,11 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from crinoid.dataset import build_dataset, describe, join
 from crinoid.dimensionless import with_dimensionless
 from crinoid.dynamics import Outcome, State, System
 from crinoid.notes import notes
 from crinoid.record import Record
-from crinoid.result import Result, build_dataset, describe, join
+from crinoid.result import Result
 from crinoid.scenario import Scenario
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up

@@ -1,0 +1,233 @@
+"""The dataset of a run: names, units, and what follows from the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from crinoid.base import CHANNELS
+from crinoid.dynamics import System, Touch
+from crinoid.elements import ENERGIES, WORKS
+from crinoid.record import Record
+from crinoid.scenario import Scenario
+from crinoid.version import __version__
+
+
+def describe(scenario: Scenario) -> dict[str, Any]:
+    """Return the attributes that every result of a scenario has."""
+    return {
+        "Conventions": "CF-1.11",
+        "title": scenario.title or "crinoid simulation",
+        "source": f"crinoid {__version__}",
+        "crinoid_version": __version__,
+        "scenario": scenario.to_toml(),
+        "seed": scenario.seed,
+    }
+
+
+def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Put the stretches of one run after each other; what only the first one holds is left out."""
+    if len(parts) == 1:
+        return parts[0]
+    parts = [part[list(parts[-1].data_vars)] for part in parts]
+    whole = xr.concat(parts, "time", data_vars="minimal", coords="minimal", compat="override")
+    whole["tip_angle"].values = np.unwrap(whole["tip_angle"].values)
+    return whole
+
+
+def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Dataset:
+    """Turn saved instants into a dataset with names, units and what follows from the motion."""
+    rod = system.rod
+    origin = np.asarray(system.forces.origin)
+    edges = np.diff(kept.position, axis=1)
+    lengths = np.linalg.norm(edges, axis=2, keepdims=True)
+    tangent = edges / lengths
+    stretching = np.sum(tangent * np.diff(kept.velocity, axis=1), axis=2)
+    rest_length, EA = np.asarray(rod.rest_length), np.asarray(rod.EA)
+    strain = lengths[..., 0] / rest_length - 1
+    tension = EA * (strain + float(rod.damping_time) * stretching / rest_length)
+    miss = kept.tip[:, :2] - kept.wanted[:, :2]
+    axes = ("x", "z")
+
+    quantities: dict[str, tuple[tuple[str, ...], ArrayLike, str, str]] = {
+        "position": (("time", "node", "axis"), kept.position + origin, "m", "place of the nodes"),
+        "velocity": (("time", "node", "axis"), kept.velocity, "m s-1", "velocity of the nodes"),
+        "acceleration": (
+            ("time", "node", "axis"),
+            kept.acceleration,
+            "m s-2",
+            "acceleration of the nodes",
+        ),
+        "tangent": (("time", "edge", "axis"), tangent, "1", "direction of the edges"),
+        "curvature": (
+            ("time", "node"),
+            _curvature(scenario, system, kept, tangent),
+            "m-1",
+            "curvature, positive from x toward z",
+        ),
+        "tension": (("time", "edge"), tension, "N", "axial force in the edges, tension positive"),
+        "tip_position": (("time", "axis"), kept.tip[:, :2], "m", "place of the tip"),
+        "tip_target": (("time", "axis"), kept.wanted[:, :2], "m", "where the tip should be"),
+        "tip_angle": (("time",), np.unwrap(kept.tip[:, 2]), "rad", "direction of the tip"),
+        "tip_angle_target": (
+            ("time",),
+            kept.wanted[:, 2],
+            "rad",
+            "where the tip should point",
+        ),
+        "tip_error": (
+            ("time",),
+            np.linalg.norm(miss, axis=1),
+            "m",
+            "distance of the tip from where it should be",
+        ),
+        "flow_velocity": (
+            ("time", "node", "axis"),
+            kept.flow_velocity,
+            "m s-1",
+            "velocity of the undisturbed water at the nodes",
+        ),
+        "flow_speed": (
+            ("time", "node"),
+            np.linalg.norm(kept.flow_velocity, axis=2),
+            "m s-1",
+            "speed of the undisturbed water at the nodes",
+        ),
+        "base_command": (
+            ("time", "channel"),
+            kept.command,
+            "",
+            "command of the base channels, from the set pose",
+        ),
+        "base_pose": (
+            ("time", "channel"),
+            kept.pose,
+            "",
+            "displacement of the base channels from the set pose",
+        ),
+        "base_force": (("time", "axis"), kept.base_force, "N", "force of the arm on the submarine"),
+        "base_moment": (
+            ("time",),
+            kept.base_moment,
+            "N m",
+            "moment of the arm on the submarine about the root, positive from x toward z",
+        ),
+        "energy": (
+            ("time", "kind"),
+            kept.energy,
+            "J",
+            "stored energies, and works done on the arm since the start",
+        ),
+        "steps": (("time",), kept.steps, "1", "time steps since the instant before"),
+        "newton_iterations": (
+            ("time",),
+            kept.iterations,
+            "1",
+            "Newton iterations since the instant before",
+        ),
+        "residual": (
+            ("time",),
+            kept.residual,
+            "N",
+            "largest force imbalance of a node since the instant before",
+        ),
+    }
+    if kept.touch is not None:
+        quantities |= _contact(kept, kept.touch, origin)
+    dataset = xr.Dataset(
+        {
+            name: (dims, values, {"units": units, "long_name": meaning})
+            for name, (dims, values, units, meaning) in quantities.items()
+        },
+        coords={
+            "time": ("time", kept.time, {"units": "s", "long_name": "time", "axis": "T"}),
+            "axis": ("axis", list(axes), {"long_name": "x forward, z up"}),
+            "channel": ("channel", list(CHANNELS), {"long_name": "base channel"}),
+            "kind": ("kind", [*ENERGIES, *WORKS], {"long_name": "kind of energy or work"}),
+            "arc_length": (
+                "node",
+                np.asarray(rod.arc_length),
+                {"units": "m", "long_name": "distance from the root along the arm at rest"},
+            ),
+            "diameter": (
+                "node",
+                np.asarray(rod.diameter),
+                {"units": "m", "long_name": "diameter that the water sees"},
+            ),
+            "channel_unit": (
+                "channel",
+                ["m", "m", "rad"],
+                {"long_name": "unit of base_command and base_pose"},
+            ),
+        },
+    )
+    dataset["flow_speed"].attrs["standard_name"] = "sea_water_speed"
+    for name in ("base_command", "base_pose"):
+        dataset[name].attrs["units"] = "m or rad"
+        dataset[name].attrs["comment"] = "slide and heave in m, tilt in rad: see channel_unit"
+    return dataset
+
+
+def _contact(
+    kept: Record, touch: Touch, origin: np.ndarray
+) -> dict[str, tuple[tuple[str, ...], ArrayLike, str, str]]:
+    """Return what there is to know of the obstacles."""
+    vectors, numbers = ("time", "obstacle", "axis"), ("time", "obstacle")
+    assert kept.obstacle_position is not None
+    assert kept.obstacle_velocity is not None
+    return {
+        "obstacle_position": (
+            vectors,
+            kept.obstacle_position + origin,
+            "m",
+            "place of the obstacles",
+        ),
+        "obstacle_velocity": (
+            vectors,
+            kept.obstacle_velocity,
+            "m s-1",
+            "velocity of the obstacles",
+        ),
+        "contact_force": (vectors, touch.force, "N", "force of the obstacles on the arm"),
+        "contact_impulse": (
+            vectors,
+            touch.impulse,
+            "N s",
+            "impulse of the obstacles on the arm since the start",
+        ),
+        "contact_time": (
+            numbers,
+            touch.duration,
+            "s",
+            "time that the obstacles have been in contact since the start",
+        ),
+        "contact_gap": (
+            numbers,
+            touch.gap.min(axis=-1),
+            "m",
+            "distance of the obstacles from the arm's surface",
+        ),
+        "contact_closest": (
+            numbers,
+            touch.closest,
+            "m",
+            "smallest distance of the obstacles from the arm's surface since the start",
+        ),
+    }
+
+
+def _curvature(scenario: Scenario, system: System, kept: Record, tangent: np.ndarray) -> np.ndarray:
+    base = float(system.base.tilt) + kept.pose[:, 2]
+    clamp = np.stack([np.cos(base), np.sin(base)], axis=1)[:, None]
+    before = np.concatenate([clamp, tangent[:, :-1]], axis=1)
+    turn = before[..., 0] * tangent[..., 1] - before[..., 1] * tangent[..., 0]
+    bend = 2 * turn / (1 + np.sum(before * tangent, axis=2))
+    inner = bend / np.asarray(system.rod.voronoi_length[:-1])
+    if scenario.base.mount == "pinned":
+        inner[:, 0] = np.asarray(system.rod.rest_curvature)[0]  # free of moment
+    tip = 2 * inner[:, -1:] - inner[:, -2:-1]  # no window reaches round the tip: carry on
+    return np.concatenate([inner, tip], axis=1)

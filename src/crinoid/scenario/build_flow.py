@@ -1,0 +1,93 @@
+"""From the description of a flow to the arrays that it is computed with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crinoid.flow import (
+    Flow,
+    GaussMarkov,
+    Gust,
+    LogarithmicShear,
+    PowerShear,
+    Sine,
+    Turbulence,
+    Uniform,
+    Waves,
+)
+from crinoid.onset import Onset
+from crinoid.scenario import flow as flows
+from crinoid.scenario.numbers import array
+
+if TYPE_CHECKING:
+    from crinoid.scenario.scenario import Scenario
+
+
+def build_flow(scenario: Scenario, index: int, flow: flows.Flow) -> Flow:
+    """Return the flow that stands at ``index`` in a scenario."""
+    onset = Onset(*map(array, (flow.start, flow.ramp_time, np.inf)))
+    # two random flows of one scenario are not the same
+    seed = np.random.SeedSequence(scenario.seed, spawn_key=(index,))
+    match flow:
+        case flows.UniformFlow():
+            return Uniform(onset, array(flow.velocity))
+        case flows.GustFlow():
+            return Gust(onset, array(flow.velocity), array(flow.duration))
+        case flows.SineFlow():
+            return Sine(
+                onset,
+                array(flow.amplitude),
+                array(flow.frequency_hz),
+                array(np.deg2rad(flow.phase_deg)),
+            )
+        case flows.ShearFlow():
+            depth = scenario.water.depth
+            assert depth is not None  # the scenario refuses a shear flow without one
+            profile = (
+                onset,
+                array(flow.velocity),
+                array(depth - flow.reference_depth),
+                array(-depth),
+            )
+            if flow.power_exponent is None:
+                return LogarithmicShear(*profile, array(flow.roughness_length))
+            return PowerShear(*profile, array(flow.power_exponent))
+        case flows.GaussMarkovFlow():
+            return GaussMarkov.of(
+                onset,
+                mean=np.array(flow.mean),
+                standard_deviation=np.array(flow.standard_deviation),
+                correlation_time=flow.correlation_time,
+                duration=scenario.simulation.duration,
+                generator=np.random.default_rng(seed),
+            )
+        case flows.TurbulenceFlow():
+            return Turbulence.of(
+                onset,
+                mean=np.array(flow.mean),
+                intensity=flow.intensity,
+                length_scale=flow.length_scale,
+                modes=flow.modes,
+                generator=np.random.default_rng(seed),
+            )
+        case flows.WavesFlow():
+            depth = scenario.water.depth
+            assert depth is not None  # likewise
+            return Waves.of(
+                onset,
+                significant_height=flow.significant_height,
+                peak_period=flow.peak_period,
+                heading=np.cos([np.deg2rad(flow.direction_deg)]),
+                gamma=flow.gamma,
+                components=flow.components,
+                depth=depth,
+                gravity=scenario.water.gravity,
+                generator=np.random.default_rng(seed),
+            )
+        case flows.MeasuredFlow():
+            from crinoid.scenario.build_measured import measured  # xarray, which few need
+
+            recording = scenario.recordings[index]
+            return measured(onset, recording, scenario)
