@@ -28,7 +28,7 @@ def draw_contact(run: Run) -> Figure:
     count = run.result.sizes["obstacle"]
     members = [(label, data) for label, data in run.members if "contact_force" in data]
     rows = count * len(members)
-    legends = 0.19 * (2 + 2 * (rows // 4))
+    legends = 0.19 * (2 + 2 * (rows // 3))
     figure = Figure(figsize=(WIDTH, 5.0 + 0.17 * rows + legends), layout="constrained")
     when, force, gap = figure.subplots(
         3, 1, sharex=True, height_ratios=[0.2 + 0.17 * rows, 2.2, 2.0]
@@ -107,9 +107,9 @@ def _force(axes: Axes, members: list[tuple[str, xr.Dataset]]) -> None:
                 **line_style(time.size),
             )
     if any(mean.size for mean in means):
-        axes.fill([], [], color=GREY, alpha=0.4, linewidth=0, label="mean from record to record")
+        axes.fill([], [], color=GREY, alpha=0.4, linewidth=0, label="mean between records")
     axes.set_ylim(bottom=0.0, top=None if top else 1.0)
-    key(axes)
+    key(axes, columns=3)
 
 
 def _mean_force(data: xr.Dataset) -> Float[np.ndarray, "interval obstacle"]:
@@ -135,7 +135,7 @@ def _gap(axes: Axes, members: list[tuple[str, xr.Dataset]]) -> None:
                 **_line(label),
                 **line_style(values.size),
             )
-    key(axes)
+    key(axes, columns=3)
 
 
 def _short(index: int, label: str) -> str:
