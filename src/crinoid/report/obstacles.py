@@ -95,7 +95,7 @@ def _solids(data: xr.Dataset) -> tuple[Obstacle, ...]:
 
 def corners(
     bodies: list[Body], shapes: Float[np.ndarray, "point axis=2"], length: float
-) -> Float[np.ndarray, "point axis=2"]:
+) -> Float[np.ndarray, "corner axis=2"]:
     """Points that a window must hold to show the obstacles, as far as they are near the arm."""
     low, high = shapes.min(axis=0) - _NEAR * length, shapes.max(axis=0) + _NEAR * length
     middle = (low + high) / 2
