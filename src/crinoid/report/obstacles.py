@@ -126,6 +126,8 @@ def draw_bodies(
     """Draw obstacles at the end, and those that move at the chosen records too, in a window."""
     norm = Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12)))
     colours = time_map()(norm(time[chosen]))
+    round_too = any(body.solid.kind != "plane" for body in bodies)  # rather in the key than a wall
+    label = "obstacle at the end" if any(body.moves for body in bodies) else "obstacle"
     for body in bodies:
         wall = body.solid.kind == "plane"
         solid = Polygon(
@@ -136,7 +138,7 @@ def draw_bodies(
             hatch="////" if wall else None,
             linewidth=0.8,
             zorder=1.2,
-            label="obstacle at the end" if any(b.moves for b in bodies) else "obstacle",
+            label=None if wall and round_too else label,
         )
         axes.add_patch(solid)
         if body.moves:
