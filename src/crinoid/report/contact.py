@@ -71,7 +71,10 @@ def _when(axes: Axes, members: list[tuple[str, xr.Dataset]]) -> None:
                 alpha=0.45 if _without(label) else 1.0,
             )
             name = "without control" if _without(label) else name_of(index, data)
-            names.append(f"{name}: {total[-1]:.3g} s" if total[-1] else f"{name}: never")
+            lasted = f"{total[-1]:.3g} s" if total[-1] else "never"
+            if time.size == 1:  # an equilibrium lasts no time
+                lasted = "yes" if np.any(data["contact_force"].values[0, index]) else "no"
+            names.append(f"{name}: {lasted}")
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0, labelsize=7.5)
