@@ -224,6 +224,100 @@ def test_odd_runs_are_drawn(name, tmp_path):
     assert_report(tmp_path)
 
 
+OBSTACLES = """
+[[obstacle]]
+kind = "sphere"
+position = [0.3, -9.9]
+radius = 0.03
+mass = 0.1
+[[obstacle]]
+kind = "cylinder"
+position = [0.2, -10.1]
+radius = 0.02
+[[obstacle]]
+kind = "cylinder"
+position = [0.6, -10.0]
+radius = 0.02
+axis = [0.1, 0.0, 1.0]
+[[obstacle]]
+kind = "capsule"
+position = [0.4, -10.2]
+radius = 0.02
+length = 0.1
+axis = [1.0, 0.0, 1.0]
+velocity = "flow"
+[[obstacle]]
+kind = "plane"
+position = [0.0, -10.3]
+normal = [0.1, 1.0]
+"""
+
+
+def among_obstacles(*, drift=0.01, touching=True, **changes):
+    """Put one obstacle of each kind beside a swaying arm; all drift, the first two touch it."""
+    dataset = swaying_arm(**changes)
+    time = dataset["time"].values
+    start = np.array([[0.3, -9.9], [0.2, -10.1], [0.6, -10.0], [0.4, -10.2], [0.0, -10.3]])
+    place = start + drift * time[:, None, None] * np.array([0.3, 1.0])
+    count, force = len(start), np.zeros((time.size, len(start), 2))
+    if touching:
+        force[time.size // 3 : time.size // 2, 0] = [0.5, 2.0]
+        force[time.size // 2 :, 1, 1] = -1.0
+    held = np.any(force != 0, axis=2)
+    step = time[1] - time[0] if time.size > 1 else 0.0
+    gap = np.where(held, 5e-4, 0.1) * np.ones(count)
+    vectors, numbers = ("time", "obstacle", "axis"), ("time", "obstacle")
+    return dataset.assign(
+        obstacle_position=(vectors, place),
+        obstacle_velocity=(vectors, np.full_like(place, drift)),
+        contact_force=(vectors, force),
+        contact_impulse=(vectors, step * np.cumsum(force, axis=0)),
+        contact_time=(numbers, step * np.cumsum(held, axis=0)),
+        contact_gap=(numbers, gap),
+        contact_closest=(numbers, np.minimum.accumulate(gap, axis=0)),
+    ).assign_attrs(scenario=OBSTACLES)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"drift": 0.0},
+        {"touching": False},
+        {"records": 1, "duration": 0.0},
+        {"tilt_deg": -80.0},
+    ],
+    ids=["drifting", "standing", "never touched", "one record", "hanging"],
+)
+def test_obstacles_are_drawn_and_so_are_their_contacts(changes, tmp_path):
+    save(among_obstacles(**changes), tmp_path / "result.nc")
+    written = write_report(tmp_path)
+    assert [path.name for path in written] == [*FIGURES, "contact.png"]
+    for path in written:
+        assert_shows_something(path)
+
+
+def test_obstacles_change_the_shapes_and_nothing_else_but_add_contacts(tmp_path):
+    save(among_obstacles(), tmp_path / "result.nc")
+    save(swaying_arm(driven=False), tmp_path / "uncontrolled.nc")  # of a run that had none
+    among = [path.read_bytes() for path in write_report(tmp_path)]
+    bare = among_obstacles().drop_dims("obstacle").assign_attrs(scenario=OBSTACLES)
+    save(bare, tmp_path / "result.nc")
+    without = [path.read_bytes() for path in write_report(tmp_path)]
+    assert len(among) == len(without) + 1
+    same = [a == b for a, b in zip(among, without, strict=False)]
+    assert same == [False, True, True, True]
+
+
+def test_a_study_with_obstacles_is_drawn(tmp_path):
+    write_study(tmp_path, [study_row(1), study_row(2)])
+    for number in (1, 2):
+        save(among_obstacles(drift=0.01 * number), tmp_path / f"case-{number:02d}" / "result.nc")
+    written = write_report(tmp_path)
+    assert len(written) == 11
+    assert_shows_something(written[0])
+
+
 def test_a_run_that_ends_in_nan_is_drawn_up_to_there(tmp_path):
     broken = swaying_arm(status="diverged at 18 s")
     for name in ("position", "tip_position", "tip_error", "energy", "base_force"):

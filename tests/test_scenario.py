@@ -434,6 +434,69 @@ ONE_MISTAKE = {
         "vary: case arm.nodes = 11, arm.length = -1.0: "
         "arm.length: got -1.0, takes a number above 0 (m)",
     ),
+    "unknown obstacle": (
+        'obstacle = [{kind = "box", position = [1, -10]}]',
+        'obstacle.0.kind: got "box", takes "capsule", "cylinder", "plane" or "sphere"',
+    ),
+    "obstacle nowhere": (
+        'obstacle = [{kind = "sphere", radius = 0.1}]',
+        "obstacle.0.position: missing, takes [x, z] (m)",
+    ),
+    "obstacle without size": (
+        'obstacle = [{kind = "sphere", position = [1, -10], radius = -0.1}]',
+        "obstacle.0.radius: got -0.1, takes a number above 0 (m)",
+    ),
+    "obstacle of no size that is known": (
+        'obstacle = [{kind = "cylinder", position = [1, -10], radius = nan}]',
+        "obstacle.0.radius: got nan, takes a finite number",
+    ),
+    "point of a capsule": (
+        'obstacle = [{kind = "capsule", position = [1, -10], radius = 0.1, length = 0}]',
+        "obstacle.0.length: got 0, takes a number above 0 (m)",
+    ),
+    "axis of no direction": (
+        'obstacle = [{kind = "cylinder", position = [1, -10], radius = 0.1, axis = [0, 0, 0]}]',
+        "obstacle.0.axis: got [0.0, 0.0, 0.0], takes a vector that is not 0",
+    ),
+    "planar axis": (
+        'obstacle = [{kind = "cylinder", position = [1, -10], radius = 0.1, axis = [1, 0]}]',
+        "obstacle.0.axis: got [1, 0], takes [x, y, z]",
+    ),
+    "oblique axis": (
+        'obstacle = [{kind = "cylinder", position = [1, -10], radius = 0.1, axis = [0, 1, 1]}]',
+        "obstacle.0.axis: got [0.0, 1.0, 1.0], takes [0, 1, 0] or a vector with y = 0: oblique to "
+        "the arm's plane its cut would be an ellipse",
+    ),
+    "wall without a front": (
+        'obstacle = [{kind = "plane", position = [1, -10], normal = [0, 0]}]',
+        "obstacle.0.normal: got [0.0, 0.0], takes a vector that is not 0",
+    ),
+    "wall to be pushed": (
+        'obstacle = [{kind = "plane", position = [1, -10], normal = [0, 1], mass = 1}]',
+        "obstacle.0.mass: unknown key, takes kind, position, velocity, friction, normal",
+    ),
+    "massless obstacle": (
+        'obstacle = [{kind = "sphere", position = [1, -10], radius = 0.1, mass = 0}]',
+        "obstacle.0.mass: got 0, takes a number above 0 (kg)",
+    ),
+    "obstacle with the wind": (
+        'obstacle = [{kind = "sphere", position = [1, -10], radius = 0.1, velocity = "wind"}]',
+        'obstacle.0.velocity: got "wind", takes [x, z] or "flow" (m/s)',
+    ),
+    "obstacle with one speed": (
+        'obstacle = [{kind = "sphere", position = [1, -10], radius = 0.1, velocity = 0.1}]',
+        'obstacle.0.velocity: got 0.1, takes [x, z] or "flow" (m/s)',
+    ),
+    "friction that speeds up": (
+        'obstacle = [{kind = "sphere", position = [1, -10], radius = 0.1, friction = -0.1}]',
+        "obstacle.0.friction: got -0.1, takes a number of 0 or more",
+    ),
+    "obstacle for an arm without surface": (
+        "arm.section.diameter = 0\n"
+        'obstacle = [{kind = "sphere", position = [1, -10], radius = 0.1}]',
+        "arm.section.diameter: got 0.0, takes a number above 0 (m): the arm meets obstacles with "
+        "this surface",
+    ),
     "no cases": (
         'vary = {"arm.length" = []}',
         'vary: got a table, takes keys such as "arm.length", each with a list of one value or more',

@@ -23,6 +23,8 @@ _SUBCRITICAL = (1e3, 1e5)
 (Sumer and Fredsoe 2006, chapter 2)."""
 _FELT = 0.1
 """Share of the largest force on the base that drag must reach to be worth a note."""
+_PRESSED = 0.01
+"""Share of the arm's radius that a surface may come into it: its skin is as good as through."""
 _STRAIN = 0.5
 """Strain that no linear elasticity describes."""
 
@@ -30,7 +32,20 @@ _STRAIN = 0.5
 def notes(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
     """Return sentences about a finished run; none where there is nothing to say."""
     found = [_stretch(dataset), _vortices(dataset, scenario), _drag(dataset, scenario)]
-    return [note for note in found if note]
+    return [*_pressed(dataset), *(note for note in found if note)]
+
+
+def _pressed(dataset: xr.Dataset) -> list[str]:
+    if "contact_closest" not in dataset:
+        return []
+    closest = dataset["contact_closest"].values[-1]
+    radius = float(dataset["diameter"].min()) / 2
+    return [
+        f"obstacle {index} pressed {-1e3 * gap:.2g} mm into the arm, harder than its surface is "
+        "made for: leave the arm room to give way, or let the obstacle be slower or lighter"
+        for index, gap in enumerate(closest)
+        if gap < -_PRESSED * radius
+    ]
 
 
 def _stretch(dataset: xr.Dataset) -> str:

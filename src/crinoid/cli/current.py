@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crinoid.cli.play import check_files, keep_compiled_code, make, say_notes
+from crinoid.cli.play import check, keep_compiled_code, make, say_notes
 from crinoid.current import FLOW, Statistics, sample_current, statistics
 from crinoid.report import write_report
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -25,7 +25,7 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
         console.print("still water: the scenario has no [[flow]]")
         return
     keep_compiled_code()
-    check_files(scenario)
+    check(scenario, Scenario.notes)
     make(folder)
     dataset = sample_current(scenario)
     dataset.to_netcdf(folder / FLOW, engine="netcdf4")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from crinoid.metrics import deflection, settling_time, tip_error
 from crinoid.result import RESULT, Result, ResultError
 from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import Progress as Reached
-from crinoid.simulation import SimulationError, equilibrium, play
+from crinoid.simulation import SimulationError, check_room, equilibrium, play
 
 CASES = "cases.csv"
 _MOST_NOTES = 6
@@ -29,7 +29,7 @@ _MOST_NOTES = 6
 def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:
     """Run a scenario, save it and show what came of it; return what went wrong, if anything."""
     keep_compiled_code()
-    check_files(scenario)
+    check(scenario, Scenario.notes, check_room)
     make(folder)
     if scenario.vary:
         return _run_cases(scenario, folder, resume=resume, console=console)
@@ -55,7 +55,7 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, console: Console) -> s
     if scenario.vary:
         text = "an equilibrium is that of one case; give its values with --set and leave out vary"
         raise ScenarioError([Mistake("vary", text)])
-    check_files(scenario)
+    check(scenario, Scenario.notes, check_room)
     make(folder)
     try:
         result = equilibrium(scenario)
@@ -87,13 +87,14 @@ def keep_compiled_code() -> None:
     jax.config.update("jax_compilation_cache_max_size", 500_000_000)
 
 
-def check_files(scenario: Scenario) -> None:
-    """Read the files that a scenario names, before anything is written or computed."""
+def check(scenario: Scenario, *checks: Callable[[Scenario], object]) -> None:
+    """Check every case of a scenario (its files, its room), before anything is written or run."""
     cases = scenario.cases()
     while cases:
         values, case = cases.pop(0)  # a case keeps what it has read
         try:
-            case.notes()
+            for look in checks:
+                look(case)
         except ScenarioError as error:
             if not values:
                 raise

@@ -37,6 +37,9 @@ def run_table(result: Result) -> Table:
     lengths("tip error, maximum", [error.maximum for error in errors], ratio=True)
     lengths("tip error, last tenth", [error.steady for error in errors], ratio=True)
     lengths("tip about its mean, RMS", [error.fluctuation for error in errors])
+    if "contact_time" in result.dataset:
+        for name, contact in _contacts(runs).items():
+            table.add_row(name, *contact)
     steps = [int(run.dataset["steps"].sum()) for run in runs]
     iterations = [int(run.dataset["newton_iterations"].sum()) for run in runs]
     table.add_row("simulated", *(f"{float(run.dataset.time[-1]):g} s" for run in runs))
@@ -60,6 +63,10 @@ def equilibrium_table(result: Result) -> Table:
     table.add_row("moment on the submarine", f"{float(dataset['base_moment'][0]):.4g} N m")
     table.add_row("greatest tension", f"{float(dataset['tension'].max()):.4g} N")
     table.add_row("greatest curvature", f"{float(np.abs(dataset['curvature']).max()):.4g} 1/m")
+    if "contact_force" in dataset:
+        for index, push in enumerate(dataset["contact_force"].values[0]):
+            if np.any(push):
+                table.add_row(f"force of obstacle {index}", f"x {push[0]:.4g} N, z {push[1]:.4g} N")
     if "natural_frequency" in dataset:
         first = ", ".join(f"{value:.3g}" for value in dataset["natural_frequency"].values[:4])
         table.add_row("lowest natural frequencies", f"{first} Hz")
@@ -92,6 +99,31 @@ def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
             "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f}",
         )
     return table
+
+
+def _contacts(runs: list[Result]) -> dict[str, list[str]]:
+    """Return the rows about obstacles: the utmost of all, and of which one it is.
+
+    Forces are those at saved instants; times and gaps tell of all time steps.
+    """
+    rows: dict[str, list[str]] = {}
+    for data in (run.dataset for run in runs):
+        time = data["contact_time"].values[-1]
+        force = np.linalg.norm(data["contact_force"].values, axis=2).max(axis=0)
+        gap = data["contact_closest"].values[-1]
+
+        def cell(text: str, index: int, count: int = time.size) -> str:
+            return text if count == 1 else f"obstacle {index}: {text}"
+
+        longest, hardest, nearest = int(time.argmax()), int(force.argmax()), int(gap.argmin())
+        cells = {
+            "longest time in contact": cell(f"{time[longest]:.3g} s", longest),
+            "largest contact force": cell(f"{force[hardest]:.3g} N", hardest),
+            "smallest gap": cell(f"{1e3 * gap[nearest]:.2f} mm", nearest),
+        }
+        for name, text in cells.items():
+            rows.setdefault(name, []).append(text)
+    return rows
 
 
 def _value(value: Any) -> str:

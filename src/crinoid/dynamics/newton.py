@@ -27,7 +27,7 @@ class Outcome(eqx.Module):
     worst_node: Int[Array, ""]
     """Node with the largest imbalance; the root is 0, the free obstacles come after the tip."""
     resolved: Bool[Array, ""]
-    """Whether the step was short enough for its contacts; if not it has not converged either."""
+    """Whether a balanced step was short enough for its contacts; if not it has not converged."""
 
     @staticmethod
     def of_nothing(*, converged: bool) -> "Outcome":

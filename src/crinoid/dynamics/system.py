@@ -60,12 +60,12 @@ class System(eqx.Module):
         time = jnp.asarray(time, float)
         return self._begin(time, self._rest_position(time))
 
-    def clearance(self) -> Float[Array, " m"] | None:
-        """Return how far each obstacle is from the arm without load at the start (m)."""
-        obstacles = self.forces.obstacles
-        if obstacles is None:
-            return None
-        return jnp.min(obstacles.gaps(self._rest_position(jnp.zeros(()))), axis=1)
+    def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
+        """Return how far each obstacle is from the arm without load (m)."""
+        if self.forces.obstacles is None:
+            return jnp.zeros(0)
+        gaps = self.forces.obstacles.gaps(self._rest_position(jnp.asarray(time, float)))
+        return jnp.min(gaps, axis=1)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
@@ -195,7 +195,9 @@ class System(eqx.Module):
         pushed = state.touch.on_nodes + after.touch.on_nodes
         contact = state.work[_CONTACT] + 0.5 * jnp.sum(pushed * self.forces.nodes(path))
         after = eqx.tree_at(lambda s: s.work, after, work.at[_CONTACT].set(contact))
-        resolved = obstacles.resolved(before.position, state.touch, motion.position, after.touch, h)
+        resolved = ~outcome.converged | obstacles.resolved(
+            before.position, state.touch, motion.position, after.touch, h
+        )
         return (
             eqx.tree_at(lambda s: s.touch, after, after.touch.after(state.touch, h)),
             eqx.tree_at(

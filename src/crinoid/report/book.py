@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from crinoid.report.cases import CASES, draw_cases, read_cases
 from crinoid.report.commands import draw_commands
+from crinoid.report.contact import draw_contact, has_contact
 from crinoid.report.energy import draw_energy
 from crinoid.report.flow import FLOW, open_flow
 from crinoid.report.profile import draw_profile
@@ -58,7 +59,8 @@ def write_book(path: Path, out: Path | None) -> list[Path]:
 
 def _write_run(path: Path, out: Path) -> list[Path]:
     run = open_run(path)
-    return [_save(lambda draw=draw: draw(run), out / name) for name, draw in _FIGURES.items()]
+    figures = _FIGURES | ({"contact.png": draw_contact} if has_contact(run) else {})
+    return [_save(lambda draw=draw: draw(run), out / name) for name, draw in figures.items()]
 
 
 def _write_flow(path: Path, out: Path) -> list[Path]:

@@ -13,8 +13,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 
 from crinoid.report import plane
+from crinoid.report.current import arm_length
+from crinoid.report.obstacles import Body, corners, find_bodies
 from crinoid.report.run import RESULT, ReportError, open_result
 from crinoid.report.style import GREY, INK, PALE, VERMILLION, WIDTH, head, time_map
 from crinoid.report.units import Unit, largest, length_unit
@@ -188,10 +191,13 @@ def _errors(axes: Axes, cases: Sequence[Case], colours: Sequence[tuple[float, ..
 
 
 def _shapes(axes: Axes, cases: Sequence[Case], colours: Sequence[tuple[float, ...]]) -> None:
+    obstacles: list[tuple[Body, tuple[float, ...]]] = []
     for case, colour in zip(cases, colours, strict=True):
         if case.result is None:
             continue
         data = open_result(case.result)
+        bodies = find_bodies(data.isel(time=[-1]))
+        obstacles += [(body, colour) for body in bodies]
         shape = plane.project(data, "position")[-1]
         if "diameter" in data:
             band = plane.outline(shape, np.asarray(data["diameter"].values, dtype=float))
@@ -199,8 +205,16 @@ def _shapes(axes: Axes, cases: Sequence[Case], colours: Sequence[tuple[float, ..
         axes.plot(*shape.T, color=colour, zorder=2)
         axes.plot(*shape[-1], marker="o", markersize=4, color=colour, zorder=3)
         axes.plot(*shape[0], marker="s", markersize=5, color=INK, zorder=3)
+        axes.update_datalim(corners(bodies, shape, arm_length(data)))
     if not axes.lines:
         axes.text(0.5, 0.5, "no case has a result", transform=axes.transAxes, ha="center")
+    axes.autoscale_view()
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    wide = 2 * (high - low)  # equal axes will show more on one side
+    for body, colour in obstacles:
+        cut = body.outline(-1, low - wide, high + wide)
+        axes.add_patch(Polygon(cut, closed=True, fill=False, edgecolor=colour, linewidth=0.8))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title("final shapes, in the colours below", loc="left")
     axes.set_xlabel(plane.LABELS[0])

@@ -1,4 +1,4 @@
-"""The arm in the water: its shape over time, its tip's path, the target and the flow."""
+"""The arm in the water: its shape over time, its tip's path, target, obstacles and flow."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from crinoid.report import plane
 from crinoid.report.current import Current, arm_length, draw_key, find_current
+from crinoid.report.obstacles import corners, draw_bodies, find_bodies
 from crinoid.report.run import Run, base_direction
 from crinoid.report.style import GREY, INK, PALE, VERMILLION, WIDTH, head, head_height, time_map
 from crinoid.report.units import largest
@@ -34,7 +35,7 @@ def draw_shape(run: Run) -> Figure:
     low, high = _extent([data for _, data in members], currents, scale)
     figure, panels = _panels(low, high, len(members), run)
     for axes, (label, data), current in zip(panels, members, currents, strict=True):
-        _draw_member(axes, data)
+        _draw_member(axes, data, low, high)
         current.draw(axes, scale)
         axes.set_title(label, loc="left")
     if scale > 0.0:
@@ -68,7 +69,7 @@ def _panels(
     panel = window * min(room / window)
     # What a narrow panel leaves over goes to both sides alike.
     left += (WIDTH - left - right - gap[0] * (columns - 1) - columns * panel[0]) / 2
-    below = 0.95
+    below = 1.13 if any(find_bodies(data) for _, data in run.members) else 0.95  # a longer key
     inner = rows * panel[1] + (rows - 1) * gap[1]
 
     above = head_height(run.title, run.status, WIDTH) + (0.3 if count > 1 else 0.22)
@@ -104,11 +105,17 @@ def _width_inches(axes: Axes) -> float:
     return float(axes.get_position().width) * WIDTH
 
 
-def _draw_member(axes: Axes, data: xr.Dataset) -> None:
+def _draw_member(
+    axes: Axes,
+    data: xr.Dataset,
+    low: Float[np.ndarray, "axis=2"],
+    high: Float[np.ndarray, "axis=2"],
+) -> None:
     shapes = plane.project(data, "position")
     time = data["time"].values
     chosen = np.unique(np.linspace(0, len(time) - 1, min(_SHAPES, len(time))).round().astype(int))
 
+    draw_bodies(axes, find_bodies(data), time, chosen, low, high)
     hull = Polygon(_hull(data), closed=True, facecolor=GREY, edgecolor=INK, linewidth=0.8, zorder=3)
     hull.set_label("submarine's bow")
     axes.add_patch(hull)
@@ -180,6 +187,7 @@ def _extent(
         shapes = plane.project(data, "position").reshape(-1, 2)
         points += [shapes - thick / 2, shapes + thick / 2, _hull(data)]
         points += [plane.project(data, "tip_target")]
+        points += [corners(find_bodies(data), shapes, arm_length(data))]
     everything = np.concatenate(points)
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     margin = _MARGIN * float((high - low).max())

@@ -50,7 +50,7 @@ class Section(Model):
         default=None, gt=0, description="Mass of a metre of arm, without the water it moves."
     )
     diameter: Metres | None = Field(
-        default=None, ge=0, description="Diameter that the water sees: drag."
+        default=None, ge=0, description="Diameter that water and obstacles see."
     )
     displaced_area: SquareMetres | None = Field(
         default=None,

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
 from crinoid.scenario.control import Control, Sensor
 from crinoid.scenario.errors import Mistake
 from crinoid.scenario.flow import Flow, GaussMarkovFlow, ShearFlow, WavesFlow
 from crinoid.scenario.motion import TableMotion
+from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.simulation import Output, Simulation, not_whole, whole_steps
 from crinoid.scenario.water import Water
 
 __all__ = [
     "channel_conflicts",
+    "contact_conflicts",
     "depth_conflicts",
     "motion_conflicts",
     "output_conflicts",
@@ -118,6 +121,13 @@ def rate_conflicts(sensor: Sensor, control: Control, simulation: Simulation) -> 
         if rate is not None and rate * step > 1 + 1e-9:
             text = f"got {rate}, takes up to {1 / step:.6g} (Hz), once a time step"
             yield Mistake(name, f"{text} (simulation.time_step = {step})")
+
+
+def contact_conflicts(arm: Arm, obstacles: tuple[Obstacle, ...]) -> Iterator[Mistake]:
+    """Yield an arm that has no surface to be touched."""
+    if obstacles and arm.section.diameter == 0:
+        text = "got 0.0, takes a number above 0 (m): the arm meets obstacles with this surface"
+        yield Mistake("arm.section.diameter", text)
 
 
 def output_conflicts(output: Output, simulation: Simulation) -> Iterator[Mistake]:

@@ -15,6 +15,7 @@ from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
 from crinoid.scenario.consistency import (
     channel_conflicts,
+    contact_conflicts,
     depth_conflicts,
     motion_conflicts,
     output_conflicts,
@@ -242,6 +243,7 @@ class Scenario(Model):
         yield from motion_conflicts(self.base, self.simulation)
         yield from channel_conflicts(self.control, self.base)
         yield from rate_conflicts(self.sensor, self.control, self.simulation)
+        yield from contact_conflicts(self.arm, self.obstacle)
         yield from output_conflicts(self.output, self.simulation)
         yield from size_conflicts(self.arm.nodes, self.simulation.steps // self.output_steps)
         if self.vary:

@@ -7,3 +7,4 @@ from crinoid.simulation.run import SimulationError as SimulationError
 from crinoid.simulation.run import equilibrium as equilibrium
 from crinoid.simulation.run import play as play
 from crinoid.simulation.run import simulate as simulate
+from crinoid.simulation.setup import check_room as check_room

@@ -157,7 +157,7 @@ def _run(
         took = time.perf_counter() - chunk_begun
         chunk = max(16, int(min(steps * _CHUNK_SECONDS / took, 4 * chunk)))
         if not outcome.converged:
-            failure = _step_failure(scenario, carry, outcome)
+            failure = _step_failure(scenario, loop.system, carry, outcome)
         if report is not None:
             elapsed = time.perf_counter() - begun
             report(Progress(label, float(carry.state.time), duration, elapsed))
@@ -236,24 +236,40 @@ def _start_failure(setup: Setup) -> str:
     if outcome.converged:
         return ""
     return (
-        f"failed at t = 0 s: no static equilibrium found, {_imbalance(outcome)}; "
+        "failed at t = 0 s: no static equilibrium found, "
+        f"{_imbalance(setup.loop.system, outcome)}; "
         'try simulation.start = "rest", loads that come on with ramp_time, or more arm.nodes'
     )
 
 
-def _step_failure(scenario: Scenario, carry: LoopState, outcome: Outcome) -> str:
-    halvings = scenario.simulation.max_halvings
+def _step_failure(scenario: Scenario, system: System, carry: LoopState, outcome: Outcome) -> str:
+    halvings, touch = scenario.simulation.max_halvings, carry.state.touch
+    when = f"failed at t = {float(carry.state.time):.6g} s"
+    smaller = "a smaller simulation.time_step"
+    if not outcome.resolved:
+        assert touch is not None
+        gaps = np.min(np.asarray(touch.gap), axis=1)
+        near = int(np.argmin(gaps))
+        return (
+            f"{when}: a hit is too hard or too fast for a time step even after {halvings} "
+            f"halvings, obstacle {near} is nearest to the arm with {1e3 * gaps[near]:.3g} mm "
+            f"between them; try {smaller}, more simulation.max_halvings, or slower obstacles"
+        )
+    caught = touch is not None and bool(np.any(np.asarray(touch.in_contact)))
     return (
-        f"failed at t = {float(carry.state.time):.6g} s: a time step could not be solved even "
-        f"after {halvings} halvings, {_imbalance(outcome)}; try a smaller simulation.time_step, "
-        "loads that come on with ramp_time, or more simulation.max_halvings"
+        f"{when}: a time step could not be solved even after {halvings} halvings, "
+        f"{_imbalance(system, outcome)}; try {smaller}, loads that come on with ramp_time, "
+        f"{'obstacles that leave the arm room, ' if caught else ''}"
+        "or more simulation.max_halvings"
     )
 
 
-def _imbalance(outcome: Outcome) -> str:
+def _imbalance(system: System, outcome: Outcome) -> str:
     if not np.isfinite(outcome.residual):
         return "forces grew without bound"
+    worst, nodes = int(outcome.worst_node), system.rod.nodes
+    name = f"node {worst}" if worst < nodes else f"obstacle {system.forces.free[worst - nodes]}"
     return (
-        f"node {int(outcome.worst_node)} is out of balance by {float(outcome.residual):.3g} N "
+        f"{name} is out of balance by {float(outcome.residual):.3g} N "
         f"among forces of up to {float(outcome.scale):.3g} N"
     )

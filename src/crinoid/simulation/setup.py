@@ -40,8 +40,8 @@ def set_up(scenario: Scenario) -> Setup:
     control = scenario.control
     mapped = control.kind == "pid" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
-    state, outcome, tip, linear, jacobian, gaps = _start(system, loaded, mapped)
-    _check_room(gaps)
+    _check_room(system)
+    state, outcome, tip, linear, jacobian = _start(system, loaded, mapped)
     loop = Loop(
         system=system,
         sensor=_sensor(scenario),
@@ -62,7 +62,6 @@ def _find_start(
     Float[Array, " pose"],
     tuple[Bands, Bands],
     Float[Array, "pose channel"] | None,
-    Float[Array, " m"] | None,
 ]:
     state, outcome = (
         system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
@@ -74,7 +73,6 @@ def _find_start(
         system.tip(state),
         linear,
         system.static_jacobian(state, linear[0]) if mapped else None,
-        system.clearance(),
     )
 
 
@@ -86,14 +84,30 @@ _start = eqx.filter_jit(
 )
 
 
-def _check_room(gaps: Array | None) -> None:
-    """Refuse obstacles that lie within the arm as it is without load."""
+_clearance = eqx.filter_jit(System.clearance)
+
+
+def check_room(scenario: Scenario) -> None:
+    """Refuse obstacles that lie within the arm as it is without load.
+
+    Raises
+    ------
+    ScenarioError
+        If there are any; or if a file that the scenario names is not what it takes.
+    """
+    if scenario.obstacle:
+        _check_room(scenario.system())
+
+
+def _check_room(system: System) -> None:
+    if system.forces.obstacles is None:
+        return
     mistakes = [
         Mistake(
             f"obstacle.{index}.position",
-            f"lies {-1e3 * gap:.3g} mm inside the arm at rest, takes a place clear of it",
+            f"lies {-1e3 * gap:.3g} mm inside the arm without load, takes a place clear of it",
         )
-        for index, gap in enumerate(np.asarray([] if gaps is None else gaps))
+        for index, gap in enumerate(np.asarray(_clearance(system)))
         if gap < 0
     ]
     if mistakes:
