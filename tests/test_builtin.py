@@ -1,5 +1,8 @@
 """The built-in scenarios show what they are there to show."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,10 @@ from crinoid.scenario import builtin_names
 
 
 def test_every_built_in_scenario_loads_and_has_a_title():
-    assert len(builtin_names()) >= 8
+    # the page that lists them
+    readme = Path(__file__).resolve().parents[1].joinpath("README.md").read_text("utf-8")
+    listed = re.findall(r"^\| `([\w-]+)` \|", readme, re.M)
+    assert sorted(listed) == builtin_names()
     for name in builtin_names():
         assert crinoid.load(name).title, name
 
@@ -72,11 +78,12 @@ def test_debris_does_not_sink_into_the_arm_and_the_books_balance(strike):
     stored = change.sel(kind=["kinetic", "elastic", "potential"]).sum("kind")
     works = change.drop_sel(kind=["kinetic", "elastic", "potential"])
     defect = float(np.abs(stored - works.sum("kind")).max())
-    assert defect < 0.05 * float(np.abs(works).max())
-    # the balls took part: the arm was pushed, and pushed them off
+    assert defect < 0.02 * float(np.abs(works).max())
+    # every ball was held up by the arm, and then carried on by the water
     assert float(np.abs(works.sel(kind="contact")).max()) > 0.01
     speed = np.linalg.norm(data["obstacle_velocity"].values, axis=-1)
-    assert speed.min() < 0.1 < 0.3 < speed[-1].mean()
+    assert speed.min(axis=0).max() < 0.7 * 0.3
+    assert speed[-1].min() > 0.8 * 0.3
 
 
 def test_a_coral_is_touched_gently_and_leant_on():
@@ -85,7 +92,7 @@ def test_a_coral_is_touched_gently_and_leant_on():
     force = np.linalg.norm(data["contact_force"].isel(obstacle=0).values, axis=-1)
     time = data["time"].values
     assert force[time < 5.0].max() == 0.0
-    assert force.max() < 1.5
+    assert force.max() < 0.5
     rest = force[time > 17.0]
     assert 0.1 < rest.mean() < 1.0
     assert np.ptp(rest) < 0.02 * rest.mean()
