@@ -96,9 +96,12 @@ def main() -> None:
 
 
 def scenario(nodes: int, time_step: float) -> crinoid.Scenario:
-    """Return the arm of station-keeping, horizontal, without control, current or drag."""
+    """Return station-keeping with an arm of silicone, horizontal, without control or current."""
     settings = {
         "arm.nodes": nodes,
+        "arm.radius": 0.02,
+        "arm.youngs_modulus": 5e5,
+        "arm.damping_time": 0.02,
         "base.tilt_deg": 0.0,
         "flow": [],
         "sensor": {},

@@ -1,7 +1,8 @@
 """Time of one step of the closed loop, and of MuJoCo's flex rod measured in turn with it.
 
-The closed loop is that of the built-in scenario station-keeping with all water terms, sensor,
-controller, energy ledger and records, run by the same two compiled programs as `crinoid run`.
+The closed loop is that of the built-in scenario station-keeping, its arm of silicone and its
+current uniform, with all water terms, sensor, controller, energy ledger and records, run by the
+same two compiled programs as `crinoid run`. What other currents cost, `ocean.py` measures.
 """
 
 import argparse
@@ -34,6 +35,10 @@ except ImportError as error:
 RESULTS = Path(__file__).parent / "results"
 CONTROLLED, NOISY = "closed loop", "closed loop, noisy sensor"
 UNCONTROLLED, BARE = "control off", "steps only"
+
+SOFT = ("arm.radius=0.02", "arm.youngs_modulus=5e5", "arm.damping_time=0.02")
+"""The arm of the comparisons: silicone."""
+STEADY = 'flow=[{kind="uniform", velocity=[0.25, 0.0], ramp_time=3.0}]'
 
 NOISE = 5e-4
 """Standard deviation of a noisy sensor (m): its controller jerks the base at every step."""
@@ -77,7 +82,7 @@ def main() -> None:
 
 def measure(nodes: int, repeats: int) -> dict[str, Any]:
     """Compile and time everything at one number of nodes."""
-    scenario = crinoid.load("station-keeping", [f"arm.nodes={nodes}"])
+    scenario = crinoid.load("station-keeping", [f"arm.nodes={nodes}", *SOFT, STEADY])
     begun = time.perf_counter()
     setup = jax.block_until_ready(set_up(scenario))
     ready = time.perf_counter()

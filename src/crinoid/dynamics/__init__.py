@@ -1,6 +1,7 @@
 """The assembled arm, and how it is brought to rest and moved in time."""
 
 from crinoid.dynamics.forces import Forces as Forces
+from crinoid.dynamics.halving import Progress as Progress
 from crinoid.dynamics.integrator import Integrator as Integrator
 from crinoid.dynamics.modes import Modes as Modes
 from crinoid.dynamics.modes import find_modes as find_modes
@@ -9,5 +10,4 @@ from crinoid.dynamics.newton import Settings as Settings
 from crinoid.dynamics.obstacles import Obstacles as Obstacles
 from crinoid.dynamics.obstacles import Touch as Touch
 from crinoid.dynamics.state import State as State
-from crinoid.dynamics.system import Progress as Progress
 from crinoid.dynamics.system import System as System

@@ -4,12 +4,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from crinoid import chain
 from crinoid.base import Base, ServoState
 from crinoid.dynamics import modes, statics
 from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.halving import Progress, halve
 from crinoid.dynamics.integrator import Integrator, Stage
 from crinoid.dynamics.newton import Outcome, Settings, newton_step, solve
 from crinoid.dynamics.state import State
@@ -22,17 +23,6 @@ Nodes = Float[Array, "n b"]
 Rows = Float[Array, "rows b"]
 
 _ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
-
-
-class Progress(eqx.Module):
-    """How a step went that was cut into shorter ones where it had to be."""
-
-    outcome: Outcome
-    """Of the last solve."""
-    steps: Int[Array, ""]
-    """Steps that succeeded."""
-    iterations: Int[Array, ""]
-    """Newton iterations of all solves, the failed ones too."""
 
 
 class System(eqx.Module):
@@ -216,38 +206,7 @@ class System(eqx.Module):
         failed outcome. Not differentiable in reverse mode (a loop of unknown length): use `step`.
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
-        whole = 2**self.max_halvings
-
-        def unfinished(carry: tuple[State, Progress, Array, Array]) -> Bool[Array, ""]:
-            _, _, done, part = carry
-            return (done < whole) & (part > 0)
-
-        def attempt(
-            carry: tuple[State, Progress, Array, Array],
-        ) -> tuple[State, Progress, Array, Array]:
-            state, progress, done, part = carry
-            new, outcome = self.step(state, command, h * (part / whole))
-            good = outcome.converged
-            kept = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
-            done = done + jnp.where(good, part, 0)
-            # after a success try twice as much again, from a place that twice as much divides
-            longer = jnp.where((done % (2 * part) == 0) & (part < whole), 2 * part, part)
-            part = jnp.where(good, longer, part // 2)
-            return (
-                kept,
-                Progress(outcome, progress.steps + good, progress.iterations + outcome.iterations),
-                done,
-                part,
-            )
-
-        nothing = jnp.asarray(0)
-        unsolved = Outcome.of_nothing(converged=False)
-        state, progress, _, _ = jax.lax.while_loop(
-            unfinished,
-            attempt,
-            (state, Progress(unsolved, nothing, nothing), nothing, jnp.asarray(whole)),
-        )
-        return state, progress
+        return halve(lambda s, part: self.step(s, command, part), state, h, self.max_halvings)
 
     def tip(self, state: State) -> Float[Array, " pose"]:
         """Return the tip's place in the world (m) and its direction (rad): x, z, angle."""

@@ -9,8 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.control import Clock, Controller, Sensor, Target
 from crinoid.control.sensor import SensorState
-from crinoid.dynamics import State, System
-from crinoid.dynamics.system import Progress
+from crinoid.dynamics import Progress, State, System
 
 
 class Tally(eqx.Module):

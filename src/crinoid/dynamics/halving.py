@@ -1,0 +1,67 @@
+"""A time step cut into shorter ones where it has to be."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from crinoid.dynamics.newton import Outcome
+from crinoid.dynamics.state import State
+
+
+class Progress(eqx.Module):
+    """How a step went that was cut into shorter ones where it had to be."""
+
+    outcome: Outcome
+    """Of the last solve."""
+    steps: Int[Array, ""]
+    """Steps that succeeded."""
+    iterations: Int[Array, ""]
+    """Newton iterations of all solves, the failed ones too."""
+
+
+def halve(
+    step: Callable[[State, Array], tuple[State, Outcome]],
+    state: State,
+    length: Float[Array, ""],
+    max_halvings: int,
+) -> tuple[State, Progress]:
+    """Advance by ``length`` (s), in shorter steps where ``step`` does not converge.
+
+    Down to ``2**-max_halvings`` of it; past that the last good state comes back with a failed
+    outcome.
+    """
+    whole = 2**max_halvings
+
+    def unfinished(carry: tuple[State, Progress, Array, Array]) -> Bool[Array, ""]:
+        _, _, done, part = carry
+        return (done < whole) & (part > 0)
+
+    def attempt(
+        carry: tuple[State, Progress, Array, Array],
+    ) -> tuple[State, Progress, Array, Array]:
+        state, progress, done, part = carry
+        new, outcome = step(state, length * (part / whole))
+        good = outcome.converged
+        kept = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
+        done = done + jnp.where(good, part, 0)
+        # after a success try twice as much again, from a place that twice as much divides
+        longer = jnp.where((done % (2 * part) == 0) & (part < whole), 2 * part, part)
+        part = jnp.where(good, longer, part // 2)
+        return (
+            kept,
+            Progress(outcome, progress.steps + good, progress.iterations + outcome.iterations),
+            done,
+            part,
+        )
+
+    nothing = jnp.asarray(0)
+    unsolved = Outcome.of_nothing(converged=False)
+    state, progress, _, _ = jax.lax.while_loop(
+        unfinished,
+        attempt,
+        (state, Progress(unsolved, nothing, nothing), nothing, jnp.asarray(whole)),
+    )
+    return state, progress
