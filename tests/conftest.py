@@ -1,7 +1,11 @@
 """What every test runs under: compiled code kept between runs, and shapes checked at run time."""
 
+import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
+
+import pytest
 
 # Compiling is most of what the tests cost, so the compiled code is kept. JAX reads these when it
 # is imported, which must be later; as environment variables they also reach the programs that
@@ -15,3 +19,13 @@ from jaxtyping import install_import_hook  # noqa: E402
 
 # Only modules imported from here on are checked: nothing above may import crinoid.
 install_import_hook("crinoid", "beartype.beartype")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _forget_compiled_code() -> Iterator[None]:
+    """Let go of what a file compiled: thousands of programs in one process crash it."""
+    yield
+    import jax
+
+    jax.clear_caches()
+    gc.collect()
