@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gc
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -23,6 +24,9 @@ from crinoid.simulation import Progress as Reached
 from crinoid.simulation import SimulationError, check_room, equilibrium, play
 
 CASES = "cases.csv"
+_KEPT_COMPILED = 16
+"""Cases after which compiled code is let go: where they differ in shape each holds some 2000 of the
+65530 memory maps that Linux gives a process, which crashes without more."""
 _MOST_NOTES = 6
 
 
@@ -138,6 +142,9 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
                 told.setdefault(note, []).append(name)
             rows.append(_row(name, values, result))
             _write_cases(folder / CASES, rows)
+            if number % _KEPT_COMPILED == 0:
+                jax.clear_caches()
+                gc.collect()
             if _trouble(result):
                 failures.append(f"{name}: {_trouble(result)}")
             if result.interrupted:
