@@ -19,5 +19,5 @@ POSE = {
     2: ("x", "z", "angle"),
     3: ("x", "y", "z", "direction_x", "direction_y", "direction_z"),
 }
-"""What the tip's pose is made of: its place (m) and where it points, in the plane an angle (rad) and
-in space a unit vector."""
+"""What the tip's pose is made of: its place (m) and where it points, in the plane an angle (rad)
+and in space a unit vector."""
