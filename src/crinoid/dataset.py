@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from crinoid.base import CHANNELS
 from crinoid.dynamics import System, Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.record import Record
 from crinoid.scenario import Scenario
+from crinoid.space import CHANNELS
 from crinoid.version import __version__
 
 
@@ -146,7 +146,7 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
         coords={
             "time": ("time", kept.time, {"units": "s", "long_name": "time", "axis": "T"}),
             "axis": ("axis", list(axes), {"long_name": "x forward, z up"}),
-            "channel": ("channel", list(CHANNELS), {"long_name": "base channel"}),
+            "channel": ("channel", list(CHANNELS[2]), {"long_name": "base channel"}),
             "kind": ("kind", [*ENERGIES, *WORKS], {"long_name": "kind of energy or work"}),
             "arc_length": (
                 "node",
@@ -221,7 +221,7 @@ def _contact(
 
 
 def _curvature(scenario: Scenario, system: System, kept: Record, tangent: np.ndarray) -> np.ndarray:
-    base = float(system.base.tilt) + kept.pose[:, 2]
+    base = float(system.base.angles[0]) + kept.pose[:, 2]
     clamp = np.stack([np.cos(base), np.sin(base)], axis=1)[:, None]
     before = np.concatenate([clamp, tangent[:, :-1]], axis=1)
     turn = before[..., 0] * tangent[..., 1] - before[..., 1] * tangent[..., 0]
