@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -160,7 +161,7 @@ def _load(
         }
     fixed = np.zeros(2)
     if not isinstance(load.direction, str):
-        fixed = np.asarray(load.direction) / np.hypot(*load.direction)
+        fixed = np.asarray(load.direction) / math.hypot(*load.direction)
     return DistributedLoad, onset | {
         "tangential": array(load.magnitude * (load.direction == "tangential")),
         "normal": array(load.magnitude * (load.direction == "normal")),
