@@ -35,7 +35,7 @@ from crinoid.scenario.build_obstacle import body_numbers, build_obstacles, conta
 from crinoid.scenario.load import DistributedLoad as DistributedTable
 from crinoid.scenario.load import TipLoad as TipTable
 from crinoid.scenario.numbers import Numbers, array
-from crinoid.space import ANGLES, CHANNELS
+from crinoid.space import CHANNELS
 from crinoid.spline import PiecewiseCubic
 
 if TYPE_CHECKING:
@@ -136,22 +136,19 @@ def _assemble(
 
 
 def _rod(arm: Arm) -> Numbers:
+    section = arm.section
+    spatial = arm.dimension == 3
     numbers = {
         "radius": arm.radii,
+        "rest_curvature": arm.rest_curvatures if spatial else arm.rest_curvature,
+        "EI": section.bending_stiffnesses if spatial else section.EI,
         **{
             name: getattr(arm, name)
-            for name in (
-                "length",
-                "density",
-                "youngs_modulus",
-                "poisson_ratio",
-                "rest_curvature",
-                "damping_time",
-            )
+            for name in ("length", "density", "youngs_modulus", "poisson_ratio", "damping_time")
         },
         **{
-            name: getattr(arm.section, name)
-            for name in ("EA", "EI", "GJ", "mass_per_length", "diameter", "displaced_area")
+            name: getattr(section, name)
+            for name in ("EA", "GJ", "mass_per_length", "diameter", "displaced_area")
         },
     }
     return {name: array(number) for name, number in numbers.items() if number is not None}
@@ -179,7 +176,8 @@ def _load(
 
 def _base(scenario: Scenario, rod: Rod) -> Base:
     # a channel that nobody drives has no room to move and any limits
-    channels = CHANNELS[scenario.arm.dimension]
+    axes = scenario.arm.dimension
+    channels = CHANNELS[axes]
     lower, upper, speed, acceleration, bandwidth = np.array(
         [[number] * len(channels) for number in (0.0, 0.0, 1.0, 1.0, 1.0)]
     )
@@ -190,9 +188,7 @@ def _base(scenario: Scenario, rod: Rod) -> Base:
         speed[index], acceleration[index] = limits.speed, limits.acceleration
         bandwidth[index] = limits.bandwidth_hz
     return Base(
-        angles=array(
-            [np.deg2rad(getattr(scenario.base, f"{n}_deg")) for n in channels if n in ANGLES]
-        ),
+        angles=array(scenario.base.angles if axes == 3 else [np.deg2rad(scenario.base.tilt_deg)]),
         ghost_length=array(np.asarray(rod.rest_length)[0]),
         servo=Servo(*map(array, (lower, upper, speed, acceleration, bandwidth))),
         motions=tuple(_motion(motion, channels) for motion in scenario.base.motion),
