@@ -19,7 +19,7 @@ class Record(eqx.Module):
     command: Float[Array, "*t channel"]
     pose: Float[Array, "*t channel"]
     base_force: Float[Array, "*t b"]
-    base_moment: Float[Array, "*t"]
+    base_moment: Float[Array, "*t"] | Float[Array, "*t 3"]
     energy: Float[Array, "*t kind"]
     steps: Int[Array, "*t"]
     """Time steps since the instant before, halved ones counted each."""
@@ -30,3 +30,9 @@ class Record(eqx.Module):
     obstacle_position: Float[Array, "*t m b"] | None
     obstacle_velocity: Float[Array, "*t m b"] | None
     touch: Touch | None
+    director: Float[Array, "*t e 3"] | None = None
+    """In space: the material director m_1 of the edges."""
+    curvature: Float[Array, "*t n 2"] | None = None
+    """In space: kappa_1 and kappa_2 at the nodes (1/m)."""
+    twist: Float[Array, "*t n"] | None = None
+    """In space: twist at the nodes (rad/m)."""
