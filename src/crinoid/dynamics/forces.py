@@ -230,19 +230,36 @@ class Forces(eqx.Module):
         )
         return Tangent(bands, border, self.free)
 
+    @property
+    def bend(self) -> Bend | BendTwist | None:
+        """What resists bending, and in space twisting."""
+        return next((e for e in self.elements if isinstance(e, Bend | BendTwist)), None)
+
+    def strains(self, motion: Motion) -> Float[Array, "n-1 strain"]:
+        """Return the curvature at each node but the tip, in space both and the twist (1/m, rad/m).
+
+        A root that turns freely has the values that it has at rest.
+        """
+        bend = self.bend
+        assert bend is not None
+        owned = self._windows(bend, motion)
+        strains = jax.vmap(lambda e, m: e.strains(m))(bend, owned)
+        free = (bend.stiffness == 0).reshape(strains.shape)
+        return jnp.where(free, bend.rest_strain.reshape(strains.shape), strains)
+
     def folded(self, position: Rows) -> Bool[Array, ""]:
         """Return whether two edges meet at an angle past which bending means nothing.
 
         At half a turn the strains are infinite; a step can jump over it, and come out as if bent
         the other way. A root that turns freely may point anywhere.
         """
-        resisting = [e.stiffness for e in self.elements if isinstance(e, Bend | BendTwist)]
-        if not resisting:
+        bend = self.bend
+        if bend is None:
             return jnp.asarray(False)
         edges = jnp.diff(self.nodes(position)[:, : self.axes], axis=0)
         tangent = edges / jnp.sqrt(jnp.sum(edges**2, axis=1))[:, None]
         sharp = jnp.sum(tangent[1:] * tangent[:-1], axis=1) < _SHARPEST
-        return jnp.any(sharp[1:]) | (sharp[0] & (jnp.max(resisting[0][0]) > 0))
+        return jnp.any(sharp[1:]) | (sharp[0] & (jnp.max(bend.stiffness[0]) > 0))
 
     def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, " work"]]:
         """Return the stored energies (J) and the powers that flow in from outside (W).

@@ -32,8 +32,6 @@ class State(eqx.Module):
     """Work done on the arm since the start, in the same order (J)."""
     touch: Touch | None
     """What the obstacles do to the arm."""
-    frames: Frames | None = None
-    """In space the material frames of the edges."""
 
     @property
     def time(self) -> Any:
@@ -59,6 +57,12 @@ class State(eqx.Module):
     def flow_velocity(self) -> Nodes:
         """Velocity of the undisturbed water at the nodes (m/s)."""
         return self._nodes(self.motion.flow_velocity)
+
+    @property
+    def frames(self) -> Frames | None:
+        """In space the frames of the edges, from which a later shape takes its own."""
+        orientation = self.motion.orientation
+        return orientation and Frames.of(self._nodes(self.motion.position), orientation)
 
     @property
     def base_force(self) -> Float[Array, " b"]:

@@ -16,7 +16,7 @@ from crinoid.dynamics.newton import Outcome, Settings, newton_step, solve
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import HELD
 from crinoid.elements import WORKS, Motion
-from crinoid.frames import Frames, Orientation, cross, dot
+from crinoid.frames import Frames, Orientation, cross, dot, tangents
 from crinoid.rod import Rod
 
 Channels = Float[Array, " channel"]
@@ -112,7 +112,7 @@ class System(eqx.Module):
             1e-3 * bending,
             1e3 * (bending + load * rod.nodes / (mass * rod.length)),
         )
-        return self._begin(time, position, self._framed(position, frames)), outcome
+        return self._begin(time, position, frames), outcome
 
     def stand(self, state: State) -> State:
         """Return the same shape without any motion, in water that flows on as it does: statics."""
@@ -120,7 +120,7 @@ class System(eqx.Module):
         stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
         forces = self.forces.frozen(state.time)
         motion = forces.motion(stage, none, forces.surroundings(stage, none))
-        return self._observe(forces, motion, state.servo, state.frames)
+        return self._observe(forces, motion, state.servo)
 
     def step(
         self, state: State, command: Channels, step: float | Array | None = None
@@ -141,8 +141,8 @@ class System(eqx.Module):
         position, velocity, acceleration = self._prescribe(
             state, time, servo, h, (position, velocity, jnp.zeros_like(position))
         )
-        rates = jnp.ones(()), *method.rates(h)
-        new = Stage(time, position, velocity, acceleration, *rates, state.frames)
+        frames, rates = state.frames, (jnp.ones(()), *method.rates(h))
+        new = Stage(time, position, velocity, acceleration, *rates, frames)
 
         def blend(new: Array, old: Array, alpha: Array) -> Array:
             return (1 - alpha) * new + alpha * old
@@ -155,7 +155,7 @@ class System(eqx.Module):
             (1 - method.alpha_f) * new.by_position,
             (1 - method.alpha_f) * new.by_velocity,
             (1 - method.alpha_m) * new.by_acceleration,
-            state.frames,
+            frames,
         )
         # what is prescribed needs no guess
         guess = (before.acceleration / new.by_acceleration).at[:HELD].set(0.0)
@@ -176,9 +176,8 @@ class System(eqx.Module):
         lag = method.alpha_f - method.alpha_m
         since = (motion.acceleration - before.acceleration)[HELD:]
         now = motion.acceleration.at[HELD:].add(lag * since)
-        frames = self._framed(motion.position, state.frames)
         after = self._observe(
-            self.forces, eqx.tree_at(lambda m: m.acceleration, motion, now), servo, frames
+            self.forces, eqx.tree_at(lambda m: m.acceleration, motion, now), servo
         )
         work = state.work + 0.5 * h * (state.power + after.power)
         # a servo's speed may change much within a step, and so may the arm's where something hits
@@ -227,6 +226,14 @@ class System(eqx.Module):
         pose = _tip(state.position)
         axes = self.forces.axes
         return pose.at[:axes].add(self.forces.origin)
+
+    def strains(self, state: State) -> Float[Array, "n strain"]:
+        """Return the curvature at each node (1/m); in space kappa_1, kappa_2 and twist (rad/m).
+
+        The tip's are carried on from the two nodes before, as nothing bends round the tip.
+        """
+        inner = self.forces.strains(state.motion) / self.rod.voronoi_length[:-1, None]
+        return jnp.concatenate([inner, 2 * inner[-1:] - inner[-2:-1]])
 
     def linearise(self, state: State) -> tuple[chain.Bands, chain.Bands]:
         """Return stiffness (N/m) and mass (kg) of small motions of all nodes about ``state``.
@@ -306,13 +313,6 @@ class System(eqx.Module):
         given = jax.lax.stop_gradient(frames)
         return rows.at[1, 3].set(given.spin_to(1, frame[0], frame[1]))
 
-    def _framed(self, position: Rows, frames: Frames | None) -> Frames | None:
-        """Return the frames of a shape to which those of an earlier one have been carried."""
-        if frames is None:
-            return None
-        nodes = self.forces.nodes(position)
-        return Frames.of(nodes, frames.at(nodes))
-
     def _prescribe(
         self,
         state: State,
@@ -325,8 +325,9 @@ class System(eqx.Module):
         held = self.base.prescribe(time, servo)
         position = held.position
         if held.frame is not None:
-            assert state.frames is not None
-            spin = state.frames.spin_to(1, held.frame[0], held.frame[1])
+            frames = state.frames
+            assert frames is not None
+            spin = frames.spin_to(1, held.frame[0], held.frame[1])
             position = _as_rows(position, 4).at[1, 3].set(spin)
         values = (position, held.velocity, held.acceleration)
         rows = tuple(row.at[:HELD].set(value) for row, value in zip(rows, values, strict=True))
@@ -363,7 +364,9 @@ class System(eqx.Module):
             clamp = -lever / jnp.sqrt(reach)
             turning = cross(lever, swing) / reach + held.velocity[1, 3] * clamp
             velocity = held.velocity[1, :3] + cross(turning, arm)
-            velocity = jnp.concatenate([velocity, dot(frames.tangent, turning)[:, None]], axis=1)
+            velocity = jnp.concatenate(
+                [velocity, dot(tangents(self.forces.nodes(position)), turning)[:, None]], axis=1
+            )
         velocity = velocity.at[:HELD].set(held.velocity)
         obstacles = self.forces.obstacles
         if obstacles is not None:
@@ -386,11 +389,9 @@ class System(eqx.Module):
         residual, _ = self.forces.residual(self.forces.motion(stage, none, around))
         acceleration = newton_step(self.forces, around, stage, none, residual)
         motion = self.forces.motion(stage, acceleration, around)
-        return self._observe(self.forces, motion, servo, frames)
+        return self._observe(self.forces, motion, servo)
 
-    def _observe(
-        self, forces: Forces, motion: Motion, servo: ServoState, frames: Frames | None
-    ) -> State:
+    def _observe(self, forces: Forces, motion: Motion, servo: ServoState) -> State:
         energy, power = forces.audit(motion)
         residual, _ = forces.residual(motion)
         reaction = residual[:HELD]
@@ -400,7 +401,7 @@ class System(eqx.Module):
             touch = forces.obstacles.touch(motion)
             pushed = jnp.sum(touch.on_nodes * forces.nodes(motion.velocity))
             power = power.at[_CONTACT].set(pushed)
-        return State(motion, servo, reaction, energy, power, jnp.zeros_like(power), touch, frames)
+        return State(motion, servo, reaction, energy, power, jnp.zeros_like(power), touch)
 
 
 def _tip(position: Nodes) -> Float[Array, " pose"]:

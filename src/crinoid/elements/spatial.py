@@ -229,6 +229,10 @@ class BendTwist(Linearised):
         columns = [jnp.moveaxis(row, -1, 0) for row in rows]
         return jnp.moveaxis(_on_nodes(*columns), (0, 1), (2, 3))
 
+    def strains(self, motion: Motion) -> Float[Array, "3"]:
+        """Return ``kappa_1, kappa_2, tau``, integrated over the length that the node owns."""
+        return self._observe(motion)[2].strains
+
     def energy(self, motion: Motion) -> Float[Array, ""]:
         _, _, strain = self._observe(motion)
         return 0.5 * jnp.sum(self.stiffness * (strain.strains - self.rest_strain) ** 2)
