@@ -14,7 +14,7 @@ class Record(eqx.Module):
     velocity: Float[Array, "*t n d"]
     acceleration: Float[Array, "*t n d"]
     flow_velocity: Float[Array, "*t n d"]
-    curvature: Float[Array, "*t n ..."]
+    curvature: Float[Array, "*t n"] | Float[Array, "*t n 2"]
     """At the nodes (1/m); in space kappa_1 and kappa_2."""
     tip: Float[Array, "*t pose"]
     wanted: Float[Array, "*t pose"]
