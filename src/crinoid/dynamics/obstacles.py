@@ -12,6 +12,7 @@ from crinoid import chain
 from crinoid.elements import Body, Contact, Motion
 
 Rows = Float[Array, "rows b"]
+Places = Float[Array, "m d"]
 
 _MISSED = 0.01
 """What a step may miss of the work of a contact, over the energy of the hit."""
@@ -24,12 +25,12 @@ class Touch(eqx.Module):
 
     gap: Float[Array, "m e"]
     """Distance of each obstacle from the surface of each edge (m)."""
-    force: Float[Array, "m b"]
+    force: Float[Array, "m d"]
     """Of each obstacle on the arm (N)."""
     on_nodes: Float[Array, "n b"]
-    """Of all obstacles on the nodes (N)."""
+    """Of all obstacles on the nodes (N) and, in space, about the edges that end there (N m)."""
     in_contact: Bool[Array, " m"]
-    impulse: Float[Array, "m b"]
+    impulse: Float[Array, "m d"]
     """Of each obstacle on the arm since the start (N s)."""
     duration: Float[Array, " m"]
     """How long each one has been in contact since the start (s)."""
@@ -53,7 +54,8 @@ class Obstacles(eqx.Module):
     """``m`` obstacles; in what a time step solves for, they are the rows after the nodes.
 
     Most move as they are told: at a steady velocity, which may be zero, or carried by the water.
-    Those with a mass are free: the arm, the water and their weight move them.
+    Those with a mass are free: the arm, the water and their weight move them. In space their rows
+    have a last column like those of the nodes; it stays zero, as obstacles do not spin.
     """
 
     contact: Contact
@@ -88,15 +90,20 @@ class Obstacles(eqx.Module):
         none = jax.tree.map(lambda x: x[:0], self.bodies)
         return Obstacles(self.contact, none, self.place, self.drift, (), self.carried)
 
-    def begin(self, places: Rows, velocity: Callable[[Rows], Rows]) -> Rows:
+    def begin(self, position: Rows, velocity: Callable[[Places], Places]) -> Rows:
         """Return the velocities that the obstacles start with; ``velocity`` is the water's."""
         if not self.carried:
             return self.drift
-        carried = jnp.asarray(self.carried)
-        return self.drift.at[carried].set(velocity(places[carried]), unique_indices=True)
+        carried, axes = jnp.asarray(self.carried), self.contact.axes
+        water = velocity(position[carried, :axes])
+        return self.drift.at[carried, :axes].set(water, unique_indices=True)
 
     def lead(
-        self, position: Rows, flow_velocity: Rows, velocity: Callable[[Rows], Rows], step: Array
+        self,
+        position: Rows,
+        flow_velocity: Places,
+        velocity: Callable[[Places], Places],
+        step: Array,
     ) -> tuple[Rows, Rows]:
         """Return where the obstacles that move as they are told get to, and how fast they then are.
 
@@ -107,11 +114,12 @@ class Obstacles(eqx.Module):
         carried = np.setdiff1d(self.carried, self.free).astype(int)
         if not carried.size:
             return told, self.drift
-        start, leaving = position[carried], flow_velocity[carried]
+        axes = self.contact.axes
+        start, leaving = position[carried, :axes], flow_velocity[carried]
         reached = start + 0.5 * step * (leaving + velocity(start + step * leaving))
         return (
-            told.at[carried].set(reached, unique_indices=True),
-            self.drift.at[carried].set(velocity(reached), unique_indices=True),
+            told.at[carried, :axes].set(reached, unique_indices=True),
+            self.drift.at[carried, :axes].set(velocity(reached), unique_indices=True),
         )
 
     def push(self, motion: Motion) -> tuple[Float[Array, "m e"], Rows]:
@@ -124,7 +132,7 @@ class Obstacles(eqx.Module):
     def touch(self, motion: Motion) -> Touch:
         """Return what the obstacles do to the arm right now."""
         gap, rows = self.push(motion)
-        on_nodes, force = rows[: -self.count], -rows[-self.count :]
+        on_nodes, force = rows[: -self.count], -rows[-self.count :, : self.contact.axes]
         _, pressing = self.contact.press(gap.reshape(-1))
         none = jnp.zeros(self.count)
         closest = jnp.min(gap, axis=1)
@@ -184,7 +192,7 @@ class Obstacles(eqx.Module):
         negligible = _NEGLIGIBLE * contact.press(jnp.zeros_like(gap))[0]
         accounted = jnp.abs(missed) <= _MISSED * hit + negligible
 
-        moved = self.windows(after - before)
+        moved = self.windows((after - before)[:, : contact.axes])
         travel = jnp.max(jnp.sum((moved[:, :2] - moved[:, 2:]) ** 2, axis=-1), axis=1)
         room = jnp.maximum(gap_before, 0.0) + 0.5 * (contact.arm_radius + contact.radius)
         return jnp.all(accounted) & jnp.all(travel <= room**2)

@@ -22,9 +22,9 @@ class Motion(eqx.Module):
     position: Float[Array, "*count k b"]
     velocity: Float[Array, "*count k b"]
     acceleration: Float[Array, "*count k b"]
-    flow_velocity: Float[Array, "*count k b"]
+    flow_velocity: Float[Array, "*count k d"]
     """Velocity of the undisturbed water at the nodes (m/s)."""
-    flow_acceleration: Float[Array, "*count k b"]
+    flow_acceleration: Float[Array, "*count k d"]
     """Material acceleration Du/Dt of the undisturbed water at the nodes (m/s2)."""
     time: Float[Array, "*count"]
 

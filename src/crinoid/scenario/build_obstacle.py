@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Array
 
 from crinoid.dynamics import Obstacles
 from crinoid.elements import Body, Contact
@@ -56,11 +57,18 @@ def build_obstacles(
     if contact is None or bodies is None:
         return None
     drifts = [obstacle.velocity for obstacle in scenario.obstacle]
+    axes = scenario.arm.dimension
+    still = np.zeros(axes)
+
+    def rows(vectors: list[np.ndarray]) -> Array:
+        """Return a row for each, with a place for the spin that rows have in space."""
+        return array(np.pad(vectors, ((0, 0), (0, 0 if axes == 2 else 1))))
+
     return Obstacles(
         contact=contact,
         bodies=bodies,
-        place=array([o.position for o in scenario.obstacle]) - array(scenario.base.position),
-        drift=array([(0.0, 0.0) if drift == "flow" else drift for drift in drifts]),
+        place=rows([np.subtract(o.position, scenario.base.position) for o in scenario.obstacle]),
+        drift=rows([still if drift == "flow" else np.asarray(drift) for drift in drifts]),
         free=_free(scenario),
         carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
     )
