@@ -101,7 +101,7 @@ def spinning(dataset: xr.Dataset) -> Bool[np.ndarray, " mode"]:
     return going < spin * float(dataset["diameter"].max()) / 2
 
 
-def normal_velocity(dataset: xr.Dataset) -> Vectors:
+def normal_velocity(dataset: xr.Dataset) -> Float[np.ndarray, "time node across"]:
     """Return the part of the water's velocity relative to the arm that is across it (m/s)."""
     return across(_relative(dataset), dataset["tangent"].values)
 
@@ -110,7 +110,9 @@ def _relative(dataset: xr.Dataset) -> Vectors:
     return dataset["flow_velocity"].values - dataset["velocity"].values
 
 
-def across(vectors: Vectors, tangent: Float[np.ndarray, "time edge axis"]) -> Vectors:
+def across(
+    vectors: Float[np.ndarray, "_ node axis"], tangent: Float[np.ndarray, "_ edge axis"]
+) -> Float[np.ndarray, "_ node across"]:
     """Return the parts of vectors at the nodes that are across the arm.
 
     That is normal to the direction between those of the edges beside a node: in the plane a
@@ -127,7 +129,9 @@ def across(vectors: Vectors, tangent: Float[np.ndarray, "time edge axis"]) -> Ve
     return vectors - np.sum(vectors * along, axis=2, keepdims=True) * along
 
 
-def principal_part(velocity: Vectors, time: Float[np.ndarray, " time"]) -> Nodal:
+def principal_part(
+    velocity: Float[np.ndarray, "time node across"], time: Float[np.ndarray, " time"]
+) -> Nodal:
     """Return the component of a velocity along which it swings most at each node (m/s).
 
     That is the eigenvector of its covariance over time with the largest eigenvalue.
