@@ -11,6 +11,8 @@ from crinoid.scenario import Scenario
 
 Nodal = Float[np.ndarray, "time node"]
 Vectors = Float[np.ndarray, "time node axis"]
+Variables = dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]
+"""Dimensions, values, units and meaning by name."""
 
 
 def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | None) -> xr.Dataset:
@@ -28,7 +30,7 @@ def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | N
     if scenario.water.density == 0 or diameter.min() == 0:
         return dataset
     time, normal = dataset["time"].values, normal_velocity(dataset)
-    found = {
+    found: Variables = {
         "reynolds_number": (
             ("time", "node"),
             np.linalg.norm(_relative(dataset), axis=2)
@@ -57,7 +59,7 @@ def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | N
 def _with_modes(dataset: xr.Dataset, modes: Modes) -> xr.Dataset:
     number = ("mode", np.arange(1, modes.frequency.size + 1), {"long_name": "slowest first"})
     axes = dataset.sizes["axis"]
-    found = {
+    found: Variables = {
         "natural_frequency": (
             ("mode",),
             modes.frequency,
@@ -81,9 +83,7 @@ def _with_modes(dataset: xr.Dataset, modes: Modes) -> xr.Dataset:
     return _with(dataset.assign_coords(mode=number), found)
 
 
-def _with(
-    dataset: xr.Dataset, found: dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]
-) -> xr.Dataset:
+def _with(dataset: xr.Dataset, found: Variables) -> xr.Dataset:
     return dataset.assign(
         {
             name: (dims, values, {"units": units, "long_name": meaning})

@@ -74,7 +74,9 @@ class Contact(Element):
         ``radius`` and ``half_axis`` in m, ``mass`` in kg, infinite for what the arm cannot move.
         """
         arm_radius = _at_edges(rod.diameter) / 2
-        modulus = _at_edges(rod.EI) / (jnp.pi / 4 * arm_radius**4)
+        # in space that of the stiffer way to bend
+        stiffness = jnp.max(rod.EI.reshape(rod.nodes, -1), axis=1)
+        modulus = _at_edges(stiffness) / (jnp.pi / 4 * arm_radius**4)
         edges, obstacles = arm_radius.shape[0], radius.shape[0]
 
         def per_edge(values: Array) -> Array:
