@@ -55,16 +55,16 @@ class Obstacles(eqx.Module):
 
     Most move as they are told: at a steady velocity, which may be zero, or carried by the water.
     Those with a mass are free: the arm, the water and their weight move them. In space their rows
-    have a last column like those of the nodes; it stays zero, as obstacles do not spin.
+    have a column for a spin, like those of the nodes; it stays zero, as obstacles do not spin.
     """
 
     contact: Contact
     """Of every obstacle with every edge, obstacle by obstacle."""
     bodies: Body
     """What the free ones are made of."""
-    place: Float[Array, "m b"]
+    place: Float[Array, "m d"]
     """At the start (m)."""
-    drift: Float[Array, "m b"]
+    drift: Float[Array, "m d"]
     """Velocity of the steady ones, and of the free ones at the start (m/s)."""
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
@@ -90,21 +90,20 @@ class Obstacles(eqx.Module):
         none = jax.tree.map(lambda x: x[:0], self.bodies)
         return Obstacles(self.contact, none, self.place, self.drift, (), self.carried)
 
-    def begin(self, position: Rows, velocity: Callable[[Places], Places]) -> Rows:
+    def begin(self, places: Places, velocity: Callable[[Places], Places]) -> Places:
         """Return the velocities that the obstacles start with; ``velocity`` is the water's."""
         if not self.carried:
             return self.drift
-        carried, axes = jnp.asarray(self.carried), self.contact.axes
-        water = velocity(position[carried, :axes])
-        return self.drift.at[carried, :axes].set(water, unique_indices=True)
+        carried = jnp.asarray(self.carried)
+        return self.drift.at[carried].set(velocity(places[carried]), unique_indices=True)
 
     def lead(
         self,
-        position: Rows,
+        position: Places,
         flow_velocity: Places,
         velocity: Callable[[Places], Places],
         step: Array,
-    ) -> tuple[Rows, Rows]:
+    ) -> tuple[Places, Places]:
         """Return where the obstacles that move as they are told get to, and how fast they then are.
 
         The carried ones drift with the mean of the water's velocities at both ends of the step
@@ -114,12 +113,11 @@ class Obstacles(eqx.Module):
         carried = np.setdiff1d(self.carried, self.free).astype(int)
         if not carried.size:
             return told, self.drift
-        axes = self.contact.axes
-        start, leaving = position[carried, :axes], flow_velocity[carried]
+        start, leaving = position[carried], flow_velocity[carried]
         reached = start + 0.5 * step * (leaving + velocity(start + step * leaving))
         return (
-            told.at[carried, :axes].set(reached, unique_indices=True),
-            self.drift.at[carried, :axes].set(velocity(reached), unique_indices=True),
+            told.at[carried].set(reached, unique_indices=True),
+            self.drift.at[carried].set(velocity(reached), unique_indices=True),
         )
 
     def push(self, motion: Motion) -> tuple[Float[Array, "m e"], Rows]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Array
 
 from crinoid.dynamics import Obstacles
 from crinoid.elements import Body, Contact
@@ -57,18 +56,12 @@ def build_obstacles(
     if contact is None or bodies is None:
         return None
     drifts = [obstacle.velocity for obstacle in scenario.obstacle]
-    axes = scenario.arm.dimension
-    still = np.zeros(axes)
-
-    def rows(vectors: list[np.ndarray]) -> Array:
-        """Return a row for each, with a place for the spin that rows have in space."""
-        return array(np.pad(vectors, ((0, 0), (0, 0 if axes == 2 else 1))))
-
+    still = np.zeros(len(scenario.base.position))
     return Obstacles(
         contact=contact,
         bodies=bodies,
-        place=rows([np.subtract(o.position, scenario.base.position) for o in scenario.obstacle]),
-        drift=rows([still if drift == "flow" else np.asarray(drift) for drift in drifts]),
+        place=array([np.subtract(o.position, scenario.base.position) for o in scenario.obstacle]),
+        drift=array([still if drift == "flow" else drift for drift in drifts]),
         free=_free(scenario),
         carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
     )
