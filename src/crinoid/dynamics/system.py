@@ -408,13 +408,16 @@ def _tip(position: Nodes) -> Float[Array, " pose"]:
     # the last edge points where the arm does half an edge before the tip: carry its turn on
     last, before = position[-1] - position[-2], position[-2] - position[-3]
     if position.shape[1] == 3:
-        ends = jnp.stack([before, last])
-        before, last = ends / jnp.sqrt(dot(ends, ends))[:, None]
-        direction = 1.5 * last - 0.5 * before
-        return jnp.append(position[-1], direction / jnp.sqrt(dot(direction, direction)))
+        before, last = _unit(before), _unit(last)
+        middle = _unit(before + last)
+        return jnp.append(position[-1], 2.0 * dot(middle, last) * last - middle)
     turn = jnp.arctan2(before[0] * last[1] - before[1] * last[0], jnp.sum(before * last))
     angle = jnp.arctan2(last[1], last[0]) + 0.5 * turn
     return jnp.append(position[-1], angle)
+
+
+def _unit(vector: Float[Array, " d"]) -> Float[Array, " d"]:
+    return vector / jnp.sqrt(jnp.sum(vector**2))
 
 
 def _as_rows(places: Float[Array, "count d"], width: int) -> Float[Array, "count b"]:
