@@ -186,6 +186,14 @@ def obstacles(
     return of
 
 
+def facing(rotation: ArrayLike) -> dict[str, float]:
+    """Return pan, tilt and roll of a base that a rotation of the world turns from x, y, z."""
+    tangent, m_1, _ = np.transpose(rotation)
+    pan, tilt = np.arctan2(tangent[1], tangent[0]), np.arcsin(np.clip(tangent[2], -1.0, 1.0))
+    port = np.array([-np.sin(pan), np.cos(pan), 0.0])
+    return {"pan": pan, "tilt": tilt, "roll": np.arctan2(m_1 @ np.cross(tangent, port), m_1 @ port)}
+
+
 def always() -> Onset:
     """Return the onset of what is there from the start."""
     return Onset.of()
