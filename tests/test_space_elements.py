@@ -11,21 +11,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crinoid.dynamics import Forces
 from crinoid.dynamics.integrator import Stage
 from crinoid.elements import (
     AddedMass,
     BendTwist,
-    Course,
     DistributedLoad,
     Drag,
     Inertia,
-    Motion,
     Stretch,
     TipLoad,
     Weight,
 )
-from crinoid.flow import PowerShear, Uniform, Water
+from crinoid.flow import PowerShear, Uniform
 from crinoid.frames import Frames, Orientation, angle_between, tangents, transport
 from physics import always, arm
 
@@ -159,12 +156,13 @@ def observe(forces, stage):
     return forces.residual(motion)[0], *forces.audit(motion), motion
 
 
-def force_and_torque(position, residual, origin=np.zeros(3)):
-    """Return the sum of forces, and of moments about a place with the torques about the edges."""
+def force_and_torque(position, residual):
+    """Return the sum of forces, and of moments about the origin with the torques about edges."""
     position, residual = np.asarray(position), np.asarray(residual)
     along = residual[:, 3:] * np.asarray(tangents(jnp.asarray(position)))
-    arm_ = position[:, :3] - origin
-    return residual[:, :3].sum(axis=0), (np.cross(arm_, residual[:, :3]) + along).sum(axis=0)
+    return residual[:, :3].sum(axis=0), (np.cross(position[:, :3], residual[:, :3]) + along).sum(
+        axis=0
+    )
 
 
 # --- tangents ----------------------------------------------------------------------------------
@@ -402,16 +400,9 @@ def still_water(forces):
             return eqx.tree_at(lambda e: [e.dead_force, e.moment], element, none)
         return element
 
-    flows = forces.water.flows
-    return eqx.tree_at(
-        lambda f: [
-            f.elements,
-            f.water.flows[0].uniform_velocity,
-            f.water.flows[1].reference_velocity,
-        ],
-        forces,
-        [tuple(map(kept, forces.elements)), jnp.zeros(3), jnp.zeros(3)],
-    )
+    elements = tuple(map(kept, forces.elements))
+    water = jax.tree.map(jnp.zeros_like, forces.water)
+    return eqx.tree_at(lambda f: [f.elements, f.water], forces, [elements, water])
 
 
 @pytest.mark.parametrize("twist", [0.0, 0.9, -2.0, 3 * np.pi, 5.5 * np.pi])
