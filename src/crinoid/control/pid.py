@@ -23,9 +23,9 @@ class Pid(Controller):
 
     The error of the tip becomes an error per channel through ``mapping``, the inverse of the
     static Jacobian d(tip)/d(channels) (`crinoid.control.damped_inverse`), so that at low frequency
-    each channel sees a plant of gain one. The derivative acts on the measurement, which spares the base the kick of a moved target,
-    and is filtered to first order. A channel at the end of its range stops integrating further
-    into it (Astrom and Murray 2008, sections 10.4 and 10.5).
+    each channel sees a plant of gain one. The derivative acts on the measurement, which spares the
+    base the kick of a moved target, and is filtered to first order. A channel at the end of its
+    range stops integrating further into it (Astrom and Murray 2008, sections 10.4 and 10.5).
     """
 
     kp: Channels
