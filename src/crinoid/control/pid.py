@@ -39,7 +39,6 @@ class Pid(Controller):
     lower: Channels
     upper: Channels
     period: Float[Array, ""]
-    axes: int = eqx.field(static=True, default=2)
 
     def start(self, measured: Pose) -> PidMemory:
         zero = jnp.zeros_like(self.kp)
@@ -48,8 +47,8 @@ class Pid(Controller):
     def command(
         self, memory: PidMemory, measured: Pose, wanted: Pose
     ) -> tuple[Channels, PidMemory]:
-        error = self.mapping @ pose_error(wanted, measured, self.axes)
-        moved = self.mapping @ pose_error(measured, memory.measured, self.axes)
+        error = self.mapping @ pose_error(wanted, measured)
+        moved = self.mapping @ pose_error(measured, memory.measured)
         slope = (self.filter_time * memory.slope + moved) / (self.filter_time + self.period)
         integral = memory.integral + self.ki * self.period * error
         free = self.kp * error + integral - self.kd * slope
