@@ -83,7 +83,9 @@ def _draw_frame(axes: Axes, run: Run, data: xr.Dataset) -> None:
     )
     low, high = box_around(inside)
     scene = Scene(axes, low, high, OBLIQUE)
-    add_arm(scene, data, -1)
+    add_arm(scene, data)
+    if "diameter" not in data:
+        scene.add_line(in_space(data, "position")[-1], INK)
     scene.draw()
     fit_scene(axes, low, high)
 
@@ -92,7 +94,7 @@ def _draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
     axes.axhline(0.0, color=GREY, linewidth=0.7)
     values = _values(data, name)
     if values is None:
-        note(axes, f"no {name.replace('_', ' ')} recorded")
+        note(axes, f"no {'twist' if name == 'twist' else 'curvature'} recorded")
         return
     steps = np.linalg.norm(np.diff(in_space(data, "position")[0], axis=0), axis=1)
     arc = np.concatenate([[0.0], np.cumsum(steps)])

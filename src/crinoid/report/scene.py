@@ -15,7 +15,7 @@ from crinoid.report.box import draw_box, draw_shadow
 from crinoid.report.obstacles import SOLID, WALL, Body, Point, find_bodies
 from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map
 from crinoid.report.surface import AROUND, Facets, cut_box, tube, turned_body
-from crinoid.report.view import View, in_space
+from crinoid.report.view import ABOVE, AHEAD, SIDE, View, in_space
 
 Colour = str | tuple[float, float, float, float]
 
@@ -30,6 +30,7 @@ class Scene:
     def __init__(self, axes: Axes, low: Point, high: Point, view: View) -> None:
         self.axes, self.low, self.high, self.view = axes, low, high, view
         self._pieces: list[np.ndarray] = []
+        self._depths: list[float] = []
         self._faces: list[np.ndarray] = []
         self._edges: list[np.ndarray] = []
         self._widths: list[float] = []
@@ -54,17 +55,17 @@ class Scene:
         self._add(pieces, np.zeros_like(edges), edges, 1.0)
 
     def _add(self, pieces: np.ndarray, faces: np.ndarray, edges: np.ndarray, width: float) -> None:
-        self._pieces += list(pieces)
+        self._pieces += list(self.view.paper(pieces))
+        self._depths += list(self.view.depth(pieces.mean(axis=1)))
         self._faces += list(faces)
         self._edges += list(edges)
         self._widths += [width] * len(pieces)
 
     def draw(self) -> None:
         """Draw everything added."""
-        depths = [float(self.view.depth(piece.mean(axis=0))) for piece in self._pieces]
-        order = np.argsort(depths, kind="stable")
+        order = np.argsort(self._depths, kind="stable")
         pieces = PolyCollection(
-            [self.view.paper(self._pieces[piece]) for piece in order],
+            [self._pieces[piece] for piece in order],
             facecolors=[self._faces[piece] for piece in order],
             edgecolors=[self._edges[piece] for piece in order],
             linewidths=[self._widths[piece] for piece in order],
@@ -87,10 +88,12 @@ def draw_scene(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View
         if moves(path):
             records = np.linspace(0, len(path) - 1, min(_PATH, len(path))).round().astype(int)
             scene.add_line(path[records], colour)
-    add_arm(scene, data, -1)
+    add_arm(scene, data)
     for body in find_bodies(data):
         if body.solid.kind == "plane":
             _draw_wall(scene, body)
+            continue
+        if not all(body.is_in(low, high, side) for side in (SIDE, ABOVE, AHEAD)):
             continue
         facets = solid_surface(body, low, high)
         scene.add_surface(facets, _colours(SOLID, len(facets)))
@@ -109,15 +112,15 @@ def draw_scene(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View
     axes.plot(*target, "o", markersize=7.5, mfc="none", mec=INK, mew=1.2, zorder=5)
 
 
-def add_arm(scene: Scene, data: xr.Dataset, record: int) -> None:
-    """Add the arm at a record, half of it dark where its director is known, and the hull."""
+def add_arm(scene: Scene, data: xr.Dataset) -> None:
+    """Add the arm at the end, half of it dark where its director is known, and the hull."""
     bow = hull(data)
     scene.add_surface(bow, _colours(GREY, len(bow)))
     if "diameter" not in data:
         return
-    director = in_space(data, "director")[record] if "director" in data else None
+    director = in_space(data, "director")[-1] if "director" in data else None
     diameter = np.asarray(data["diameter"].values, dtype=float)
-    facets = tube(in_space(data, "position")[record], diameter, director)
+    facets = tube(in_space(data, "position")[-1], diameter, director)
     colours = _colours(PALE, len(facets))
     if director is not None:
         around = np.arange(len(facets)) % AROUND
@@ -151,7 +154,9 @@ def solid_surface(body: Body, low: Point, high: Point) -> Facets:
             sides = np.stack([low - place, high - place]) / direction
         sides[:, direction == 0.0] = [[-np.inf], [np.inf]]
         begin, end = sides.min(axis=0).max(), sides.max(axis=0).min()
-        along = np.linspace(begin, max(begin, end), _RINGS)
+        if begin >= end:  # it only grazes the box
+            return np.empty((0, 4, 3))
+        along = np.linspace(begin, end, _RINGS)
         around = np.full(_RINGS, radius)
     else:
         turn = np.linspace(0.0, np.pi / 2, _RINGS // 2)

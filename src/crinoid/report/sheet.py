@@ -26,6 +26,7 @@ from crinoid.report.view import ABOVE, AHEAD, OBLIQUE, SIDE, View
 VIEWS = (ABOVE, SIDE, AHEAD)
 LEFT, GAP = 0.85, (0.3, 0.42)  # inches
 _RIGHT = 1.0
+_NUMBERS = 0.25  # on the left of what is in perspective
 _MARGIN = 0.04  # around everything, of the largest extent
 _LEAST = 0.35  # extent of the window along any axis, of the largest
 NOTHING = np.empty((0, 2))
@@ -54,7 +55,9 @@ class Block:
             ABOVE: add_axes(figure, left, above, wide, deep),
             SIDE: add_axes(figure, left, foot, wide, high),
             AHEAD: add_axes(figure, right, foot, deep, high),
-            OBLIQUE: add_axes(figure, right, above, *self.corner),
+            OBLIQUE: add_axes(
+                figure, right + _NUMBERS, above, self.corner[0] - _NUMBERS, self.corner[1]
+            ),
         }
 
 
