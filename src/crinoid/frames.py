@@ -125,6 +125,6 @@ def tangents(position: Float[Array, "n b"]) -> Float[Array, "n 3"]:
     return jnp.concatenate([tangent[:1], tangent])
 
 
-def _at_nodes(inner: Float[Array, " n-2"]) -> Float[Array, " n"]:
+def _at_nodes(inner: Float[Array, " inner"]) -> Float[Array, " inner+2"]:
     """Fill up what is at the nodes between two edges: at the ends nothing bends or twists."""
     return jnp.pad(inner, 1)

@@ -235,7 +235,7 @@ class Forces(eqx.Module):
         """What resists bending, and in space twisting."""
         return next((e for e in self.elements if isinstance(e, Bend | BendTwist)), None)
 
-    def strains(self, motion: Motion) -> Float[Array, "n-1 strain"]:
+    def strains(self, motion: Motion) -> Float[Array, "bent strain"]:
         """Return the curvature at each node but the tip, in space both and the twist (1/m, rad/m).
 
         A root that turns freely has the values that it has at rest.
