@@ -10,8 +10,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-Vectors = Float[Array, "*#shape 3"]
-Numbers = Float[Array, "*#shape"]
+Vectors = Float[Array, "... 3"]
+Numbers = Float[Array, "..."]
 
 
 def dot(a: Vectors, b: Vectors) -> Numbers:

@@ -326,8 +326,9 @@ def _jacobian(
     course: Course, elements: Elements, window: Motion, load_factor: Array | None
 ) -> Array:
     """Return d(residual)/d(correction) of one window: ``(k, b, k, b)``."""
-    if isinstance(elements[0], Linearised):
-        return sum(element.jacobian(window, course) for element in elements)
+    known = [e.jacobian(window, course) for e in elements if isinstance(e, Linearised)]
+    if known:  # then all of the group are
+        return jnp.sum(jnp.stack(known), axis=0)
 
     def residual(window: Motion) -> Array:
         return jnp.sum(_residuals(elements, window, load_factor), axis=0)

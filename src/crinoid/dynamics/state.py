@@ -62,7 +62,9 @@ class State(eqx.Module):
     def frames(self) -> Frames | None:
         """In space the frames of the edges, from which a later shape takes its own."""
         orientation = self.motion.orientation
-        return orientation and Frames.of(self._nodes(self.motion.position), orientation)
+        if orientation is None:
+            return None
+        return Frames.of(self._nodes(self.motion.position), orientation)
 
     @property
     def base_force(self) -> Float[Array, " b"]:
