@@ -168,18 +168,20 @@ def test_own_weight(load, plane):
     exact = elastica((-UPRIGHT + 1e-9, -0.05), distributed=lambda angle: (0.0, -load))
     np.testing.assert_allclose((-exact.z, 1 - exact.x), OWN_WEIGHT[load], rtol=0, atol=6e-7)
     # under the largest load the terms of order 2 and 3 almost cancel on the coarsest mesh
-    converge(exact, plane, gravity=load, within=0.3 if load == 10 else 0.2)
+    converge(exact, plane, gravity=float(load), within=0.3 if load == 10 else 0.2)
 
 
 @planes
 @pytest.mark.parametrize("turns", [0.5, 1.0])
 def test_end_moment_bends_a_circle(turns, plane):
-    # M = 2 pi EI/L: the arm closes; half of it: half a circle of radius L/pi
+    # M = 2 pi EI/L: the arm closes; half of it: half a circle of radius L/pi. In space a moment on
+    # a free tip is not conservative, and a whole circle of a round arm does not stay in its plane:
+    # that takes one that is stiff in twist
     angle = 2 * np.pi * turns
     exact = np.array([np.sin(angle), 1 - np.cos(angle)]) / angle
     errors = []
     for nodes in MESHES:
-        x, z, direction, _ = solve(nodes, plane, moment=angle)
+        x, z, direction, _ = solve(nodes, plane, moment=angle, GJ=3.0)
         turned = np.unwrap([angle, direction])[1]
         errors.append(np.linalg.norm([x - exact[0], z - exact[1], turned - angle]))
     print("orders", order(errors), errors)
