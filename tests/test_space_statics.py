@@ -503,9 +503,9 @@ def test_a_column_buckles_in_its_weak_direction(kind):
         system = loaded(nodes, **turns, **forces, EI=EI)
         above = 1 - (np.arange(nodes - 1) + 0.5) / (nodes - 1)
         carried = load * (np.ones(nodes - 1) if kind == "tip" else above)
-        height = jnp.asarray(np.cumsum((1 - carried / EA) / (nodes - 1)))
+        height = np.cumsum((1 - carried / EA) / (nodes - 1))
         state = straight(nodes)
-        squeezed = state.motion.position.at[2:, 2].set(height)
+        squeezed = state.motion.position.at[2:, :3].set(height[:, None] * Z)
         matrix = dense(
             linearise(system, eqx.tree_at(lambda s: s.motion.position, state, squeezed))[0]
         )
