@@ -523,7 +523,7 @@ def test_a_column_buckles_in_its_weak_direction(kind):
     loads = []
     for nodes in MESHES:
         _, shape = softness(0.5 * exact, nodes)
-        np.testing.assert_allclose(shape @ frame[2, :2], 0, atol=1e-7)
+        np.testing.assert_allclose(shape @ frame[2, :2], 0, atol=1e-6)
         at = (0.9 * exact, 1.1 * exact)
         weak = brentq(softness, *at, (nodes, frame[1, :2]), xtol=1e-9)
         if nodes == MESHES[0]:
