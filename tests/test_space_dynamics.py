@@ -52,7 +52,7 @@ def _run(system, state, command, step):
 
 def run(system, state, *, until, steps, command=STILL):
     """Return the states after each of equal steps, none of which may fail."""
-    step = jnp.asarray((until - float(state.time)) / steps)
+    step = jnp.asarray((until - float(state.time)) / steps, float)
     parts = []
     assert steps % CHUNK == 0
     for _ in range(steps // CHUNK):
@@ -83,7 +83,7 @@ def spatial(
     swing=None,
     frequency=0.7,
     phase=0.3,
-    rolled=((0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (3.0, 0.0)),
+    rolled=((0.0, 1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 0.0)),
     dead=(0.0, 0.0, 0.0),
     follower=(0.0, 0.0, 0.0),
     moment=(0.0, 0.0, 0.0),
@@ -103,6 +103,8 @@ def spatial(
     """
     number = jnp.asarray
     amplitudes = channels(**swing or {})
+    knots = np.linspace(0.0, rolled[0][-1], 41)  # as many for all: they are compiled once
+    table = PiecewiseCubic(CubicSpline(knots, CubicSpline(*rolled)(knots)))
     motions = [
         SineMotion(i, amplitudes[i], number(frequency), number(phase * (i + 1)))
         for i in range(len(amplitudes))
@@ -127,7 +129,7 @@ def spatial(
             Uniform(always(), number(current, float)),
             Sine(always(), number(swaying, float), number(1.3), number(0.4)),
         ),
-        motions=[*motions, TableMotion(ROLL, PiecewiseCubic(CubicSpline(*np.transpose(rolled))))],
+        motions=[*motions, TableMotion(ROLL, table)],
         **settings | properties,
     )
 
@@ -148,7 +150,7 @@ def everything(**changes):
             "swing": {
                 "slide": 0.03, "sway": -0.05, "heave": 0.04, "pan": 0.2, "tilt": -0.15, "roll": 0.4,
             },
-            "rolled": ((0.0, 0.0), (1.0, 2.0), (2.0, 1.0), (3.0, 4.0)),
+            "rolled": ((0.0, 1.0, 2.0, 3.0), (0.0, 2.0, 1.0, 4.0)),
             "tangential": 0.1, "normal": 0.3, "fixed": (0.2, -0.2, 0.3), "onset": 0.4,
             "dead": (0.2, 0.4, 0.6), "follower": (0.1, -0.2, 0.3),
             "moment": (0.1, 0.05, -0.2), "follower_moment": (0.2, -0.1, 0.1),
@@ -432,7 +434,7 @@ def test_the_motion_does_not_depend_on_the_directions_of_the_world(gravity):
         "EI": (0.8, 1.3), "rest_curvature": (0.5, -0.7, 1.1), "damping_time": 0.05,
         "displaced_area": 8e-4, "diameter": 0.032, "radius": 0.2, "linear_drag": 0.5,
         "tolerance": 1e-12, "current": (0.3, -0.4, 0.1), "swaying": (0.2, 0.3, -0.4),
-        "rolled": ((0.0, 0.0), (1.0, 2.0), (2.0, 1.0), (3.0, 4.0)), "onset": 0.4,
+        "rolled": ((0.0, 1.0, 2.0, 3.0), (0.0, 2.0, 1.0, 4.0)), "onset": 0.4,
         "tangential": 0.1, "normal": 0.3, "fixed": (0.2, -0.2, 0.3), "dead": (0.2, 0.4, 0.6),
         "follower": (0.1, -0.2, 0.3), "moment": (0.1, 0.05, -0.2),
         "follower_moment": (0.2, -0.1, 0.1), "gravity": 9.81 if gravity else 0.0,
@@ -478,7 +480,7 @@ def tumbling(**properties):
         **{
             "EI": (0.8, 1.3), "rest_curvature": (0.5, -0.7, 1.1), "radius": 0.2, "pan": 0.4,
             "tilt": 0.2, "roll": -0.6, "swing": ALL_CHANNELS, "damping_time": 0.02,
-            "rolled": ((0.0, 0.0), (1.0, 2.5 * TURN), (2.0, 3.0 * TURN), (3.0, 0.0)),
+            "rolled": ((0.0, 1.0, 2.0, 3.0), np.array([0.0, 2.5, 3.0, 0.0]) * TURN),
             "tolerance": 1e-12,
         } | properties
     )  # fmt: skip
@@ -598,7 +600,7 @@ def by_turns(turns, within):
     """Return a table of roll: from rest to whole turns within a time (s), and held there."""
     time = np.linspace(0.0, 2 * within, 41)
     share = np.clip(time / within, 0.0, 1.0)
-    return np.stack([time, TURN * turns * share**2 * (3 - 2 * share)], axis=1)
+    return time, TURN * turns * share**2 * (3 - 2 * share)
 
 
 def settled(system, state, until):
@@ -734,7 +736,7 @@ advance = eqx.filter_jit(
 
 def whole_step(system, state, step):
     """Return the state after one step that is not cut, and how it went."""
-    return at(_run(system, state, jnp.zeros(6), jnp.asarray(step)), 0)
+    return at(_run(system, state, jnp.zeros(6), jnp.asarray(step, float)), 0)
 
 
 def sharpest(state):
