@@ -63,7 +63,8 @@ ORDER_IN_TIME = {"crinoid": 2, "MuJoCo": 1, "PyElastica": 2}
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--repeats", type=int, default=3, help="of the runs for accuracy")
+    parser.add_argument("--step-repeats", type=int, default=7, help="of those for time steps")
     options = parser.parse_args()
     console = Console(highlight=False, markup=False, width=100)
 
@@ -75,7 +76,7 @@ def main() -> None:
         limits = [limit(name, nodes, converged[name]) for name in engines for nodes in NODES]
     largest = {(row["engine"], row["nodes"]): row["time_step"] for row in limits}
     with console.status("time of a step"):
-        steps = steps_in_turn(engines, largest, options.repeats)
+        steps = steps_in_turn(engines, largest, options.step_repeats)
     with console.status("accuracy"):
         cases = [
             case(name, coil(nodes, time_step))
