@@ -9,7 +9,6 @@ with which two seconds go well, and the time to reach an error.
 import argparse
 import json
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,36 +19,15 @@ from rich.table import Table
 
 import accuracy
 import crinoid
-from accuracy import Case, crinoid_tips, distance, in_turn, measured, reference
+from accuracy import distance, in_turn, measured, reference
 from beam import beam_tip
-from rest_shape import rest_shape
-
-Run = Callable[[], np.ndarray]  # as in a Case
-
-MISSING = []
-try:
-    import mujoco
-
-    import mujoco_rod
-except ImportError as error:
-    mujoco_rod = None
-    MISSING.append(f"without MuJoCo ({error}): pip install '.[bench]'")
-try:
-    import elastica_rod
-except ImportError as error:
-    elastica_rod = None
-    MISSING.append(f"without PyElastica ({error}): pip install '.[bench]'")
+from coil import INTERVAL, MISSING, SAMPLES, case, coil, off, runs, straight, tip_at_rest
 
 RESULTS = Path(__file__).parent / "results"
-INTERVAL = 0.1
-SAMPLES = round(accuracy.DURATION / INTERVAL)
-
 NODES = (11, 21, 51, 101)
-COIL = (3.0, 1.0, 3.0)
-"""Curvatures (1/m) and twist (rad/m) at rest; the planar arm has the second."""
-GRAVITY, FAINT = 1.0, 0.005
-"""In m/s2; the faint one bends a straight arm as little as the theory of beams asks for."""
-
+"""Whose steps to time."""
+SWEPT = (11, 21, 31, 51, 71, 101)
+"""Whose errors and largest steps to measure."""
 USUAL = {"crinoid": 0.01, "MuJoCo": 0.005}
 """The step to time (s); that of PyElastica is the largest with which it goes well."""
 TIME_STEPS = {
@@ -73,7 +51,7 @@ def main() -> None:
         converged = {name: extrapolated(name, coil) for name in engines}
         small = {name: extrapolated(name, straight) for name in engines}
     with console.status("largest steps"):
-        limits = [limit(name, nodes, converged[name]) for name in engines for nodes in NODES]
+        limits = [limit(name, nodes, converged[name]) for name in engines for nodes in SWEPT]
     largest = {(row["engine"], row["nodes"]): row["time_step"] for row in limits}
     with console.status("time of a step"):
         steps = steps_in_turn(engines, largest, options.step_repeats)
@@ -81,13 +59,14 @@ def main() -> None:
         cases = [
             case(name, coil(nodes, time_step))
             for name in engines
-            for nodes in NODES
+            for nodes in SWEPT
             for time_step in TIME_STEPS.get(name, [largest[name, nodes] / n for n in (1, 2)])
         ]
         accurate = measured(cases, converged, tip_at_rest(), options.repeats)
     agreement = [
         {
             "engine": name,
+            "finest": off(case(name, coil(max(SWEPT), FINEST[name])).run(), converged[name]),
             "from_crinoid": off(converged[name], converged["crinoid"]),
             "from_beam": beside_beam(small[name], shears=name == "PyElastica"),
         }
@@ -108,94 +87,20 @@ def main() -> None:
     console.print(f"wrote {path}")
 
 
-def in_air(
-    nodes: int, time_step: float, axes: int, rest_curvature: Any, gravity: float
-) -> crinoid.Scenario:
-    """Return the arm of `accuracy.py` in air and without damping."""
-    settings = {
-        "arm.dimension": axes,
-        "arm.rest_curvature": rest_curvature,
-        "arm.damping_time": 0.0,
-        "base.position": [0.0] * axes,
-        "water.density": 0.0,
-        "water.gravity": gravity,
-    }
-    return accuracy.scenario(nodes, time_step).with_values(settings)
-
-
-def coil(nodes: int, time_step: float, axes: int = 3) -> crinoid.Scenario:
-    """Return the arm that bends both ways and twists, or in the plane its like."""
-    return in_air(nodes, time_step, axes, list(COIL) if axes == 3 else COIL[1], GRAVITY)
-
-
-def straight(nodes: int, time_step: float) -> crinoid.Scenario:
-    """Return an arm that hardly bends."""
-    return in_air(nodes, time_step, 3, [0.0, 0.0, 0.0], FAINT)
-
-
-def crinoid_run(scenario: crinoid.Scenario) -> Run:
-    """Return a run of crinoid, compiled."""
-    return crinoid_tips(scenario, INTERVAL)
-
-
-def mujoco_run(scenario: crinoid.Scenario) -> Run:
-    """Return a run of MuJoCo's rod at its best: hard edges, clamp in its right place."""
-    time_step = scenario.simulation.time_step
-    model = mujoco_rod.rod(scenario, time_step, centred=True)
-    data = mujoco.MjData(model)
-    return lambda: mujoco_rod.tips(model, data, SAMPLES, round(INTERVAL / time_step))
-
-
-def elastica_run(scenario: crinoid.Scenario) -> Run:
-    """Return a run of PyElastica's rod, clamp in its right place."""
-    time_step = scenario.simulation.time_step
-    rod = elastica_rod.ElasticaRod(scenario)
-    return lambda: rod.tips(time_step, SAMPLES, round(INTERVAL / time_step))
-
-
-def runs() -> dict[str, Callable[[crinoid.Scenario], Run]]:
-    """Return how each engine that is there runs the arm of a scenario."""
-    every = {"crinoid": crinoid_run}
-    if mujoco_rod is not None:
-        every["MuJoCo"] = mujoco_run
-    if elastica_rod is not None:
-        every["PyElastica"] = elastica_run
-    return every
-
-
-def case(engine: str, scenario: crinoid.Scenario) -> Case:
-    """Return a run of an engine, ready to be timed."""
-    nodes, time_step = scenario.arm.nodes, scenario.simulation.time_step
-    return Case(engine, nodes, time_step, runs()[engine](scenario))
-
-
 def extrapolated(engine: str, arm: Callable[[int, float], crinoid.Scenario]) -> np.ndarray:
     """Return the converged solution of an engine."""
     return reference(
         lambda nodes, time_step: case(engine, arm(nodes, time_step)),
-        max(NODES),
+        max(SWEPT),
         FINEST[engine],
         ORDER_IN_TIME[engine],
     )
 
 
-@cache
-def tip_at_rest() -> np.ndarray:
-    """Return where the tip starts, `(3,)` in m."""
-    arm = coil(1001, 0.01).arm
-    edge = arm.length / (arm.nodes - 1.5)
-    return rest_shape(arm, edge)[0][-1] - [edge / 2, 0.0, 0.0]
-
-
-def off(tips: np.ndarray, truth: np.ndarray) -> float:
-    """Return the largest distance over the samples, relative to the largest displacement."""
-    return distance(tips, truth, tip_at_rest())
-
-
 def beside_beam(tips: np.ndarray, *, shears: bool) -> float:
     """Return how far the straight arm's tip is from the theory of beams, which is about z."""
     times = INTERVAL * np.arange(1, SAMPLES + 1)
-    theory = beam_tip(straight(max(NODES), INTERVAL), times, shears=shears)
+    theory = beam_tip(straight(max(SWEPT), INTERVAL), times, shears=shears)
     return distance(tips[:, 2:], theory[:, None], np.zeros(1))
 
 
@@ -277,27 +182,29 @@ def limit_table(rows: list[dict[str, Any]]) -> Table:
     """Show the largest steps, and how wrong the tip is with them."""
     title = f"Largest step that goes well, up to {1e3 * INTERVAL:g} ms, and tip error with it"
     table = Table(title=title, title_justify="left")
-    table.add_column("nodes")
-    for nodes in NODES:
-        table.add_column(str(nodes), justify="right")
+    table.add_column("nodes", justify="right")
     for engine in dict.fromkeys(row["engine"] for row in rows):
+        table.add_column(engine, justify="right")
+    for nodes in SWEPT:
         cells = [
             f"{1e3 * row['time_step']:.3g} ms ({row['error']:.2%})"
             for row in rows
-            if row["engine"] == engine
+            if row["nodes"] == nodes
         ]
-        table.add_row(engine, *cells)
+        table.add_row(str(nodes), *cells)
     return table
 
 
 def agreement_table(rows: list[dict[str, Any]]) -> Table:
-    """Show how near the converged solutions are to crinoid's, and to the theory of beams."""
+    """Show how far the converged solutions are from what they should be near to."""
     table = Table(title="Distance of converged solutions", title_justify="left")
     table.add_column("")
-    table.add_column("from crinoid's", justify="right")
-    table.add_column("small and straight: from the theory of beams", justify="right")
+    headings = ("from the finest run", "from crinoid's", "small, straight: from theory")
+    for heading in headings:
+        table.add_column(heading, justify="right")
     for row in rows:
-        table.add_row(row["engine"], f"{row['from_crinoid']:.3%}", f"{row['from_beam']:.3%}")
+        cells = (row["finest"], row["from_crinoid"], row["from_beam"])
+        table.add_row(row["engine"], *(f"{each:.3%}" for each in cells))
     return table
 
 
