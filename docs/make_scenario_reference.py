@@ -18,6 +18,8 @@ from crinoid.scenario.model import _takes
 PAGE = Path(__file__).with_name("scenario.md")
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
 
+_WHERE = {None: "", 2: " In the plane only.", 3: " In space only."}
+
 Schema = dict[str, Any]
 
 
@@ -39,10 +41,10 @@ def updated(text: str) -> str:
 def _sections(prefix: str, schema: Schema, definitions: Schema) -> Iterator[str]:
     """Yield the section of each table below one, those that are alike under one heading."""
     entries = schema["properties"]
-    alike: dict[str, list[str]] = {}
+    alike: dict[str, list[tuple[str, Schema]]] = {}
     for name, entry in entries.items():
         if (found := _reference(entry)) is not None:
-            alike.setdefault(found, []).append(f"{prefix}{name}")
+            alike.setdefault(found, []).append((f"{prefix}{name}", entry))
     for name, entry in entries.items():
         if (kinds := _kinds(entry)) is not None:
             for kind, found in kinds.items():
@@ -51,12 +53,19 @@ def _sections(prefix: str, schema: Schema, definitions: Schema) -> Iterator[str]
         elif name == "vary":
             yield f"### `[vary]`\n\n{entry['description']}"
         elif (found := _reference(entry)) in alike:
-            keys = alike.pop(found)
+            tables = alike.pop(found)
             inner = _definition(found, definitions)
             # a table of tables only has no keys of its own to show
             if any(_reference(part) is None for part in inner["properties"].values()):
-                yield _section(", ".join(f"`[{key}]`" for key in keys), inner)
-            yield from _sections(f"{keys[0]}.", inner, definitions)
+                yield _section(_title(tables), inner)
+            yield from _sections(f"{tables[0][0]}.", inner, definitions)
+
+
+def _title(tables: list[tuple[str, Schema]]) -> str:
+    """Return the keys of tables that are alike, those that are there in space only at the end."""
+    always = [f"`[{key}]`" for key, entry in tables if "only_in" not in entry]
+    in_space = [f"`[{key}]`" for key, entry in tables if "only_in" in entry]
+    return ", ".join(always) + (f"; in space {', '.join(in_space)}" if in_space else "")
 
 
 def _section(title: str, schema: Schema) -> str:
@@ -69,13 +78,17 @@ def _table(properties: Schema) -> str:
     for name, entry in properties.items():
         if _reference(entry) is not None or _kinds(entry) is not None or name == "vary":
             continue
-        words, unit = _takes(entry), _unit(entry)
+        unit = _unit(entry)
+        plane, space = (
+            _takes(entry, in_space=in_space).removesuffix(f" ({unit})")
+            for in_space in (False, True)
+        )
         cells = (
             f"`{name}`",
-            words.removesuffix(f" ({unit})"),
+            plane if plane == space else f"{plane}; in space {space}",
             unit,
             _default(entry),
-            entry["description"],
+            entry["description"] + _WHERE[entry.get("only_in")],
         )
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows)
@@ -89,7 +102,10 @@ def _unit(entry: Schema) -> str:
 def _default(entry: Schema) -> str:
     if ("const" in entry and entry.get("type") == "string") or "default" not in entry:
         return "must be given"  # a kind always must be, to tell which table it is
-    return "none" if entry["default"] is None else f"`{json.dumps(entry['default'])}`"
+    if entry["default"] is None:
+        return "none"
+    values = [entry[key] for key in ("default", "default_in_space") if key in entry]
+    return "; in space ".join(f"`{json.dumps(value)}`" for value in values)
 
 
 def _reference(entry: Schema) -> str | None:

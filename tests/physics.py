@@ -13,6 +13,7 @@ from crinoid.dynamics import Forces, Integrator, Obstacles, Settings, System
 from crinoid.elements import (
     AddedMass,
     Bend,
+    BendTwist,
     Body,
     Contact,
     Drag,
@@ -24,6 +25,7 @@ from crinoid.elements import (
 from crinoid.flow import Flow, Water
 from crinoid.onset import Onset
 from crinoid.rod import Rod
+from crinoid.space import CHANNELS
 
 
 def arm(
@@ -31,15 +33,19 @@ def arm(
     nodes: int = 11,
     length: float = 1.0,
     EA: float | None = 1e4,
-    EI: float | None = 1.0,
+    EI: ArrayLike | None = 1.0,
     radius: ArrayLike = 1.0,
     youngs_modulus: float = 1.0,
     mass_per_length: float = 1.0,
     diameter: float = 0.02,
     displaced_area: float = 0.0,
-    rest_curvature: float = 0.0,
+    rest_curvature: ArrayLike = 0.0,
     damping_time: float = 0.0,
+    axes: int = 2,
+    GJ: float | None = None,
     tilt: float = 0.0,
+    pan: float = 0.0,
+    roll: float = 0.0,
     pinned: bool = False,
     gravity: float = 0.0,
     water_density: float = 0.0,
@@ -51,21 +57,22 @@ def arm(
     loads: Sequence[Callable[[Rod], Element]] = (),
     flows: Sequence[Flow] = (),
     motions: Sequence[BaseMotion] = (),
-    limits: ArrayLike = ((-1.0,) * 3, (1.0,) * 3, (10.0,) * 3, (100.0,) * 3, (5.0,) * 3),
+    limits: ArrayLike | None = None,
     integrator: Integrator | None = None,
     time_step: float = 0.01,
     tolerance: float = 1e-10,
     floor: float | None = None,
     max_iterations: int = 30,
     max_halvings: int = 8,
-    origin: ArrayLike = (0.0, 0.0),
+    origin: ArrayLike | None = None,
     obstacles: Callable[[Rod], Obstacles] | None = None,
 ) -> System:
     """Build an arm; without further words a light, nearly inextensible one in a vacuum.
 
     ``EA`` and ``EI`` of None are those of the round section of ``radius`` and ``youngs_modulus``.
     ``floor`` replaces the imbalance (N) that Newton's method puts up with as round-off.
-    ``limits``: rows lower, upper, speed, acceleration, bandwidth; columns slide, heave, tilt.
+    An arm of 3 ``axes`` is spatial.
+    ``limits``: rows lower, upper, speed, acceleration, bandwidth; columns the channels.
     """
     rod = Rod.round(
         length=length,
@@ -80,10 +87,12 @@ def arm(
         mass_per_length=mass_per_length,
         diameter=diameter,
         displaced_area=displaced_area,
+        axes=axes,
+        GJ=GJ,
     )
     elements: list[Element] = [
         Stretch.of(rod),
-        Bend.of(rod, pinned=pinned),
+        (Bend if axes == 2 else BendTwist).of(rod, pinned=pinned),
         Inertia.of(rod),
         Weight.of(rod, density=water_density, gravity=gravity),
     ]
@@ -112,13 +121,13 @@ def arm(
         forces=Forces(
             tuple(elements),
             Water(tuple(flows)),
-            jnp.asarray(origin, float),
+            jnp.zeros(axes) if origin is None else jnp.asarray(origin, float),
             obstacles(rod) if obstacles is not None else None,
         ),
         base=Base(
-            jnp.asarray(tilt, float),
+            jnp.asarray([tilt] if axes == 2 else [pan, tilt, roll], float),
             rod.rest_length[0],
-            Servo(*jnp.asarray(limits, float)),
+            Servo(*jnp.asarray(_roomy(axes) if limits is None else limits, float)),
             tuple(motions),
         ),
         integrator=integrator or Integrator.newmark(),
@@ -126,6 +135,10 @@ def arm(
         time_step=jnp.asarray(time_step, float),
         max_halvings=max_halvings,
     )
+
+
+def _roomy(axes: int) -> ArrayLike:
+    return [[limit] * len(CHANNELS[axes]) for limit in (-1.0, 1.0, 10.0, 100.0, 5.0)]
 
 
 def obstacles(

@@ -9,7 +9,8 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PPoly
 
-from crinoid.base import CHANNELS, Base, Prescribed, Servo, ServoState, SineMotion, TableMotion
+from crinoid.base import Base, Prescribed, Servo, ServoState, SineMotion, TableMotion
+from crinoid.space import CHANNELS
 from crinoid.spline import PiecewiseCubic
 from physics import order
 
@@ -248,7 +249,7 @@ def test_a_table_is_held_outside_its_times(time, end):
 
 def base(*motions: SineMotion | TableMotion, tilt: float = -0.4) -> Base:
     limits = ((-1.0,) * 3, (1.0,) * 3, (10.0,) * 3, (100.0,) * 3, (5.0,) * 3)
-    return Base(jnp.asarray(tilt), jnp.asarray(0.2), Servo(*jnp.asarray(limits)), motions)
+    return Base(jnp.asarray([tilt]), jnp.asarray(0.2), Servo(*jnp.asarray(limits)), motions)
 
 
 def at_rest(*position: float) -> ServoState:
@@ -290,7 +291,7 @@ def test_prescribed_velocity_and_acceleration_are_those_of_the_position():
     moving = base(
         sine(0, 0.3, 0.5, 0.2),
         sine(2, 0.9, 0.8, 1.0),
-        TableMotion(CHANNELS.index("heave"), PiecewiseCubic(TABLE)),
+        TableMotion(CHANNELS[2].index("heave"), PiecewiseCubic(TABLE)),
         sine(2, 0.2, 1.7, 0.0),  # two motions of one channel add up
     )
     # a servo under way rides along: x = p + v t + a t^2 / 2 about t = 1.1

@@ -38,7 +38,7 @@ MISTAKES = [
     ('[[flow]]\nkind = "magic"', "flow.0.kind"),
     ("[arm\nlength = 1.0", "line 1"),
     ("[simulation]\ntime_step = 0.0", "simulation.time_step"),
-    ("[arm]\ndimension = 3", "arm.dimension"),
+    ("[arm]\ndimension = 4", "arm.dimension"),
 ]
 
 

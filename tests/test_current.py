@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.image import imread
 from scipy.integrate import quad
 from scipy.signal import lfilter
 
@@ -234,6 +235,23 @@ def test_notes_are_shown_and_kept_and_a_run_is_resumed_from_elsewhere(here, monk
     assert whole.exit_code == 0, whole.output
     one, other = (Result.load(folder).dataset for folder in (here / "out", Path("whole")))
     np.testing.assert_array_equal(one["position"], other["position"])
+
+
+def test_a_current_of_three_components_is_drawn(here):
+    write(here, "measured")
+    call("flow", "mine.toml")
+    with xr.open_dataset(here / "results" / "mine-flow" / "flow.nc", decode_times=False) as flow:
+        wide = flow.load().sel(axis=["x", "x", "z"]).assign_coords(axis=["x", "y", "z"])
+    sizes = {}
+    for name, dataset in (("two", flow), ("three", wide)):
+        (here / name).mkdir()
+        dataset.to_netcdf(here / name / "flow.nc")
+        for path in write_report(here / name):
+            assert_shows_something(path)
+            sizes[name, path.name] = imread(path).shape
+    # a panel more below the others, or beside them
+    assert sizes["three", "flow.png"][0] > sizes["two", "flow.png"][0]
+    assert sizes["three", "spectrum.png"] == sizes["two", "spectrum.png"]
 
 
 def test_a_broken_flow_file_is_refused(here):

@@ -48,7 +48,7 @@ def distributed(tangential=1.3, normal=-0.6, fixed=(0.0, 0.0)):
 
 
 def tip_load(dead=(0.0, 0.0), follower=(0.0, 0.0), moment=0.0):
-    return TipLoad(3, *one(dead, follower, moment), always())
+    return TipLoad(3, *one(dead, follower, [moment], [0.0]), always())
 
 
 # whatever turns with the arm; every element of a kind has the same parameters throughout, so
@@ -56,7 +56,7 @@ def tip_load(dead=(0.0, 0.0), follower=(0.0, 0.0), moment=0.0):
 OBJECTIVE = {
     "stretch": stretch(0.05),
     "bend": bend(0.05),
-    "inertia": Inertia(1, jnp.asarray(0.3)),
+    "inertia": Inertia(1, jnp.full(2, 0.3)),
     "drag": drag(linear=0.4),
     "added_mass": added_mass(),
     "distributed": distributed(),

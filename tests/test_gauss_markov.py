@@ -54,6 +54,31 @@ def test_statistics_of_a_long_record():
         assert correlation == pytest.approx(np.exp([-steps * lag / T] * 2), abs=0.03)
 
 
+def test_a_spatial_current_has_the_planar_one_in_it_and_one_of_its_own_across():
+    times = np.arange(0.0, 4000 * T, T / 2)
+
+    def drawn(mean, deviation):
+        flow = GaussMarkov.of(
+            Onset.of(),
+            mean=np.array(mean),
+            standard_deviation=np.array(deviation),
+            correlation_time=T,
+            duration=4000 * T,
+            generator=np.random.default_rng(7),
+        )
+        point = jnp.zeros(len(mean))
+        return np.asarray(jax.jit(jax.vmap(lambda t: flow.velocity(point, t)))(jnp.asarray(times)))
+
+    flat, full = drawn(MEAN, DEVIATION), drawn([0.3, 0.2, -0.1], [0.2, 0.1, 0.05])
+    np.testing.assert_allclose(full[:, [0, 2]], flat, atol=1e-15)
+    wandering = (full - [0.3, 0.2, -0.1]) / [0.2, 0.1, 0.05]
+    # 4000 correlation times: the variance scatters by 1.6 %, a correlation by as much
+    together = wandering.T @ wandering / len(times)
+    np.testing.assert_allclose(together, 0.996 * np.eye(3), atol=0.06)
+    lagged = wandering[2:, 1] @ wandering[:-2, 1] / len(times)
+    assert lagged == pytest.approx(np.exp(-1), abs=0.06)
+
+
 def test_every_record_starts_from_the_same_distribution():
     records = [gauss_markov(T, seed) for seed in range(600)]
     together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *records)

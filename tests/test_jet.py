@@ -5,12 +5,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from crinoid.flow import (
     GaussMarkov,
     Gust,
     Jet,
     LogarithmicShear,
+    MeasuredPoint,
+    MeasuredProfile,
     PowerShear,
     Sine,
     Turbulence,
@@ -19,6 +22,7 @@ from crinoid.flow import (
     Waves,
 )
 from crinoid.onset import Onset
+from crinoid.spline import PiecewiseCubic
 
 
 def vector(dimension, along, up):
@@ -27,6 +31,13 @@ def vector(dimension, along, up):
 
 def numbers(*values):
     return tuple(jnp.asarray(value, float) for value in values)
+
+
+def record(mean):
+    """Return a record that wanders about a mean, some columns of it otherwise than others."""
+    time = np.linspace(-20.0, 20.0, 81)
+    wandering = 0.3 * np.sin(time[:, None] * (0.8 + 0.1 * np.arange(mean.size)))
+    return PiecewiseCubic(CubicSpline(time, mean * (1 + wandering)))
 
 
 def flows(dimension):
@@ -40,6 +51,8 @@ def flows(dimension):
         LogarithmicShear(onset, vector(dimension, 0.8, 0.0), *numbers(10.0, -30.0, 0.01)),
         Gust(onset, vector(dimension, 0.6, -0.2), *numbers(4.0)),
         Sine(onset, vector(dimension, 0.3, 0.1), *numbers(0.25, 0.4)),
+        MeasuredPoint(onset, record(mean), *map(jnp.asarray, (0 * mean, mean / (mean @ mean)))),
+        MeasuredProfile(onset, record(np.tile(mean, 6)), *numbers([-8.0, -5.0, -1.0])),
         GaussMarkov.of(
             onset,
             mean=mean,

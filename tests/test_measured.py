@@ -14,6 +14,8 @@ import xarray as xr
 
 from crinoid.flow import Water
 from crinoid.scenario import Scenario, ScenarioError, load
+from crinoid.scenario.build_flow import build_flow
+from crinoid.scenario.recording import Stage
 from physics import order
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -467,6 +469,119 @@ def test_a_compass_heading_turns_east_and_north_into_x(tmp_path, heading, along)
     dataset.to_netcdf(tmp_path / "a.nc")
     case = scenario(tmp_path / "a.nc", velocity=["e", "n", "up"], heading_deg=heading)
     np.testing.assert_allclose(case.recordings[0].velocity[:, 0], [[along, 0.1]] * time.size)
+
+
+# --- in space ----------------------------------------------------------------------------------
+
+TURN = np.deg2rad(30.0)
+COMPASS = {"velocity": ["u", "v", "w"], "heading_deg": 60.0}
+"""x points 60 degrees from north, 30 degrees north of east."""
+
+
+def spatial(case):
+    """Return the same scenario for an arm that moves in space, its base 0.4 m to port."""
+    x, z = case.base.position
+    arm = case.arm.model_copy(update={"dimension": 3})
+    base = case.base.model_copy(update={"position": (x, 0.4, z)})
+    return case.model_copy(update={"arm": arm, "base": base})
+
+
+def three(path, *, height=None):
+    """Write a record, or a profile, with three components that are known functions."""
+    time = np.arange(1601) * 0.05 if height is None else np.arange(401) * 0.1
+    level = 0.0 if height is None else height[:, None]
+    dims = ("time",) if height is None else ("range", "time")
+    coordinates = {"time": ("time", time, {"units": "s"})}
+    if height is not None:
+        coordinates["range"] = ("range", height, {"units": "m"})
+    values = dict(zip("uvw", enu(time, level), strict=True))
+    xr.Dataset(
+        {name: (dims, series, M_PER_S) for name, series in values.items()}, coordinates
+    ).to_netcdf(path)
+    return time
+
+
+def enu(time, level=0.0):
+    """East, north and up (m/s)."""
+    return wave(time, level), 0.5 * wave(time + 1.7, level), swell(time, level)
+
+
+def turned(east, north, up):
+    """The same along x, y (to port of x) and z."""
+    along = np.cos(TURN) * east + np.sin(TURN) * north
+    return np.stack([along, -np.sin(TURN) * east + np.cos(TURN) * north, up], axis=-1)
+
+
+def played(case):
+    return Water((build_flow(case, 0, case.flow[0]),))
+
+
+def test_a_point_record_is_carried_past_a_spatial_arm_whichever_way_it_goes(tmp_path):
+    time = three(tmp_path / "a.nc")
+    case = spatial(scenario(tmp_path / "a.nc", **COMPASS))
+    (recording,) = case.recordings.values()
+    known = turned(*enu(time))
+    np.testing.assert_allclose(recording.velocity[:, 0], known, atol=1e-12)
+    mean = known.mean(axis=0)
+    assert abs(mean[1]) > 0.01
+    np.testing.assert_allclose(recording.slowness, mean / (mean @ mean), rtol=1e-9)
+    assert case.notes() == []  # nothing crosses an arm that moves in space
+    away = np.array([[0.0, 0.0, 0.0], [0.3, -0.2, 0.1], [-0.1, 0.4, 0.2]])
+    at = recording.begins + 3.0 - away @ recording.slowness
+    water, places = played(case), jnp.asarray(away + np.array([0.0, 0.4, -10.0]))
+    velocity, acceleration = _moves(water, places, jnp.full(3, 3.0))
+    np.testing.assert_allclose(velocity, turned(*enu(at)), atol=2e-7)
+    # frozen: Du/Dt = R' (1 - u . U / |U|^2)
+    step = 1e-3
+    rate = (turned(*enu(at + step)) - turned(*enu(at - step))) / (2 * step)
+    expected = rate * (1 - np.asarray(velocity) @ recording.slowness)[:, None]
+    np.testing.assert_allclose(acceleration, expected, atol=2e-5)
+
+
+def test_a_profile_is_the_same_all_over_a_height_and_lifts_faster_water(tmp_path):
+    height = 0.5 + 0.5 * np.arange(20)
+    three(tmp_path / "a.nc", height=height)
+    case = spatial(scenario(tmp_path / "a.nc", vertical="range", **COMPASS))
+    rng = np.random.default_rng(4)
+    points = rng.uniform([-3, -3, -19], [3, 3, -11], (40, 3))
+    velocity, acceleration = _moves(played(case), jnp.asarray(points), jnp.full(40, 3.3))
+    level = points[:, 2] + 20.0
+    np.testing.assert_allclose(velocity, turned(*enu(3.3, level)), atol=1e-5)
+
+    def known(time, level):
+        return turned(*enu(time, level))
+
+    step = 1e-3
+    rate = (known(3.3 + step, level) - known(3.3 - step, level)) / (2 * step)
+    slope = (known(3.3, level + step) - known(3.3, level - step)) / (2 * step)
+    expected = rate + np.asarray(velocity)[:, 2:] * slope
+    np.testing.assert_allclose(acceleration, expected, atol=2e-4)
+    assert np.abs(np.asarray(velocity)[:, 2:] * slope).max() > 3e-3  # told apart from none
+
+
+def test_the_plane_of_a_spatial_record_is_the_planar_one(tmp_path):
+    three(tmp_path / "a.nc")
+    flat = scenario(tmp_path / "a.nc", **COMPASS)
+    full = spatial(scenario(tmp_path / "a.nc", **COMPASS))
+    planar, whole = flat.recordings[0], full.recordings[0]
+    np.testing.assert_array_equal(planar.velocity, whole.velocity[..., [0, 2]])
+    np.testing.assert_array_equal(planar.slowness, whole.slowness[[0, 2]])
+    assert "cross the plane" in flat.notes()[0]
+
+
+def test_a_spatial_arm_reaches_as_far_as_its_base_travels(tmp_path):
+    case = spatial(scenario(tmp_path / "a.nc"))
+    shifts = {"slide": (0.0, 0.3), "heave": (-0.4, 0.1)}
+    motion = [{"kind": "sine", "channel": "heave", "amplitude": 0.8, "frequency_hz": 1.0}]
+    base = {"channels": {name: {"range": ends} for name, ends in shifts.items()}, "motion": motion}
+    moved = Scenario(arm={"length": 0.5}, base=base)
+    assert Stage.of(moved).reach == pytest.approx(1.1 * 0.5 + np.hypot(0.3, 1.2))
+    (heaving,) = moved.base.motion
+    swaying = heaving.model_copy(update={"channel": "sway"})
+    update = {"channels": moved.base.channels, "motion": (heaving, swaying)}
+    whole = case.model_copy(update={"base": case.base.model_copy(update=update)})
+    assert Stage.of(whole).reach == pytest.approx(1.1 * 0.5 + np.linalg.norm([0.3, 0.8, 1.2]))
+    assert Stage.of(whole).heights == (-10.0, -10.0)
 
 
 # --- what is refused ---------------------------------------------------------------------------

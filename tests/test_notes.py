@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 import crinoid
-from crinoid.dimensionless import keulegan_carpenter, normal_velocity, with_dimensionless
+from crinoid.dimensionless import (
+    keulegan_carpenter,
+    normal_velocity,
+    principal_part,
+    with_dimensionless,
+)
 from crinoid.dynamics import Modes
 from crinoid.notes import notes
 
@@ -38,13 +44,31 @@ def held_still(
     shape = np.zeros((3, NODES, 2))
     shape[:2, :, 1] = np.linspace(0.0, 1.0, NODES) ** 2
     shape[2, :, 0] = np.linspace(0.0, 1.0, NODES)
-    dataset = xr.Dataset(
+    dataset = bare(time, position, still, flow, force, diameter)
+    return with_dimensionless(dataset, scenario, Modes(FREQUENCY, shape))
+
+
+def bare(
+    time: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    flow: np.ndarray,
+    force: float = 1e-3,
+    diameter: float = DIAMETER,
+) -> xr.Dataset:
+    """Make what of a run the numbers follow from."""
+    edges = np.diff(position, axis=1)
+    base_force = np.full((time.size, position.shape[2]), force)
+    return xr.Dataset(
         {
             "position": (("time", "node", "axis"), position),
-            "velocity": (("time", "node", "axis"), still),
-            "tangent": (("time", "edge", "axis"), np.diff(position, axis=1) / length * (NODES - 1)),
+            "velocity": (("time", "node", "axis"), velocity),
+            "tangent": (
+                ("time", "edge", "axis"),
+                edges / np.linalg.norm(edges, axis=2, keepdims=True),
+            ),
             "flow_velocity": (("time", "node", "axis"), flow),
-            "base_force": (("time", "axis"), np.full((time.size, 2), force)),
+            "base_force": (("time", "axis"), base_force),
         },
         {
             "time": time,
@@ -52,7 +76,6 @@ def held_still(
             "diameter": ("node", np.full(NODES, diameter)),
         },
     )
-    return with_dimensionless(dataset, scenario, Modes(FREQUENCY, shape))
 
 
 def speed_at(reduced_velocity: float, mode: int = 0) -> float:
@@ -80,7 +103,7 @@ def test_velocity_across_the_arm_is_positive_along_its_normal():
     bent = run.isel(node=slice(3), edge=slice(2)).copy(deep=True)
     bent["tangent"][:, 1] = [0.0, 1.0]
     half = np.sqrt(0.5)
-    np.testing.assert_allclose(normal_velocity(bent), [[0.3, half * (0.3 - 0.4), -0.4]] * 2)
+    np.testing.assert_allclose(normal_velocity(bent)[..., 0], [[0.3, half * (0.3 - 0.4), -0.4]] * 2)
 
 
 def test_keulegan_carpenter_number_of_a_sine_is_u_t_over_d():
@@ -130,6 +153,100 @@ def test_numbers_without_meaning_are_left_out():
     assert "reduced_velocity" not in with_dimensionless(bare, WATER, None)
     loose = Modes(np.zeros(1), np.zeros((1, NODES, 2)))
     assert flows - set(with_dimensionless(bare, WATER, loose)) == {"reduced_velocity"}
+
+
+# --- in space ----------------------------------------------------------------------------------
+
+ASLANT = Rotation.from_rotvec([0.3, -0.8, 0.5])
+
+
+def in_space(flow: ArrayLike, duration: float = 20.0, modes: Modes | None = None) -> xr.Dataset:
+    """Make the run of a still arm aslant; the water is given along the arm and across it."""
+    flow = np.asarray(flow, float)
+    time = np.linspace(0.0, duration, flow.shape[0])
+    straight = np.linspace(0.0, LENGTH, NODES)[:, None] * ASLANT.apply([1.0, 0.0, 0.0])
+    position = np.tile(straight, (time.size, 1, 1))
+    water = np.tile(ASLANT.apply(flow)[:, None], (1, NODES, 1))
+    return with_dimensionless(
+        bare(time, position, 0 * position, water), WATER, modes or whipping(FREQUENCY)
+    )
+
+
+def whipping(frequency: np.ndarray, spun: tuple[int, ...] = ()) -> Modes:
+    """Return modes that bend the arm aslant one way and the other, or spin it about itself."""
+    shape = np.zeros((frequency.size, NODES, 4))
+    swing = np.linspace(0.0, 1.0, NODES) ** 2
+    for mode in range(frequency.size):
+        way = ASLANT.apply([0.0, 1.0 - mode % 2, float(mode % 2)])
+        shape[mode, :, :3] = swing[:, None] * way * (1e-9 if mode in spun else 1.0)
+        shape[mode, :, 3] = swing if mode in spun else 0.0
+    return Modes(frequency, shape)
+
+
+def test_normals_of_a_spatial_arm_are_all_ways_across_it():
+    run = in_space([[0.4, 0.18, -0.24]] * 3)
+    np.testing.assert_allclose(run["reynolds_number"], 0.5 * DIAMETER / 1.2e-6)
+    np.testing.assert_allclose(run["reduced_velocity"], 0.3 / (0.5 * DIAMETER))
+    np.testing.assert_allclose(run["keulegan_carpenter"], 0.0, atol=1e-12)
+    across = ASLANT.apply([0.0, 0.18, -0.24])
+    np.testing.assert_allclose(normal_velocity(run), np.broadcast_to(across, (3, NODES, 3)))
+    assert run["mode_shape"].dims == ("mode", "node", "axis")
+    assert run["mode_shape"].shape == (3, NODES, 3)
+
+
+def test_a_spatial_run_in_the_plane_has_the_numbers_of_the_planar_one():
+    rng = np.random.default_rng(1)
+    along, up = rng.normal(size=(2, 60, NODES))
+    bend = np.cumsum(rng.uniform(-0.3, 0.3, NODES - 1))
+    edges = LENGTH / (NODES - 1) * np.stack([np.cos(bend), np.sin(bend)], axis=1)
+    shape = np.concatenate([np.zeros((1, 2)), np.cumsum(edges, axis=0)])
+    time = np.linspace(0.0, 3.0, 60)
+    position, flow = np.tile(shape, (60, 1, 1)), np.stack([along, up], axis=2)
+    motion = (position, 0 * position, flow)
+    planar = with_dimensionless(bare(time, *motion), WATER, whipped(2))
+    wide = (np.insert(rows, 1, 0.0, axis=2) for rows in motion)
+    spatial = with_dimensionless(bare(time, *wide), WATER, whipped(4))
+    for name in ("reynolds_number", "reduced_velocity", "keulegan_carpenter"):
+        np.testing.assert_allclose(spatial[name], planar[name], rtol=1e-12)
+
+
+def whipped(columns: int) -> Modes:
+    shape = np.zeros((1, NODES, columns))
+    shape[0, :, min(columns, 3) - 1] = 1.0
+    return Modes(FREQUENCY[:1], shape)
+
+
+def test_swings_in_space_count_along_the_way_that_they_are_largest():
+    time = np.arange(0.0, 40.001, 0.02)  # whole periods
+    phase = 2 * np.pi * 0.25 * time
+    # an ellipse across the arm, its long axis aslant, on top of a steady current
+    long, short = 0.2 * np.sin(phase), 0.05 * np.cos(phase)
+    across = np.stack([0.6 * long - 0.8 * short, 0.8 * long + 0.6 * short], axis=1)
+    flow = np.concatenate([0.3 + 0 * time[:, None], 0.1 + across], axis=1)
+    run = in_space(flow, duration=40.0)
+    np.testing.assert_allclose(run["keulegan_carpenter"], 0.2 * 4.0 / DIAMETER, rtol=1e-4)
+    # whichever way round it is taken to be: of a swing to and fro all of it
+    swing = np.outer(np.sin(phase), [0.0, -0.6, 0.8])[:, None]
+    part = principal_part(swing, time)
+    np.testing.assert_allclose(np.abs(part[:, 0]), np.abs(np.sin(phase)), atol=1e-12)
+
+
+def test_lock_in_in_space_is_that_of_modes_that_bend_the_arm_whichever_way():
+    speed = speed_at(6.0)
+    (note,) = notes(in_space([[0.0, 0.6 * speed, 0.8 * speed]] * 101), WATER)
+    assert "mode 1 (0.5 Hz) for 100% of the time on 100% of the length" in note
+    assert "its lift, across both arm and current, is not modelled" in note
+    # a pair of modes, and in between one that spins the arm about itself: vortices do not
+    modes = whipping(np.array([0.45, 0.5, 0.5]), spun=(0,))
+    run = in_space([[0.0, 0.6 * speed, 0.8 * speed]] * 101, modes=modes)
+    np.testing.assert_allclose(run["reduced_velocity"], 6.0)  # of the first that bends
+    assert run["mode_spin"].shape == (3, NODES - 1)
+    (note,) = notes(run, WATER)
+    assert "mode 2 (0.5 Hz)" in note
+    assert "mode 3 (0.5 Hz)" in note
+    assert "mode 1" not in note
+    only = whipping(np.array([0.5]), spun=(0,))
+    assert "reduced_velocity" not in in_space([[0.0, speed, 0.0]] * 5, modes=only)
 
 
 # --- the notes ---------------------------------------------------------------------------------

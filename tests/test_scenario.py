@@ -6,6 +6,7 @@ import math
 import pickle
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,11 +14,19 @@ import pytest
 from crinoid.scenario import (
     Arm,
     Base,
+    Capsule,
+    ChannelName,
+    Channels,
+    Coordinate,
     DistributedLoad,
+    Pid,
+    Plane,
     Scenario,
     ScenarioError,
+    Section,
     Simulation,
     TableMotion,
+    Target,
     TipLoad,
     UniformFlow,
     builtin_files,
@@ -27,8 +36,10 @@ from crinoid.scenario import (
     library,
     load,
 )
+from crinoid.scenario.control import COORDINATES
 from crinoid.scenario.document import parse
 from crinoid.scenario.files import anchor
+from crinoid.space import CHANNELS
 
 FULL = """
 title = "Every table, \\"quoted\\" and all"
@@ -121,6 +132,83 @@ interval = 0.05
 """
 
 
+SPATIAL = """
+[arm]
+dimension = 3
+rest_curvature = [0.1, -0.2, 0.3]
+section = {EI = [0.02, 0.01], GJ = 0.005}
+[base]
+position = [0.1, 0.2, -5]
+tilt_deg = -90
+pan_deg = 30
+roll_deg = 45
+[base.channels]
+roll = {range_deg = [-10, 20]}
+sway = {}
+pan = {}
+slide = {}
+[[base.motion]]
+channel = "sway"
+kind = "sine"
+amplitude = 0.1
+frequency_hz = 0.1
+[[base.motion]]
+channel = "roll"
+kind = "table"
+time = [0.0, 2.0]
+value_deg = [0.0, 90.0]
+[[flow]]
+kind = "uniform"
+velocity = [0.3, 0.1, 0]
+[[flow]]
+kind = "gauss-markov"
+mean = [0.1, 0, 0]
+standard_deviation = [0.02, 0.01, 0]
+correlation_time = 2
+[[flow]]
+kind = "turbulence"
+mean = [0, 0.1, 0]
+intensity = 0.1
+length_scale = 0.5
+[[flow]]
+kind = "measured"
+file = "current.nc"
+[[load]]
+kind = "distributed"
+direction = [0, 1, 1]
+magnitude = -0.1
+[[load]]
+kind = "tip"
+moment = [0, -1e-3, 0]
+[[load]]
+kind = "tip"
+force = [0, 1, 0]
+[[obstacle]]
+kind = "cylinder"
+position = [1, 0, -5]
+axis = [0, 3, 4]
+radius = 0.1
+[[obstacle]]
+kind = "plane"
+position = [0, 0, -9]
+normal = [0, 0, 2]
+velocity = "flow"
+[target]
+time = [0, 1]
+tip = [[0.6, 0, -5], [0.5, 0.1, -5.1]]
+direction = [[1, 0, 0], [0, 3, 4]]
+[control]
+kind = "pid"
+controlled = ["x", "y", "direction"]
+[control.pid]
+roll = {kp = 1}
+pan = {kp = 1}
+slide = {kp = 1}
+[simulation]
+duration = 2
+"""
+
+
 def refused(text: str) -> list[str]:
     with pytest.raises(ScenarioError) as caught:
         Scenario.from_toml(text)
@@ -185,7 +273,39 @@ ONE_MISTAKE = {
         "arm.nodes = 2",
         "arm.nodes: got 2, takes a whole number from 3 (an arm bends where edges meet) to 10000",
     ),
-    "spatial arm": ("arm.dimension = 3", "arm.dimension: got 3, takes 2 (a planar arm)"),
+    "arm in spacetime": (
+        "arm.dimension = 4",
+        "arm.dimension: got 4, takes 2 (a planar arm) or 3 (an arm that bends both ways and "
+        "twists)",
+    ),
+    "two stiffnesses in the plane": (
+        "arm.section.EI = [0.02, 0.01]",
+        "arm.section.EI: got [0.02, 0.01], takes a number above 0 (N m2)",
+    ),
+    "twisted rest in the plane": (
+        "arm.rest_curvature = [0, 1, 2]",
+        "arm.rest_curvature: got [0.0, 1.0, 2.0], takes a number (1/m)",
+    ),
+    "pan in the plane": ("base.pan_deg = 0", "base.pan_deg: got 0.0, needs arm.dimension = 3"),
+    "sway in the plane": ("base.channels.sway = {}", "base.channels.sway: needs arm.dimension = 3"),
+    "gains of roll in the plane": (
+        "control.pid.roll.kp = 1",
+        "control.pid.roll: needs arm.dimension = 3",
+    ),
+    "sway of the submarine in the plane": (
+        'base.motion = [{kind = "sine", channel = "sway", amplitude = 1, frequency_hz = 1}]',
+        'base.motion.0.channel: got "sway", takes "slide", "heave" or "tilt"; '
+        "sway needs arm.dimension = 3",
+    ),
+    "direction in the plane": (
+        "target.direction = [1, 0, 0]",
+        "target.direction: got [1.0, 0.0, 0.0], but a planar arm takes angle_deg",
+    ),
+    "three names in the plane": (
+        'flow = [{kind = "measured", file = "a.nc", velocity = ["u", "v", "w"]}]',
+        'flow.0.velocity: got ["u", "v", "w"], takes a name for each of x, z; '
+        "east, north and up go with heading_deg",
+    ),
     "twist of a planar arm": (
         "arm.section.GJ = 0.01",
         "arm.section.GJ: got 0.01, but only a spatial arm twists",
@@ -513,6 +633,241 @@ def test_a_mistake_gives_one_line(text, line):
     assert refused(text) == [line]
 
 
+ONE_MISTAKE_IN_SPACE = {
+    "planar velocity": (
+        'flow = [{kind = "uniform", velocity = [0.2, 0.0]}]',
+        "flow.0.velocity: got [0.2, 0.0], takes [x, y, z] (m/s): arm.dimension = 3",
+    ),
+    "planar position": (
+        "base.position = [0.0, -10.0]",
+        "base.position: got [0.0, -10.0], takes [x, y, z] (m): arm.dimension = 3",
+    ),
+    "vector of one": (
+        "base.position = [1.0]",
+        "base.position: got [1.0], takes [x, y, z] (m): arm.dimension = 3",
+    ),
+    "vector of four": (
+        "base.position = [1.0, 2.0, 3.0, 4.0]",
+        "base.position: got [1.0, 2.0, 3.0, 4.0], takes [x, y, z] (m): arm.dimension = 3",
+    ),
+    "word in a vector": (
+        'base.position = [1.0, 0.0, "low"]',
+        'base.position.2: got "low", takes a number (m)',
+    ),
+    "missing vector": (
+        'flow = [{kind = "sine", frequency_hz = 1}]',
+        "flow.0.amplitude: missing, takes [x, y, z] (m/s): arm.dimension = 3",
+    ),
+    "planar mean": (
+        'flow = [{kind = "turbulence", mean = [0.1, 0], intensity = 0.1, length_scale = 1}]',
+        "flow.0.mean: got [0.1, 0.0], takes [x, y, z] (m/s): arm.dimension = 3",
+    ),
+    "two deviations": (
+        'flow = [{kind = "gauss-markov", mean = [1, 0, 0], standard_deviation = [0.1, 0.1], '
+        "correlation_time = 1}]",
+        "flow.0.standard_deviation: got [0.1, 0.1], takes a number of 0 or more, or [x, y, z], "
+        "all 0 or more (m/s): arm.dimension = 3",
+    ),
+    "two names": (
+        'flow = [{kind = "measured", file = "a.nc", velocity = ["u", "w"]}]',
+        'flow.0.velocity: got ["u", "w"], takes a name for each of x, y, z',
+    ),
+    "two names of the compass": (
+        'flow = [{kind = "measured", file = "a.nc", velocity = ["u", "w"], heading_deg = 0}]',
+        'flow.0.velocity: got ["u", "w"], takes a name for each of east, north, up',
+    ),
+    "planar force": (
+        'load = [{kind = "tip", force = [0, 1]}]',
+        "load.0.force: got [0.0, 1.0], takes [x, y, z] (N): arm.dimension = 3",
+    ),
+    "planar moment": (
+        'load = [{kind = "tip", moment = 0.1}]',
+        "load.0.moment: got 0.1, takes [x, y, z] (N m): arm.dimension = 3",
+    ),
+    "planar direction of a load": (
+        'load = [{kind = "distributed", direction = [0, 1], magnitude = 1}]',
+        'load.0.direction: got [0.0, 1.0], takes "tangential", "normal" or [x, y, z]: '
+        "arm.dimension = 3",
+    ),
+    "no direction of a load": (
+        'load = [{kind = "distributed", direction = [0, 0, 0], magnitude = 1}]',
+        "load.0.direction: got [0.0, 0.0, 0.0], takes a vector that is not 0",
+    ),
+    "planar obstacle": (
+        'obstacle = [{kind = "sphere", position = [1, -10], radius = 0.1}]',
+        "obstacle.0.position: got [1.0, -10.0], takes [x, y, z] (m): arm.dimension = 3",
+    ),
+    "planar drift": (
+        'obstacle = [{kind = "sphere", position = [1, 0, -10], radius = 0.1, velocity = [1, 0]}]',
+        'obstacle.0.velocity: got [1.0, 0.0], takes [x, y, z] or "flow" (m/s): arm.dimension = 3',
+    ),
+    "planar normal": (
+        'obstacle = [{kind = "plane", position = [1, 0, -10], normal = [0, 1]}]',
+        "obstacle.0.normal: got [0.0, 1.0], takes [x, y, z]: arm.dimension = 3",
+    ),
+    "planar target": (
+        "target.tip = [0.5, -10.0]",
+        'target.tip: got [0.5, -10.0], takes "initial", [x, y, z] or, with time, '
+        "a list of [x, y, z] (m): arm.dimension = 3",
+    ),
+    "path that leaves space": (
+        "target = {time = [0, 1], tip = [[0.5, 0.0, -10.0], [0.5, -10.0]]}",
+        "target.tip: got [[0.5, 0.0, -10.0], [0.5, -10.0]], takes "
+        '"initial", [x, y, z] or, with time, a list of [x, y, z] (m): arm.dimension = 3',
+    ),
+    "angle": (
+        "target.angle_deg = 10",
+        "target.angle_deg: got 10.0, but a spatial arm takes direction: arm.dimension = 3",
+    ),
+    "planar wanted direction": (
+        "target.direction = [1, 0]",
+        'target.direction: got [1, 0], takes "initial", [x, y, z] or, with time, a list of '
+        "[x, y, z]",
+    ),
+    "no wanted direction": (
+        "target = {time = [0, 1], direction = [[1, 0, 0], [0, 0, 0]]}",
+        "target.direction.1: got [0.0, 0.0, 0.0], takes a vector that is not 0",
+    ),
+    "about turn": (
+        "target = {time = [0, 1], direction = [[1, 0, 0], [-2, 0, 0]]}",
+        "target.direction.1: got [-2.0, 0.0, 0.0], the opposite of the one before; "
+        "takes one more between",
+    ),
+    "directions without times": (
+        "target.direction = [[1, 0, 0], [0, 1, 0]]",
+        "target.time: missing, a path (direction) takes it (s)",
+    ),
+    "no directions": (
+        "target = {time = [], direction = []}",
+        'target.direction: got [], takes "initial", [x, y, z] or, with time, a list of [x, y, z]',
+    ),
+    "times without a path": (
+        "target.time = [0, 1]",
+        "target.time: goes with a path; takes tip or direction as a list as long",
+    ),
+    "two rest curvatures": (
+        "arm.rest_curvature = [1, 2]",
+        "arm.rest_curvature: got [1, 2], takes a number or [kappa_1, kappa_2, twist], "
+        "twist in rad/m (1/m): arm.dimension = 3",
+    ),
+    "three stiffnesses": (
+        "arm.section.EI = [1, 2, 3]",
+        "arm.section.EI: got [1, 2, 3], takes a number above 0, or [EI_1, EI_2], "
+        "both above 0 (N m2): arm.dimension = 3",
+    ),
+    "no stiffness one way": (
+        "arm.section.EI = [1, 0]",
+        "arm.section.EI: got [1, 0], takes a number above 0, or [EI_1, EI_2], "
+        "both above 0 (N m2): arm.dimension = 3",
+    ),
+    "no resistance to twist": (
+        "arm.section.GJ = 0",
+        "arm.section.GJ: got 0, takes a number above 0 (N m2)",
+    ),
+    "no pan": ("base.pan_deg = nan", "base.pan_deg: got nan, takes a finite number"),
+    "pan of a pin": (
+        'base = {mount = "pinned", channels = {pan = {}, roll = {}}}',
+        'base.channels.pan: moves nothing: with base.mount = "pinned" the root turns freely',
+    ),
+    "panned pin": (
+        'base.mount = "pinned"\nbase.motion = [{kind = "sine", channel = "pan", '
+        "amplitude_deg = 1, frequency_hz = 1}]",
+        'base.motion.0.channel: "pan" moves nothing: with base.mount = "pinned" '
+        "the root turns freely",
+    ),
+    "roll in metres": (
+        'base.motion = [{kind = "sine", channel = "roll", amplitude = 1, frequency_hz = 1}]',
+        'base.motion.0.amplitude: does not go with channel "roll", which takes amplitude_deg',
+    ),
+    "sway in degrees": (
+        'base.motion = [{kind = "sine", channel = "sway", amplitude_deg = 1, frequency_hz = 1}]',
+        'base.motion.0.amplitude_deg: does not go with channel "sway", which takes amplitude',
+    ),
+    "unknown channel": (
+        'base.motion = [{kind = "sine", channel = "yaw", amplitude = 1, frequency_hz = 1}]',
+        'base.motion.0.channel: got "yaw", takes "slide", "sway", "heave", "pan", "tilt" or '
+        '"roll": arm.dimension = 3',
+    ),
+    "angle controlled": (
+        'control.controlled = ["x", "angle"]',
+        'control.controlled.1: got "angle", takes "x", "y", "z" or "direction": arm.dimension = 3',
+    ),
+    "unknown coordinate": (
+        'control.controlled = ["roll"]',
+        'control.controlled.0: got "roll", takes "x", "y", "z" or "direction": arm.dimension = 3',
+    ),
+    "pid without its channel": (
+        "control.pid.pan.kp = 1",
+        "control.pid.pan: drives a channel that is not there; "
+        "takes a table base.channels.pan with it",
+    ),
+    "identity with a turn": (
+        "base.channels = {slide = {}, pan = {}}\n[control]\n"
+        'mapping = "identity"\ncontrolled = ["x"]\npid = {slide = {}, pan = {}}',
+        "control.pid.pan: turns the base, which goes with no one coordinate; "
+        'mapping = "identity" takes slide, sway, heave',
+    ),
+    "identity with a direction": (
+        "base.channels.slide = {}\n[control]\n"
+        'mapping = "identity"\ncontrolled = ["x", "direction"]\npid = {slide = {}}',
+        'control.controlled.1: got "direction", which does not go with mapping = "identity"; '
+        'takes "x", "y" or "z"',
+    ),
+    "identity without sway": (
+        "base.channels = {slide = {}, heave = {}}\n[control]\n"
+        'mapping = "identity"\npid = {slide = {}, heave = {}}',
+        'control.controlled: "y" takes gains in pid.sway with mapping = "identity"',
+    ),
+    "identity without y": (
+        "base.channels = {slide = {}, sway = {}}\n[control]\n"
+        'mapping = "identity"\ncontrolled = ["x"]\npid = {slide = {}, sway = {}}',
+        'control.pid.sway: mapping = "identity" takes "y" in controlled along with it',
+    ),
+    "base in the bed": (
+        "water.depth = 10",
+        "base.position.2: got -10.0, takes a number above -water.depth = -10.0 (m)",
+    ),
+    "base above the waves": (
+        "water.depth = 20\nbase.position = [0, -5, 0]\n"
+        'flow = [{kind = "waves", significant_height = 1, peak_period = 6}]',
+        "base.position.2: got 0.0, takes a number below 0 (m): "
+        "flow.0 has its still surface at z = 0",
+    ),
+    "unknown case": (
+        'vary = {"base.position" = [[0, -5]]}',
+        "vary: case base.position = [0, -5]: base.position: got [0.0, -5.0], "
+        "takes [x, y, z] (m): arm.dimension = 3",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "line"), ONE_MISTAKE_IN_SPACE.values(), ids=ONE_MISTAKE_IN_SPACE.keys()
+)
+def test_a_mistake_in_space_gives_one_line(text, line):
+    assert refused(f"arm.dimension = 3\n{text}") == [line]
+
+
+def test_each_vector_of_the_other_dimension_gives_its_line():
+    planar = Scenario.from_toml(FULL).to_dict() | {"vary": {}}
+    planar["arm"]["dimension"] = 3
+    with pytest.raises(ScenarioError) as caught:
+        Scenario.from_dict(planar)
+    assert [mistake.key for mistake in caught.value.mistakes] == [
+        "base.position",
+        "flow.0.velocity",
+        "flow.1.velocity",
+        "flow.2.amplitude",
+        "flow.3.mean",
+        "flow.3.standard_deviation",
+        "flow.4.mean",
+        "load.1.force",
+        "load.1.moment",
+        "target.tip",
+        "target.angle_deg",
+    ]
+
+
 def test_each_mistake_gives_its_line():
     lines = refused('arm = {length = -1, nodes = 2}\nwater.depht = 3\nload = [{kind = "push"}]')
     assert [line.split(":")[0] for line in lines] == [
@@ -735,6 +1090,150 @@ def test_conveniences_are_in_si_units():
     assert scenario.flow[0].power_exponent is None
     assert scenario.target.tip_path == ((0.6, -5.0), (0.5, -5.1))
     assert scenario.target.angle_path_deg is None
+
+
+def test_spatial_toml_round_trip_is_exact():
+    scenario = Scenario.from_toml(SPATIAL)
+    text = scenario.to_toml()
+    assert Scenario.from_toml(text) == scenario
+    assert Scenario.from_toml(text).to_toml() == text
+
+
+def test_conveniences_of_a_spatial_arm_are_in_si_units():
+    scenario = Scenario.from_toml(SPATIAL)
+    assert scenario.arm.rest_curvatures == (0.1, -0.2, 0.3)
+    assert Arm(rest_curvature=2.0).rest_curvatures == (0.0, 2.0, 0.0)
+    assert scenario.arm.section.bending_stiffnesses == (0.02, 0.01)
+    assert Section(EI=0.01).bending_stiffnesses == (0.01, 0.01)
+    assert Section().bending_stiffnesses is None
+    assert scenario.base.angles == pytest.approx((math.pi / 6, -math.pi / 2, math.pi / 4))
+    assert list(scenario.base.channels.present) == ["slide", "sway", "pan", "roll"]
+    assert scenario.base.channels.present["roll"].limits.high == pytest.approx(math.pi / 9)
+    assert list(scenario.control.pid.present) == ["slide", "pan", "roll"]
+    assert scenario.base.motion[0].amplitude_si == 0.1
+    assert scenario.base.motion[1].value_si == pytest.approx((0.0, math.pi / 2))
+    assert scenario.flow[3].velocity == ("u", "v", "w")
+    assert scenario.target.tip_path == ((0.6, 0.0, -5.0), (0.5, 0.1, -5.1))
+    assert scenario.target.direction_path == ((1.0, 0.0, 0.0), (0.0, 0.6, 0.8))
+    assert scenario.target.steady_direction is None
+    assert Target(direction=(0.0, 0.0, 2.0)).steady_direction == (0.0, 0.0, 1.0)
+    assert Target().steady_direction is Target().direction_path is None
+
+
+def test_obstacles_have_the_axes_of_the_arm():
+    pole, floor = Scenario.from_toml(SPATIAL).obstacle
+    assert pole.half_axis == pytest.approx((0.0, 600.0, 800.0))
+    assert pole.out == floor.half_axis == (0.0, 0.0, 0.0)
+    assert floor.out == (0.0, 0.0, 1.0)
+    rod = Capsule(position=(0.0, 0.0), radius=0.1, axis=(3.0, 0.0, 4.0), length=2.0)
+    assert rod.half_axis == pytest.approx((0.6, 0.8))
+    assert rod.out == (0.0, 0.0)
+    assert Plane(position=(0.0, 0.0), normal=(0.0, -2.0)).out == (0.0, -1.0)
+
+
+def test_a_universal_joint_feels_roll():
+    channels, motion = {"roll": {}}, {"kind": "sine", "amplitude_deg": 1.0, "frequency_hz": 1.0}
+    base = Base(mount="pinned", channels=channels, motion=[motion | {"channel": "roll"}])
+    assert list(base.channels.present) == ["roll"]
+
+
+OPEN = """
+load = [{kind = "tip", moment = 1.0}, {kind = "tip", force = [1.0, 0.0]}]
+obstacle = [{kind = "sphere", position = [1.0, -10.0], radius = 0.1}]
+flow = [{kind = "measured", file = "current.nc"}]
+"""
+
+
+def defaults(scenario: Scenario) -> tuple:
+    """Return everything of a scenario whose default follows the dimension."""
+    load, obstacle, flow = scenario.load, scenario.obstacle, scenario.flow
+    return (
+        scenario.base.position,
+        scenario.control.controlled,
+        load[0].force,
+        load[1].moment,
+        obstacle[0].velocity,
+        flow[0].velocity,
+    )
+
+
+def test_defaults_follow_the_dimension():
+    planar = Scenario.from_toml(OPEN)
+    assert defaults(planar) == (
+        (0.0, -10.0),
+        ("x", "z"),
+        (0.0, 0.0),
+        0.0,
+        (0.0, 0.0),
+        ("u", "w"),
+    )
+    given = {
+        "arm.dimension": 3,
+        "load.0.moment": [0.0, -1.0, 0.0],
+        "load.1.force": [1.0, 0.0, 0.0],
+        "obstacle.0.position": [1.0, 0.0, -10.0],
+    }
+    spatial = planar.with_values(given)
+    assert defaults(spatial) == (
+        (0.0, 0.0, -10.0),
+        ("x", "y", "z"),
+        (0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0),
+        ("u", "v", "w"),
+    )
+    # what was left out goes on following the dimension, but what was given or written does not
+    longer = spatial.with_values({"arm.length": 0.7})
+    back = {
+        "arm.dimension": 2,
+        "load.0.moment": 1.0,
+        "load.1.force": [1.0, 0.0],
+        "obstacle.0.position": [1.0, -10.0],
+    }
+    assert defaults(longer.with_values(back)) == defaults(planar)
+    with pytest.raises(ScenarioError, match=r"base\.position: got \[0\.0, 0\.0, -10\.0\]"):
+        Scenario.from_toml(longer.to_toml()).with_values(back)
+
+
+def test_a_default_may_be_changed_in_part():
+    assert Scenario().with_values({"base.position.1": -5.0}).base.position == (0.0, -5.0)
+    spatial = Scenario(arm={"dimension": 3}).with_values({"base.position.1": -5.0})
+    assert spatial.base.position == (0.0, -5.0, -10.0)
+
+
+def test_the_dimension_may_be_set_and_varied(path):
+    path.write_text("[base]\ntilt_deg = -45.0")
+    spatial = load(path, ["arm.dimension=3", "base.pan_deg=10"])
+    assert spatial.base.position == (0.0, 0.0, -10.0)
+    assert spatial == Scenario.from_toml(spatial.to_toml())
+    both = load(path, ["vary={'arm.dimension' = [2, 3]}"])
+    assert Scenario.from_toml(both.to_toml()) == both
+    for study in (both, Scenario.from_toml(both.to_toml())):
+        cases = [case for _, case in study.cases()]
+        assert [len(case.base.position) for case in cases] == [2, 3]
+        assert cases == [Scenario.from_toml(case.to_toml()) for case in cases]
+
+
+def test_a_table_may_be_used_in_both_dimensions():
+    base = Base(tilt_deg=10.0)
+    spatial = Scenario(arm=Arm(dimension=3), base=base)
+    assert Scenario(base=spatial.base).base.position == (0.0, -10.0)
+    assert (base.position, spatial.base.position) == ((0.0, -10.0), (0.0, 0.0, -10.0))
+
+
+def test_keys_of_the_other_dimension_are_not_written():
+    planar, spatial = Scenario().to_dict(), Scenario(arm={"dimension": 3}).to_dict()
+    assert planar["base"].keys() == {"position", "tilt_deg", "mount"}
+    assert spatial["base"].keys() == {"position", "tilt_deg", "pan_deg", "roll_deg", "mount"}
+    assert planar["target"] == {"tip": "initial", "angle_deg": "initial"}
+    assert spatial["target"] == {"tip": "initial", "direction": "initial"}
+
+
+def test_channels_are_those_of_the_base():
+    names, coordinates = (get_args(get_args(kind)[0]) for kind in (ChannelName, Coordinate))
+    assert names == CHANNELS[3]
+    assert tuple(Channels.model_fields) == tuple(Pid.model_fields) == CHANNELS[3]
+    assert set(coordinates) == {*COORDINATES[2], *COORDINATES[3]}
 
 
 def test_schema_describes_every_key():

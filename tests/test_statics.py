@@ -320,7 +320,7 @@ def test_almost_limp_clamped_chain_in_a_current(current):
 @eqx.filter_jit
 def at_rest(system, position):
     """Return imbalance, tangent and stored energies of a shape at rest."""
-    forces, stage = system.forces, still(jnp.zeros(()), position)
+    forces, stage = system.forces, still(jnp.zeros(()), position, None)
     zero = jnp.zeros_like(position)
     current = forces.surroundings(stage, zero)
     motion = forces.motion(stage, zero, current)

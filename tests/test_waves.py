@@ -10,6 +10,7 @@ import crinoid
 from crinoid.flow import Jet, Waves
 from crinoid.flow.waves import jonswap, wave_number
 from crinoid.onset import Onset
+from crinoid.scenario.build_flow import build_flow
 
 GRAVITY = 9.81
 OBLIQUE = np.array([np.cos(0.7), np.sin(0.7)])
@@ -168,7 +169,7 @@ def test_a_planar_arm_sees_the_cut_through_them():
 
 
 def test_a_scenario_turns_them_and_draws_them_from_its_seed():
-    def flow(seed, direction):
+    def flow(seed, direction, dimension=2):
         table = {
             "kind": "waves",
             "significant_height": 1.0,
@@ -176,10 +177,13 @@ def test_a_scenario_turns_them_and_draws_them_from_its_seed():
             "direction_deg": direction,
         }
         scenario = crinoid.Scenario(seed=seed, water={"depth": 30.0}, flow=[table])
-        return scenario.system().forces.water.flows[0]
+        arm = scenario.arm.model_copy(update={"dimension": dimension})
+        return build_flow(scenario.model_copy(update={"arm": arm}), 0, scenario.flow[0])
 
-    ahead, aside = flow(3, 0.0), flow(3, 60.0)
+    ahead, aside, full = flow(3, 0.0), flow(3, 60.0), flow(3, 60.0, dimension=3)
     assert ahead.heading == pytest.approx([1.0])
     assert aside.heading == pytest.approx([0.5])
+    assert full.heading == pytest.approx([0.5, np.sqrt(0.75)])
     np.testing.assert_array_equal(ahead.phases, aside.phases)
+    np.testing.assert_array_equal(full.phases, aside.phases)
     assert np.abs(flow(4, 0.0).phases - ahead.phases).max() > 0.1

@@ -9,12 +9,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from crinoid.base import CHANNELS
 from crinoid.dynamics import System, Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.record import Record
 from crinoid.scenario import Scenario
+from crinoid.space import ANGLES, AXES, CHANNELS
 from crinoid.version import __version__
+
+_Quantities = dict[str, tuple[tuple[str, ...], ArrayLike, str, str]]
+"""Dimensions, values, unit and meaning by name."""
+
+_FORWARD = {2: "x forward, z up", 3: "x forward, y to port, z up"}
 
 
 def describe(scenario: Scenario) -> dict[str, Any]:
@@ -35,7 +40,8 @@ def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
         return parts[0]
     parts = [part[list(parts[-1].data_vars)] for part in parts]
     whole = xr.concat(parts, "time", data_vars="minimal", coords="minimal", compat="override")
-    whole["tip_angle"].values = np.unwrap(whole["tip_angle"].values)
+    if "tip_direction" not in whole:  # in the plane an angle may turn on and on
+        whole["tip_angle"].values = np.unwrap(whole["tip_angle"].values)
     return whole
 
 
@@ -50,10 +56,11 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
     rest_length, EA = np.asarray(rod.rest_length), np.asarray(rod.EA)
     strain = lengths[..., 0] / rest_length - 1
     tension = EA * (strain + float(rod.damping_time) * stretching / rest_length)
-    miss = kept.tip[:, :2] - kept.wanted[:, :2]
-    axes = ("x", "z")
+    count = kept.position.shape[-1]
+    axes, channels = AXES[count], CHANNELS[count]
+    tip, target = kept.tip[:, :count], kept.wanted[:, :count]
 
-    quantities: dict[str, tuple[tuple[str, ...], ArrayLike, str, str]] = {
+    quantities: _Quantities = {
         "position": (("time", "node", "axis"), kept.position + origin, "m", "place of the nodes"),
         "velocity": (("time", "node", "axis"), kept.velocity, "m s-1", "velocity of the nodes"),
         "acceleration": (
@@ -63,25 +70,14 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
             "acceleration of the nodes",
         ),
         "tangent": (("time", "edge", "axis"), tangent, "1", "direction of the edges"),
-        "curvature": (
-            ("time", "node"),
-            _curvature(scenario, system, kept, tangent),
-            "m-1",
-            "curvature, positive from x toward z",
-        ),
+        **_bending(kept),
         "tension": (("time", "edge"), tension, "N", "axial force in the edges, tension positive"),
-        "tip_position": (("time", "axis"), kept.tip[:, :2], "m", "place of the tip"),
-        "tip_target": (("time", "axis"), kept.wanted[:, :2], "m", "where the tip should be"),
-        "tip_angle": (("time",), np.unwrap(kept.tip[:, 2]), "rad", "direction of the tip"),
-        "tip_angle_target": (
-            ("time",),
-            kept.wanted[:, 2],
-            "rad",
-            "where the tip should point",
-        ),
+        "tip_position": (("time", "axis"), tip, "m", "place of the tip"),
+        "tip_target": (("time", "axis"), target, "m", "where the tip should be"),
+        **_pointing(kept),
         "tip_error": (
             ("time",),
-            np.linalg.norm(miss, axis=1),
+            np.linalg.norm(tip - target, axis=1),
             "m",
             "distance of the tip from where it should be",
         ),
@@ -111,10 +107,11 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
         ),
         "base_force": (("time", "axis"), kept.base_force, "N", "force of the arm on the submarine"),
         "base_moment": (
-            ("time",),
+            ("time", "axis")[: kept.base_moment.ndim],
             kept.base_moment,
             "N m",
-            "moment of the arm on the submarine about the root, positive from x toward z",
+            "moment of the arm on the submarine about the root, "
+            + ("positive from x toward z" if count == 2 else "right-handed"),
         ),
         "energy": (
             ("time", "kind"),
@@ -145,8 +142,8 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
         },
         coords={
             "time": ("time", kept.time, {"units": "s", "long_name": "time", "axis": "T"}),
-            "axis": ("axis", list(axes), {"long_name": "x forward, z up"}),
-            "channel": ("channel", list(CHANNELS), {"long_name": "base channel"}),
+            "axis": ("axis", list(axes), {"long_name": _FORWARD[count]}),
+            "channel": ("channel", list(channels), {"long_name": "base channel"}),
             "kind": ("kind", [*ENERGIES, *WORKS], {"long_name": "kind of energy or work"}),
             "arc_length": (
                 "node",
@@ -160,21 +157,89 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
             ),
             "channel_unit": (
                 "channel",
-                ["m", "m", "rad"],
+                ["rad" if channel in ANGLES else "m" for channel in channels],
                 {"long_name": "unit of base_command and base_pose"},
             ),
         },
     )
     dataset["flow_speed"].attrs["standard_name"] = "sea_water_speed"
+    shifts = [channel for channel in channels if channel not in ANGLES]
+    turns = [channel for channel in channels if channel in ANGLES]
     for name in ("base_command", "base_pose"):
         dataset[name].attrs["units"] = "m or rad"
-        dataset[name].attrs["comment"] = "slide and heave in m, tilt in rad: see channel_unit"
+        dataset[name].attrs["comment"] = (
+            f"{_listed(shifts)} in m, {_listed(turns)} in rad: see channel_unit"
+        )
+    if count == 3:
+        names = ["kappa_1", "kappa_2"]
+        about = {"long_name": "bending toward the directors m_1 and m_2"}
+        dataset = dataset.assign_coords(bending=("bending", names, about))
     return dataset
 
 
-def _contact(
-    kept: Record, touch: Touch, origin: np.ndarray
-) -> dict[str, tuple[tuple[str, ...], ArrayLike, str, str]]:
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(", ".join(names).rsplit(", ", 1))
+
+
+def _bending(kept: Record) -> _Quantities:
+    """Return how the arm is bent, and in space how it is twisted and turned about itself."""
+    if kept.twist is None or kept.director is None:
+        return {
+            "curvature": (
+                ("time", "node"),
+                kept.curvature,
+                "m-1",
+                "curvature, positive from x toward z",
+            )
+        }
+    return {
+        "curvature": (
+            ("time", "node", "bending"),
+            kept.curvature,
+            "m-1",
+            "curvature, positive toward the directors m_1 and m_2",
+        ),
+        "twist": (
+            ("time", "edge"),
+            (kept.twist[:, 1:] + kept.twist[:, :-1]) / 2,
+            "rad m-1",
+            "twist, positive from m_1 toward m_2 on the way to the tip",
+        ),
+        "director": (
+            ("time", "edge", "axis"),
+            kept.director,
+            "1",
+            "director m_1 of the edges, which turns with the arm's material",
+        ),
+    }
+
+
+def _pointing(kept: Record) -> _Quantities:
+    """Return where the tip points and where it should."""
+    if kept.tip.shape[1] == 3:
+        return {
+            "tip_angle": (("time",), np.unwrap(kept.tip[:, 2]), "rad", "direction of the tip"),
+            "tip_angle_target": (
+                ("time",),
+                kept.wanted[:, 2],
+                "rad",
+                "where the tip should point",
+            ),
+        }
+    direction, target = kept.tip[:, 3:], kept.wanted[:, 3:]
+    return {
+        "tip_direction": (("time", "axis"), direction, "1", "where the tip points"),
+        "tip_direction_target": (("time", "axis"), target, "1", "where the tip should point"),
+        "tip_angle": (
+            ("time",),
+            np.arctan2(direction[:, 2], np.hypot(direction[:, 0], direction[:, 1])),
+            "rad",
+            "angle of the tip above the level plane",
+        ),
+    }
+
+
+def _contact(kept: Record, touch: Touch, origin: np.ndarray) -> _Quantities:
     """Return what there is to know of the obstacles."""
     vectors, numbers = ("time", "obstacle", "axis"), ("time", "obstacle")
     assert kept.obstacle_position is not None
@@ -218,16 +283,3 @@ def _contact(
             "smallest distance of the obstacles from the arm's surface since the start",
         ),
     }
-
-
-def _curvature(scenario: Scenario, system: System, kept: Record, tangent: np.ndarray) -> np.ndarray:
-    base = float(system.base.tilt) + kept.pose[:, 2]
-    clamp = np.stack([np.cos(base), np.sin(base)], axis=1)[:, None]
-    before = np.concatenate([clamp, tangent[:, :-1]], axis=1)
-    turn = before[..., 0] * tangent[..., 1] - before[..., 1] * tangent[..., 0]
-    bend = 2 * turn / (1 + np.sum(before * tangent, axis=2))
-    inner = bend / np.asarray(system.rod.voronoi_length[:-1])
-    if scenario.base.mount == "pinned":
-        inner[:, 0] = np.asarray(system.rod.rest_curvature)[0]  # free of moment
-    tip = 2 * inner[:, -1:] - inner[:, -2:-1]  # no window reaches round the tip: carry on
-    return np.concatenate([inner, tip], axis=1)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crinoid.dynamics import Modes
 from crinoid.scenario import Scenario
 
 Nodal = Float[np.ndarray, "time node"]
 Vectors = Float[np.ndarray, "time node axis"]
+Variables = dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]
+"""Dimensions, values, units and meaning by name."""
 
 
 def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | None) -> xr.Dataset:
@@ -19,44 +21,69 @@ def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | N
     What would have no meaning is left out: frequencies without modes, flow numbers without water
     or diameter, the reduced velocity of an arm that does not swing back.
     """
-    found: dict[str, tuple[tuple[str, ...], np.ndarray, str, str]] = {}
+    first = 0.0
     if modes is not None:
-        number = ("mode", np.arange(1, modes.frequency.size + 1), {"long_name": "slowest first"})
-        dataset = dataset.assign_coords(mode=number)
-        found["natural_frequency"] = (
+        dataset = _with_modes(dataset, modes)
+        moving = modes.frequency[~spinning(dataset)]
+        first = float(moving[0]) if moving.size else 0.0
+    diameter = dataset["diameter"].values
+    if scenario.water.density == 0 or diameter.min() == 0:
+        return dataset
+    time, normal = dataset["time"].values, normal_velocity(dataset)
+    found: Variables = {
+        "reynolds_number": (
+            ("time", "node"),
+            np.linalg.norm(_relative(dataset), axis=2)
+            * diameter
+            / scenario.water.kinematic_viscosity,
+            "1",
+            "Reynolds number of the water's velocity relative to the arm",
+        )
+    }
+    if first > 0:
+        found["reduced_velocity"] = (
+            ("time", "node"),
+            np.linalg.norm(normal, axis=2) / (first * diameter),
+            "1",
+            "relative velocity across the arm over first natural frequency and diameter",
+        )
+    found["keulegan_carpenter"] = (
+        ("node",),
+        keulegan_carpenter(principal_part(normal, time), time, diameter),
+        "1",
+        "Keulegan-Carpenter number of the swings of the relative velocity across the arm",
+    )
+    return _with(dataset, found)
+
+
+def _with_modes(dataset: xr.Dataset, modes: Modes) -> xr.Dataset:
+    number = ("mode", np.arange(1, modes.frequency.size + 1), {"long_name": "slowest first"})
+    axes = dataset.sizes["axis"]
+    found: Variables = {
+        "natural_frequency": (
             ("mode",),
             modes.frequency,
             "Hz",
             "natural frequencies of the arm as it starts",
-        )
-        found["mode_shape"] = (
+        ),
+        "mode_shape": (
             ("mode", "node", "axis"),
-            modes.shape,
+            modes.shape[..., :axes],
             "1",
             "how the nodes move in a mode, 1 at most",
+        ),
+    }
+    if modes.shape.shape[2] > axes:
+        found["mode_spin"] = (
+            ("mode", "edge"),
+            modes.shape[:, 1:, axes],
+            "rad m-1",
+            "how the edges spin about themselves in a mode, 1 at most",
         )
-    diameter = dataset["diameter"].values
-    if scenario.water.density > 0 and diameter.min() > 0:
-        speed, normal = np.linalg.norm(_relative(dataset), axis=2), normal_velocity(dataset)
-        found["reynolds_number"] = (
-            ("time", "node"),
-            speed * diameter / scenario.water.kinematic_viscosity,
-            "1",
-            "Reynolds number of the water's velocity relative to the arm",
-        )
-        if modes is not None and modes.frequency[0] > 0:
-            found["reduced_velocity"] = (
-                ("time", "node"),
-                np.abs(normal) / (modes.frequency[0] * diameter),
-                "1",
-                "relative velocity across the arm over first natural frequency and diameter",
-            )
-        found["keulegan_carpenter"] = (
-            ("node",),
-            keulegan_carpenter(normal, dataset["time"].values, diameter),
-            "1",
-            "Keulegan-Carpenter number of the swings of the relative velocity across the arm",
-        )
+    return _with(dataset.assign_coords(mode=number), found)
+
+
+def _with(dataset: xr.Dataset, found: Variables) -> xr.Dataset:
     return dataset.assign(
         {
             name: (dims, values, {"units": units, "long_name": meaning})
@@ -65,22 +92,57 @@ def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | N
     )
 
 
-def normal_velocity(dataset: xr.Dataset) -> Nodal:
-    """Return the water's velocity relative to the arm, along its normals (m/s)."""
-    return np.sum(_relative(dataset) * node_normal(dataset["tangent"].values), axis=2)
+def spinning(dataset: xr.Dataset) -> Bool[np.ndarray, " mode"]:
+    """Return which modes move the arm's surface more by its spin than by where it goes."""
+    if "mode_spin" not in dataset:
+        return np.zeros(dataset.sizes["mode"], bool)
+    going = np.linalg.norm(dataset["mode_shape"].values, axis=2).max(axis=1)
+    spin = np.abs(dataset["mode_spin"].values).max(axis=1)
+    return going < spin * float(dataset["diameter"].max()) / 2
+
+
+def normal_velocity(dataset: xr.Dataset) -> Float[np.ndarray, "time node across"]:
+    """Return the part of the water's velocity relative to the arm that is across it (m/s)."""
+    return across(_relative(dataset), dataset["tangent"].values)
 
 
 def _relative(dataset: xr.Dataset) -> Vectors:
     return dataset["flow_velocity"].values - dataset["velocity"].values
 
 
-def node_normal(tangent: Float[np.ndarray, "time edge axis"]) -> Vectors:
-    """Return the unit normals at the nodes, each between those of the edges beside it."""
+def across(
+    vectors: Float[np.ndarray, "_ node axis"], tangent: Float[np.ndarray, "_ edge axis"]
+) -> Float[np.ndarray, "_ node across"]:
+    """Return the parts of vectors at the nodes that are across the arm.
+
+    That is normal to the direction between those of the edges beside a node: in the plane a
+    component along the one normal, from x toward z; in space a vector.
+    """
     before = np.concatenate([tangent[:, :1], tangent], axis=1)
     after = np.concatenate([tangent, tangent[:, -1:]], axis=1)
     along = before + after
-    turned = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    return turned / np.linalg.norm(turned, axis=2, keepdims=True)
+    if along.shape[2] == 2:
+        turned = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        normal = turned / np.linalg.norm(turned, axis=2, keepdims=True)
+        return np.sum(vectors * normal, axis=2, keepdims=True)
+    along = along / np.linalg.norm(along, axis=2, keepdims=True)
+    return vectors - np.sum(vectors * along, axis=2, keepdims=True) * along
+
+
+def principal_part(
+    velocity: Float[np.ndarray, "time node across"], time: Float[np.ndarray, " time"]
+) -> Nodal:
+    """Return the component of a velocity along which it swings most at each node (m/s).
+
+    That is the eigenvector of its covariance over time with the largest eigenvalue.
+    """
+    if time.size < 2:
+        return velocity[..., 0]
+    weight = np.convolve(np.diff(time), [0.5, 0.5]) / (time[-1] - time[0])
+    swing = velocity - np.einsum("t,tni->ni", weight, velocity)
+    covariance = np.einsum("t,tni,tnj->nij", weight, swing, swing)
+    _, directions = np.linalg.eigh(covariance)
+    return np.einsum("tni,ni->tn", velocity, directions[..., -1])
 
 
 def keulegan_carpenter(

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from crinoid.dimensionless import node_normal, normal_velocity
+from crinoid.dimensionless import across, normal_velocity, spinning
 from crinoid.scenario import Scenario
 from crinoid.scenario.water import Water
 
@@ -64,7 +64,8 @@ def _vortices(dataset: xr.Dataset, scenario: Scenario) -> str:
     if "reduced_velocity" not in dataset:
         return ""
     time, diameter = dataset["time"].values, dataset["diameter"].values
-    speed, share = np.abs(normal_velocity(dataset)), _length_share(dataset)
+    speed = np.linalg.norm(normal_velocity(dataset), axis=2)
+    share = _length_share(dataset)
     sheds = speed * diameter > _SHEDDING * scenario.water.kinematic_viscosity
     struck = []
     for mode in _bending(dataset):
@@ -80,18 +81,22 @@ def _vortices(dataset: xr.Dataset, scenario: Scenario) -> str:
             )
     if not struck:
         return ""
+    where = "out of the plane of the arm"
+    if dataset.sizes["axis"] == 3:
+        where = "across both arm and current"
     return (
-        f"vortex shedding may lock in to {', '.join(struck)} (4 < U/fd < 8); its lift, out of the "
-        "plane of the arm, is not modelled"
+        f"vortex shedding may lock in to {', '.join(struck)} (4 < U/fd < 8); its lift, {where}, "
+        "is not modelled"
     )
 
 
 def _bending(dataset: xr.Dataset) -> list[int]:
-    """Return the modes that move the arm across itself rather than along."""
+    """Return the modes that move the arm across itself rather than along, or about, itself."""
     shape = dataset["mode_shape"].values
-    across = np.sum(shape * node_normal(dataset["tangent"].values[:1]), axis=2)
-    share = np.sum(across**2, axis=1) / np.sum(shape**2, axis=(1, 2))
-    return [int(mode) for mode in dataset["mode"].values[share > 0.5]]
+    normal = across(shape, dataset["tangent"].values[:1])
+    bends = np.sum(normal**2, axis=(1, 2)) > 0.5 * np.sum(shape**2, axis=(1, 2))
+    bends &= ~spinning(dataset)
+    return [int(mode) for mode in dataset["mode"].values[bends]]
 
 
 def _lasting(
@@ -111,7 +116,8 @@ def _drag(dataset: xr.Dataset, scenario: Scenario) -> str:
     water = scenario.water
     if "reynolds_number" not in dataset or water.drag_normal != Water().drag_normal:
         return ""
-    diameter, speed = dataset["diameter"].values, np.abs(normal_velocity(dataset))
+    diameter = dataset["diameter"].values
+    speed = np.linalg.norm(normal_velocity(dataset), axis=2)
     drag = diameter * speed**2 * _length_share(dataset)
     length = float(dataset["arc_length"][-1])
     largest = 0.5 * water.density * water.drag_normal * length * drag.sum(axis=1).max()

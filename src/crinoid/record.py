@@ -10,16 +10,18 @@ class Record(eqx.Module):
     """One saved instant. SI units; places are relative to the base's set position."""
 
     time: Float[Array, "*t"]
-    position: Float[Array, "*t n b"]
-    velocity: Float[Array, "*t n b"]
-    acceleration: Float[Array, "*t n b"]
-    flow_velocity: Float[Array, "*t n b"]
+    position: Float[Array, "*t n d"]
+    velocity: Float[Array, "*t n d"]
+    acceleration: Float[Array, "*t n d"]
+    flow_velocity: Float[Array, "*t n d"]
+    curvature: Float[Array, "*t n"] | Float[Array, "*t n 2"]
+    """At the nodes (1/m); in space kappa_1 and kappa_2."""
     tip: Float[Array, "*t pose"]
     wanted: Float[Array, "*t pose"]
     command: Float[Array, "*t channel"]
     pose: Float[Array, "*t channel"]
-    base_force: Float[Array, "*t b"]
-    base_moment: Float[Array, "*t"]
+    base_force: Float[Array, "*t d"]
+    base_moment: Float[Array, "*t"] | Float[Array, "*t 3"]
     energy: Float[Array, "*t kind"]
     steps: Int[Array, "*t"]
     """Time steps since the instant before, halved ones counted each."""
@@ -27,6 +29,10 @@ class Record(eqx.Module):
     """Newton iterations since the instant before."""
     residual: Float[Array, "*t"]
     """Largest imbalance that a step since the instant before ended with (N)."""
-    obstacle_position: Float[Array, "*t m b"] | None
-    obstacle_velocity: Float[Array, "*t m b"] | None
+    obstacle_position: Float[Array, "*t m d"] | None
+    obstacle_velocity: Float[Array, "*t m d"] | None
     touch: Touch | None
+    director: Float[Array, "*t e 3"] | None
+    """In space: the material director m_1 of the edges."""
+    twist: Float[Array, "*t n"] | None
+    """In space: twist at the nodes (rad/m)."""

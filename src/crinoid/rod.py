@@ -3,26 +3,31 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.frames import cross, spun
+
 
 class Rod(eqx.Module):
-    """Reference shape and sections of a planar arm of ``n`` nodes and ``e = n - 1`` edges.
+    """Reference shape and sections of an arm of ``n`` nodes and ``e = n - 1`` edges.
 
     Edges carry what resists stretch, nodes what resists bending and what the water sees. Each
     node owns half of each edge beside it (half as much at both ends), so that sums over nodes are
     trapezoid rules: second order in the edge length.
+
+    A spatial arm bends toward both directors of its material frame, m_1 and m_2, and twists.
     """
 
     rest_length: Float[Array, " e"]
     """Length of each edge at rest (m)."""
     EA: Float[Array, " e"]
     """Stretching stiffness at the middle of each edge (N)."""
-    EI: Float[Array, " n"]
-    """Bending stiffness at each node (N m2)."""
-    rest_curvature: Float[Array, " n"]
-    """Curvature without load, positive from +x toward +z (1/m)."""
+    EI: Float[Array, "n ..."]
+    """Bending stiffness at each node (N m2); in space toward m_1 and toward m_2."""
+    rest_curvature: Float[Array, "n ..."]
+    """Curvature without load (1/m), positive from +x toward +z; in space toward m_1 and m_2."""
     damping_time: Float[Array, ""]
     """Viscosity over modulus of the Kelvin-Voigt material (s)."""
     mass_per_length: Float[Array, " n"]
@@ -31,6 +36,12 @@ class Rod(eqx.Module):
     """Diameter that the water sees (m)."""
     displaced_area: Float[Array, " n"]
     """Section area that displaces water (m2)."""
+    GJ: Float[Array, " n"] | None = None
+    """Twisting stiffness at each node (N m2); of a spatial arm, like what follows."""
+    rest_twist: Float[Array, " n"] | None = None
+    """Twist without load, from m_1 toward m_2 (rad/m)."""
+    spin_inertia: Float[Array, " e"] | None = None
+    """Moment of inertia of each edge about itself (kg m2)."""
 
     @staticmethod
     def round(
@@ -47,11 +58,17 @@ class Rod(eqx.Module):
         mass_per_length: float | Array | None = None,
         diameter: float | Array | None = None,
         displaced_area: float | Array | None = None,
+        axes: int = 2,
+        poisson_ratio: float | Array = 0.5,
+        GJ: float | Array | None = None,
     ) -> "Rod":
         """Build an evenly divided arm of solid round sections.
 
         ``radius`` (m) is one number or ``(root, tip)``, tapering linearly. A section property
         that is given replaces, all along the arm, what radius, density and modulus would make it.
+        The arm is planar or spatial, of 2 or 3 ``axes``. In space ``EI`` may be a pair, toward m_1
+        and toward m_2, and ``rest_curvature`` the triple of both curvatures (1/m) and the twist
+        (rad/m); one number is that toward m_2, as in the plane.
         """
         along_nodes = jnp.linspace(0.0, 1.0, nodes)
         along_edges = (along_nodes[1:] + along_nodes[:-1]) / 2
@@ -63,16 +80,41 @@ class Rod(eqx.Module):
         at_nodes = root + (tip - root) * along_nodes
         at_edges = root + (tip - root) * along_edges
         area = jnp.pi * at_nodes**2
-        return Rod(
+        bending = youngs_modulus * jnp.pi / 4 * at_nodes**4
+        twisting = bending / (1 + jnp.asarray(poisson_ratio))  # E / 2 (1 + nu) and pi / 2 r^4
+        planar = Rod(
             rest_length=jnp.full(nodes - 1, jnp.asarray(length, float) / (nodes - 1)),
             EA=section(EA, youngs_modulus * jnp.pi * at_edges**2),
-            EI=section(EI, youngs_modulus * jnp.pi / 4 * at_nodes**4),
-            rest_curvature=jnp.full(nodes, rest_curvature, float),
+            EI=section(None if axes == 3 else EI, bending),
+            rest_curvature=jnp.full(nodes, 0.0 if axes == 3 else rest_curvature, float),
             damping_time=jnp.asarray(damping_time, float),
             mass_per_length=section(mass_per_length, density * area),
             diameter=section(diameter, 2 * at_nodes),
             displaced_area=section(displaced_area, area),
         )
+        if axes == 2:
+            return planar
+        both = jnp.stack([bending, bending], axis=1)
+        rest = jnp.asarray(rest_curvature, float)
+        rest = rest if rest.shape == (3,) else jnp.zeros(3).at[1].set(rest)
+        mass = 0.5 * (planar.mass_per_length[1:] + planar.mass_per_length[:-1])
+        return eqx.tree_at(
+            lambda rod: (rod.EI, rod.rest_curvature, rod.GJ, rod.rest_twist, rod.spin_inertia),
+            planar,
+            (
+                both if EI is None else jnp.broadcast_to(jnp.asarray(EI, float), both.shape),
+                jnp.broadcast_to(rest[:2], both.shape),
+                section(GJ, twisting),
+                jnp.full(nodes, rest[2]),
+                0.5 * mass * planar.rest_length * at_edges**2,  # rho (I_1 + I_2) l
+            ),
+            is_leaf=lambda leaf: leaf is None,
+        )
+
+    @property
+    def axes(self) -> int:
+        """Number of axes that the arm moves along: 2 or 3."""
+        return 2 if self.GJ is None else 3
 
     @property
     def nodes(self) -> int:
@@ -105,3 +147,36 @@ class Rod(eqx.Module):
         angles = tilt + jnp.cumsum(turns[:-1])
         edges = self.rest_length[:, None] * jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=1)
         return jnp.concatenate([jnp.zeros((1, 2)), jnp.cumsum(edges, axis=0)])
+
+    def rest_frames(
+        self, frame: Float[Array, "3 3"]
+    ) -> tuple[Float[Array, "n 3"], Float[Array, "e 3"]]:
+        """Return nodes and directors m_1 of a spatial arm without load, its root at the origin.
+
+        The clamp's ``frame`` has the rows ``t, m_1, m_2``. At each node the strains at rest turn
+        it by half of the twist, by the bend and by the other half (`elements.spatial`).
+        """
+        assert self.rest_twist is not None
+        owned = self.voronoi_length[:-1]
+        twists = owned * self.rest_twist[:-1]
+
+        def turn(frame: Array, strain: tuple[Array, Array]) -> tuple[Array, Array]:
+            curvature, half_twist = strain
+            frame = _spun_frame(frame, half_twist)
+            # the rotation whose axis and tangent of the half angle are those of half the binormal
+            binormal = 0.5 * (curvature[0] * frame[2] - curvature[1] * frame[1])
+            swung = cross(binormal, frame)
+            factor = 2.0 / (1.0 + jnp.sum(binormal**2))
+            frame = frame + factor * (swung + cross(binormal, swung))
+            frame = _spun_frame(frame, half_twist)
+            return frame, frame
+
+        strains = (self.rest_curvature[:-1] * owned[:, None], 0.5 * twists)
+        _, frames = jax.lax.scan(turn, frame, strains)
+        edges = self.rest_length[:, None] * frames[:, 0]
+        return jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(edges, axis=0)]), frames[:, 1]
+
+
+def _spun_frame(frame: Float[Array, "3 3"], angle: Float[Array, ""]) -> Float[Array, "3 3"]:
+    director = spun(frame[1], frame[0], angle)
+    return jnp.stack([frame[0], director, cross(frame[0], director)])

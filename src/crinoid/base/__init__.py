@@ -1,6 +1,5 @@
 """The submarine's end of the arm: channels, their servos, and prescribed motion."""
 
-from crinoid.base.base import CHANNELS as CHANNELS
 from crinoid.base.base import Base as Base
 from crinoid.base.base import Prescribed as Prescribed
 from crinoid.base.motion import BaseMotion as BaseMotion

@@ -7,9 +7,7 @@ from jaxtyping import Array, Float
 
 from crinoid.base.motion import BaseMotion
 from crinoid.base.servo import Servo, ServoState
-
-CHANNELS = ("slide", "heave", "tilt")
-"""The channels of a planar base: +x and +z (m), and the turn from +x toward +z (rad)."""
+from crinoid.frames import cross, dot
 
 Channels = Float[Array, " channel"]
 
@@ -17,20 +15,24 @@ Channels = Float[Array, " channel"]
 class Prescribed(eqx.Module):
     """How the ghost node and the root move. SI units."""
 
-    position: Float[Array, "2 b"]
+    position: Float[Array, "2 d"]
     velocity: Float[Array, "2 b"]
+    """In space with the rate at which the ghost edge spins (rad/s)."""
     acceleration: Float[Array, "2 b"]
+    frame: Float[Array, "3 3"] | None
+    """In space the frame of the clamp: rows t, m_1, m_2."""
 
 
 class Base(eqx.Module):
-    """A base that starts at the origin of the arm's coordinates, turned by ``tilt``.
+    """A base that starts at the origin of the arm's coordinates, turned by ``angles``.
 
-    Its pose is the displacement of its channels: their servos' positions plus whatever motion is
-    prescribed. The clamp is a ghost edge: a node behind the root, ``ghost_length`` away, that
-    turns with the base.
+    Its pose is the displacement of its channels, `crinoid.space.CHANNELS`: their servos' positions
+    plus whatever motion is prescribed. The clamp is a ghost edge: a node behind the root,
+    ``ghost_length`` away, that turns with the base; in space it carries a material frame.
     """
 
-    tilt: Float[Array, ""]
+    angles: Float[Array, " angle"]
+    """Set angles of the channels that turn: tilt, in space pan, tilt and roll (rad)."""
     ghost_length: Float[Array, ""]
     servo: Servo
     motions: tuple[BaseMotion, ...]
@@ -47,31 +49,66 @@ class Base(eqx.Module):
             acceleration = acceleration.at[motion.channel].add(second)
         return position, velocity, acceleration
 
-    def hold(self, pose: Channels) -> Float[Array, "2 b"]:
+    @property
+    def axes(self) -> int:
+        """Number of axes of a place."""
+        return 2 if self.angles.shape[0] == 1 else 3
+
+    def direction(self, pose: Channels) -> Float[Array, " d"]:
+        """Return where the arm's root points for a pose."""
+        if self.axes == 2:
+            angle = self.angles[0] + pose[2]
+            return jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        return self.frame(pose)[0]
+
+    def frame(self, pose: Channels) -> Float[Array, "3 3"]:
+        """Return the clamp's frame in space for a pose: rows t, m_1, m_2.
+
+        Turned by pan, by tilt and by roll, from t = x, m_1 = y, m_2 = z.
+        """
+        pan, tilt, roll = self.angles + pose[3:]
+        level = jnp.stack([jnp.cos(pan), jnp.sin(pan), jnp.zeros(())])
+        port = jnp.stack([-jnp.sin(pan), jnp.cos(pan), jnp.zeros(())])
+        up = jnp.zeros(3).at[2].set(1.0)
+        tangent = jnp.cos(tilt) * level + jnp.sin(tilt) * up
+        above = jnp.cos(tilt) * up - jnp.sin(tilt) * level
+        m_1 = jnp.cos(roll) * port + jnp.sin(roll) * above
+        return jnp.stack([tangent, m_1, jnp.cos(roll) * above - jnp.sin(roll) * port])
+
+    def hold(self, pose: Channels) -> Float[Array, "2 d"]:
         """Return the places of the ghost node and the root for a pose."""
-        root = pose[:2]
-        angle = self.tilt + pose[2]
-        behind = -self.ghost_length * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
-        return jnp.stack([root + behind, root])
+        root = pose[: self.axes]
+        return jnp.stack([root - self.ghost_length * self.direction(pose), root])
+
+    def moving(self, pose: Channels, rate: Channels) -> tuple[Array, Array]:
+        """Return the places held, and how they move: in space with the ghost edge's spin."""
+        position, velocity = jax.jvp(self.hold, (pose,), (rate,))
+        if self.axes == 2:
+            return position, velocity
+        frame, turning = jax.jvp(self.frame, (pose,), (rate,))
+        spin = jnp.stack([jnp.zeros(()), dot(turning[1], frame[2])])
+        return position, jnp.concatenate([velocity, spin[:, None]], axis=1)
 
     def prescribe(self, time: Float[Array, ""], servo: ServoState) -> Prescribed:
         """Return how the ghost node and the root move at ``time``."""
         pose, rate, second = self.pose(time, servo)
-
-        def moving(pose: Channels, rate: Channels) -> tuple[Array, Array]:
-            return jax.jvp(self.hold, (pose,), (rate,))
-
-        (position, velocity), (_, acceleration) = jax.jvp(moving, (pose, rate), (rate, second))
-        return Prescribed(position, velocity, acceleration)
+        (position, velocity), (_, acceleration) = jax.jvp(self.moving, (pose, rate), (rate, second))
+        frame = self.frame(pose) if self.axes == 3 else None
+        return Prescribed(position, velocity, acceleration, frame)
 
     @staticmethod
     def wrench(
-        position: Float[Array, "2 b"], reaction: Float[Array, "2 b"]
-    ) -> tuple[Float[Array, " b"], Float[Array, ""]]:
+        position: Float[Array, "2 d"], reaction: Float[Array, "2 b"]
+    ) -> tuple[Float[Array, " d"], Float[Array, "..."]]:
         """Return the force (N) and the moment about the root (N m) of the arm on the submarine.
 
-        ``reaction`` is the force of the base on the ghost node and the root.
+        ``reaction`` is what the base does to the ghost node and the root (N), in space also to the
+        spin of the ghost edge (N m). The moment is one number in the plane, a vector in space.
         """
-        arm = position[0] - position[1]
-        moment = arm[0] * reaction[0, 1] - arm[1] * reaction[0, 0]
-        return -jnp.sum(reaction, axis=0), -moment
+        axes = position.shape[-1]
+        behind = position[..., 0, :] - position[..., 1, :]
+        force, push = -jnp.sum(reaction[..., :axes], axis=-2), reaction[..., 0, :axes]
+        if axes == 2:
+            return force, -(behind[..., 0] * push[..., 1] - behind[..., 1] * push[..., 0])
+        tangent = -behind / jnp.sqrt(dot(behind, behind))[..., None]
+        return force, -cross(behind, push) - reaction[..., 1, 3:] * tangent

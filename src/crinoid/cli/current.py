@@ -36,7 +36,8 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
         statistics(dataset["flow_velocity"].sel(place=place).values[late], time[1] - time[0])
         for place in ("root", "tip")
     ]
-    console.print(_table(dataset.attrs["title"], time[late], *found))
+    axes = ", ".join(dataset["axis"].values)
+    console.print(_table(dataset.attrs["title"], axes, time[late], *found))
     for index, recording in scenario.recordings.items():
         console.print(f"flow.{index}: {_described(recording)}", soft_wrap=True)
     say_notes(console, scenario.notes())
@@ -44,7 +45,7 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
         console.print(f"wrote {path}", soft_wrap=True)
 
 
-def _table(title: str, time: np.ndarray, root: Statistics, tip: Statistics) -> Table:
+def _table(title: str, axes: str, time: np.ndarray, root: Statistics, tip: Statistics) -> Table:
     table = Table(title=escape(title), title_justify="left")
     table.add_column(f"{time[0]:g} to {time[-1]:g} s")
     for place in ("at the root", "at the tip"):
@@ -54,18 +55,18 @@ def _table(title: str, time: np.ndarray, root: Statistics, tip: Statistics) -> T
         table.add_row(name, *texts)
 
     both = (root, tip)
-    add("mean velocity x, z", [_row(found.mean, "m/s") for found in both])
+    add(f"mean velocity {axes}", [_row(found.mean, "m/s") for found in both])
     add("mean speed", [f"{found.mean_speed:.3f} m/s" for found in both])
     add("greatest speed", [f"{found.greatest_speed:.3f} m/s" for found in both])
-    add("standard deviation x, z", [_row(found.standard_deviation, "m/s") for found in both])
-    add("intensity x, z", [_row(100 * found.intensity, "%", 1) for found in both])
-    add("integral time x, z", [_row(found.integral_time, "s", 2) for found in both])
-    add("integral length x, z", [_row(found.integral_length, "m", 2) for found in both])
+    add(f"standard deviation {axes}", [_row(found.standard_deviation, "m/s") for found in both])
+    add(f"intensity {axes}", [_row(100 * found.intensity, "%", 1) for found in both])
+    add(f"integral time {axes}", [_row(found.integral_time, "s", 2) for found in both])
+    add(f"integral length {axes}", [_row(found.integral_length, "m", 2) for found in both])
     return table
 
 
 def _row(values: np.ndarray, unit: str, digits: int = 3) -> str:
-    """Write the values of both axes; a dash for what there is not."""
+    """Write the values of all axes; a dash for what there is not."""
     texts = ("-" if np.isnan(value) else f"{value + 0.0:.{digits}f}" for value in values)
     return f"{', '.join(texts)} {unit}"
 

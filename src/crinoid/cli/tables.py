@@ -56,17 +56,33 @@ def equilibrium_table(result: Result) -> Table:
     """Sum up an equilibrium."""
     dataset = result.dataset
     table = Table(title=escape(dataset.attrs["title"]), title_justify="left", show_header=False)
-    tip, force = dataset["tip_position"].values[0], dataset["base_force"].values[0]
-    table.add_row("tip", f"x {tip[0]:.6g} m, z {tip[1]:.6g} m")
-    table.add_row("tip direction", f"{np.rad2deg(float(dataset['tip_angle'][0])):.4g} degrees")
-    table.add_row("force on the submarine", f"x {force[0]:.4g} N, z {force[1]:.4g} N")
-    table.add_row("moment on the submarine", f"{float(dataset['base_moment'][0]):.4g} N m")
+    axes = [str(axis) for axis in dataset["axis"].values]
+
+    def parts(vector: np.ndarray, unit: str, digits: int = 4) -> str:
+        named = zip(axes, vector, strict=True)
+        return ", ".join(f"{axis} {part:.{digits}g}{unit}" for axis, part in named)
+
+    table.add_row("tip", parts(dataset["tip_position"].values[0], " m", 6))
+    if "tip_direction" in dataset:
+        table.add_row("tip direction", parts(dataset["tip_direction"].values[0], ""))
+    else:
+        angle = np.rad2deg(float(dataset["tip_angle"][0]))
+        table.add_row("tip direction", f"{angle:.4g} degrees")
+    moment = dataset["base_moment"].values[0]
+    table.add_row("force on the submarine", parts(dataset["base_force"].values[0], " N"))
+    table.add_row(
+        "moment on the submarine", parts(moment, " N m") if moment.ndim else f"{moment:.4g} N m"
+    )
     table.add_row("greatest tension", f"{float(dataset['tension'].max()):.4g} N")
-    table.add_row("greatest curvature", f"{float(np.abs(dataset['curvature']).max()):.4g} 1/m")
+    bending = dataset["curvature"].values
+    curvature = np.linalg.norm(bending, axis=-1) if bending.ndim == 3 else np.abs(bending)
+    table.add_row("greatest curvature", f"{float(curvature.max()):.4g} 1/m")
+    if "twist" in dataset:
+        table.add_row("greatest twist", f"{float(np.abs(dataset['twist']).max()):.4g} rad/m")
     if "contact_force" in dataset:
         for index, push in enumerate(dataset["contact_force"].values[0]):
             if np.any(push):
-                table.add_row(f"force of obstacle {index}", f"x {push[0]:.4g} N, z {push[1]:.4g} N")
+                table.add_row(f"force of obstacle {index}", parts(push, " N"))
     if "natural_frequency" in dataset:
         first = ", ".join(f"{value:.3g}" for value in dataset["natural_frequency"].values[:4])
         table.add_row("lowest natural frequencies", f"{first} Hz")

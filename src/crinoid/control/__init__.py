@@ -3,6 +3,7 @@
 from crinoid.control.clock import Clock as Clock
 from crinoid.control.controller import Controller as Controller
 from crinoid.control.controller import Idle as Idle
+from crinoid.control.least_squares import damped_inverse as damped_inverse
 from crinoid.control.pid import Pid as Pid
 from crinoid.control.sensor import Sensor as Sensor
 from crinoid.control.target import Target as Target

@@ -8,24 +8,35 @@ from crinoid.spline import PiecewiseCubic
 
 
 class Target(eqx.Module):
-    """The wanted pose of the tip (x, z in m, angle in rad): fixed parts and parts on a path."""
+    """The wanted pose of the tip (`crinoid.space.POSE`): fixed parts and parts on a path."""
 
     fixed: Float[Array, " pose"]
     path: PiecewiseCubic | None
     """Values of the coordinates in ``moving`` over time; held before and after."""
     moving: tuple[int, ...] = eqx.field(static=True)
+    axes: int = eqx.field(static=True, default=2)
 
     def __call__(self, time: Float[Array, ""]) -> Float[Array, " pose"]:
         """Return the wanted pose at ``time`` (s)."""
         if self.path is None:
             return self.fixed
-        return self.fixed.at[jnp.asarray(self.moving)].set(self.path(time))
+        pose = self.fixed.at[jnp.asarray(self.moving)].set(self.path(time))
+        if self.axes == 2:
+            return pose
+        direction = pose[3:]  # between two unit vectors the spline cuts the corner
+        return pose.at[3:].set(direction / jnp.sqrt(jnp.sum(direction**2)))
 
 
 def pose_error(
-    wanted: Float[Array, " pose"], measured: Float[Array, " pose"]
+    wanted: Float[Array, " pose"], measured: Float[Array, " pose"], axes: int
 ) -> Float[Array, " pose"]:
-    """Return how far the tip is from where it should be, the angle the short way round."""
+    """Return how far the tip is from where it should be.
+
+    In the plane the angle the short way round; in space directions differ by the chord between
+    their unit vectors, which no orientation of the arm makes singular.
+    """
     error = wanted - measured
+    if axes == 3:
+        return error
     turn = error[-1]
     return error.at[-1].set(turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi)))

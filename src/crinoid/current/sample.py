@@ -16,12 +16,13 @@ from crinoid.current.statistics import statistics
 from crinoid.dataset import describe
 from crinoid.dynamics import System
 from crinoid.scenario import Scenario
+from crinoid.space import AXES
 
 FLOW = "flow.nc"
 
-AXES = ("x", "z")
 PLACES = ("root", "tip")
 
+_DIRECTIONS = {2: "x forward, z up", 3: "x forward, y to port, z up"}
 _MOST = 100_000
 """Samples that are taken at most."""
 _HEIGHTS = 161
@@ -50,8 +51,9 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
     times, interval = _times(scenario)
     settled = _settled(scenario)
     root, tip = np.asarray(_ends(system))
-    heights = _heights(scenario, min(root[1], tip[1]), max(root[1], tip[1]))
-    column = np.stack([np.full(heights.shape, root[0]), heights], axis=1)
+    heights = _heights(scenario, min(root[-1], tip[-1]), max(root[-1], tip[-1]))
+    column = np.tile(root, (heights.size, 1))
+    column[:, -1] = heights
 
     velocity = _velocity(system, np.stack([root, tip]), times)
     late = times >= settled - 1e-9
@@ -91,7 +93,7 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
         },
         coords={
             "time": ("time", times, {"units": "s", "long_name": "time", "axis": "T"}),
-            "axis": ("axis", list(AXES), {"long_name": "x forward, z up"}),
+            "axis": ("axis", list(AXES[root.size]), {"long_name": _DIRECTIONS[root.size]}),
             "place": ("place", list(PLACES), {"long_name": "end of the arm at rest"}),
             "position": (
                 ("place", "axis"),
@@ -123,7 +125,7 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
 
 @eqx.filter_jit
 def _ends(system: System) -> Float[Array, "place axis"]:
-    shape = system.rod.rest_shape(system.base.tilt)
+    shape = system.rod.rest_shape(system.base.angles[0])
     return system.forces.origin + shape[jnp.array([0, -1])]
 
 
@@ -176,7 +178,7 @@ def _model(
 
     As the scenario asks for it; failing that, of the same deviations and integral times.
     """
-    asked = np.zeros((frequency.size, len(AXES)))
+    asked = np.zeros((frequency.size, velocity.shape[1]))
     tables = [flow.model_dump() for flow in scenario.flow]
     for table in tables:
         if table["kind"] == "turbulence":
@@ -195,7 +197,7 @@ def _model(
         return None, ""
     speed = float(np.linalg.norm(found.mean))
     fitted = np.zeros_like(asked)
-    for axis in range(len(AXES)):
+    for axis in range(velocity.shape[1]):
         along = float(found.mean[axis] / speed) ** 2 if speed > 0 else 1.0
         # across the mean velocity an eddy is half as long
         passing = 2 * found.integral_time[axis] / (1 + along)

@@ -1,52 +1,68 @@
 """All forces on the arm: their balance, its tangent matrix, and their energies.
 
-Whatever moves has a row in the arrays here: first the nodes, then the obstacles.
+Whatever moves has a row in the arrays here: first the nodes, then the obstacles. A row has ``b``
+entries: the ``d`` coordinates of a place and, in space, the spin of the edge that ends at the node.
 """
+
+import math
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from crinoid import chain
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.obstacles import Obstacles
 from crinoid.dynamics.tangent import HELD, Border, Tangent
-from crinoid.elements import ENERGIES, WORKS, Element, Motion
+from crinoid.elements import (
+    ENERGIES,
+    WORKS,
+    Bend,
+    BendTwist,
+    Course,
+    Element,
+    Linearised,
+    Motion,
+)
 from crinoid.flow import Water
 
 Rows = Float[Array, "rows b"]
+Places = Float[Array, "rows d"]
 Elements = tuple[Element, ...]
+
+_SHARPEST = math.cos(math.radians(170.0))
+"""Cosine of the largest angle between two edges that counts."""
 
 
 class Surroundings(eqx.Module):
     """The water around given places, expanded to first order from each."""
 
-    position: Rows
-    velocity: Rows
-    acceleration: Rows
+    position: Places
+    velocity: Places
+    acceleration: Places
     """Material acceleration Du/Dt (m/s2)."""
-    velocity_slope: Float[Array, "rows b b"]
-    acceleration_slope: Float[Array, "rows b b"]
+    velocity_slope: Float[Array, "rows d d"]
+    acceleration_slope: Float[Array, "rows d d"]
 
     def since(
-        self, position: Rows, velocity: Rows, acceleration: Rows, alpha: Float[Array, ""]
+        self, position: Rows, velocity: Places, acceleration: Places, alpha: Float[Array, ""]
     ) -> "Surroundings":
         """Return the water at a share ``alpha`` of a step back, between what it was and is now.
 
         Given are the places there, and velocity and acceleration at the step's start.
         """
         return Surroundings(
-            position,
+            position[:, : velocity.shape[1]],
             (1 - alpha) * self.velocity + alpha * velocity,
             (1 - alpha) * self.acceleration + alpha * acceleration,
             self.velocity_slope,
             self.acceleration_slope,
         )
 
-    def at(self, position: Rows) -> tuple[Rows, Rows]:
+    def at(self, position: Rows) -> tuple[Places, Places]:
         """Return velocity and material acceleration near the places."""
-        moved = (position - self.position)[:, None, :]
+        moved = (position[:, : self.position.shape[1]] - self.position)[:, None, :]
         return (
             self.velocity + jnp.sum(self.velocity_slope * moved, axis=-1),
             self.acceleration + jnp.sum(self.acceleration_slope * moved, axis=-1),
@@ -62,7 +78,7 @@ class Forces(eqx.Module):
 
     elements: Elements
     water: Water
-    origin: Float[Array, " b"]
+    origin: Float[Array, " d"]
     obstacles: Obstacles | None = None
 
     def frozen(self, time: Float[Array, ""]) -> "Forces":
@@ -90,13 +106,18 @@ class Forces(eqx.Module):
         """Which obstacles are free."""
         return () if self.obstacles is None else self.obstacles.free
 
-    def flow_velocity(self, places: Rows, time: Array) -> Rows:
+    @property
+    def axes(self) -> int:
+        """Number of axes of a place."""
+        return self.origin.shape[0]
+
+    def flow_velocity(self, places: Places, time: Array) -> Places:
         """Return the velocity of the water at places (m/s)."""
         return jax.vmap(lambda place: self.water.velocity(self.origin + place, time))(places)
 
     def surroundings(self, stage: Stage, correction: Rows) -> Surroundings:
         """Return the water around the places at a stage of the step."""
-        position = stage.position + stage.by_position * correction
+        position = (stage.position + stage.by_position * correction)[:, : self.axes]
         current = jax.vmap(lambda place: self.water.current(self.origin + place, stage.time))
         water = current(position)
         return Surroundings(
@@ -110,37 +131,44 @@ class Forces(eqx.Module):
     def motion(self, stage: Stage, correction: Rows, around: Surroundings) -> Motion:
         """Return the motion of everything and of the water around it, at a stage of the step."""
         position = stage.position + stage.by_position * correction
+        frames = stage.frames
         return Motion(
             position,
             stage.velocity + stage.by_velocity * correction,
             stage.acceleration + stage.by_acceleration * correction,
             *around.at(position),
             stage.time,
+            None if frames is None else frames.at(self.nodes(position)),
         )
 
     def residual(
         self, motion: Motion, load_factor: Array | None = None
-    ) -> tuple[Rows, Float[Array, ""]]:
-        """Return the imbalance of each row and the largest single force in it (N)."""
+    ) -> tuple[Rows, Float[Array, " b"]]:
+        """Return the imbalance of each row, and the largest single force in it of each column (N).
+
+        The column of spins holds torques (N m).
+        """
+        size = motion.position.shape[1]
         num_nodes = self.nodes(motion.position).shape[0]
-        total = jnp.zeros((num_nodes, motion.position.shape[1]))
-        largest = jnp.zeros(())
+        total, largest = jnp.zeros((num_nodes, size)), jnp.zeros(size)
         for first, elements in self._groups():
             local = jax.vmap(lambda e, m: _residuals(e, m, load_factor))
-            forces = local(elements, _windows(elements[0], motion))
-            total += chain.scatter(jnp.sum(forces, axis=1), first, num_nodes)
-            largest = jnp.maximum(largest, jnp.max(jnp.abs(forces)))
+            forces = local(elements, self._windows(elements[0], motion))
+            width = forces.shape[-1]
+            nodal = chain.scatter(jnp.sum(forces, axis=1), first, num_nodes)
+            total = total.at[:, :width].add(nodal)
+            largest = largest.at[:width].max(jnp.max(jnp.abs(forces), axis=(0, 1, 2)))
         if self.obstacles is None:
             return total, largest
         _, pushed = self.obstacles.push(motion)
-        largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed)))
+        largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed), axis=0))
         rows = (-pushed).at[:num_nodes].add(total)
         if self.free:
             own = jax.vmap(lambda e, m: _residuals((e,), m, None)[0])
             bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]
             free = num_nodes + jnp.asarray(self.free)
             rows = rows.at[free].add(bodies, unique_indices=True)
-            largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies)))
+            largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies), axis=0))
         return rows, largest
 
     def tangent(
@@ -151,29 +179,38 @@ class Forces(eqx.Module):
         load_factor: Array | None = None,
     ) -> Tangent:
         """Return d(residual)/d(correction): each element's Jacobian along the stage's motion."""
+        size = motion.position.shape[1]
         num_nodes = self.nodes(motion.position).shape[0]
         slopes = (around.velocity_slope, around.acceleration_slope)
 
         def jacobian(elements: Elements, window: Motion, slopes: list[Array]) -> Array:
-            return _jacobian(stage, elements, window, slopes, load_factor)
+            return _jacobian(_course(stage, slopes), elements, window, load_factor)
 
         jacobians = jax.vmap(jacobian)
-        blocks = []
+        # what does without spins is assembled on places only
+        blocks: dict[int, list[tuple[int, Array]]] = {self.axes: [], size: []}
         for first, elements in self._groups():
             count, stencil = _count(elements[0]), elements[0].stencil
             along = [chain.gather(s, first, count, stencil) for s in slopes]
-            blocks.append((first, jacobians(elements, _windows(elements[0], motion), along)))
-        if self.obstacles is None:
-            return Tangent(chain.assemble(blocks, num_nodes), None, ())
-
-        obstacles, size = self.obstacles, motion.position.shape[1]
-        pairs = obstacles.motions(motion)
-        still = jnp.zeros((*pairs.position.shape, size))  # contact does not feel the water
-        touch = jacobians((obstacles.contact,), pairs, [still, still])
-        touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
-        blocks.append((1, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
-        bands = chain.assemble(blocks, num_nodes)
-        if not self.free:
+            block = jacobians(elements, self._windows(elements[0], motion), along)
+            blocks[block.shape[-1]].append((first, block))
+        obstacles = self.obstacles
+        if obstacles is not None:
+            pairs = obstacles.motions(motion)
+            # contact does not feel the water
+            still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
+            touch = jacobians((obstacles.contact,), pairs, [still, still])
+            touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
+            blocks[size].append((1, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
+        bands = sum(
+            (
+                jnp.pad(chain.assemble(some, num_nodes), [(0, 0)] * 2 + [(0, size - width)] * 2)
+                for width, some in blocks.items()
+                if some
+            ),
+            start=jnp.zeros((num_nodes, 5, size, size)),
+        )
+        if obstacles is None or not self.free:
             return Tangent(bands, None, ())
 
         free = jnp.asarray(self.free)
@@ -193,6 +230,37 @@ class Forces(eqx.Module):
         )
         return Tangent(bands, border, self.free)
 
+    @property
+    def bend(self) -> Bend | BendTwist | None:
+        """What resists bending, and in space twisting."""
+        return next((e for e in self.elements if isinstance(e, Bend | BendTwist)), None)
+
+    def strains(self, motion: Motion) -> Float[Array, "n-1 strain"]:
+        """Return the curvature at each node but the tip, in space both and the twist (1/m, rad/m).
+
+        A root that turns freely has the values that it has at rest.
+        """
+        bend = self.bend
+        assert bend is not None
+        owned = self._windows(bend, motion)
+        strains = jax.vmap(lambda e, m: e.strains(m))(bend, owned)
+        free = (bend.stiffness == 0).reshape(strains.shape)
+        return jnp.where(free, bend.rest_strain.reshape(strains.shape), strains)
+
+    def folded(self, position: Rows) -> Bool[Array, ""]:
+        """Return whether two edges meet at an angle past which bending means nothing.
+
+        At half a turn the strains are infinite; a step can jump over it, and come out as if bent
+        the other way. A root that turns freely may point anywhere.
+        """
+        bend = self.bend
+        if bend is None:
+            return jnp.asarray(False)
+        edges = jnp.diff(self.nodes(position)[:, : self.axes], axis=0)
+        tangent = edges / jnp.sqrt(jnp.sum(edges**2, axis=1))[:, None]
+        sharp = jnp.sum(tangent[1:] * tangent[:-1], axis=1) < _SHARPEST
+        return jnp.any(sharp[1:]) | (sharp[0] & (jnp.max(bend.stiffness[0]) > 0))
+
     def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, " work"]]:
         """Return the stored energies (J) and the powers that flow in from outside (W).
 
@@ -201,7 +269,7 @@ class Forces(eqx.Module):
         energy = dict.fromkeys(ENERGIES, jnp.zeros(()))
         power = dict.fromkeys(WORKS, jnp.zeros(()))
         for _, elements in self._groups():
-            accounts = jax.vmap(_accounts)(elements, _windows(elements[0], motion))
+            accounts = jax.vmap(_accounts)(elements, self._windows(elements[0], motion))
             for element, (stored, flowing) in zip(elements, accounts, strict=True):
                 energy[element.stored] += jnp.sum(stored)
                 power[element.worked] += jnp.sum(flowing)
@@ -210,13 +278,32 @@ class Forces(eqx.Module):
     def _groups(self) -> list[tuple[int, Elements]]:
         """Return the elements that act on the same windows together, by their first node.
 
-        One pass over the windows then serves all of them: less to compile and to run.
+        One pass over the windows then serves all of them: less to compile and to run. Those that
+        bring a Jacobian of their own gain nothing from that.
         """
-        groups: dict[tuple[int, int, int], Elements] = {}
+        groups: dict[tuple[int, int, int, bool, bool], Elements] = {}
         for element in self.elements:
-            key = (element.first, element.stencil, _count(element))
+            spins = element.spins and self.axes == 3
+            own = isinstance(element, Linearised)
+            key = (element.first, element.stencil, _count(element), spins, own)
             groups[key] = (*groups.get(key, ()), element)
-        return [(first, elements) for (first, _, _), elements in groups.items()]
+        return [(first, elements) for (first, *_), elements in groups.items()]
+
+    def _windows(self, element: Element, motion: Motion) -> Motion:
+        count, width = _count(element), motion.position.shape[1] if element.spins else self.axes
+
+        def gather(rows: Array) -> Array:
+            return chain.gather(rows, element.first, count, element.stencil)
+
+        return Motion(
+            gather(motion.position[:, :width]),
+            gather(motion.velocity[:, :width]),
+            gather(motion.acceleration[:, :width]),
+            gather(motion.flow_velocity),
+            gather(motion.flow_acceleration),
+            jnp.broadcast_to(motion.time, (count,)),
+            jax.tree.map(gather, motion.orientation) if element.spins else None,
+        )
 
     def _bodies(self, motion: Motion) -> Motion:
         """Return the motion of the free obstacles, a window each."""
@@ -231,31 +318,22 @@ class Forces(eqx.Module):
         )
 
 
+def _course(stage: Stage, slopes: list[Array]) -> Course:
+    return Course(stage.by_position, stage.by_velocity, stage.by_acceleration, *slopes)
+
+
 def _jacobian(
-    stage: Stage,
-    elements: Elements,
-    window: Motion,
-    slopes: list[Array],
-    load_factor: Array | None,
+    course: Course, elements: Elements, window: Motion, load_factor: Array | None
 ) -> Array:
     """Return d(residual)/d(correction) of one window: ``(k, b, k, b)``."""
+    if isinstance(elements[0], Linearised):
+        return sum(element.jacobian(window, course) for element in elements)
 
     def residual(window: Motion) -> Array:
         return jnp.sum(_residuals(elements, window, load_factor), axis=0)
 
     def along(direction: Float[Array, "k b"]) -> Array:
-        velocity_slope, acceleration_slope = (
-            jnp.sum(slope * direction[:, None], axis=-1) for slope in slopes
-        )
-        tangent = Motion(
-            stage.by_position * direction,
-            stage.by_velocity * direction,
-            stage.by_acceleration * direction,
-            stage.by_position * velocity_slope,
-            stage.by_position * acceleration_slope,
-            jnp.zeros_like(window.time),
-        )
-        return jax.jvp(residual, (window,), (tangent,))[1]
+        return jax.jvp(residual, (window,), (course.tangent(window, direction),))[1]
 
     shape = window.position.shape
     basis = jnp.eye(shape[0] * shape[1]).reshape(-1, *shape)
@@ -264,22 +342,6 @@ def _jacobian(
 
 def _count(element: Element) -> int:
     return int(jax.tree.leaves(element)[0].shape[0])
-
-
-def _windows(element: Element, motion: Motion) -> Motion:
-    count = _count(element)
-
-    def gather(rows: Rows) -> Array:
-        return chain.gather(rows, element.first, count, element.stencil)
-
-    return Motion(
-        gather(motion.position),
-        gather(motion.velocity),
-        gather(motion.acceleration),
-        gather(motion.flow_velocity),
-        gather(motion.flow_acceleration),
-        jnp.broadcast_to(motion.time, (count,)),
-    )
 
 
 def _residuals(elements: Elements, window: Motion, load_factor: Array | None) -> Array:

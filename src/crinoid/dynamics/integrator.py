@@ -4,6 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.frames import Frames
+
 Nodes = Float[Array, "n b"]
 
 
@@ -22,6 +24,8 @@ class Stage(eqx.Module):
     by_position: Float[Array, ""]
     by_velocity: Float[Array, ""]
     by_acceleration: Float[Array, ""]
+    frames: Frames | None = None
+    """In space the frames that the motion takes along."""
 
 
 class Integrator(eqx.Module):

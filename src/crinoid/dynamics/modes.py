@@ -11,6 +11,7 @@ from crinoid import chain
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.tangent import HELD
+from crinoid.frames import Frames
 
 COUNT = 8
 """How many modes are looked for: more than a current can reach on all but the limpest arms."""
@@ -22,22 +23,29 @@ class Modes(NamedTuple):
     frequency: Float[np.ndarray, " mode"]
     """Natural frequencies (Hz); 0 where the arm does not swing back, to within round-off."""
     shape: Float[np.ndarray, "mode n b"]
-    """How the nodes move, from the root (which does not) to the tip; at most 1."""
+    """How the nodes move, from the root (which does not) to the tip; at most 1.
+
+    In space with the spin of the edge that ends at each node (rad for 1 m).
+    """
 
 
 def linearise(
-    forces: Forces, time: Float[Array, ""], position: Float[Array, "rows b"]
+    forces: Forces,
+    time: Float[Array, ""],
+    position: Float[Array, "rows b"],
+    frames: Frames | None,
 ) -> tuple[chain.Bands, chain.Bands]:
     """Return stiffness (N/m) and mass (kg) of small motions of the nodes about a shape at rest.
 
     The water flows on as it does at ``time``, obstacles stay where they are (in ``position``, the
-    rows after the nodes). The mass contains the added mass.
+    rows after the nodes). The mass contains the added mass. In space ``frames`` are those of the
+    shape, and the stiffness that of spins too (N m).
     """
     forces = forces.frozen(time)
     zero, none = jnp.zeros_like(position), jnp.zeros(())
 
     def tangent(by: Float[Array, "2"]) -> chain.Bands:
-        stage = Stage(time, position, zero, zero, by[0], none, by[1])
+        stage = Stage(time, position, zero, zero, by[0], none, by[1], frames)
         around = forces.surroundings(stage, zero)
         return forces.tangent(stage, forces.motion(stage, zero, around), around).bands
 

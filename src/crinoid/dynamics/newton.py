@@ -21,19 +21,21 @@ class Outcome(eqx.Module):
     converged: Bool[Array, ""]
     iterations: Int[Array, ""]
     residual: Float[Array, ""]
-    """Largest imbalance of a node or a free obstacle (N)."""
+    """Largest imbalance of a node or a free obstacle (N; a torque as a couple on an edge)."""
     scale: Float[Array, ""]
     """Largest single force in the balance (N)."""
     worst_node: Int[Array, ""]
     """Node with the largest imbalance; the root is 0, the free obstacles come after the tip."""
     resolved: Bool[Array, ""]
     """Whether a balanced step was short enough for its contacts; if not it has not converged."""
+    folded: Bool[Array, ""]
+    """Whether a balanced step bent an edge back onto the one before; then it does not count."""
 
     @staticmethod
     def of_nothing(*, converged: bool) -> "Outcome":
         """Return the outcome of no iterations, to start a loop with."""
-        none, zero = jnp.asarray(0), jnp.zeros(())
-        return Outcome(jnp.asarray(converged), none, zero, zero, none, jnp.asarray(True))
+        none, zero, yes, no = jnp.asarray(0), jnp.zeros(()), jnp.asarray(True), jnp.asarray(False)
+        return Outcome(jnp.asarray(converged), none, zero, zero, none, yes, no)
 
 
 class Settings(eqx.Module):
@@ -44,8 +46,11 @@ class Settings(eqx.Module):
     floor: Float[Array, ""]
     """Imbalance below which round-off rules (N)."""
     max_iterations: Int[Array, ""]
+    weights: Float[Array, " b"]
+    """What turns the imbalance of each coordinate into a force: 1, of a spin one over a length."""
     max_turn: Float[Array, ""] | None = None
-    """Largest relative displacement of neighbours in one iteration, over their distance.
+    """Largest relative displacement of neighbours in one iteration, over their distance; in space
+    also the largest spin (rad).
 
     Keeps edges from flipping in a static solve from a distant guess; a time step needs no limit.
     """
@@ -59,7 +64,10 @@ class Settings(eqx.Module):
         stretching = jnp.max(rod.EA / length)
         bending = 4.0 * jnp.max(rod.EI) / jnp.min(length) ** 3
         floor = 16 * jnp.finfo(float).eps * (stretching + bending) * rod.length
-        return Settings(jnp.asarray(tolerance), floor, jnp.asarray(max_iterations))
+        weights = jnp.ones(rod.axes)
+        if rod.axes == 3:
+            weights = jnp.append(weights, 1.0 / jnp.mean(length))  # a couple on the ends of an edge
+        return Settings(jnp.asarray(tolerance), floor, jnp.asarray(max_iterations), weights)
 
 
 @eqx.filter_custom_jvp
@@ -83,8 +91,9 @@ def solve(
 
     def evaluate(correction: Rows) -> tuple[Rows, Outcome]:
         motion = forces.motion(stage, correction, around)
-        residual, scale = forces.residual(motion, load_factor)
-        imbalance = jnp.max(jnp.abs(forces.unknown(residual)), axis=1)
+        residual, largest = forces.residual(motion, load_factor)
+        scale = jnp.max(settings.weights * largest)
+        imbalance = jnp.max(settings.weights * jnp.abs(forces.unknown(residual)), axis=1)
         worst = jnp.argmax(imbalance)
         return residual, Outcome(
             imbalance[worst] <= settings.tolerance * scale + settings.floor,
@@ -93,6 +102,7 @@ def solve(
             scale,
             worst + HELD - 1,
             jnp.asarray(True),
+            jnp.asarray(False),
         )
 
     def unfinished(carry: tuple[Rows, Rows, Outcome]) -> Bool[Array, ""]:
@@ -107,10 +117,10 @@ def solve(
         correction, residual, before = carry
         change = newton_step(forces, around, stage, correction, residual, load_factor)
         if settings.max_turn is not None:
-            turn = _largest_turn(forces.nodes(stage.position), forces.nodes(change))
+            turn = _largest_turn(forces.nodes(stage.position), forces.nodes(change), forces.axes)
             change *= jnp.minimum(1.0, settings.max_turn / turn)
         if settings.max_move is not None:
-            change *= jnp.minimum(1.0, settings.max_move / jnp.max(jnp.abs(change)))
+            change *= jnp.minimum(1.0, settings.max_move / _largest(change[:, : forces.axes]))
         correction = correction + change
         residual, outcome = evaluate(correction)
         counted = eqx.tree_at(lambda o: o.iterations, outcome, before.iterations + 1)
@@ -162,7 +172,12 @@ def newton_step(
     return forces.tangent(stage, motion, around, load_factor).solve(-residual)
 
 
-def _largest_turn(position: Rows, change: Rows) -> Float[Array, ""]:
-    apart, moved = position[1:] - position[:-1], change[1:] - change[:-1]
+def _largest_turn(position: Rows, change: Rows, axes: int) -> Float[Array, ""]:
+    apart, moved = (jnp.diff(rows[:, :axes], axis=0) for rows in (position, change))
     ratio = jnp.sum(moved**2, axis=1) / jnp.sum(apart**2, axis=1)
-    return jnp.sqrt(jnp.max(ratio)) + jnp.finfo(float).tiny
+    turn = jnp.sqrt(jnp.max(ratio)) + jnp.finfo(float).tiny
+    return turn if change.shape[1] == axes else jnp.maximum(turn, _largest(change[:, axes:]))
+
+
+def _largest(change: Rows) -> Float[Array, ""]:
+    return jnp.max(jnp.abs(change))

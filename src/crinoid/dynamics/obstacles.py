@@ -12,6 +12,7 @@ from crinoid import chain
 from crinoid.elements import Body, Contact, Motion
 
 Rows = Float[Array, "rows b"]
+Places = Float[Array, "m d"]
 
 _MISSED = 0.01
 """What a step may miss of the work of a contact, over the energy of the hit."""
@@ -24,12 +25,12 @@ class Touch(eqx.Module):
 
     gap: Float[Array, "m e"]
     """Distance of each obstacle from the surface of each edge (m)."""
-    force: Float[Array, "m b"]
+    force: Float[Array, "m d"]
     """Of each obstacle on the arm (N)."""
     on_nodes: Float[Array, "n b"]
-    """Of all obstacles on the nodes (N)."""
+    """Of all obstacles on the nodes (N) and, in space, about the edges that end there (N m)."""
     in_contact: Bool[Array, " m"]
-    impulse: Float[Array, "m b"]
+    impulse: Float[Array, "m d"]
     """Of each obstacle on the arm since the start (N s)."""
     duration: Float[Array, " m"]
     """How long each one has been in contact since the start (s)."""
@@ -53,16 +54,17 @@ class Obstacles(eqx.Module):
     """``m`` obstacles; in what a time step solves for, they are the rows after the nodes.
 
     Most move as they are told: at a steady velocity, which may be zero, or carried by the water.
-    Those with a mass are free: the arm, the water and their weight move them.
+    Those with a mass are free: the arm, the water and their weight move them. In space their rows
+    have a column for a spin, like those of the nodes; it stays zero, as obstacles do not spin.
     """
 
     contact: Contact
     """Of every obstacle with every edge, obstacle by obstacle."""
     bodies: Body
     """What the free ones are made of."""
-    place: Float[Array, "m b"]
+    place: Float[Array, "m d"]
     """At the start (m)."""
-    drift: Float[Array, "m b"]
+    drift: Float[Array, "m d"]
     """Velocity of the steady ones, and of the free ones at the start (m/s)."""
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
@@ -88,7 +90,7 @@ class Obstacles(eqx.Module):
         none = jax.tree.map(lambda x: x[:0], self.bodies)
         return Obstacles(self.contact, none, self.place, self.drift, (), self.carried)
 
-    def begin(self, places: Rows, velocity: Callable[[Rows], Rows]) -> Rows:
+    def begin(self, places: Places, velocity: Callable[[Places], Places]) -> Places:
         """Return the velocities that the obstacles start with; ``velocity`` is the water's."""
         if not self.carried:
             return self.drift
@@ -96,8 +98,12 @@ class Obstacles(eqx.Module):
         return self.drift.at[carried].set(velocity(places[carried]), unique_indices=True)
 
     def lead(
-        self, position: Rows, flow_velocity: Rows, velocity: Callable[[Rows], Rows], step: Array
-    ) -> tuple[Rows, Rows]:
+        self,
+        position: Places,
+        flow_velocity: Places,
+        velocity: Callable[[Places], Places],
+        step: Array,
+    ) -> tuple[Places, Places]:
         """Return where the obstacles that move as they are told get to, and how fast they then are.
 
         The carried ones drift with the mean of the water's velocities at both ends of the step
@@ -124,7 +130,7 @@ class Obstacles(eqx.Module):
     def touch(self, motion: Motion) -> Touch:
         """Return what the obstacles do to the arm right now."""
         gap, rows = self.push(motion)
-        on_nodes, force = rows[: -self.count], -rows[-self.count :]
+        on_nodes, force = rows[: -self.count], -rows[-self.count :, : self.contact.axes]
         _, pressing = self.contact.press(gap.reshape(-1))
         none = jnp.zeros(self.count)
         closest = jnp.min(gap, axis=1)
@@ -184,7 +190,7 @@ class Obstacles(eqx.Module):
         negligible = _NEGLIGIBLE * contact.press(jnp.zeros_like(gap))[0]
         accounted = jnp.abs(missed) <= _MISSED * hit + negligible
 
-        moved = self.windows(after - before)
+        moved = self.windows((after - before)[:, : contact.axes])
         travel = jnp.max(jnp.sum((moved[:, :2] - moved[:, 2:]) ** 2, axis=-1), axis=1)
         room = jnp.maximum(gap_before, 0.0) + 0.5 * (contact.arm_radius + contact.radius)
         return jnp.all(accounted) & jnp.all(travel <= room**2)

@@ -8,8 +8,9 @@ from jaxtyping import Array, Float
 from crinoid.base import Base, ServoState
 from crinoid.dynamics.obstacles import Touch
 from crinoid.elements import Motion
+from crinoid.frames import Frames
 
-Nodes = Any  # (n, b), of one state or of many at once, in JAX or NumPy
+Nodes = Any  # (n, d), of one state or of many at once, in JAX or NumPy
 
 
 class State(eqx.Module):
@@ -22,7 +23,7 @@ class State(eqx.Module):
     """Of the nodes, and in the rows after them of the obstacles; and of the water at them."""
     servo: ServoState
     reaction: Float[Array, "2 b"]
-    """Force of the base on the ghost node and the root (N)."""
+    """Force of the base on the ghost node and the root (N), torque about the ghost edge (N m)."""
     energy: Float[Array, " energy"]
     """Stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
     power: Float[Array, " work"]
@@ -40,17 +41,17 @@ class State(eqx.Module):
     @property
     def position(self) -> Nodes:
         """Places of the nodes (m)."""
-        return self._nodes(self.motion.position)
+        return self._nodes(self.motion.position)[..., : self._axes]
 
     @property
     def velocity(self) -> Nodes:
         """Velocities of the nodes (m/s)."""
-        return self._nodes(self.motion.velocity)
+        return self._nodes(self.motion.velocity)[..., : self._axes]
 
     @property
     def acceleration(self) -> Nodes:
         """Accelerations of the nodes (m/s2)."""
-        return self._nodes(self.motion.acceleration)
+        return self._nodes(self.motion.acceleration)[..., : self._axes]
 
     @property
     def flow_velocity(self) -> Nodes:
@@ -58,13 +59,19 @@ class State(eqx.Module):
         return self._nodes(self.motion.flow_velocity)
 
     @property
+    def frames(self) -> Frames | None:
+        """In space the frames of the edges, from which a later shape takes its own."""
+        orientation = self.motion.orientation
+        return orientation and Frames.of(self._nodes(self.motion.position), orientation)
+
+    @property
     def base_force(self) -> Float[Array, " b"]:
         """Force of the arm on the submarine (N)."""
         return Base.wrench(self.position[:2], self.reaction)[0]
 
     @property
-    def base_moment(self) -> Float[Array, ""]:
-        """Moment of the arm on the submarine about the root (N m)."""
+    def base_moment(self) -> Float[Array, "..."]:
+        """Moment of the arm on the submarine about the root (N m); one number in the plane."""
         return Base.wrench(self.position[:2], self.reaction)[1]
 
     @property
@@ -77,8 +84,14 @@ class State(eqx.Module):
         """Velocities of the obstacles (m/s), None where there are none."""
         return self._obstacles(self.motion.velocity)
 
+    @property
+    def _axes(self) -> int:
+        return int(self.motion.flow_velocity.shape[-1])
+
     def _obstacles(self, rows: Any) -> Any:
-        return None if self.touch is None else rows[..., -self.touch.gap.shape[-2] :, :]
+        if self.touch is None:
+            return None
+        return rows[..., -self.touch.gap.shape[-2] :, : self._axes]
 
     def _nodes(self, rows: Nodes) -> Nodes:
         return rows if self.touch is None else rows[..., : -self.touch.gap.shape[-2], :]

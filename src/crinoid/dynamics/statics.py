@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics.forces import Forces, Surroundings
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.newton import Outcome, Settings, constant, implied, solve
+from crinoid.frames import Frames
 
 Rows = Float[Array, "rows b"]
 
@@ -22,16 +23,18 @@ _LEAVING = 1.2
 _MAX_SOLVES = 400
 
 
-def still(time: Array, position: Rows, by_acceleration: Array | float = 0.0) -> Stage:
+def still(
+    time: Array, position: Rows, frames: Frames | None, by_acceleration: Array | float = 0.0
+) -> Stage:
     """Return a stage without velocity in which the correction moves the nodes."""
-    zero = jnp.zeros_like(position)
-    return Stage(
-        time, position, zero, zero, jnp.ones(()), jnp.zeros(()), jnp.asarray(by_acceleration, float)
-    )
+    zero, one = jnp.zeros_like(position), jnp.ones(())
+    shift = jnp.asarray(by_acceleration, float)
+    return Stage(time, position, zero, zero, one, jnp.zeros(()), shift, frames)
 
 
 class _Search(eqx.Module):
     position: Rows
+    frames: Frames | None
     load_factor: Float[Array, ""]
     share: Float[Array, ""]
     loaded: Bool[Array, ""]
@@ -48,10 +51,11 @@ def equilibrium(
     forces: Forces,
     time: Float[Array, ""],
     start: Rows,
+    frames: Frames | None,
     settings: Settings,
     slowest_rate: Float[Array, ""],
     fastest_rate: Float[Array, ""],
-) -> tuple[Rows, Outcome]:
+) -> tuple[Rows, Frames | None, Outcome]:
     """Find a stable equilibrium of the forces at ``time``.
 
     First the forces from outside are brought on in shares, halved where Newton's method fails and
@@ -64,12 +68,13 @@ def equilibrium(
 
     ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
     leave an equilibrium. Returns the places (m; the first two as in ``start``, and those of the
-    obstacles) and the outcome of the last solve, with all iterations counted. Differentiable as
-    the solution of the balance.
+    obstacles), in space the frames there, and the outcome of the last solve, with all iterations
+    counted. The places, spins with them, are differentiable as the solution of the balance; the
+    frames are to be carried on from there.
     """
     tip = forces.nodes(start).shape[0] - 1
     along = jnp.linspace(0.0, 1.0, tip - 1)[1:, None]
-    reach = jnp.sqrt(jnp.sum((start[tip] - start[1]) ** 2))
+    reach = jnp.sqrt(jnp.sum((start[tip] - start[1])[: forces.axes] ** 2))
 
     def unfinished(carry: tuple[_Search, Outcome]) -> Bool[Array, ""]:
         search, outcome = carry
@@ -81,7 +86,8 @@ def equilibrium(
             search.loaded, 1.0, jnp.minimum(1.0, search.load_factor + search.share)
         )
         shift = jnp.where(search.loaded & ~search.settled, search.shift, 0.0)
-        stage, none = still(time, search.position, shift), jnp.zeros_like(start)
+        stage = still(time, search.position, search.frames, shift)
+        none = jnp.zeros_like(start)
         # the water is expanded anew around the place that each solve starts from
         around = forces.surroundings(stage, none)
         correction, outcome = solve(forces, around, stage, none, settings, load_factor)
@@ -89,15 +95,21 @@ def equilibrium(
         position = jnp.where(good, search.position + correction, search.position)
         share = jnp.where(good, 2.0, 0.5) * search.share
         loaded = search.loaded | (good & (load_factor >= 1.0)) | (share < _SMALLEST_SHARE)
-        kick = _KICK * reach * along**2 * _aside(position[tip] - position[1])
-        moved = jnp.max(jnp.abs(correction))
+        frames = search.frames
+        if frames is not None:
+            nodes = forces.nodes(position)
+            frames = Frames.of(nodes, frames.at(nodes))
+        kick = _KICK * reach * along**2 * _aside(position[tip] - position[1], forces.axes)
+        moved = jnp.max(jnp.abs(correction[:, : forces.axes]))
         first = search.moved < 0
         leaving = (moved > _LEAVING * search.moved) & (moved > _STILL * reach)
         kept = good & (first | leaving)
         next_shift = jnp.where(kept, 1.0, jnp.where(good, _SHIFT_FALL, 4.0)) * search.shift
         iterations = search.iterations + outcome.iterations
         return _Search(
+            # frames are those of before the kick: they follow the arm from there
             position.at[3 : tip + 1].add(jnp.where(loaded & ~search.loaded, kick, 0.0)),
+            frames,
             jnp.where(good, load_factor, search.load_factor),
             share,
             loaded,
@@ -120,23 +132,32 @@ def equilibrium(
         advance,
         (
             _Search(
-                start, none, none + _FIRST_SHARE, no, fastest_rate, none - 1, no, nothing, nothing
+                start,
+                frames,
+                none,
+                none + _FIRST_SHARE,
+                no,
+                fastest_rate,
+                none - 1,
+                no,
+                nothing,
+                nothing,
             ),
             Outcome.of_nothing(converged=False),
         ),
     )
-    return search.position, outcome
+    return search.position, search.frames, outcome
 
 
 @equilibrium.def_jvp
 def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
     forces, time, start, *_ = primals
     t_forces, t_time, t_start, *_ = tangents
-    position, outcome = equilibrium(*primals)
+    position, frames, outcome = equilibrium(*primals)
     held = jnp.zeros_like(start) if t_start is None else t_start
 
     def begin(forces: Forces, time: Array, position: Rows) -> tuple[Stage, Surroundings]:
-        stage = still(time, position)
+        stage = still(time, position, frames)
         return stage, forces.surroundings(stage, jnp.zeros_like(start))
 
     (stage, around), (t_stage, t_around) = eqx.filter_jvp(
@@ -146,10 +167,22 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
     correction = implied(
         (forces, around, stage, full), (t_forces, t_around, t_stage, None), jnp.zeros_like(start)
     )
-    return (position, outcome), (correction + held, constant(outcome))
+    t_frames = jax.tree.map(jnp.zeros_like, frames)
+    return (position, frames, outcome), (correction + held, t_frames, constant(outcome))
 
 
-def _aside(chord: Float[Array, " b"]) -> Float[Array, " b"]:
-    """Return a direction across a chord, in the plane of its first and last axes."""
-    across = jnp.zeros_like(chord).at[0].set(-chord[-1]).at[-1].set(chord[0])
+def _aside(chord: Float[Array, " b"], axes: int) -> Float[Array, " b"]:
+    """Return a direction across a chord: in the plane the one up from it, in space a bit of y too.
+
+    So the arm finds its way out of a plane in which it does not stay, and in the plane it goes to
+    the same side as a planar arm.
+    """
+    up = axes - 1
+    across = jnp.zeros_like(chord).at[0].set(-chord[up]).at[up].set(chord[0])
+    if axes == 3:
+        place = chord[:3] / jnp.sqrt(jnp.sum(chord[:3] ** 2))
+        aside = jnp.zeros(3).at[1].set(1.0) - place[1] * place
+        along_y = jnp.zeros(3).at[0].set(place[1] ** 8)
+        across = across / jnp.sqrt(jnp.sum(chord[:3] ** 2))
+        across = across.at[:3].add(0.3 * aside + along_y)
     return across / (jnp.sqrt(jnp.sum(across**2)) + jnp.finfo(float).tiny)

@@ -16,11 +16,15 @@ from crinoid.dynamics.newton import Outcome, Settings, newton_step, solve
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import HELD
 from crinoid.elements import WORKS, Motion
+from crinoid.frames import Frames, Orientation, cross, dot, tangents
 from crinoid.rod import Rod
 
 Channels = Float[Array, " channel"]
 Nodes = Float[Array, "n b"]
 Rows = Float[Array, "rows b"]
+
+_STATIC_SHARE = 1e-3
+"""Tolerance of statics over that of a step: what the search leaves aside would stay there."""
 
 _ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
 
@@ -48,13 +52,13 @@ class System(eqx.Module):
     def rest(self, time: float | Array = 0.0) -> State:
         """Return the arm without load, as the base holds it at ``time``."""
         time = jnp.asarray(time, float)
-        return self._begin(time, self._rest_position(time))
+        return self._begin(time, *self._rest(time))
 
     def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
         """Return how far each obstacle is from the arm without load (m)."""
         if self.forces.obstacles is None:
             return jnp.zeros(0)
-        gaps = self.forces.obstacles.gaps(self._rest_position(jnp.asarray(time, float)))
+        gaps = self.forces.obstacles.gaps(self._rest(jnp.asarray(time, float))[0])
         return jnp.min(gaps, axis=1)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
@@ -87,30 +91,33 @@ class System(eqx.Module):
         rod = self.rod
         mass = jnp.sum(rod.mass_per_length * rod.voronoi_length)
         bending = jnp.mean(rod.EI) / (mass * rod.length**3)
-        start = self._rest_position(time)
+        start, frames = self._rest(time)
         forces = self.forces.frozen(time)
-        stage, none = statics.still(time, start), jnp.zeros_like(start)
-        _, load = forces.residual(forces.motion(stage, none, forces.surroundings(stage, none)))
+        stage, none = statics.still(time, start, frames), jnp.zeros_like(start)
+        _, loads = forces.residual(forces.motion(stage, none, forces.surroundings(stage, none)))
+        load = jnp.max(self.settings.weights * loads)
+        room = None if forces.obstacles is None else forces.obstacles.finest / 2
         settings = eqx.tree_at(
-            lambda s: (s.max_turn, s.max_move),
+            lambda s: (s.tolerance, s.max_turn, s.max_move),
             self.settings,
-            (jnp.asarray(0.5), None if forces.obstacles is None else forces.obstacles.finest / 2),
+            (_STATIC_SHARE * self.settings.tolerance, jnp.asarray(0.5), room),
             is_leaf=lambda x: x is None,
         )
-        position, outcome = statics.equilibrium(
+        position, frames, outcome = statics.equilibrium(
             forces,
             time,
-            start,
+            self._clamped(time, start, frames),
+            frames,
             settings,
             1e-3 * bending,
             1e3 * (bending + load * rod.nodes / (mass * rod.length)),
         )
-        return self._begin(time, position), outcome
+        return self._begin(time, position, frames), outcome
 
     def stand(self, state: State) -> State:
         """Return the same shape without any motion, in water that flows on as it does: statics."""
         rows = state.motion.position
-        stage, none = statics.still(state.time, rows), jnp.zeros_like(rows)
+        stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
         forces = self.forces.frozen(state.time)
         motion = forces.motion(stage, none, forces.surroundings(stage, none))
         return self._observe(forces, motion, state.servo)
@@ -134,7 +141,8 @@ class System(eqx.Module):
         position, velocity, acceleration = self._prescribe(
             state, time, servo, h, (position, velocity, jnp.zeros_like(position))
         )
-        new = Stage(time, position, velocity, acceleration, jnp.ones(()), *method.rates(h))
+        frames, rates = state.frames, (jnp.ones(()), *method.rates(h))
+        new = Stage(time, position, velocity, acceleration, *rates, frames)
 
         def blend(new: Array, old: Array, alpha: Array) -> Array:
             return (1 - alpha) * new + alpha * old
@@ -147,6 +155,7 @@ class System(eqx.Module):
             (1 - method.alpha_f) * new.by_position,
             (1 - method.alpha_f) * new.by_velocity,
             (1 - method.alpha_m) * new.by_acceleration,
+            frames,
         )
         # what is prescribed needs no guess
         guess = (before.acceleration / new.by_acceleration).at[:HELD].set(0.0)
@@ -177,6 +186,10 @@ class System(eqx.Module):
         actuation = 0.5 * jnp.sum((state.reaction + after.reaction) * path[:HELD])
         work = work.at[_ACTUATION].set(state.work[_ACTUATION] + actuation)
         after = eqx.tree_at(lambda s: (s.motion, s.work), after, (motion, work))
+        folded = self.forces.folded(motion.position)
+        outcome = eqx.tree_at(
+            lambda o: (o.converged, o.folded), outcome, (outcome.converged & ~folded, folded)
+        )
         obstacles = self.forces.obstacles
         if obstacles is None:
             return after, outcome
@@ -209,8 +222,18 @@ class System(eqx.Module):
         return halve(lambda s, part: self.step(s, command, part), state, h, self.max_halvings)
 
     def tip(self, state: State) -> Float[Array, " pose"]:
-        """Return the tip's place in the world (m) and its direction (rad): x, z, angle."""
-        return _tip(state.position) + jnp.append(self.forces.origin, 0.0)
+        """Return the tip's pose in the world, `crinoid.space.POSE`: its place (m) and direction."""
+        pose = _tip(state.position)
+        axes = self.forces.axes
+        return pose.at[:axes].add(self.forces.origin)
+
+    def strains(self, state: State) -> Float[Array, "n strain"]:
+        """Return the curvature at each node (1/m); in space kappa_1, kappa_2 and twist (rad/m).
+
+        The tip's are carried on from the two nodes before, as nothing bends round the tip.
+        """
+        inner = self.forces.strains(state.motion) / self.rod.voronoi_length[:-1, None]
+        return jnp.concatenate([inner, 2 * inner[-1:] - inner[-2:-1]])
 
     def linearise(self, state: State) -> tuple[chain.Bands, chain.Bands]:
         """Return stiffness (N/m) and mass (kg) of small motions of all nodes about ``state``.
@@ -218,7 +241,7 @@ class System(eqx.Module):
         The state is taken as still, obstacles included, in water that flows on as it does; the
         mass contains the added mass.
         """
-        return modes.linearise(self.forces, state.time, state.motion.position)
+        return modes.linearise(self.forces, state.time, state.motion.position, state.frames)
 
     def natural_frequencies(
         self, state: State, *, count: int = modes.COUNT
@@ -241,25 +264,54 @@ class System(eqx.Module):
         """
         bands = self.linearise(state)[0] if stiffness is None else stiffness
         pose, _, _ = self.base.pose(state.time, state.servo)
-        held = jax.jacfwd(self.base.hold)(pose)
+        held = jax.vmap(lambda rate: self.base.moving(pose, rate)[1], out_axes=-1)(
+            jnp.eye(self.channels)
+        )
+        axes = self.forces.axes
 
         def follow(moved: Float[Array, "2 b"]) -> Nodes:
-            nodes = jnp.zeros_like(state.position).at[:HELD].set(moved)
+            nodes = jnp.zeros((state.position.shape[0], moved.shape[1])).at[:HELD].set(moved)
             free = chain.solve(bands[HELD:], -chain.matvec(bands, nodes)[HELD:])
-            return nodes.at[HELD:].set(free)
+            return nodes.at[HELD:].set(free)[:, :axes]
 
         moved = jax.vmap(follow, -1, -1)(held)
         return jax.vmap(lambda d: jax.jvp(_tip, (state.position,), (d,))[1], -1, -1)(moved)
 
-    def _rest_position(self, time: Array) -> Rows:
+    def _rest(self, time: Array) -> tuple[Rows, Frames | None]:
+        """Return everything where it is without load, and in space the frames."""
         pose, _, _ = self.base.pose(time, self.base.servo.at_rest())
         held = self.base.hold(pose)
-        shape = self.rod.rest_shape(self.base.tilt + pose[2])
-        rows = jnp.concatenate([held[:1], held[1] + shape])
+        if self.forces.axes == 2:
+            shape, frames = self.rod.rest_shape(self.base.angles[0] + pose[2]), None
+            rows = jnp.concatenate([held[:1], held[1] + shape])
+        else:
+            assert self.rod.rest_twist is not None
+            clamp = self.base.frame(pose)
+            shape, directors = self.rod.rest_frames(clamp)
+            rows = jnp.concatenate([held[:1], held[1] + shape])
+            rows = jnp.pad(rows, ((0, 0), (0, 1)))
+            directors = jnp.concatenate([clamp[1:2], clamp[1:2], directors])
+            twists = jnp.pad(self.rod.rest_twist * self.rod.voronoi_length, (1, 0))
+            twists = twists.at[-1].set(0.0)  # nothing twists at the tip
+            none = jnp.zeros_like(directors)
+            frames = Frames.of(rows, Orientation(directors, twists, none))
         obstacles = self.forces.obstacles
         if obstacles is None:
+            return rows, frames
+        place = _as_rows(obstacles.place + time * obstacles.drift, rows.shape[1])
+        return jnp.concatenate([rows, place]), frames
+
+    def _clamped(self, time: Array, rows: Rows, frames: Frames | None) -> Rows:
+        """Return the rows with a spin of the clamp that follows its frame: zero, but not its slope.
+
+        Statics starts from frames that it takes for given.
+        """
+        if frames is None:
             return rows
-        return jnp.concatenate([rows, obstacles.place + time * obstacles.drift])
+        pose, _, _ = self.base.pose(time, self.base.servo.at_rest())
+        frame = self.base.frame(pose)
+        given = jax.lax.stop_gradient(frames)
+        return rows.at[1, 3].set(given.spin_to(1, frame[0], frame[1]))
 
     def _prescribe(
         self,
@@ -271,40 +323,56 @@ class System(eqx.Module):
     ) -> tuple[Rows, ...]:
         """Return places, velocities and accelerations with those set that are not solved for."""
         held = self.base.prescribe(time, servo)
-        values = (held.position, held.velocity, held.acceleration)
+        position = held.position
+        if held.frame is not None:
+            frames = state.frames
+            assert frames is not None
+            spin = frames.spin_to(1, held.frame[0], held.frame[1])
+            position = _as_rows(position, 4).at[1, 3].set(spin)
+        values = (position, held.velocity, held.acceleration)
         rows = tuple(row.at[:HELD].set(value) for row, value in zip(rows, values, strict=True))
         obstacles = self.forces.obstacles
         if obstacles is None:
             return rows
         count = obstacles.count
         place, velocity = obstacles.lead(
-            state.motion.position[-count:],
+            state.motion.position[-count:, : self.forces.axes],
             state.motion.flow_velocity[-count:],
             lambda places: self.forces.flow_velocity(places, time),
             step,
         )
-        led = obstacles.led
         values = (place, velocity, jnp.zeros_like(place))
-        at = led - count  # rows counted from the end
+        at = obstacles.led - count  # rows counted from the end
+        width = position.shape[1]
         return tuple(
-            row.at[at].set(v[led], unique_indices=True) for row, v in zip(rows, values, strict=True)
+            row.at[at].set(_as_rows(value[obstacles.led], width), unique_indices=True)
+            for row, value in zip(rows, values, strict=True)
         )
 
-    def _begin(self, time: Array, position: Rows) -> State:
+    def _begin(self, time: Array, position: Rows, frames: Frames | None) -> State:
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
-        servo = self.base.servo.at_rest()
+        servo, axes = self.base.servo.at_rest(), self.forces.axes
         held = self.base.prescribe(time, servo)
         lever = held.position[0] - held.position[1]
-        swing = held.velocity[0] - held.velocity[1]
-        spin = (lever[0] * swing[1] - lever[1] * swing[0]) / jnp.sum(lever**2)
-        arm = self.forces.nodes(position) - position[1]
-        velocity = held.velocity[1] + spin * jnp.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        swing = (held.velocity[0] - held.velocity[1])[:axes]
+        arm = self.forces.nodes(position)[:, :axes] - held.position[1]
+        reach = jnp.sum(lever**2)
+        if frames is None:
+            spin = (lever[0] * swing[1] - lever[1] * swing[0]) / reach
+            velocity = held.velocity[1] + spin * jnp.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        else:
+            clamp = -lever / jnp.sqrt(reach)
+            turning = cross(lever, swing) / reach + held.velocity[1, 3] * clamp
+            velocity = held.velocity[1, :3] + cross(turning, arm)
+            velocity = jnp.concatenate(
+                [velocity, dot(tangents(self.forces.nodes(position)), turning)[:, None]], axis=1
+            )
         velocity = velocity.at[:HELD].set(held.velocity)
         obstacles = self.forces.obstacles
         if obstacles is not None:
-            places = position[-obstacles.count :]
+            places = position[-obstacles.count :, :axes]
             started = obstacles.begin(places, lambda p: self.forces.flow_velocity(p, time))
-            velocity = jnp.concatenate([velocity, started])
+            velocity = jnp.concatenate([velocity, _as_rows(started, velocity.shape[1])])
         stage = Stage(
             time,
             position,
@@ -313,13 +381,15 @@ class System(eqx.Module):
             jnp.zeros(()),
             jnp.zeros(()),
             jnp.ones(()),
+            frames,
         )
         # forces are affine in the acceleration: one Newton step is exact
         none = jnp.zeros_like(position)
         around = self.forces.surroundings(stage, none)
         residual, _ = self.forces.residual(self.forces.motion(stage, none, around))
         acceleration = newton_step(self.forces, around, stage, none, residual)
-        return self._observe(self.forces, self.forces.motion(stage, acceleration, around), servo)
+        motion = self.forces.motion(stage, acceleration, around)
+        return self._observe(self.forces, motion, servo)
 
     def _observe(self, forces: Forces, motion: Motion, servo: ServoState) -> State:
         energy, power = forces.audit(motion)
@@ -337,6 +407,19 @@ class System(eqx.Module):
 def _tip(position: Nodes) -> Float[Array, " pose"]:
     # the last edge points where the arm does half an edge before the tip: carry its turn on
     last, before = position[-1] - position[-2], position[-2] - position[-3]
+    if position.shape[1] == 3:
+        before, last = _unit(before), _unit(last)
+        middle = _unit(before + last)
+        return jnp.append(position[-1], 2.0 * dot(middle, last) * last - middle)
     turn = jnp.arctan2(before[0] * last[1] - before[1] * last[0], jnp.sum(before * last))
     angle = jnp.arctan2(last[1], last[0]) + 0.5 * turn
     return jnp.append(position[-1], angle)
+
+
+def _unit(vector: Float[Array, " d"]) -> Float[Array, " d"]:
+    return vector / jnp.sqrt(jnp.sum(vector**2))
+
+
+def _as_rows(places: Float[Array, "count d"], width: int) -> Float[Array, "count b"]:
+    """Fill up with zeros what places do not have of a row."""
+    return jnp.pad(places, ((0, 0), (0, width - places.shape[1])))

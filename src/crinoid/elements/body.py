@@ -19,9 +19,11 @@ class Body(Element):
     """Inertia, weight, buoyancy, drag, added mass and Froude-Krylov force of a free sphere.
 
     ``m a = rho V Du/Dt + rho V / 2 (Du/Dt - a) + 1/2 rho C_d pi r^2 |w| w - (m - rho V) g``.
+    It does not spin: of a row in space the last coordinate has an inertia, and nothing moves it.
     """
 
     stencil: ClassVar[int] = 1
+    spins: ClassVar[bool] = True
     first: int = eqx.field(static=True)
     mass: Float[Array, "*count"]
     displaced: Float[Array, "*count"]
@@ -45,11 +47,14 @@ class Body(Element):
         return Body(0, mass, displaced, drag, (mass - displaced) * gravity)
 
     def residual(self, motion: Motion) -> Float[Array, "1 b"]:
-        relative = motion.flow_velocity - motion.velocity
+        axes = motion.flow_velocity.shape[1]
+        relative = motion.flow_velocity - motion.velocity[:, :axes]
         water = self.displaced * (
             motion.flow_acceleration
-            + _ADDED_MASS * (motion.flow_acceleration - motion.acceleration)
+            + _ADDED_MASS * (motion.flow_acceleration - motion.acceleration[:, :axes])
         )
         drag = self.drag * smooth_speed(jnp.sum(relative**2)) * relative
         weight = jnp.zeros_like(relative).at[0, -1].set(self.weight)
-        return self.mass * motion.acceleration - water - drag + weight
+        force = water + drag - weight
+        spare = motion.acceleration.shape[1] - axes
+        return self.mass * motion.acceleration - jnp.pad(force, ((0, 0), (0, spare)))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
-from crinoid.elements.geometry import turned, unit
+from crinoid.elements.geometry import unit
 from crinoid.rod import Rod
 
 SKIN = 0.05
@@ -38,19 +38,22 @@ class Contact(Element):
     does not change the momentum or the angular momentum of the two.
 
     Friction is Coulomb's, ``-mu N v / sqrt(v^2 + creep^2)`` with the sliding velocity ``v`` of
-    the surfaces: at rest there is none, a body that sticks creeps by less than 1 mm/s. Obstacles
-    do not spin.
+    the surfaces: at rest there is none, a body that sticks creeps by less than 1 mm/s. It acts on
+    the arm's surface. There the edge's turning adds to the velocity, and the moment about the axis
+    goes back into the edge: as a couple on its ends and, in space, a torque about it. Obstacles do
+    not spin.
     """
 
     stencil: ClassVar[int] = 3
+    spins: ClassVar[bool] = True
     first: int = eqx.field(static=True)
     rest_length: Float[Array, "*count"]
     arm_radius: Float[Array, "*count"]
     strength: Float[Array, "*count"]
     """Force where the surfaces meet (N)."""
     radius: Float[Array, "*count"]
-    half_axis: Float[Array, "*count b"]
-    normal: Float[Array, "*count b"]
+    half_axis: Float[Array, "*count d"]
+    normal: Float[Array, "*count d"]
     """Out of the half space; zero for what is round."""
     friction: Float[Array, "*count"]
     mass: Float[Array, "*count"]
@@ -61,8 +64,8 @@ class Contact(Element):
         rod: Rod,
         *,
         radius: Float[Array, " m"],
-        half_axis: Float[Array, "m b"],
-        normal: Float[Array, "m b"],
+        half_axis: Float[Array, "m d"],
+        normal: Float[Array, "m d"],
         friction: Float[Array, " m"],
         mass: Float[Array, " m"],
     ) -> "Contact":
@@ -71,7 +74,9 @@ class Contact(Element):
         ``radius`` and ``half_axis`` in m, ``mass`` in kg, infinite for what the arm cannot move.
         """
         arm_radius = _at_edges(rod.diameter) / 2
-        modulus = _at_edges(rod.EI) / (jnp.pi / 4 * arm_radius**4)
+        # in space that of the stiffer way to bend
+        stiffness = jnp.max(rod.EI.reshape(rod.nodes, -1), axis=1)
+        modulus = _at_edges(stiffness) / (jnp.pi / 4 * arm_radius**4)
         edges, obstacles = arm_radius.shape[0], radius.shape[0]
 
         def per_edge(values: Array) -> Array:
@@ -94,13 +99,18 @@ class Contact(Element):
         )
 
     @property
+    def axes(self) -> int:
+        """Number of axes that a place has: columns of a row past them are an edge's spin."""
+        return self.half_axis.shape[-1]
+
+    @property
     def skin(self) -> Float[Array, "*count"]:
         """Distance from the arm's surface at which contact begins (m)."""
         return SKIN * self.arm_radius
 
     def gap(self, position: Float[Array, "3 b"]) -> Float[Array, ""]:
         """Return the distance of the surfaces (m)."""
-        return self._closest(position)[0]
+        return self._closest(position[:, : self.axes])[0]
 
     def press(self, gap: Float[Array, "*count"]) -> tuple[Array, Array]:
         """Return the potential (J) and the force (N) of the skin at a gap (m)."""
@@ -111,24 +121,37 @@ class Contact(Element):
         return -self.push(motion)[1]
 
     def push(self, motion: Motion) -> tuple[Float[Array, ""], Float[Array, "3 b"]]:
-        """Return the gap (m) and the forces on the two nodes and on the obstacle (N)."""
-        gap, slopes, share = self._closest(motion.position)
+        """Return the gap (m), and the forces on the two nodes and on the obstacle (N).
+
+        In space the last column of the far node's row is the torque about the edge (N m).
+        """
+        places, velocity = motion.position[:, : self.axes], motion.velocity[:, : self.axes]
+        gap, slopes, share = self._closest(places)
         _, pressing = self.press(gap)
-        edge, length = unit(motion.position[1] - motion.position[0])
+        edge, length = unit(places[1] - places[0])
         outward, _ = unit(-slopes[2])
         lever = -self.arm_radius * outward
         at_axis = jnp.stack([1 - share, share])
-        velocity = motion.velocity
-        spin = turned(edge) @ (velocity[1] - velocity[0]) / length
-        sliding = at_axis @ velocity[:2] + spin * turned(lever) - velocity[2]
+        # the edge turns at the rate edge x change: (e x c) x l = c (e . l) - e (c . l)
+        change = (velocity[1] - velocity[0]) / length
+        turning = change * (edge @ lever) - edge * (change @ lever)
+        sliding = at_axis @ velocity[:2] + turning - velocity[2]
+        spins = motion.position.shape[-1] > self.axes
+        if spins:
+            around = jnp.cross(edge, lever)
+            sliding = sliding + motion.velocity[1, -1] * around
         sliding = sliding - (sliding @ outward) * outward
         rubbing = -self.friction * pressing * sliding / jnp.sqrt(sliding @ sliding + _CREEP**2)
-        moment = turned(lever) @ rubbing
-        couple = moment * turned(edge) / length
+        # likewise the moment lever x rubbing, but for what of it is about the edge
+        couple = (rubbing * (edge @ lever) - lever * (edge @ rubbing)) / length
         rubbed = jnp.stack([at_axis[0] * rubbing - couple, at_axis[1] * rubbing + couple, -rubbing])
-        return gap, pressing * slopes + rubbed
+        forces = pressing * slopes + rubbed
+        if spins:
+            torque = jnp.stack([0 * gap, rubbing @ around, 0 * gap])
+            forces = jnp.concatenate([forces, torque[:, None]], axis=1)
+        return gap, forces
 
-    def _closest(self, position: Float[Array, "3 b"]) -> tuple[Array, Array, Array]:
+    def _closest(self, position: Float[Array, "3 d"]) -> tuple[Array, Array, Array]:
         """Return the gap, its gradient by the three places, and where along the edge it is."""
         near, far, place = position
         edge, apart = far - near, near - place

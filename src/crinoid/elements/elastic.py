@@ -84,6 +84,10 @@ class Bend(Element):
         strain, rate, gradient = self._strain(motion)
         return self.stiffness * (strain - self.rest_strain + self.damping_time * rate) * gradient
 
+    def strains(self, motion: Motion) -> Float[Array, "1"]:
+        """Return the strain, as the one of a window."""
+        return self._strain(motion)[0][None]
+
     def energy(self, motion: Motion) -> Float[Array, ""]:
         strain, _, _ = self._strain(motion)
         return 0.5 * self.stiffness * (strain - self.rest_strain) ** 2

@@ -4,8 +4,11 @@ from abc import abstractmethod
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from crinoid.frames import Orientation, cross, dot
 
 ENERGIES = ("kinetic", "elastic", "potential")
 """Stored energies of the ledger."""
@@ -16,17 +19,65 @@ WORKS = ("drag", "damping", "actuation", "loads", "added_mass", "contact")
 class Motion(eqx.Module):
     """How ``k`` nodes move, and how the water moves where they are. SI units.
 
-    Of all windows of an element together the arrays have a leading axis, ``count``.
+    Of all windows of an element together the arrays have a leading axis, ``count``. A node has
+    ``b`` coordinates: its place along ``d`` axes and, of a spatial arm that spins, the angle by
+    which the edge that ends at it has spun about itself (rad).
     """
 
     position: Float[Array, "*count k b"]
     velocity: Float[Array, "*count k b"]
     acceleration: Float[Array, "*count k b"]
-    flow_velocity: Float[Array, "*count k b"]
+    flow_velocity: Float[Array, "*count k d"]
     """Velocity of the undisturbed water at the nodes (m/s)."""
-    flow_acceleration: Float[Array, "*count k b"]
+    flow_acceleration: Float[Array, "*count k d"]
     """Material acceleration Du/Dt of the undisturbed water at the nodes (m/s2)."""
     time: Float[Array, "*count"]
+    orientation: Orientation | None = None
+    """Of the edges in space; elements that see places only do without."""
+
+
+class Course(eqx.Module):
+    """How the motion of a window follows a correction of its nodes."""
+
+    by_position: Float[Array, "*count"]
+    by_velocity: Float[Array, "*count"]
+    by_acceleration: Float[Array, "*count"]
+    velocity_slope: Float[Array, "*count k d d"]
+    """Of the water (1/s)."""
+    acceleration_slope: Float[Array, "*count k d d"]
+    """Likewise (1/s2)."""
+
+    def tangent(self, motion: Motion, direction: Float[Array, "k b"]) -> Motion:
+        """Return how the motion changes where the nodes are corrected along ``direction``."""
+        places = direction[:, : motion.flow_velocity.shape[-1]]
+        velocity_slope, acceleration_slope = (
+            jnp.sum(slope * places[:, None], axis=-1)
+            for slope in (self.velocity_slope, self.acceleration_slope)
+        )
+        return Motion(
+            self.by_position * direction,
+            self.by_velocity * direction,
+            self.by_acceleration * direction,
+            self.by_position * velocity_slope,
+            self.by_position * acceleration_slope,
+            jnp.zeros_like(motion.time),
+            _turning(motion, self.by_position * direction),
+        )
+
+
+def _turning(motion: Motion, moved: Float[Array, "k b"]) -> Orientation | None:
+    """Return how the directors of a window turn; their twist an element works out from them."""
+    if motion.orientation is None:
+        return None
+    none = jax.tree.map(jnp.zeros_like, motion.orientation)
+    # of the edge that ends at the first node the window shows one end only
+    edge, moving = jnp.diff(motion.position[:, :3], axis=0), jnp.diff(moved[:, :3], axis=0)
+    length = jnp.sqrt(dot(edge, edge))[:, None]
+    tangent, director = edge / length, motion.orientation.director[1:]
+    turning = (moving - dot(moving, tangent)[:, None] * tangent) / length
+    spin = (moved[1:, 3] + dot(motion.orientation.lean[1:], turning))[:, None]
+    swept = spin * cross(tangent, director) - dot(director, turning)[:, None] * tangent
+    return Orientation(jnp.pad(swept, ((1, 0), (0, 0))), none.twist, none.lean)
 
 
 class Element(eqx.Module):
@@ -43,6 +94,8 @@ class Element(eqx.Module):
 
     stencil: ClassVar[int]
     """How many consecutive nodes one window holds (1 to 3)."""
+    spins: ClassVar[bool] = False
+    """Whether this has to do with the spin of edges in space; if not it sees places only."""
     external: ClassVar[bool] = False
     """Whether this comes from outside, so that a static solve may bring it on step by step."""
     stored: ClassVar[str] = "potential"
@@ -55,7 +108,7 @@ class Element(eqx.Module):
 
     @abstractmethod
     def residual(self, motion: Motion) -> Float[Array, "k b"]:
-        """Return minus the force on each node of a window (N)."""
+        """Return minus the force on each node (N) and about each edge (N m) of a window."""
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
         """Return the energy that a window stores (J)."""
@@ -64,3 +117,11 @@ class Element(eqx.Module):
     def power(self, motion: Motion) -> Float[Array, ""]:
         """Return the power that a window feeds into the arm beyond what it stores (W)."""
         return -jnp.sum(self.residual(motion) * motion.velocity)
+
+
+class Linearised(Element):
+    """A force law with a tangent matrix of its own, where that is measured to be faster."""
+
+    @abstractmethod
+    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "k b k b"]:
+        """Return d(residual)/d(correction) of a window."""

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import turned, unit
+from crinoid.frames import cross, dot
 from crinoid.onset import Onset
 from crinoid.rod import Rod
 
@@ -18,10 +19,12 @@ Vector = Sequence[float] | Array
 class DistributedLoad(Element):
     """A force per length of the arm at rest: along its tangent, its normal, or a fixed direction.
 
-    The first two follow the arm; the normal is the tangent turned from +x toward +z.
+    The first two follow the arm; the normal is the tangent turned from +x toward +z, which in
+    space is the director m_2.
     """
 
     stencil: ClassVar[int] = 2
+    spins: ClassVar[bool] = True
     external: ClassVar[bool] = True
     worked: ClassVar[str] = "loads"
     first: int = eqx.field(static=True)
@@ -29,7 +32,7 @@ class DistributedLoad(Element):
     """Force along the tangent on each end of an edge (N)."""
     normal: Float[Array, "*count"]
     """Force along the normal on each end of an edge (N)."""
-    fixed: Float[Array, "*count b"]
+    fixed: Float[Array, "*count d"]
     """Force that does not turn with the arm on each end of an edge (N)."""
     onset: Onset
 
@@ -39,11 +42,12 @@ class DistributedLoad(Element):
         *,
         tangential: float | Array = 0.0,
         normal: float | Array = 0.0,
-        fixed: Vector = (0.0, 0.0),
+        fixed: Vector | None = None,
         onset: Onset | None = None,
     ) -> "DistributedLoad":
         """Build the load of a rod from its three parts (N/m), there from the start by default."""
         share = rod.rest_length / 2
+        fixed = (0.0,) * rod.axes if fixed is None else fixed
         return DistributedLoad(
             1,
             jnp.asarray(tangential) * share,
@@ -53,55 +57,95 @@ class DistributedLoad(Element):
         )
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
-        tangent, _ = unit(motion.position[1] - motion.position[0])
-        force = self.tangential * tangent + self.normal * turned(tangent) + self.fixed
-        return -self.onset(motion.time) * jnp.stack([force, force])
+        axes = self.fixed.shape[-1]
+        tangent, _ = unit(motion.position[1, :axes] - motion.position[0, :axes])
+        if motion.orientation is None:
+            normal = turned(tangent)
+        else:
+            normal = cross(tangent, motion.orientation.director[1])
+        force = self.tangential * tangent + self.normal * normal + self.fixed
+        return -self.onset(motion.time) * _with_torque(jnp.stack([force, force]), motion)
 
 
 class TipLoad(Element):
     """A force and a moment on the tip.
 
-    A dead force keeps its direction; a follower force is given in the directions it has on a
-    straight arm along +x and turns with the arm's tip, whose direction is carried on from the
-    last two edges (the last edge alone would point where the arm does half an edge earlier). The
-    moment, positive from +x toward +z, is a couple on the ends of the last edge, normal to it.
+    Dead ones keep their direction; followers are given in the directions that they have on a
+    straight arm along +x that is not turned, and turn with the arm's tip. Its frame is carried on
+    from those of the last two edges (the last edge alone would stand as the arm does half an edge
+    earlier). The moment is a couple on the ends of the last edge, normal to it, and in space a
+    torque about it; in the plane it is positive from +x toward +z, in space by the right hand.
     """
 
     stencil: ClassVar[int] = 3
+    spins: ClassVar[bool] = True
     external: ClassVar[bool] = True
     worked: ClassVar[str] = "loads"
     first: int = eqx.field(static=True)
-    dead_force: Float[Array, "*count b"]
-    follower_force: Float[Array, "*count b"]
-    moment: Float[Array, "*count"]
+    dead_force: Float[Array, "*count d"]
+    follower_force: Float[Array, "*count d"]
+    moment: Float[Array, "*count turns"]
+    """One number in the plane, a vector in space."""
+    follower_moment: Float[Array, "*count turns"]
+    """Likewise; in the plane it is no other than a dead one."""
     onset: Onset
 
     @staticmethod
     def of(
         rod: Rod,
         *,
-        dead_force: Vector = (0.0, 0.0),
-        follower_force: Vector = (0.0, 0.0),
-        moment: float | Array = 0.0,
+        dead_force: Vector | None = None,
+        follower_force: Vector | None = None,
+        moment: float | Vector | None = None,
+        follower_moment: float | Vector | None = None,
         onset: Onset | None = None,
     ) -> "TipLoad":
         """Build the load (N, N m) on the tip of a rod, there from the start by default."""
+
+        def vector(given: float | Vector | None, size: int) -> Float[Array, "1 size"]:
+            return jnp.asarray((0.0,) * size if given is None else given, float).reshape(1, size)
+
+        turns = 1 if rod.axes == 2 else 3
         return TipLoad(
             rod.nodes - 2,
-            jnp.asarray(dead_force, float)[None],
-            jnp.asarray(follower_force, float)[None],
-            jnp.asarray(moment, float)[None],
+            vector(dead_force, rod.axes),
+            vector(follower_force, rod.axes),
+            vector(moment, turns),
+            vector(follower_moment, turns),
             _repeated(onset, (1,)),
         )
 
     def residual(self, motion: Motion) -> Float[Array, "3 b"]:
-        before, _ = unit(motion.position[1] - motion.position[0])
-        last, length = unit(motion.position[2] - motion.position[1])
+        place = motion.position[:, : self.dead_force.shape[-1]]
+        before, _ = unit(place[1] - place[0])
+        last, length = unit(place[2] - place[1])
         tip, _ = unit(1.5 * last - 0.5 * before)
-        follower = self.follower_force[0] * tip + self.follower_force[1] * turned(tip)
-        couple = self.moment / length * turned(last)
+        if motion.orientation is None:
+            axes = jnp.stack([tip, turned(tip)])
+            moment = (self.moment + self.follower_moment)[0]
+            couple, torque = moment / length * turned(last), None
+        else:
+            director = motion.orientation.director
+            m_1 = 1.5 * director[2] - 0.5 * director[1]
+            m_1, _ = unit(m_1 - dot(m_1, tip) * tip)
+            axes = jnp.stack([tip, m_1, cross(tip, m_1)])
+            moment = self.moment + _combined(self.follower_moment, axes)
+            couple, torque = cross(moment, last) / length, dot(moment, last)
+        follower = _combined(self.follower_force, axes)
         force = jnp.stack([jnp.zeros_like(couple), -couple, self.dead_force + follower + couple])
+        force = _with_torque(force, motion)
+        if torque is not None:
+            force = force.at[2, 3].set(torque)
         return -self.onset(motion.time) * force
+
+
+def _with_torque(force: Float[Array, "k d"], motion: Motion) -> Float[Array, "k b"]:
+    """Add to forces on nodes the torque about edges, none, where edges spin."""
+    return jnp.pad(force, ((0, 0), (0, motion.position.shape[1] - force.shape[1])))
+
+
+def _combined(parts: Float[Array, " d"], axes: Float[Array, "d d"]) -> Float[Array, " d"]:
+    return jnp.sum(parts[:, None] * axes, axis=0)
 
 
 def _repeated(onset: Onset | None, shape: tuple[int, ...]) -> Onset:

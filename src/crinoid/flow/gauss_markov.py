@@ -39,13 +39,17 @@ class GaussMarkov(Everywhere):
         """Draw a record from t = 0 to ``duration`` (s), past which the velocity stays.
 
         ``mean`` (m/s) has an entry for each axis, ``standard_deviation`` (m/s) too or one for
-        all of them. A longer record of the same generator begins with the shorter one.
+        all of them. A longer record of the same generator begins with the shorter one, and a
+        spatial one has along x and z what the planar one has.
         """
         from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
 
         step = correlation_time / POINTS_PER_CORRELATION_TIME
         points = np.arange(-_MARGIN, np.ceil(duration / step) + _MARGIN + 1)
-        normal = generator.standard_normal((points.size, mean.size))
+        normal = generator.standard_normal((points.size, 2))
+        if mean.size == 3:
+            aside = generator.spawn(1)[0].standard_normal(points.size)
+            normal = np.insert(normal, 1, aside, axis=1)
         # exact for any step: V <- a V + sqrt(1 - a^2) xi, a = exp(-step / T) (Gillespie 1996),
         # from the distribution in which it stays
         kept = np.exp(-step / correlation_time)

@@ -29,7 +29,7 @@ class MeasuredPoint(Flow):
 
 
 class MeasuredProfile(Flow):
-    """A record at several heights, the same along x: cubic in time and in height.
+    """A record at several heights, the same everywhere at a height: cubic in time and in height.
 
     In height it is Hermite's cubic between two levels, so that a look-up touches these two only;
     its slope is continuous. Below the first level and above the last one it stays constant.

@@ -15,12 +15,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from crinoid.report import plane
 from crinoid.report.current import arm_length
 from crinoid.report.obstacles import Body, corners, find_bodies
 from crinoid.report.run import RESULT, ReportError, open_result
 from crinoid.report.style import GREY, INK, PALE, VERMILLION, WIDTH, head, time_map
 from crinoid.report.units import Unit, largest, length_unit
+from crinoid.report.view import SIDE, in_space, outline
 
 CASES = "cases.csv"
 
@@ -198,24 +198,25 @@ def _shapes(axes: Axes, cases: Sequence[Case], colours: Sequence[tuple[float, ..
         data = open_result(case.result)
         bodies = find_bodies(data.isel(time=[-1]))
         obstacles += [(body, colour) for body in bodies]
-        shape = plane.project(data, "position")[-1]
+        places = in_space(data, "position")[-1]
+        shape = SIDE.paper(places)
         if "diameter" in data:
-            band = plane.outline(shape, np.asarray(data["diameter"].values, dtype=float))
+            band = outline(shape, np.asarray(data["diameter"].values, dtype=float))
             axes.fill(*band.T, color=PALE, zorder=1, alpha=0.6, linewidth=0)
         axes.plot(*shape.T, color=colour, zorder=2)
         axes.plot(*shape[-1], marker="o", markersize=4, color=colour, zorder=3)
         axes.plot(*shape[0], marker="s", markersize=5, color=INK, zorder=3)
-        axes.update_datalim(corners(bodies, shape, arm_length(data)))
+        axes.update_datalim(SIDE.paper(corners(bodies, places, arm_length(data))))
     if not axes.lines:
         axes.text(0.5, 0.5, "no case has a result", transform=axes.transAxes, ha="center")
     axes.autoscale_view()
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
     wide = 2 * (high - low)  # equal axes will show more on one side
     for body, colour in obstacles:
-        cut = body.outline(-1, low - wide, high + wide)
+        cut = body.outline(-1, SIDE.lift(low - wide), SIDE.lift(high + wide), SIDE)
         axes.add_patch(Polygon(cut, closed=True, fill=False, edgecolor=colour, linewidth=0.8))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title("final shapes, in the colours below", loc="left")
-    axes.set_xlabel(plane.LABELS[0])
-    axes.set_ylabel(plane.LABELS[1])
+    axes.set_xlabel(SIDE.labels[0])
+    axes.set_ylabel(SIDE.labels[1])

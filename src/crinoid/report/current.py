@@ -11,9 +11,9 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from crinoid.report import plane
 from crinoid.report.style import BLUE, GREY, SKY
 from crinoid.report.units import largest
+from crinoid.report.view import View, in_space, left_of
 
 _PLACES = 6
 _INSTANTS = 12
@@ -25,12 +25,12 @@ _SPACING = 0.07  # arrows closer than this, of the arm's length, are left out
 class Current:
     """Arrows: where they start (m), the mean and some instants of the velocity there (m/s)."""
 
-    start: Float[np.ndarray, "place axis=2"]
-    mean: Float[np.ndarray, "place axis=2"]
-    instants: Float[np.ndarray, "instant place axis=2"]
+    start: Float[np.ndarray, "place 2"]
+    mean: Float[np.ndarray, "place 2"]
+    instants: Float[np.ndarray, "instant place 2"]
     scale: float  # m/s of water per m of arrow that suits this run; 0: still water
 
-    def corners(self, scale: float) -> Float[np.ndarray, "point axis=2"]:
+    def corners(self, scale: float) -> Float[np.ndarray, "point 2"]:
         """Points that a window must hold so that no arrow is cut."""
         if self.scale == 0.0:
             return np.empty((0, 2))
@@ -68,7 +68,7 @@ def draw_key(axes: Axes, corner: Float[np.ndarray, "axis=2"], fastest: float, sc
     )
 
 
-def find_current(data: xr.Dataset) -> Current:
+def find_current(data: xr.Dataset, view: View) -> Current:
     """Choose where along the arm to show the flow, and how long the arrows are.
 
     The arrows start beside everything the arm sweeps, on the side the water comes from if it comes
@@ -77,9 +77,9 @@ def find_current(data: xr.Dataset) -> Current:
     nothing = Current(np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 0, 2)), 0.0)
     if "flow_velocity" not in data:
         return nothing
-    flow = plane.project(data, "flow_velocity")
+    flow = view.project(data, "flow_velocity")
     records, nodes = flow.shape[:2]
-    shapes = plane.project(data, "position")
+    shapes = view.project(data, "position")
     mean_shape = shapes.mean(axis=0)
     length = arm_length(data)
 
@@ -90,15 +90,18 @@ def find_current(data: xr.Dataset) -> Current:
             chosen.append(int(node))
     times = np.linspace(0, records - 1, min(_INSTANTS, records)).round().astype(int)
     mean, instants = flow[:, chosen].mean(axis=0), flow[times][:, chosen]
-    fastest = float(np.linalg.norm(instants, axis=-1).max(initial=0.0))
+    speed = np.linalg.norm(in_space(data, "flow_velocity")[times][:, chosen], axis=-1)
+    fastest = float(speed.max(initial=0.0))  # in space, so that all views have one scale
     if not math.isfinite(fastest) or fastest < 1e-9:
         return nothing
 
     chord = mean_shape[-1] - mean_shape[0]
     if np.linalg.norm(chord) < 0.05 * length:
         chord = mean_shape[1] - mean_shape[0]
-    aside = plane.left_of(chord)
-    swept = np.concatenate([shapes.reshape(-1, 2), plane.project(data, "tip_target")])
+    if np.linalg.norm(chord) < 1e-3 * length / nodes:  # seen from its end
+        chord = np.array([1.0, 0.0])
+    aside = left_of(chord)
+    swept = np.concatenate([shapes.reshape(-1, 2), view.project(data, "tip_target")])
     heights = (swept - mean_shape[0]) @ aside
     across = float(mean.mean(axis=0) @ aside)
     if abs(across) > 0.2 * float(np.linalg.norm(mean.mean(axis=0))):
@@ -113,14 +116,14 @@ def find_current(data: xr.Dataset) -> Current:
 
 def arm_length(data: xr.Dataset) -> float:
     """Length of the arm's first recorded shape in m, never zero."""
-    steps = np.diff(plane.project(data, "position")[0], axis=0)
+    steps = np.diff(in_space(data, "position")[0], axis=0)
     return float(np.linalg.norm(steps, axis=-1).sum()) or 1.0
 
 
 def _arrows(
     axes: Axes,
-    start: Float[np.ndarray, "place axis=2"],
-    flow: Float[np.ndarray, "place axis=2"],
+    start: Float[np.ndarray, "place 2"],
+    flow: Float[np.ndarray, "place 2"],
     scale: float,
 ) -> None:
     axes.quiver(

@@ -9,11 +9,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.report.run import ReportError
-from crinoid.report.style import GREEN, ORANGE
+from crinoid.report.style import BLUE, GREEN, ORANGE
 
 FLOW = "flow.nc"
 
-COLOURS = {"x": GREEN, "z": ORANGE}
+COLOURS = {"x": GREEN, "y": BLUE, "z": ORANGE}
 
 _REQUIRED = {
     "flow_velocity": ("time", "place", "axis"),
@@ -46,6 +46,11 @@ def open_flow(path: Path) -> xr.Dataset:
 def title(flow: xr.Dataset) -> str:
     """Return what stands above a figure."""
     return str(flow.attrs.get("title", "")).strip() or "current"
+
+
+def axes_of(flow: xr.Dataset) -> list[str]:
+    """Return the axes that the current has a component along."""
+    return [str(axis) for axis in flow["axis"].values]
 
 
 def late(flow: xr.Dataset) -> Float[np.ndarray, "time place axis"]:

@@ -1,8 +1,11 @@
-"""The obstacles beside the arm: where they are, what they look like in the plane."""
+"""The obstacles beside the arm: where they are, and what they look like in a view."""
 
 from __future__ import annotations
 
+import math
+import tomllib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,14 +15,43 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.patches import Polygon
 
-from crinoid.report import plane
 from crinoid.report.style import GREY, INK, time_map
-from crinoid.scenario import Obstacle, Scenario, ScenarioError
+from crinoid.report.surface import cut_box
+from crinoid.report.view import View, convex_outline, in_space, left_of
 
-_SOLID = "#C9C2B8"
+SOLID = "#C9C2B8"
+WALL = "#F1EEEA"
 _NEAR = 0.35  # how far beyond the arm's shapes a window looks for obstacles, of the arm's length
 _BEHIND = 0.04  # depth shown behind a wall, of the arm's length
 _STILL = 1e-6  # m: less is no motion
+_ENDLESS = 1e3  # m, half the length of what has no end
+
+Point = Float[np.ndarray, "axis=3"]
+
+
+@dataclass(frozen=True)
+class Solid:
+    """What an obstacle is, as the scenario describes it."""
+
+    kind: str
+    radius: float
+    """m; zero for a wall."""
+    half_axis: Point
+    """Half of the line within what is round (m)."""
+    out: Point
+    """Normal of a wall, of length one; zero for what is round."""
+
+    @staticmethod
+    def of(table: dict[str, Any]) -> Solid:
+        """Read a table of the scenario, of a planar one or one in space."""
+        kind = str(table["kind"])
+        if kind == "plane":
+            normal = [float(part) for part in table["normal"]]
+            out = np.array([normal[0], normal[1] if len(normal) == 3 else 0.0, normal[-1]])
+            return Solid(kind, 0.0, np.zeros(3), out / math.hypot(*normal))
+        half = {"cylinder": _ENDLESS, "capsule": table.get("length", 0.0) / 2}.get(kind, 0.0)
+        axis = np.array(table.get("axis", [0.0, 1.0, 0.0]), dtype=float)
+        return Solid(kind, float(table["radius"]), half / math.hypot(*axis) * axis, np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -27,8 +59,8 @@ class Body:
     """One obstacle: what it is, and where its middle is at each record."""
 
     name: str
-    solid: Obstacle
-    path: Float[np.ndarray, "time axis=2"]
+    solid: Solid
+    path: Float[np.ndarray, "time axis=3"]
 
     @property
     def moves(self) -> bool:
@@ -36,35 +68,40 @@ class Body:
         return bool(np.ptp(self.path, axis=0).max() > _STILL)
 
     def outline(
-        self, record: int, low: Float[np.ndarray, "axis=2"], high: Float[np.ndarray, "axis=2"]
-    ) -> Float[np.ndarray, "corner axis=2"]:
-        """Corners of its cut at a record, of a wall as much as a window needs."""
-        place = self.path[record]
+        self, record: int, low: Point, high: Point, view: View
+    ) -> Float[np.ndarray, "corner 2"]:
+        """Corners of what is seen of it at a record, of a wall as much as a window needs."""
         if self.solid.kind == "plane":
-            out, foot = np.asarray(self.solid.out), self.nearest(record, (low + high) / 2)
-            far = 2 * float(np.linalg.norm(high - low))
-            side = far * plane.left_of(out)
+            out, foot = self.solid.out, self.nearest(record, (low + high) / 2)
+            if not self.shows_edge(view):
+                cut, behind = cut_box(out, foot, low, high)
+                return convex_outline(view.paper(np.concatenate([cut, behind])))
+            far = 2 * float(np.linalg.norm(view.paper(high - low)))
+            out, foot = view.paper(out), view.paper(foot)
+            side = far * left_of(out)
             return np.stack(
                 [foot + side, foot - side, foot - side - far * out, foot + side - far * out]
             )
-        half = np.asarray(self.solid.half_axis)
+        place, half = view.paper(self.path[record]), view.paper(self.solid.half_axis)
         ahead = half / (np.linalg.norm(half) or 1.0)
         if not ahead.any():
             ahead = np.array([1.0, 0.0])
         turn = np.linspace(-np.pi / 2, np.pi / 2, 33)
         cap = self.solid.radius * np.outer(np.cos(turn), ahead)
-        cap += self.solid.radius * np.outer(np.sin(turn), plane.left_of(ahead))
+        cap += self.solid.radius * np.outer(np.sin(turn), left_of(ahead))
         return np.concatenate([place + half + cap, place - half - cap])
 
-    def nearest(
-        self, record: int, point: Float[np.ndarray, "axis=2"]
-    ) -> Float[np.ndarray, "axis=2"]:
+    def shows_edge(self, view: View) -> bool:
+        """Whether a view looks along a wall, so that its surface is a line on paper."""
+        return bool(abs(view.depth(self.solid.out)) < 1e-9)
+
+    def nearest(self, record: int, point: Point) -> Point:
         """Point nearest to another one, of a wall's surface or of the line within what is round."""
         place = self.path[record]
         if self.solid.kind == "plane":
-            out = np.asarray(self.solid.out)
+            out = self.solid.out
             return np.asarray(point - ((point - place) @ out) * out)
-        half = np.asarray(self.solid.half_axis)
+        half = self.solid.half_axis
         along = np.clip((point - place) @ half / ((half @ half) or 1.0), -1.0, 1.0)
         return np.asarray(place + along * half)
 
@@ -79,32 +116,33 @@ def find_bodies(data: xr.Dataset) -> list[Body]:
     """Find the obstacles of a result; none where it has none, or does not say what they are."""
     if "obstacle_position" not in data:
         return []
-    paths = np.moveaxis(plane.project(data, "obstacle_position"), 1, 0)
+    paths = np.moveaxis(in_space(data, "obstacle_position"), 1, 0)
     return [
         Body(str(index), solid, path)
         for index, (solid, path) in enumerate(zip(_solids(data), paths, strict=False))
     ]
 
 
-def _solids(data: xr.Dataset) -> tuple[Obstacle, ...]:
+def _solids(data: xr.Dataset) -> tuple[Solid, ...]:
     try:
-        return Scenario.from_toml(str(data.attrs.get("scenario", ""))).obstacle
-    except ScenarioError:
+        tables = tomllib.loads(str(data.attrs.get("scenario", ""))).get("obstacle", [])
+        return tuple(Solid.of(table) for table in tables)
+    except (tomllib.TOMLDecodeError, LookupError, TypeError, ValueError, ZeroDivisionError):
         return ()
 
 
 def corners(
-    bodies: list[Body], shapes: Float[np.ndarray, "point axis=2"], length: float
-) -> Float[np.ndarray, "corner axis=2"]:
+    bodies: list[Body], shapes: Float[np.ndarray, "point axis=3"], length: float
+) -> Float[np.ndarray, "corner axis=3"]:
     """Points that a window must hold to show the obstacles, as far as they are near the arm."""
     low, high = shapes.min(axis=0) - _NEAR * length, shapes.max(axis=0) + _NEAR * length
     middle = (low + high) / 2
-    points = [np.empty((0, 2))]
+    points = [np.empty((0, 3))]
     for body in bodies:
-        half = np.asarray(body.solid.half_axis)
+        half = body.solid.half_axis
         if body.solid.kind == "plane":
             feet = np.stack([body.nearest(r, middle) for r in range(len(body.path))])
-            seen = np.concatenate([feet, feet - _BEHIND * length * np.asarray(body.solid.out)])
+            seen = np.concatenate([feet, feet - _BEHIND * length * body.solid.out])
         else:
             if np.linalg.norm(half) > length:
                 cores = np.stack([body.nearest(r, middle) for r in range(len(body.path))])
@@ -120,8 +158,9 @@ def draw_bodies(
     bodies: list[Body],
     time: Float[np.ndarray, " time"],
     chosen: Int[np.ndarray, " shape"],
-    low: Float[np.ndarray, "axis=2"],
-    high: Float[np.ndarray, "axis=2"],
+    low: Point,
+    high: Point,
+    view: View,
 ) -> None:
     """Draw obstacles at the end, and those that move at the chosen records too, in a window."""
     norm = Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12)))
@@ -130,20 +169,21 @@ def draw_bodies(
     label = "obstacle at the end" if any(body.moves for body in bodies) else "obstacle"
     for body in bodies:
         wall = body.solid.kind == "plane"
+        edge_on = wall and body.shows_edge(view)
         solid = Polygon(
-            body.outline(-1, low, high),
+            body.outline(-1, low, high, view),
             closed=True,
-            facecolor="#F1EEEA" if wall else _SOLID,
+            facecolor=WALL if wall else SOLID,
             edgecolor=GREY if wall else INK,
-            hatch="////" if wall else None,
+            hatch="////" if edge_on else None,
             linewidth=0.8,
-            zorder=1.2,
+            zorder=1.2 if edge_on or not wall else 0.2,
             label=None if wall and round_too else label,
         )
         axes.add_patch(solid)
-        if body.moves:
+        if body.moves and (edge_on or not wall):
             shapes = PolyCollection(
-                [body.outline(int(record), low, high) for record in chosen],
+                [body.outline(int(record), low, high, view) for record in chosen],
                 facecolors="none",
                 edgecolors=colours,
                 linewidths=0.6,
@@ -152,7 +192,7 @@ def draw_bodies(
             )
             axes.add_collection(shapes, autolim=False)
             axes.plot(
-                *body.path.T,
+                *view.paper(body.path).T,
                 color=INK,
                 linewidth=0.8,
                 linestyle=(0, (1, 1.5)),
@@ -160,18 +200,31 @@ def draw_bodies(
                 label="path of an obstacle",
             )
         if len(bodies) > 1:
-            at = body.path[-1]
-            if wall or np.any((at < low) | (at > high)):
-                at = body.nearest(-1, (low + high) / 2)
-            if wall:
-                at = at - 0.025 * float(np.linalg.norm(high - low)) * np.asarray(body.solid.out)
-            axes.annotate(
-                body.name,
-                (float(at[0]), float(at[1])),
-                ha="center",
-                va="center",
-                fontsize=7.5,
-                annotation_clip=True,
-                bbox={"boxstyle": "round,pad=0.12", "facecolor": "white", "linewidth": 0},
-                zorder=6,
-            )
+            _write_name(axes, body, low, high, view)
+
+
+def _write_name(axes: Axes, body: Body, low: Point, high: Point, view: View) -> None:
+    """Write an obstacle's number on it, within the window."""
+    window = view.paper(np.stack([low, high]))
+    inset = 0.025 * float(np.linalg.norm(window[1] - window[0]))
+    if body.solid.kind == "plane" and not body.shows_edge(view):
+        seen = np.clip(body.outline(-1, low, high, view), *window)
+        if not seen.size:
+            return
+        at = seen[np.argmax(seen @ [1.0, -1.0])] + 1.5 * inset * np.array([-1.0, 1.0])
+    else:
+        place = body.path[-1]
+        wall = body.solid.kind == "plane"
+        if wall or np.any((view.paper(place) < window[0]) | (view.paper(place) > window[1])):
+            place = body.nearest(-1, (low + high) / 2)
+        at = view.paper(place) - (inset * view.paper(body.solid.out) if wall else 0.0)
+    axes.annotate(
+        body.name,
+        (float(at[0]), float(at[1])),
+        ha="center",
+        va="center",
+        fontsize=7.5,
+        annotation_clip=True,
+        bbox={"boxstyle": "round,pad=0.12", "facecolor": "white", "linewidth": 0},
+        zorder=6,
+    )

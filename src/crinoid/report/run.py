@@ -11,6 +11,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Float
+
+from crinoid.report.view import in_space
+from crinoid.space import AXES
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
@@ -98,8 +102,10 @@ def open_result(path: Path) -> xr.Dataset:
     for name in ("time", "axis"):
         if name not in dataset.coords:
             raise ReportError(f"{path}: not a crinoid result, it has no coordinate {name!r}")
-    if not {"x", "z"} <= {str(label) for label in dataset["axis"].values}:
-        raise ReportError(f"{path}: not a crinoid result, its axes are not labelled x and z")
+    if tuple(map(str, dataset["axis"].values)) not in AXES.values():
+        raise ReportError(
+            f"{path}: not a crinoid result, its axes are not labelled x and z, or x, y, z"
+        )
     if dataset.sizes["time"] == 0:
         raise ReportError(f"{path}: the result holds no records")
     if dataset.sizes["node"] < 2:
@@ -112,23 +118,29 @@ def open_result(path: Path) -> xr.Dataset:
     return dataset if finite.all() else dataset.isel(time=np.flatnonzero(finite))
 
 
-def base_direction(dataset: xr.Dataset, record: int) -> float:
-    """Angle in rad, from +x toward +z, at which the base points at a record.
+def base_direction(dataset: xr.Dataset, record: int) -> Float[np.ndarray, "axis=3"]:
+    """Unit vector along which the base points at a record.
 
     The scenario and the base's pose say it; failing that, the first edge does, which on a pinned
     mount is only nearly the same.
     """
-    tilt_deg: Any = None
+    set_pose: dict[str, Any] = {}
     with contextlib.suppress(KeyError, AttributeError, tomllib.TOMLDecodeError):
-        tilt_deg = tomllib.loads(str(dataset.attrs["scenario"])).get("base", {}).get("tilt_deg")
-    if isinstance(tilt_deg, int | float):
-        angle = math.radians(tilt_deg)
-        channels = [str(name) for name in dataset.get("channel", xr.DataArray([])).values]
-        if "base_pose" in dataset and "tilt" in channels:
-            pose = dataset["base_pose"].transpose("time", "channel").values
-            angle += float(pose[record, channels.index("tilt")])
-        return angle if math.isfinite(angle) else 0.0
-    edge = dataset["position"].isel(time=record, node=1) - dataset["position"].isel(
-        time=record, node=0
-    )
-    return math.atan2(float(edge.sel(axis="z")), float(edge.sel(axis="x")))
+        set_pose = tomllib.loads(str(dataset.attrs["scenario"])).get("base", {})
+    if isinstance(set_pose.get("tilt_deg"), int | float):
+        tilt, pan = (_turn(dataset, record, channel, set_pose) for channel in ("tilt", "pan"))
+        level = math.cos(tilt)
+        return np.array([level * math.cos(pan), level * math.sin(pan), math.sin(tilt)])
+    root, next_to_it = in_space(dataset, "position")[record, :2]
+    edge = next_to_it - root
+    return np.asarray(edge / (np.linalg.norm(edge) or 1.0))
+
+
+def _turn(dataset: xr.Dataset, record: int, channel: str, set_pose: dict[str, Any]) -> float:
+    """Angle in rad that the base is turned by, its set pose and its channel together."""
+    angle = math.radians(set_pose.get(f"{channel}_deg", 0.0))
+    channels = [str(name) for name in dataset.get("channel", xr.DataArray([])).values]
+    if "base_pose" in dataset and channel in channels:
+        pose = dataset["base_pose"].transpose("time", "channel").values
+        angle += float(pose[record, channels.index(channel)])
+    return angle if math.isfinite(angle) else 0.0

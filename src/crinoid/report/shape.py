@@ -8,21 +8,17 @@ from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
-from crinoid.report import plane
-from crinoid.report.current import Current, arm_length, draw_key, find_current
-from crinoid.report.obstacles import corners, draw_bodies, find_bodies
-from crinoid.report.run import Run, base_direction
-from crinoid.report.style import GREY, INK, PALE, VERMILLION, WIDTH, head, head_height, time_map
+from crinoid.report.arm import draw_arm, drawn_points, time_norm
+from crinoid.report.current import Current, draw_key, find_current
+from crinoid.report.obstacles import find_bodies
+from crinoid.report.run import Run
+from crinoid.report.style import WIDTH, head, head_height, time_map
 from crinoid.report.units import largest
+from crinoid.report.view import SIDE
 
-_SHAPES = 25  # more would merge into a smear
-_HULL = 0.16  # length of the hull drawn behind the base, of the arm's length
 _MARGIN = 0.04  # around everything, of the larger extent
 _KEY = 0.24  # inches kept clear at the top for the arrow that says how fast the water is
 
@@ -30,12 +26,12 @@ _KEY = 0.24  # inches kept clear at the top for the arrow that says how fast the
 def draw_shape(run: Run) -> Figure:
     """Draw the arm over time, beside the uncontrolled arm at the same scale where there is one."""
     members = run.members
-    currents = [find_current(data) for _, data in members]
+    currents = [find_current(data, SIDE) for _, data in members]
     scale = max(current.scale for current in currents)
     low, high = _extent([data for _, data in members], currents, scale)
     figure, panels = _panels(low, high, len(members), run)
     for axes, (label, data), current in zip(panels, members, currents, strict=True):
-        _draw_member(axes, data, low, high)
+        draw_arm(axes, data, SIDE.lift(low), SIDE.lift(high), SIDE)
         current.draw(axes, scale)
         axes.set_title(label, loc="left")
     if scale > 0.0:
@@ -86,17 +82,21 @@ def _panels(
         axes.locator_params(axis="x", nbins=max(3, int(panel[0] / 0.7)))
         axes.locator_params(axis="y", nbins=max(3, int(panel[1] / 0.45)))
         axes.tick_params(labelbottom=row == rows - 1, labelleft=column == 0)
-        axes.set_xlabel(plane.LABELS[0] if row == rows - 1 else "")
-        axes.set_ylabel(plane.LABELS[1] if column == 0 else "")
+        axes.set_xlabel(SIDE.labels[0] if row == rows - 1 else "")
+        axes.set_ylabel(SIDE.labels[1] if column == 0 else "")
         panels.append(axes)
 
     time = run.result["time"].values
     if time[-1] > time[0]:
         x = left + columns * panel[0] + (columns - 1) * gap[0] + 0.15
         bar = figure.add_axes((x / WIDTH, below / tall, 0.13 / WIDTH, inner / tall))
-        norm = Normalize(float(time[0]), float(time[-1]))
         ticks = MaxNLocator(max(2, min(6, int(inner / 0.4))))
-        figure.colorbar(ScalarMappable(norm, time_map()), cax=bar, ticks=ticks, label="time (s)")
+        figure.colorbar(
+            ScalarMappable(time_norm(run.result), time_map()),
+            cax=bar,
+            ticks=ticks,
+            label="time (s)",
+        )
         bar.grid(visible=False)
     return figure, panels
 
@@ -105,89 +105,12 @@ def _width_inches(axes: Axes) -> float:
     return float(axes.get_position().width) * WIDTH
 
 
-def _draw_member(
-    axes: Axes,
-    data: xr.Dataset,
-    low: Float[np.ndarray, "axis=2"],
-    high: Float[np.ndarray, "axis=2"],
-) -> None:
-    shapes = plane.project(data, "position")
-    time = data["time"].values
-    chosen = np.unique(np.linspace(0, len(time) - 1, min(_SHAPES, len(time))).round().astype(int))
-
-    draw_bodies(axes, find_bodies(data), time, chosen, low, high)
-    hull = Polygon(_hull(data), closed=True, facecolor=GREY, edgecolor=INK, linewidth=0.8, zorder=3)
-    hull.set_label("submarine's bow")
-    axes.add_patch(hull)
-    base = shapes[:, 0]
-    if np.ptp(base, axis=0).max() > 1e-6:
-        axes.plot(*base.T, color=INK, linewidth=0.8, zorder=3.5, label="path of the base")
-    if "diameter" in data:
-        band = plane.outline(shapes[-1], np.asarray(data["diameter"].values, dtype=float))
-        body = Polygon(band, closed=True, facecolor=PALE, edgecolor="#B4BDC2", linewidth=0.6)
-        body.set_label("arm at the end")
-        axes.add_patch(body)
-
-    lines = LineCollection(
-        list(shapes[chosen]),
-        array=time[chosen],
-        cmap=time_map(),
-        norm=Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12))),
-        linewidths=1.0,
-        zorder=2,
-    )
-    axes.add_collection(lines)
-    if len(chosen) > 1:
-        axes.plot([], [], color=time_map()(0.5), linewidth=1.0, label="arm over time")
-    else:
-        axes.plot([], [], color=time_map()(0.0), linewidth=1.0, label="arm")
-    _draw_tip(axes, data)
-
-
-def _draw_tip(axes: Axes, data: xr.Dataset) -> None:
-    path, target = plane.project(data, "tip_position"), plane.project(data, "tip_target")
-    if len(path) > 1:
-        axes.plot(*path.T, color=VERMILLION, linewidth=0.8, label="path of the tip", zorder=4)
-    moves = np.ptp(target, axis=0).max() > 1e-6
-    if moves:
-        axes.plot(*target.T, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), zorder=4.5)
-    axes.plot(
-        *target[-1],
-        marker="o",
-        markersize=8.5,
-        markerfacecolor="none",
-        markeredgecolor=INK,
-        markeredgewidth=1.2,
-        linestyle=(0, (4, 2)) if moves else "none",
-        linewidth=1.0,
-        color=INK,
-        label="target" + (" (ring: at the end)" if moves else ""),
-        zorder=5,
-    )
-
-
-def _hull(data: xr.Dataset) -> Float[np.ndarray, "corner axis=2"]:
-    """Half an ellipse behind the base, its nose where the arm is held."""
-    ahead = plane.direction(base_direction(data, -1))
-    aside = plane.left_of(ahead)
-    long = _HULL * arm_length(data)
-    turn = np.linspace(-np.pi / 2, np.pi / 2, 41)
-    nose = plane.project(data, "position")[-1, 0]
-    along, across = long * (np.cos(turn) - 1.0), 0.45 * long * np.sin(turn)
-    return nose + along[:, None] * ahead + across[:, None] * aside
-
-
 def _extent(
     members: list[xr.Dataset], currents: list[Current], scale: float
 ) -> tuple[Float[np.ndarray, "axis=2"], Float[np.ndarray, "axis=2"]]:
     """Corners, in m, of a window that holds everything drawn in any panel."""
     points = [current.corners(scale) for current in currents]
-    for data in members:
-        thick = float(np.max(data["diameter"].values)) if "diameter" in data else 0.0
-        shapes = plane.project(data, "position").reshape(-1, 2)
-        points += [shapes - thick / 2, shapes + thick / 2, _hull(data)]
-        points += [plane.project(data, "tip_target")]
-        points += [corners(find_bodies(data), shapes, arm_length(data))]
+    points += [drawn_points(data, SIDE) for data in members]
     everything = np.concatenate(points)
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     margin = _MARGIN * float((high - low).max())

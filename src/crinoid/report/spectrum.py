@@ -8,7 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crinoid.report.flow import COLOURS, differ, title
+from crinoid.report.flow import COLOURS, axes_of, differ, title
 from crinoid.report.style import GREY, INK, SKY, WIDTH, head, key, note
 
 _NOTHING = 1e-14  # of the square of a metre a second, a second: round-off
@@ -18,12 +18,13 @@ _BANDS = 25  # to a decade, over which neighbouring frequencies are averaged
 
 def draw_spectrum(flow: xr.Dataset) -> Figure:
     """Draw the spectral density of each component, and that of turbulence where it was random."""
+    names = axes_of(flow)
     figure = Figure(figsize=(WIDTH, 4.8), layout="constrained")
-    panels = list(figure.subplots(1, 2, sharey=True))
+    panels = list(figure.subplots(1, len(names), sharey=True))
     frequency, density = _bands(flow["frequency"].values, flow["flow_spectrum"].values)
     shown = density[density > _NOTHING]
     model = flow.get("model_spectrum")
-    for index, (axes, axis) in enumerate(zip(panels, "xz", strict=True)):
+    for index, (axes, axis) in enumerate(zip(panels, names, strict=True)):
         _component(axes, flow, axis, frequency, density[..., index])
         if model is not None and density[:, 1, index].max() > _NOTHING:
             finest = flow["frequency"].values

@@ -7,7 +7,6 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crinoid.report import plane
 from crinoid.report.run import Run
 from crinoid.report.style import (
     BLUE,
@@ -64,14 +63,14 @@ def _error(axes: Axes, run: Run) -> None:
 
 def _components(axes: Axes, run: Run) -> None:
     misses = [
-        (label, data, plane.project(data, "tip_position") - plane.project(data, "tip_target"))
+        (label, data, data["tip_position"].values - data["tip_target"].values)
         for label, data in run.members
     ]
     unit = length_unit(largest(*(miss for _, _, miss in misses)))
     axes.axhline(0.0, color=GREY, linewidth=0.7)
     for label, data, miss in misses:
         behind = label == "without control"
-        for part, (axis, colour) in enumerate(((plane.ACROSS, GREEN), (plane.UP, ORANGE))):
+        for part, (axis, colour) in enumerate((("x", GREEN), ("z", ORANGE))):
             axes.plot(
                 data["time"].values,
                 miss[:, part] * unit.factor,

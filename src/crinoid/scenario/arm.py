@@ -2,32 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.dimension import Count, Only
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import (
     AsTuple,
     Metres,
     Newtons,
-    PerMetre,
     Quantity,
     Seconds,
     SquareMetres,
+    Triple,
 )
 
 __all__ = ["Arm", "Section"]
 
 # The one place that says which arms there are.
-Dimension = Annotated[Literal[2], Quantity(takes="2 (a planar arm)")]
+Dimension = Annotated[
+    Literal[2, 3], Quantity(takes="2 (a planar arm) or 3 (an arm that bends both ways and twists)")
+]
 
 _Above0 = Annotated[float, Field(gt=0)]
 Radius = Annotated[
     _Above0 | Annotated[tuple[_Above0, _Above0], AsTuple],
     Quantity("m", "a number above 0, or [root, tip], both above 0"),
+]
+Bending = Annotated[
+    _Above0 | Annotated[tuple[_Above0, _Above0], AsTuple] | None,
+    Quantity("N m2", "a number above 0", "a number above 0, or [EI_1, EI_2], both above 0"),
+    Count(plane=(1,), space=(1, 2)),
+]
+RestCurvature = Annotated[
+    float | Triple,
+    Quantity("1/m", "a number", "a number or [kappa_1, kappa_2, twist], twist in rad/m"),
+    Count(plane=(1,), space=(1, 3)),
 ]
 Nodes = Annotated[
     int,
@@ -40,12 +51,13 @@ class Section(Model):
     """Section properties that replace what radius, density and modulus would give."""
 
     EA: Newtons | None = Field(default=None, gt=0, description="Axial stiffness.")
-    EI: Annotated[float, Quantity("N m2")] | None = Field(
-        default=None, gt=0, description="Bending stiffness."
+    EI: Bending = Field(
+        default=None,
+        description="Bending stiffness; in space one for both ways, or those toward m_1 and m_2.",
     )
-    GJ: Annotated[float, Quantity("N m2")] | None = Field(
-        default=None, gt=0, description="Twisting stiffness; of a spatial arm only."
-    )
+    GJ: Annotated[
+        Annotated[float, Quantity("N m2")] | None, Only(3, "but only a spatial arm twists")
+    ] = Field(default=None, gt=0, description="Twisting stiffness.")
     mass_per_length: Annotated[float, Quantity("kg/m")] | None = Field(
         default=None, gt=0, description="Mass of a metre of arm, without the water it moves."
     )
@@ -58,15 +70,20 @@ class Section(Model):
         description="Section area that displaces water: buoyancy and added mass.",
     )
 
-    def _conflicts(self) -> Iterator[Mistake]:
-        if self.GJ is not None:
-            yield Mistake("GJ", f"got {shown(self.GJ)}, but only a spatial arm twists")
+    @property
+    def bending_stiffnesses(self) -> tuple[float, float] | None:
+        """EI_1 and EI_2, in N m2; None if they follow from radius and modulus."""
+        if self.EI is None or isinstance(self.EI, tuple):
+            return self.EI
+        return (self.EI, self.EI)
 
 
 class Arm(Model):
     """The arm at rest, a round elastic rod."""
 
-    dimension: Dimension = Field(default=2, description="2: the arm moves in the plane of x and z.")
+    dimension: Dimension = Field(
+        default=2, description="2: the arm moves in the plane of x and z; 3: in space."
+    )
     length: Metres = Field(default=0.5, gt=0, description="Length at rest.")
     nodes: Nodes = Field(default=21, description="Number of nodes, evenly spaced along the arm.")
     radius: Radius = Field(
@@ -80,13 +97,18 @@ class Arm(Model):
         default=1.0e5, gt=0, description="Young's modulus of the material."
     )
     poisson_ratio: float = Field(
-        default=0.5, ge=0, le=0.5, description="Poisson's ratio; a planar arm does not feel it."
+        default=0.5,
+        ge=0,
+        le=0.5,
+        description="Poisson's ratio nu: the shear modulus, which resists twist in space, is "
+        "youngs_modulus / (2 (1 + nu)); a planar arm does not feel it.",
     )
     damping_time: Seconds = Field(
         default=0.02, ge=0, description="Kelvin-Voigt damping: viscosity over modulus."
     )
-    rest_curvature: PerMetre = Field(
-        default=0.0, description="Curvature at rest; positive curls the way tilt turns."
+    rest_curvature: RestCurvature = Field(
+        default=0.0,
+        description="Curvature at rest; positive curls the way tilt turns (in space kappa_2).",
     )
     section: Section = Field(
         default=Section(),
@@ -97,3 +119,9 @@ class Arm(Model):
     def radii(self) -> tuple[float, float]:
         """Radius at the root and at the tip, in m."""
         return self.radius if isinstance(self.radius, tuple) else (self.radius, self.radius)
+
+    @property
+    def rest_curvatures(self) -> tuple[float, float, float]:
+        """Curvatures kappa_1 and kappa_2 in 1/m and twist in rad/m, at rest."""
+        given = self.rest_curvature
+        return given if isinstance(given, tuple) else (0.0, given, 0.0)

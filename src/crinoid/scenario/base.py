@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from crinoid.scenario.channel import Channels
-from crinoid.scenario.errors import Mistake
+from crinoid.scenario.dimension import InSpace, Only
+from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.model import Model
 from crinoid.scenario.motion import Motion
 from crinoid.scenario.quantity import AsTuple, Degrees, Position
 
 __all__ = ["Base"]
 
+_POINTING = ("pan", "tilt")
+"""Channels that turn the way the root points; roll, which turns it about itself, is felt by a root
+on a universal joint."""
+
 
 class Base(Model):
     """Where the arm is held, and what moves it there."""
 
-    position: Position = Field(default=(0.0, -10.0), description="Where the arm is held; z is up.")
+    position: Annotated[Position, InSpace((0.0, 0.0, -10.0))] = Field(
+        default=(0.0, -10.0), description="Where the arm is held; z is up."
+    )
     tilt_deg: Degrees = Field(default=0.0, description="Turn of the arm's root from x towards z.")
+    pan_deg: Annotated[Degrees, Only(3)] = Field(
+        default=0.0, description="Turn of the arm's root from x towards y."
+    )
+    roll_deg: Annotated[Degrees, Only(3)] = Field(
+        default=0.0, description="Turn of the arm's root about itself, from y towards z."
+    )
     mount: Literal["clamped", "pinned"] = Field(
         default="clamped",
-        description="clamped: the root points along the tilt; pinned: it turns freely.",
+        description="clamped: the root points along tilt and pan; pinned: it turns freely, in "
+        "space on a universal joint, which bends both ways but does not let it twist.",
     )
     channels: Channels = Field(default=Channels(), description="Channels a controller may drive.")
     motion: Annotated[tuple[Motion, ...], AsTuple] = Field(
@@ -34,8 +49,15 @@ class Base(Model):
         if self.mount == "clamped":
             return
         text = 'moves nothing: with base.mount = "pinned" the root turns freely'
-        if self.channels.tilt:
-            yield Mistake("channels.tilt", text)
+        for name in self.channels.present:
+            if name in _POINTING:
+                yield Mistake(f"channels.{name}", text)
         for index, motion in enumerate(self.motion):
-            if motion.channel == "tilt":
-                yield Mistake(f"motion.{index}.channel", f'"tilt" {text}')
+            if motion.channel in _POINTING:
+                yield Mistake(f"motion.{index}.channel", f"{shown(motion.channel)} {text}")
+
+    @property
+    def angles(self) -> tuple[float, float, float]:
+        """Pan, tilt and roll of the set pose, in rad."""
+        pan, tilt, roll = map(math.radians, (self.pan_deg, self.tilt_deg, self.roll_deg))
+        return (pan, tilt, roll)

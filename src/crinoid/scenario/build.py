@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from crinoid.base import CHANNELS, Base, BaseMotion, Servo, SineMotion, TableMotion
+from crinoid.base import Base, BaseMotion, Servo, SineMotion, TableMotion
 from crinoid.dynamics import Forces, Integrator, Settings, System
 from crinoid.elements import (
     AddedMass,
     Bend,
+    BendTwist,
     Body,
     Contact,
     DistributedLoad,
@@ -34,6 +35,7 @@ from crinoid.scenario.build_obstacle import body_numbers, build_obstacles, conta
 from crinoid.scenario.load import DistributedLoad as DistributedTable
 from crinoid.scenario.load import TipLoad as TipTable
 from crinoid.scenario.numbers import Numbers, array
+from crinoid.space import CHANNELS
 from crinoid.spline import PiecewiseCubic
 
 if TYPE_CHECKING:
@@ -52,6 +54,7 @@ def build_system(scenario: Scenario) -> System:
     simulation, water = scenario.simulation, scenario.water
     rod, elements, settings, contact, bodies = _assemble(
         scenario.arm.nodes,
+        scenario.arm.dimension,
         _rod(scenario.arm),
         scenario.base.mount == "pinned",
         {
@@ -66,7 +69,7 @@ def build_system(scenario: Scenario) -> System:
                 "added_mass_tangential",
             )
         },
-        tuple(_load(load) for load in scenario.load),
+        tuple(_load(load, scenario.arm.dimension) for load in scenario.load),
         contact_numbers(scenario),
         body_numbers(scenario),
         array(simulation.tolerance),
@@ -91,6 +94,7 @@ def build_system(scenario: Scenario) -> System:
 @eqx.filter_jit  # one small program instead of many, and none of its own for each value
 def _assemble(
     nodes: int,
+    axes: int,
     sections: Numbers,
     pinned: bool,
     water: Numbers,
@@ -100,11 +104,11 @@ def _assemble(
     tolerance: Array,
     max_iterations: Array,
 ) -> tuple[Rod, tuple[Element, ...], Settings, Contact | None, Body | None]:
-    rod = Rod.round(nodes=nodes, **sections)
+    rod = Rod.round(nodes=nodes, axes=axes, **sections)
     density = water["density"]
     elements = (
         Stretch.of(rod),
-        Bend.of(rod, pinned=pinned),
+        (Bend if axes == 2 else BendTwist).of(rod, pinned=pinned),
         Inertia.of(rod),
         Weight.of(rod, density=density, gravity=water["gravity"]),
         Drag.of(
@@ -132,35 +136,37 @@ def _assemble(
 
 
 def _rod(arm: Arm) -> Numbers:
+    section = arm.section
+    spatial = arm.dimension == 3
     numbers = {
         "radius": arm.radii,
+        "rest_curvature": arm.rest_curvatures if spatial else arm.rest_curvature,
+        "EI": section.bending_stiffnesses if spatial else section.EI,
         **{
             name: getattr(arm, name)
-            for name in ("length", "density", "youngs_modulus", "rest_curvature", "damping_time")
+            for name in ("length", "density", "youngs_modulus", "poisson_ratio", "damping_time")
         },
         **{
-            name: getattr(arm.section, name)
-            for name in ("EA", "EI", "mass_per_length", "diameter", "displaced_area")
+            name: getattr(section, name)
+            for name in ("EA", "GJ", "mass_per_length", "diameter", "displaced_area")
         },
     }
     return {name: array(number) for name, number in numbers.items() if number is not None}
 
 
 def _load(
-    load: DistributedTable | TipTable,
+    load: DistributedTable | TipTable, axes: int
 ) -> tuple[type[DistributedLoad | TipLoad], Numbers]:
     stop = np.inf if load.stop is None else load.stop
     onset = {"onset": Onset(*map(array, (load.start, load.ramp_time, stop)))}
     if isinstance(load, TipTable):
-        force = np.asarray(load.force)
-        return TipLoad, onset | {
-            "dead_force": array(0 * force if load.follower else force),
-            "follower_force": array(force if load.follower else 0 * force),
-            "moment": array(load.moment),
-        }
-    fixed = np.zeros(2)
+        force, moment = array(load.force), array(load.moment)
+        if load.follower:
+            return TipLoad, onset | {"follower_force": force, "follower_moment": moment}
+        return TipLoad, onset | {"dead_force": force, "moment": moment}
+    fixed = np.zeros(axes)
     if not isinstance(load.direction, str):
-        fixed = np.asarray(load.direction) / np.hypot(*load.direction)
+        fixed = np.asarray(load.direction) / np.linalg.norm(load.direction)
     return DistributedLoad, onset | {
         "tangential": array(load.magnitude * (load.direction == "tangential")),
         "normal": array(load.magnitude * (load.direction == "normal")),
@@ -170,25 +176,29 @@ def _load(
 
 def _base(scenario: Scenario, rod: Rod) -> Base:
     # a channel that nobody drives has no room to move and any limits
+    axes = scenario.arm.dimension
+    channels = CHANNELS[axes]
     lower, upper, speed, acceleration, bandwidth = np.array(
-        [[0.0] * 3, [0.0] * 3, [1.0] * 3, [1.0] * 3, [1.0] * 3]
+        [[number] * len(channels) for number in (0.0, 0.0, 1.0, 1.0, 1.0)]
     )
     for name, channel in scenario.base.channels.present.items():
-        index = CHANNELS.index(name)
+        index = channels.index(name)
         limits = channel.limits
         lower[index], upper[index] = limits.low, limits.high
         speed[index], acceleration[index] = limits.speed, limits.acceleration
         bandwidth[index] = limits.bandwidth_hz
     return Base(
-        tilt=array(np.deg2rad(scenario.base.tilt_deg)),
+        angles=array(scenario.base.angles if axes == 3 else [np.deg2rad(scenario.base.tilt_deg)]),
         ghost_length=array(np.asarray(rod.rest_length)[0]),
         servo=Servo(*map(array, (lower, upper, speed, acceleration, bandwidth))),
-        motions=tuple(_motion(motion) for motion in scenario.base.motion),
+        motions=tuple(_motion(motion, channels) for motion in scenario.base.motion),
     )
 
 
-def _motion(motion: motions.SineMotion | motions.TableMotion) -> BaseMotion:
-    channel = CHANNELS.index(motion.channel)
+def _motion(
+    motion: motions.SineMotion | motions.TableMotion, channels: tuple[str, ...]
+) -> BaseMotion:
+    channel = channels.index(motion.channel)
     if isinstance(motion, motions.SineMotion):
         return SineMotion(
             channel,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from crinoid.flow import (
     Flow,
@@ -79,7 +80,7 @@ def build_flow(scenario: Scenario, index: int, flow: flows.Flow) -> Flow:
                 onset,
                 significant_height=flow.significant_height,
                 peak_period=flow.peak_period,
-                heading=np.cos([np.deg2rad(flow.direction_deg)]),
+                heading=_heading(scenario, np.deg2rad(flow.direction_deg)),
                 gamma=flow.gamma,
                 components=flow.components,
                 depth=depth,
@@ -91,3 +92,9 @@ def build_flow(scenario: Scenario, index: int, flow: flows.Flow) -> Flow:
 
             recording = scenario.recordings[index]
             return measured(onset, recording, scenario)
+
+
+def _heading(scenario: Scenario, direction: float) -> Float[np.ndarray, " level"]:
+    """Return what the level axes have of a direction (rad): x, and in space y."""
+    level = scenario.arm.dimension - 1
+    return np.array([np.cos(direction), np.sin(direction)][:level])

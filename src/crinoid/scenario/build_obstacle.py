@@ -56,11 +56,12 @@ def build_obstacles(
     if contact is None or bodies is None:
         return None
     drifts = [obstacle.velocity for obstacle in scenario.obstacle]
+    still = np.zeros(len(scenario.base.position))
     return Obstacles(
         contact=contact,
         bodies=bodies,
-        place=array([o.position for o in scenario.obstacle]) - array(scenario.base.position),
-        drift=array([(0.0, 0.0) if drift == "flow" else drift for drift in drifts]),
+        place=array([np.subtract(o.position, scenario.base.position) for o in scenario.obstacle]),
+        drift=array([still if drift == "flow" else drift for drift in drifts]),
         free=_free(scenario),
         carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
     )

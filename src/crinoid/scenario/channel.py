@@ -8,17 +8,23 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.dimension import Only
+from crinoid.scenario.errors import Mistake, one_of, shown
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import Hertz, MetresPerSecond, Pair, Quantity
+from crinoid.space import CHANNELS
 
 __all__ = ["AngularChannel", "ChannelLimits", "ChannelName", "Channels", "LinearChannel"]
 
-ChannelName = Literal["slide", "heave", "tilt"]
+# spelled out for the type checker; as in `crinoid.space`
+ChannelName = Annotated[
+    Literal["slide", "sway", "heave", "pan", "tilt", "roll"],
+    Quantity(takes=one_of(CHANNELS[2]), in_space=one_of(CHANNELS[3])),
+]
 
 
 class ChannelLimits(NamedTuple):
-    """Limits of a channel in SI units: m for slide and heave, rad for tilt."""
+    """Limits of a channel in SI units: m for slide, sway and heave, rad for pan, tilt and roll."""
 
     low: float
     high: float
@@ -36,7 +42,7 @@ def _range_conflict(key: str, limits: tuple[float, float]) -> Iterator[Mistake]:
 
 
 class LinearChannel(Model):
-    """A channel that shifts the base: slide along x, heave along z."""
+    """A channel that shifts the base: slide along x, heave along z, in space sway along y."""
 
     range: Annotated[Pair, Quantity("m", "[low, high]")] = Field(
         default=(-0.2, 0.2), description="Travel, measured from the base's position."
@@ -57,10 +63,10 @@ class LinearChannel(Model):
 
 
 class AngularChannel(Model):
-    """A channel that turns the base: tilt."""
+    """A channel that turns the base: tilt, in space pan and roll as well."""
 
     range_deg: Annotated[Pair, Quantity("degrees", "[low, high]")] = Field(
-        default=(-60.0, 60.0), description="Travel, measured from the base's tilt."
+        default=(-60.0, 60.0), description="Travel, measured from the base's set angle."
     )
     max_speed_deg: Annotated[float, Quantity("degrees/s")] = Field(
         default=90.0, gt=0, description="Greatest speed."
@@ -85,12 +91,20 @@ class Channels(Model):
     """The channels a controller may drive; one left out stays put."""
 
     slide: LinearChannel | None = Field(default=None, description="Moves the base along x.")
+    sway: Annotated[LinearChannel | None, Only(3)] = Field(
+        default=None, description="Moves the base along y."
+    )
     heave: LinearChannel | None = Field(default=None, description="Moves the base along z.")
-    tilt: AngularChannel | None = Field(default=None, description="Turns the base.")
+    pan: Annotated[AngularChannel | None, Only(3)] = Field(
+        default=None, description="Turns the base from x towards y."
+    )
+    tilt: AngularChannel | None = Field(default=None, description="Turns the base from x to z.")
+    roll: Annotated[AngularChannel | None, Only(3)] = Field(
+        default=None, description="Turns the base about the arm's root."
+    )
 
     @property
-    def present(self) -> dict[ChannelName, LinearChannel | AngularChannel]:
-        """The channels there are, by name, in the order slide, heave, tilt."""
-        every: dict[ChannelName, LinearChannel | AngularChannel | None]
-        every = {"slide": self.slide, "heave": self.heave, "tilt": self.tilt}
+    def present(self) -> dict[str, LinearChannel | AngularChannel]:
+        """The channels there are, by name, in the order of `crinoid.space.CHANNELS`."""
+        every = {name: getattr(self, name) for name in CHANNELS[3]}
         return {name: channel for name, channel in every.items() if channel is not None}

@@ -6,18 +6,21 @@ from collections.abc import Iterator
 
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
-from crinoid.scenario.control import Control, Sensor
-from crinoid.scenario.errors import Mistake
-from crinoid.scenario.flow import Flow, GaussMarkovFlow, ShearFlow, WavesFlow
+from crinoid.scenario.control import COORDINATES, Control, Sensor
+from crinoid.scenario.errors import Mistake, one_of, shown
+from crinoid.scenario.flow import Flow, GaussMarkovFlow, MeasuredFlow, ShearFlow, WavesFlow
 from crinoid.scenario.motion import TableMotion
-from crinoid.scenario.obstacle import Obstacle
+from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle
 from crinoid.scenario.simulation import Output, Simulation, not_whole, whole_steps
 from crinoid.scenario.water import Water
+from crinoid.space import AXES, CHANNELS
 
 __all__ = [
     "channel_conflicts",
     "contact_conflicts",
+    "control_conflicts",
     "depth_conflicts",
+    "measured_conflicts",
     "motion_conflicts",
     "output_conflicts",
     "rate_conflicts",
@@ -25,6 +28,13 @@ __all__ = [
     "size_conflicts",
     "wave_conflicts",
 ]
+
+# the coordinate that each channel moves by itself, one to one, on an arm that is rigid; in space no
+# single turn does that to a direction
+_PARTNERS = {
+    2: {"slide": "x", "heave": "z", "tilt": "angle"},
+    3: {"slide": "x", "sway": "y", "heave": "z"},
+}
 
 _MAX_BYTES = 8e9
 _BYTES_PER_NODE = 100
@@ -45,10 +55,9 @@ def depth_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterat
             names = ", ".join(needing)
             yield Mistake("water.depth", f"missing, takes a number above 0 (m): {names} needs it")
         return
-    height = base.position[1]
+    key, height = _height(base)
     if height <= -depth:
-        text = f"got {height}, takes a number above -water.depth = {-depth} (m)"
-        yield Mistake("base.position.1", text)
+        yield Mistake(key, f"got {height}, takes a number above -water.depth = {-depth} (m)")
     for name, flow in needing.items():
         if isinstance(flow, WavesFlow):
             if flow.significant_height >= depth:
@@ -73,10 +82,29 @@ def wave_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterato
     names = ", ".join(waves)
     if water.gravity == 0:
         yield Mistake("water.gravity", f"got 0.0, takes a number above 0 (m/s2): {names} needs it")
-    height = base.position[1]
+    key, height = _height(base)
     if height >= 0:
         text = f"got {height}, takes a number below 0 (m): {names} has its still surface at z = 0"
-        yield Mistake("base.position.1", text)
+        yield Mistake(key, text)
+
+
+def _height(base: Base) -> tuple[str, float]:
+    """Return the height of the base (m), with its key."""
+    return f"base.position.{len(base.position) - 1}", base.position[-1]
+
+
+def measured_conflicts(flows: tuple[Flow, ...], dimension: int) -> Iterator[Mistake]:
+    """Yield measured currents that lack a component, or have one too many."""
+    for index, flow in enumerate(flows):
+        if not isinstance(flow, MeasuredFlow):
+            continue
+        headed = flow.heading_deg is not None
+        wanted = ("east", "north", "up") if headed else AXES[dimension]
+        if len(flow.velocity) != len(wanted):
+            text = f"got {shown(flow.velocity)}, takes a name for each of {', '.join(wanted)}"
+            if dimension == 2 and not headed and len(flow.velocity) == 3:
+                text += "; east, north and up go with heading_deg"
+            yield Mistake(f"flow.{index}.velocity", text)
 
 
 def record_conflicts(flows: tuple[Flow, ...], simulation: Simulation) -> Iterator[Mistake]:
@@ -91,10 +119,14 @@ def record_conflicts(flows: tuple[Flow, ...], simulation: Simulation) -> Iterato
             yield Mistake(f"flow.{index}.correlation_time", f"{text} of them")
 
 
-def motion_conflicts(base: Base, simulation: Simulation) -> Iterator[Mistake]:
-    """Yield prescribed motions that do not last from the start to the end of the run."""
+def motion_conflicts(base: Base, simulation: Simulation, dimension: int) -> Iterator[Mistake]:
+    """Yield prescribed motions of channels that are not there, or not from start to end."""
     duration = simulation.duration
     for index, motion in enumerate(base.motion):
+        if motion.channel not in CHANNELS[dimension]:
+            text = f"got {shown(motion.channel)}, takes {one_of(CHANNELS[dimension])}; "
+            text += f"{motion.channel} needs arm.dimension = 3"
+            yield Mistake(f"base.motion.{index}.channel", text)
         if not isinstance(motion, TableMotion):
             continue
         name, last = f"base.motion.{index}.time", len(motion.time) - 1
@@ -113,6 +145,36 @@ def channel_conflicts(control: Control, base: Base) -> Iterator[Mistake]:
             yield Mistake(f"control.pid.{name}", text)
 
 
+def control_conflicts(control: Control, dimension: int) -> Iterator[Mistake]:
+    """Yield coordinates that the tip does not have, and what does not go with the mapping."""
+    takes = f"takes {one_of(COORDINATES[dimension])}"
+    if dimension == 3:
+        takes += ": arm.dimension = 3"
+    for index, name in enumerate(control.controlled):
+        if name not in COORDINATES[dimension]:
+            yield Mistake(f"control.controlled.{index}", f"got {shown(name)}, {takes}")
+    driven = control.pid.present
+    if control.mapping != "identity" or not driven:
+        return
+    partners = _PARTNERS[dimension]
+    for channel in driven:
+        if channel not in partners:
+            text = 'turns the base, which goes with no one coordinate; mapping = "identity" takes '
+            text += ", ".join(partners)
+            yield Mistake(f"control.pid.{channel}", text)
+        elif partners[channel] not in control.controlled:
+            text = f'mapping = "identity" takes {shown(partners[channel])} in controlled along'
+            yield Mistake(f"control.pid.{channel}", f"{text} with it")
+    for channel, coordinate in partners.items():
+        if coordinate in control.controlled and channel not in driven:
+            text = f'{shown(coordinate)} takes gains in pid.{channel} with mapping = "identity"'
+            yield Mistake("control.controlled", text)
+    if "direction" in control.controlled:
+        text = 'got "direction", which does not go with mapping = "identity"; takes '
+        text += one_of(partners.values())
+        yield Mistake(f"control.controlled.{control.controlled.index('direction')}", text)
+
+
 def rate_conflicts(sensor: Sensor, control: Control, simulation: Simulation) -> Iterator[Mistake]:
     """Yield rates of more than once a time step."""
     step = simulation.time_step
@@ -124,7 +186,12 @@ def rate_conflicts(sensor: Sensor, control: Control, simulation: Simulation) -> 
 
 
 def contact_conflicts(arm: Arm, obstacles: tuple[Obstacle, ...]) -> Iterator[Mistake]:
-    """Yield an arm that has no surface to be touched."""
+    """Yield an arm that has no surface to be touched, and what a planar arm would meet askew."""
+    for index, obstacle in enumerate(obstacles):
+        if arm.dimension == 2 and isinstance(obstacle, Cylinder | Capsule) and obstacle.oblique:
+            text = f"got {shown(obstacle.axis)}, takes [0, 1, 0] or a vector with y = 0: oblique "
+            text += "to the arm's plane its cut would be an ellipse"
+            yield Mistake(f"obstacle.{index}.axis", text)
     if obstacles and arm.section.diameter == 0:
         text = "got 0.0, takes a number above 0 (m): the arm meets obstacles with this surface"
         yield Mistake("arm.section.diameter", text)

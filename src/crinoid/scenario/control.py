@@ -10,17 +10,24 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.channel import ChannelName
-from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.dimension import InSpace, Only
+from crinoid.scenario.errors import Mistake, one_of, shown
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import AsTuple, Degrees, Hertz, Metres, Quantity, Seconds
+from crinoid.space import AXES, CHANNELS
 
 __all__ = ["Control", "ControlKind", "Coordinate", "Pid", "PidGains", "Sensor"]
 
 ControlKind = Literal["none", "pid"]
-Coordinate = Literal["x", "z", "angle"]
+COORDINATES = {2: (*AXES[2], "angle"), 3: (*AXES[3], "direction")}
+"""What a controller can bring to the target, by the number of axes."""
 
-_PARTNERS: dict[ChannelName, Coordinate] = {"slide": "x", "heave": "z", "tilt": "angle"}
+# spelled out for the type checker: those of the plane and of space
+Coordinate = Annotated[
+    Literal["x", "y", "z", "angle", "direction"],
+    Quantity(takes=one_of(COORDINATES[2]), in_space=one_of(COORDINATES[3])),
+]
+
 _DEFAULT_RATE = "100 if left out, or once a time step where that is slower"
 
 
@@ -39,7 +46,8 @@ class Sensor(Model):
     noise_angle_deg: Degrees = Field(
         default=0.0,
         ge=0,
-        description="Standard deviation of the noise on the direction of the tip.",
+        description="Standard deviation of the noise on the direction of the tip; in space, turned "
+        "into rad, on each component of the unit vector.",
     )
 
 
@@ -58,14 +66,16 @@ class Pid(Model):
     """A PID controller: gains for each channel it drives."""
 
     slide: PidGains | None = Field(default=None, description="Gains of slide.")
+    sway: Annotated[PidGains | None, Only(3)] = Field(default=None, description="Gains of sway.")
     heave: PidGains | None = Field(default=None, description="Gains of heave.")
+    pan: Annotated[PidGains | None, Only(3)] = Field(default=None, description="Gains of pan.")
     tilt: PidGains | None = Field(default=None, description="Gains of tilt.")
+    roll: Annotated[PidGains | None, Only(3)] = Field(default=None, description="Gains of roll.")
 
     @property
-    def present(self) -> dict[ChannelName, PidGains]:
-        """The gains there are, by channel, in the order slide, heave, tilt."""
-        every: dict[ChannelName, PidGains | None]
-        every = {"slide": self.slide, "heave": self.heave, "tilt": self.tilt}
+    def present(self) -> dict[str, PidGains]:
+        """The gains there are, by channel, in the order of `crinoid.space.CHANNELS`."""
+        every = {name: getattr(self, name) for name in CHANNELS[3]}
         return {name: gains for name, gains in every.items() if gains is not None}
 
 
@@ -83,12 +93,17 @@ class Control(Model):
         tuple[Coordinate, ...],
         AsTuple,
         Field(min_length=1),
-        Quantity(takes='a list of "x", "z" and "angle"'),
+        Quantity(
+            takes=f"a list of {one_of(COORDINATES[2], 'and')}",
+            in_space=f"a list of {one_of(COORDINATES[3], 'and')}",
+        ),
+        InSpace(("x", "y", "z")),
     ] = Field(default=("x", "z"), description="Coordinates of the tip to bring to the target.")
     mapping: Literal["static-jacobian", "identity"] = Field(
         default="static-jacobian",
         description="From errors of the tip to channels: through the tip's response at rest, "
-        "or one to one (x to slide, z to heave, angle to tilt).",
+        "or one to one (x to slide, z to heave, angle to tilt; in space x, y and z to slide, sway "
+        "and heave).",
     )
     compare: bool = Field(
         default=True, description="Whether to run the same case with the controller off as well."
@@ -98,14 +113,5 @@ class Control(Model):
     def _conflicts(self) -> Iterator[Mistake]:
         if len(set(self.controlled)) < len(self.controlled):
             yield Mistake("controlled", f"got {shown(self.controlled)}, takes each one once")
-        driven = self.pid.present
-        if self.kind == "pid" and not driven:
+        if self.kind == "pid" and not self.pid.present:
             yield Mistake("pid", 'missing, kind = "pid" takes gains for at least one channel')
-        if self.mapping == "identity" and driven:
-            for channel, coordinate in _PARTNERS.items():
-                if channel in driven and coordinate not in self.controlled:
-                    text = f'mapping = "identity" takes "{coordinate}" in controlled along with it'
-                    yield Mistake(f"pid.{channel}", text)
-                elif channel not in driven and coordinate in self.controlled:
-                    text = f'"{coordinate}" takes gains in pid.{channel} with mapping = "identity"'
-                    yield Mistake("controlled", text)

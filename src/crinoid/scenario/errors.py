@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-__all__ = ["Mistake", "ScenarioError", "shown"]
+__all__ = ["Mistake", "ScenarioError", "join", "one_of", "shown"]
 
 
 @dataclass(frozen=True)
@@ -23,16 +23,24 @@ class Mistake:
         What was got and what is taken.
     instead
         The nearest valid key, if there is one.
+    in_space
+        The text where the arm is spatial, if it is another.
     """
 
     key: str
     text: str
     instead: str = ""
+    in_space: str = ""
 
     def under(self, prefix: str) -> Mistake:
         """Return the same mistake seen from the table that holds this one as ``prefix``."""
         instead = join(prefix, self.instead) if self.instead else ""
         return replace(self, key=join(prefix, self.key), instead=instead)
+
+    def told(self, *, in_space: bool) -> Mistake:
+        """Return the same mistake with the text for a planar or a spatial arm, and only that."""
+        text = self.in_space if in_space and self.in_space else self.text
+        return replace(self, text=text, in_space="")
 
     def __str__(self) -> str:
         line = f"{self.key}: {self.text}" if self.key else self.text
@@ -77,3 +85,9 @@ def shown(value: Any) -> str:
     else:
         text = " ".join(str(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def one_of(values: Iterable[Any], last_word: str = "or") -> str:
+    """Return values as TOML would write them, as a list in a sentence."""
+    *first, last = (shown(value) for value in values)
+    return f"{', '.join(first)} {last_word} {last}" if first else last

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from crinoid.scenario.dimension import Count
 from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.measured import MeasuredFlow
 from crinoid.scenario.onset import Onset as _Flow
@@ -37,8 +38,13 @@ __all__ = [
 
 _From0 = Annotated[float, Field(ge=0)]
 StandardDeviation = Annotated[
-    _From0 | Annotated[tuple[_From0, _From0], AsTuple],
-    Quantity("m/s", "a number of 0 or more, or [x, z], both 0 or more"),
+    _From0 | Annotated[tuple[_From0, ...], AsTuple, Field(min_length=2, max_length=3)],
+    Quantity(
+        "m/s",
+        "a number of 0 or more, or [x, z], both 0 or more",
+        "a number of 0 or more, or [x, y, z], all 0 or more",
+    ),
+    Count(plane=(1, 2), space=(1, 3)),
 ]
 
 
@@ -111,7 +117,7 @@ class GaussMarkovFlow(_Flow):
     )
     mean: Velocity = Field(description="Mean velocity.")
     standard_deviation: StandardDeviation = Field(
-        description="Standard deviation of each component, or [x, z]."
+        description="Standard deviation of each component, or one for each."
     )
     correlation_time: Seconds = Field(
         gt=0, description="Time over which its correlation falls to 1/e."

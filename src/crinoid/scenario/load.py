@@ -10,14 +10,33 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.dimension import Count, InSpace
+from crinoid.scenario.errors import Mistake
 from crinoid.scenario.model import Model
-from crinoid.scenario.quantity import Force, Pair, Quantity, Seconds
+from crinoid.scenario.quantity import (
+    PER_AXIS,
+    Components,
+    Force,
+    Quantity,
+    Seconds,
+    Triple,
+    direction_conflicts,
+)
 
 __all__ = ["DistributedLoad", "Load", "TipLoad"]
 
 Direction = Annotated[
-    Literal["tangential", "normal"] | Pair, Quantity(takes='"tangential", "normal" or [x, z]')
+    Literal["tangential", "normal"] | Components,
+    Quantity(
+        takes='"tangential", "normal" or [x, z]', in_space='"tangential", "normal" or [x, y, z]'
+    ),
+    PER_AXIS,
+]
+Moment = Annotated[
+    float | Triple,
+    Quantity("N m", "a number", "[x, y, z]"),
+    Count(plane=(1,), space=(3,)),
+    InSpace((0.0, 0.0, 0.0)),
 ]
 
 
@@ -43,27 +62,33 @@ class DistributedLoad(_Load):
         default="distributed", description="A force along the arm."
     )
     direction: Direction = Field(
-        description="tangential and normal follow the arm; [x, z] is fixed, its length is ignored."
+        description="tangential and normal (in space along m_2) follow the arm; a vector is "
+        "fixed, its length is ignored."
     )
     magnitude: Annotated[float, Quantity("N/m")] = Field(description="Force on a metre of arm.")
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from super()._conflicts()
-        if self.direction == (0.0, 0.0):
-            yield Mistake("direction", f"got {shown(self.direction)}, takes a vector that is not 0")
+        if isinstance(self.direction, tuple):
+            yield from direction_conflicts("direction", self.direction)
 
 
 class TipLoad(_Load):
     """A force and a moment at the tip."""
 
     kind: Literal["tip"] = Field(default="tip", description="A force and a moment at the tip.")
-    force: Force = Field(
+    force: Annotated[Force, InSpace((0.0, 0.0, 0.0))] = Field(
         default=(0.0, 0.0), description="Force; of a follower, as it is on a straight arm along x."
     )
-    moment: Annotated[float, Quantity("N m")] = Field(
-        default=0.0, description="Moment, positive the way tilt is."
+    moment: Moment = Field(
+        default=0.0,
+        description="Moment, positive the way tilt is; in space right-handed about each axis, so "
+        "that [0, -1, 0] is 1 of a planar arm.",
     )
-    follower: bool = Field(default=False, description="Whether the force turns with the tip.")
+    follower: bool = Field(
+        default=False,
+        description="Whether the force turns with the tip, in space the moment as well.",
+    )
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from super()._conflicts()

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
 
+from crinoid.scenario.dimension import InSpace
 from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.onset import Onset
 from crinoid.scenario.quantity import AsTuple, Degrees, Hertz, Metres, Quantity, Seconds
@@ -62,7 +63,7 @@ class MeasuredFlow(Onset):
     """A current as it was measured, from a netCDF file.
 
     A record of one place is carried past the arm by its mean velocity; a profile (`vertical`) is
-    the same along x.
+    the same at all places of a height.
     """
 
     kind: Literal["measured"] = Field(
@@ -73,11 +74,16 @@ class MeasuredFlow(Onset):
         description="NetCDF file. A relative path starts from the scenario file that names it, "
         "with --set and in Python from the working directory.",
     )
-    velocity: Annotated[tuple[Name, ...], AsTuple, Quantity(takes="a list of names")] = Field(
+    velocity: Annotated[
+        tuple[Name, ...],
+        AsTuple,
+        Quantity(takes="a list of names"),
+        InSpace(("u", "v", "w")),
+    ] = Field(
         default=("u", "w"),
-        description="Variables, by name or CF standard name: along x and z; with heading_deg "
-        'east, north and up. "-u" turns one round, "vel[E]" is one entry of a labelled '
-        'dimension, "0" is none.',
+        description="Variables, by name or CF standard name: along x and z, in space x, y and z; "
+        'with heading_deg east, north and up. "-u" turns one round, "vel[E]" is one entry of a '
+        'labelled dimension, "0" is none.',
     )
     time: str = Field(default="time", min_length=1, description="Variable that holds the time.")
     vertical: str | None = Field(
@@ -123,13 +129,7 @@ class MeasuredFlow(Onset):
     )
 
     def _conflicts(self) -> Iterator[Mistake]:
-        wanted = ("x", "z") if self.heading_deg is None else ("east", "north", "up")
-        if len(self.velocity) != len(wanted):
-            text = f"got {shown(self.velocity)}, takes a name for each of {', '.join(wanted)}"
-            if self.heading_deg is None and len(self.velocity) == 3:
-                text += "; east, north and up go with heading_deg"
-            yield Mistake("velocity", text)
-        elif all(component is None for component in self.components):
+        if all(component is None for component in self.components):
             text = f"got {shown(self.velocity)}, takes the name of a variable for at least one"
             yield Mistake("velocity", text)
         if self.origin is not None and self.vertical is None:

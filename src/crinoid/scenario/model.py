@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from crinoid.scenario.errors import Mistake, ScenarioError, join, shown
+from crinoid.scenario.errors import Mistake, ScenarioError, join, one_of, shown
 
 __all__ = ["Model"]
 
@@ -39,6 +39,11 @@ class Model(BaseModel):
         if mistakes:
             raise ScenarioError(mistakes)
 
+    def refused(self, name: str) -> Mistake:
+        """Say what a key got and what it takes."""
+        schema = type(self).model_json_schema()["properties"][name]
+        return _taking(name, f"got {shown(getattr(self, name))}", schema)
+
     def _conflicts(self) -> Iterator[Mistake]:
         """Yield what is wrong between keys that are each fine alone."""
         yield from ()
@@ -66,7 +71,7 @@ def _translated(detail: Any, properties: dict[str, Any], data: dict[str, Any]) -
         return [_unknown(name, properties)]
     schema = properties[name]
     if kind == "missing" and len(place) == 1:
-        return [Mistake(name, f"missing, takes {_takes(schema)}")]
+        return [_taking(name, "missing", schema)]
 
     key, value = name, data[name]
     for index in (part for part in place[1:] if isinstance(part, int)):
@@ -77,14 +82,20 @@ def _translated(detail: Any, properties: dict[str, Any], data: dict[str, Any]) -
     if isinstance(cause, ScenarioError):
         return [mistake.under(key) for mistake in cause.mistakes]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        takes = _one_of(schema["discriminator"]["mapping"])
+        takes = one_of(schema["discriminator"]["mapping"])
         tag = detail["ctx"].get("tag")
         got = "missing" if tag is None else f"got {shown(tag)}"
         return [Mistake(join(key, "kind"), f"{got}, takes {takes}")]
-    takes = _takes(schema)
     if not _finite(value):
         takes = "a finite number" if isinstance(value, float) else "finite numbers"
-    return [Mistake(key, f"got {shown(value)}, takes {takes}")]
+        return [Mistake(key, f"got {shown(value)}, takes {takes}")]
+    return [_taking(key, f"got {shown(value)}", schema)]
+
+
+def _taking(key: str, got: str, schema: dict[str, Any]) -> Mistake:
+    planar, spatial = _takes(schema), _takes(schema, in_space=True)
+    in_space = f"{got}, takes {spatial}: arm.dimension = 3" if spatial != planar else ""
+    return Mistake(key, f"{got}, takes {planar}", in_space=in_space)
 
 
 def _finite(value: Any) -> bool:
@@ -117,18 +128,20 @@ def _item(schema: dict[str, Any], index: int) -> dict[str, Any]:
     return {"unit": schema["unit"], **item} if "unit" in schema else item
 
 
-def _takes(schema: dict[str, Any]) -> str:
-    """Say in words what a JSON schema takes."""
+def _takes(schema: dict[str, Any], *, in_space: bool = False) -> str:
+    """Say in words what a JSON schema takes, for a planar or a spatial arm."""
     present = _present(schema)
     if len(present) == 1:
         schema = {**present[0], **schema}
     words = schema.get("takes") or _words(schema)
+    if in_space:
+        words = schema.get("takes_in_space", words)
     return f"{words} ({schema['unit']})" if "unit" in schema else words
 
 
 def _words(schema: dict[str, Any]) -> str:
     if "enum" in schema or "const" in schema:
-        return _one_of(schema.get("enum") or [schema["const"]])
+        return one_of(schema.get("enum") or [schema["const"]])
     match schema.get("type"):
         case "number" | "integer" as kind:
             noun = "a number" if kind == "number" else "a whole number"
@@ -158,8 +171,3 @@ def _bounds(schema: dict[str, Any]) -> str:
     upper = f" up to {most}" if most is not None else ""
     upper = f" below {below}" if below is not None else upper
     return f"{lower},{upper}" if lower and upper else lower + upper
-
-
-def _one_of(values: Any) -> str:
-    *first, last = (shown(value) for value in values)
-    return f"{', '.join(first)} or {last}" if first else last

@@ -24,18 +24,21 @@ from crinoid.scenario.quantity import (
     length_conflicts,
     time_conflicts,
 )
+from crinoid.space import ANGLES
 
 __all__ = ["Motion", "SineMotion", "TableMotion"]
 
 
 class _Motion(Model):
     kind: str
-    channel: ChannelName = Field(description="What moves: slide (x), heave (z) or tilt.")
+    channel: ChannelName = Field(
+        description="What moves: slide (x), heave (z) or tilt; in space sway (y), pan or roll too."
+    )
 
     def _unit_conflict(self, plain: str) -> Iterator[Mistake]:
         """Check that an angle is given in degrees, and only an angle."""
         wanted, other = (
-            (f"{plain}_deg", plain) if self.channel == "tilt" else (plain, f"{plain}_deg")
+            (f"{plain}_deg", plain) if self.channel in ANGLES else (plain, f"{plain}_deg")
         )
         if getattr(self, other) is not None:
             text = f'does not go with channel "{self.channel}", which takes {wanted}'
@@ -48,8 +51,8 @@ class SineMotion(_Motion):
     """A motion ``amplitude * sin(2 pi frequency_hz t + phase)``."""
 
     kind: Literal["sine"] = Field(default="sine", description="A sine.")
-    amplitude: Metres | None = Field(default=None, description="Amplitude of slide or heave.")
-    amplitude_deg: Degrees | None = Field(default=None, description="Amplitude of tilt.")
+    amplitude: Metres | None = Field(default=None, description="Amplitude of a shift.")
+    amplitude_deg: Degrees | None = Field(default=None, description="Amplitude of a turn.")
     frequency_hz: Hertz = Field(gt=0, description="Frequency.")
     phase_deg: Degrees = Field(default=0.0, description="Phase at t = 0.")
 
@@ -70,11 +73,11 @@ class TableMotion(_Motion):
     kind: Literal["table"] = Field(default="table", description="Points in time.")
     time: Times = Field(description="Times, increasing, from 0 or before to the end of the run.")
     value: Annotated[tuple[Metres, ...], AsTuple, Quantity("m", "a list of numbers")] | None = (
-        Field(default=None, description="Slide or heave at these times.")
+        Field(default=None, description="Shift at these times.")
     )
     value_deg: (
         Annotated[tuple[Degrees, ...], AsTuple, Quantity("degrees", "a list of numbers")] | None
-    ) = Field(default=None, description="Tilt at these times.")
+    ) = Field(default=None, description="Turn at these times.")
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from self._unit_conflict("value")

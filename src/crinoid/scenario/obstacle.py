@@ -11,9 +11,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.dimension import InSpace
+from crinoid.scenario.errors import Mistake
 from crinoid.scenario.model import Model
-from crinoid.scenario.quantity import AsTuple, Metres, Pair, Position, Quantity, Vector
+from crinoid.scenario.quantity import (
+    PER_AXIS,
+    Components,
+    Metres,
+    Position,
+    Quantity,
+    Triple,
+    Vector,
+    direction_conflicts,
+    unit_vector,
+)
 
 __all__ = ["Capsule", "Cylinder", "Obstacle", "Plane", "Sphere"]
 
@@ -21,9 +32,13 @@ _ENDLESS = 1e3
 """Half the length of a cylinder (m)."""
 _STRAIGHT = 1e-9
 
-Triple = Annotated[tuple[float, float, float], AsTuple]
 Direction = Annotated[Triple, Quantity(takes="[x, y, z]")]
-Drift = Annotated[Literal["flow"] | Pair, Quantity("m/s", '[x, z] or "flow"')]
+Drift = Annotated[
+    Literal["flow"] | Components,
+    Quantity("m/s", '[x, z] or "flow"', '[x, y, z] or "flow"'),
+    PER_AXIS,
+    InSpace((0.0, 0.0, 0.0)),
+]
 
 
 class _Obstacle(Model):
@@ -35,14 +50,17 @@ class _Obstacle(Model):
     friction: float = Field(default=0.0, ge=0, description="Coulomb's coefficient of friction.")
 
     @property
-    def half_axis(self) -> tuple[float, float]:
-        """Half of the core that the surface is around, in the plane of the arm (m)."""
-        return (0.0, 0.0)
+    def half_axis(self) -> tuple[float, ...]:
+        """Half of the core that the surface is around (m); of a planar arm, what is in its plane.
+
+        It has the axes of ``position``.
+        """
+        return (0.0,) * len(self.position)
 
     @property
-    def out(self) -> tuple[float, float]:
+    def out(self) -> tuple[float, ...]:
         """Normal of a plane, of length one; zero for what is round."""
-        return (0.0, 0.0)
+        return (0.0,) * len(self.position)
 
 
 class _Round(_Obstacle):
@@ -52,25 +70,25 @@ class _Round(_Obstacle):
 class _Long(_Round):
     axis: Direction = Field(
         default=(0.0, 1.0, 0.0),
-        description="Direction of its axis, its length is ignored; a planar arm takes y, across "
-        "its plane, or a direction in it.",
+        description="Direction of its axis, its length is ignored; in space any, with a planar arm "
+        "y, across its plane, or a direction in it.",
     )
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from super()._conflicts()
-        x, y, z = self.axis
-        length = math.hypot(x, y, z)
-        if length == 0:
-            text = f"got {shown(self.axis)}, takes a vector that is not 0"
-            yield Mistake("axis", text)
-        elif abs(y) > _STRAIGHT * length and math.hypot(x, z) > _STRAIGHT * length:
-            text = f"got {shown(self.axis)}, takes [0, 1, 0] or a vector with y = 0: oblique to "
-            yield Mistake("axis", f"{text}the arm's plane its cut would be an ellipse")
+        yield from direction_conflicts("axis", self.axis)
 
-    def _half(self, half: float) -> tuple[float, float]:
+    @property
+    def oblique(self) -> bool:
+        """Whether the axis neither lies in the plane of x and z nor stands across it."""
+        x, y, z = unit_vector(self.axis)
+        return abs(y) > _STRAIGHT and math.hypot(x, z) > _STRAIGHT
+
+    def _half(self, half: float) -> tuple[float, ...]:
         x, y, z = self.axis
         scale = half / math.hypot(x, y, z)
-        return (scale * x, scale * z)
+        seen = (x, z) if len(self.position) == 2 else (x, y, z)
+        return tuple(scale * component for component in seen)
 
 
 class Sphere(_Round):
@@ -94,8 +112,8 @@ class Cylinder(_Long):
     kind: Literal["cylinder"] = Field(default="cylinder", description="A pole without an end.")
 
     @property
-    def half_axis(self) -> tuple[float, float]:
-        """Half of the core that the surface is around, in the plane of the arm (m)."""
+    def half_axis(self) -> tuple[float, ...]:
+        """Half of the core that the surface is around (m)."""
         return self._half(_ENDLESS)
 
 
@@ -106,8 +124,8 @@ class Capsule(_Long):
     length: Metres = Field(gt=0, description="Distance of the middles of its ends.")
 
     @property
-    def half_axis(self) -> tuple[float, float]:
-        """Half of the core that the surface is around, in the plane of the arm (m)."""
+    def half_axis(self) -> tuple[float, ...]:
+        """Half of the core that the surface is around (m)."""
         return self._half(self.length / 2)
 
 
@@ -119,14 +137,12 @@ class Plane(_Obstacle):
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from super()._conflicts()
-        if math.hypot(*self.normal) == 0:
-            yield Mistake("normal", f"got {shown(self.normal)}, takes a vector that is not 0")
+        yield from direction_conflicts("normal", self.normal)
 
     @property
-    def out(self) -> tuple[float, float]:
+    def out(self) -> tuple[float, ...]:
         """Normal of the plane, of length one."""
-        x, z = self.normal
-        return (x / math.hypot(x, z), z / math.hypot(x, z))
+        return unit_vector(self.normal)
 
 
 Obstacle = Annotated[Sphere | Cylinder | Capsule | Plane, Field(discriminator="kind")]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, GetJsonSchemaHandler
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
 from pydantic_core import CoreSchema
 
+from crinoid.scenario.dimension import Count
 from crinoid.scenario.errors import Mistake, shown
 
 
@@ -23,16 +25,19 @@ class Quantity:
         Its unit; empty for a plain number.
     takes
         What the key takes, in words, where the type and the bounds do not say it well.
+    in_space
+        What it takes for an arm in space, if that is something else.
     """
 
     unit: str = ""
     takes: str = ""
+    in_space: str = ""
 
     def __get_pydantic_json_schema__(
         self, core_schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
         schema = handler(core_schema)
-        given = {"unit": self.unit, "takes": self.takes}
+        given = {"unit": self.unit, "takes": self.takes, "takes_in_space": self.in_space}
         return {**schema, **{key: text for key, text in given.items() if text}}
 
 
@@ -47,7 +52,6 @@ AsTuple = BeforeValidator(_as_tuple)
 
 Metres = Annotated[float, Quantity("m")]
 SquareMetres = Annotated[float, Quantity("m2")]
-PerMetre = Annotated[float, Quantity("1/m")]
 Seconds = Annotated[float, Quantity("s")]
 Hertz = Annotated[float, Quantity("Hz")]
 Degrees = Annotated[float, Quantity("degrees")]
@@ -55,10 +59,13 @@ MetresPerSecond = Annotated[float, Quantity("m/s")]
 Newtons = Annotated[float, Quantity("N")]
 
 Pair = Annotated[tuple[float, float], AsTuple]
+Triple = Annotated[tuple[float, float, float], AsTuple]
 Times = Annotated[tuple[float, ...], AsTuple, Quantity("s", "a list of numbers")]
 
-# A planar arm moves in x (level) and z (up).
-Vector = Annotated[Pair, Quantity(takes="[x, z]")]
+# A planar arm moves in x (forward) and z (up), a spatial one in y (to port) as well.
+Components = Annotated[tuple[float, ...], AsTuple, Field(min_length=2, max_length=3)]
+PER_AXIS = Count(plane=(2,), space=(3,))
+Vector = Annotated[Components, Quantity(takes="[x, z]", in_space="[x, y, z]"), PER_AXIS]
 Position = Annotated[Vector, Quantity("m")]
 Velocity = Annotated[Vector, Quantity("m/s")]
 Force = Annotated[Vector, Quantity("N")]
@@ -80,3 +87,15 @@ def length_conflicts(
     """Yield what is wrong with the length of a list that goes with times."""
     if len(values) != len(time):
         yield Mistake(key, f"has {len(values)} entries, takes {len(time)}, as time has")
+
+
+def unit_vector(vector: tuple[float, ...]) -> tuple[float, ...]:
+    """Return a vector with the same direction and a length of one."""
+    length = math.hypot(*vector)
+    return tuple(component / length for component in vector)
+
+
+def direction_conflicts(key: str, vector: tuple[float, ...]) -> Iterator[Mistake]:
+    """Yield a vector that has no direction."""
+    if not any(vector):
+        yield Mistake(key, f"got {shown(vector)}, takes a vector that is not 0")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from itertools import product
 from math import prod
@@ -16,7 +16,9 @@ from crinoid.scenario.base import Base
 from crinoid.scenario.consistency import (
     channel_conflicts,
     contact_conflicts,
+    control_conflicts,
     depth_conflicts,
+    measured_conflicts,
     motion_conflicts,
     output_conflicts,
     rate_conflicts,
@@ -25,6 +27,7 @@ from crinoid.scenario.consistency import (
     wave_conflicts,
 )
 from crinoid.scenario.control import Control, Sensor
+from crinoid.scenario.dimension import dimension_conflicts, fitted, unwritten
 from crinoid.scenario.document import assign, parse
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
 from crinoid.scenario.flow import Flow
@@ -46,6 +49,8 @@ __all__ = ["Scenario"]
 _DEFAULT_RATE_HZ = 100.0
 _DEFAULT_INTERVAL = 0.02
 _MAX_CASES = 10_000
+_DIMENSION = {"arm", "arm.dimension"}
+"""Keys that a change of dimension goes by."""
 
 
 def _plain(value: Any) -> Any:
@@ -113,6 +118,21 @@ class Scenario(Model):
         "combination.",
     )
 
+    # Only here is it known in which words to speak of a mistake, and which defaults hold.
+    def __init__(self, /, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ScenarioError as error:
+            arm = data.get("arm")
+            given = arm if isinstance(arm, Mapping) else dict(arm) if isinstance(arm, Arm) else {}
+            in_space = given.get("dimension") == 3
+            raise ScenarioError(m.told(in_space=in_space) for m in error.mistakes) from None
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Settle the defaults that follow `arm.dimension`, and refuse what does not go together."""
+        self.__dict__.update(fitted(self, self.arm.dimension))
+        super().model_post_init(context)
+
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scenario:
         """Make a scenario from tables, as ``tomllib`` gives them."""
@@ -125,9 +145,10 @@ class Scenario(Model):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the tables as plain dictionaries and lists, without what is empty."""
-        document = self.model_dump(mode="json", exclude_none=True)
-        vary = document.pop("vary")
-        return {**_without_empty(document), **({"vary": vary} if vary else {})}
+        # a case with another dimension has other defaults
+        varied = not _DIMENSION.isdisjoint(self.vary)
+        document = self._tables(lambda key: varied)
+        return {**document, **({"vary": self.vary} if self.vary else {})}
 
     def to_toml(self) -> str:
         """Return the scenario as TOML, defaults included; `from_toml` gives it back."""
@@ -148,11 +169,16 @@ class Scenario(Model):
 
     def with_values(self, values: Mapping[str, Any]) -> Scenario:
         """Return this scenario with other values, given by dotted key, and without ``vary``."""
-        document = self.to_dict()
-        document.pop("vary", None)
+        # what follows the dimension goes on following it, but for what is changed in part
+        document = self._tables(lambda key: not any(part.startswith(f"{key}.") for part in values))
         for key, value in values.items():
             assign(document, key, value)
         return Scenario(**document)
+
+    def _tables(self, left_open: Callable[[str], bool]) -> dict[str, Any]:
+        """Return all tables but ``vary``, plain, without what is empty or follows the dimension."""
+        excluded = unwritten(self, self.arm.dimension, left_open) | {"vary": True}
+        return _without_empty(self.model_dump(mode="json", exclude_none=True, exclude=excluded))
 
     @cached_property
     def recordings(self) -> dict[int, Recording]:
@@ -237,11 +263,18 @@ class Scenario(Model):
         ]
 
     def _conflicts(self) -> Iterator[Mistake]:
+        dimension = self.arm.dimension
+        mistakes = list(dimension_conflicts(self, dimension))
+        if mistakes:  # the others take vectors as they should be
+            yield from mistakes
+            return
         yield from depth_conflicts(self.water, self.base, self.flow)
         yield from wave_conflicts(self.water, self.base, self.flow)
+        yield from measured_conflicts(self.flow, dimension)
         yield from record_conflicts(self.flow, self.simulation)
-        yield from motion_conflicts(self.base, self.simulation)
+        yield from motion_conflicts(self.base, self.simulation, dimension)
         yield from channel_conflicts(self.control, self.base)
+        yield from control_conflicts(self.control, dimension)
         yield from rate_conflicts(self.sensor, self.control, self.simulation)
         yield from contact_conflicts(self.arm, self.obstacle)
         yield from output_conflicts(self.output, self.simulation)

@@ -8,19 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.base import CHANNELS
 from crinoid.chain import Bands
-from crinoid.control import Clock, Controller, Idle, Pid, Sensor, Target
+from crinoid.control import Clock, Controller, Idle, Pid, Sensor, Target, damped_inverse
 from crinoid.dynamics import Modes, Outcome, State, System, find_modes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario import Target as TargetTable
 from crinoid.simulation.loop import Loop
+from crinoid.space import CHANNELS, POSE
 from crinoid.spline import PiecewiseCubic
-
-POSE = ("x", "z", "angle")
-"""The tip's coordinates, in the order of a pose."""
-
-# where the static Jacobian nearly loses a direction, its inverse would ask for wild commands
-_SMALLEST_SINGULAR_VALUE = 1e-3
 
 
 class Setup(NamedTuple):
@@ -115,33 +110,50 @@ def _check_room(system: System) -> None:
 
 
 def _target(scenario: Scenario, tip: np.ndarray) -> Target:
-    target = scenario.target
+    target, axes = scenario.target, scenario.arm.dimension
     fixed = np.array(tip)
     moving: tuple[int, ...] = ()
     paths = []
     if target.tip_path is not None:
-        moving += (0, 1)
+        moving += tuple(range(axes))
         paths.append(np.asarray(target.tip_path))
     elif not isinstance(target.tip, str):
-        fixed[:2] = target.tip
-    if target.angle_path_deg is not None:
-        moving += (2,)
-        paths.append(np.deg2rad(target.angle_path_deg)[:, None])
-    elif not isinstance(target.angle_deg, str):
-        fixed[2] = np.deg2rad(target.angle_deg)
+        fixed[:axes] = target.tip
+    turns, steady = _pointing(target, axes)
+    if turns is not None:
+        moving += tuple(range(axes, fixed.size))
+        paths.append(turns)
+    elif steady is not None:
+        fixed[axes:] = steady
     path = None
     if moving:
         from scipy.interpolate import PchipInterpolator  # slow to load, and often not needed
 
         # monotone between the points: the target does not swing out past them
         path = PiecewiseCubic(PchipInterpolator(target.time, np.concatenate(paths, axis=1)))
-    return Target(jnp.asarray(fixed), path, moving)
+    return Target(jnp.asarray(fixed), path, moving, axes)
+
+
+def _pointing(target: TargetTable, axes: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return where the tip should point, along a path or steadily, where the scenario says it."""
+    if axes == 2:
+        if target.angle_path_deg is not None:
+            return np.deg2rad(target.angle_path_deg)[:, None], None
+        if isinstance(target.angle_deg, str):
+            return None, None
+        return None, np.deg2rad([target.angle_deg])
+    if target.direction_path is not None:
+        return np.asarray(target.direction_path), None
+    steady = target.steady_direction
+    return None, None if steady is None else np.asarray(steady)
 
 
 def _sensor(scenario: Scenario) -> Sensor:
     sensor = scenario.sensor
     rate = scenario.sensor_rate_hz
-    noise = [sensor.noise_position] * 2 + [np.deg2rad(sensor.noise_angle_deg)]
+    axes = scenario.arm.dimension
+    turns = len(POSE[axes]) - axes
+    noise = [sensor.noise_position] * axes + [np.deg2rad(sensor.noise_angle_deg)] * turns
     return Sensor(
         clock=Clock(jnp.asarray(1.0 / rate)),
         delay=jnp.asarray(sensor.delay),
@@ -153,18 +165,27 @@ def _sensor(scenario: Scenario) -> Sensor:
 
 
 def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
-    control = scenario.control
+    control, axes = scenario.control, scenario.arm.dimension
+    channels, coordinates = CHANNELS[axes], POSE[axes]
     if control.kind == "none":
-        return Idle(len(CHANNELS))
-    driven = {CHANNELS.index(name): gains for name, gains in control.pid.present.items()}
+        return Idle(len(channels))
+    driven = {channels.index(name): gains for name, gains in control.pid.present.items()}
     limits = {
-        CHANNELS.index(name): channel.limits
+        channels.index(name): channel.limits
         for name, channel in scenario.base.channels.present.items()
     }
-    mapping = np.zeros((len(CHANNELS), len(POSE)))
-    rows, columns = list(driven), [POSE.index(name) for name in control.controlled]
+    mapping = np.zeros((len(channels), len(coordinates)))
+    # a direction in space has three coordinates
+    columns = [
+        column
+        for name in control.controlled
+        for column, coordinate in enumerate(coordinates)
+        if coordinate == name or coordinate.startswith(f"{name}_")
+    ]
+    rows = list(driven)
     if jacobian is None:
-        mapping[rows, rows] = 1.0  # x with slide, z with heave, angle with tilt
+        # x with slide, z with heave, angle with tilt; in space x, y, z with slide, sway, heave
+        mapping[rows, rows] = 1.0
     else:
         needed = np.asarray(jacobian)[np.ix_(columns, rows)]
         if not np.isfinite(needed).all():
@@ -173,10 +194,11 @@ def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
                 'does not follow the base; takes "identity", or an arm with a clamp or a weight'
             )
             raise ScenarioError([Mistake("control.mapping", text)])
-        mapping[np.ix_(rows, columns)] = np.linalg.pinv(needed, rcond=_SMALLEST_SINGULAR_VALUE)
+        weights = np.where(np.asarray(columns) < axes, 1.0, scenario.arm.length)
+        mapping[np.ix_(rows, columns)] = damped_inverse(weights[:, None] * needed) * weights
 
     def per_channel(values: dict[int, float]) -> Float[Array, " channel"]:
-        return jnp.asarray([values.get(index, 0.0) for index in range(len(CHANNELS))])
+        return jnp.asarray([values.get(index, 0.0) for index in range(len(channels))])
 
     filter_time = {i: 0.5 / (np.pi * g.derivative_filter_hz) for i, g in driven.items()}
     return Pid(
@@ -188,4 +210,5 @@ def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
         lower=per_channel({index: limit.low for index, limit in limits.items()}),
         upper=per_channel({index: limit.high for index, limit in limits.items()}),
         period=jnp.asarray(1.0 / scenario.control_rate_hz),
+        axes=axes,
     )

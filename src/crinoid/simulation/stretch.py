@@ -14,12 +14,15 @@ def record(loop: Loop, carry: LoopState) -> Record:
     """Keep the present instant."""
     state, tally = carry.state, carry.tally
     pose, _, _ = loop.system.base.pose(state.time, state.servo)
+    strains = loop.system.strains(state)
+    spatial = state.frames is not None
     return Record(
         state.time,
         state.position[1:],
         state.velocity[1:],
         state.acceleration[1:],
         state.flow_velocity[1:],
+        strains[:, :2] if spatial else strains[:, 0],
         loop.system.tip(state),
         loop.target(state.time),
         carry.command,
@@ -33,6 +36,8 @@ def record(loop: Loop, carry: LoopState) -> Record:
         state.obstacle_position,
         state.obstacle_velocity,
         state.touch,
+        None if state.frames is None else state.frames.director[2:],
+        strains[:, 2] if spatial else None,
     )
 
 

@@ -33,7 +33,7 @@ class Recording:
     levels: Float[np.ndarray, " level"] | None
     """Heights z (m), increasing, two or more; None for the record of one place."""
     velocity: Float[np.ndarray, "time level axis"]
-    """Velocity (m/s) along x and z, as large as in the run."""
+    """Velocity (m/s) along the axes of the arm, as large as in the run."""
     slowness: Float[np.ndarray, " axis"]
     """By how much the record comes later, in the time of the run, over distance (s/m)."""
     begins: float
@@ -85,16 +85,20 @@ def read_recording(flow: MeasuredFlow, stage: Stage) -> Recording:
         text = f"got {flow.skip}, takes less than {whole.time[-1]:.6g} (s), the record's length"
         raise refusal("skip", text)
     mean, fluctuation = _carrier(whole.time, velocity[:, 0], flow.skip)
-    notes += _crossing(velocity)
-    slowness = np.zeros(2)
+    kept = [0, 1, 2]
+    if stage.dimension == 2:
+        notes += _crossing(velocity)
+        kept = [0, -1]
+    slowness = np.zeros_like(mean)
     if not profile:
         if 0 < fluctuation <= _FROZEN_BELOW * np.linalg.norm(mean):
-            slowness = mean[[0, -1]] / (mean @ mean)
+            slowness = mean / (mean @ mean)
         elif fluctuation > 0:
             notes.append(
                 f"fluctuations of {fluctuation:.3g} m/s about a mean of {np.linalg.norm(mean):.3g} "
                 "m/s are no frozen pattern that drifts past the arm: the water moves as one"
             )
+    velocity, slowness = velocity[..., kept], slowness[kept]
     delay = stage.reach * float(np.linalg.norm(slowness)) / flow.time_scale
     begins = max(flow.skip, delay)
     _check_length(flow, stage, whole.time[-1], begins, delay)
@@ -102,7 +106,7 @@ def read_recording(flow: MeasuredFlow, stage: Stage) -> Recording:
         name=Path(flow.file).name,
         time=whole.time,
         levels=levels if profile else None,
-        velocity=velocity[:, :, [0, -1]],
+        velocity=velocity,
         slowness=slowness,
         begins=begins,
         time_scale=flow.time_scale,
@@ -113,7 +117,10 @@ def read_recording(flow: MeasuredFlow, stage: Stage) -> Recording:
 def _turn(
     velocity: Float[np.ndarray, "time level enu=3"], heading: float
 ) -> Float[np.ndarray, "time level xyz=3"]:
-    """Turn east, north and up into x, y and z, where x points along a compass heading (rad)."""
+    """Turn east, north and up into x, y and z, where x points along a compass heading (rad).
+
+    y is to port.
+    """
     east, north, up = np.moveaxis(velocity, -1, 0)
     sine, cosine = np.sin(heading), np.cos(heading)
     return np.stack([sine * east + cosine * north, sine * north - cosine * east, up], axis=-1)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crinoid.scenario.motion import SineMotion
+from crinoid.space import ANGLES, CHANNELS
 
 if TYPE_CHECKING:
     from crinoid.scenario.scenario import Scenario
@@ -22,6 +23,8 @@ class Stage:
 
     duration: float
     """How long the run lasts (s)."""
+    dimension: int
+    """Number of axes in which the arm moves, 2 or 3."""
     reach: float
     """How far the arm gets from where its root is set (m)."""
     heights: tuple[float, float]
@@ -33,18 +36,20 @@ class Stage:
     def of(scenario: Scenario) -> Stage:
         """Return the stage that a scenario sets."""
         base, depth = scenario.base, scenario.water.depth
-        travel = {"slide": 0.0, "heave": 0.0, "tilt": 0.0}
+        dimension = scenario.arm.dimension
+        travel = dict.fromkeys(CHANNELS[dimension], 0.0)
         for name, channel in base.channels.present.items():
             travel[name] += max(-channel.limits.low, channel.limits.high)
         for motion in base.motion:
             swing = motion.amplitude_si if isinstance(motion, SineMotion) else motion.value_si
             travel[motion.channel] += float(np.abs(swing).max())
-        root = base.position[1]
+        root = base.position[-1]
         tip = root + scenario.arm.length * float(np.sin(np.deg2rad(base.tilt_deg)))
         return Stage(
             duration=scenario.simulation.duration,
+            dimension=dimension,
             reach=_STRETCH * scenario.arm.length
-            + float(np.hypot(travel["slide"], travel["heave"])),
+            + float(np.hypot.reduce([way for name, way in travel.items() if name not in ANGLES])),
             heights=(min(root, tip), max(root, tip)),
             bed=None if depth is None else -depth,
         )

@@ -1,0 +1,286 @@
+"""Bending and twisting of a discrete rod in space, with Kelvin-Voigt damping on every strain.
+
+The two edges at a node carry a material frame each. Turned by half of the twist and half of the
+bend both come to the same middle frame ``(d, M_1, M_2)``, with ``d`` along ``t_a + t_b``. The
+strains of the node are read in it: with ``k = 2 t_a x t_b / (1 + t_a . t_b)``, the binormal,
+
+``kappa_1 = k . M_2``, ``kappa_2 = -k . M_1`` and ``tau``, the twist from one frame to the other
+
+(Bergou et al. 2008, eq. 1; 2010, section 4). Where these average the components of ``k`` in the
+frames of both edges the middle frame has the true ones: they do not shrink as the node twists.
+
+The strain as a vector ``e = kappa_1 M_2 - kappa_2 M_1 + tau d`` follows the edges' relative
+angular velocity ``w`` as ``de/dt = G w`` in the middle frame, with the symmetric
+
+``G = C (1 + h k k^T)``, ``C = 1 / cos(bend / 2) = sqrt(1 + k.k / 4)``, ``h = 1 / (4 (C + 1))``,
+
+so that a stress ``S`` along the same axes hands on the moment ``m = G S`` from edge to edge.
+"""
+
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.elements.element import Course, Linearised, Motion
+from crinoid.elements.geometry import unit
+from crinoid.frames import angle_between, cross, dot, transport
+from crinoid.rod import Rod
+
+Vector = Float[Array, "3"]
+Matrix = Float[Array, "3 3"]
+
+
+class _Edge(NamedTuple):
+    """An edge of a window and how it moves."""
+
+    tangent: Vector
+    director: Vector
+    length: Float[Array, ""]
+    rate: Vector
+    """Of the vector from end to end, over its length (1/s)."""
+    spin_rate: Float[Array, ""]
+
+    @staticmethod
+    def of(motion: Motion, end: int) -> "_Edge":
+        tangent, length = unit(motion.position[end, :3] - motion.position[end - 1, :3])
+        rate = (motion.velocity[end, :3] - motion.velocity[end - 1, :3]) / length
+        assert motion.orientation is not None
+        director = motion.orientation.director[end]
+        return _Edge(tangent, director, length, rate, motion.velocity[end, 3])
+
+    @property
+    def angular_velocity(self) -> Vector:
+        return cross(self.tangent, self.rate) + self.spin_rate * self.tangent
+
+    def force(self, moment: Vector) -> Float[Array, "4"]:
+        """Return what a moment is on the edge's vector (N) and about the edge (N m)."""
+        return jnp.append(cross(moment, self.tangent) / self.length, dot(moment, self.tangent))
+
+    def turning(self, lean: Vector) -> Float[Array, "3 4"]:
+        """Return how the edge turns with its vector (m) and its spin (rad)."""
+        swung = _crossing(self.tangent) + _outer(self.tangent, lean)
+        return jnp.concatenate([swung / self.length, self.tangent[:, None]], axis=1)
+
+    def force_slope(self, moment: Vector) -> Float[Array, "4 4"]:
+        """Return d(force)/d(vector and spin) at a fixed moment."""
+        swing = _across(self.tangent) / self.length
+        pull = _outer(cross(moment, self.tangent), self.tangent) / self.length
+        force = (_product(_crossing(moment), swing) - pull) / self.length
+        torque = jnp.sum(moment[:, None] * swing, axis=0)
+        return jnp.pad(jnp.concatenate([force, torque[None]]), ((0, 0), (0, 1)))
+
+    def angular_velocity_slope(self) -> Float[Array, "3 4"]:
+        """Return d(angular velocity)/d(vector and spin) at fixed velocities."""
+        swing = _across(self.tangent)
+        rate = self.spin_rate * swing - _product(_crossing(self.rate), swing)
+        shrinking = _outer(cross(self.tangent, self.rate), self.tangent)
+        return jnp.pad((rate - shrinking) / self.length, ((0, 0), (0, 1)))
+
+
+class _Strain(NamedTuple):
+    """The strains of a node, and the middle frame that they are read in."""
+
+    binormal: Vector
+    axes: Matrix
+    """Rows ``M_2, -M_1, d``: the directions of the three strains."""
+    strains: Vector
+    """``kappa_1, kappa_2, tau``: integrated over the length that the node owns."""
+    stretch: Float[Array, ""]
+    """``C``."""
+    share: Float[Array, ""]
+    """``h``."""
+
+    @staticmethod
+    def of(a: _Edge, b: _Edge, expected_twist: Float[Array, ""]) -> "_Strain":
+        facing = 1.0 + dot(a.tangent, b.tangent)
+        binormal = 2.0 * cross(a.tangent, b.tangent) / facing
+        stretch = jnp.sqrt(1.0 + 0.25 * dot(binormal, binormal))
+        middle = (a.tangent + b.tangent) / (facing * stretch)
+        first = transport(a.director, a.tangent, middle)
+        last = transport(b.director, b.tangent, middle)
+        wrapped = angle_between(first, last, middle)
+        turns = jnp.round((expected_twist - wrapped) / (2 * jnp.pi))
+        twist = wrapped + 2 * jnp.pi * turns
+        half = 0.5 * twist
+        m_1 = jnp.cos(half) * first + jnp.sin(half) * cross(middle, first)
+        m_2 = cross(middle, m_1)
+        return _Strain(
+            binormal,
+            jnp.stack([m_2, -m_1, middle]),
+            jnp.stack([dot(binormal, m_2), -dot(binormal, m_1), twist]),
+            stretch,
+            1.0 / (4.0 * (stretch + 1.0)),
+        )
+
+    def rates(self, relative: Vector) -> Vector:
+        """Return the rates of the strains, from the edges' relative angular velocity."""
+        return _apply(self.axes, _apply(self.map, relative))
+
+    @property
+    def map(self) -> Matrix:
+        """``G``."""
+        return self.stretch * (jnp.eye(3) + self.share * _outer(self.binormal, self.binormal))
+
+    def map_slope(self, vector: Vector) -> Matrix:
+        """Return ``d(G vector)/dw`` in the middle frame, ``vector`` turning along with it."""
+        K, C, h = self.binormal, self.stretch, self.share
+        stretching = self._growth * K  # dC/dw
+        bending = _product(_across(self.axes[2]), self.map)  # dk/dw
+        along = dot(K, vector)
+        mapped = C * (vector + h * along * K)
+        turned = jnp.sum(vector[:, None] * bending, axis=0)
+        return _outer(mapped / C - 4 * h**2 * C * along * K, stretching) + C * h * (
+            _outer(K, turned) + along * bending
+        )
+
+    @property
+    def _growth(self) -> Float[Array, ""]:
+        # dC = k . dk / (4 C) and G k = C^2 k
+        return 0.25 * self.stretch
+
+    @property
+    def turning(self) -> Matrix:
+        """How the middle frame turns with ``w`` beyond the mean of the two edges."""
+        middle = self.axes[2]
+        aside = cross(self.binormal, middle)
+        return self.share * _outer(middle, aside) - 0.25 * _outer(aside, middle)
+
+
+class BendTwist(Linearised):
+    """Bend and twist at a node between two edges in space.
+
+    Stores ``1/2 sum_i K_i (s_i - s_i rest)^2`` over the strains ``s = kappa_1, kappa_2, tau`` with
+    ``K = EI_1 / l, EI_2 / l, GJ / l``; ``l`` is the length that the node owns, and each strain at
+    rest ``l`` times its value per length. At the root the first edge of the window is the ghost
+    edge of the clamp and the node owns half an edge, as in the plane (`Bend`).
+
+    The bend's strains grow without bound as the edges fold onto each other.
+    """
+
+    stencil: ClassVar[int] = 3
+    spins: ClassVar[bool] = True
+    stored: ClassVar[str] = "elastic"
+    worked: ClassVar[str] = "damping"
+    first: int = eqx.field(static=True)
+    stiffness: Float[Array, "*count 3"]
+    """``EI_1 / l, EI_2 / l, GJ / l`` (N m)."""
+    rest_strain: Float[Array, "*count 3"]
+    damping_time: Float[Array, "*count"]
+
+    @staticmethod
+    def of(rod: Rod, *, pinned: bool = False) -> "BendTwist":
+        """Build the nodes of a rod but its tip; a pinned root twists but resists no bending."""
+        owned = rod.voronoi_length[:-1, None]
+        stiffness = jnp.concatenate([rod.EI, rod.GJ[:, None]], axis=1)[:-1] / owned
+        if pinned:
+            stiffness = stiffness.at[0, :2].set(0.0)
+        damping_time = jnp.broadcast_to(rod.damping_time, owned.shape[:1])
+        rest = jnp.concatenate([rod.rest_curvature, rod.rest_twist[:, None]], axis=1)
+        return BendTwist(0, stiffness, rest[:-1] * owned, damping_time)
+
+    def residual(self, motion: Motion) -> Float[Array, "3 4"]:
+        a, b, strain = self._observe(motion)
+        moment = _apply(strain.map, self._stress(strain, b.angular_velocity - a.angular_velocity))
+        return _on_nodes(-a.force(moment), b.force(moment))
+
+    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 4 3 4"]:
+        assert motion.orientation is not None
+        lean = motion.orientation.lean
+        a, b, strain = self._observe(motion)
+        relative = b.angular_velocity - a.angular_velocity
+        stress = self._stress(strain, relative)
+        G, turning = strain.map, strain.turning
+        stiffness = jnp.sum(
+            self.stiffness[:, None, None] * strain.axes[:, :, None] * strain.axes[:, None, :],
+            axis=0,
+        )
+        moment = _apply(G, stress)
+        # d(moment)/dw where the edges' mean does not turn, and d(moment)/d(relative velocity)
+        on_strain = _product(G, stiffness)
+        viscous = self.damping_time * _product(on_strain, G)
+        rated = strain.map_slope(relative) + _product(G, _product(_crossing(relative), turning))
+        by_turn = (
+            strain.map_slope(stress)
+            + _product(on_strain, G + self.damping_time * rated)
+            - _product(_crossing(moment), turning)
+        )
+        # the mean's turn is half of each edge's: it takes the moment along, and the velocities
+        # of before, seen from what has turned, change the other way
+        by_mean = 0.5 * (_product(viscous, _crossing(relative)) - _crossing(moment))
+
+        def followed(edge: _Edge, end: int, by_turn: Matrix) -> Float[Array, "3 4"]:
+            velocity = course.by_velocity * edge.turning(jnp.zeros(3))
+            velocity += course.by_position * edge.angular_velocity_slope()
+            return course.by_position * _product(by_turn, edge.turning(lean[end])) + (
+                _product(viscous, velocity)
+            )
+
+        by_a = -followed(a, 1, by_turn - by_mean)
+        by_b = followed(b, 2, by_turn + by_mean)
+        still = jnp.zeros(3)
+        act_a, act_b = a.turning(still).T, b.turning(still).T
+        on_a = [-_product(act_a, by_a), -_product(act_a, by_b)]
+        on_b = [_product(act_b, by_a), _product(act_b, by_b)]
+        on_a[0] -= course.by_position * a.force_slope(moment)
+        on_b[1] += course.by_position * b.force_slope(moment)
+        rows = [_on_nodes(on_a[i], on_b[i]) for i in (0, 1)]
+        columns = [jnp.moveaxis(row, -1, 0) for row in rows]
+        return jnp.moveaxis(_on_nodes(*columns), (0, 1), (2, 3))
+
+    def strains(self, motion: Motion) -> Float[Array, "3"]:
+        """Return ``kappa_1, kappa_2, tau``, integrated over the length that the node owns."""
+        return self._observe(motion)[2].strains
+
+    def energy(self, motion: Motion) -> Float[Array, ""]:
+        _, _, strain = self._observe(motion)
+        return 0.5 * jnp.sum(self.stiffness * (strain.strains - self.rest_strain) ** 2)
+
+    def power(self, motion: Motion) -> Float[Array, ""]:
+        a, b, strain = self._observe(motion)
+        rate = strain.rates(b.angular_velocity - a.angular_velocity)
+        return -self.damping_time * jnp.sum(self.stiffness * rate**2)
+
+    def _stress(self, strain: _Strain, relative: Vector) -> Vector:
+        """Return the stress as a vector in space."""
+        strained = strain.strains - self.rest_strain + self.damping_time * strain.rates(relative)
+        return jnp.sum((self.stiffness * strained)[:, None] * strain.axes, axis=0)
+
+    @staticmethod
+    def _observe(motion: Motion) -> tuple[_Edge, _Edge, _Strain]:
+        assert motion.orientation is not None
+        a, b = _Edge.of(motion, 1), _Edge.of(motion, 2)
+        return a, b, _Strain.of(a, b, motion.orientation.twist[1])
+
+
+def _on_nodes(on_a: Float[Array, "4 ..."], on_b: Float[Array, "4 ..."]) -> Float[Array, "3 4 ..."]:
+    """Spread what acts on the vectors of two edges, and about them, over their nodes."""
+    places = [-on_a[:3], on_a[:3] - on_b[:3], on_b[:3]]
+    spins = [jnp.zeros_like(on_a[3:]), on_a[3:], on_b[3:]]
+    return jnp.stack([jnp.concatenate(node) for node in zip(places, spins, strict=True)])
+
+
+def _outer(a: Vector, b: Vector) -> Matrix:
+    return a[:, None] * b
+
+
+def _across(tangent: Vector) -> Matrix:
+    """Return the projection on what is normal to a unit vector."""
+    return jnp.eye(3) - _outer(tangent, tangent)
+
+
+def _crossing(vector: Vector) -> Matrix:
+    """Return the matrix of ``vector x``."""
+    x, y, z = vector
+    none = jnp.zeros_like(x)
+    return jnp.stack([none, -z, y, z, none, -x, -y, x, none]).reshape(3, 3)
+
+
+def _product(a: Float[Array, "i j"], b: Float[Array, "j k"]) -> Float[Array, "i k"]:
+    # for blocks this small XLA fuses a sum of products but calls a routine for `@`
+    return jnp.sum(a[:, :, None] * b, axis=1)
+
+
+def _apply(matrix: Matrix, vector: Vector) -> Vector:
+    return jnp.sum(matrix * vector, axis=1)

@@ -1,0 +1,130 @@
+"""Frames that turn along with a rod in space.
+
+A frame is a tangent ``t`` and a director ``m_1`` normal to it; ``m_2 = t x m_1`` completes it.
+Frames are carried on by parallel transport, the rotation from one tangent to another that does
+not turn about either, plus a spin about the tangent (Bergou et al. 2008, section 4.2; 2010,
+section 4). So the spin of an edge is a coordinate of its own beside the places of its ends.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+Vectors = Float[Array, "*shape 3"]
+Numbers = Float[Array, "*shape"]
+
+
+def dot(a: Vectors, b: Vectors) -> Numbers:
+    """Return the scalar products of vectors."""
+    return jnp.sum(a * b, axis=-1)
+
+
+def cross(a: Vectors, b: Vectors) -> Vectors:
+    """Return the vector products of vectors in space."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return jnp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def transport(vector: Vectors, before: Vectors, after: Vectors) -> Vectors:
+    """Carry vectors that are normal to a unit tangent ``before`` over to a tangent ``after``.
+
+    There is no one way to do so where the tangents oppose each other: what comes back is then not
+    finite.
+    """
+    share = dot(vector, after) / (1.0 + dot(before, after))
+    return vector - share[..., None] * (before + after)
+
+
+def spun(director: Vectors, tangent: Vectors, angle: Numbers) -> Vectors:
+    """Turn directors about their tangents, from ``m_1`` toward ``m_2``."""
+    cos, sin = jnp.cos(angle)[..., None], jnp.sin(angle)[..., None]
+    return cos * director + sin * cross(tangent, director)
+
+
+def angle_between(before: Vectors, after: Vectors, tangent: Vectors) -> Numbers:
+    """Return the angle about a tangent from one director to another (rad, up to half a turn)."""
+    return jnp.arctan2(dot(tangent, cross(before, after)), dot(before, after))
+
+
+class Orientation(eqx.Module):
+    """How the edges of a shape stand, by the node at which they end."""
+
+    director: Float[Array, "*count n 3"]
+    """Material director m_1 of each edge."""
+    twist: Float[Array, "*count n"]
+    """At each node, between the edges that end and begin there (rad)."""
+    lean: Float[Array, "*count n 3"]
+    """What drags the directors along where places change and spins do not.
+
+    Each spins about its tangent by ``lean . dt`` then: transport from the tangent of before is not
+    transport from the latest one (the area on the sphere between the two ways).
+    """
+
+
+class Frames(eqx.Module):
+    """Frames of the edges of a rod of ``n`` nodes, from which those of a later shape follow.
+
+    Row ``i`` is the edge that ends at node ``i``; the first row stands for nothing. Frames are
+    carried over in time from where they were at the start of a step: over as little as that,
+    transport along the straight way differs from that along the true one by the cube of the step.
+    """
+
+    tangent: Float[Array, "n 3"]
+    director: Float[Array, "n 3"]
+    spin: Float[Array, " n"]
+    """Angle that each edge has spun about itself since the start (rad)."""
+    reference_twist: Float[Array, " n"]
+    """Twist at each node, between the edges that end and begin there, less their spins (rad).
+
+    Changes little from step to step: this is what tells one and a half turns from a half.
+    """
+
+    @staticmethod
+    def of(position: Float[Array, "n b"], orientation: Orientation) -> "Frames":
+        """Build the frames of a shape whose orientation is known."""
+        director, twist = orientation.director, orientation.twist
+        tangent = tangents(position)
+        normal = director - dot(director, tangent)[:, None] * tangent  # round-off adds up
+        spin = position[:, 3]
+        return Frames(
+            tangent,
+            normal / jnp.sqrt(dot(normal, normal))[:, None],
+            spin,
+            twist - _at_nodes(spin[2:] - spin[1:-1]),
+        )
+
+    def at(self, position: Float[Array, "n b"]) -> Orientation:
+        """Return how the edges of a shape stand."""
+        tangent = tangents(position)
+        carried = transport(self.director, self.tangent, tangent)
+        director = spun(carried, tangent, position[:, 3] - self.spin)
+        behind, ahead = slice(1, -1), slice(2, None)
+        wrapped = angle_between(
+            transport(director[behind], tangent[behind], tangent[ahead]),
+            director[ahead],
+            tangent[ahead],
+        )
+        expected = self.reference_twist[behind] + position[ahead, 3] - position[behind, 3]
+        turns = jnp.round((expected - wrapped) / (2 * jnp.pi))
+        twist = _at_nodes(wrapped + 2 * jnp.pi * turns)
+        facing = 1.0 + dot(self.tangent, tangent)
+        lean = cross(tangent, self.tangent) / facing[:, None]
+        return Orientation(director, twist, lean)
+
+    def spin_to(self, end: int, tangent: Float[Array, "3"], director: Float[Array, "3"]) -> Array:
+        """Return the spin at which the edge that ends at a node has a tangent and a director."""
+        carried = transport(self.director[end], self.tangent[end], tangent)
+        return self.spin[end] + angle_between(carried, director, tangent)
+
+
+def tangents(position: Float[Array, "n b"]) -> Float[Array, "n 3"]:
+    """Return the direction of the edge that ends at each node; the first row is the second."""
+    edge = position[1:, :3] - position[:-1, :3]
+    tangent = edge / jnp.sqrt(dot(edge, edge))[:, None]
+    return jnp.concatenate([tangent[:1], tangent])
+
+
+def _at_nodes(inner: Float[Array, " n-2"]) -> Float[Array, " n"]:
+    """Fill up what is at the nodes between two edges: at the ends nothing bends or twists."""
+    return jnp.pad(inner, 1)

@@ -1,0 +1,150 @@
+"""The arm in a view: its shape over time, its tip's path, the target, and the hull that holds it."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float, Int
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.patches import Polygon
+
+from crinoid.report.current import arm_length
+from crinoid.report.obstacles import Point, corners, draw_bodies, find_bodies
+from crinoid.report.run import base_direction
+from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map
+from crinoid.report.surface import Facets, tube, turned_body
+from crinoid.report.view import View, convex_outline, in_space, is_spatial, left_of, outline
+
+_SHAPES = 25  # more would merge into a smear
+_HULL = 0.16  # length of the hull drawn behind the base, of the arm's length
+_RIM = "#B4BDC2"  # around the arm's thickness
+
+
+def chosen_records(data: xr.Dataset) -> Int[np.ndarray, " shape"]:
+    """Which records to draw the shape of."""
+    last = data.sizes["time"] - 1
+    return np.unique(np.linspace(0, last, min(_SHAPES, last + 1)).round().astype(int))
+
+
+def time_norm(data: xr.Dataset) -> Normalize:
+    """From time to its colour."""
+    time = data["time"].values
+    return Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12)))
+
+
+def moves(path: Float[np.ndarray, "time axis"]) -> bool:
+    """Whether a point goes anywhere."""
+    return bool(np.ptp(path, axis=0).max() > 1e-6)
+
+
+def drawn_points(data: xr.Dataset, view: View) -> Float[np.ndarray, "point 2"]:
+    """Points that a window must hold to show a run, its water left out."""
+    thick = float(np.max(data["diameter"].values)) if "diameter" in data else 0.0
+    places = in_space(data, "position").reshape(-1, 3)
+    shapes = view.paper(places)
+    near = view.paper(corners(find_bodies(data), places, arm_length(data)))
+    target = view.project(data, "tip_target")
+    points = [shapes - thick / 2, shapes + thick / 2, _hull_outline(data, view), target, near]
+    return np.concatenate(points)
+
+
+def draw_arm(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View) -> None:
+    """Draw a run, all but its water, in a window."""
+    shapes = view.project(data, "position")
+    time = data["time"].values
+    chosen = chosen_records(data)
+
+    draw_bodies(axes, find_bodies(data), time, chosen, low, high, view)
+    hull = Polygon(
+        _hull_outline(data, view),
+        closed=True,
+        facecolor=GREY,
+        edgecolor=INK,
+        linewidth=0.8,
+        zorder=3,
+    )
+    hull.set_label("submarine's bow")
+    axes.add_patch(hull)
+    base = shapes[:, 0]
+    if moves(base):
+        axes.plot(*base.T, color=INK, linewidth=0.8, zorder=3.5, label="path of the base")
+    if "diameter" in data:
+        _draw_thickness(axes, data, view)
+
+    lines = LineCollection(
+        list(shapes[chosen]),
+        array=time[chosen],
+        cmap=time_map(),
+        norm=time_norm(data),
+        linewidths=1.0,
+        zorder=2,
+    )
+    axes.add_collection(lines)
+    if len(chosen) > 1:
+        axes.plot([], [], color=time_map()(0.5), linewidth=1.0, label="arm over time")
+    else:
+        axes.plot([], [], color=time_map()(0.0), linewidth=1.0, label="arm")
+    _draw_tip(axes, data, view)
+
+
+def _draw_thickness(axes: Axes, data: xr.Dataset, view: View) -> None:
+    diameter = np.asarray(data["diameter"].values, dtype=float)
+    if not is_spatial(data):
+        band = outline(view.project(data, "position")[-1], diameter)
+        body = Polygon(band, closed=True, facecolor=PALE, edgecolor=_RIM, linewidth=0.6)
+        body.set_label("arm at the end")
+        axes.add_patch(body)
+        return
+    # Facets may lie over one another: rims first, and what is inside over them.
+    facets = view.paper(tube(in_space(data, "position")[-1], diameter, None))
+    rim = {"facecolors": _RIM, "edgecolors": _RIM, "linewidths": 1.2}
+    inside = {"facecolors": PALE, "edgecolors": PALE, "linewidths": 0.2, "label": "arm at the end"}
+    for style in (rim, inside):
+        axes.add_collection(PolyCollection(list(facets), zorder=1, **style), autolim=False)
+
+
+def _draw_tip(axes: Axes, data: xr.Dataset, view: View) -> None:
+    path, target = view.project(data, "tip_position"), view.project(data, "tip_target")
+    if len(path) > 1:
+        axes.plot(*path.T, color=VERMILLION, linewidth=0.8, label="path of the tip", zorder=4)
+    wanders = moves(in_space(data, "tip_target"))
+    if wanders:
+        axes.plot(*target.T, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), zorder=4.5)
+    axes.plot(
+        *target[-1],
+        marker="o",
+        markersize=8.5,
+        markerfacecolor="none",
+        markeredgecolor=INK,
+        markeredgewidth=1.2,
+        linestyle=(0, (4, 2)) if wanders else "none",
+        linewidth=1.0,
+        color=INK,
+        label="target" + (" (ring: at the end)" if wanders else ""),
+        zorder=5,
+    )
+
+
+def hull(data: xr.Dataset) -> Facets:
+    """Half an ellipsoid behind the base, its nose where the arm is held."""
+    along, radius = _hull_profile(data, np.linspace(0.0, np.pi / 2, 13))
+    nose = in_space(data, "position")[-1, 0]
+    closed = np.append(along, along[-1]), np.append(radius, 0.0)
+    return turned_body(nose, base_direction(data, -1), *closed)
+
+
+def _hull_outline(data: xr.Dataset, view: View) -> Float[np.ndarray, "corner 2"]:
+    ahead = base_direction(data, -1)
+    if abs(view.depth(ahead)) > 1e-9:
+        return convex_outline(view.paper(hull(data)).reshape(-1, 2))
+    along, across = _hull_profile(data, np.linspace(-np.pi / 2, np.pi / 2, 41))
+    nose, onward = view.project(data, "position")[-1, 0], view.paper(ahead)
+    return nose + along[:, None] * onward + across[:, None] * left_of(onward)
+
+
+def _hull_profile(data: xr.Dataset, turn: Float[np.ndarray, " turn"]) -> tuple[np.ndarray, ...]:
+    """Distance ahead of the nose and from the axis (m), around from one side to the other."""
+    long = _HULL * arm_length(data)
+    return long * (np.cos(turn) - 1.0), 0.45 * long * np.sin(turn)

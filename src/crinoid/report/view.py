@@ -1,0 +1,117 @@
+"""The views that shapes are drawn in: the only place that knows how space meets paper.
+
+All of them are parallel projections, so lengths compare within one. A planar arm has y = 0 and lives
+in the view from the side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from crinoid.space import AXES
+
+_AXES = AXES[3]
+
+
+@dataclass(frozen=True)
+class View:
+    """A way to look at space: where two axes of the paper point, which are of length one."""
+
+    name: str
+    across: tuple[float, float, float]
+    up: tuple[float, float, float]
+
+    @property
+    def axes(self) -> list[int]:
+        """Which axes of space are those of the paper, where they are."""
+        return [axis.index(1.0) for axis in (self.across, self.up) if 1.0 in axis]
+
+    @property
+    def labels(self) -> list[str]:
+        """What to write at the axes of the paper."""
+        return [f"{_AXES[axis]} (m)" for axis in self.axes]
+
+    @property
+    def toward(self) -> Float[np.ndarray, "axis=3"]:
+        """Direction from the paper to the eye."""
+        return np.cross(self.across, self.up)
+
+    def paper(self, vectors: Float[np.ndarray, "*shape axis=3"]) -> Float[np.ndarray, "*shape 2"]:
+        """Vectors of space on paper, across before up."""
+        return np.asarray(vectors @ np.array([self.across, self.up]).T)
+
+    def depth(self, points: Float[np.ndarray, "*shape axis=3"]) -> Float[np.ndarray, "*shape"]:
+        """How far points are toward the eye (m)."""
+        return np.asarray(points @ self.toward)
+
+    def lift(self, points: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape axis=3"]:
+        """Points of the paper as points of space."""
+        return np.asarray(points @ np.array([self.across, self.up]))
+
+    def project(self, dataset: xr.Dataset, name: str) -> Float[np.ndarray, "*shape 2"]:
+        """Values of a vector variable on paper, the axis last."""
+        return self.paper(in_space(dataset, name))
+
+
+def _turned(azimuth_deg: float, elevation_deg: float) -> tuple[tuple[float, ...], ...]:
+    azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
+    ahead = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    up = np.cos(elevation) * np.array([0.0, 0.0, 1.0]) - np.sin(elevation) * ahead
+    return (-float(ahead[1]), float(ahead[0]), 0.0), tuple(float(part) for part in up)
+
+
+SIDE = View("from the side", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+ABOVE = View("from above", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+AHEAD = View("from ahead", (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+OBLIQUE = View("from starboard, ahead and above", *_turned(-58.0, 27.0))
+
+
+def is_spatial(dataset: xr.Dataset) -> bool:
+    """Whether the arm moves in space rather than in a plane."""
+    return "y" in {str(label) for label in dataset["axis"].values}
+
+
+def in_space(dataset: xr.Dataset, name: str) -> Float[np.ndarray, "*shape axis=3"]:
+    """Values of a vector variable, the axis last; what is planar has y = 0."""
+    vector = np.asarray(dataset[name].transpose(..., "axis").values, dtype=float)
+    whole = np.zeros((*vector.shape[:-1], 3))
+    whole[..., [_AXES.index(str(label)) for label in dataset["axis"].values]] = vector
+    return whole
+
+
+def left_of(vectors: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
+    """Give unit vectors turned a quarter from across toward up; zero where a vector is zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    turned = np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)
+    return np.divide(turned, length, out=np.zeros_like(turned), where=length > 0)
+
+
+def outline(
+    points: Float[np.ndarray, "node 2"], diameter: Float[np.ndarray, " node"]
+) -> Float[np.ndarray, "corner 2"]:
+    """Corners of the band of the given diameter about a line of points, all in m."""
+    aside = left_of(np.gradient(points, axis=0)) * diameter[:, None] / 2
+    return np.concatenate([points + aside, (points - aside)[::-1]])
+
+
+def convex_outline(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "corner 2"]:
+    """Corners of the smallest convex shape around points (Andrew 1979, monotone chains)."""
+    ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
+    chains = []
+    for line in (ordered, ordered[::-1]):
+        chain: list[np.ndarray] = []
+        for point in line:
+            while len(chain) > 1 and _turn(chain[-2], chain[-1], point) <= 0.0:
+                chain.pop()
+            chain.append(point)
+        chains += chain[:-1]
+    return np.array(chains)
+
+
+def _turn(first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> float:
+    (a, b), (c, d) = middle - first, last - middle
+    return float(a * d - b * c)
