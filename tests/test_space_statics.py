@@ -3,8 +3,6 @@
 As in the plane the arms of the exact inextensible shapes resist stretch with EA = 1e7 EI/L^2.
 """
 
-from functools import cache
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -13,9 +11,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
 from scipy.spatial.transform import Rotation
 
-from crinoid.dynamics import System
-from crinoid.elements import BendTwist, DistributedLoad, TipLoad
-from crinoid.flow import Uniform
+from crinoid.dynamics import Forces, System
+from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.statics import still
+from crinoid.elements import DistributedLoad, TipLoad
+from crinoid.flow import Uniform, Water
+from crinoid.frames import Frames, Orientation, spun, tangents, transport
 from elastica import BLADES, CRITICAL, LIMP, MATTIASSON, OWN_WEIGHT, UPRIGHT, Shape, elastica
 from physics import always, arm, facing, order
 
@@ -28,6 +29,16 @@ QUICKLY = {"xla_backend_optimization_level": 0}
 
 _find = eqx.filter_jit(System.find_equilibrium, compiler_options=QUICKLY)
 linearise = eqx.filter_jit(System.linearise, compiler_options=QUICKLY)
+rest = eqx.filter_jit(lambda system: system.rest())
+
+
+@eqx.filter_jit
+def rest_imbalance(system, state):
+    """Return the imbalance of a state at rest."""
+    stage = still(jnp.zeros(()), state.motion.position, state.frames)
+    zero = jnp.zeros_like(state.motion.position)
+    around = system.forces.surroundings(stage, zero)
+    return system.forces.residual(system.forces.motion(stage, zero, around))[0]
 
 
 def equilibrium(system):
@@ -321,7 +332,7 @@ class Problem:
         frame, force, moment = y[3:12].reshape(3, 3), y[12:15], y[15:18]
         t, m_1, m_2 = frame
         turns, toward_1, toward_2 = [moment @ t, moment @ m_2, -moment @ m_1] / self.stiffness
-        kappa_1, kappa_2, tau = self.rest + [toward_1, toward_2, turns]
+        kappa_1, kappa_2, tau = self.rest + np.array([toward_1, toward_2, turns])
         turning = tau * t + kappa_1 * m_2 - kappa_2 * m_1
         along = (1 + force @ t / self.EA) * t
         tangential, normal, fixed = self.spread
@@ -395,3 +406,241 @@ def test_every_load_at_once_is_the_boundary_value_problems_solution():
     assert (errors[-1] < 3e-3).all()
     # the force at the root is that of all loads whatever the mesh, but that they turn along
     np.testing.assert_allclose(order(errors)[-1], 2.0, atol=0.25)
+
+
+def test_a_pinned_root_bears_no_bending_but_a_torque():
+    # as a joint of constant velocity does: along the middle of both tangents, so that the torque
+    # about either is the same. Follower loads would spin the arm for ever
+    loads = {"dead": (0.3, 0.2, 0.0), "moment": (0.1, 0.2, -0.4), "gravity": 4.0}
+    turns = {"pan": 0.4, "tilt": -0.9, "roll": 0.8}
+    system = loaded(21, **turns, **BODY, **loads, pinned=True, floor=1e-10, tolerance=1e-12)
+    state = equilibrium(system)
+    clamp, first = np.diff(np.asarray(state.position)[:3], axis=0)
+    clamp, first = clamp / np.linalg.norm(clamp), first / np.linalg.norm(first)
+    assert clamp @ first < 0.9  # it has swung down
+    moment = np.asarray(state.base_moment)
+    np.testing.assert_allclose(np.cross(clamp + first, moment), 0, atol=1e-8)
+    assert abs(moment @ clamp) > 1e-2
+    np.testing.assert_allclose(state.base_force, [0.3, 0.2, -4.0], rtol=0, atol=1e-8)
+
+
+def test_a_pinned_arm_that_hangs_winds_up_by_its_torque():
+    # M L / GJ in all: the last edge's middle is half an edge before the tip
+    torque, nodes = 0.9, 11
+    system = loaded(
+        nodes, tilt=-UPRIGHT, roll=0.3, pinned=True, gravity=20.0, EA=1e4, floor=1e-10,
+        moment=(0.0, 0.0, -torque),
+    )  # fmt: skip
+    state = equilibrium(system)
+    np.testing.assert_allclose(np.asarray(state.position)[:, :2], 0, atol=1e-9)
+    director = np.asarray(state.motion.orientation.director)
+    wound = np.arctan2(-Z @ np.cross(director[1], director[-1]), director[1] @ director[-1])
+    assert wound == pytest.approx(torque / (2 / 3) * (1 - 0.5 / (nodes - 1)), abs=1e-9)
+    np.testing.assert_allclose(state.base_moment, [0, 0, -torque], rtol=0, atol=1e-8)
+
+
+# --- natural shapes ----------------------------------------------------------------------------
+
+
+def helix(places):
+    """Return radius and rise per edge of equally turned edges, and how far nodes are from it."""
+    # second differences point at the axis, whose direction is normal to their changes
+    inward = np.diff(places, 2, axis=0)
+    axis = np.cross(inward[1] - inward[0], inward[2] - inward[1])
+    axis /= np.linalg.norm(axis)
+    rise = np.diff(places, axis=0) @ axis
+    across = places - np.outer(places @ axis, axis)
+    # the centre of three of them
+    rows = 2 * np.stack([across[1] - across[0], across[2] - across[0], axis])
+    squared = np.sum(across[:3] ** 2, axis=1)
+    centre = np.linalg.solve(rows, [squared[1] - squared[0], squared[2] - squared[0], 0])
+    radius = np.linalg.norm(across - centre, axis=1)
+    turn = np.arccos((across[1] - centre) @ (across[0] - centre) / radius[0] ** 2)
+    off = max(np.ptp(radius), np.ptp(rise))
+    return radius[0], abs(rise[0]) * 2 * np.pi / turn, off
+
+
+def test_an_arm_of_even_curvature_and_twist_is_a_helix():
+    # radius kappa / (kappa^2 + tau^2), pitch 2 pi tau / (kappa^2 + tau^2); the frame of the helix
+    # turns about the tangent at the rate tau where the curvature keeps its direction in it
+    kappa, tau = np.array([1.2, -2.1]), 1.7
+    whole = kappa @ kappa + tau**2
+    exact = np.linalg.norm(kappa) / whole, 2 * np.pi * tau / whole
+    errors = []
+    for nodes in MESHES:
+        system = loaded(
+            nodes, pan=0.5, tilt=-0.4, roll=1.1, rest_curvature=(*kappa, tau),
+            EA=1e3, floor=None, GJ=0.8, EI=(1.0, 1.6),
+        )  # fmt: skip
+        state = rest(system)
+        radius, pitch, off = helix(np.asarray(state.position)[1:])
+        assert off < 1e-12
+        errors.append([radius - exact[0], pitch - exact[1]])
+        # and there it stays
+        residual = rest_imbalance(system, state)
+        assert np.abs(np.asarray(residual)[2:]).max() < 1e-10
+        # pushed aside and let go, it comes back
+        there = helix(np.asarray(equilibrium(system).position)[1:])
+        np.testing.assert_allclose(there, (radius, pitch, 0.0), rtol=0, atol=1e-8)
+    assert np.abs(errors[-1]).max() < 2e-3
+    np.testing.assert_allclose(order(np.abs(errors)), 2.0, atol=0.05)
+
+
+# --- stability ---------------------------------------------------------------------------------
+
+
+def dense(bands):
+    """Write the bands of the free nodes out as a matrix with axes node, unknown, node, unknown."""
+    bands = np.asarray(bands)[2:]
+    n, _, b, _ = bands.shape
+    matrix = np.zeros((n, b, n, b))
+    for i in range(n):
+        for d in range(max(0, 2 - i), min(5, n + 2 - i)):
+            matrix[i, :, i + d - 2] = bands[i, d]
+    return matrix
+
+
+@pytest.mark.parametrize("kind", CRITICAL)
+def test_a_column_buckles_in_its_weak_direction(kind):
+    # m_1, in which it is softer, lies at 0.6 from the x axis
+    EI, turns = (1.0, 2.5), {"tilt": UPRIGHT, "pan": 0.0, "roll": 0.6}
+
+    def softness(load, nodes, direction=None):
+        """Return the lowest stiffness sideways, and in which direction it is, or in the given."""
+        forces = {"dead": (0.0, 0.0, -load)} if kind == "tip" else {"gravity": load}
+        system = loaded(nodes, **turns, **forces, EI=EI)
+        above = 1 - (np.arange(nodes - 1) + 0.5) / (nodes - 1)
+        carried = load * (np.ones(nodes - 1) if kind == "tip" else above)
+        state = rest(system)
+        height = jnp.asarray(np.cumsum((1 - carried / EA) / (nodes - 1)))
+        squeezed = state.motion.position.at[2:, 2].set(height)
+        matrix = dense(
+            linearise(system, eqx.tree_at(lambda s: s.motion.position, state, squeezed))[0]
+        )
+        np.testing.assert_allclose(matrix, matrix.transpose(2, 3, 0, 1), atol=1e-12 * EA * nodes)
+        # sideways, lengthwise and twist do not couple
+        np.testing.assert_allclose(matrix[:, :2, :, 2:], 0, atol=1e-14 * EA * nodes)
+        sideways = matrix[:, :2, :, :2]
+        if direction is not None:
+            return np.linalg.eigvalsh(np.einsum("a,iajb,b->ij", direction, sideways, direction))[0]
+        values, vectors = np.linalg.eigh(sideways.reshape(2 * (nodes - 1), -1))
+        return values[0], vectors[:, 0].reshape(-1, 2)
+
+    frame = np.asarray(loaded(11, **turns).base.frame(jnp.zeros(6)))
+    exact = CRITICAL[kind]
+    loads = []
+    for nodes in MESHES:
+        _, shape = softness(0.5 * exact, nodes)
+        np.testing.assert_allclose(shape @ frame[2, :2], 0, atol=1e-9)
+        at = (0.9 * exact, 1.1 * exact)
+        weak = brentq(softness, *at, (nodes, frame[1, :2]), xtol=1e-9)
+        if nodes == MESHES[0]:
+            at = (0.9 * 2.5 * exact, 1.1 * 2.5 * exact)
+            assert brentq(softness, *at, (nodes, frame[2, :2])) == pytest.approx(
+                2.5 * weak, rel=1e-6
+            )
+        loads.append(weak)
+    loads = np.array(loads)
+    errors = abs(loads - exact)
+    print(loads, "orders", order(errors))
+    assert (abs(order(errors) - 2) < 0.1).all()
+    once = loads[1:] + (loads[1:] - loads[:-1]) / 3
+    np.testing.assert_allclose(once[1] + (once[1] - once[0]) / 15, exact, rtol=2e-6)
+
+
+@pytest.mark.parametrize("kind", CRITICAL)
+def test_a_column_past_its_buckling_load_leans_in_its_weak_direction(kind):
+    load = 1.5 * CRITICAL[kind]
+    forces = {"dead": (0.0, 0.0, -load)} if kind == "tip" else {"gravity": load}
+    exact = elastica(
+        (-UPRIGHT + 1e-3, UPRIGHT - 0.5),
+        tilt=UPRIGHT,
+        dead=(0.0, -load if kind == "tip" else 0.0),
+        distributed=lambda _: (0.0, -load if kind == "own" else 0.0),
+    )
+    for roll in (0.0, 0.6, -1.5):
+        system = loaded(21, tilt=UPRIGHT, roll=roll, EI=(1.0, 2.5), **forces)
+        place = np.asarray(equilibrium(system).position)[-1]
+        _, weak, strong = np.asarray(system.base.frame(jnp.zeros(6)))
+        # a mesh that buckles at a load off by 1/nodes^2 leans that much differently
+        assert np.hypot(abs(place @ weak) - exact.x, place[2] - exact.z) < 15 / 21**2
+        assert abs(place @ strong) < 1e-4
+        assert abs(place @ weak) > 0.4
+
+
+@eqx.filter_jit
+def _stiffness(stretch, bend, position, orientation):
+    forces = Forces((stretch, bend), Water(()), jnp.zeros(3))
+    frames = Frames.of(position, orientation)
+    zero, none = jnp.zeros_like(position), jnp.zeros(())
+    stage = Stage(none, position, zero, zero, jnp.ones(()), none, none, frames)
+    around = forces.surroundings(stage, zero)
+    motion = forces.motion(stage, zero, around)
+    return forces.residual(motion)[0], forces.tangent(stage, motion, around).bands
+
+
+def held_at_both_ends(places, twist, *, GJ, joint):
+    """Return the stiffnesses of an evenly twisted rod whose first and last edges are held.
+
+    Of unit length and EI between where the held edges meet the free ones; ``joint`` is the share
+    of an edge's length that the nodes there own.
+    """
+    edges = len(places) - 2
+    owned = np.ones(edges)
+    owned[[0, -1]] = joint
+    owned /= owned.sum()
+    length = owned[1]
+    stretch, bend = loaded(edges + 1, GJ=GJ, EA=1e6, length=length * edges).forces.elements[:2]
+    bend = eqx.tree_at(lambda e: e.stiffness, bend, np.array([1.0, 1.0, GJ]) / owned[:, None])
+    position = jnp.asarray(np.pad(places, ((0, 0), (0, 1))))
+    tangent = tangents(position)
+    director = [jnp.asarray(Z)] * 2  # normal to the first edge
+    for before, after, turn in zip(tangent[1:-1], tangent[2:], twist * owned, strict=True):
+        director.append(spun(transport(director[-1], before, after), after, jnp.asarray(turn)))
+    twists = np.pad(twist * owned, 1)
+    none = jnp.zeros_like(tangent)
+    orientation = Orientation(jnp.stack(director), jnp.asarray(twists), none)
+    residual, bands = _stiffness(stretch, bend, position, orientation)
+    matrix = dense(bands)
+    free = np.ones(matrix.shape[:2], bool)
+    free[-1], free[-2, :3] = False, False  # of the edge before the last the spin is free
+    np.testing.assert_allclose(np.asarray(residual)[2:][free], 0, atol=1e-8)
+    matrix = matrix[free][:, free]
+    np.testing.assert_allclose(matrix, matrix.T, rtol=0, atol=1e-9 * np.abs(matrix).max())
+    return np.linalg.eigvalsh(matrix)
+
+
+@pytest.mark.parametrize("shape", ["ring", "straight"])
+def test_twist_at_which_a_rod_leaves_its_plane(shape):
+    # A ring that was straight stays in its plane until its twist is 2 pi sqrt(3) EI/GJ (Michell
+    # 1890; Zajac, J. Appl. Mech. 29 (1962) 136-142). To hold one of its edges takes from it its
+    # rigid motions only.
+    # A straight rod clamped at both ends buckles at a torque of 8.9868 EI/L, twice the first root
+    # of tan x = x (Greenhill 1883; Timoshenko and Gere, Theory of Elastic Stability, section 2.21)
+    GJ = 0.8
+    if shape == "ring":
+        exact = 2 * np.pi * np.sqrt(3) / GJ
+    else:
+        exact = 2 * brentq(lambda x: np.sin(x) - x * np.cos(x), 4, 5) / GJ
+
+    def lowest(twist, edges):
+        step = np.arange(-1, edges + 1)
+        if shape == "ring":
+            angle, radius = 2 * np.pi * step / edges, 0.5 / edges / np.sin(np.pi / edges)
+            places = radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+            values = held_at_both_ends(places, twist, GJ=GJ, joint=1.0)
+            # a ring turns about its own line without effort, like one of smoke
+            free = np.argmin(np.abs(values))
+            assert abs(values[free]) < 1e-6
+            return np.delete(values, free)[0]
+        places = step[:, None] / (edges - 1) * X
+        return held_at_both_ends(places, twist, GJ=GJ, joint=0.5)[0]
+
+    critical = []
+    for edges in (24, 48):
+        assert lowest(0.5 * exact, edges) > 0
+        critical.append(brentq(lowest, 0.8 * exact, 1.2 * exact, (edges,), xtol=1e-8))
+    errors = np.abs(np.array(critical) - exact)
+    print(critical, exact, order(errors))
+    assert order(errors)[0] == pytest.approx(2.0, abs=0.1)
+    assert critical[1] + (critical[1] - critical[0]) / 3 == pytest.approx(exact, rel=5e-4)
