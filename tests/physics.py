@@ -80,10 +80,10 @@ def arm(
         radius=radius,
         density=1.0,
         youngs_modulus=youngs_modulus,
-        rest_curvature=rest_curvature,
+        rest_curvature=jnp.asarray(rest_curvature, float),
         damping_time=damping_time,
         EA=EA,
-        EI=EI,
+        EI=None if EI is None else jnp.asarray(EI, float),
         mass_per_length=mass_per_length,
         diameter=diameter,
         displaced_area=displaced_area,
@@ -184,6 +184,14 @@ def obstacles(
         )
 
     return of
+
+
+def facing(rotation: ArrayLike) -> dict[str, float]:
+    """Return pan, tilt and roll of a base that a rotation of the world turns from x, y, z."""
+    tangent, m_1, _ = np.transpose(rotation)
+    pan, tilt = np.arctan2(tangent[1], tangent[0]), np.arcsin(np.clip(tangent[2], -1.0, 1.0))
+    port = np.array([-np.sin(pan), np.cos(pan), 0.0])
+    return {"pan": pan, "tilt": tilt, "roll": np.arctan2(m_1 @ np.cross(tangent, port), m_1 @ port)}
 
 
 def always() -> Onset:

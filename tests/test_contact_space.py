@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import crinoid
 from crinoid.dynamics import Obstacles
 from crinoid.elements import Body, Contact, Motion
 from crinoid.elements.contact import _EASE
@@ -345,3 +346,63 @@ def test_carried_obstacles_follow_the_water_in_space_at_order_two():
         np.testing.assert_allclose(position[2], [0.2, 0.1, -0.0254], atol=1e-12)
         np.testing.assert_allclose(velocity[1], water(position[1:2])[0])
     assert order(errors) == pytest.approx(2.0, abs=0.15)
+
+
+# --- in the chain ------------------------------------------------------------------------------
+
+advance = eqx.filter_jit(lambda system, state: system.advance(state, jnp.zeros(system.channels)))
+rest = eqx.filter_jit(lambda system: system.rest())
+
+
+def hit(place, velocity, *, axes=3, friction=0.0):
+    """Build an arm in a vacuum that a free ball flies at; y is left out of the plane."""
+    keep = [0, 1, 2] if axes == 3 else [0, 2]
+    ball = {
+        "kind": "sphere",
+        "position": [place[axis] for axis in keep],
+        "velocity": [velocity[axis] for axis in keep],
+        "radius": 0.03,
+        "mass": 0.2,
+        "friction": friction,
+    }
+    return crinoid.Scenario(
+        arm={"dimension": axes, "nodes": 8, "youngs_modulus": 5e5, "damping_time": 0.0},
+        base={"position": [0.0] * axes},
+        water={"density": 0.0, "gravity": 0.0},
+        obstacle=[ball],
+        simulation={"time_step": 2e-3, "max_halvings": 10},
+    ).system()
+
+
+def march(system, steps):
+    state = rest(system)
+    for _ in range(steps):
+        state, progress = advance(system, state)
+        assert progress.outcome.converged
+    return state
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_hit_beside_the_axis_keeps_momentum_and_energy(friction):
+    velocity = np.array([0.0, 0.1, 0.3])
+    end = march(hit([0.4, 0.02, -0.055], velocity, friction=friction), 100)
+    gained = 0.2 * (np.asarray(end.obstacle_velocity[0]) - velocity)
+    np.testing.assert_allclose(gained, -np.asarray(end.touch.impulse[0]), rtol=1e-6, atol=1e-8)
+    before, ball = 0.1 * velocity @ velocity, 0.1 * np.sum(np.square(end.obstacle_velocity[0]))
+    kept = (ball + float(end.energy.sum())) / before
+    spun = np.abs(end.motion.velocity[:, 3]).max()
+    if friction:
+        assert 0.7 < kept < 0.95  # the rest went into friction
+        assert spun > 0.1
+    else:
+        assert kept == pytest.approx(1.0, abs=0.01)
+    np.testing.assert_array_equal(end.motion.position[-1, 3], 0.0)
+
+
+def test_a_hit_in_the_plane_is_the_planar_one():
+    place, velocity = [0.4, 0.0, -0.055], [-0.1, 0.0, 0.3]
+    flat, full = (march(hit(place, velocity, axes=axes, friction=0.3), 60) for axes in (2, 3))
+    assert float(jnp.abs(flat.touch.impulse).max()) > 0.01
+    np.testing.assert_allclose(full.position[:, [0, 2]], flat.position, atol=1e-9)
+    np.testing.assert_allclose(full.touch.impulse[:, [0, 2]], flat.touch.impulse, atol=1e-9)
+    np.testing.assert_allclose(full.position[:, 1], 0.0, atol=1e-12)

@@ -223,7 +223,7 @@ def test_a_path_between_points_does_not_overshoot_them():
     ],
 )
 def test_angles_are_corrected_the_short_way_round(wanted, measured, short):
-    error = pose_error(jnp.asarray([0.5, 7.0, wanted]), jnp.asarray([0.2, -7.0, measured]), 2)
+    error = pose_error(jnp.asarray([0.5, 7.0, wanted]), jnp.asarray([0.2, -7.0, measured]))
     # places are not angles: 14 m is 14 m
     assert np.asarray(error) == pytest.approx([0.3, 14.0, short], abs=1e-14)
 

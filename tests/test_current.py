@@ -126,6 +126,33 @@ def test_a_current_is_sampled_where_the_arm_is():
     assert "model_spectrum" not in dataset  # nothing random in it
 
 
+def test_a_spatial_current_is_sampled_along_three_axes():
+    mean = np.array([0.3, 0.2, -0.1])
+    scenario = Scenario(
+        arm={"dimension": 3, "length": 0.6},
+        base={"position": [1.0, 0.5, -8.0], "tilt_deg": -30.0, "pan_deg": 60.0},
+        water={"depth": 20.0},
+        flow=[
+            {"kind": "uniform", "velocity": mean.tolist()},
+            {"kind": "waves", "significant_height": 1.0, "peak_period": 4.0, "direction_deg": 70.0},
+        ],
+        simulation={"duration": 40.0},
+    )
+    dataset = sample_current(scenario)
+    assert list(dataset["axis"].values) == ["x", "y", "z"]
+    down, level = 0.6 * np.sin(np.pi / 6), 0.6 * np.cos(np.pi / 6)
+    tip = [1.0 + 0.5 * level, 0.5 + np.sqrt(0.75) * level, -8.0 - down]
+    np.testing.assert_allclose(dataset["position"].sel(place="tip"), tip, atol=1e-12)
+    swing = (dataset["flow_velocity"] - mean).sel(place="root").values
+    assert np.abs(swing).max() > 0.01
+    # level, the water swings the way that the waves travel
+    np.testing.assert_allclose(
+        swing[:, 0] * np.sin(np.deg2rad(70)), swing[:, 1] * np.cos(np.deg2rad(70)), atol=1e-12
+    )
+    assert dataset["profile_mean"].dims == ("height", "axis")
+    np.testing.assert_allclose(dataset["profile_mean"].values[0, 2], mean[2], atol=1e-6)  # the bed
+
+
 # --- the command -------------------------------------------------------------------------------
 
 KINDS = {

@@ -5,27 +5,23 @@ so that loads of 10 EI/L^2 stretch them by 1e-6: below what the tests ask for, a
 from the round-off of the stretching forces, EA/l times 2e-16 = 1e-7 EI/L^2 on the finest mesh.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from crinoid.dynamics import System
 from crinoid.dynamics.statics import still
 from crinoid.elements import DistributedLoad, TipLoad
 from crinoid.flow import Uniform
+from elastica import BLADES, CRITICAL, LIMP, MATTIASSON, OWN_WEIGHT, UPRIGHT, Shape, elastica
 from physics import always, arm, order
 
 MESHES = (11, 21, 41)
 EA = 1e7
 FLOOR = 2e-7
 """A few times the round-off of the stretching forces (N)."""
-UPRIGHT = np.pi / 2
 
 find = eqx.filter_jit(System.find_equilibrium)
 
@@ -78,18 +74,6 @@ def loaded(
     )
 
 
-class Shape(NamedTuple):
-    """What is compared of a shape of unit length."""
-
-    x: float
-    z: float
-    angle: float
-    """Direction at the tip, from +x toward +z (rad)."""
-    reach: float
-    """Integral of the cubed sine of the direction: the share of the length that a current feels
-    (the effective length of Luhar and Nepf 2011)."""
-
-
 def solve(nodes, **case):
     """Return the shape of an arm in equilibrium, which must be found."""
     system = loaded(nodes, **case)
@@ -99,44 +83,6 @@ def solve(nodes, **case):
     edges = np.diff(np.asarray(state.position)[1:], axis=0)
     sine = edges[:, 1] / np.hypot(*edges.T)
     return Shape(x, z, angle, np.mean(sine**3))
-
-
-def elastica(
-    bracket: tuple[float, float],
-    *,
-    tilt: float = 0.0,
-    dead=(0.0, 0.0),
-    follower=(0.0, 0.0),
-    moment: float = 0.0,
-    distributed: Callable = lambda angle: (0.0, 0.0),
-    stiffness: Callable = lambda s: 1.0,
-    rest_curvature: float = 0.0,
-) -> Shape:
-    """Solve the boundary-value problem of an inextensible rod by shooting from its tip.
-
-    EI (theta' - rest curvature) = M, M' = -t x n, n' = -load; at the tip M and n are the tip's
-    load, at the root theta is the tilt. The direction at the tip, sought within the bracket, is
-    the only unknown.
-    """
-
-    def rates(s, y):
-        theta, bending, along_x, along_z = y[:4]
-        c, s_ = np.cos(theta), np.sin(theta)
-        load_x, load_z = distributed(theta)
-        turn = bending / stiffness(s) + rest_curvature
-        return [turn, s_ * along_x - c * along_z, -load_x, -load_z, c, s_, s_**3]
-
-    def shoot(angle):
-        c, s = np.cos(angle), np.sin(angle)
-        end_x = dead[0] + c * follower[0] - s * follower[1]
-        end_z = dead[1] + s * follower[0] + c * follower[1]
-        start = [angle, moment, end_x, end_z, 0.0, 0.0, 0.0]
-        done = solve_ivp(rates, (1.0, 0.0), start, method="DOP853", rtol=1e-12, atol=1e-13)
-        return done.y[:, -1]
-
-    angle = brentq(lambda a: shoot(a)[0] - tilt, *bracket, xtol=1e-13, rtol=1e-14)
-    root = shoot(angle)
-    return Shape(-root[4], -root[5], angle, -root[6])
 
 
 def converge(exact, *, digits=2e-5, within=0.2, **case):
@@ -155,18 +101,6 @@ def converge(exact, *, digits=2e-5, within=0.2, **case):
     assert coarse > 1.4
     assert abs(fine - 2) < within
     np.testing.assert_allclose(limit, exact, rtol=0, atol=digits)
-
-
-# Clamped, horizontal, dead force down at the tip, a = P L^2 / EI: tip angle, drop, shortening.
-# Mattiasson, Int. J. Numer. Methods Eng. 17 (1981) 145-153, from elliptic integrals.
-MATTIASSON = {
-    1: (0.461352, 0.301721, 0.056433),
-    2: (0.781750, 0.493457, 0.160642),
-    5: (1.215368, 0.713792, 0.387628),
-    10: (1.430286, 0.810609, 0.554996),
-}
-# Clamped, horizontal, own weight w L^3 / EI: drop, shortening (two-point problem, to 1e-9).
-OWN_WEIGHT = {1: (0.123471, 0.008754), 5: (0.495905, 0.153343), 10: (0.700200, 0.343646)}
 
 
 @pytest.mark.parametrize("load", MATTIASSON)
@@ -256,17 +190,6 @@ def test_curved_arm_under_load():
     converge(exact, rest_curvature=2.0, dead=(0.0, -1.0))
 
 
-# Upright blade of neutral weight in a steady current, normal drag only (the model of Luhar and
-# Nepf, Limnol. Oceanogr. 56 (2011) 2003-2017). Ca = 1/2 rho C_d d U^2 L^3/EI; B = buoyancy per
-# length times L^3/EI: effective length, tip angle from upright in degrees.
-BLADES = {
-    (1, 0): (0.97483, 9.31),
-    (10, 0): (0.52361, 47.09),
-    (1, 10): (0.99508, 3.98),
-    (10, 10): (0.74471, 30.69),
-}
-
-
 @pytest.mark.parametrize(("cauchy", "buoyancy"), BLADES)
 def test_blade_in_a_current(cauchy, buoyancy):
     def distributed(angle):
@@ -286,11 +209,6 @@ def test_blade_in_a_current(cauchy, buoyancy):
         displaced_area=1.0 + buoyancy,
         current=(np.sqrt(cauchy), 0.0),
     )
-
-
-LIMP = np.deg2rad(38.173)
-"""From the vertical: normal drag r cos^2 = sin for r = 1/2 rho C_d d U^2 / w = 1, which the golden
-section solves."""
 
 
 def test_limp_chain_in_a_current():
@@ -345,11 +263,6 @@ def lowest_stiffness(system, position):
     matrix = free_stiffness(at_rest(system, position)[1])
     size = matrix.shape[0] * matrix.shape[1]
     return np.linalg.eigvalsh(matrix.reshape(size, size))[0]
-
-
-# Euler: pi^2 / 4. Greenhill (1881): a standing arm buckles under its own weight where
-# w L^3 / EI is 9/4 of the square of the first zero of the Bessel function J_{-1/3}: 7.837347.
-CRITICAL = {"tip": np.pi**2 / 4, "own": 7.837347}
 
 
 def standing(nodes, kind, load):

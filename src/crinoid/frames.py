@@ -10,8 +10,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-Vectors = Float[Array, "*shape 3"]
-Numbers = Float[Array, "*shape"]
+Vectors = Float[Array, "... 3"]
+Numbers = Float[Array, "..."]
 
 
 def dot(a: Vectors, b: Vectors) -> Numbers:
@@ -125,6 +125,6 @@ def tangents(position: Float[Array, "n b"]) -> Float[Array, "n 3"]:
     return jnp.concatenate([tangent[:1], tangent])
 
 
-def _at_nodes(inner: Float[Array, " n-2"]) -> Float[Array, " n"]:
+def _at_nodes(inner: Float[Array, " inner"]) -> Float[Array, " inner+2"]:
     """Fill up what is at the nodes between two edges: at the ends nothing bends or twists."""
     return jnp.pad(inner, 1)

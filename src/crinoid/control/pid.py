@@ -23,9 +23,9 @@ class Pid(Controller):
 
     The error of the tip becomes an error per channel through ``mapping``, the inverse of the
     static Jacobian d(tip)/d(channels) (`crinoid.control.damped_inverse`), so that at low frequency
-    each channel sees a plant of gain one. The derivative acts on the measurement, which spares the base the kick of a moved target,
-    and is filtered to first order. A channel at the end of its range stops integrating further
-    into it (Astrom and Murray 2008, sections 10.4 and 10.5).
+    each channel sees a plant of gain one. The derivative acts on the measurement, which spares the
+    base the kick of a moved target, and is filtered to first order. A channel at the end of its
+    range stops integrating further into it (Astrom and Murray 2008, sections 10.4 and 10.5).
     """
 
     kp: Channels
@@ -39,7 +39,6 @@ class Pid(Controller):
     lower: Channels
     upper: Channels
     period: Float[Array, ""]
-    axes: int = eqx.field(static=True, default=2)
 
     def start(self, measured: Pose) -> PidMemory:
         zero = jnp.zeros_like(self.kp)
@@ -48,8 +47,8 @@ class Pid(Controller):
     def command(
         self, memory: PidMemory, measured: Pose, wanted: Pose
     ) -> tuple[Channels, PidMemory]:
-        error = self.mapping @ pose_error(wanted, measured, self.axes)
-        moved = self.mapping @ pose_error(measured, memory.measured, self.axes)
+        error = self.mapping @ pose_error(wanted, measured)
+        moved = self.mapping @ pose_error(measured, memory.measured)
         slope = (self.filter_time * memory.slope + moved) / (self.filter_time + self.period)
         integral = memory.integral + self.ki * self.period * error
         free = self.kp * error + integral - self.kd * slope

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.space import POSE
 from crinoid.spline import PiecewiseCubic
 
 
@@ -14,21 +15,20 @@ class Target(eqx.Module):
     path: PiecewiseCubic | None
     """Values of the coordinates in ``moving`` over time; held before and after."""
     moving: tuple[int, ...] = eqx.field(static=True)
-    axes: int = eqx.field(static=True, default=2)
 
     def __call__(self, time: Float[Array, ""]) -> Float[Array, " pose"]:
         """Return the wanted pose at ``time`` (s)."""
         if self.path is None:
             return self.fixed
         pose = self.fixed.at[jnp.asarray(self.moving)].set(self.path(time))
-        if self.axes == 2:
+        if not _spatial(pose):
             return pose
         direction = pose[3:]  # between two unit vectors the spline cuts the corner
         return pose.at[3:].set(direction / jnp.sqrt(jnp.sum(direction**2)))
 
 
 def pose_error(
-    wanted: Float[Array, " pose"], measured: Float[Array, " pose"], axes: int
+    wanted: Float[Array, " pose"], measured: Float[Array, " pose"]
 ) -> Float[Array, " pose"]:
     """Return how far the tip is from where it should be.
 
@@ -36,7 +36,11 @@ def pose_error(
     their unit vectors, which no orientation of the arm makes singular.
     """
     error = wanted - measured
-    if axes == 3:
+    if _spatial(error):
         return error
     turn = error[-1]
     return error.at[-1].set(turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi)))
+
+
+def _spatial(pose: Float[Array, " pose"]) -> bool:
+    return pose.shape[0] == len(POSE[3])

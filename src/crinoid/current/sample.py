@@ -125,8 +125,8 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
 
 @eqx.filter_jit
 def _ends(system: System) -> Float[Array, "place axis"]:
-    shape = system.rod.rest_shape(system.base.angles[0])
-    return system.forces.origin + shape[jnp.array([0, -1])]
+    shape = system.rest().position
+    return system.forces.origin + shape[jnp.array([1, -1])]
 
 
 def _velocity(

@@ -235,7 +235,7 @@ class Forces(eqx.Module):
         """What resists bending, and in space twisting."""
         return next((e for e in self.elements if isinstance(e, Bend | BendTwist)), None)
 
-    def strains(self, motion: Motion) -> Float[Array, "n-1 strain"]:
+    def strains(self, motion: Motion) -> Float[Array, "bent strain"]:
         """Return the curvature at each node but the tip, in space both and the twist (1/m, rad/m).
 
         A root that turns freely has the values that it has at rest.
@@ -326,8 +326,9 @@ def _jacobian(
     course: Course, elements: Elements, window: Motion, load_factor: Array | None
 ) -> Array:
     """Return d(residual)/d(correction) of one window: ``(k, b, k, b)``."""
-    if isinstance(elements[0], Linearised):
-        return sum(element.jacobian(window, course) for element in elements)
+    known = [e.jacobian(window, course) for e in elements if isinstance(e, Linearised)]
+    if known:  # then all of the group are
+        return jnp.sum(jnp.stack(known), axis=0)
 
     def residual(window: Motion) -> Array:
         return jnp.sum(_residuals(elements, window, load_factor), axis=0)

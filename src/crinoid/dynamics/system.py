@@ -158,7 +158,7 @@ class System(eqx.Module):
             frames,
         )
         # what is prescribed needs no guess
-        guess = (before.acceleration / new.by_acceleration).at[:HELD].set(0.0)
+        guess = (state.expected_acceleration / new.by_acceleration).at[:HELD].set(0.0)
         # the water is costly: looked at once, where the arm is expected, and expanded from there;
         # where the guess is wrong by O(h^3) the water is by O(h^6)
         around = self.forces.surroundings(new, guess)
@@ -185,7 +185,10 @@ class System(eqx.Module):
         path = motion.position - before.position
         actuation = 0.5 * jnp.sum((state.reaction + after.reaction) * path[:HELD])
         work = work.at[_ACTUATION].set(state.work[_ACTUATION] + actuation)
-        after = eqx.tree_at(lambda s: (s.motion, s.work), after, (motion, work))
+        earlier = jnp.stack([before.acceleration, state.earlier[0]])
+        after = eqx.tree_at(
+            lambda s: (s.motion, s.work, s.earlier), after, (motion, work, earlier)
+        )
         folded = self.forces.folded(motion.position)
         outcome = eqx.tree_at(
             lambda o: (o.converged, o.folded), outcome, (outcome.converged & ~folded, folded)
@@ -401,7 +404,9 @@ class System(eqx.Module):
             touch = forces.obstacles.touch(motion)
             pushed = jnp.sum(touch.on_nodes * forces.nodes(motion.velocity))
             power = power.at[_CONTACT].set(pushed)
-        return State(motion, servo, reaction, energy, power, jnp.zeros_like(power), touch)
+        earlier = jnp.stack([motion.acceleration] * 2)
+        work = jnp.zeros_like(power)
+        return State(motion, servo, reaction, energy, power, work, touch, earlier)
 
 
 def _tip(position: Nodes) -> Float[Array, " pose"]:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import turned, unit
-from crinoid.frames import cross, dot
+from crinoid.frames import angle_between, cross, dot, spun, transport
 from crinoid.onset import Onset
 from crinoid.rod import Rod
 
@@ -125,9 +125,12 @@ class TipLoad(Element):
             moment = (self.moment + self.follower_moment)[0]
             couple, torque = moment / length * turned(last), None
         else:
+            # the last frame, turned on along with its tangent and by half of the last twist
             director = motion.orientation.director
-            m_1 = 1.5 * director[2] - 0.5 * director[1]
-            m_1, _ = unit(m_1 - dot(m_1, tip) * tip)
+            twist = angle_between(transport(director[1], before, last), director[2], last)
+            turns = jnp.round((motion.orientation.twist[1] - twist) / (2 * jnp.pi))
+            m_1 = transport(director[2], last, tip)
+            m_1 = spun(m_1, tip, 0.5 * twist + jnp.pi * turns)
             axes = jnp.stack([tip, m_1, cross(tip, m_1)])
             moment = self.moment + _combined(self.follower_moment, axes)
             couple, torque = cross(moment, last) / length, dot(moment, last)

@@ -172,6 +172,8 @@ class BendTwist(Linearised):
     @staticmethod
     def of(rod: Rod, *, pinned: bool = False) -> "BendTwist":
         """Build the nodes of a rod but its tip; a pinned root twists but resists no bending."""
+        assert rod.GJ is not None
+        assert rod.rest_twist is not None
         owned = rod.voronoi_length[:-1, None]
         stiffness = jnp.concatenate([rod.EI, rod.GJ[:, None]], axis=1)[:-1] / owned
         if pinned:

@@ -1,4 +1,4 @@
-"""The arm in a view: its shape over time, its tip's path, the target, and the hull that holds it."""
+"""The arm in a view: its shape over time, its tip's path, the target, and the hull behind it."""
 
 from __future__ import annotations
 
@@ -39,14 +39,12 @@ def moves(path: Float[np.ndarray, "time axis"]) -> bool:
     return bool(np.ptp(path, axis=0).max() > 1e-6)
 
 
-def drawn_points(data: xr.Dataset, view: View) -> Float[np.ndarray, "point 2"]:
-    """Points that a window must hold to show a run, its water left out."""
+def points_of(data: xr.Dataset) -> Float[np.ndarray, "point axis=3"]:
+    """Points of space that a window must hold to show a run, its water left out."""
     thick = float(np.max(data["diameter"].values)) if "diameter" in data else 0.0
     places = in_space(data, "position").reshape(-1, 3)
-    shapes = view.paper(places)
-    near = view.paper(corners(find_bodies(data), places, arm_length(data)))
-    target = view.project(data, "tip_target")
-    points = [shapes - thick / 2, shapes + thick / 2, _hull_outline(data, view), target, near]
+    near = corners(find_bodies(data), places, arm_length(data))
+    points = [places - thick / 2, places + thick / 2, in_space(data, "tip_target"), near]
     return np.concatenate(points)
 
 
@@ -57,21 +55,16 @@ def draw_arm(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View) 
     chosen = chosen_records(data)
 
     draw_bodies(axes, find_bodies(data), time, chosen, low, high, view)
-    hull = Polygon(
-        _hull_outline(data, view),
-        closed=True,
-        facecolor=GREY,
-        edgecolor=INK,
-        linewidth=0.8,
-        zorder=3,
-    )
-    hull.set_label("submarine's bow")
-    axes.add_patch(hull)
+    bow = Polygon(hull_outline(data, view), closed=True, facecolor=GREY, edgecolor=INK)
+    # an arm that points toward the eye is before what holds it
+    order = 0.9 if view.depth(base_direction(data, -1)) > 1e-9 else 3.0
+    bow.set(linewidth=0.8, zorder=order, label="submarine's bow")
+    axes.add_patch(bow)
     base = shapes[:, 0]
     if moves(base):
         axes.plot(*base.T, color=INK, linewidth=0.8, zorder=3.5, label="path of the base")
     if "diameter" in data:
-        _draw_thickness(axes, data, view)
+        draw_thickness(axes, data, view)
 
     lines = LineCollection(
         list(shapes[chosen]),
@@ -89,7 +82,8 @@ def draw_arm(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View) 
     _draw_tip(axes, data, view)
 
 
-def _draw_thickness(axes: Axes, data: xr.Dataset, view: View) -> None:
+def draw_thickness(axes: Axes, data: xr.Dataset, view: View) -> None:
+    """Draw how thick the arm is at the end."""
     diameter = np.asarray(data["diameter"].values, dtype=float)
     if not is_spatial(data):
         band = outline(view.project(data, "position")[-1], diameter)
@@ -99,10 +93,10 @@ def _draw_thickness(axes: Axes, data: xr.Dataset, view: View) -> None:
         return
     # Facets may lie over one another: rims first, and what is inside over them.
     facets = view.paper(tube(in_space(data, "position")[-1], diameter, None))
-    rim = {"facecolors": _RIM, "edgecolors": _RIM, "linewidths": 1.2}
-    inside = {"facecolors": PALE, "edgecolors": PALE, "linewidths": 0.2, "label": "arm at the end"}
-    for style in (rim, inside):
-        axes.add_collection(PolyCollection(list(facets), zorder=1, **style), autolim=False)
+    for colour, width, label in ((_RIM, 1.2, None), (PALE, 0.2, "arm at the end")):
+        surface = PolyCollection(list(facets), facecolors=colour, edgecolors=colour, zorder=1)
+        surface.set(linewidth=width, label=label)
+        axes.add_collection(surface, autolim=False)
 
 
 def _draw_tip(axes: Axes, data: xr.Dataset, view: View) -> None:
@@ -135,7 +129,8 @@ def hull(data: xr.Dataset) -> Facets:
     return turned_body(nose, base_direction(data, -1), *closed)
 
 
-def _hull_outline(data: xr.Dataset, view: View) -> Float[np.ndarray, "corner 2"]:
+def hull_outline(data: xr.Dataset, view: View) -> Float[np.ndarray, "corner 2"]:
+    """Corners of the hull in a view."""
     ahead = base_direction(data, -1)
     if abs(view.depth(ahead)) > 1e-9:
         return convex_outline(view.paper(hull(data)).reshape(-1, 2))

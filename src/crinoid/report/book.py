@@ -9,6 +9,7 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from crinoid.report.bending import draw_bending
 from crinoid.report.cases import CASES, draw_cases, read_cases
 from crinoid.report.commands import draw_commands
 from crinoid.report.contact import draw_contact, has_contact
@@ -18,9 +19,11 @@ from crinoid.report.profile import draw_profile
 from crinoid.report.run import RESULT, ReportError, Run, open_run
 from crinoid.report.series import draw_series
 from crinoid.report.shape import draw_shape
+from crinoid.report.sheet import draw_sheet
 from crinoid.report.spectrum import draw_spectrum
 from crinoid.report.style import STYLE
 from crinoid.report.tip import draw_tip_error
+from crinoid.report.view import is_spatial
 
 _FIGURES: dict[str, Callable[[Run], Figure]] = {
     "shape.png": draw_shape,
@@ -28,6 +31,9 @@ _FIGURES: dict[str, Callable[[Run], Figure]] = {
     "commands.png": draw_commands,
     "energy.png": draw_energy,
 }
+
+_SPACE = {"shape.png": draw_sheet, "bending.png": draw_bending}
+"""What is drawn otherwise, or besides, of an arm in space."""
 
 _FLOW_FIGURES: dict[str, Callable[[xr.Dataset], Figure]] = {
     "flow.png": draw_series,
@@ -59,7 +65,8 @@ def write_book(path: Path, out: Path | None) -> list[Path]:
 
 def _write_run(path: Path, out: Path) -> list[Path]:
     run = open_run(path)
-    figures = _FIGURES | ({"contact.png": draw_contact} if has_contact(run) else {})
+    figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
+    figures |= {"contact.png": draw_contact} if has_contact(run) else {}
     return [_save(lambda draw=draw: draw(run), out / name) for name, draw in figures.items()]
 
 

@@ -13,17 +13,26 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.gridspec import GridSpecBase
 
-from crinoid.report.current import arm_length
-from crinoid.report.obstacles import Body, corners, find_bodies
+from crinoid.report.finals import draw_finals, draw_finals_in_space, lay_out
 from crinoid.report.run import RESULT, ReportError, open_result
-from crinoid.report.style import GREY, INK, PALE, VERMILLION, WIDTH, head, time_map
+from crinoid.report.style import (
+    GREY,
+    INK,
+    VERMILLION,
+    WIDTH,
+    head,
+    head_height,
+    lay_out_below,
+    time_map,
+)
 from crinoid.report.units import Unit, largest, length_unit
-from crinoid.report.view import SIDE, in_space, outline
+from crinoid.report.view import is_spatial
 
 CASES = "cases.csv"
 
+_WIDTHS = [1.0, 1.5, 1.0]  # of the panels of measures
 _MEASURES = ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time")
 _KNOWN = ("case", *_MEASURES, "status", "directory")
 
@@ -91,12 +100,30 @@ def _read_case(path: Path, row: dict[str, str | None]) -> Case:
 def draw_cases(cases: Sequence[Case], title: str) -> Figure:
     """Draw the final shapes of all cases, and the measures of each in its shape's colour."""
     tall = 0.55 + 0.34 * len(cases) + 0.12 * sum(len(_label(c, cases).split("\n")) for c in cases)
-    figure = Figure(figsize=(WIDTH + 0.6, tall + 4.2), layout="constrained")
-    rows = figure.add_gridspec(2, 1, height_ratios=[3.2, tall + 0.4])
     colours = [time_map()(v) for v in np.linspace(0.0, 1.0, len(cases))]
-    _shapes(figure.add_subplot(rows[0]), cases, colours)
-
-    columns = rows[1].subgridspec(1, 3, width_ratios=[1.0, 1.5, 1.0])
+    finals = [
+        (open_result(case.result).isel(time=[-1]), colour)
+        for case, colour in zip(cases, colours, strict=True)
+        if case.result is not None
+    ]
+    columns: GridSpecBase
+    wide, title_height = WIDTH + 0.6, head_height(title, "ok", WIDTH + 0.6)
+    if any(is_spatial(data) for data, _ in finals):
+        block = lay_out(finals, wide)
+        foot = tall + 1.0
+        figure = Figure(
+            figsize=(wide, foot + block.height + title_height + 0.5), layout="constrained"
+        )
+        head(figure, title, "ok")
+        draw_finals_in_space(figure, finals, block, foot)
+        lay_out_below(figure, foot - 0.55)
+        columns = figure.add_gridspec(1, 3, width_ratios=_WIDTHS)
+    else:
+        figure = Figure(figsize=(wide, tall + 4.2), layout="constrained")
+        rows = figure.add_gridspec(2, 1, height_ratios=[3.2, tall + 0.4])
+        draw_finals(figure.add_subplot(rows[0]), finals)
+        columns = rows[1].subgridspec(1, 3, width_ratios=_WIDTHS)
+        head(figure, title, "ok")
     first = figure.add_subplot(columns[0])
     errors = figure.add_subplot(columns[1], sharey=first)
     settling = figure.add_subplot(columns[2], sharey=first)
@@ -112,7 +139,6 @@ def draw_cases(cases: Sequence[Case], title: str) -> Figure:
     for axes in (first, errors, settling):
         axes.grid(visible=False, axis="y")
         axes.tick_params(axis="y", length=0, labelleft=axes is first)
-    head(figure, title, "ok")
     return figure
 
 
@@ -188,35 +214,3 @@ def _errors(axes: Axes, cases: Sequence[Case], colours: Sequence[tuple[float, ..
     axes.legend(
         loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, columnspacing=1.0, handletextpad=0.1
     )
-
-
-def _shapes(axes: Axes, cases: Sequence[Case], colours: Sequence[tuple[float, ...]]) -> None:
-    obstacles: list[tuple[Body, tuple[float, ...]]] = []
-    for case, colour in zip(cases, colours, strict=True):
-        if case.result is None:
-            continue
-        data = open_result(case.result)
-        bodies = find_bodies(data.isel(time=[-1]))
-        obstacles += [(body, colour) for body in bodies]
-        places = in_space(data, "position")[-1]
-        shape = SIDE.paper(places)
-        if "diameter" in data:
-            band = outline(shape, np.asarray(data["diameter"].values, dtype=float))
-            axes.fill(*band.T, color=PALE, zorder=1, alpha=0.6, linewidth=0)
-        axes.plot(*shape.T, color=colour, zorder=2)
-        axes.plot(*shape[-1], marker="o", markersize=4, color=colour, zorder=3)
-        axes.plot(*shape[0], marker="s", markersize=5, color=INK, zorder=3)
-        axes.update_datalim(SIDE.paper(corners(bodies, places, arm_length(data))))
-    if not axes.lines:
-        axes.text(0.5, 0.5, "no case has a result", transform=axes.transAxes, ha="center")
-    axes.autoscale_view()
-    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
-    wide = 2 * (high - low)  # equal axes will show more on one side
-    for body, colour in obstacles:
-        cut = body.outline(-1, SIDE.lift(low - wide), SIDE.lift(high + wide), SIDE)
-        axes.add_patch(Polygon(cut, closed=True, fill=False, edgecolor=colour, linewidth=0.8))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title("final shapes, in the colours below", loc="left")
-    axes.set_xlabel(SIDE.labels[0])
-    axes.set_ylabel(SIDE.labels[1])

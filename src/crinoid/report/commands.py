@@ -8,11 +8,9 @@ from matplotlib.figure import Figure
 
 from crinoid.report.run import Run
 from crinoid.report.style import (
+    AXIS_COLOURS,
     BLUE,
-    GREEN,
     INK,
-    ORANGE,
-    PURPLE,
     VERMILLION,
     WIDTH,
     head,
@@ -22,23 +20,36 @@ from crinoid.report.style import (
     share_time,
 )
 from crinoid.report.units import Unit, largest, length_unit, si_unit
+from crinoid.report.view import is_spatial
+from crinoid.space import ANGLES
 
-_ANGLES = ("tilt", "pan", "roll")
+_ABOUT = {"slide": "x", "sway": "y", "heave": "z", "roll": "x", "tilt": "y", "pan": "z"}
+"""The axis that a channel moves along or turns about, which it has the colour of."""
 _STILL = 1e-9  # m or rad: less is no motion that anyone ordered
-_AXIS_COLOURS = {"x": GREEN, "y": PURPLE, "z": ORANGE}
 
 
 def draw_commands(run: Run) -> Figure:
-    """Draw the channels of the base that move or are driven, and the load on the submarine."""
+    """Draw the channels of the base that move or are driven, and the load on the submarine.
+
+    In space there are too many for a panel each: shifts share one, and so do turns.
+    """
     channels = _moving_channels(run)
+    shifts = [channel for channel in channels if channel not in ANGLES]
+    turns = [channel for channel in channels if channel in ANGLES]
+    groups = [group for group in (shifts, turns) if group] if is_spatial(run.result) else []
+    count, tall = (len(groups), 1.9) if groups else (len(channels), 1.55)
     figure = Figure(
-        figsize=(WIDTH, 1.0 + 1.55 * (len(channels) + 2) + (0 if channels else 0.3)),
+        figsize=(WIDTH, 1.0 + tall * (count + 2) + (0 if channels else 0.3)),
         layout="constrained",
     )
-    ratios = [1.0] * len(channels) + [1.0, 1.0]
+    ratios = [1.0] * count + [1.0, 1.0]
     panels = list(np.atleast_1d(figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)))
-    for axes, channel in zip(panels, channels, strict=False):
-        _channel(axes, run, channel, first=axes is panels[0])
+    if groups:
+        for axes, group in zip(panels, groups, strict=False):
+            _group(axes, run, group)
+    else:
+        for axes, channel in zip(panels, channels, strict=False):
+            _channel(axes, run, channel, first=axes is panels[0])
     _force(panels[-2], run)
     _moment(panels[-1], run)
     share_time(panels, run.result["time"].values)
@@ -65,7 +76,7 @@ _TRACES = ("base_pose", "base_command")
 def _channel(axes: Axes, run: Run, channel: str, *, first: bool) -> None:
     pose, command = (run.result[name].sel(channel=channel).values for name in _TRACES)
     degrees = Unit(180.0 / np.pi, "deg")
-    unit = degrees if channel in _ANGLES else length_unit(largest(pose, command))
+    unit = degrees if channel in ANGLES else length_unit(largest(pose, command))
     time = run.result["time"].values
     axes.plot(time, pose * unit.factor, color=BLUE, label="pose", **line_style(time.size))
     axes.plot(
@@ -82,6 +93,30 @@ def _channel(axes: Axes, run: Run, channel: str, *, first: bool) -> None:
         key(axes)
 
 
+def _group(axes: Axes, run: Run, channels: list[str]) -> None:
+    """Draw channels of one unit, poses as lines and commands dashed."""
+    time = run.result["time"].values
+    traces = {name: run.result[name].sel(channel=channels).values for name in _TRACES}
+    turns = channels[0] in ANGLES
+    unit = Unit(180.0 / np.pi, "deg") if turns else length_unit(largest(*traces.values()))
+    pose, command = (traces[name] * unit.factor for name in _TRACES)
+    for index, channel in enumerate(channels):
+        colour = AXIS_COLOURS[_ABOUT[channel]]
+        axes.plot(time, pose[:, index], color=colour, label=channel, **line_style(time.size))
+        axes.plot(
+            time,
+            command[:, index],
+            color=colour,
+            linestyle=(0, (4, 2)),
+            linewidth=1.0,
+            alpha=0.8,
+            **line_style(time.size),
+        )
+    axes.plot([], [], color=INK, linestyle=(0, (4, 2)), linewidth=1.0, label="commands")
+    axes.set_ylabel(f"{'turns' if turns else 'shifts'} of\nthe base ({unit.name})")
+    key(axes)
+
+
 def _force(axes: Axes, run: Run) -> None:
     if "base_force" not in run.result:
         note(axes, "no force recorded")
@@ -92,7 +127,7 @@ def _force(axes: Axes, run: Run) -> None:
         axes.plot(
             run.result["time"].values,
             force.sel(axis=axis).values * unit.factor,
-            color=_AXIS_COLOURS[str(axis)],
+            color=AXIS_COLOURS[str(axis)],
             label=f"force along {axis}",
             **line_style(force.sizes["time"]),
         )
@@ -115,7 +150,7 @@ def _moment(axes: Axes, run: Run) -> None:
         axes.plot(
             time,
             values * unit.factor,
-            color=_AXIS_COLOURS.get(axis, INK),
+            color=AXIS_COLOURS.get(axis, INK),
             label=f"moment about {axis}" if axis else None,
             **line_style(time.size),
         )

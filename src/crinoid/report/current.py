@@ -23,22 +23,22 @@ _SPACING = 0.07  # arrows closer than this, of the arm's length, are left out
 
 @dataclass(frozen=True)
 class Current:
-    """Arrows: where they start (m), the mean and some instants of the velocity there (m/s)."""
+    """Arrows on paper: where they start (m), the mean and some instants of the velocity (m/s)."""
 
-    start: Float[np.ndarray, "place 2"]
-    mean: Float[np.ndarray, "place 2"]
-    instants: Float[np.ndarray, "instant place 2"]
+    start: Float[np.ndarray, "place axis=2"]
+    mean: Float[np.ndarray, "place axis=2"]
+    instants: Float[np.ndarray, "instant place axis=2"]
     scale: float  # m/s of water per m of arrow that suits this run; 0: still water
 
-    def corners(self, scale: float) -> Float[np.ndarray, "point 2"]:
+    def corners(self, scale: float) -> Float[np.ndarray, "point axis=2"]:
         """Points that a window must hold so that no arrow is cut."""
         if self.scale == 0.0:
-            return np.empty((0, 2))
+            return self.start
         heads = self.start + self.instants / scale
         return np.concatenate([self.start, heads.reshape(-1, 2)])
 
     def draw(self, axes: Axes, scale: float) -> None:
-        """Draw the arrows at a scale in m/s per m, which runs drawn side by side share."""
+        """Draw the arrows on paper, at a scale in m/s per m that runs drawn side by side share."""
         if self.scale == 0.0:
             axes.set_title("still water", loc="right", color=GREY, fontsize=8.5)
             return
@@ -65,6 +65,7 @@ def draw_key(axes: Axes, corner: Float[np.ndarray, "axis=2"], fastest: float, sc
         ha="right",
         va="center",
         fontsize=8.5,
+        annotation_clip=False,
     )
 
 
@@ -136,6 +137,7 @@ def _arrows(
         width=0.022,
         color=BLUE,
         zorder=4,
+        clip_on=False,
     )
 
 

@@ -91,6 +91,15 @@ class Body:
         cap += self.solid.radius * np.outer(np.sin(turn), left_of(ahead))
         return np.concatenate([place + half + cap, place - half - cap])
 
+    def is_in(self, low: Point, high: Point, view: View) -> bool:
+        """Whether it is ever as far from the eye as a window: what is not would only confuse."""
+        if self.solid.kind == "plane":
+            return True
+        middle, records = (low + high) / 2, range(len(self.path))
+        depth = view.depth(np.stack([self.nearest(record, middle) for record in records]))
+        near, far = sorted((float(view.depth(low)), float(view.depth(high))))
+        return bool(np.any((depth > near - self.solid.radius) & (depth < far + self.solid.radius)))
+
     def shows_edge(self, view: View) -> bool:
         """Whether a view looks along a wall, so that its surface is a line on paper."""
         return bool(abs(view.depth(self.solid.out)) < 1e-9)
@@ -168,6 +177,8 @@ def draw_bodies(
     round_too = any(body.solid.kind != "plane" for body in bodies)  # rather in the key than a wall
     label = "obstacle at the end" if any(body.moves for body in bodies) else "obstacle"
     for body in bodies:
+        if not body.is_in(low, high, view):
+            continue
         wall = body.solid.kind == "plane"
         edge_on = wall and body.shows_edge(view)
         solid = Polygon(

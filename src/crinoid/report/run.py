@@ -119,7 +119,7 @@ def open_result(path: Path) -> xr.Dataset:
 
 
 def base_direction(dataset: xr.Dataset, record: int) -> Float[np.ndarray, "axis=3"]:
-    """Unit vector along which the base points at a record.
+    """Return the unit vector along which the base points at a record.
 
     The scenario and the base's pose say it; failing that, the first edge does, which on a pinned
     mount is only nearly the same.

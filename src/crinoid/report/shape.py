@@ -11,7 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from crinoid.report.arm import draw_arm, drawn_points, time_norm
+from crinoid.report.arm import draw_arm, hull_outline, points_of, time_norm
 from crinoid.report.current import Current, draw_key, find_current
 from crinoid.report.obstacles import find_bodies
 from crinoid.report.run import Run
@@ -110,7 +110,8 @@ def _extent(
 ) -> tuple[Float[np.ndarray, "axis=2"], Float[np.ndarray, "axis=2"]]:
     """Corners, in m, of a window that holds everything drawn in any panel."""
     points = [current.corners(scale) for current in currents]
-    points += [drawn_points(data, SIDE) for data in members]
+    points += [SIDE.paper(points_of(data)) for data in members]
+    points += [hull_outline(data, SIDE) for data in members]
     everything = np.concatenate(points)
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     margin = _MARGIN * float((high - low).max())

@@ -24,6 +24,7 @@ SKY = "#56B4E9"
 INK = "#262626"
 GREY = "#8C8C8C"
 PALE = "#DDE3E6"
+AXIS_COLOURS = {"x": GREEN, "y": PURPLE, "z": ORANGE}
 SERIES = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INK, GREY)
 
 WIDTH = 7.4  # inches
@@ -76,9 +77,14 @@ def head(figure: Figure, title: str, status: str) -> None:
     x, y = _EDGE / wide, 1.0 - _EDGE / tall
     figure.text(x, y, "\n".join(lines), va="top", **_TITLE)
     figure.text(x, y - len(lines) * _LINE / tall, "\n".join(notes), va="top", color=VERMILLION)
+    lay_out_below(figure, tall - head_height(title, status, wide))
+
+
+def lay_out_below(figure: Figure, height: float) -> None:
+    """Keep the panels that lay themselves out below a height in inches."""
     engine = figure.get_layout_engine()
     if isinstance(engine, ConstrainedLayoutEngine):
-        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - head_height(title, status, wide) / tall))
+        engine.set(rect=(0.0, 0.0, 1.0, height / float(figure.get_size_inches()[1])))
 
 
 def head_height(title: str, status: str, wide: float) -> float:

@@ -83,7 +83,7 @@ def cut_box(
     low: Float[np.ndarray, "axis=3"],
     high: Float[np.ndarray, "axis=3"],
 ) -> tuple[Float[np.ndarray, "corner axis=3"], Float[np.ndarray, "point axis=3"]]:
-    """Cut a box with a plane: corners of the cut in order, and those of the box behind the plane."""
+    """Cut a box with a plane: corners of the cut in order, and those of the box behind it."""
     signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
     corners = low + signs * (high - low)
     height = (corners - foot) @ out

@@ -1,11 +1,12 @@
 """The views that shapes are drawn in: the only place that knows how space meets paper.
 
-All of them are parallel projections, so lengths compare within one. A planar arm has y = 0 and lives
-in the view from the side.
+All of them are parallel projections, so lengths compare within one. A planar arm has y = 0 and
+lives in the view from the side.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +28,7 @@ class View:
 
     @property
     def axes(self) -> list[int]:
-        """Which axes of space are those of the paper, where they are."""
+        """Which axes of space are those of the paper; none of an oblique view."""
         return [axis.index(1.0) for axis in (self.across, self.up) if 1.0 in axis]
 
     @property
@@ -57,17 +58,21 @@ class View:
         return self.paper(in_space(dataset, name))
 
 
-def _turned(azimuth_deg: float, elevation_deg: float) -> tuple[tuple[float, ...], ...]:
-    azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
-    ahead = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    up = np.cos(elevation) * np.array([0.0, 0.0, 1.0]) - np.sin(elevation) * ahead
-    return (-float(ahead[1]), float(ahead[0]), 0.0), tuple(float(part) for part in up)
-
-
 SIDE = View("from the side", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 ABOVE = View("from above", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 AHEAD = View("from ahead", (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-OBLIQUE = View("from starboard, ahead and above", *_turned(-58.0, 27.0))
+
+_AZIMUTH, _ELEVATION = math.radians(-58.0), math.radians(27.0)
+OBLIQUE = View(
+    "in perspective",
+    (-math.sin(_AZIMUTH), math.cos(_AZIMUTH), 0.0),
+    (
+        -math.sin(_ELEVATION) * math.cos(_AZIMUTH),
+        -math.sin(_ELEVATION) * math.sin(_AZIMUTH),
+        math.cos(_ELEVATION),
+    ),
+)
+"""From ahead, starboard and above: x goes to the right, y into the depth."""
 
 
 def is_spatial(dataset: xr.Dataset) -> bool:

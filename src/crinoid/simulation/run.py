@@ -255,6 +255,13 @@ def _step_failure(scenario: Scenario, system: System, carry: LoopState, outcome:
             f"halvings, obstacle {near} is nearest to the arm with {1e3 * gaps[near]:.3g} mm "
             f"between them; try {smaller}, more simulation.max_halvings, or slower obstacles"
         )
+    if outcome.folded:
+        node, angle = _sharpest(carry.state)
+        return (
+            f"{when}: the arm folds onto itself, two edges meet at more than 170 degrees even "
+            f"after {halvings} halvings, and node {node} was bent by {angle:.0f} before; try more "
+            f"arm.nodes, weaker loads, a stiffer arm, or {smaller}"
+        )
     caught = touch is not None and bool(np.any(np.asarray(touch.in_contact)))
     return (
         f"{when}: a time step could not be solved even after {halvings} halvings, "
@@ -262,6 +269,15 @@ def _step_failure(scenario: Scenario, system: System, carry: LoopState, outcome:
         f"{'obstacles that leave the arm room, ' if caught else ''}"
         "or more simulation.max_halvings"
     )
+
+
+def _sharpest(state: State) -> tuple[int, float]:
+    """Return the node where the arm is bent the most, and by how much (degrees)."""
+    edges = np.diff(np.asarray(state.position), axis=0)
+    tangent = edges / np.linalg.norm(edges, axis=1, keepdims=True)
+    cosines = np.clip(np.sum(tangent[1:] * tangent[:-1], axis=1), -1.0, 1.0)
+    node = int(np.argmin(cosines))
+    return node, float(np.rad2deg(np.arccos(cosines[node])))
 
 
 def _imbalance(system: System, outcome: Outcome) -> str:

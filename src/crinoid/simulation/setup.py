@@ -131,7 +131,7 @@ def _target(scenario: Scenario, tip: np.ndarray) -> Target:
 
         # monotone between the points: the target does not swing out past them
         path = PiecewiseCubic(PchipInterpolator(target.time, np.concatenate(paths, axis=1)))
-    return Target(jnp.asarray(fixed), path, moving, axes)
+    return Target(jnp.asarray(fixed), path, moving)
 
 
 def _pointing(target: TargetTable, axes: int) -> tuple[np.ndarray | None, np.ndarray | None]:
@@ -210,5 +210,4 @@ def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
         lower=per_channel({index: limit.low for index, limit in limits.items()}),
         upper=per_channel({index: limit.high for index, limit in limits.items()}),
         period=jnp.asarray(1.0 / scenario.control_rate_hz),
-        axes=axes,
     )

@@ -1,0 +1,126 @@
+"""How an arm in space is bent and twisted, along it and over time."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from crinoid.report.arm import chosen_records, hull, time_norm
+from crinoid.report.run import Run
+from crinoid.report.scene import DARK, Scene, add_arm
+from crinoid.report.sheet import LEFT, add_axes, box_around, fit_scene
+from crinoid.report.style import (
+    GREY,
+    INK,
+    PALE,
+    WIDTH,
+    head,
+    head_height,
+    lay_out_below,
+    note,
+    time_map,
+)
+from crinoid.report.units import largest
+from crinoid.report.view import OBLIQUE, in_space
+
+_ROWS = (
+    ("kappa_1", "curvature $\\kappa_1$\n(1/m)"),
+    ("kappa_2", "curvature $\\kappa_2$\n(1/m)"),
+    ("twist", "twist\n(rad/m)"),
+)
+
+
+def draw_bending(run: Run) -> Figure:
+    """Draw the arm at the end with its material frame, and curvatures and twist along it."""
+    count = len(run.members)
+    arms, lines = (3.5 if count == 1 else 2.5), 5.3
+    above = head_height(run.title, run.status, WIDTH) + 0.3
+    tall = lines + arms + above
+    figure = Figure(figsize=(WIDTH, tall), layout="constrained")
+    head(figure, run.title, run.status)
+    lay_out_below(figure, lines)
+    panels = figure.subplots(3, count, sharex=True, sharey="row", squeeze=False)
+    room = WIDTH - LEFT - 0.4
+    for column, (label, data) in enumerate(run.members):
+        wide = room / count
+        arm = add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
+        _draw_frame(arm, run, data)
+        arm.set_title(f"{label}, at the end" if label else "arm at the end", loc="left")
+        for axes, (name, words) in zip(panels[:, column], _ROWS, strict=True):
+            _draw_lines(axes, data, name)
+            if not column:
+                axes.set_ylabel(words)
+        panels[-1, column].set_xlabel("distance from the root (m)")
+    figure.align_ylabels(panels[:, 0])
+    if "director" in run.result:
+        halves = [
+            Patch(facecolor=DARK, edgecolor=INK, linewidth=0.5, label="side of the director $m_1$"),
+            Patch(facecolor=PALE, edgecolor=INK, linewidth=0.5, label="other side"),
+        ]
+        below = (0.5, lines / tall)
+        figure.legend(handles=halves, loc="lower center", bbox_to_anchor=below, ncols=2)
+    time = run.result["time"].values
+    if time[-1] > time[0]:
+        mapped = ScalarMappable(time_norm(run.result), time_map())
+        bar = figure.colorbar(mapped, ax=panels, label="time (s)", aspect=40, pad=0.015)
+        bar.ax.grid(visible=False)
+    return figure
+
+
+def _draw_frame(axes: Axes, run: Run, data: xr.Dataset) -> None:
+    """Draw the arm with the half on its director's side dark, in a box that all runs share."""
+    inside = np.concatenate(
+        [
+            np.concatenate([in_space(member, "position")[-1], hull(member).reshape(-1, 3)])
+            for _, member in run.members
+        ]
+    )
+    low, high = box_around(inside)
+    scene = Scene(axes, low, high, OBLIQUE)
+    add_arm(scene, data)
+    if "diameter" not in data:
+        scene.add_line(in_space(data, "position")[-1], INK)
+    scene.draw()
+    fit_scene(axes, low, high)
+
+
+def _draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
+    axes.axhline(0.0, color=GREY, linewidth=0.7)
+    values = _values(data, name)
+    if values is None:
+        note(axes, f"no {'twist' if name == 'twist' else 'curvature'} recorded")
+        return
+    steps = np.linalg.norm(np.diff(in_space(data, "position")[0], axis=0), axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    if values.shape[1] == steps.size:
+        arc = (arc[1:] + arc[:-1]) / 2
+    chosen = chosen_records(data)
+    lines = [np.column_stack([arc, values[record]]) for record in chosen]
+    widths = np.where(chosen == chosen[-1], 1.8, 0.9)
+    axes.add_collection(
+        LineCollection(
+            lines,
+            array=data["time"].values[chosen],
+            cmap=time_map(),
+            norm=time_norm(data),
+            linewidths=widths,
+        )
+    )
+    axes.autoscale_view()
+    if largest(values[chosen]) == 0.0:
+        axes.set_ylim(-1.0, 1.0)
+    axes.set_xlim(0.0, float(steps.sum()))
+
+
+def _values(data: xr.Dataset, name: str) -> Float[np.ndarray, "time place"] | None:
+    if name == "twist":
+        return np.asarray(data["twist"].values) if "twist" in data else None
+    if "curvature" not in data or "bending" not in data.coords:
+        return None
+    return np.asarray(data["curvature"].sel(bending=name).values)

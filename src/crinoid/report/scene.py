@@ -1,0 +1,168 @@
+"""The run in perspective: bodies with light on them, what is near over what is far."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_hex, to_rgba
+from matplotlib.patches import Polygon
+
+from crinoid.report.arm import chosen_records, hull, moves, time_norm
+from crinoid.report.box import draw_box, draw_shadow
+from crinoid.report.obstacles import SOLID, WALL, Body, Point, find_bodies
+from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map
+from crinoid.report.surface import AROUND, Facets, cut_box, tube, turned_body
+from crinoid.report.view import ABOVE, AHEAD, SIDE, View, in_space
+
+Colour = str | tuple[float, float, float, float]
+
+DARK = "#6F8591"  # the half of the arm that is on the side of its director m_1
+_PATH = 300  # pieces of a path
+_RINGS = 24  # along a body
+
+
+class Scene:
+    """Surfaces and lines in a box, drawn from far to near (the painter's algorithm)."""
+
+    def __init__(self, axes: Axes, low: Point, high: Point, view: View) -> None:
+        self.axes, self.low, self.high, self.view = axes, low, high, view
+        self._pieces: list[np.ndarray] = []
+        self._depths: list[float] = []
+        self._faces: list[np.ndarray] = []
+        self._edges: list[np.ndarray] = []
+        self._widths: list[float] = []
+        draw_box(axes, low, high, view)
+
+    def add_surface(self, facets: Facets, colours: Float[np.ndarray, "facet 4"]) -> None:
+        """Add facets of a body, lit from the upper left, and its shadow."""
+        draw_shadow(self.axes, facets, self.low, self.view)
+        toward = self.view.toward
+        light = toward + 0.8 * np.array(self.view.up) - 0.6 * np.array(self.view.across)
+        normal = np.cross(facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1])
+        normal *= np.where(normal @ toward < 0.0, -1.0, 1.0)[:, None]
+        area = np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)
+        bright = 0.62 + 0.38 * np.maximum(normal @ light / (area * np.linalg.norm(light)), 0.0)
+        lit = np.column_stack([colours[:, :3] * bright[:, None], colours[:, 3]])
+        self._add(facets, lit, lit, 0.4)
+
+    def add_line(self, points: Float[np.ndarray, "point axis=3"], colour: Colour) -> None:
+        """Add a line, which bodies may hide in part."""
+        pieces = np.stack([points[:-1], points[1:]], axis=1)
+        edges = _colours(colour, len(pieces))
+        self._add(pieces, np.zeros_like(edges), edges, 1.0)
+
+    def _add(self, pieces: np.ndarray, faces: np.ndarray, edges: np.ndarray, width: float) -> None:
+        self._pieces += list(self.view.paper(pieces))
+        self._depths += list(self.view.depth(pieces.mean(axis=1)))
+        self._faces += list(faces)
+        self._edges += list(edges)
+        self._widths += [width] * len(pieces)
+
+    def draw(self) -> None:
+        """Draw everything added."""
+        order = np.argsort(self._depths, kind="stable")
+        pieces = PolyCollection(
+            [self._pieces[piece] for piece in order],
+            facecolors=[self._faces[piece] for piece in order],
+            edgecolors=[self._edges[piece] for piece in order],
+            linewidths=[self._widths[piece] for piece in order],
+            joinstyle="round",
+            zorder=2,
+        )
+        self.axes.add_collection(pieces, autolim=False)
+
+
+def draw_scene(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View) -> None:
+    """Draw a run in a box of space, all but its water."""
+    scene = Scene(axes, low, high, view)
+    shapes, time = in_space(data, "position"), data["time"].values
+    chosen = chosen_records(data)
+    colours = time_map()(time_norm(data)(time[chosen]))
+    for record, colour in zip(chosen, colours, strict=True):
+        scene.add_line(shapes[record], to_hex(colour))
+    for name, colour in (("tip_position", VERMILLION), ("tip_target", INK)):
+        path = in_space(data, name)
+        if moves(path):
+            records = np.linspace(0, len(path) - 1, min(_PATH, len(path))).round().astype(int)
+            scene.add_line(path[records], colour)
+    add_arm(scene, data)
+    for body in find_bodies(data):
+        if body.solid.kind == "plane":
+            _draw_wall(scene, body)
+            continue
+        if not all(body.is_in(low, high, side) for side in (SIDE, ABOVE, AHEAD)):
+            continue
+        facets = solid_surface(body, low, high)
+        scene.add_surface(facets, _colours(SOLID, len(facets)))
+        if body.moves:
+            ghosts = PolyCollection(
+                [body.outline(int(record), low, high, view) for record in chosen],
+                facecolors="none",
+                edgecolors=colours,
+                linewidths=0.6,
+                alpha=0.55,
+                zorder=1.5,
+            )
+            axes.add_collection(ghosts, autolim=False)
+    scene.draw()
+    target = view.project(data, "tip_target")[-1]
+    axes.plot(*target, "o", markersize=7.5, mfc="none", mec=INK, mew=1.2, zorder=5)
+
+
+def add_arm(scene: Scene, data: xr.Dataset) -> None:
+    """Add the arm at the end, half of it dark where its director is known, and the hull."""
+    bow = hull(data)
+    scene.add_surface(bow, _colours(GREY, len(bow)))
+    if "diameter" not in data:
+        return
+    director = in_space(data, "director")[-1] if "director" in data else None
+    diameter = np.asarray(data["diameter"].values, dtype=float)
+    facets = tube(in_space(data, "position")[-1], diameter, director)
+    colours = _colours(PALE, len(facets))
+    if director is not None:
+        around = np.arange(len(facets)) % AROUND
+        colours[(around + AROUND // 4) % AROUND <= AROUND // 2] = to_rgba(DARK)
+    scene.add_surface(facets, colours)
+
+
+def _colours(colour: Colour, count: int) -> Float[np.ndarray, "piece 4"]:
+    return np.tile(np.array(to_rgba(colour)), (count, 1))
+
+
+def _draw_wall(scene: Scene, body: Body) -> None:
+    """Draw a wall behind everything, or like glass before it where the eye is in what is solid."""
+    middle = (scene.low + scene.high) / 2
+    cut, _ = cut_box(body.solid.out, body.nearest(-1, middle), scene.low, scene.high)
+    behind = scene.view.depth(body.solid.out) > 0.0
+    if len(cut):
+        wall = Polygon(scene.view.paper(cut), closed=True, facecolor=WALL, edgecolor=GREY)
+        alpha, order = (0.85, 0.4) if behind else (0.25, 3.0)
+        wall.set(linewidth=0.7, alpha=alpha, zorder=order)
+        scene.axes.add_patch(wall)
+
+
+def solid_surface(body: Body, low: Point, high: Point) -> Facets:
+    """Facets of what is round at the end, of what is endless as much as a box holds."""
+    place, half, radius = body.path[-1], body.solid.half_axis, body.solid.radius
+    long = float(np.linalg.norm(half))
+    direction = half / long if long else np.array([0.0, 0.0, 1.0])
+    if body.solid.kind == "cylinder":
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sides = np.stack([low - place, high - place]) / direction
+        sides[:, direction == 0.0] = [[-np.inf], [np.inf]]
+        begin, end = sides.min(axis=0).max(), sides.max(axis=0).min()
+        if begin >= end:  # it only grazes the box
+            return np.empty((0, 4, 3))
+        along = np.linspace(begin, end, _RINGS)
+        around = np.full(_RINGS, radius)
+    else:
+        turn = np.linspace(0.0, np.pi / 2, _RINGS // 2)
+        straight = np.linspace(-long, long, _RINGS)[1:-1] if long else np.empty(0)
+        cap, rim = radius * np.cos(turn), radius * np.sin(turn)
+        along = np.concatenate([-long - cap, straight, long + cap[::-1]])
+        around = np.concatenate([rim, np.full(straight.size, radius), rim[::-1]])
+    along, around = np.pad(along, 1, mode="edge"), np.pad(around, 1)
+    return turned_body(place, direction, along, around)

@@ -1,0 +1,496 @@
+"""Each element in space: forces, torques, energies and powers, and its tangent through rotations.
+
+All of them act at once on one arm; the others are silenced by their numbers, so that little is
+compiled.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from crinoid.dynamics.integrator import Stage
+from crinoid.elements import (
+    AddedMass,
+    BendTwist,
+    DistributedLoad,
+    Drag,
+    Inertia,
+    Stretch,
+    TipLoad,
+    Weight,
+)
+from crinoid.flow import PowerShear, Uniform
+from crinoid.frames import Frames, Orientation, angle_between, tangents, transport
+from physics import always, arm
+
+NODES = 6
+EDGE = 0.2
+"""Length of an edge (m)."""
+TURN = 2 * np.pi
+SEEDS = range(4)
+
+SYSTEM = arm(
+    axes=3,
+    nodes=NODES,
+    EA=50.0,
+    EI=(0.05, 0.08),
+    GJ=0.06,
+    mass_per_length=1.2,
+    diameter=0.04,
+    displaced_area=1.1e-3,
+    rest_curvature=(0.8, -0.5, 1.3),
+    damping_time=0.03,
+    gravity=9.81,
+    water_density=1000.0,
+    drag_tangential=0.1,
+    added_mass_tangential=0.2,
+    linear_drag=0.5,
+    loads=(
+        lambda rod: DistributedLoad.of(rod, tangential=0.4, normal=-0.7, fixed=(0.2, 0.1, -0.3)),
+        lambda rod: TipLoad.of(
+            rod,
+            dead_force=(0.1, -0.2, 0.3),
+            follower_force=(0.3, 0.4, -0.2),
+            moment=(0.05, 0.02, -0.04),
+            follower_moment=(-0.06, 0.03, 0.05),
+        ),
+    ),
+    flows=(
+        Uniform(always(), jnp.asarray([0.3, 0.2, -0.1])),
+        # an upward part makes the shear felt as an acceleration
+        PowerShear(always(), jnp.asarray([0.4, -0.2, 0.1]), *map(jnp.asarray, (2.0, -5.0, 0.3))),
+    ),
+)
+KINDS = (Stretch, BendTwist, Inertia, Weight, Drag, AddedMass, DistributedLoad, TipLoad)
+
+
+def of_kind(kind):
+    (element,) = (e for e in SYSTEM.forces.elements if isinstance(e, kind))
+    return element
+
+
+def only(*kinds):
+    """Silence all elements but some."""
+
+    def silenced(element):
+        if isinstance(element, Stretch):
+            return eqx.tree_at(lambda e: e.EA, element, jnp.zeros_like(element.EA))
+        return jax.tree.map(jnp.zeros_like, element)
+
+    return eqx.tree_at(
+        lambda f: f.elements,
+        SYSTEM.forces,
+        tuple(e if isinstance(e, kinds) else silenced(e) for e in SYSTEM.forces.elements),
+    )
+
+
+# --- any shapes and motions --------------------------------------------------------------------
+
+
+def edges_at_random(rng, bend):
+    """Return directions of edges, each at an angle of at most ``bend`` to the one before."""
+    turned, frame = [], Rotation.random(random_state=rng)
+    for _ in range(NODES):
+        aside = rng.uniform(0, TURN)
+        turn = rng.uniform(0.2, 1.0) * bend * np.array([0.0, np.cos(aside), np.sin(aside)])
+        frame = frame * Rotation.from_rotvec(turn)
+        turned.append(frame.apply([1.0, 0.0, 0.0]))
+    return np.array(turned)
+
+
+def placed(rng, tangent):
+    """Place nodes on edges of about the length at rest; their spins are anything."""
+    edges = EDGE * rng.uniform(0.9, 1.1, (NODES, 1)) * tangent
+    places = np.concatenate([rng.normal(size=(1, 3)), edges]).cumsum(axis=0)
+    return np.concatenate([places, rng.uniform(-4, 4, (NODES + 1, 1))], axis=1)
+
+
+def oriented(rng, position, turns=0):
+    """Return directors at random, and the twists that go along, some turns more."""
+    tangent = np.asarray(tangents(jnp.asarray(position)))
+    director = np.cross(tangent, rng.normal(size=tangent.shape))
+    director /= np.linalg.norm(director, axis=1, keepdims=True)
+    now, ahead = slice(1, -1), slice(2, None)
+    carried = transport(*map(jnp.asarray, (director[now], tangent[now], tangent[ahead])))
+    twist = angle_between(carried, *map(jnp.asarray, (director[ahead], tangent[ahead])))
+    twist = np.pad(np.asarray(twist) + TURN * turns, 1)
+    return Orientation(*map(jnp.asarray, (director, twist, np.zeros_like(director))))
+
+
+def at_random(seed, *, bend=0.7, turns=0, turned=0.0, sharp=None, step=0.02):
+    """Make a stage of a step: bent, twisted, stretched and moving.
+
+    The frames are those of a shape whose edges point elsewhere, by the angle ``turned``. One edge
+    turns by ``sharp`` from the one before.
+    """
+    rng = np.random.default_rng(seed)
+    tangent = edges_at_random(rng, bend)
+    position = placed(rng, tangent)
+    aside = np.cross(tangent, rng.normal(size=tangent.shape))
+    aside *= turned * rng.uniform(0.6, 1.0, (NODES, 1)) / np.linalg.norm(aside, axis=1)[:, None]
+    before = placed(rng, Rotation.from_rotvec(aside).apply(tangent))
+    if turned == 0.0:
+        before = position
+    if sharp is not None:
+        across = np.cross(tangent[2], rng.normal(size=3))
+        tangent[3] = np.cos(sharp) * tangent[2] + np.sin(sharp) * across / np.linalg.norm(across)
+        position = placed(rng, tangent)
+    frames = Frames.of(jnp.asarray(before), oriented(rng, before, turns))
+    velocity, acceleration = rng.normal(size=(2, NODES + 1, 4))
+    numbers = (1.0, position, velocity, acceleration, 1.0, 2 / step, 4 / step**2)
+    return Stage(*map(jnp.asarray, numbers), frames)
+
+
+def motion_of(forces, stage, correction):
+    around = forces.surroundings(stage, correction)
+    return forces.motion(stage, correction, around), around
+
+
+@eqx.filter_jit
+def observe(forces, stage):
+    """Return residual, energies, powers and the motion of a stage."""
+    motion, _ = motion_of(forces, stage, jnp.zeros_like(stage.position))
+    return forces.residual(motion)[0], *forces.audit(motion), motion
+
+
+def force_and_torque(position, residual):
+    """Return the sum of forces, and of moments about the origin with the torques about edges."""
+    position, residual = np.asarray(position), np.asarray(residual)
+    along = residual[:, 3:] * np.asarray(tangents(jnp.asarray(position)))
+    return residual[:, :3].sum(axis=0), (np.cross(position[:, :3], residual[:, :3]) + along).sum(
+        axis=0
+    )
+
+
+# --- tangents ----------------------------------------------------------------------------------
+
+
+@eqx.filter_jit(compiler_options={"xla_backend_optimization_level": 0})
+def slopes(forces, stage):
+    """Return d(residual)/d(correction) as assembled, and by differentiating through the frames."""
+    none = jnp.zeros_like(stage.position)
+    motion, around = motion_of(forces, stage, none)
+
+    def residual(correction):
+        # the water is expanded from where it is looked up
+        return forces.residual(forces.motion(stage, correction, around))[0]
+
+    return forces.tangent(stage, motion, around).bands, jax.jacfwd(residual)(none)
+
+
+def dense(bands):
+    """Write the bands out as a matrix with axes node, unknown, node, unknown."""
+    bands = np.asarray(bands)
+    n, _, b, _ = bands.shape
+    matrix = np.zeros((n, b, n, b))
+    for i in range(n):
+        for d in range(max(0, 2 - i), min(5, n + 2 - i)):
+            matrix[i, :, i + d - 2] = bands[i, d]
+    return matrix
+
+
+def assert_tangent(forces, stage, digits=1e-12):
+    bands, expected = slopes(forces, stage)
+    got, expected = dense(bands), np.asarray(expected)
+    assert np.isfinite(got).all()
+    row = np.abs(expected).max(axis=(2, 3), keepdims=True) + np.finfo(float).tiny
+    # a spin of the first row belongs to no edge, nor do torques act there
+    assert not np.abs(got[0, 3]).any()
+    np.testing.assert_allclose(got / row, expected / row, rtol=0, atol=digits)
+    return np.abs(got).max()
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.5, 1.2])
+@pytest.mark.parametrize("kind", [*KINDS, KINDS], ids=lambda k: getattr(k, "__name__", "all"))
+def test_tangent_is_the_slope_of_the_residual(kind, turned):
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    for seed in SEEDS:
+        size = assert_tangent(only(*kinds), at_random(seed, turned=turned))
+        assert (size > 1e-3) == (kinds != (Weight,))
+
+
+@pytest.mark.parametrize("turns", [-2, 1, 3])
+def test_tangent_with_turns_of_twist(turns):
+    for seed in SEEDS:
+        stage = at_random(seed, turned=0.6, turns=turns)
+        assert np.abs(observe(SYSTEM.forces, stage)[3].orientation.twist[2:-1]).max() > TURN / 2
+        assert_tangent(only(BendTwist), stage)
+
+
+@pytest.mark.parametrize("sharp", np.deg2rad([150.0, 160.0, 169.0]))
+@pytest.mark.parametrize("turns", [0, 2])
+def test_tangent_of_edges_bent_sharply(sharp, turns):
+    for seed in SEEDS:
+        assert_tangent(
+            only(BendTwist), at_random(seed, sharp=sharp, turned=0.3, turns=turns), 1e-11
+        )
+
+
+def test_tangent_of_a_slow_and_a_hasty_step():
+    # a static solve moves places only; a short step is all velocity
+    stage = at_random(0, turned=0.4)
+    for rates in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.55, 2e5, 4e10)):
+        numbers = tuple(map(jnp.asarray, rates))
+        chosen = eqx.tree_at(
+            lambda s: [s.by_position, s.by_velocity, s.by_acceleration], stage, numbers
+        )
+        assert_tangent(only(BendTwist, Inertia), chosen)
+
+
+# --- bend and twist ----------------------------------------------------------------------------
+
+
+def undamped(forces):
+    """Return the forces without damping."""
+    damping = [e.damping_time for e in forces.elements if isinstance(e, Stretch | BendTwist)]
+    return eqx.tree_at(
+        lambda f: [e.damping_time for e in f.elements if isinstance(e, Stretch | BendTwist)],
+        forces,
+        [jnp.zeros_like(d) for d in damping],
+    )
+
+
+@eqx.filter_jit
+def energy_slope(forces, stage):
+    """Return d(stored energy but the kinetic)/d(places and spins)."""
+
+    def stored(correction):
+        motion, _ = motion_of(forces, stage, correction)
+        return jnp.sum(forces.audit(motion)[0][1:])
+
+    return jax.grad(stored)(jnp.zeros_like(stage.position))
+
+
+@pytest.mark.parametrize("turns", [0, -2])
+@pytest.mark.parametrize("sharp", [None, np.deg2rad(165.0)])
+@pytest.mark.parametrize("kind", [Stretch, BendTwist, Weight])
+def test_conservative_forces_are_the_slope_of_their_energy(kind, sharp, turns):
+    for seed in SEEDS:
+        stage = at_random(seed, sharp=sharp, turns=turns)
+        # frames anew: there the spins and the places turn the edges each for themselves
+        _, _, _, motion = observe(SYSTEM.forces, stage)
+        stage = eqx.tree_at(
+            lambda s: s.frames, stage, Frames.of(stage.position, motion.orientation)
+        )
+        forces = undamped(only(kind))
+        slope, residual = energy_slope(forces, stage), observe(forces, stage)[0]
+        size = np.abs(slope).max()
+        assert size > 1e-2
+        np.testing.assert_allclose(residual, slope, rtol=0, atol=3e-12 * size)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.8])
+def test_what_deforms_an_arm_stores_energy_or_is_dissipated(turned):
+    # dE/dt along the velocities by differences of energies along a motion: through the frames
+    for seed in SEEDS:
+        stage = at_random(seed, turned=turned, turns=1)
+        elastic = only(Stretch, BendTwist)
+        residual, _, power, motion = observe(elastic, stage)
+        fed = float(jnp.sum(residual * motion.velocity))
+        frames = Frames.of(stage.position, motion.orientation)
+        stage = eqx.tree_at(lambda s: s.frames, stage, frames)
+        h = 1e-5
+        ahead, behind = (
+            observe(
+                elastic,
+                eqx.tree_at(lambda s: s.position, stage, stage.position + s * h * stage.velocity),
+            )
+            for s in (1, -1)
+        )
+        storing = float(jnp.sum(ahead[1] - behind[1])) / (2 * h)
+        damping = float(jnp.sum(power))
+        assert damping < -1e-3
+        assert fed == pytest.approx(storing - damping, abs=1e-6 * (abs(fed) + abs(damping)))
+        # and exactly what damping alone takes
+        elastic_only = observe(undamped(elastic), stage)
+        taken = np.sum((residual - elastic_only[0]) * stage.velocity)
+        assert -damping == pytest.approx(float(taken), rel=1e-11)
+        assert not np.abs(elastic_only[2]).any()
+
+
+def rigid(rng, position):
+    """Return the velocities of a body that turns with the arm's shape on it."""
+    turning, drift = rng.normal(size=(2, 3))
+    places = drift + np.cross(turning, np.asarray(position)[:, :3])
+    spins = np.asarray(tangents(position)) @ turning
+    return jnp.asarray(np.concatenate([places, spins[:, None]], axis=1))
+
+
+def test_turning_as_a_whole_is_not_damped():
+    for seed in SEEDS:
+        stage = at_random(seed, turns=seed)
+        damped = only(Stretch, BendTwist)
+        usual = -float(jnp.sum(observe(damped, stage)[2]))
+        still = eqx.tree_at(
+            lambda s: s.velocity, stage, rigid(np.random.default_rng(seed), stage.position)
+        )
+        # round-off of the rate, squared
+        assert usual > 1e-2
+        assert abs(float(jnp.sum(observe(damped, still)[2]))) < 1e-24 * usual
+        # nor does it stress the arm
+        stressed, at_rest = (observe(f, still)[0] for f in (damped, undamped(damped)))
+        size = np.abs(at_rest).max()
+        np.testing.assert_allclose(stressed, at_rest, rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("sharp", [None, np.deg2rad(165.0)])
+def test_inner_forces_are_in_balance(sharp):
+    for seed in SEEDS:
+        stage = at_random(seed, turned=0.5, turns=seed, sharp=sharp)
+        for kind in (Stretch, BendTwist):
+            residual, _, _, motion = observe(only(kind), stage)
+            size = np.abs(residual).max()
+            assert size > 1e-2
+            force, moment = force_and_torque(motion.position, residual)
+            np.testing.assert_allclose(force, 0, atol=1e-13 * size)
+            np.testing.assert_allclose(moment, 0, atol=1e-13 * size)
+
+
+def turned_stage(stage, rotation, shift):
+    """Turn and shift all of a stage."""
+    matrix = jnp.asarray(rotation.as_matrix())
+
+    def rows(rows, shift=0.0):
+        return jnp.concatenate([rows[:, :3] @ matrix.T + shift, rows[:, 3:]], axis=1)
+
+    frames = eqx.tree_at(
+        lambda f: [f.tangent, f.director],
+        stage.frames,
+        [stage.frames.tangent @ matrix.T, stage.frames.director @ matrix.T],
+    )
+    return eqx.tree_at(
+        lambda s: [s.position, s.velocity, s.acceleration, s.frames],
+        stage,
+        [rows(stage.position, shift), rows(stage.velocity), rows(stage.acceleration), frames],
+    )
+
+
+def test_forces_turn_with_everything_else():
+    # in still water; what is fixed in the world aside
+    followers = still_water(only(*(kind for kind in KINDS if kind is not Weight)))
+    for seed in SEEDS:
+        stage = at_random(seed, turned=0.5, turns=seed)
+        rotation = Rotation.random(random_state=seed)
+        residual, energy, power, _ = observe(followers, stage)
+        turned = observe(followers, turned_stage(stage, rotation, jnp.asarray([3.0, -2.0, 5.0])))
+        size = np.abs(residual).max(axis=0)
+        force, torque = residual[:, :3] @ rotation.as_matrix().T, residual[:, 3]
+        assert (size > 1e-2).all()
+        close = np.testing.assert_allclose
+        close(turned[0][:, :3], force, rtol=0, atol=1e-12 * size[:3].max())
+        close(turned[0][:, 3], torque, rtol=0, atol=1e-12 * size[3])
+        for got, scalar in zip(turned[1:3], (energy, power), strict=True):
+            np.testing.assert_allclose(got, scalar, rtol=1e-11, atol=1e-12)
+
+
+def still_water(forces):
+    """Return the forces without a current, and without what has a direction in the world."""
+
+    def kept(element):
+        if isinstance(element, DistributedLoad):
+            return eqx.tree_at(lambda e: e.fixed, element, jnp.zeros_like(element.fixed))
+        if isinstance(element, TipLoad):
+            none = [jnp.zeros_like(element.dead_force), jnp.zeros_like(element.moment)]
+            return eqx.tree_at(lambda e: [e.dead_force, e.moment], element, none)
+        return element
+
+    elements = tuple(map(kept, forces.elements))
+    return eqx.tree_at(
+        lambda f: [
+            f.elements,
+            f.water.flows[0].uniform_velocity,
+            f.water.flows[1].reference_velocity,
+        ],
+        forces,
+        [elements, jnp.zeros(3), jnp.zeros(3)],
+    )
+
+
+@pytest.mark.parametrize("twist", [0.0, 0.9, -2.0, 3 * np.pi, 5.5 * np.pi])
+@pytest.mark.parametrize("bend", [0.0, 0.3, 2.5])
+def test_strains_are_those_of_the_frame_half_way(bend, twist):
+    # bent by an angle about any axis b across the first edge, the second edge's frame further
+    # twisted: 2 tan(bend / 2) b (Bergou et al. 2008, eq. 1) is read in the frame half way
+    for about in (0.0, 1.0, 4.0):
+        first = Rotation.from_rotvec([0.3, -0.7, 0.4])
+        binormal = first.apply([0.0, np.cos(about), np.sin(about)])
+        second = Rotation.from_rotvec(bend * binormal) * first
+        x, y = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]
+        tangent = np.stack([first.apply(x), first.apply(x), second.apply(x)])
+        second = Rotation.from_rotvec(twist * tangent[2]) * second
+        edges = np.concatenate([tangent, np.tile(tangent[2:], (NODES - 3, 1))])
+        position = np.concatenate([np.zeros((1, 3)), np.cumsum(EDGE * edges, axis=0)])
+        position = jnp.asarray(np.pad(position, ((0, 0), (0, 1))))
+        directors = [first.apply(y)] * 3 + [second.apply(y)] * (NODES - 2)
+        twists = np.zeros(NODES + 1).tolist()
+        twists[2] = twist
+        orientation = Orientation(*map(jnp.asarray, (directors, twists, np.zeros((NODES + 1, 3)))))
+        frames = Frames.of(position, orientation)
+        none = jnp.zeros_like(position)
+        numbers = (jnp.zeros(()), position, none, none, *[jnp.ones(())] * 3)
+        strains = strains_of(SYSTEM.forces, Stage(*numbers, frames))
+        half = about - twist / 2  # the binormal as seen from the frame half way
+        expected = 2 * np.tan(bend / 2) * np.array([np.sin(half), -np.cos(half)])
+        np.testing.assert_allclose(strains[1], [*expected, twist], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(np.delete(strains, 1, axis=0), 0, atol=1e-12)
+
+
+@eqx.filter_jit
+def strains_of(forces, stage):
+    return forces.strains(motion_of(forces, stage, jnp.zeros_like(stage.position))[0])
+
+
+# --- loads and inertia -------------------------------------------------------------------------
+
+
+def test_the_moments_of_a_tip_load_are_those_that_it_says():
+    dead, follower = np.array([0.05, 0.02, -0.04]), np.array([-0.06, 0.03, 0.05])
+    for seed in SEEDS:
+        stage = at_random(seed, turned=0.5)
+        alone = eqx.tree_at(
+            lambda f: [f.elements[-1].dead_force, f.elements[-1].follower_force],
+            only(TipLoad),
+            [jnp.zeros((1, 3))] * 2,
+        )
+        residual, _, _, motion = observe(alone, stage)
+        force, moment = force_and_torque(motion.position, residual)
+        np.testing.assert_allclose(force, 0, atol=1e-14)
+        # the tip's frame: its tangent is carried on by half the last turn
+        a, b = np.asarray(tangents(motion.position))[-2:]
+        tip = 1.5 * b - 0.5 * a
+        tip /= np.linalg.norm(tip)
+        before, last = np.asarray(motion.orientation.director)[-2:]
+        m_1 = 1.5 * last - 0.5 * before
+        m_1 -= m_1 @ tip * tip
+        m_1 /= np.linalg.norm(m_1)
+        frame = np.stack([tip, m_1, np.cross(tip, m_1)])
+        np.testing.assert_allclose(moment, -(dead + follower @ frame), rtol=0, atol=1e-13)
+
+
+def test_a_distributed_load_along_the_normal_is_along_m_2():
+    stage = at_random(0, turned=0.5)
+    residual, _, _, motion = observe(only(DistributedLoad), stage)
+    t = np.asarray(tangents(motion.position))[2:]
+    normal = np.cross(t, np.asarray(motion.orientation.director)[2:])
+    per_edge = EDGE * (0.4 * t - 0.7 * normal + np.array([0.2, 0.1, -0.3]))
+    np.testing.assert_allclose(-residual[:, :3].sum(0), per_edge.sum(0), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(-residual[-1, :3], per_edge[-1] / 2, rtol=0, atol=1e-14)
+    assert not np.asarray(residual[:, 3]).any()
+
+
+def test_inertia_of_a_round_arm_is_that_of_its_mass_and_of_its_spin():
+    # rho (I_1 + I_2) = m r^2 / 2 per length
+    stage = at_random(1)
+    residual, energy, power, motion = observe(only(Inertia), stage)
+    cell = EDGE * np.array([0.5, *[1.0] * (NODES - 2), 0.5])
+    spin = EDGE * 1.2 * 1.0**2 / 2  # of radius 1
+    a = np.asarray(motion.acceleration)
+    np.testing.assert_allclose(residual[1:, :3], 1.2 * cell[:, None] * a[1:, :3], rtol=1e-13)
+    np.testing.assert_allclose(residual[2:, 3], spin * a[2:, 3], rtol=1e-13)
+    v = np.asarray(motion.velocity)
+    kinetic = 0.6 * np.sum(cell * np.sum(v[1:, :3] ** 2, 1)) + 0.5 * spin * np.sum(v[2:, 3] ** 2)
+    np.testing.assert_allclose(energy, [kinetic, 0, 0], rtol=1e-13)
+    assert not np.asarray(power).any()
