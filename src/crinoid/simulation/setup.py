@@ -221,9 +221,12 @@ def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
 def _check_use(names: list[str], inverse: Float[np.ndarray, "channel coordinate"]) -> None:
     """Refuse gains of channels that do nothing for what is controlled."""
     most = np.abs(inverse).max(axis=1)
-    text = "does nothing: the tip, as it is at the start, does not follow the channel in what is "
     mistakes = [
-        Mistake(f"control.pid.{name}", f"{text}controlled; takes a channel that it follows")
+        Mistake(
+            f"control.pid.{name}",
+            f"does nothing: nothing of the tip that is controlled follows {name} from the start; "
+            "takes a channel that moves it",
+        )
         for name, share in zip(names, most, strict=True)
         if share <= _UNUSED * most.max()
     ]
