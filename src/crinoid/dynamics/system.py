@@ -270,7 +270,7 @@ class System(eqx.Module):
         )
         axes = self.forces.axes
 
-        def follow(moved: Float[Array, "2 b"]) -> Nodes:
+        def follow(moved: Float[Array, "2 b"]) -> Float[Array, "n d"]:
             nodes = jnp.zeros((state.position.shape[0], moved.shape[1])).at[:HELD].set(moved)
             free = chain.solve(bands[HELD:], -chain.matvec(bands, nodes)[HELD:])
             return nodes.at[HELD:].set(free)[:, :axes]
