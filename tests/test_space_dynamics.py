@@ -589,3 +589,215 @@ def test_what_is_at_rest_stays_at_rest():
     assert (
         np.abs(states.motion.orientation.director - start.motion.orientation.director).max() < 1e-11
     )
+
+
+# --- turns that are wound up, and turns that are not -------------------------------------------
+
+
+def by_turns(turns, within):
+    """Return a table of roll: from rest to whole turns within a time (s), and held there."""
+    time = np.linspace(0.0, 2 * within, 41)
+    share = np.clip(time / within, 0.0, 1.0)
+    return np.stack([time, TURN * turns * share**2 * (3 - 2 * share)], axis=1)
+
+
+def settled(system, state, until):
+    return at(run(system, state, until=until, steps=800), -1)
+
+
+@pytest.mark.parametrize("gravity", [0.0, 4.0], ids=["straight", "hanging"])
+def test_rolling_the_base_carries_a_round_arm_along_and_winds_up_nothing(gravity):
+    # it rolls about its own line, whether that is straight or an arc
+    case = {"radius": 0.2, "gravity": gravity, "damping_time": 0.2, "pan": 0.3}
+    idle = dry(**case, rolled=by_turns(0.0, 2.0))
+    still = settled(idle, rest(idle), 16.0)
+    assert bool(gravity) == (float(still.position[-1, 2]) < -0.3)
+    system = dry(**case, rolled=by_turns(3.0, 2.0))
+    start = eqx.tree_at(lambda s: s.motion.time, still, jnp.zeros(()))
+    states = run(system, start, until=2.0, steps=400)
+    # on the way it twists, and a bent arm is carried off sideways by its damping
+    assert np.abs(states.motion.orientation.twist).max() > 0.05
+    sideways = states.position @ [-np.sin(0.3), np.cos(0.3), 0.0]
+    assert bool(gravity) == (np.abs(sideways).max() > 0.05)
+    end = settled(system, at(states, -1), 16.0)
+    np.testing.assert_allclose(end.position, still.position, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(end.motion.orientation.twist, 0, atol=1e-7)
+    director = still.motion.orientation.director
+    np.testing.assert_allclose(end.motion.orientation.director, director, rtol=0, atol=1e-6)
+
+
+def test_rolling_the_base_turns_an_arm_that_is_not_round():
+    # a naturally bent arm goes round with the base: after a quarter turn it points to starboard
+    case = {"radius": 0.2, "damping_time": 0.2, "rest_curvature": (0.0, 1.0, 0.0), "EI": (1.0, 1.5)}
+    system = dry(**case, rolled=by_turns(2.25, 1.0))
+    start = rest(system)
+    end = settled(system, at(run(system, start, until=2.0, steps=400), -1), 20.0)
+    x, _, z = np.asarray(start.position).T
+    # roll from +y toward +z turns what points up to -y
+    np.testing.assert_allclose(end.position, np.stack([x, -z, 0 * x], axis=1), rtol=0, atol=1e-6)
+
+
+def writhe(places):
+    """Return the writhe of a closed polygon: the Gauss integral over all pairs of edges.
+
+    Of two edges the solid angle of the directions from one to the other (Klenin and Langowski,
+    Biopolymers 54 (2000) 307-317, method 1a).
+    """
+    nodes = np.asarray(places)
+    ahead = np.roll(nodes, -1, axis=0)
+    count, total = len(nodes), 0.0
+    for i in range(count):
+        j = np.arange(i + 2, count if i else count - 1)
+        if not len(j):
+            continue
+        a, b, c, d = nodes[i], ahead[i], nodes[j], ahead[j]
+        to = [c - a, d - a, d - b, c - b]
+        faces = [np.cross(to[k], to[(k + 1) % 4]) for k in range(4)]
+        faces = [face / (np.linalg.norm(face, axis=1)[:, None] + 1e-300) for face in faces]
+        cosines = [np.sum(faces[k] * faces[(k + 1) % 4], axis=1) for k in range(4)]
+        angle = np.sum(np.arcsin(np.clip(cosines, -1, 1)), axis=0)
+        sign = np.sign(np.sum(np.cross(d - c, b - a) * (c - a), axis=1))
+        total += np.sum(angle * sign) / (2 * np.pi)  # twice over 4 pi
+    return total
+
+
+def test_writhe_of_a_known_curve():
+    # a long coil closed far away: 1 - cos(opening) per turn (Fuller, PNAS 68 (1971) 815-819)
+    turns, per_turn, radius, pitch = 40, 40, 1.0, 2.0
+    angle = TURN * np.arange(turns * per_turn + 1) / per_turn
+    coil = np.stack([radius * np.cos(angle), radius * np.sin(angle), pitch * angle / TURN], axis=1)
+    far = 1e4
+    top, bottom = coil[-1] + [0, 0, far], coil[0] - [0, 0, far]
+    aside = np.array([far, 0.0, 0.0])
+    loop = np.concatenate([coil, [top, top + aside, bottom + aside, bottom]])
+    opening = np.arctan2(TURN * radius, pitch)
+    assert writhe(loop) == pytest.approx(turns * (1 - np.cos(opening)), rel=0.02)
+    mirrored = loop * [1, 1, -1]
+    assert writhe(mirrored) == pytest.approx(-writhe(loop), rel=1e-9)
+
+
+def linked(state):
+    """Return the twist and the writhe (turns) of an arm whose ends go on upward and downward."""
+    places, far = np.asarray(state.position), 1e5
+    up, down = places[0] + far * np.array([0, 0, 1.0]), places[-1] - far * np.array([0, 0, 1.0])
+    aside = far * np.array([1.0, 0.0, 0.0])
+    loop = np.concatenate([places, [down, down + aside, up + aside, up]])
+    return np.sum(np.asarray(state.motion.orientation.twist)) / TURN, writhe(loop)
+
+
+def test_turns_of_the_tip_and_the_base_become_twist_and_writhe():
+    # Calugareanu, White, Fuller: of a ribbon, link = twist + writhe. An arm that hangs and is
+    # naturally bent is wound at its tip by a torque, at its base by its roll, until it coils up;
+    # its ends go on straight down and up. So the twist and the writhe together change by what the
+    # director turns about the vertical at the tip, less what it turns at the base
+    torque = 4.6 * 0.8 * TURN  # GJ = 0.8
+    system = dry(
+        radius=0.3, damping_time=0.1, tilt=-np.pi / 2, EI=(1.0, 1.2), dead=(0.0, 0.0, -45.0),
+        rest_curvature=(2.5, 0.0, 0.0), moment=(0.0, 0.0, -torque), onset=2.0,
+        rolled=by_turns(-1.0, 2.0), tolerance=1e-11,
+    )  # fmt: skip
+    start = rest(system)
+    states = run(system, start, until=1.9, steps=800)
+
+    down = np.array([0.0, 0.0, -1.0])
+    before, wound, links = None, 0.0, []
+    every = jax.tree.map(lambda first, later: np.concatenate([first[None], later]), start, states)
+    for n in range(len(every.time)):
+        state = jax.tree.map(lambda leaf, n=n: leaf[n], every)
+        last = state.position[-1] - state.position[-2]
+        last = last / np.linalg.norm(last)
+        assert last @ down > -0.9
+        director = state.motion.orientation.director[-1]
+        share = director @ down / (1 + last @ down)
+        carried = director - share * (last + down)  # transport to straight down
+        angle = np.arctan2(down @ np.cross([1.0, 0.0, 0.0], carried), carried[0])
+        turned_on = 0.0 if before is None else np.angle(np.exp(1j * (angle - before)))
+        assert abs(turned_on) < 1.0
+        wound, before = wound + turned_on / TURN, angle
+        if n % 40 == 0:
+            pose, _, _ = system.base.pose(jnp.asarray(state.time), system.base.servo.at_rest())
+            links.append([*linked(state), wound, float(pose[ROLL]) / TURN])
+    twist, writhes, tip, roll = np.array(links).T
+    assert tip[-1] > 3.0
+    assert np.ptp(writhes) > 0.4
+    assert np.ptp(twist) > 1.0
+    np.testing.assert_allclose(twist + writhes - (tip - roll), 0, atol=1e-5)
+
+
+# --- folds -------------------------------------------------------------------------------------
+
+advance = eqx.filter_jit(
+    lambda system, state, step: system.advance(state, jnp.zeros(6), step),
+    compiler_options={"xla_backend_optimization_level": 0},
+)
+
+
+def whole_step(system, state, step):
+    """Return the state after one step that is not cut, and how it went."""
+    return at(_run(system, state, jnp.zeros(6), jnp.asarray(step)), 0)
+
+
+def sharpest(state):
+    edges = np.diff(np.asarray(state.position), axis=0)
+    edges /= np.linalg.norm(edges, axis=1)[:, None]
+    return np.rad2deg(np.arccos(np.clip(np.sum(edges[1:] * edges[:-1], axis=1), -1, 1))).max()
+
+
+def folding(calm, seed, *, outer, bent, turn, step):
+    """Bend a straight arm sharply, its ``outer`` edges on their way to ``turn`` within a step."""
+    places, velocity = np.array(calm.motion.position), np.zeros((NODES + 1, 4))
+    hinge = places[-1 - outer, :3].copy()
+    # in the plane of m_2, so that m_1 stays normal; and a little out of it
+    velocity[2:] = 2e-3 * np.random.default_rng(seed).normal(size=(NODES - 1, 4)) / step
+    fold = Rotation.from_rotvec([0.0, -np.deg2rad(bent), 0.0])
+    for node in range(-outer, 0):
+        lever = fold.apply(places[node, :3] - hinge)
+        places[node, :3] = hinge + lever
+        velocity[node, :3] += np.cross([0.0, -np.deg2rad(turn) / step, 0.0], lever)
+    return eqx.tree_at(
+        lambda s: (s.motion.position, s.motion.velocity, s.motion.acceleration),
+        calm,
+        (jnp.asarray(places), jnp.asarray(velocity), jnp.zeros((NODES + 1, 4))),
+    )
+
+
+@pytest.mark.parametrize(
+    ("EI", "step"), [(1e-2, 0.005), (1e-5, 0.005), (1e-7, 0.02)], ids=["soft", "limp", "a string"]
+)
+def test_a_step_over_a_fold_is_refused_and_cut(EI, step):
+    system = spatial(
+        EI=EI, GJ=EI, EA=10.0, damping_time=1e-3, displaced_area=1e-6, radius=0.02, diameter=2e-3
+    )
+    calm = rest(system)
+    refused, recovered, short = 0, 0, jnp.asarray(step)
+    for seed in range(4):
+        for outer in (1, 3):
+            for bent, turn in ((150, 20), (150, 30), (150, 40), (165, 20)):
+                start = folding(calm, seed, outer=outer, bent=bent, turn=turn, step=step)
+                whole, outcome = whole_step(system, start, step)
+                if outcome.converged:
+                    assert sharpest(whole) < 170.0
+                if outcome.folded:
+                    assert not outcome.converged
+                    assert sharpest(whole) > 170.0
+                    refused += 1
+                state, progress = advance(system, start, short)
+                for leaf in jax.tree.leaves(state):
+                    assert np.isfinite(leaf).all()
+                assert sharpest(state) < 170.0
+                assert progress.outcome.converged == (float(state.time) == pytest.approx(step))
+                recovered += bool(progress.outcome.converged & outcome.folded)
+    assert refused > 8
+    # what has some stiffness bounces
+    assert recovered == (refused if EI == 1e-2 else 0)
+
+
+def test_what_is_not_a_number_is_never_accepted():
+    system = spatial(gravity=9.81)
+    calm = rest(system)
+    for part in ("position", "velocity"):
+        for column in range(4):
+            rows = getattr(calm.motion, part).at[5, column].set(jnp.nan)
+            broken = eqx.tree_at(lambda s, part=part: getattr(s.motion, part), calm, rows)
+            _, outcome = whole_step(system, broken, 0.01)
+            assert not outcome.converged
