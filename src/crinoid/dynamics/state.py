@@ -34,7 +34,7 @@ class State(eqx.Module):
     touch: Touch | None
     """What the obstacles do to the arm."""
     earlier: Float[Array, "2 rows b"]
-    """Accelerations of the two steps before, the last one first: the next one is guessed by them."""
+    """Accelerations of the two steps before, the last one first, to guess the next one by."""
 
     @property
     def time(self) -> Any:

@@ -87,10 +87,10 @@ class System(eqx.Module):
         """
         time = jnp.asarray(time, float)
         # bending over length, and loads over mass: the squared rates at which an arm leaves a
-        # shape that does not hold lie between the first and the sum of both
+        # shape that does not hold lie between the first, the softer way, and the sum of both
         rod = self.rod
         mass = jnp.sum(rod.mass_per_length * rod.voronoi_length)
-        bending = jnp.mean(rod.EI) / (mass * rod.length**3)
+        bending = jnp.mean(rod.EI, axis=0) / (mass * rod.length**3)
         start, frames = self._rest(time)
         forces = self.forces.frozen(time)
         stage, none = statics.still(time, start, frames), jnp.zeros_like(start)
@@ -109,8 +109,8 @@ class System(eqx.Module):
             self._clamped(time, start, frames),
             frames,
             settings,
-            1e-3 * bending,
-            1e3 * (bending + load * rod.nodes / (mass * rod.length)),
+            1e-3 * jnp.min(bending),
+            1e3 * (jnp.max(bending) + load * rod.nodes / (mass * rod.length)),
         )
         return self._begin(time, position, frames), outcome
 
@@ -186,9 +186,7 @@ class System(eqx.Module):
         actuation = 0.5 * jnp.sum((state.reaction + after.reaction) * path[:HELD])
         work = work.at[_ACTUATION].set(state.work[_ACTUATION] + actuation)
         earlier = jnp.stack([before.acceleration, state.earlier[0]])
-        after = eqx.tree_at(
-            lambda s: (s.motion, s.work, s.earlier), after, (motion, work, earlier)
-        )
+        after = eqx.tree_at(lambda s: (s.motion, s.work, s.earlier), after, (motion, work, earlier))
         folded = self.forces.folded(motion.position)
         outcome = eqx.tree_at(
             lambda o: (o.converged, o.folded), outcome, (outcome.converged & ~folded, folded)
