@@ -34,6 +34,8 @@ RESULTS = Path(__file__).parent / "results"
 DURATION, INTERVAL = 2.0, 0.2
 SAMPLES = round(DURATION / INTERVAL)
 TARGETS = (0.01, 0.001)
+START = np.array([0.5, 0.0])
+"""The tip at rest (m)."""
 
 NODES = {"crinoid": (11, 21, 51), "MuJoCo": (11, 21, 41)}
 TIME_STEPS = {
@@ -51,7 +53,7 @@ class Case(NamedTuple):
     nodes: int
     time_step: float
     run: Callable[[], np.ndarray]
-    """Returns the tip at each sample, `(samples, 2)` in m."""
+    """Returns the tip at each sample, `(samples, axes)` in m; no number from where it fails."""
 
 
 def main() -> None:
@@ -63,30 +65,19 @@ def main() -> None:
     engines = {"crinoid": crinoid_case}
     if mujoco_rod is not None:
         engines["MuJoCo"] = mujoco_case
-    cases, converged, rows = [], {}, []
+    cases, converged = [], {}
     with console.status("converged solutions"):
         for engine, make in engines.items():
-            converged[engine] = reference(engine, make)
+            converged[engine] = reference(make, 81, FINEST[engine], ORDER_IN_TIME[engine])
             cases += [make(n, h) for n in NODES[engine] for h in TIME_STEPS[engine]]
     with console.status("timing"):
-        times = in_turn(cases, options.repeats)
-    for case, seconds in zip(cases, times, strict=True):
-        wrong = distance(case.run(), converged[case.engine])
-        rows.append(
-            {
-                "engine": case.engine,
-                "nodes": case.nodes,
-                "time_step": case.time_step,
-                "error": wrong,
-                "seconds": seconds,
-            }
-        )
+        rows = measured(cases, converged, START, options.repeats)
     console.print(grid_table(rows))
     console.print(reach_table(rows))
     if mujoco_rod is None:
         console.print(WHY_NOT)
     else:
-        apart = distance(converged["MuJoCo"], converged["crinoid"])
+        apart = distance(converged["MuJoCo"], converged["crinoid"], START)
         console.print(f"the two converged solutions are {apart:.2%} apart")
         console.print(default_table())
     RESULTS.mkdir(exist_ok=True)
@@ -118,17 +109,26 @@ def scenario(nodes: int, time_step: float) -> crinoid.Scenario:
 
 def crinoid_case(nodes: int, time_step: float) -> Case:
     """Return a run of crinoid, compiled."""
-    setup = set_up(scenario(nodes, time_step))
+    run = crinoid_tips(scenario(nodes, time_step), INTERVAL)
+    return Case("crinoid", nodes, time_step, run)
+
+
+def crinoid_tips(scenario: crinoid.Scenario, interval: float) -> Callable[[], np.ndarray]:
+    """Return a run of crinoid from rest; a step that it would have to halve counts as failed."""
+    setup = set_up(scenario)
     carry = setup.loop.start(setup.state)
-    stride = jnp.asarray(round(INTERVAL / time_step))
+    steps = round(interval / scenario.simulation.time_step)
+    samples = scenario.simulation.steps // steps
+    end, stride = jnp.asarray(samples * steps), jnp.asarray(steps)
+    origin = np.asarray(setup.loop.system.forces.origin)
 
     def run() -> np.ndarray:
-        _, kept, filled, _ = stretch(setup.loop, carry, SAMPLES * stride, stride, SAMPLES)
-        if filled != SAMPLES:
-            raise RuntimeError(f"{nodes} nodes at {time_step} s stopped early")
-        return np.asarray(kept.tip[:, :2] - setup.loop.system.forces.origin)
+        _, kept, _, _ = stretch(setup.loop, carry, end, stride, samples)
+        tips = np.asarray(kept.tip)[:, : origin.size] - origin
+        tips[np.logical_or.accumulate(np.asarray(kept.steps) != steps)] = np.nan
+        return tips
 
-    return Case("crinoid", nodes, time_step, run)
+    return run
 
 
 def mujoco_case(nodes: int, time_step: float, **kind: bool) -> Case:
@@ -136,56 +136,73 @@ def mujoco_case(nodes: int, time_step: float, **kind: bool) -> Case:
     kind = {"planar": nodes < 50, "centred": True} | kind
     model = mujoco_rod.rod(scenario(nodes, 0.01), time_step, **kind)
     data = mujoco.MjData(model)
-    up = 1 if kind["planar"] else 2
+    plane = [0, 1 if kind["planar"] else 2]
+    steps = round(INTERVAL / time_step)
 
     def run() -> np.ndarray:
-        mujoco.mj_resetData(model, data)
-        tips = np.empty((SAMPLES, 2))
-        for tip in tips:
-            mujoco.mj_step(model, data, round(INTERVAL / time_step))
-            # the vertices are those of before the last step: move them along
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_flex(model, data)
-            tip[:] = data.flexvert_xpos[-1][[0, up]]
-        if mujoco_rod.warnings(data):
-            raise RuntimeError(f"MuJoCo warned about {nodes} vertices at {time_step} s")
-        return tips
+        return mujoco_rod.tips(model, data, SAMPLES, steps)[:, plane]
 
     return Case("MuJoCo", nodes, time_step, run)
 
 
-def reference(engine: str, make: Callable[[int, float], Case]) -> np.ndarray:
-    """Extrapolate a fine solution to no time step and no edge length, by the engine's orders."""
-    nodes, time_step = 81, FINEST[engine]
+def reference(
+    make: Callable[[int, float], Case], nodes: int, time_step: float, order_in_time: int
+) -> np.ndarray:
+    """Extrapolate a fine solution to no time step and no edge length, by the engine's orders.
+
+    Raises
+    ------
+    RuntimeError
+        If the engine fails.
+    """
     finest = make(nodes, time_step).run()
     slower = make(nodes, 2 * time_step).run()
     coarser = make((nodes + 1) // 2, time_step).run()
-    return (
-        finest
-        + (finest - slower) / (2 ** ORDER_IN_TIME[engine] - 1)
-        + (finest - coarser) / (2**2 - 1)
+    extrapolated = (
+        finest + (finest - slower) / (2**order_in_time - 1) + (finest - coarser) / (2**2 - 1)
     )
+    if not np.isfinite(extrapolated).all():
+        raise RuntimeError(f"{make(nodes, time_step).engine} fails at {time_step} s")
+    return extrapolated
 
 
-def distance(tips: np.ndarray, truth: np.ndarray) -> float:
+def distance(tips: np.ndarray, truth: np.ndarray, start: np.ndarray) -> float:
     """Return the largest distance over the samples, relative to the largest displacement."""
-    start = np.array([0.5, 0.0])
     return float(
         np.max(np.linalg.norm(tips - truth, axis=1)) / np.max(np.linalg.norm(truth - start, axis=1))
     )
 
 
-def in_turn(cases: list[Case], repeats: int) -> list[float]:
-    """Return the median time of each case, run in turn so that all meet the same machine."""
+def measured(
+    cases: list[Case], converged: dict[str, np.ndarray], start: np.ndarray, repeats: int
+) -> list[dict[str, Any]]:
+    """Return error and median time of each case."""
+    all_tips, times = in_turn(cases, repeats)
+    return [
+        {
+            "engine": case.engine,
+            "nodes": case.nodes,
+            "time_step": case.time_step,
+            "error": distance(tips, converged[case.engine], start),
+            "seconds": float(np.median(seconds)),
+        }
+        for case, tips, seconds in zip(cases, all_tips, times.T, strict=True)
+    ]
+
+
+def in_turn(cases: list[Case], repeats: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the tips of a first run of each, and the `(repeats, cases)` times of more (s).
+
+    Run in turn so that all meet the same machine.
+    """
+    tips = [case.run() for case in cases]
     times = np.empty((repeats, len(cases)))
-    for case in cases:
-        case.run()
     for row in times:
         for i, case in enumerate(cases):
             start = time.perf_counter()
             case.run()
             row[i] = time.perf_counter() - start
-    return np.median(times, axis=0).tolist()
+    return tips, times
 
 
 def grid_table(rows: list[dict[str, Any]]) -> Table:
@@ -202,8 +219,8 @@ def grid_table(rows: list[dict[str, Any]]) -> Table:
         table.add_row(
             row["engine"],
             str(row["nodes"]),
-            f"{1e3 * row['time_step']:g} ms",
-            f"{row['error']:.3%}",
+            f"{1e3 * row['time_step']:.3g} ms",
+            f"{row['error']:.3%}" if np.isfinite(row["error"]) else "fails",
             f"{1e3 * row['seconds']:.2f} ms",
         )
     return table
@@ -224,7 +241,7 @@ def reach_table(rows: list[dict[str, Any]]) -> Table:
                 "none"
                 if best is None
                 else f"{1e3 * best['seconds']:.2f} ms ({best['nodes']} nodes, "
-                f"{1e3 * best['time_step']:g} ms)"
+                f"{1e3 * best['time_step']:.3g} ms)"
             )
         table.add_row(engine, *cells)
     return table

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from crinoid import Scenario
+from rest_shape import rest_shape
 
 
 def rod(
@@ -19,7 +20,9 @@ def rod(
     stiff: bool = True,
     centred: bool = False,
 ) -> mujoco.MjModel:
-    """Declare a horizontal rod, its first two vertices pinned, as many vertices as the arm's nodes.
+    """Declare a rod that leaves its clamp along x, with as many vertices as the arm has nodes.
+
+    Its first two vertices are pinned.
 
     Parameters
     ----------
@@ -28,23 +31,29 @@ def rod(
     time_step
         In s.
     planar
-        Two degrees of freedom for each vertex, instead of three and a twist for each edge. Gravity
-        then acts along -y, otherwise along -z.
+        Two degrees of freedom for each vertex, instead of three and a twist for each edge. The
+        arm's x and z are then MuJoCo's x and y.
     stiff
         Ask for edges that hardly stretch; with the default constraint the rod grows longer the
         more vertices it has.
     centred
         Shift the vertices so that the clamp, half an edge behind the second of them, is at the
-        origin and the tip at the arm's length, and give the tip half of a vertex's mass.
+        origin and the tip at the arm's length, and give the tip half of a vertex's mass and each
+        edge the polar inertia of its own length.
     """
     arm, water = scenario.arm, scenario.water
     radius = arm.radii[0]
     gravity = water.gravity * (1 - water.density / arm.density)
     edge = arm.length / (arm.nodes - (1.5 if centred else 1))
-    places = edge * (np.arange(arm.nodes) - (0.5 if centred else 0))
+    places, _ = rest_shape(arm, edge)
+    if centred:
+        places -= [edge / 2, 0.0, 0.0]
+    if planar:
+        places = places[:, [0, 2, 1]]
     mass = arm.density * np.pi * radius**2 * edge
     hard = 'solref="0.004 1" solimp="0.999 0.9999 0.001"' if stiff else ""
-    points = " ".join(f"{x!r} 0 0" for x in places.tolist())
+    points = " ".join(repr(x) for x in places.ravel().tolist())
+    shear = arm.youngs_modulus / (2 * (1 + arm.poisson_ratio))
     edges = " ".join(f"{i} {i + 1}" for i in range(arm.nodes - 1))
     model = mujoco.MjModel.from_xml_string(
         f"""
@@ -59,7 +68,7 @@ def rod(
                         radius="{radius}" mass="{mass * arm.nodes}"
                         point="{points}" element="{edges}">
                 <edge equality="true" {hard}/>
-                <elasticity young="{arm.youngs_modulus}" poisson="{min(arm.poisson_ratio, 0.49)}"
+                <elasticity young="{arm.youngs_modulus}" shear="{shear}"
                             damping="{arm.damping_time}"/>
                 <contact selfcollide="none" contype="0" conaffinity="0"/>
                 <pin id="0 1"/>
@@ -70,6 +79,9 @@ def rod(
     )
     if centred:
         model.body(f"rod_{arm.nodes - 1}").mass *= 0.5
+        # MuJoCo shares the mass of all vertices among the edges, of which there is one less
+        twisting = [i for i in range(model.nbody) if "twist" in model.body(i).name]
+        model.body_inertia[twisting] *= 1 - 1 / arm.nodes
         mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
@@ -78,6 +90,25 @@ def run(model: mujoco.MjModel, data: mujoco.MjData, steps: int) -> None:
     """Let the rod swing from rest, all steps in one call of the C library."""
     mujoco.mj_resetData(model, data)
     mujoco.mj_step(model, data, steps)
+
+
+def tips(model: mujoco.MjModel, data: mujoco.MjData, samples: int, steps: int) -> np.ndarray:
+    """Let the rod swing from rest; return its tip after each ``steps``, ``(samples, 3)`` in m.
+
+    Where MuJoCo warns, what is left of them is not a number.
+    """
+    mujoco.mj_resetData(model, data)
+    body = model.body(f"rod_{model.nflexvert - 1}")
+    moved = slice(start := model.jnt_qposadr[body.jntadr[0]], start + body.jntnum[0])
+    places = np.full((samples, 3), np.nan)
+    for place in places:
+        mujoco.mj_step(model, data, steps)
+        if warnings(data):
+            break
+        # not the vertices, which MuJoCo finds at the beginning of a step
+        place[:] = body.pos
+        place[: body.jntnum[0]] += data.qpos[moved]
+    return places
 
 
 def warnings(data: mujoco.MjData) -> int:

@@ -359,7 +359,7 @@ def test_steady_acceleration_is_a_weight():
     # (an arm of no displacement, so that the water has no weight; the force is m a)
     hanging, _ = equilibrium(carried(gravity=6.0, damping_time=0.1))
     system = carried(acceleration=(0.0, 6.0), damping_time=0.1)
-    state = eqx.filter_jit(System._begin)(system, jnp.zeros(()), hanging.position)
+    state = eqx.filter_jit(System._begin)(system, jnp.zeros(()), hanging.position, None)
     assert np.asarray(state.acceleration[:, 1]) == pytest.approx(6.0, abs=1e-6)
     assert np.asarray(state.base_force) == pytest.approx([0.0, -6.0], abs=1e-7)  # m = 1 kg
     assert float(state.base_moment) == pytest.approx(float(hanging.base_moment), abs=1e-7)
@@ -479,7 +479,7 @@ def test_initial_acceleration_balances_the_forces(time):
     system = _everything()
     state = rest(system, time)
     residual, scale = map(np.asarray, imbalance(system, state))
-    assert np.abs(residual[2:]).max() < 1e-12 * scale
+    assert np.abs(residual[2:]).max() < 1e-12 * scale.max()
     assert np.abs(np.asarray(state.acceleration)).max() > 1.0
     force = -residual[:2].sum(axis=0)
     assert np.asarray(state.base_force) == pytest.approx(force, abs=1e-12)
@@ -554,9 +554,9 @@ def test_round_off_does_not_stir_what_is_at_rest(tilt, curvature):
 # --- steps that fail ---------------------------------------------------------------------------
 
 
-def pushed(tip_force: ArrayLike) -> System:
+def pushed(tip_force: ArrayLike, max_iterations: int = 15) -> System:
     """Build an arm that a force on its tip, there at once, buckles and folds back."""
-    return bare(tip_force=tip_force, damping_time=0.02, max_iterations=15)
+    return bare(tip_force=tip_force, damping_time=0.02, max_iterations=max_iterations)
 
 
 def whole_step(system: System, state: State, step: float) -> tuple[State, bool]:
@@ -577,22 +577,32 @@ def test_halving_recovers_a_step_that_newton_cannot_take():
     fine = march(system, start, until=0.1, steps=1000)
     moved = np.abs(np.asarray(fine.position - start.position)).max()
     assert moved > 0.03
-    # a few coarse steps of a sudden load: no closer than their own error
-    assert np.abs(np.asarray(state.position - fine.position)).max() < 0.02 * moved
+    # few and coarse steps of a sudden load: no closer than their own error, which is of order 2
+    quarters = start
+    for _ in range(4):
+        quarters, _ = advance(system, quarters, jnp.asarray(0.025))
+    errors = [np.abs(np.asarray(s.position - fine.position)).max() for s in (state, quarters)]
+    assert errors[0] < 0.12 * moved
+    assert errors[1] < 0.01 * moved
 
 
-@pytest.mark.parametrize(("force", "steps"), [((-1e3, 0.0), 0), ((-1e2, -10.0), 1)])
-def test_a_step_past_all_halvings_gives_back_the_last_good_state(force, steps):
-    system = pushed(force)
+@pytest.mark.parametrize(
+    ("force", "max_iterations", "step", "steps"),
+    [((-1e3, 0.0), 15, 3.0, 0), ((-1e2, -10.0), 8, 2.0, 1)],
+)
+def test_a_step_past_all_halvings_gives_back_the_last_good_state(
+    force, max_iterations, step, steps
+):
+    system = pushed(force, max_iterations)
     start = rest(system)
-    state, progress = advance(system, start, jnp.asarray(3.0))
+    state, progress = advance(system, start, jnp.asarray(step))
     assert not progress.outcome.converged
     assert (int(progress.steps) > 0) == bool(steps)
     for leaf in jax.tree.leaves(state):
         assert np.isfinite(leaf).all()
-    assert float(state.time) < 3.0
+    assert float(state.time) < step
     residual, scale = map(np.asarray, imbalance(system, state))
-    assert np.abs(residual[2:]).max() <= 1e-9 * scale
+    assert np.abs(residual[2:]).max() <= 1e-9 * scale.max()
     if not steps:
         assert eqx.tree_equal(state, start)
 

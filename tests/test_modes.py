@@ -119,6 +119,17 @@ def test_modes_of_a_bent_arm_are_those_of_the_dense_matrices():
     np.testing.assert_allclose(overlap / overlap.max(axis=0), np.eye(20), atol=1e-6)
 
 
+def test_a_round_arm_in_space_bends_both_ways_at_each_frequency():
+    system = arm(axes=3, nodes=6, GJ=1.0, radius=0.02, tilt=0.3, pan=0.4, roll=0.2)
+    stiffness, mass = eqx.filter_jit(System.linearise)(system, _rest(system))
+    frequency, shapes = find_modes(stiffness, mass, 6)
+    np.testing.assert_allclose(frequency[1::2], frequency[::2], rtol=1e-9)
+    flat = shapes[:, 1:].reshape(6, -1)
+    products = flat @ dense(mass) @ flat.T
+    size = np.sqrt(np.diag(products))
+    np.testing.assert_allclose(products / np.outer(size, size), np.eye(6), atol=1e-9)
+
+
 def test_the_lopsided_part_of_drag_hardly_moves_a_frequency():
     # half the current has a quarter of the drag; leaving that part out errs in second order of it
     def error(speed: float) -> float:

@@ -278,6 +278,14 @@ def test_an_arm_that_nothing_holds_has_no_equilibrium():
     assert "natural_frequency" not in caught.value.result.dataset
 
 
+def test_a_universal_joint_does_not_let_an_arm_hang_against_its_base():
+    upright = crinoid.Scenario(
+        arm={"dimension": 3, "nodes": 4}, base={"mount": "pinned", "tilt_deg": 90.0}
+    )
+    with pytest.raises(SimulationError, match="try a base that points less than 170 degrees from"):
+        crinoid.equilibrium(upright)
+
+
 def test_several_cases_are_not_one_run():
     with pytest.raises(ValueError, match="several cases"):
         crinoid.simulate(

@@ -560,6 +560,16 @@ def test_a_column_past_its_buckling_load_leans_in_its_weak_direction(kind):
         assert abs(place @ weak) > 0.4
 
 
+def test_a_column_that_hardly_bends_the_other_way_leans_just_past_its_buckling_load():
+    load = 1.05 * CRITICAL["tip"] * 1e-4
+    soft = {"EI": (1e-4, 1.0), "GJ": 1e-2, "EA": 1e4, "floor": 1e-10}
+    system = loaded(21, tilt=UPRIGHT, dead=(0.0, 0.0, -load), **soft)
+    # m_1 lies along y; near the load the elastica leans sqrt(8 * 0.05) * 2 / pi = 0.40, and less on
+    place = np.asarray(equilibrium(system).position)[-1]
+    assert abs(place[1]) == pytest.approx(0.38, abs=0.02)
+    assert abs(place[0]) < 1e-6
+
+
 @eqx.filter_jit
 def _stiffness(stretch, bend, position, orientation):
     forces = Forces((stretch, bend), Water(()), jnp.zeros(3))

@@ -11,9 +11,9 @@ def damped_inverse(jacobian: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "n m
     """Return the least-squares inverse, damped where the Jacobian is nearly rank deficient.
 
     A singular value ``s`` is inverted as ``1 / s`` down to ``e``, a twentieth of the largest, and
-    as ``s / e^2`` below: damped least squares, ``s / (s^2 + d^2)``, with ``d^2 = e^2 - s^2`` for each
-    singular value by itself (Nakamura and Hanafusa 1986; Maciejewski and Klein 1988). An error
-    that hardly any command undoes asks for little, one that none undoes for nothing.
+    as ``s / e^2`` below: damped least squares, ``s / (s^2 + d^2)``, with ``d^2 = e^2 - s^2`` for
+    each singular value by itself (Nakamura and Hanafusa 1986; Maciejewski and Klein 1988). An
+    error that hardly any command undoes asks for little, one that none undoes for nothing.
     """
     u, values, vt = np.linalg.svd(jacobian, full_matrices=False)
     edge = max(_NEAR_SINGULAR * values.max(initial=0.0), np.finfo(float).tiny)

@@ -251,7 +251,8 @@ class Forces(eqx.Module):
         """Return whether two edges meet at an angle past which bending means nothing.
 
         At half a turn the strains are infinite; a step can jump over it, and come out as if bent
-        the other way. A root that turns freely may point anywhere.
+        the other way. A planar root that turns freely may point anywhere; one in space is a
+        universal joint, whose twist means nothing there either.
         """
         bend = self.bend
         if bend is None:

@@ -102,13 +102,17 @@ def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) ->
     noise = nodes * size * np.finfo(float).eps * np.abs(banded).sum(axis=0).max()
     start = np.random.default_rng(0).standard_normal(nodes * size)
     shapes = np.zeros((count, nodes + 1, size))
-    for shape, value in zip(shapes, squared, strict=True):
+    vectors = np.zeros((count, nodes * size))
+    for mode, (shape, value) in enumerate(zip(shapes, squared, strict=True)):
         shifted = banded.copy()
         shifted[reach] -= value + noise  # beside the eigenvalue, or there would be nothing to solve
         vector = start
         for _ in range(3):  # inverse iteration
             vector = solve_banded((reach, reach), shifted, vector)
+            # a round arm bends both ways at one frequency: not the same way again
+            vector -= vectors[:mode].T @ (vectors[:mode] @ vector)
             vector /= np.linalg.norm(vector)
+        vectors[mode] = vector
         shape[1:] = np.einsum("nji,nj->ni", root, vector.reshape(nodes, size))
         shape /= shape.flat[np.argmax(np.abs(shape))]
     frequency = np.sqrt(np.where(squared > noise, squared, 0.0)) / (2 * np.pi)

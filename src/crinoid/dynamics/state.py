@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.base import Base, ServoState
@@ -32,6 +33,8 @@ class State(eqx.Module):
     """Work done on the arm since the start, in the same order (J)."""
     touch: Touch | None
     """What the obstacles do to the arm."""
+    earlier: Float[Array, "2 rows b"]
+    """Accelerations of the two steps before, the last one first, to guess the next one by."""
 
     @property
     def time(self) -> Any:
@@ -67,6 +70,18 @@ class State(eqx.Module):
         return Frames.of(self._nodes(self.motion.position), orientation)
 
     @property
+    def expected_acceleration(self) -> Float[Array, "rows b"]:
+        """What Newton's method starts the next step with: the acceleration will be what it was.
+
+        What is stiff and strongly damped the trapezoid rule does not damp but lets alternate in
+        sign (Hairer and Wanner 1996, section IV.3). Where the acceleration has come back to that of
+        two steps ago rather than stayed, it will be that of one step ago.
+        """
+        now, (last, before) = self.motion.acceleration, self.earlier
+        alternates = 4.0 * _size(now - before) < _size(now - last)
+        return jnp.where(alternates, last, now)
+
+    @property
     def base_force(self) -> Float[Array, " b"]:
         """Force of the arm on the submarine (N)."""
         return Base.wrench(self.position[:2], self.reaction)[0]
@@ -97,3 +112,7 @@ class State(eqx.Module):
 
     def _nodes(self, rows: Nodes) -> Nodes:
         return rows if self.touch is None else rows[..., : -self.touch.gap.shape[-2], :]
+
+
+def _size(rows: Float[Array, "rows b"]) -> Float[Array, " b"]:
+    return jnp.sum(rows**2, axis=0)

@@ -87,10 +87,10 @@ class System(eqx.Module):
         """
         time = jnp.asarray(time, float)
         # bending over length, and loads over mass: the squared rates at which an arm leaves a
-        # shape that does not hold lie between the first and the sum of both
+        # shape that does not hold lie between the first, the softer way, and the sum of both
         rod = self.rod
         mass = jnp.sum(rod.mass_per_length * rod.voronoi_length)
-        bending = jnp.mean(rod.EI) / (mass * rod.length**3)
+        bending = jnp.mean(rod.EI, axis=0) / (mass * rod.length**3)
         start, frames = self._rest(time)
         forces = self.forces.frozen(time)
         stage, none = statics.still(time, start, frames), jnp.zeros_like(start)
@@ -109,8 +109,8 @@ class System(eqx.Module):
             self._clamped(time, start, frames),
             frames,
             settings,
-            1e-3 * bending,
-            1e3 * (bending + load * rod.nodes / (mass * rod.length)),
+            1e-3 * jnp.min(bending),
+            1e3 * (jnp.max(bending) + load * rod.nodes / (mass * rod.length)),
         )
         return self._begin(time, position, frames), outcome
 
@@ -158,7 +158,7 @@ class System(eqx.Module):
             frames,
         )
         # what is prescribed needs no guess
-        guess = (before.acceleration / new.by_acceleration).at[:HELD].set(0.0)
+        guess = (state.expected_acceleration / new.by_acceleration).at[:HELD].set(0.0)
         # the water is costly: looked at once, where the arm is expected, and expanded from there;
         # where the guess is wrong by O(h^3) the water is by O(h^6)
         around = self.forces.surroundings(new, guess)
@@ -185,7 +185,8 @@ class System(eqx.Module):
         path = motion.position - before.position
         actuation = 0.5 * jnp.sum((state.reaction + after.reaction) * path[:HELD])
         work = work.at[_ACTUATION].set(state.work[_ACTUATION] + actuation)
-        after = eqx.tree_at(lambda s: (s.motion, s.work), after, (motion, work))
+        earlier = jnp.stack([before.acceleration, state.earlier[0]])
+        after = eqx.tree_at(lambda s: (s.motion, s.work, s.earlier), after, (motion, work, earlier))
         folded = self.forces.folded(motion.position)
         outcome = eqx.tree_at(
             lambda o: (o.converged, o.folded), outcome, (outcome.converged & ~folded, folded)
@@ -269,7 +270,7 @@ class System(eqx.Module):
         )
         axes = self.forces.axes
 
-        def follow(moved: Float[Array, "2 b"]) -> Nodes:
+        def follow(moved: Float[Array, "2 b"]) -> Float[Array, "n d"]:
             nodes = jnp.zeros((state.position.shape[0], moved.shape[1])).at[:HELD].set(moved)
             free = chain.solve(bands[HELD:], -chain.matvec(bands, nodes)[HELD:])
             return nodes.at[HELD:].set(free)[:, :axes]
@@ -401,7 +402,9 @@ class System(eqx.Module):
             touch = forces.obstacles.touch(motion)
             pushed = jnp.sum(touch.on_nodes * forces.nodes(motion.velocity))
             power = power.at[_CONTACT].set(pushed)
-        return State(motion, servo, reaction, energy, power, jnp.zeros_like(power), touch)
+        earlier = jnp.stack([motion.acceleration] * 2)
+        work = jnp.zeros_like(power)
+        return State(motion, servo, reaction, energy, power, work, touch, earlier)
 
 
 def _tip(position: Nodes) -> Float[Array, " pose"]:

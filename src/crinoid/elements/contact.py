@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import unit
+from crinoid.frames import cross
 from crinoid.rod import Rod
 
 SKIN = 0.05
@@ -138,7 +139,7 @@ class Contact(Element):
         sliding = at_axis @ velocity[:2] + turning - velocity[2]
         spins = motion.position.shape[-1] > self.axes
         if spins:
-            around = jnp.cross(edge, lever)
+            around = cross(edge, lever)
             sliding = sliding + motion.velocity[1, -1] * around
         sliding = sliding - (sliding @ outward) * outward
         rubbing = -self.friction * pressing * sliding / jnp.sqrt(sliding @ sliding + _CREEP**2)

@@ -116,7 +116,9 @@ def equilibrium(scenario: Scenario) -> Result:
     setup = set_up(still)
     carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
-    result = _result(scenario, setup, carry, [_one(first)], _start_failure(setup), wall_time, None)
+    result = _result(
+        scenario, setup, carry, [_one(first)], _start_failure(scenario, setup), wall_time, None
+    )
     if result.failure:
         raise SimulationError(result)
     return result
@@ -145,7 +147,7 @@ def _run(
     begun = time.perf_counter()
     if earlier is not None:
         begun -= earlier.dataset.attrs["wall_time"]
-    failure = _start_failure(setup)
+    failure = _start_failure(scenario, setup)
     while done < total and not failure and not interruption.asked:
         chunk_begun = time.perf_counter()
         steps = min(chunk, total - done, stride * _CAPACITY)
@@ -231,15 +233,22 @@ def _result(
     return Result(dataset, checkpoint)
 
 
-def _start_failure(setup: Setup) -> str:
+def _start_failure(scenario: Scenario, setup: Setup) -> str:
     outcome = setup.outcome
     if outcome.converged:
         return ""
     return (
         "failed at t = 0 s: no static equilibrium found, "
         f"{_imbalance(setup.loop.system, outcome)}; "
-        'try simulation.start = "rest", loads that come on with ramp_time, or more arm.nodes'
+        f"try {_other_base(scenario)}"
+        'simulation.start = "rest", loads that come on with ramp_time, or more arm.nodes'
     )
+
+
+def _other_base(scenario: Scenario) -> str:
+    """Say what to try first where a universal joint may be bent too far."""
+    jointed = scenario.arm.dimension == 3 and scenario.base.mount == "pinned"
+    return "a base that points less than 170 degrees from where the arm hangs, " * jointed
 
 
 def _step_failure(scenario: Scenario, system: System, carry: LoopState, outcome: Outcome) -> str:
@@ -259,8 +268,8 @@ def _step_failure(scenario: Scenario, system: System, carry: LoopState, outcome:
         node, angle = _sharpest(carry.state)
         return (
             f"{when}: the arm folds onto itself, two edges meet at more than 170 degrees even "
-            f"after {halvings} halvings, and node {node} was bent by {angle:.0f} before; try more "
-            f"arm.nodes, weaker loads, a stiffer arm, or {smaller}"
+            f"after {halvings} halvings, and node {node} was bent by {angle:.0f} before; try "
+            f"{_other_base(scenario)}more arm.nodes, weaker loads, a stiffer arm, or {smaller}"
         )
     caught = touch is not None and bool(np.any(np.asarray(touch.in_contact)))
     return (

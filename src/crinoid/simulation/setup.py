@@ -17,6 +17,9 @@ from crinoid.simulation.loop import Loop
 from crinoid.space import CHANNELS, POSE
 from crinoid.spline import PiecewiseCubic
 
+_UNUSED = 1e-6
+"""Answer of a channel to an error, over that of the channel that answers most: none at all."""
+
 
 class Setup(NamedTuple):
     """A loop and the state that it starts from."""
@@ -195,7 +198,9 @@ def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
             )
             raise ScenarioError([Mistake("control.mapping", text)])
         weights = np.where(np.asarray(columns) < axes, 1.0, scenario.arm.length)
-        mapping[np.ix_(rows, columns)] = damped_inverse(weights[:, None] * needed) * weights
+        inverse = damped_inverse(weights[:, None] * needed) * weights
+        _check_use(list(control.pid.present), inverse)
+        mapping[np.ix_(rows, columns)] = inverse
 
     def per_channel(values: dict[int, float]) -> Float[Array, " channel"]:
         return jnp.asarray([values.get(index, 0.0) for index in range(len(channels))])
@@ -211,3 +216,19 @@ def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
         upper=per_channel({index: limit.high for index, limit in limits.items()}),
         period=jnp.asarray(1.0 / scenario.control_rate_hz),
     )
+
+
+def _check_use(names: list[str], inverse: Float[np.ndarray, "channel coordinate"]) -> None:
+    """Refuse gains of channels that do nothing for what is controlled."""
+    most = np.abs(inverse).max(axis=1)
+    mistakes = [
+        Mistake(
+            f"control.pid.{name}",
+            f"does nothing: nothing of the tip that is controlled follows {name} from the start; "
+            "takes a channel that moves it",
+        )
+        for name, share in zip(names, most, strict=True)
+        if share <= _UNUSED * most.max()
+    ]
+    if mistakes:
+        raise ScenarioError(mistakes)
