@@ -12,6 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.newton import newton_step
+from crinoid.dynamics.tangent import HELD
 from crinoid.elements import (
     AddedMass,
     BendTwist,
@@ -494,3 +496,45 @@ def test_inertia_of_a_round_arm_is_that_of_its_mass_and_of_its_spin():
     kinetic = 0.6 * np.sum(cell * np.sum(v[1:, :3] ** 2, 1)) + 0.5 * spin * np.sum(v[2:, 3] ** 2)
     np.testing.assert_allclose(energy, [kinetic, 0, 0], rtol=1e-13)
     assert not np.asarray(power).any()
+
+
+# --- Newton's method ---------------------------------------------------------------------------
+
+
+@eqx.filter_jit(compiler_options={"xla_backend_optimization_level": 0})
+def improve(forces, stage, correction, moved):
+    """Return the correction after one step of Newton's method, in water expanded where none is."""
+    none = jnp.zeros_like(correction)
+    around = forces.surroundings(stage, none)
+    start = correction + moved
+    residual, _ = forces.residual(forces.motion(stage, start, around))
+    return start + newton_step(forces, around, stage, start, residual)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, KINDS], ids=lambda k: getattr(k, "__name__", "all"))
+def test_newton_converges_quadratically(kind):
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    forces = only(Inertia, *kinds)
+    stage = at_random(2, turned=0.3, turns=1)
+    solution = nothing = jnp.zeros((NODES + 1, 4))
+    for _ in range(12):
+        solution = improve(forces, stage, solution, nothing)
+    np.testing.assert_allclose(improve(forces, stage, solution, nothing), solution, atol=1e-13)
+    off = np.zeros((NODES + 1, 4))
+    off[HELD:] = np.random.default_rng(4).uniform(-1, 1, (NODES - 1, 4)) * [*[EDGE / 20] * 3, 0.3]
+    left = [
+        np.abs(improve(forces, stage, solution, jnp.asarray(off / part)) - solution).max()
+        for part in (8, 16, 32)
+    ]
+    if kind in (Inertia, Weight):
+        assert max(left) < 1e-13
+        return
+    # of half the error a quarter is left: nothing of first order
+    assert left[0] > 1e-9
+    np.testing.assert_allclose(np.log2(np.divide(left[:-1], left[1:])), 2.0, atol=0.2)
+    # and so it goes on
+    correction, errors = solution + off / 4, []
+    for _ in range(6):
+        correction = improve(forces, stage, correction, nothing)
+        errors.append(np.abs(correction - solution).max())
+    assert errors[-1] < 1e-13
