@@ -430,6 +430,23 @@ def test_a_pinned_arm_that_hangs_winds_up_by_its_torque():
     np.testing.assert_allclose(state.base_moment, [0, 0, -torque], rtol=0, atol=1e-8)
 
 
+def test_an_arm_under_tension_winds_up_by_whole_turns():
+    # three turns of M L / GJ: a pull of 200 EI/L^2, more than M^2 / (4 EI) (Greenhill 1883), keeps
+    # it straight
+    torque, nodes = 3 * 2 * np.pi * 2 / 3, 11
+    assert torque**2 / 4 < 100
+    system = loaded(
+        nodes, tilt=-UPRIGHT, roll=0.3, EA=1e4, floor=1e-10,
+        dead=(0.0, 0.0, -200.0), moment=(0.0, 0.0, -torque),
+    )  # fmt: skip
+    state = equilibrium(system)
+    np.testing.assert_allclose(np.asarray(state.position)[:, :2], 0, atol=1e-9)
+    twist = np.asarray(state.motion.orientation.twist)
+    np.testing.assert_allclose(twist[2:-1], 6 * np.pi / (nodes - 1), rtol=1e-10)
+    np.testing.assert_allclose(np.sum(twist), 6 * np.pi * (1 - 0.5 / (nodes - 1)), rtol=1e-10)
+    np.testing.assert_allclose(state.base_moment, [0, 0, -torque], rtol=0, atol=1e-8)
+
+
 # --- natural shapes ----------------------------------------------------------------------------
 
 
