@@ -254,6 +254,7 @@ def test_an_imbalance_past_the_tip_is_that_of_a_free_obstacle():
                 jnp.asarray(2.0),
                 jnp.asarray(row),
                 nothing.resolved,
+                nothing.folded,
             ),
         )
 
