@@ -192,6 +192,12 @@ def test_end_moment_bends_a_circle(turns, plane):
     assert abs(fine - 2) < 0.2
 
 
+def test_a_circle_that_does_not_stay_in_its_plane_is_found_where_there_is_no_other():
+    # the moment is the same all along the arm, whatever its stiffness in twist
+    stays, leaves = (solve(11, TURNED, moment=2 * np.pi, GJ=GJ) for GJ in (3.0, 2 / 3))
+    np.testing.assert_allclose(leaves, stays, rtol=0, atol=1e-7)
+
+
 @planes
 @pytest.mark.parametrize("load", [2.0, 6.0])
 def test_follower_tip_load(load, plane):

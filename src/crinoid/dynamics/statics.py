@@ -21,6 +21,7 @@ _KICK = 1e-3
 _STILL = 1e-9
 _LEAVING = 1.2
 _MAX_SOLVES = 400
+_LAST_SOLVES = 20
 
 
 def still(
@@ -35,6 +36,9 @@ def still(
 class _Search(eqx.Module):
     position: Rows
     frames: Frames | None
+    balanced: tuple[Rows, Frames | None]
+    """Where the arm first bore the whole load."""
+    borne: Bool[Array, ""]
     load_factor: Float[Array, ""]
     share: Float[Array, ""]
     loaded: Bool[Array, ""]
@@ -64,7 +68,9 @@ def equilibrium(
     continuation, Kelley and Keyes 1998). The viscosity ``s`` is halved from step to step while
     the arm comes to rest, and kept while two steps at the same viscosity show it moving faster
     and faster: it comes back to an equilibrium that is stable, leaves one that is not (a column
-    past its buckling load), and also arrives where the shares got stuck at a limit point.
+    past its buckling load), and also arrives where the shares got stuck at a limit point. Loads
+    that turn or twist the arm need not leave it any stable equilibrium; if it has not come to rest
+    after all, the one at which it first bore the whole load is what there is.
 
     ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
     leave an equilibrium. Returns the places (m; the first two as in ``start``, and those of the
@@ -78,7 +84,8 @@ def equilibrium(
 
     def unfinished(carry: tuple[_Search, Outcome]) -> Bool[Array, ""]:
         search, outcome = carry
-        return ~outcome.converged & (search.solves < _MAX_SOLVES)
+        solves = jnp.where(search.borne, _MAX_SOLVES + _LAST_SOLVES, _MAX_SOLVES)
+        return ~outcome.converged & (search.solves < solves)
 
     def advance(carry: tuple[_Search, Outcome]) -> tuple[_Search, Outcome]:
         search, _ = carry
@@ -106,16 +113,25 @@ def equilibrium(
         kept = good & (first | leaving)
         next_shift = jnp.where(kept, 1.0, jnp.where(good, _SHIFT_FALL, 4.0)) * search.shift
         iterations = search.iterations + outcome.iterations
+        bears = loaded & ~search.loaded
+        borne = search.borne | (bears & good & (load_factor >= 1.0))
+        balanced = _choose(search.loaded, search.balanced, (position, frames))
+        # frames are those of before the kick: they follow the arm from there
+        kicked = position.at[3 : tip + 1].add(jnp.where(bears, kick, 0.0))
+        resigns = search.borne & (search.solves + 1 == _MAX_SOLVES)
+        position, frames = _choose(resigns, balanced, (kicked, frames))
+        next_shift = jnp.where(resigns, 0.0, next_shift)
         return _Search(
-            # frames are those of before the kick: they follow the arm from there
-            position.at[3 : tip + 1].add(jnp.where(loaded & ~search.loaded, kick, 0.0)),
+            position,
             frames,
+            balanced,
+            borne,
             jnp.where(good, load_factor, search.load_factor),
             share,
             loaded,
             jnp.where(search.loaded, next_shift, search.shift),
             jnp.where(search.loaded & kept, moved, -1.0),
-            search.loaded & good & (next_shift < slowest_rate),
+            resigns | (search.loaded & good & (next_shift < slowest_rate)),
             search.solves + 1,
             iterations,
         ), eqx.tree_at(
@@ -134,6 +150,8 @@ def equilibrium(
             _Search(
                 start,
                 frames,
+                (start, frames),
+                no,
                 none,
                 none + _FIRST_SHARE,
                 no,
@@ -169,6 +187,10 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
     )
     t_frames = jax.tree.map(jnp.zeros_like, frames)
     return (position, frames, outcome), (correction + held, t_frames, constant(outcome))
+
+
+def _choose(first: Bool[Array, ""], one: Any, other: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
 
 
 def _aside(chord: Float[Array, " b"], axes: int) -> Float[Array, " b"]:
