@@ -83,7 +83,7 @@ def spatial(
     swing=None,
     frequency=0.7,
     phase=0.3,
-    rolled=((0.0, 1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 0.0)),
+    paths=None,
     dead=(0.0, 0.0, 0.0),
     follower=(0.0, 0.0, 0.0),
     moment=(0.0, 0.0, 0.0),
@@ -96,19 +96,22 @@ def spatial(
     swaying=(0.0, 0.0, 0.0),
     **properties,
 ):
-    """Build a spatial arm in water, on a base that swings in all channels and rolls by a table.
+    """Build a spatial arm in water, on a base that swings in all channels and follows paths.
 
     In the water a current is steady and another a sine of 1.3 Hz. Loads come on within the time
     ``onset`` (s).
     """
     number = jnp.asarray
     amplitudes = channels(**swing or {})
-    knots = np.linspace(0.0, rolled[0][-1], 41)  # as many for all: they are compiled once
-    table = PiecewiseCubic(CubicSpline(knots, CubicSpline(*rolled)(knots)))
     motions = [
         SineMotion(i, amplitudes[i], number(frequency), number(phase * (i + 1)))
         for i in range(len(amplitudes))
     ]
+    for i, name in enumerate(CHANNELS[3]):
+        time, path = (paths or {}).get(name, ((0.0, 1.0, 2.0, 3.0), np.zeros(4)))
+        knots = np.linspace(time[0], time[-1], 41)  # as many for all: they are compiled once
+        table = CubicSpline(knots, CubicSpline(time, path)(knots))
+        motions.append(TableMotion(i, PiecewiseCubic(table)))
     ramp = Onset.of(0.0, onset)
     settings = {"axes": 3, "nodes": NODES, "EA": 1e3, "GJ": 0.8, "water_density": 1000.0}
     return arm(
@@ -129,7 +132,7 @@ def spatial(
             Uniform(always(), number(current, float)),
             Sine(always(), number(swaying, float), number(1.3), number(0.4)),
         ),
-        motions=[*motions, TableMotion(ROLL, table)],
+        motions=motions,
         **settings | properties,
     )
 
@@ -150,7 +153,7 @@ def everything(**changes):
             "swing": {
                 "slide": 0.03, "sway": -0.05, "heave": 0.04, "pan": 0.2, "tilt": -0.15, "roll": 0.4,
             },
-            "rolled": ((0.0, 1.0, 2.0, 3.0), (0.0, 2.0, 1.0, 4.0)),
+            "paths": {"roll": ((0.0, 1.0, 2.0, 3.0), (0.0, 2.0, 1.0, 4.0))},
             "tangential": 0.1, "normal": 0.3, "fixed": (0.2, -0.2, 0.3), "onset": 0.4,
             "dead": (0.2, 0.4, 0.6), "follower": (0.1, -0.2, 0.3),
             "moment": (0.1, 0.05, -0.2), "follower_moment": (0.2, -0.1, 0.1),
@@ -363,6 +366,85 @@ def test_servos_that_turn_the_base_do_the_work_that_the_arm_gains():
     assert order(np.abs(defects)) == pytest.approx(2.0, abs=0.2)
 
 
+# --- motion in water ---------------------------------------------------------------------------
+
+ANYHOW = {"pan": 0.7, "tilt": 0.3, "roll": 0.4}
+
+
+def carried(speed=(0.0, 0.0, 0.0), acceleration=(0.0, 0.0, 0.0), **properties):
+    """Build an arm under water on a base that moves along a straight line, from rest or not."""
+    time = np.arange(-1.0, 4.0)
+    paths = {
+        name: (time, v * time + 0.5 * a * time**2)
+        for name, v, a in zip(("slide", "sway", "heave"), speed, acceleration, strict=True)
+    }
+    return spatial(paths=paths, **properties)
+
+
+def assert_rigid(system, *, until, scale):
+    """Run an arm that must feel no force, and so keep its shape."""
+    start = rest(system)
+    states = run(system, start, until=until, steps=50)
+    force, moment = wrench(states)
+    np.testing.assert_allclose(force, 0, atol=1e-8 * scale)
+    np.testing.assert_allclose(moment, 0, atol=1e-8 * scale)
+    shape = states.position - states.position[:, 1:2]
+    np.testing.assert_allclose(shape, np.broadcast_to(start.position, shape.shape), atol=1e-9)
+    return states
+
+
+@pytest.mark.parametrize(
+    ("tilt", "added"), [(0.0, 1.3), (np.pi / 2, 0.2)], ids=["broadside", "along"]
+)
+def test_a_submerged_body_rises_with_its_buoyant_acceleration(tilt, added):
+    # (rho V - m) g / (m + Ca rho V): a base that rises just so carries nothing
+    mass, displaced, gravity = 0.4, 1.0, 9.81
+    rising = (displaced - mass) * gravity / (mass + added * displaced)
+    system = carried(
+        acceleration=(0.0, 0.0, rising), **ANYHOW | {"tilt": tilt}, mass_per_length=mass,
+        displaced_area=1e-3, added_mass_normal=1.3, added_mass_tangential=0.2, drag_normal=0.0,
+        drag_tangential=0.0, gravity=gravity, EI=0.01,
+    )  # fmt: skip
+    np.testing.assert_allclose(rest(system).acceleration[1:, 2], rising, rtol=1e-10)
+    assert_rigid(system, until=0.5, scale=1.0)
+
+
+def test_a_cylinder_across_its_way_sinks_at_its_terminal_speed():
+    diameter, heavier, drag, gravity = 0.01, 1.2, 1.1, 9.81
+    area = np.pi / 4 * diameter**2
+    terminal = np.sqrt(np.pi * diameter * gravity * (heavier - 1.0) / (2.0 * drag))
+    assert terminal == pytest.approx(0.16738, abs=5e-6)
+    system = carried(
+        speed=(0.0, 0.0, -terminal), pan=0.7, roll=0.4, mass_per_length=heavier * 1000.0 * area,
+        displaced_area=area, diameter=diameter, drag_normal=drag, gravity=gravity, EI=1e4, GJ=1e4,
+    )  # fmt: skip
+    states = assert_rigid(system, until=0.5, scale=0.2 * 1000.0 * area * gravity)
+    assert float(states.position[-1, -1, 2]) == pytest.approx(-0.5 * terminal, abs=1e-10)
+
+
+def test_an_arm_carried_through_still_water_is_an_arm_in_a_current():
+    speed = np.array([0.4, 0.3, -0.25])
+    properties = {
+        "EI": (0.05, 0.08), "GJ": 0.04, "gravity": 9.81, "mass_per_length": 0.9, "diameter": 0.03,
+        "displaced_area": 8e-4, "damping_time": 0.02, "radius": 0.1, "tolerance": 1e-13,
+        "rest_curvature": (0.5, 0.0, 1.0),
+    }  # fmt: skip
+    ends = []
+    for moving in ({"speed": speed}, {"current": -speed}):
+        system = carried(**moving, **properties, **ANYHOW)
+        ends.append(at(run(system, rest(system), until=1.0, steps=100), -1))
+    moved, stood = ends
+    np.testing.assert_allclose(moved.position[1], speed, rtol=0, atol=1e-12)
+    assert np.abs(stood.position - rest(system).position).max() > 0.05
+    shift, drift = moved.position[1], moved.velocity[1]
+    np.testing.assert_allclose(moved.position - shift, stood.position, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(moved.velocity - drift, stood.velocity, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(moved.base_force, stood.base_force, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(
+        moved.motion.orientation.twist, stood.motion.orientation.twist, rtol=0, atol=1e-9
+    )
+
+
 # --- the plane in space, and the directions of the world ---------------------------------------
 
 SWUNG = {"slide": 0.05, "heave": -0.04, "tilt": 0.2}
@@ -434,7 +516,7 @@ def test_the_motion_does_not_depend_on_the_directions_of_the_world(gravity):
         "EI": (0.8, 1.3), "rest_curvature": (0.5, -0.7, 1.1), "damping_time": 0.05,
         "displaced_area": 8e-4, "diameter": 0.032, "radius": 0.2, "linear_drag": 0.5,
         "tolerance": 1e-12, "current": (0.3, -0.4, 0.1), "swaying": (0.2, 0.3, -0.4),
-        "rolled": ((0.0, 1.0, 2.0, 3.0), (0.0, 2.0, 1.0, 4.0)), "onset": 0.4,
+        "paths": {"roll": ((0.0, 1.0, 2.0, 3.0), (0.0, 2.0, 1.0, 4.0))}, "onset": 0.4,
         "tangential": 0.1, "normal": 0.3, "fixed": (0.2, -0.2, 0.3), "dead": (0.2, 0.4, 0.6),
         "follower": (0.1, -0.2, 0.3), "moment": (0.1, 0.05, -0.2),
         "follower_moment": (0.2, -0.1, 0.1), "gravity": 9.81 if gravity else 0.0,
@@ -480,7 +562,7 @@ def tumbling(**properties):
         **{
             "EI": (0.8, 1.3), "rest_curvature": (0.5, -0.7, 1.1), "radius": 0.2, "pan": 0.4,
             "tilt": 0.2, "roll": -0.6, "swing": ALL_CHANNELS, "damping_time": 0.02,
-            "rolled": ((0.0, 1.0, 2.0, 3.0), np.array([0.0, 2.5, 3.0, 0.0]) * TURN),
+            "paths": {"roll": ((0.0, 1.0, 2.0, 3.0), np.array([0.0, 2.5, 3.0, 0.0]) * TURN)},
             "tolerance": 1e-12,
         } | properties
     )  # fmt: skip
@@ -611,10 +693,10 @@ def settled(system, state, until):
 def test_rolling_the_base_carries_a_round_arm_along_and_winds_up_nothing(gravity):
     # it rolls about its own line, whether that is straight or an arc
     case = {"radius": 0.2, "gravity": gravity, "damping_time": 0.2, "pan": 0.3}
-    idle = dry(**case, rolled=by_turns(0.0, 2.0))
+    idle = dry(**case, paths={"roll": by_turns(0.0, 2.0)})
     still = settled(idle, rest(idle), 16.0)
     assert bool(gravity) == (float(still.position[-1, 2]) < -0.3)
-    system = dry(**case, rolled=by_turns(3.0, 2.0))
+    system = dry(**case, paths={"roll": by_turns(3.0, 2.0)})
     start = eqx.tree_at(lambda s: s.motion.time, still, jnp.zeros(()))
     states = run(system, start, until=2.0, steps=400)
     # on the way it twists, and a bent arm is carried off sideways by its damping
@@ -631,7 +713,7 @@ def test_rolling_the_base_carries_a_round_arm_along_and_winds_up_nothing(gravity
 def test_rolling_the_base_turns_an_arm_that_is_not_round():
     # a naturally bent arm goes round with the base: after a quarter turn it points to starboard
     case = {"radius": 0.2, "damping_time": 0.2, "rest_curvature": (0.0, 1.0, 0.0), "EI": (1.0, 1.5)}
-    system = dry(**case, rolled=by_turns(2.25, 1.0))
+    system = dry(**case, paths={"roll": by_turns(2.25, 1.0)})
     start = rest(system)
     end = settled(system, at(run(system, start, until=2.0, steps=400), -1), 20.0)
     x, _, z = np.asarray(start.position).T
@@ -696,7 +778,7 @@ def test_turns_of_the_tip_and_the_base_become_twist_and_writhe():
     system = dry(
         radius=0.3, damping_time=0.1, tilt=-np.pi / 2, EI=(1.0, 1.2), dead=(0.0, 0.0, -45.0),
         rest_curvature=(2.5, 0.0, 0.0), moment=(0.0, 0.0, -torque), onset=2.0,
-        rolled=by_turns(-1.0, 2.0), tolerance=1e-11,
+        paths={"roll": by_turns(-1.0, 2.0)}, tolerance=1e-11,
     )  # fmt: skip
     start = rest(system)
     states = run(system, start, until=1.9, steps=800)
