@@ -147,7 +147,6 @@ def test_constant_load_is_held_off(number):
         *({"seed": seed} for seed in range(5)),
         {"simulation.time_step": 0.005},
         {"simulation.time_step": 0.02},
-        {"arm.nodes": 11},
     ],
     ids=str,
 )
