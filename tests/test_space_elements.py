@@ -460,16 +460,39 @@ def test_the_moments_of_a_tip_load_are_those_that_it_says():
         residual, _, _, motion = observe(alone, stage)
         force, moment = force_and_torque(motion.position, residual)
         np.testing.assert_allclose(force, 0, atol=1e-14)
-        # the tip's frame: its tangent is carried on by half the last turn
+        # the tip's frame: the last one, its tangent and its twist carried on by half an edge
         a, b = np.asarray(tangents(motion.position))[-2:]
         tip = 1.5 * b - 0.5 * a
         tip /= np.linalg.norm(tip)
-        before, last = np.asarray(motion.orientation.director)[-2:]
-        m_1 = 1.5 * last - 0.5 * before
-        m_1 -= m_1 @ tip * tip
-        m_1 /= np.linalg.norm(m_1)
+        swing = np.cross(b, tip)
+        angle = np.arctan2(np.linalg.norm(swing), b @ tip)
+        m_1 = Rotation.from_rotvec(swing * angle / np.linalg.norm(swing)).apply(
+            np.array(motion.orientation.director[-1])
+        )
+        half = 0.5 * float(motion.orientation.twist[-2])
+        m_1 = np.cos(half) * m_1 + np.sin(half) * np.cross(tip, m_1)
         frame = np.stack([tip, m_1, np.cross(tip, m_1)])
         np.testing.assert_allclose(moment, -(dead + follower @ frame), rtol=0, atol=1e-13)
+
+
+def test_a_follower_does_not_depend_on_how_the_directors_are_rolled():
+    # rolled the same all along the arm, and the follower's parts rolled back
+    stage = at_random(0, turned=0.5)
+    plain = observe(only(TipLoad), stage)[0]
+    for angle in (0.4, 2.0):
+        c, s = np.cos(angle), np.sin(angle)
+        back = np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
+        load = of_kind(TipLoad)
+        forces = eqx.tree_at(
+            lambda f: [f.elements[-1].follower_force, f.elements[-1].follower_moment],
+            only(TipLoad),
+            [load.follower_force @ back.T, load.follower_moment @ back.T],
+        )
+        tangent = np.asarray(stage.frames.tangent)
+        director = np.asarray(stage.frames.director)
+        rolled = jnp.asarray(c * director + s * np.cross(tangent, director))
+        rolled = eqx.tree_at(lambda t: t.frames.director, stage, rolled)
+        np.testing.assert_allclose(observe(forces, rolled)[0], plain, rtol=0, atol=1e-14)
 
 
 def test_a_distributed_load_along_the_normal_is_along_m_2():

@@ -593,7 +593,7 @@ def test_a_column_that_hardly_bends_the_other_way_leans_just_past_its_buckling_l
     assert abs(place[0]) < 1e-6
 
 
-@eqx.filter_jit
+@eqx.filter_jit(compiler_options=QUICKLY)
 def _stiffness(stretch, bend, position, orientation):
     forces = Forces((stretch, bend), Water(()), jnp.zeros(3))
     frames = Frames.of(position, orientation)
