@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 from crinoid import chain
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.obstacles import Obstacles
+from crinoid.dynamics.surroundings import Surroundings
 from crinoid.dynamics.tangent import HELD, Border, Tangent
 from crinoid.elements import (
     ENERGIES,
@@ -33,40 +34,6 @@ Elements = tuple[Element, ...]
 
 _SHARPEST = math.cos(math.radians(170.0))
 """Cosine of the largest angle between two edges that counts."""
-
-
-class Surroundings(eqx.Module):
-    """The water around given places, expanded to first order from each."""
-
-    position: Places
-    velocity: Places
-    acceleration: Places
-    """Material acceleration Du/Dt (m/s2)."""
-    velocity_slope: Float[Array, "rows d d"]
-    acceleration_slope: Float[Array, "rows d d"]
-
-    def since(
-        self, position: Rows, velocity: Places, acceleration: Places, alpha: Float[Array, ""]
-    ) -> "Surroundings":
-        """Return the water at a share ``alpha`` of a step back, between what it was and is now.
-
-        Given are the places there, and velocity and acceleration at the step's start.
-        """
-        return Surroundings(
-            position[:, : velocity.shape[1]],
-            (1 - alpha) * self.velocity + alpha * velocity,
-            (1 - alpha) * self.acceleration + alpha * acceleration,
-            self.velocity_slope,
-            self.acceleration_slope,
-        )
-
-    def at(self, position: Rows) -> tuple[Places, Places]:
-        """Return velocity and material acceleration near the places."""
-        moved = (position[:, : self.position.shape[1]] - self.position)[:, None, :]
-        return (
-            self.velocity + jnp.sum(self.velocity_slope * moved, axis=-1),
-            self.acceleration + jnp.sum(self.acceleration_slope * moved, axis=-1),
-        )
 
 
 class Forces(eqx.Module):
@@ -296,27 +263,13 @@ class Forces(eqx.Module):
         def gather(rows: Array) -> Array:
             return chain.gather(rows, element.first, count, element.stencil)
 
-        return Motion(
-            gather(motion.position[:, :width]),
-            gather(motion.velocity[:, :width]),
-            gather(motion.acceleration[:, :width]),
-            gather(motion.flow_velocity),
-            gather(motion.flow_acceleration),
-            jnp.broadcast_to(motion.time, (count,)),
-            jax.tree.map(gather, motion.orientation) if element.spins else None,
-        )
+        return motion.windows(gather, (count,), width, turned=element.spins)
 
     def _bodies(self, motion: Motion) -> Motion:
         """Return the motion of the free obstacles, a window each."""
         free = self.nodes(motion.position).shape[0] + jnp.asarray(self.free)
-        return Motion(
-            motion.position[free][:, None],
-            motion.velocity[free][:, None],
-            motion.acceleration[free][:, None],
-            motion.flow_velocity[free][:, None],
-            motion.flow_acceleration[free][:, None],
-            jnp.broadcast_to(motion.time, (len(self.free),)),
-        )
+        width = motion.position.shape[1]
+        return motion.windows(lambda rows: rows[free][:, None], (len(self.free),), width)
 
 
 def _course(stage: Stage, slopes: list[Array]) -> Course:

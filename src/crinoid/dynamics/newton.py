@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.dynamics.forces import Forces, Surroundings
+from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.surroundings import Surroundings
 from crinoid.dynamics.tangent import HELD
 from crinoid.rod import Rod
 

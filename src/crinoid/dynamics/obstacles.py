@@ -148,15 +148,8 @@ class Obstacles(eqx.Module):
 
     def motions(self, motion: Motion) -> Motion:
         """Return how each edge moves with each obstacle."""
-        pairs = self.contact.radius.shape
-        return Motion(
-            self.windows(motion.position),
-            self.windows(motion.velocity),
-            self.windows(motion.acceleration),
-            self.windows(motion.flow_velocity),
-            self.windows(motion.flow_acceleration),
-            jnp.broadcast_to(motion.time, pairs),
-        )
+        width = motion.position.shape[1]
+        return motion.windows(self.windows, self.contact.radius.shape, width)
 
     def gaps(self, rows: Rows) -> Float[Array, "m e"]:
         """Return the distance of each obstacle from each edge (m)."""

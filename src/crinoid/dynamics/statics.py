@@ -7,10 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.dynamics.forces import Forces, Surroundings
+from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.newton import Outcome, Settings, constant, implied, solve
+from crinoid.dynamics.surroundings import Surroundings
 from crinoid.frames import Frames
+from crinoid.rod import Rod
 
 Rows = Float[Array, "rows b"]
 
@@ -23,6 +25,9 @@ _LEAVING = 1.2
 _MAX_SOLVES = 400
 _LAST_SOLVES = 20
 
+_TOLERANCE_SHARE = 1e-3
+"""Tolerance over that of a time step: what the search leaves aside would stay there."""
+
 
 def still(
     time: Array, position: Rows, frames: Frames | None, by_acceleration: Array | float = 0.0
@@ -31,6 +36,43 @@ def still(
     zero, one = jnp.zeros_like(position), jnp.ones(())
     shift = jnp.asarray(by_acceleration, float)
     return Stage(time, position, zero, zero, one, jnp.zeros(()), shift, frames)
+
+
+def find(
+    rod: Rod,
+    forces: Forces,
+    settings: Settings,
+    time: Float[Array, ""],
+    start: Rows,
+    frames: Frames | None,
+) -> tuple[Rows, Frames | None, Outcome]:
+    """Find a stable `equilibrium` of a rod, searching as far and as finely as its sections ask.
+
+    ``settings`` are those of a time step.
+    """
+    # bending over length, and loads over mass: the squared rates at which an arm leaves a
+    # shape that does not hold lie between the first, the softer way, and the sum of both
+    mass = jnp.sum(rod.mass_per_length * rod.voronoi_length)
+    bending = jnp.mean(rod.EI, axis=0) / (mass * rod.length**3)
+    stage, none = still(time, start, frames), jnp.zeros_like(start)
+    _, loads = forces.residual(forces.motion(stage, none, forces.surroundings(stage, none)))
+    load = jnp.max(settings.weights * loads)
+    room = None if forces.obstacles is None else forces.obstacles.finest / 2
+    careful = eqx.tree_at(
+        lambda s: (s.tolerance, s.max_turn, s.max_move),
+        settings,
+        (_TOLERANCE_SHARE * settings.tolerance, jnp.asarray(0.5), room),
+        is_leaf=lambda x: x is None,
+    )
+    return equilibrium(
+        forces,
+        time,
+        start,
+        frames,
+        careful,
+        1e-3 * jnp.min(bending),
+        1e3 * (jnp.max(bending) + load * rod.nodes / (mass * rod.length)),
+    )
 
 
 class _Search(eqx.Module):

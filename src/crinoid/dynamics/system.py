@@ -8,23 +8,21 @@ from jaxtyping import Array, Float
 
 from crinoid import chain
 from crinoid.base import Base, ServoState
-from crinoid.dynamics import modes, statics
+from crinoid.dynamics import modes, start, statics
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.halving import Progress, halve
 from crinoid.dynamics.integrator import Integrator, Stage
 from crinoid.dynamics.newton import Outcome, Settings, newton_step, solve
+from crinoid.dynamics.start import as_rows
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import HELD
+from crinoid.dynamics.tip import tip_pose
 from crinoid.elements import WORKS, Motion
-from crinoid.frames import Frames, Orientation, cross, dot, tangents
+from crinoid.frames import Frames
 from crinoid.rod import Rod
 
 Channels = Float[Array, " channel"]
-Nodes = Float[Array, "n b"]
 Rows = Float[Array, "rows b"]
-
-_STATIC_SHARE = 1e-3
-"""Tolerance of statics over that of a step: what the search leaves aside would stay there."""
 
 _ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
 
@@ -52,14 +50,15 @@ class System(eqx.Module):
     def rest(self, time: float | Array = 0.0) -> State:
         """Return the arm without load, as the base holds it at ``time``."""
         time = jnp.asarray(time, float)
-        return self._begin(time, *self._rest(time))
+        return self._begin(time, *start.undeformed(self.rod, self.base, self.forces, time))
 
     def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
         """Return how far each obstacle is from the arm without load (m)."""
         if self.forces.obstacles is None:
             return jnp.zeros(0)
-        gaps = self.forces.obstacles.gaps(self._rest(jnp.asarray(time, float))[0])
-        return jnp.min(gaps, axis=1)
+        time = jnp.asarray(time, float)
+        rows, _ = start.undeformed(self.rod, self.base, self.forces, time)
+        return jnp.min(self.forces.obstacles.gaps(rows), axis=1)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
@@ -83,34 +82,17 @@ class System(eqx.Module):
 
         The water flows on as it does at that time: what it is just gaining or losing in speed
         would be no lasting load.
-        See `crinoid.dynamics.statics.equilibrium` for how.
+        See `crinoid.dynamics.statics` for how.
         """
         time = jnp.asarray(time, float)
-        # bending over length, and loads over mass: the squared rates at which an arm leaves a
-        # shape that does not hold lie between the first, the softer way, and the sum of both
-        rod = self.rod
-        mass = jnp.sum(rod.mass_per_length * rod.voronoi_length)
-        bending = jnp.mean(rod.EI, axis=0) / (mass * rod.length**3)
-        start, frames = self._rest(time)
-        forces = self.forces.frozen(time)
-        stage, none = statics.still(time, start, frames), jnp.zeros_like(start)
-        _, loads = forces.residual(forces.motion(stage, none, forces.surroundings(stage, none)))
-        load = jnp.max(self.settings.weights * loads)
-        room = None if forces.obstacles is None else forces.obstacles.finest / 2
-        settings = eqx.tree_at(
-            lambda s: (s.tolerance, s.max_turn, s.max_move),
+        rows, frames = start.undeformed(self.rod, self.base, self.forces, time)
+        position, frames, outcome = statics.find(
+            self.rod,
+            self.forces.frozen(time),
             self.settings,
-            (_STATIC_SHARE * self.settings.tolerance, jnp.asarray(0.5), room),
-            is_leaf=lambda x: x is None,
-        )
-        position, frames, outcome = statics.equilibrium(
-            forces,
             time,
-            self._clamped(time, start, frames),
+            start.clamped(self.base, time, rows, frames),
             frames,
-            settings,
-            1e-3 * jnp.min(bending),
-            1e3 * (jnp.max(bending) + load * rod.nodes / (mass * rod.length)),
         )
         return self._begin(time, position, frames), outcome
 
@@ -224,7 +206,7 @@ class System(eqx.Module):
 
     def tip(self, state: State) -> Float[Array, " pose"]:
         """Return the tip's pose in the world, `crinoid.space.POSE`: its place (m) and direction."""
-        pose = _tip(state.position)
+        pose = tip_pose(state.position)
         axes = self.forces.axes
         return pose.at[:axes].add(self.forces.origin)
 
@@ -276,43 +258,7 @@ class System(eqx.Module):
             return nodes.at[HELD:].set(free)[:, :axes]
 
         moved = jax.vmap(follow, -1, -1)(held)
-        return jax.vmap(lambda d: jax.jvp(_tip, (state.position,), (d,))[1], -1, -1)(moved)
-
-    def _rest(self, time: Array) -> tuple[Rows, Frames | None]:
-        """Return everything where it is without load, and in space the frames."""
-        pose, _, _ = self.base.pose(time, self.base.servo.at_rest())
-        held = self.base.hold(pose)
-        if self.forces.axes == 2:
-            shape, frames = self.rod.rest_shape(self.base.angles[0] + pose[2]), None
-            rows = jnp.concatenate([held[:1], held[1] + shape])
-        else:
-            assert self.rod.rest_twist is not None
-            clamp = self.base.frame(pose)
-            shape, directors = self.rod.rest_frames(clamp)
-            rows = jnp.concatenate([held[:1], held[1] + shape])
-            rows = jnp.pad(rows, ((0, 0), (0, 1)))
-            directors = jnp.concatenate([clamp[1:2], clamp[1:2], directors])
-            twists = jnp.pad(self.rod.rest_twist * self.rod.voronoi_length, (1, 0))
-            twists = twists.at[-1].set(0.0)  # nothing twists at the tip
-            none = jnp.zeros_like(directors)
-            frames = Frames.of(rows, Orientation(directors, twists, none))
-        obstacles = self.forces.obstacles
-        if obstacles is None:
-            return rows, frames
-        place = _as_rows(obstacles.place + time * obstacles.drift, rows.shape[1])
-        return jnp.concatenate([rows, place]), frames
-
-    def _clamped(self, time: Array, rows: Rows, frames: Frames | None) -> Rows:
-        """Return the rows with a spin of the clamp that follows its frame: zero, but not its slope.
-
-        Statics starts from frames that it takes for given.
-        """
-        if frames is None:
-            return rows
-        pose, _, _ = self.base.pose(time, self.base.servo.at_rest())
-        frame = self.base.frame(pose)
-        given = jax.lax.stop_gradient(frames)
-        return rows.at[1, 3].set(given.spin_to(1, frame[0], frame[1]))
+        return jax.vmap(lambda d: jax.jvp(tip_pose, (state.position,), (d,))[1], -1, -1)(moved)
 
     def _prescribe(
         self,
@@ -329,7 +275,7 @@ class System(eqx.Module):
             frames = state.frames
             assert frames is not None
             spin = frames.spin_to(1, held.frame[0], held.frame[1])
-            position = _as_rows(position, 4).at[1, 3].set(spin)
+            position = as_rows(position, 4).at[1, 3].set(spin)
         values = (position, held.velocity, held.acceleration)
         rows = tuple(row.at[:HELD].set(value) for row, value in zip(rows, values, strict=True))
         obstacles = self.forces.obstacles
@@ -346,7 +292,7 @@ class System(eqx.Module):
         at = obstacles.led - count  # rows counted from the end
         width = position.shape[1]
         return tuple(
-            row.at[at].set(_as_rows(value[obstacles.led], width), unique_indices=True)
+            row.at[at].set(as_rows(value[obstacles.led], width), unique_indices=True)
             for row, value in zip(rows, values, strict=True)
         )
 
@@ -354,26 +300,13 @@ class System(eqx.Module):
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
         servo, axes = self.base.servo.at_rest(), self.forces.axes
         held = self.base.prescribe(time, servo)
-        lever = held.position[0] - held.position[1]
-        swing = (held.velocity[0] - held.velocity[1])[:axes]
-        arm = self.forces.nodes(position)[:, :axes] - held.position[1]
-        reach = jnp.sum(lever**2)
-        if frames is None:
-            spin = (lever[0] * swing[1] - lever[1] * swing[0]) / reach
-            velocity = held.velocity[1] + spin * jnp.stack([-arm[:, 1], arm[:, 0]], axis=1)
-        else:
-            clamp = -lever / jnp.sqrt(reach)
-            turning = cross(lever, swing) / reach + held.velocity[1, 3] * clamp
-            velocity = held.velocity[1, :3] + cross(turning, arm)
-            velocity = jnp.concatenate(
-                [velocity, dot(tangents(self.forces.nodes(position)), turning)[:, None]], axis=1
-            )
+        velocity = start.carried(held, self.forces.nodes(position))
         velocity = velocity.at[:HELD].set(held.velocity)
         obstacles = self.forces.obstacles
         if obstacles is not None:
             places = position[-obstacles.count :, :axes]
             started = obstacles.begin(places, lambda p: self.forces.flow_velocity(p, time))
-            velocity = jnp.concatenate([velocity, _as_rows(started, velocity.shape[1])])
+            velocity = jnp.concatenate([velocity, as_rows(started, velocity.shape[1])])
         stage = Stage(
             time,
             position,
@@ -405,24 +338,3 @@ class System(eqx.Module):
         earlier = jnp.stack([motion.acceleration] * 2)
         work = jnp.zeros_like(power)
         return State(motion, servo, reaction, energy, power, work, touch, earlier)
-
-
-def _tip(position: Nodes) -> Float[Array, " pose"]:
-    # the last edge points where the arm does half an edge before the tip: carry its turn on
-    last, before = position[-1] - position[-2], position[-2] - position[-3]
-    if position.shape[1] == 3:
-        before, last = _unit(before), _unit(last)
-        middle = _unit(before + last)
-        return jnp.append(position[-1], 2.0 * dot(middle, last) * last - middle)
-    turn = jnp.arctan2(before[0] * last[1] - before[1] * last[0], jnp.sum(before * last))
-    angle = jnp.arctan2(last[1], last[0]) + 0.5 * turn
-    return jnp.append(position[-1], angle)
-
-
-def _unit(vector: Float[Array, " d"]) -> Float[Array, " d"]:
-    return vector / jnp.sqrt(jnp.sum(vector**2))
-
-
-def _as_rows(places: Float[Array, "count d"], width: int) -> Float[Array, "count b"]:
-    """Fill up with zeros what places do not have of a row."""
-    return jnp.pad(places, ((0, 0), (0, width - places.shape[1])))

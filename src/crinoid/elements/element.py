@@ -1,6 +1,7 @@
 """The one interface between physics and numerics: a force law on a short run of nodes."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import ClassVar
 
 import equinox as eqx
@@ -34,6 +35,28 @@ class Motion(eqx.Module):
     time: Float[Array, "*count"]
     orientation: Orientation | None = None
     """Of the edges in space; elements that see places only do without."""
+
+    def windows(
+        self,
+        take: Callable[[Array], Array],
+        count: tuple[int, ...],
+        width: int,
+        *,
+        turned: bool = False,
+    ) -> "Motion":
+        """Return the motion of ``count`` windows, which ``take`` makes of the rows of everything.
+
+        Of the first ``width`` coordinates, with the orientation of the edges if ``turned``.
+        """
+        return Motion(
+            take(self.position[:, :width]),
+            take(self.velocity[:, :width]),
+            take(self.acceleration[:, :width]),
+            take(self.flow_velocity),
+            take(self.flow_acceleration),
+            jnp.broadcast_to(self.time, count),
+            jax.tree.map(take, self.orientation) if turned else None,
+        )
 
 
 class Course(eqx.Module):
