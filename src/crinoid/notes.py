@@ -31,7 +31,12 @@ _STRAIN = 0.5
 
 def notes(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
     """Return sentences about a finished run; none where there is nothing to say."""
-    found = [_stretch(dataset), _vortices(dataset, scenario), _drag(dataset, scenario)]
+    found = [
+        _unstable(dataset, scenario),
+        _stretch(dataset),
+        _vortices(dataset, scenario),
+        _drag(dataset, scenario),
+    ]
     return [*_pressed(dataset), *(note for note in found if note)]
 
 
@@ -46,6 +51,19 @@ def _pressed(dataset: xr.Dataset) -> list[str]:
         for index, gap in enumerate(closest)
         if gap < -_PRESSED * radius
     ]
+
+
+def _unstable(dataset: xr.Dataset, scenario: Scenario) -> str:
+    if scenario.simulation.start != "equilibrium" or "natural_frequency" not in dataset:
+        return ""
+    count = int((dataset["natural_frequency"] == 0).sum())
+    if not count:
+        return ""
+    which = "its slowest mode" if count == 1 else f"its {count} slowest modes"
+    return (
+        f"the equilibrium at the start does not bring the arm back when it is pushed in {which}: "
+        "these loads may leave it none that does"
+    )
 
 
 def _stretch(dataset: xr.Dataset) -> str:

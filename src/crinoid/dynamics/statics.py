@@ -111,8 +111,8 @@ def equilibrium(
     the arm comes to rest, and kept while two steps at the same viscosity show it moving faster
     and faster: it comes back to an equilibrium that is stable, leaves one that is not (a column
     past its buckling load), and also arrives where the shares got stuck at a limit point. Loads
-    that turn or twist the arm need not leave it any stable equilibrium; if it has not come to rest
-    after all, the one at which it first bore the whole load is what there is.
+    that turn or twist the arm need not leave it any stable equilibrium; if it roams about to the
+    end, the one at which it first bore the whole load is what there is.
 
     ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
     leave an equilibrium. Returns the places (m; the first two as in ``start``, and those of the
@@ -160,7 +160,9 @@ def equilibrium(
         balanced = _choose(search.loaded, search.balanced, (position, frames))
         # frames are those of before the kick: they follow the arm from there
         kicked = position.at[3 : tip + 1].add(jnp.where(bears, kick, 0.0))
-        resigns = search.borne & (search.solves + 1 == _MAX_SOLVES)
+        # one that no longer gets anywhere is stuck, and there is an equilibrium out of its reach
+        roams = good & (moved > _KICK * reach) & ~search.settled
+        resigns = search.borne & roams & (search.solves >= _MAX_SOLVES)
         position, frames = _choose(resigns, balanced, (kicked, frames))
         next_shift = jnp.where(resigns, 0.0, next_shift)
         return _Search(

@@ -193,15 +193,8 @@ def draw_bodies(
         )
         axes.add_patch(solid)
         if body.moves and (edge_on or not wall):
-            shapes = PolyCollection(
-                [body.outline(int(record), low, high, view) for record in chosen],
-                facecolors="none",
-                edgecolors=colours,
-                linewidths=0.6,
-                alpha=0.55,
-                zorder=1.4,
-            )
-            axes.add_collection(shapes, autolim=False)
+            outlines = [body.outline(int(record), low, high, view) for record in chosen]
+            draw_earlier(axes, outlines, colours)
             axes.plot(
                 *view.paper(body.path).T,
                 color=INK,
@@ -212,6 +205,16 @@ def draw_bodies(
             )
         if len(bodies) > 1:
             _write_name(axes, body, low, high, view)
+
+
+def draw_earlier(
+    axes: Axes, outlines: list[Float[np.ndarray, "corner 2"]], colours: Float[np.ndarray, "shape 4"]
+) -> None:
+    """Draw where an obstacle was before, in the colours of the times."""
+    shapes = PolyCollection(
+        outlines, facecolors="none", edgecolors=colours, linewidths=0.6, alpha=0.55, zorder=1.4
+    )
+    axes.add_collection(shapes, autolim=False)
 
 
 def _write_name(axes: Axes, body: Body, low: Point, high: Point, view: View) -> None:

@@ -12,7 +12,7 @@ from matplotlib.patches import Polygon
 
 from crinoid.report.arm import chosen_records, hull, moves, time_norm
 from crinoid.report.box import draw_box, draw_shadow
-from crinoid.report.obstacles import SOLID, WALL, Body, Point, find_bodies
+from crinoid.report.obstacles import SOLID, WALL, Body, Point, draw_earlier, find_bodies
 from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map
 from crinoid.report.surface import AROUND, Facets, cut_box, tube, turned_body
 from crinoid.report.view import ABOVE, AHEAD, SIDE, View, in_space
@@ -98,15 +98,7 @@ def draw_scene(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View
         facets = solid_surface(body, low, high)
         scene.add_surface(facets, _colours(SOLID, len(facets)))
         if body.moves:
-            ghosts = PolyCollection(
-                [body.outline(int(record), low, high, view) for record in chosen],
-                facecolors="none",
-                edgecolors=colours,
-                linewidths=0.6,
-                alpha=0.55,
-                zorder=1.5,
-            )
-            axes.add_collection(ghosts, autolim=False)
+            draw_earlier(axes, [body.outline(int(r), low, high, view) for r in chosen], colours)
     scene.draw()
     target = view.project(data, "tip_target")[-1]
     axes.plot(*target, "o", markersize=7.5, mfc="none", mec=INK, mew=1.2, zorder=5)

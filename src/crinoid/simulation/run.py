@@ -117,7 +117,7 @@ def equilibrium(scenario: Scenario) -> Result:
     carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
     result = _result(
-        scenario, setup, carry, [_one(first)], _start_failure(scenario, setup), wall_time, None
+        still, setup, carry, [_one(first)], _start_failure(still, setup), wall_time, None
     )
     if result.failure:
         raise SimulationError(result)
