@@ -36,6 +36,13 @@ def transport(vector: Vectors, before: Vectors, after: Vectors) -> Vectors:
     return vector - share[..., None] * (before + after)
 
 
+def half_tangent(turn: Float[Array, "*n d"]) -> Float[Array, "*n d"]:
+    """Return the tangents of half the angles of rotation vectors, along their axes."""
+    squared = jnp.sum(turn**2, axis=-1, keepdims=True)
+    angle = jnp.sqrt(jnp.where(squared > 0, squared, 1.0))
+    return jnp.where(squared > 0, jnp.tan(0.5 * angle) / angle, 0.5) * turn
+
+
 def spun(director: Vectors, tangent: Vectors, angle: Numbers) -> Vectors:
     """Turn directors about their tangents, from ``m_1`` toward ``m_2``."""
     cos, sin = jnp.cos(angle)[..., None], jnp.sin(angle)[..., None]

@@ -203,16 +203,18 @@ class Forces(eqx.Module):
         return next((e for e in self.elements if isinstance(e, Bend | BendTwist)), None)
 
     def strains(self, motion: Motion) -> Float[Array, "bent strain"]:
-        """Return the curvature at each node but the tip, in space both and the twist (1/m, rad/m).
+        """Return by how much each node but the tip is bent beyond its rest, in space also twisted.
 
-        A root that turns freely has the values that it has at rest.
+        Of a root that turns freely zero.
         """
         bend = self.bend
         assert bend is not None
         owned = self._windows(bend, motion)
         strains = jax.vmap(lambda e, m: e.strains(m))(bend, owned)
-        free = (bend.stiffness == 0).reshape(strains.shape)
-        return jnp.where(free, bend.rest_strain.reshape(strains.shape), strains)
+        rest, free = (
+            values.reshape(strains.shape) for values in (bend.rest_strain, bend.stiffness == 0)
+        )
+        return jnp.where(free, 0.0, strains - rest)
 
     def folded(self, position: Rows) -> Bool[Array, ""]:
         """Return whether two edges meet at an angle past which bending means nothing.

@@ -59,8 +59,7 @@ def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) ->
 
     Damping is left out. Of the stiffness the symmetric part is taken: drag and follower loads make
     it lopsided, but as ``phi . A phi = 0`` the antisymmetric rest ``A`` moves no squared frequency
-    to first order. The mass is lumped, so each node's own block of it turns the problem into a
-    standard one that is as narrow a band as the stiffness. Runs on the host.
+    to first order. Runs on the host.
 
     Round-off in the stiffness shifts the first bending frequency by a share that grows as the
     fourth power of the number of nodes, to some 1e-5 at 1000 nodes.
@@ -71,49 +70,29 @@ def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) ->
         Of all nodes, as `linearise` returns them.
     count
         How many modes; fewer if the arm has fewer.
-
-    Raises
-    ------
-    ValueError
-        If the acceleration of a node loads its neighbours.
     """
-    from scipy.linalg import eig_banded, solve_banded  # slow to load, and many commands do without
+    from scipy.linalg import eigh  # slow to load, and many commands do without
 
-    K, M = np.asarray(stiffness)[HELD:], np.asarray(mass)[HELD:]
-    if np.delete(M, 2, axis=1).any():
-        raise ValueError("natural frequencies need a mass that is lumped at the nodes")
-    nodes, _, size, _ = K.shape
-    root = np.linalg.inv(np.linalg.cholesky(M[:, 2]))
-    reach = 3 * size - 1
-    banded = np.zeros((2 * reach + 1, nodes * size))
-    for offset in range(-2, 3):
-        row = np.arange(max(0, -offset), min(nodes, nodes - offset))
-        column = row + offset
-        block = 0.5 * (K[row, 2 + offset] + K[column, 2 - offset].swapaxes(1, 2))
-        block = root[row] @ block @ root[column].swapaxes(1, 2)
-        for i in range(size):
-            for j in range(size):
-                banded[reach + i - j - size * offset, column * size + j] = block[:, i, j]
-
+    K, M = (_free(bands) for bands in (stiffness, mass))
+    nodes, size = stiffness.shape[0] - HELD, stiffness.shape[-1]
     count = min(count, nodes * size)
-    squared = eig_banded(
-        banded[reach:], lower=True, eigvals_only=True, select="i", select_range=(0, count - 1)
-    )
-    noise = nodes * size * np.finfo(float).eps * np.abs(banded).sum(axis=0).max()
-    start = np.random.default_rng(0).standard_normal(nodes * size)
-    shapes = np.zeros((count, nodes + 1, size))
-    vectors = np.zeros((count, nodes * size))
-    for mode, (shape, value) in enumerate(zip(shapes, squared, strict=True)):
-        shifted = banded.copy()
-        shifted[reach] -= value + noise  # beside the eigenvalue, or there would be nothing to solve
-        vector = start
-        for _ in range(3):  # inverse iteration
-            vector = solve_banded((reach, reach), shifted, vector)
-            # a round arm bends both ways at one frequency: not the same way again
-            vector -= vectors[:mode].T @ (vectors[:mode] @ vector)
-            vector /= np.linalg.norm(vector)
-        vectors[mode] = vector
-        shape[1:] = np.einsum("nji,nj->ni", root, vector.reshape(nodes, size))
+    squared, vectors = eigh(K, M, subset_by_index=(0, count - 1))
+    scale = 1 / np.sqrt(np.diag(M))
+    noise = nodes * size * np.finfo(float).eps * (np.abs(K) @ scale * scale).max()
+    shapes = np.pad(vectors.T.reshape(count, nodes, size), ((0, 0), (1, 0), (0, 0)))
+    for shape in shapes:
         shape /= shape.flat[np.argmax(np.abs(shape))]
     frequency = np.sqrt(np.where(squared > noise, squared, 0.0)) / (2 * np.pi)
     return Modes(frequency, shapes)
+
+
+def _free(bands: chain.Bands) -> Float[np.ndarray, "unknown unknown"]:
+    """Return the symmetric part of the matrix of the free nodes."""
+    blocks = np.asarray(bands)[HELD:]
+    nodes, _, size, _ = blocks.shape
+    matrix = np.zeros((nodes, size, nodes, size))
+    for offset in range(-2, 3):
+        row = np.arange(max(0, -offset), min(nodes, nodes - offset))
+        matrix[row, :, row + offset, :] = blocks[row, 2 + offset]
+    square = matrix.reshape(nodes * size, nodes * size)
+    return 0.5 * (square + square.T)

@@ -215,7 +215,8 @@ class System(eqx.Module):
 
         The tip's are carried on from the two nodes before, as nothing bends round the tip.
         """
-        inner = self.forces.strains(state.motion) / self.rod.voronoi_length[:-1, None]
+        rest, length = self.rod.rest_strain[:-1], self.rod.strain_length[:-1]
+        inner = rest + self.forces.strains(state.motion) / length
         return jnp.concatenate([inner, 2 * inner[-1:] - inner[-2:-1]])
 
     def linearise(self, state: State) -> tuple[chain.Bands, chain.Bands]:

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
-from crinoid.elements.geometry import turned, unit
+from crinoid.elements.geometry import bend_strain, turned, unit
+from crinoid.frames import half_tangent
 from crinoid.rod import Rod
 
 
@@ -52,13 +53,13 @@ class Stretch(Element):
 
 
 class Bend(Element):
-    """Bend at a node between two edges: ``s = 2 tan(turn / 2)`` with ``K = EI / l``.
+    """Bend at a node between two edges: ``s`` is the turn (`bend_strain`), and ``K = EI / l``.
 
-    ``l`` is the length that the node owns and ``s_rest`` its rest curvature times ``l``
-    (Bergou et al. 2008, eq. 1; 2010, section 4.1.1). The strain grows without bound as the edges
-    fold onto each other, so an arm does not snap through a fold. At the root the first edge of the
-    window is the ghost edge of the clamp, and the node owns half an edge: that keeps the clamp at
-    the root itself, second order in the edge length.
+    ``l`` is the length over which the node gathers the bend; at rest it turns by its rest curvature
+    times the length that it owns (after Bergou et al. 2008, eq. 1; 2010, section 4.1.1). The strain
+    grows without bound as the edges fold onto each other, so an arm does not snap through a fold.
+    At the root the first edge of the window is the ghost edge of the clamp, and the node owns half
+    an edge: that keeps the clamp at the root itself.
     """
 
     stencil: ClassVar[int] = 3
@@ -73,12 +74,13 @@ class Bend(Element):
     @staticmethod
     def of(rod: Rod, *, pinned: bool = False) -> "Bend":
         """Build the nodes of a rod but its tip; a pinned root resists no bending."""
-        owned = rod.voronoi_length[:-1]
-        stiffness = rod.EI[:-1] / owned
+        stiffness = rod.EI[:-1] / rod.strain_length[:-1, 0]
         if pinned:
             stiffness = stiffness.at[0].set(0.0)
-        damping_time = jnp.broadcast_to(rod.damping_time, owned.shape)
-        return Bend(0, stiffness, rod.rest_curvature[:-1] * owned, damping_time)
+        damping_time = jnp.broadcast_to(rod.damping_time, stiffness.shape)
+        tangent = half_tangent(rod.rest_turn)[:-1, 0]
+        rest = bend_strain(tangent, jnp.sqrt(1.0 + tangent**2))
+        return Bend(0, stiffness, rest, damping_time)
 
     def residual(self, motion: Motion) -> Float[Array, "3 2"]:
         strain, rate, gradient = self._strain(motion)
@@ -100,9 +102,11 @@ class Bend(Element):
         before, length_before = unit(motion.position[1] - motion.position[0])
         after, length_after = unit(motion.position[2] - motion.position[1])
         normal = turned(before)
-        strain = 2.0 * jnp.sum(normal * after) / (1.0 + jnp.sum(before * after))
-        # d(strain)/d(turn) = 1 + strain^2 / 4, and an edge turns by its normal over its length
-        growth = 1.0 + 0.25 * strain**2
+        tangent = jnp.sum(normal * after) / (1.0 + jnp.sum(before * after))  # of half the turn
+        secant = jnp.sqrt(1.0 + tangent**2)
+        strain = bend_strain(tangent, secant)
+        # d(strain)/d(turn), and an edge turns by its normal over its length
+        growth = (secant**2 + 2.0 / secant) / 3.0
         by_before = -growth * normal / length_before
         by_after = growth * turned(after) / length_after
         gradient = jnp.stack([-by_before, by_before - by_after, by_after])

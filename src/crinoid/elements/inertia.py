@@ -1,4 +1,4 @@
-"""Inertia of the arm's own mass, lumped at its nodes."""
+"""Inertia of the arm's own mass."""
 
 from typing import ClassVar
 
@@ -6,35 +6,42 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.elements.edge import along, at_ends, shared
 from crinoid.elements.element import Element, Motion
 from crinoid.rod import Rod
 
 
 class Inertia(Element):
-    """``m a`` at each node, and in space ``I`` times the angular acceleration of each spin."""
+    """``m a`` along each edge, and in space ``I`` times the acceleration of its spin."""
 
-    stencil: ClassVar[int] = 1
+    stencil: ClassVar[int] = 2
     stored: ClassVar[str] = "kinetic"
     spins: ClassVar[bool] = True
     first: int = eqx.field(static=True)
-    mass: Float[Array, "*count b"]
-    """Of each node (kg) and, in space, of the edge that ends there about itself (kg m2)."""
+    mass: Float[Array, "*count 2"]
+    """Mass per length at both ends of an edge, times its length (kg)."""
+    spin: Float[Array, "*count turns"]
+    """In space, the moment of inertia of the edge about itself (kg m2)."""
 
     @staticmethod
     def of(rod: Rod) -> "Inertia":
-        """Lump the mass of a rod: each node takes the length that it owns."""
-        mass = jnp.repeat((rod.mass_per_length * rod.voronoi_length)[:, None], rod.axes, axis=1)
-        if rod.spin_inertia is not None:
-            # the edge that ends at the root is the clamp's
-            spin = jnp.pad(rod.spin_inertia, (1, 0))[:, None]
-            mass = jnp.concatenate([mass, spin], axis=1)
-        return Inertia(1, mass)
+        """Build the inertia of a rod."""
+        mass = at_ends(rod.mass_per_length) * rod.rest_length[:, None]
+        spin = rod.spin_inertia
+        spin = jnp.zeros((mass.shape[0], 0)) if spin is None else spin[:, None]
+        return Inertia(1, mass, spin)
 
-    def residual(self, motion: Motion) -> Float[Array, "1 b"]:
-        return self.mass * motion.acceleration
+    def residual(self, motion: Motion) -> Float[Array, "2 b"]:
+        return self._momentum(motion.acceleration)
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
-        return 0.5 * jnp.sum(self.mass * motion.velocity**2)
+        return 0.5 * jnp.sum(self._momentum(motion.velocity) * motion.velocity)
 
     def power(self, motion: Motion) -> Float[Array, ""]:
         return jnp.zeros(())
+
+    def _momentum(self, velocity: Float[Array, "2 b"]) -> Float[Array, "2 b"]:
+        axes = velocity.shape[1] - self.spin.size
+        moving = shared(along(self.mass)[:, None] * along(velocity[:, :axes]))
+        spinning = jnp.stack([jnp.zeros_like(self.spin), self.spin * velocity[1, axes:]])
+        return jnp.concatenate([moving, spinning], axis=1)

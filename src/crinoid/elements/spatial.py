@@ -2,17 +2,23 @@
 
 The two edges at a node carry a material frame each. Turned by half of the twist and half of the
 bend both come to the same middle frame ``(d, M_1, M_2)``, with ``d`` along ``t_a + t_b``. The
-strains of the node are read in it: with ``k = 2 t_a x t_b / (1 + t_a . t_b)``, the binormal,
+strains of the node are read in it: with ``k = 2 t_a x t_b / (1 + t_a . t_b)``, the binormal, and
+``s`` along ``k``, as long as `bend_strain` says,
 
-``kappa_1 = k . M_2``, ``kappa_2 = -k . M_1`` and ``tau``, the twist from one frame to the other
+``kappa_1 = s . M_2``, ``kappa_2 = -s . M_1`` and ``tau``, the twist from one frame to the other
 
-(Bergou et al. 2008, eq. 1; 2010, section 4). Where these average the components of ``k`` in the
+(after Bergou et al. 2008, eq. 1; 2010, section 4). Where these average the components in the
 frames of both edges the middle frame has the true ones: they do not shrink as the node twists.
 
-The strain as a vector ``e = kappa_1 M_2 - kappa_2 M_1 + tau d`` follows the edges' relative
-angular velocity ``w`` as ``de/dt = G w`` in the middle frame, with the symmetric
+With the edges' relative angular velocity ``w`` the binormal changes in the middle frame as
+``dk/dt = C (w_n + h (k . w) k)``, where ``w_n`` is ``w`` across ``d`` and
 
-``G = C (1 + h k k^T)``, ``C = 1 / cos(bend / 2) = sqrt(1 + k.k / 4)``, ``h = 1 / (4 (C + 1))``,
+``C = 1 / cos(bend / 2) = sqrt(1 + k.k / 4)``, ``h = 1 / (4 (C + 1))``,
+
+and the strain as a vector ``e = kappa_1 M_2 - kappa_2 M_1 + tau d`` as ``de/dt = G w`` with the
+symmetric
+
+``G = a 1 + (C - a) d d^T + b k k^T``, ``a = (C + 2) / 3``, ``b = (C^2 - 2) / (12 C (C + 1))``,
 
 so that a stress ``S`` along the same axes hands on the moment ``m = G S`` from edge to edge.
 """
@@ -24,8 +30,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Course, Linearised, Motion
-from crinoid.elements.geometry import unit
-from crinoid.frames import angle_between, cross, dot, transport
+from crinoid.elements.geometry import bend_strain, unit
+from crinoid.frames import angle_between, cross, dot, half_tangent, transport
 from crinoid.rod import Rod
 
 Vector = Float[Array, "3"]
@@ -89,8 +95,6 @@ class _Strain(NamedTuple):
     """``kappa_1, kappa_2, tau``: integrated over the length that the node owns."""
     stretch: Float[Array, ""]
     """``C``."""
-    share: Float[Array, ""]
-    """``h``."""
 
     @staticmethod
     def of(a: _Edge, b: _Edge, expected_twist: Float[Array, ""]) -> "_Strain":
@@ -106,12 +110,12 @@ class _Strain(NamedTuple):
         half = 0.5 * twist
         m_1 = jnp.cos(half) * first + jnp.sin(half) * cross(middle, first)
         m_2 = cross(middle, m_1)
+        bend = bend_strain(0.5 * binormal, stretch)
         return _Strain(
             binormal,
             jnp.stack([m_2, -m_1, middle]),
-            jnp.stack([dot(binormal, m_2), -dot(binormal, m_1), twist]),
+            jnp.stack([dot(bend, m_2), -dot(bend, m_1), twist]),
             stretch,
-            1.0 / (4.0 * (stretch + 1.0)),
         )
 
     def rates(self, relative: Vector) -> Vector:
@@ -121,24 +125,21 @@ class _Strain(NamedTuple):
     @property
     def map(self) -> Matrix:
         """``G``."""
-        return self.stretch * (jnp.eye(3) + self.share * _outer(self.binormal, self.binormal))
+        K, C, d = self.binormal, self.stretch, self.axes[2]
+        a, b = (C + 2.0) / 3.0, (C**2 - 2.0) / (12.0 * C * (C + 1.0))
+        return a * jnp.eye(3) + (C - a) * _outer(d, d) + b * _outer(K, K)
 
     def map_slope(self, vector: Vector) -> Matrix:
         """Return ``d(G vector)/dw`` in the middle frame, ``vector`` turning along with it."""
-        K, C, h = self.binormal, self.stretch, self.share
-        stretching = self._growth * K  # dC/dw
-        bending = _product(_across(self.axes[2]), self.map)  # dk/dw
+        K, C, d = self.binormal, self.stretch, self.axes[2]
+        b = (C**2 - 2.0) / (12.0 * C * (C + 1.0))
+        b_slope = (C**2 + 4.0 * C + 2.0) / (12.0 * C**2 * (C + 1.0) ** 2)
         along = dot(K, vector)
-        mapped = C * (vector + h * along * K)
+        by_stretch = (vector + 2.0 * dot(d, vector) * d) / 3.0 + b_slope * along * K
+        bending = C * (_across(d) + self.share * _outer(K, K))  # dk/dw
         turned = jnp.sum(vector[:, None] * bending, axis=0)
-        return _outer(mapped / C - 4 * h**2 * C * along * K, stretching) + C * h * (
-            _outer(K, turned) + along * bending
-        )
-
-    @property
-    def _growth(self) -> Float[Array, ""]:
-        # dC = k . dk / (4 C) and G k = C^2 k
-        return 0.25 * self.stretch
+        stretching = 0.25 * C * K  # dC/dw, as dC = k . dk / (4 C)
+        return _outer(by_stretch, stretching) + b * (_outer(K, turned) + along * bending)
 
     @property
     def turning(self) -> Matrix:
@@ -147,14 +148,19 @@ class _Strain(NamedTuple):
         aside = cross(self.binormal, middle)
         return self.share * _outer(middle, aside) - 0.25 * _outer(aside, middle)
 
+    @property
+    def share(self) -> Float[Array, ""]:
+        """``h``."""
+        return 1.0 / (4.0 * (self.stretch + 1.0))
+
 
 class BendTwist(Linearised):
     """Bend and twist at a node between two edges in space.
 
     Stores ``1/2 sum_i K_i (s_i - s_i rest)^2`` over the strains ``s = kappa_1, kappa_2, tau`` with
-    ``K = EI_1 / l, EI_2 / l, GJ / l``; ``l`` is the length that the node owns, and each strain at
-    rest ``l`` times its value per length. At the root the first edge of the window is the ghost
-    edge of the clamp and the node owns half an edge, as in the plane (`Bend`).
+    ``K = EI_1 / l, EI_2 / l, GJ / l``; ``l`` is the length over which the node gathers the strain.
+    At rest the node turns by its curvature, and twists, over the length that it owns. At the root
+    the first edge of the window is the ghost edge of the clamp, as in the plane (`Bend`).
 
     The bend's strains grow without bound as the edges fold onto each other.
     """
@@ -174,13 +180,16 @@ class BendTwist(Linearised):
         """Build the nodes of a rod but its tip; a pinned root twists but resists no bending."""
         assert rod.GJ is not None
         assert rod.rest_twist is not None
-        owned = rod.voronoi_length[:-1, None]
-        stiffness = jnp.concatenate([rod.EI, rod.GJ[:, None]], axis=1)[:-1] / owned
+        stiffness = jnp.concatenate([rod.EI, rod.GJ[:, None]], axis=1) / rod.strain_length
+        stiffness = stiffness[:-1]
         if pinned:
             stiffness = stiffness.at[0, :2].set(0.0)
-        damping_time = jnp.broadcast_to(rod.damping_time, owned.shape[:1])
-        rest = jnp.concatenate([rod.rest_curvature, rod.rest_twist[:, None]], axis=1)
-        return BendTwist(0, stiffness, rest[:-1] * owned, damping_time)
+        damping_time = jnp.broadcast_to(rod.damping_time, stiffness.shape[:1])
+        tangent = half_tangent(rod.rest_turn)
+        secant = jnp.sqrt(1.0 + jnp.sum(tangent**2, axis=1, keepdims=True))
+        twist = (rod.rest_twist * rod.voronoi_length)[:, None]
+        rest = jnp.concatenate([bend_strain(tangent, secant), twist], axis=1)[:-1]
+        return BendTwist(0, stiffness, rest, damping_time)
 
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
         a, b, strain = self._observe(motion)

@@ -1,7 +1,7 @@
 """What the water does to the arm: Morison forces on the relative velocity, weight and buoyancy.
 
-Forces per length are integrated along each edge with the trapezoid rule, with the edge's own
-tangent ``t`` at both its ends. The relative velocity ``w = u - v`` splits into ``w_t`` along the
+Forces per length are integrated along each edge (`crinoid.elements.edge`) with the edge's own
+tangent ``t`` all along it. The relative velocity ``w = u - v`` splits into ``w_t`` along the
 tangent and ``w_n`` normal to it (Morison et al. 1950; cross-flow principle, Sumer and Fredsoe
 2006, section 1.4).
 """
@@ -9,9 +9,11 @@ tangent and ``w_n`` normal to it (Morison et al. 1950; cross-flow principle, Sum
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.elements.edge import along, at_ends, shared
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import smooth_speed, unit
 from crinoid.rod import Rod
@@ -28,11 +30,11 @@ class Drag(Element):
     worked: ClassVar[str] = "drag"
     first: int = eqx.field(static=True)
     normal: Float[Array, "*count 2"]
-    """Force on each end of an edge over ``|w_n| w_n`` (kg/m)."""
+    """Force per length over ``|w_n| w_n`` at the ends of an edge, times its length (kg/m)."""
     tangential: Float[Array, "*count 2"]
-    """Force on each end of an edge over ``|w_t| w_t`` (kg/m)."""
+    """Likewise over ``|w_t| w_t`` (kg/m)."""
     linear: Float[Array, "*count 2"]
-    """Force on each end of an edge over ``w`` (kg/s)."""
+    """Likewise over ``w`` (kg/s)."""
 
     @staticmethod
     def of(
@@ -44,25 +46,25 @@ class Drag(Element):
         linear: float | Array,
     ) -> "Drag":
         """Build the drag of a rod; ``linear`` in N s/m2, the others are coefficients."""
-        wetted = 0.5 * density * at_ends(rod.diameter)
-        share = rod.rest_length[:, None] / 2
+        length = rod.rest_length[:, None]
+        wetted = 0.5 * density * at_ends(rod.diameter) * length
         return Drag(
             1,
-            jnp.asarray(normal) * wetted * share,
-            jnp.asarray(tangential) * jnp.pi * wetted * share,
-            jnp.asarray(linear) * jnp.ones_like(wetted) * share,
+            jnp.asarray(normal) * wetted,
+            jnp.asarray(tangential) * jnp.pi * wetted,
+            jnp.asarray(linear) * jnp.broadcast_to(length, wetted.shape),
         )
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
         tangent, _ = unit(motion.position[1] - motion.position[0])
-        relative = motion.flow_velocity - motion.velocity
-        along = relative @ tangent
-        across = relative - along[:, None] * tangent
+        relative = along(motion.flow_velocity - motion.velocity)
+        slip = relative @ tangent
+        across = relative - slip[:, None] * tangent
         across_speed = smooth_speed(jnp.sum(across**2, axis=1))
-        return -(
-            (self.normal * across_speed)[:, None] * across
-            + (self.tangential * smooth_speed(along**2) * along)[:, None] * tangent
-            + self.linear[:, None] * relative
+        return -shared(
+            (along(self.normal) * across_speed)[:, None] * across
+            + (along(self.tangential) * smooth_speed(slip**2) * slip)[:, None] * tangent
+            + along(self.linear)[:, None] * relative
         )
 
 
@@ -78,7 +80,7 @@ class AddedMass(Element):
     worked: ClassVar[str] = "added_mass"
     first: int = eqx.field(static=True)
     displaced: Float[Array, "*count 2"]
-    """Mass of water that each end of an edge displaces (kg)."""
+    """Mass of water displaced per length at the ends of an edge, times its length (kg)."""
     normal: Float[Array, "*count"]
     tangential: Float[Array, "*count"]
 
@@ -87,7 +89,7 @@ class AddedMass(Element):
         rod: Rod, *, density: float | Array, normal: float | Array, tangential: float | Array
     ) -> "AddedMass":
         """Build the added mass of a rod from its coefficients."""
-        displaced = density * at_ends(rod.displaced_area) * rod.rest_length[:, None] / 2
+        displaced = density * at_ends(rod.displaced_area) * rod.rest_length[:, None]
         edges = rod.rest_length.shape
         return AddedMass(
             1,
@@ -99,10 +101,9 @@ class AddedMass(Element):
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
         tangent, _ = unit(motion.position[1] - motion.position[0])
         relative = motion.flow_acceleration - motion.acceleration
-        along = (relative @ tangent)[:, None] * tangent
-        return -self.displaced[:, None] * (
-            self.normal * (relative - along) + self.tangential * along + motion.flow_acceleration
-        )
+        forward = (relative @ tangent)[:, None] * tangent
+        pushed = self.normal * (relative - forward) + self.tangential * forward
+        return -shared(along(self.displaced)[:, None] * along(pushed + motion.flow_acceleration))
 
 
 class Weight(Element):
@@ -117,8 +118,10 @@ class Weight(Element):
     @staticmethod
     def of(rod: Rod, *, density: float | Array, gravity: float | Array) -> "Weight":
         """Build the weight in water of a rod."""
-        submerged = rod.mass_per_length - density * rod.displaced_area
-        return Weight(1, submerged * rod.voronoi_length * gravity)
+        submerged = at_ends(rod.mass_per_length - density * rod.displaced_area)
+        on_ends = jax.vmap(lambda ends: shared(along(ends)))(submerged)
+        on_ends *= rod.rest_length[:, None] * gravity
+        return Weight(1, jnp.pad(on_ends[:, 0], (0, 1)) + jnp.pad(on_ends[:, 1], (1, 0)))
 
     def residual(self, motion: Motion) -> Float[Array, "1 b"]:
         return jnp.zeros_like(motion.position).at[0, -1].set(self.force)
@@ -128,8 +131,3 @@ class Weight(Element):
 
     def power(self, motion: Motion) -> Float[Array, ""]:
         return jnp.zeros(())
-
-
-def at_ends(nodal: Float[Array, " n"]) -> Float[Array, "n-1 2"]:
-    """Return the values at both ends of each edge."""
-    return jnp.stack([nodal[:-1], nodal[1:]], axis=1)
