@@ -129,11 +129,15 @@ class System(eqx.Module):
         def blend(new: Array, old: Array, alpha: Array) -> Array:
             return (1 - alpha) * new + alpha * old
 
+        # the accelerations that generalized-alpha solves for are those of (alpha_f - alpha_m) h ago
+        # (Arnold and Bruels 2007), but those that are prescribed are of the instant itself
+        blended = blend(new.acceleration, before.acceleration, method.alpha_m)
+        given = blend(new.acceleration, before.acceleration, method.alpha_f)
         stage = Stage(
             blend(new.time, state.time, method.alpha_f),
             blend(new.position, before.position, method.alpha_f),
             blend(new.velocity, before.velocity, method.alpha_f),
-            blend(new.acceleration, before.acceleration, method.alpha_m),
+            blended.at[:HELD].set(given[:HELD]),
             (1 - method.alpha_f) * new.by_position,
             (1 - method.alpha_f) * new.by_velocity,
             (1 - method.alpha_m) * new.by_acceleration,
@@ -153,8 +157,7 @@ class System(eqx.Module):
         correction, outcome = solve(self.forces, between, stage, guess, self.settings, None)
 
         motion = self.forces.motion(new, correction, around)
-        # the accelerations of generalized-alpha are those of (alpha_f - alpha_m) h ago (Arnold and
-        # Bruels 2007): right for the next step, but the powers want those of now
+        # accelerations that lag are right for the next step, but the powers want those of now
         lag = method.alpha_f - method.alpha_m
         since = (motion.acceleration - before.acceleration)[HELD:]
         now = motion.acceleration.at[HELD:].add(lag * since)
