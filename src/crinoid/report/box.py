@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from crinoid.report.obstacles import Point
 from crinoid.report.surface import Facets, box_corners
-from crinoid.report.view import View
+from crinoid.report.view import View, left_of
 from crinoid.space import AXES
 
 _FLOOR, _PANE, _GRID, _FRAME, _SHADE = "#F7F8F8", "white", "#E2E5E7", "#C8CDD0", "#D2D6D8"
@@ -70,8 +70,12 @@ def _write_numbers(
             corners = box_corners(low, high)
             edge = corners[np.argmin(view.paper(corners)[:, 0])]
         edge[axis] = middle[axis]
-        outward = view.paper(edge) - view.paper(middle)
-        outward = np.array([-1.0, 0.0]) if axis == 2 else outward / np.linalg.norm(outward)
+        ends = np.tile(edge, (2, 1))
+        ends[:, axis] = low[axis], high[axis]
+        outward = np.array([-1.0, 0.0])
+        if axis != 2:  # across the edge, away from the middle
+            outward = left_of(np.diff(view.paper(ends), axis=0)[0])
+            outward *= np.sign(outward @ (view.paper(edge) - view.paper(middle)))
         marks = np.tile(edge, (len(ticks[axis]), 1))
         marks[:, axis] = ticks[axis]
         step = float(np.diff(ticks[axis]).min(initial=np.inf))

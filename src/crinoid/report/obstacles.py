@@ -85,7 +85,7 @@ class Body:
         ahead = half / (np.linalg.norm(half) or 1.0)
         if not ahead.any():
             ahead = np.array([1.0, 0.0])
-        turn = np.linspace(-np.pi / 2, np.pi / 2, 33)
+        turn = np.linspace(-np.pi / 2, np.pi / 2, 129)
         cap = self.solid.radius * np.outer(np.cos(turn), ahead)
         cap += self.solid.radius * np.outer(np.sin(turn), left_of(ahead))
         return np.concatenate([place + half + cap, place - half - cap])

@@ -16,7 +16,15 @@ from crinoid.report.arm import chosen_records, hull, moves
 from crinoid.report.box import draw_box, draw_shadow
 from crinoid.report.obstacles import SOLID, WALL, Body, Point, draw_earlier, find_bodies
 from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map, time_norm
-from crinoid.report.surface import AROUND, Facets, cut_box, perpendicular, tube, turned_body
+from crinoid.report.surface import (
+    AROUND,
+    Facets,
+    cut_box,
+    perpendicular,
+    tube,
+    turned_body,
+    within_box,
+)
 from crinoid.report.view import View, convex_outline, in_space
 
 Colour = str | tuple[float, float, float, float]
@@ -184,5 +192,4 @@ def solid_surface(body: Body, low: Point, high: Point, record: int = -1) -> Face
     if away > reach:
         aside, wedge = outward / away, math.asin(reach / away)
     facets = turned_body(place, direction, along[rings], around[rings], aside, wedge)
-    inside = (facets.max(axis=1) >= low) & (facets.min(axis=1) <= high)
-    return np.clip(facets[inside.all(axis=1)], low, high)
+    return within_box(facets, low, high)

@@ -118,3 +118,37 @@ def cut_box(
     from_middle = points - points.mean(axis=0)
     angle = np.arctan2(from_middle @ np.cross(out, aside), from_middle @ aside)
     return points[np.argsort(angle)], behind
+
+
+def within_box(
+    facets: Facets, low: Float[np.ndarray, "axis=3"], high: Float[np.ndarray, "axis=3"]
+) -> Facets:
+    """Facets as far as they lie in a box, cut at its sides (Sutherland and Hodgman 1974)."""
+    near = np.all((facets.max(axis=1) >= low) & (facets.min(axis=1) <= high), axis=1)
+    facets = facets[near]
+    whole = np.all((facets >= low) & (facets <= high), axis=(1, 2))
+    pieces = [facets[whole]]
+    for polygon in facets[~whole]:
+        for axis in range(3):
+            polygon = _above(polygon, polygon[:, axis] - low[axis])
+            polygon = _above(polygon, high[axis] - polygon[:, axis])
+        # what has other than four corners, as fours about the first
+        last = len(polygon) - 1
+        for corner in range(1, last, 2):
+            pieces.append(polygon[None, [0, corner, corner + 1, min(corner + 2, last)]])
+    return np.concatenate(pieces)
+
+
+def _above(
+    polygon: Float[np.ndarray, "corner axis=3"], height: Float[np.ndarray, " corner"]
+) -> Float[np.ndarray, "_ axis=3"]:
+    """Part of a polygon where a height, given at its corners, is not negative."""
+    kept = []
+    for corner, up in enumerate(height):
+        before = height[corner - 1]
+        if (before < 0.0) != (up < 0.0):
+            share = before / (before - up)
+            kept.append(polygon[corner - 1] + share * (polygon[corner] - polygon[corner - 1]))
+        if up >= 0.0:
+            kept.append(polygon[corner])
+    return np.array(kept).reshape(-1, 3)
