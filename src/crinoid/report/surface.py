@@ -122,7 +122,7 @@ def cut_box(
 
 def within_box(
     facets: Facets, low: Float[np.ndarray, "axis=3"], high: Float[np.ndarray, "axis=3"]
-) -> Facets:
+) -> Float[np.ndarray, "_ corner=4 axis=3"]:
     """Facets as far as they lie in a box, cut at its sides (Sutherland and Hodgman 1974)."""
     near = np.all((facets.max(axis=1) >= low) & (facets.min(axis=1) <= high), axis=1)
     facets = facets[near]
