@@ -89,8 +89,9 @@ def draw_finals_in_space(figure: Figure, finals: Finals, block: Block, foot: flo
         _draw_ends(corner, scene.view.paper(shape), colour)
         for body in find_bodies(data):
             cut = solid_outline(body, low, high, scene.view)
-            edge = Polygon(cut, closed=True, fill=False, edgecolor=colour, linewidth=0.8, zorder=1)
-            corner.add_patch(edge)
+            if len(cut):
+                edge = Polygon(cut, closed=True, fill=False, edgecolor=colour, linewidth=0.8)
+                corner.add_patch(edge)
     scene.draw()
     width, height = figure.get_size_inches()
     above = (foot + block.height + 0.26) / height
