@@ -76,6 +76,7 @@ def _write_numbers(
         if axis != 2:  # across the edge, away from the middle
             outward = left_of(np.diff(view.paper(ends), axis=0)[0])
             outward *= np.sign(outward @ (view.paper(edge) - view.paper(middle)))
+        side = "right" if outward[0] < 0.0 else "left"  # so that numbers of two edges keep apart
         marks = np.tile(edge, (len(ticks[axis]), 1))
         marks[:, axis] = ticks[axis]
         step = float(np.diff(ticks[axis]).min(initial=np.inf))
@@ -83,14 +84,12 @@ def _write_numbers(
         for mark, tick in zip(marks, ticks[axis], strict=True):
             number = f"{tick:.{digits}f}" if math.isfinite(step) else f"{tick:g}"
             number = number.replace("-", "\N{MINUS SIGN}")
-            if axis == 2:
-                _write(axes, number, view.paper(mark), 3.0 * outward, size=7.0, side="right")
-            else:
-                _write(axes, number, view.paper(mark), 8.0 * outward, size=7.0)
-        away = 24.0 * outward
+            away = (3.0 if axis == 2 else 7.0) * outward
+            _write(axes, number, view.paper(mark), away, size=7.0, side=side)
+        away = 22.0 * outward
         if axis == 2:
-            edge[2], away = high[2], np.array([0.0, 9.0])
-        _write(axes, f"{name} (m)", view.paper(edge), away, size=8.0)
+            edge[2], away, side = high[2], np.array([0.0, 9.0]), "center"
+        _write(axes, f"{name} (m)", view.paper(edge), away, size=8.0, side=side)
 
 
 def _write(
@@ -100,7 +99,7 @@ def _write(
     away: Float[np.ndarray, "axis=2"],
     *,
     size: float,
-    side: str = "center",
+    side: str,
 ) -> None:
     axes.annotate(
         text,
