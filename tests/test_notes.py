@@ -306,6 +306,19 @@ def test_the_default_drag_outside_its_range_gets_a_note_where_drag_is_felt():
     assert "near 3.3e+05" in note
 
 
+def test_an_equilibrium_that_does_not_hold_the_arm_gets_a_note():
+    from_rest = WATER.with_values({"simulation.start": "rest"})
+    still = [[0.0, 0.0, 0.0]] * 5
+    for count, words in ((1, "in its slowest mode:"), (2, "in its 2 slowest modes:")):
+        frequency = np.where(np.arange(3) < count, 0.0, FREQUENCY)
+        run = in_space(still, modes=whipping(frequency))
+        (note,) = notes(run, WATER)
+        assert "the equilibrium at the start does not bring the arm back" in note
+        assert words in note
+        assert notes(run, from_rest) == []  # which is no equilibrium
+    assert notes(in_space(still), WATER) == []
+
+
 def test_an_absurd_strain_gets_a_note():
     for length, words in ((2.4, "stretched by up to 140%"), (0.4, "squeezed by up to 60%")):
         (note,) = notes(held_still(np.zeros(5), length=length * LENGTH), WATER)

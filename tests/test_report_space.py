@@ -335,7 +335,7 @@ def test_an_endless_pole_ends_at_the_box():
 def test_water_has_one_scale_in_all_views(flow):
     data = curling_arm(records=9, flow=flow)
     scales = [find_current(data, view).scale for view in (SIDE, ABOVE, AHEAD)]
-    np.testing.assert_allclose(scales, scales[0], rtol=0.2)  # they show other places of the arm
+    np.testing.assert_allclose(scales, scales[0], rtol=1e-12)
     mean = find_current(data, ABOVE).mean
     along = mean / np.linalg.norm(mean, axis=1, keepdims=True)
     heading = np.array(flow[:2]) / np.linalg.norm(flow[:2])
@@ -358,6 +358,39 @@ def test_bending_shows_the_numbers_of_the_result():
         np.testing.assert_allclose(segments[..., 0], np.tile(place, (5, 1)), atol=1e-12)
         np.testing.assert_allclose(segments[..., 1], values)
         assert axes.get_xlim() == (0.0, pytest.approx(0.5))
+
+
+def rows_of(figure):
+    """Panels of the figure of bending by the row, those of each run in turn."""
+    names = ["kappa_1", "kappa_2", "twist"]
+    columns = [axes for axes in figure.axes if axes.get_subplotspec() is not None]
+    return {
+        name: [axes for axes in columns if axes.get_subplotspec().rowspan.start == row]
+        for row, name in enumerate(names)
+    }
+
+
+def test_runs_beside_each_other_are_bent_to_one_scale_that_cuts_neither():
+    run = Run(curling_arm(records=5), curling_arm(records=5, bend=(0.0, 2.2), twist=1e-14))
+    for name, panels_of_row in rows_of(draw_bending(run)).items():
+        limits = [axes.get_ylim() for axes in panels_of_row]
+        assert limits[0] == limits[1]
+        for axes, (_, data) in zip(panels_of_row, run.members, strict=True):
+            values = data["twist"] if name == "twist" else data["curvature"].sel(bending=name)
+            assert axes.get_ylim()[0] <= float(values.min())
+            assert axes.get_ylim()[1] >= float(values.max())
+    # what is nothing in all runs is drawn as such, round-off and all
+    straight = curling_arm(records=5, bend=(0.0, 2.2), twist=1e-14)
+    for data in (straight, curling_arm(records=5, bend=(0.0, 2.2), twist=0.0)):
+        for axes in rows_of(draw_bending(Run(straight, data)))["twist"]:
+            assert axes.get_ylim() == (-1.0, 1.0)
+
+
+def test_bending_is_drawn_over_the_arm_at_rest_however_it_starts():
+    data = curling_arm(records=3)
+    stretched = data.assign(position=1.3 * data["position"])
+    for axes in (panel for row in rows_of(draw_bending(Run(stretched))).values() for panel in row):
+        assert axes.get_xlim() == (0.0, 0.5)
 
 
 def test_angles_between_directions_are_exact_where_they_are_small():

@@ -7,15 +7,14 @@ import xarray as xr
 from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import Normalize
 from matplotlib.patches import Polygon
 
 from crinoid.report.current import arm_length
 from crinoid.report.obstacles import Point, corners, draw_bodies, find_bodies
 from crinoid.report.run import base_direction
-from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map
-from crinoid.report.surface import Facets, tube, turned_body
-from crinoid.report.view import View, convex_outline, in_space, is_spatial, left_of, outline
+from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map, time_norm
+from crinoid.report.surface import Facets, perpendicular, tube, turned_body
+from crinoid.report.view import View, convex_outline, in_space, is_spatial, outline
 
 _SHAPES = 25  # more would merge into a smear
 _HULL = 0.16  # length of the hull drawn behind the base, of the arm's length
@@ -26,12 +25,6 @@ def chosen_records(data: xr.Dataset) -> Int[np.ndarray, " shape"]:
     """Which records to draw the shape of."""
     last = data.sizes["time"] - 1
     return np.unique(np.linspace(0, last, min(_SHAPES, last + 1)).round().astype(int))
-
-
-def time_norm(data: xr.Dataset) -> Normalize:
-    """From time to its colour."""
-    time = data["time"].values
-    return Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12)))
 
 
 def moves(path: Float[np.ndarray, "time axis"]) -> bool:
@@ -54,7 +47,7 @@ def draw_arm(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View) 
     time = data["time"].values
     chosen = chosen_records(data)
 
-    draw_bodies(axes, find_bodies(data), time, chosen, low, high, view)
+    draw_bodies(axes, data, chosen, low, high, view)
     bow = Polygon(hull_outline(data, view), closed=True, facecolor=GREY, edgecolor=INK)
     # an arm that points toward the eye is before what holds it
     order = 0.9 if view.depth(base_direction(data, -1)) > 1e-9 else 3.0
@@ -123,23 +116,13 @@ def _draw_tip(axes: Axes, data: xr.Dataset, view: View) -> None:
 
 def hull(data: xr.Dataset) -> Facets:
     """Half an ellipsoid behind the base, its nose where the arm is held."""
-    along, radius = _hull_profile(data, np.linspace(0.0, np.pi / 2, 13))
-    nose = in_space(data, "position")[-1, 0]
-    closed = np.append(along, along[-1]), np.append(radius, 0.0)
-    return turned_body(nose, base_direction(data, -1), *closed)
+    long, turn = _HULL * arm_length(data), np.linspace(0.0, np.pi / 2, 13)
+    along = long * (np.append(np.cos(turn), 0.0) - 1.0)
+    radius = 0.45 * long * np.append(np.sin(turn), 0.0)
+    nose, ahead = in_space(data, "position")[-1, 0], base_direction(data, -1)
+    return turned_body(nose, ahead, along, radius, perpendicular(ahead))
 
 
 def hull_outline(data: xr.Dataset, view: View) -> Float[np.ndarray, "corner 2"]:
     """Corners of the hull in a view."""
-    ahead = base_direction(data, -1)
-    if abs(view.depth(ahead)) > 1e-9:
-        return convex_outline(view.paper(hull(data)).reshape(-1, 2))
-    along, across = _hull_profile(data, np.linspace(-np.pi / 2, np.pi / 2, 41))
-    nose, onward = view.project(data, "position")[-1, 0], view.paper(ahead)
-    return nose + along[:, None] * onward + across[:, None] * left_of(onward)
-
-
-def _hull_profile(data: xr.Dataset, turn: Float[np.ndarray, " turn"]) -> tuple[np.ndarray, ...]:
-    """Distance ahead of the nose and from the axis (m), around from one side to the other."""
-    long = _HULL * arm_length(data)
-    return long * (np.cos(turn) - 1.0), 0.45 * long * np.sin(turn)
+    return convex_outline(view.paper(hull(data)).reshape(-1, 2))

@@ -11,29 +11,32 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from crinoid.report.arm import chosen_records, hull, time_norm
+from crinoid.report.arm import chosen_records, hull
 from crinoid.report.run import Run
-from crinoid.report.scene import DARK, Scene, add_arm
-from crinoid.report.sheet import LEFT, add_axes, box_around, fit_scene
+from crinoid.report.scene import DARK, add_arm
+from crinoid.report.sheet import LEFT, box_around, fit_scene
 from crinoid.report.style import (
     GREY,
     INK,
     PALE,
     WIDTH,
+    add_axes,
     head,
     head_height,
     lay_out_below,
     note,
     time_map,
+    time_norm,
 )
 from crinoid.report.units import largest
-from crinoid.report.view import OBLIQUE, in_space
+from crinoid.report.view import in_space
 
 _ROWS = (
     ("kappa_1", "curvature $\\kappa_1$\n(1/m)"),
     ("kappa_2", "curvature $\\kappa_2$\n(1/m)"),
     ("twist", "twist\n(rad/m)"),
 )
+_STRAIGHT = 1e-9  # 1/m or rad/m: less is nothing
 
 
 def draw_bending(run: Run) -> Figure:
@@ -57,6 +60,10 @@ def draw_bending(run: Run) -> Figure:
             if not column:
                 axes.set_ylabel(words)
         panels[-1, column].set_xlabel("distance from the root (m)")
+    for (axes, *_), (name, _) in zip(panels, _ROWS, strict=True):
+        shown = [_values(data, name) for _, data in run.members]
+        if largest(*(values for values in shown if values is not None)) < _STRAIGHT:
+            axes.set_ylim(-1.0, 1.0)  # of all columns, which share it
     figure.align_ylabels(panels[:, 0])
     if "director" in run.result:
         halves = [
@@ -81,13 +88,11 @@ def _draw_frame(axes: Axes, run: Run, data: xr.Dataset) -> None:
             for _, member in run.members
         ]
     )
-    low, high = box_around(inside)
-    scene = Scene(axes, low, high, OBLIQUE)
+    scene = fit_scene(axes, *box_around(inside))
     add_arm(scene, data)
     if "diameter" not in data:
         scene.add_line(in_space(data, "position")[-1], INK)
     scene.draw()
-    fit_scene(axes, low, high)
 
 
 def _draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
@@ -96,10 +101,12 @@ def _draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
     if values is None:
         note(axes, f"no {'twist' if name == 'twist' else 'curvature'} recorded")
         return
-    steps = np.linalg.norm(np.diff(in_space(data, "position")[0], axis=0), axis=1)
-    arc = np.concatenate([[0.0], np.cumsum(steps)])
-    if values.shape[1] == steps.size:
-        arc = (arc[1:] + arc[:-1]) / 2
+    if "arc_length" in data:
+        nodes = np.asarray(data["arc_length"].values, dtype=float)
+    else:
+        steps = np.linalg.norm(np.diff(in_space(data, "position")[0], axis=0), axis=1)
+        nodes = np.concatenate([[0.0], np.cumsum(steps)])
+    arc = nodes if values.shape[1] == nodes.size else (nodes[1:] + nodes[:-1]) / 2
     chosen = chosen_records(data)
     lines = [np.column_stack([arc, values[record]]) for record in chosen]
     widths = np.where(chosen == chosen[-1], 1.8, 0.9)
@@ -113,9 +120,7 @@ def _draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
         )
     )
     axes.autoscale_view()
-    if largest(values[chosen]) == 0.0:
-        axes.set_ylim(-1.0, 1.0)
-    axes.set_xlim(0.0, float(steps.sum()))
+    axes.set_xlim(0.0, float(nodes[-1]))
 
 
 def _values(data: xr.Dataset, name: str) -> Float[np.ndarray, "time place"] | None:

@@ -12,24 +12,20 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
 from crinoid.report.obstacles import Point
-from crinoid.report.surface import Facets
-from crinoid.report.view import View
+from crinoid.report.surface import Facets, box_corners
+from crinoid.report.view import View, left_of
 from crinoid.space import AXES
 
 _FLOOR, _PANE, _GRID, _FRAME, _SHADE = "#F7F8F8", "white", "#E2E5E7", "#C8CDD0", "#D2D6D8"
 
 
-def box_corners(low: Point, high: Point) -> Float[np.ndarray, "corner=8 axis=3"]:
-    """Corners of a box."""
-    return np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(3, -1).T
-
-
 def draw_box(axes: Axes, low: Point, high: Point, view: View) -> None:
     """Draw the sides of a box that its inside does not hide, and its numbers outside."""
-    behind = np.where(view.toward > 0.0, low, high)
-    before = np.where(view.toward > 0.0, high, low)
+    behind = np.where(view.sight(low) > 0.0, low, high)
+    before = low + high - behind
     # by the length of each axis on paper
-    lengths = (high - low) * np.linalg.norm(view.paper(np.eye(3)), axis=1)
+    middle, half = (low + high) / 2, np.diag(high - low) / 2
+    lengths = np.linalg.norm(view.paper(middle + half) - view.paper(middle - half), axis=1)
     ticks = []
     for least, most, share in zip(low, high, lengths / lengths.max(), strict=True):
         bins = max(2, round(5 * float(share)))
@@ -67,15 +63,20 @@ def _write_numbers(
     axes: Axes, low: Point, high: Point, ticks: list[np.ndarray], view: View
 ) -> None:
     """Write numbers and names along those edges of the box that are outermost on paper."""
-    middle, before = (low + high) / 2, np.where(view.toward > 0.0, high, low)
+    middle, before = (low + high) / 2, np.where(view.sight(low) > 0.0, high, low)
     for axis, name in enumerate(AXES[3]):
         edge = np.array([before[0], before[1], low[2]])
         if axis == 2:  # the edge farthest to the left
             corners = box_corners(low, high)
             edge = corners[np.argmin(view.paper(corners)[:, 0])]
         edge[axis] = middle[axis]
-        outward = view.paper(edge - middle)
-        outward = np.array([-1.0, 0.0]) if axis == 2 else outward / np.linalg.norm(outward)
+        ends = np.tile(edge, (2, 1))
+        ends[:, axis] = low[axis], high[axis]
+        outward = np.array([-1.0, 0.0])
+        if axis != 2:  # across the edge, away from the middle
+            outward = left_of(np.diff(view.paper(ends), axis=0)[0])
+            outward *= np.sign(outward @ (view.paper(edge) - view.paper(middle)))
+        side = "right" if outward[0] < 0.0 else "left"  # so that numbers of two edges keep apart
         marks = np.tile(edge, (len(ticks[axis]), 1))
         marks[:, axis] = ticks[axis]
         step = float(np.diff(ticks[axis]).min(initial=np.inf))
@@ -83,14 +84,12 @@ def _write_numbers(
         for mark, tick in zip(marks, ticks[axis], strict=True):
             number = f"{tick:.{digits}f}" if math.isfinite(step) else f"{tick:g}"
             number = number.replace("-", "\N{MINUS SIGN}")
-            if axis == 2:
-                _write(axes, number, view.paper(mark), 3.0 * outward, size=7.0, side="right")
-            else:
-                _write(axes, number, view.paper(mark), 8.0 * outward, size=7.0)
-        away = 24.0 * outward
+            away = (3.0 if axis == 2 else 7.0) * outward
+            _write(axes, number, view.paper(mark), away, size=7.0, side=side)
+        away = 22.0 * outward
         if axis == 2:
-            edge[2], away = high[2], np.array([0.0, 9.0])
-        _write(axes, f"{name} (m)", view.paper(edge), away, size=8.0)
+            edge[2], away, side = high[2], np.array([0.0, 9.0]), "center"
+        _write(axes, f"{name} (m)", view.paper(edge), away, size=8.0, side=side)
 
 
 def _write(
@@ -100,7 +99,7 @@ def _write(
     away: Float[np.ndarray, "axis=2"],
     *,
     size: float,
-    side: str = "center",
+    side: str,
 ) -> None:
     axes.annotate(
         text,

@@ -9,9 +9,7 @@ from matplotlib.figure import Figure
 from crinoid.report.run import Run
 from crinoid.report.style import (
     AXIS_COLOURS,
-    BLUE,
     INK,
-    VERMILLION,
     WIDTH,
     head,
     key,
@@ -34,28 +32,24 @@ def draw_commands(run: Run) -> Figure:
     In space there are too many for a panel each: shifts share one, and so do turns.
     """
     channels = _moving_channels(run)
-    shifts = [channel for channel in channels if channel not in ANGLES]
-    turns = [channel for channel in channels if channel in ANGLES]
-    groups = [group for group in (shifts, turns) if group] if is_spatial(run.result) else []
-    count, tall = (len(groups), 1.9) if groups else (len(channels), 1.55)
+    groups, tall = [[channel] for channel in channels], 1.55
+    if is_spatial(run.result):
+        shifts = [channel for channel in channels if channel not in ANGLES]
+        turns = [channel for channel in channels if channel in ANGLES]
+        groups, tall = [group for group in (shifts, turns) if group], 1.9
     figure = Figure(
-        figsize=(WIDTH, 1.0 + tall * (count + 2) + (0 if channels else 0.3)),
+        figsize=(WIDTH, 1.0 + tall * (len(groups) + 2) + (0 if groups else 0.3)),
         layout="constrained",
     )
-    ratios = [1.0] * count + [1.0, 1.0]
-    panels = list(np.atleast_1d(figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)))
-    if groups:
-        for axes, group in zip(panels, groups, strict=False):
-            _group(axes, run, group)
-    else:
-        for axes, channel in zip(panels, channels, strict=False):
-            _channel(axes, run, channel, first=axes is panels[0])
+    panels = list(figure.subplots(len(groups) + 2, 1, sharex=True))
+    for axes, group in zip(panels, groups, strict=False):
+        _group(axes, run, group)
     _force(panels[-2], run)
     _moment(panels[-1], run)
     share_time(panels, run.result["time"].values)
     figure.align_ylabels(panels)
     head(figure, run.title, run.status)
-    if not channels:
+    if not groups:
         panels[0].set_title("the base is held still: no channel moves", loc="right", fontsize=8.5)
     return figure
 
@@ -71,26 +65,6 @@ def _moving_channels(run: Run) -> list[str]:
 
 
 _TRACES = ("base_pose", "base_command")
-
-
-def _channel(axes: Axes, run: Run, channel: str, *, first: bool) -> None:
-    pose, command = (run.result[name].sel(channel=channel).values for name in _TRACES)
-    degrees = Unit(180.0 / np.pi, "deg")
-    unit = degrees if channel in ANGLES else length_unit(largest(pose, command))
-    time = run.result["time"].values
-    axes.plot(time, pose * unit.factor, color=BLUE, label="pose", **line_style(time.size))
-    axes.plot(
-        time,
-        command * unit.factor,
-        color=VERMILLION,
-        linestyle=(0, (4, 2)),
-        linewidth=1.0,
-        label="command",
-        **line_style(time.size),
-    )
-    axes.set_ylabel(f"{channel} ({unit.name})")
-    if first:
-        key(axes)
 
 
 def _group(axes: Axes, run: Run, channels: list[str]) -> None:
@@ -113,7 +87,7 @@ def _group(axes: Axes, run: Run, channels: list[str]) -> None:
             **line_style(time.size),
         )
     axes.plot([], [], color=INK, linestyle=(0, (4, 2)), linewidth=1.0, label="commands")
-    axes.set_ylabel(f"{'turns' if turns else 'shifts'} of\nthe base ({unit.name})")
+    axes.set_ylabel(f"{'turn' if turns else 'shift'} of\nthe base ({unit.name})")
     key(axes)
 
 

@@ -91,8 +91,9 @@ def find_current(data: xr.Dataset, view: View) -> Current:
             chosen.append(int(node))
     times = np.linspace(0, records - 1, min(_INSTANTS, records)).round().astype(int)
     mean, instants = flow[:, chosen].mean(axis=0), flow[times][:, chosen]
-    speed = np.linalg.norm(in_space(data, "flow_velocity")[times][:, chosen], axis=-1)
-    fastest = float(speed.max(initial=0.0))  # in space, so that all views have one scale
+    # of all places and in space, so that all views have one scale
+    speed = np.linalg.norm(in_space(data, "flow_velocity")[times], axis=-1)
+    fastest = float(speed.max(initial=0.0))
     if not math.isfinite(fastest) or fastest < 1e-9:
         return nothing
 

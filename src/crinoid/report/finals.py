@@ -13,11 +13,11 @@ from matplotlib.patches import Polygon
 
 from crinoid.report.arm import draw_thickness
 from crinoid.report.current import arm_length
-from crinoid.report.obstacles import Body, corners, find_bodies
-from crinoid.report.scene import Scene
-from crinoid.report.sheet import LEFT, VIEWS, Block, fit, fit_scene, frame, space_of, window
+from crinoid.report.obstacles import WALL, Body, corners, find_bodies
+from crinoid.report.scene import solid_outline
+from crinoid.report.sheet import LEFT, Block, fit, fit_scene, frame, space_of, window
 from crinoid.report.style import INK, PALE
-from crinoid.report.view import OBLIQUE, SIDE, View, in_space, outline
+from crinoid.report.view import SIDE, in_space, outline
 
 Colour = tuple[float, float, float, float]
 Finals = Sequence[tuple[xr.Dataset, Colour]]
@@ -63,28 +63,36 @@ def lay_out(finals: Finals, wide: float) -> Block:
 def draw_finals_in_space(figure: Figure, finals: Finals, block: Block, foot: float) -> None:
     """Draw shapes in space in three projections and in perspective, from a foot (inches) up."""
     low, high = _window(finals)
-    panels = block.place(figure, LEFT, foot)
-    for view in VIEWS:
-        axes = panels[view]
+    panels, corner = block.place(figure, LEFT, foot)
+    for view, axes in panels.items():
         frame(axes, view, low, high, block.inch)
         for data, colour in finals:
             for body in find_bodies(data):
-                flat = body.solid.kind == "plane" and not body.shows_edge(view)
-                if flat or not body.is_in(low, high, view):
-                    continue
-                cut = body.outline(-1, low, high, view)
-                edge = Polygon(cut, closed=True, fill=False, edgecolor=colour, linewidth=0.8)
-                axes.add_patch(edge)
+                if body.is_in(low, high, view):
+                    field = body.solid.kind == "plane" and not body.shows_edge(view)
+                    edge = Polygon(
+                        body.outline(-1, low, high, view),
+                        closed=True,
+                        facecolor=WALL if field else "none",
+                        edgecolor=colour,
+                        linewidth=0.8,
+                        zorder=0.2 if field else 1,
+                    )
+                    axes.add_patch(edge)
             if "diameter" in data:
                 draw_thickness(axes, data, view)
             _draw_line(axes, view.project(data, "position")[-1], colour)
-    scene = Scene(panels[OBLIQUE], low, high, OBLIQUE)
+    scene = fit_scene(corner, low, high)
     for data, colour in finals:
         shape = in_space(data, "position")[-1]
         scene.add_line(shape, colour)
-        _draw_ends(panels[OBLIQUE], OBLIQUE, shape, colour)
+        _draw_ends(corner, scene.view.paper(shape), colour)
+        for body in find_bodies(data):
+            cut = solid_outline(body, low, high, scene.view)
+            if len(cut):
+                edge = Polygon(cut, closed=True, fill=False, edgecolor=colour, linewidth=0.8)
+                corner.add_patch(edge)
     scene.draw()
-    fit_scene(panels[OBLIQUE], low, high)
     width, height = figure.get_size_inches()
     above = (foot + block.height + 0.26) / height
     figure.text(LEFT / width, above, TITLE, va="bottom", fontsize=9.5)
@@ -96,13 +104,9 @@ def _window(finals: Finals) -> tuple[np.ndarray, np.ndarray]:
 
 def _draw_line(axes: Axes, shape: Float[np.ndarray, "node 2"], colour: Colour) -> None:
     axes.plot(*shape.T, color=colour, zorder=2)
+    _draw_ends(axes, shape, colour)
+
+
+def _draw_ends(axes: Axes, shape: Float[np.ndarray, "node 2"], colour: Colour) -> None:
     axes.plot(*shape[-1], marker="o", markersize=4, color=colour, zorder=3)
     axes.plot(*shape[0], marker="s", markersize=5, color=INK, zorder=3)
-
-
-def _draw_ends(
-    axes: Axes, view: View, shape: Float[np.ndarray, "node axis=3"], colour: Colour
-) -> None:
-    root, tip = view.paper(shape[[0, -1]])
-    axes.plot(*tip, marker="o", markersize=4, color=colour, zorder=3)
-    axes.plot(*root, marker="s", markersize=5, color=INK, zorder=3)

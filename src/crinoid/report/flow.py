@@ -9,11 +9,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.report.run import ReportError
-from crinoid.report.style import BLUE, GREEN, ORANGE
 
 FLOW = "flow.nc"
-
-COLOURS = {"x": GREEN, "y": BLUE, "z": ORANGE}
 
 _REQUIRED = {
     "flow_velocity": ("time", "place", "axis"),

@@ -12,10 +12,9 @@ import xarray as xr
 from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import Normalize
 from matplotlib.patches import Polygon
 
-from crinoid.report.style import GREY, INK, time_map
+from crinoid.report.style import GREY, INK, time_map, time_norm
 from crinoid.report.surface import cut_box
 from crinoid.report.view import View, convex_outline, in_space, left_of
 
@@ -70,7 +69,7 @@ class Body:
     def outline(
         self, record: int, low: Point, high: Point, view: View
     ) -> Float[np.ndarray, "corner 2"]:
-        """Corners of what is seen of it at a record, of a wall as much as a window needs."""
+        """Corners of what is seen of it at a record in a parallel view, of a wall in a window."""
         if self.solid.kind == "plane":
             out, foot = self.solid.out, self.nearest(record, (low + high) / 2)
             if not self.shows_edge(view):
@@ -86,7 +85,7 @@ class Body:
         ahead = half / (np.linalg.norm(half) or 1.0)
         if not ahead.any():
             ahead = np.array([1.0, 0.0])
-        turn = np.linspace(-np.pi / 2, np.pi / 2, 33)
+        turn = np.linspace(-np.pi / 2, np.pi / 2, 129)
         cap = self.solid.radius * np.outer(np.cos(turn), ahead)
         cap += self.solid.radius * np.outer(np.sin(turn), left_of(ahead))
         return np.concatenate([place + half + cap, place - half - cap])
@@ -104,15 +103,22 @@ class Body:
         """Whether a view looks along a wall, so that its surface is a line on paper."""
         return bool(abs(view.depth(self.solid.out)) < 1e-9)
 
-    def nearest(self, record: int, point: Point) -> Point:
-        """Point nearest to another one, of a wall's surface or of the line within what is round."""
-        place = self.path[record]
+    def nearest(
+        self, record: int, points: Float[np.ndarray, "*shape axis=3"]
+    ) -> Float[np.ndarray, "*shape axis=3"]:
+        """Points nearest to others, of a wall's surface or of the line within what is round."""
+        place, half, out = self.path[record], self.solid.half_axis, self.solid.out
         if self.solid.kind == "plane":
-            out = self.solid.out
-            return np.asarray(point - ((point - place) @ out) * out)
-        half = self.solid.half_axis
-        along = np.clip((point - place) @ half / ((half @ half) or 1.0), -1.0, 1.0)
-        return np.asarray(place + along * half)
+            return np.asarray(points - ((points - place) @ out)[..., None] * out)
+        along = np.clip((points - place) @ half / ((half @ half) or 1.0), -1.0, 1.0)
+        return np.asarray(place + along[..., None] * half)
+
+    def is_behind(self, arm: Float[np.ndarray, "node axis=3"], view: View) -> bool:
+        """Whether it is farther from the eye at the end than an arm, where they meet on paper."""
+        core = self.nearest(-1, arm)
+        apart = np.linalg.norm(view.paper(core) - view.paper(arm), axis=1)
+        meet = np.argmin(apart)
+        return bool(view.depth(core[meet]) < view.depth(arm[meet]) - _STILL)
 
 
 def name_of(index: int, data: xr.Dataset) -> str:
@@ -164,16 +170,15 @@ def corners(
 
 def draw_bodies(
     axes: Axes,
-    bodies: list[Body],
-    time: Float[np.ndarray, " time"],
+    data: xr.Dataset,
     chosen: Int[np.ndarray, " shape"],
     low: Point,
     high: Point,
     view: View,
 ) -> None:
     """Draw obstacles at the end, and those that move at the chosen records too, in a window."""
-    norm = Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12)))
-    colours = time_map()(norm(time[chosen]))
+    bodies, arm = find_bodies(data), in_space(data, "position")[-1]
+    colours = time_map()(time_norm(data)(data["time"].values[chosen]))
     round_too = any(body.solid.kind != "plane" for body in bodies)  # rather in the key than a wall
     label = "obstacle at the end" if any(body.moves for body in bodies) else "obstacle"
     for body in bodies:
@@ -181,6 +186,11 @@ def draw_bodies(
             continue
         wall = body.solid.kind == "plane"
         edge_on = wall and body.shows_edge(view)
+        order = 1.2  # the arm's is 1
+        if wall and not edge_on:
+            order = 0.2
+        elif not wall and body.is_behind(arm, view):
+            order = 0.95
         solid = Polygon(
             body.outline(-1, low, high, view),
             closed=True,
@@ -188,7 +198,7 @@ def draw_bodies(
             edgecolor=GREY if wall else INK,
             hatch="////" if edge_on else None,
             linewidth=0.8,
-            zorder=1.2 if edge_on or not wall else 0.2,
+            zorder=order,
             label=None if wall and round_too else label,
         )
         axes.add_patch(solid)
@@ -208,7 +218,7 @@ def draw_bodies(
 
 
 def draw_earlier(
-    axes: Axes, outlines: list[Float[np.ndarray, "corner 2"]], colours: Float[np.ndarray, "shape 4"]
+    axes: Axes, outlines: list[Float[np.ndarray, "_ 2"]], colours: Float[np.ndarray, "shape 4"]
 ) -> None:
     """Draw where an obstacle was before, in the colours of the times."""
     shapes = PolyCollection(

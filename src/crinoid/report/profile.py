@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from crinoid.report.flow import COLOURS, axes_of, title
-from crinoid.report.style import INK, PALE, WIDTH, head, key
+from crinoid.report.flow import axes_of, title
+from crinoid.report.style import AXIS_COLOURS, INK, PALE, WIDTH, head, key
 
 
 def draw_profile(flow: xr.Dataset) -> Figure:
@@ -23,7 +23,7 @@ def draw_profile(flow: xr.Dataset) -> Figure:
     for index, (axes, axis) in enumerate(zip(panels, names, strict=True)):
         mean = flow["profile_mean"].values[:, index]
         deviation = flow["profile_standard_deviation"].values[:, index]
-        colour = COLOURS[axis]
+        colour = AXIS_COLOURS[axis]
         axes.fill_betweenx(
             height,
             mean - deviation,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -10,18 +12,26 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.patches import Polygon
 
-from crinoid.report.arm import chosen_records, hull, moves, time_norm
+from crinoid.report.arm import chosen_records, hull, moves
 from crinoid.report.box import draw_box, draw_shadow
 from crinoid.report.obstacles import SOLID, WALL, Body, Point, draw_earlier, find_bodies
-from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map
-from crinoid.report.surface import AROUND, Facets, cut_box, tube, turned_body
-from crinoid.report.view import ABOVE, AHEAD, SIDE, View, in_space
+from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map, time_norm
+from crinoid.report.surface import (
+    AROUND,
+    Facets,
+    cut_box,
+    perpendicular,
+    tube,
+    turned_body,
+    within_box,
+)
+from crinoid.report.view import View, convex_outline, in_space
 
 Colour = str | tuple[float, float, float, float]
 
 DARK = "#6F8591"  # the half of the arm that is on the side of its director m_1
 _PATH = 300  # pieces of a path
-_RINGS = 24  # along a body
+_RINGS = 36  # along a body, at most
 
 
 class Scene:
@@ -39,10 +49,11 @@ class Scene:
     def add_surface(self, facets: Facets, colours: Float[np.ndarray, "facet 4"]) -> None:
         """Add facets of a body, lit from the upper left, and its shadow."""
         draw_shadow(self.axes, facets, self.low, self.view)
-        toward = self.view.toward
-        light = toward + 0.8 * np.array(self.view.up) - 0.6 * np.array(self.view.across)
+        view, middle = self.view, facets.mean(axis=1)
+        light = view.toward + 0.8 * np.array(view.up) - 0.6 * np.array(view.across)
         normal = np.cross(facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1])
-        normal *= np.where(normal @ toward < 0.0, -1.0, 1.0)[:, None]
+        away = np.sum(normal * view.sight(middle), axis=1) < 0.0
+        normal *= np.where(away, -1.0, 1.0)[:, None]
         area = np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)
         bright = 0.62 + 0.38 * np.maximum(normal @ light / (area * np.linalg.norm(light)), 0.0)
         lit = np.column_stack([colours[:, :3] * bright[:, None], colours[:, 3]])
@@ -75,9 +86,9 @@ class Scene:
         self.axes.add_collection(pieces, autolim=False)
 
 
-def draw_scene(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View) -> None:
-    """Draw a run in a box of space, all but its water."""
-    scene = Scene(axes, low, high, view)
+def draw_scene(scene: Scene, data: xr.Dataset) -> None:
+    """Draw a run in a scene, all but its water."""
+    low, high, view = scene.low, scene.high, scene.view
     shapes, time = in_space(data, "position"), data["time"].values
     chosen = chosen_records(data)
     colours = time_map()(time_norm(data)(time[chosen]))
@@ -93,15 +104,14 @@ def draw_scene(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View
         if body.solid.kind == "plane":
             _draw_wall(scene, body)
             continue
-        if not all(body.is_in(low, high, side) for side in (SIDE, ABOVE, AHEAD)):
-            continue
         facets = solid_surface(body, low, high)
         scene.add_surface(facets, _colours(SOLID, len(facets)))
         if body.moves:
-            draw_earlier(axes, [body.outline(int(r), low, high, view) for r in chosen], colours)
+            earlier = [solid_outline(body, low, high, view, int(record)) for record in chosen]
+            draw_earlier(scene.axes, earlier, colours)
     scene.draw()
     target = view.project(data, "tip_target")[-1]
-    axes.plot(*target, "o", markersize=7.5, mfc="none", mec=INK, mew=1.2, zorder=5)
+    scene.axes.plot(*target, "o", markersize=7.5, mfc="none", mec=INK, mew=1.2, zorder=5)
 
 
 def add_arm(scene: Scene, data: xr.Dataset) -> None:
@@ -128,33 +138,58 @@ def _draw_wall(scene: Scene, body: Body) -> None:
     """Draw a wall behind everything, or like glass before it where the eye is in what is solid."""
     middle = (scene.low + scene.high) / 2
     cut, _ = cut_box(body.solid.out, body.nearest(-1, middle), scene.low, scene.high)
-    behind = scene.view.depth(body.solid.out) > 0.0
     if len(cut):
+        behind = float(scene.view.sight(cut[0]) @ body.solid.out) > 0.0
         wall = Polygon(scene.view.paper(cut), closed=True, facecolor=WALL, edgecolor=GREY)
         alpha, order = (0.85, 0.4) if behind else (0.25, 3.0)
         wall.set(linewidth=0.7, alpha=alpha, zorder=order)
         scene.axes.add_patch(wall)
 
 
-def solid_surface(body: Body, low: Point, high: Point) -> Facets:
-    """Facets of what is round at the end, of what is endless as much as a box holds."""
-    place, half, radius = body.path[-1], body.solid.half_axis, body.solid.radius
+def solid_outline(
+    body: Body, low: Point, high: Point, view: View, record: int = -1
+) -> Float[np.ndarray, "corner 2"]:
+    """Corners of what is seen of an obstacle at a record, as much of it as a box holds."""
+    if body.solid.kind == "plane":
+        surface, _ = cut_box(body.solid.out, body.nearest(record, (low + high) / 2), low, high)
+    else:
+        surface = solid_surface(body, low, high, record).reshape(-1, 3)
+    return convex_outline(view.paper(surface)) if len(surface) else np.empty((0, 2))
+
+
+def solid_surface(body: Body, low: Point, high: Point, record: int = -1) -> Facets:
+    """Facets of what is round at a record (the end), as much of it as a box holds."""
+    place, half, radius = body.path[record], body.solid.half_axis, body.solid.radius
     long = float(np.linalg.norm(half))
     direction = half / long if long else np.array([0.0, 0.0, 1.0])
     if body.solid.kind == "cylinder":
+        # out to where the whole of it is outside
+        wide = radius * np.sqrt(np.maximum(1.0 - direction**2, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            sides = np.stack([low - place, high - place]) / direction
+            sides = np.stack([low - wide - place, high + wide - place]) / direction
         sides[:, direction == 0.0] = [[-np.inf], [np.inf]]
         begin, end = sides.min(axis=0).max(), sides.max(axis=0).min()
-        if begin >= end:  # it only grazes the box
-            return np.empty((0, 4, 3))
-        along = np.linspace(begin, end, _RINGS)
-        around = np.full(_RINGS, radius)
+        rim = np.linspace(0.0, radius, 6)
+        along = np.concatenate([np.full(6, begin), np.linspace(begin, end, 24), np.full(6, end)])
+        around = np.concatenate([rim, np.full(24, radius), rim[::-1]])
     else:
-        turn = np.linspace(0.0, np.pi / 2, _RINGS // 2)
-        straight = np.linspace(-long, long, _RINGS)[1:-1] if long else np.empty(0)
+        turn = np.linspace(0.0, np.pi / 2, 48)
+        straight = np.linspace(-long, long, 24)[1:-1] if long else np.empty(0)
         cap, rim = radius * np.cos(turn), radius * np.sin(turn)
         along = np.concatenate([-long - cap, straight, long + cap[::-1]])
         around = np.concatenate([rim, np.full(straight.size, radius), rim[::-1]])
-    along, around = np.pad(along, 1, mode="edge"), np.pad(around, 1)
-    return turned_body(place, direction, along, around)
+
+    # Only what is near the box, along and around: facets are small beside it however large a body.
+    middle, reach = (low + high) / 2 - place, float(np.linalg.norm(high - low)) / 2
+    outward = middle - (middle @ direction) * direction
+    away = float(np.linalg.norm(outward))
+    near = np.flatnonzero(np.hypot(along - middle @ direction, around - away) <= reach)
+    if not near.size:
+        return np.empty((0, 4, 3))
+    first, last = max(near[0] - 1, 0), min(near[-1] + 1, along.size - 1)
+    rings = np.linspace(first, last, min(_RINGS, last - first + 1)).round().astype(int)
+    aside, wedge = perpendicular(direction), math.pi
+    if away > reach:
+        aside, wedge = outward / away, math.asin(reach / away)
+    facets = turned_body(place, direction, along[rings], around[rings], aside, wedge)
+    return within_box(facets, low, high)

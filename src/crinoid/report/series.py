@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from crinoid.report.flow import COLOURS, axes_of, differ, late, title
-from crinoid.report.style import GREY, INK, WIDTH, head, key, share_time
+from crinoid.report.flow import axes_of, differ, late, title
+from crinoid.report.style import AXIS_COLOURS, GREY, INK, WIDTH, head, key, share_time
 
 
 def draw_series(flow: xr.Dataset) -> Figure:
@@ -26,7 +26,7 @@ def draw_series(flow: xr.Dataset) -> Figure:
         ("speed", speed, np.linalg.norm(settled, axis=2)),
     ]
     for axes, (name, values, steady) in zip(panels, lines, strict=True):
-        colour = COLOURS.get(name, INK)
+        colour = AXIS_COLOURS.get(name, INK)
         mean, deviation = steady[:, 1].mean(), steady[:, 1].std()
         label = f"{place}: mean {mean:.3g} (dashed), standard deviation {deviation:.2g} m/s"
         axes.plot(time, values[:, 1], color=colour, linewidth=0.9, zorder=3, label=label)

@@ -5,17 +5,14 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
-from crinoid.report.arm import draw_arm, hull_outline, points_of, time_norm
+from crinoid.report.arm import draw_arm, hull_outline, points_of
 from crinoid.report.current import Current, draw_key, find_current
 from crinoid.report.obstacles import find_bodies
 from crinoid.report.run import Run
-from crinoid.report.style import WIDTH, head, head_height, time_map
+from crinoid.report.style import WIDTH, add_axes, colour_bar, head, head_height, key_below
 from crinoid.report.units import largest
 from crinoid.report.view import SIDE
 
@@ -38,14 +35,7 @@ def draw_shape(run: Run) -> Figure:
         clear = 0.5 * _KEY * (high - low)[0] / _width_inches(panels[0])
         fastest = max(largest(current.instants) for current in currents)
         draw_key(panels[-1], high - np.array([clear, clear]), fastest, scale)
-    entries: dict[str, Artist] = {}
-    for axes in panels:
-        entries |= {
-            label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-    figure.legend(
-        list(entries.values()), list(entries), loc="lower center", ncols=4, borderaxespad=0.3
-    )
+    key_below(figure, panels)
     return figure
 
 
@@ -77,7 +67,7 @@ def _panels(
         row, column = divmod(place, columns)
         x = left + column * (panel[0] + gap[0])
         z = below + inner - panel[1] - row * (panel[1] + gap[1])
-        axes = figure.add_axes((x / WIDTH, z / tall, panel[0] / WIDTH, panel[1] / tall))
+        axes = add_axes(figure, x, z, *map(float, panel))
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.locator_params(axis="x", nbins=max(3, int(panel[0] / 0.7)))
         axes.locator_params(axis="y", nbins=max(3, int(panel[1] / 0.45)))
@@ -85,19 +75,8 @@ def _panels(
         axes.set_xlabel(SIDE.labels[0] if row == rows - 1 else "")
         axes.set_ylabel(SIDE.labels[1] if column == 0 else "")
         panels.append(axes)
-
-    time = run.result["time"].values
-    if time[-1] > time[0]:
-        x = left + columns * panel[0] + (columns - 1) * gap[0] + 0.15
-        bar = figure.add_axes((x / WIDTH, below / tall, 0.13 / WIDTH, inner / tall))
-        ticks = MaxNLocator(max(2, min(6, int(inner / 0.4))))
-        figure.colorbar(
-            ScalarMappable(time_norm(run.result), time_map()),
-            cax=bar,
-            ticks=ticks,
-            label="time (s)",
-        )
-        bar.grid(visible=False)
+    beside = left + columns * panel[0] + (columns - 1) * gap[0] + 0.15
+    colour_bar(figure, run.result, beside, below, inner)
     return figure, panels
 
 

@@ -7,21 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
-from crinoid.report.arm import draw_arm, hull, points_of, time_norm
-from crinoid.report.box import box_corners
+from crinoid.report.arm import draw_arm, hull, points_of
 from crinoid.report.current import Current, draw_key, find_current
 from crinoid.report.obstacles import Point
 from crinoid.report.run import Run
-from crinoid.report.scene import draw_scene
-from crinoid.report.style import WIDTH, head, head_height, time_map
+from crinoid.report.scene import Scene, draw_scene
+from crinoid.report.style import WIDTH, add_axes, colour_bar, head, head_height, key_below
+from crinoid.report.surface import box_corners
 from crinoid.report.units import largest
-from crinoid.report.view import ABOVE, AHEAD, OBLIQUE, SIDE, View
+from crinoid.report.view import ABOVE, AHEAD, SIDE, View, perspective
 
 VIEWS = (ABOVE, SIDE, AHEAD)
 LEFT, GAP = 0.85, (0.3, 0.42)  # inches
@@ -29,7 +26,6 @@ _RIGHT = 1.0
 _NUMBERS = 0.25  # on the left of what is in perspective
 _MARGIN = 0.04  # around everything, of the largest extent
 _LEAST = 0.35  # extent of the window along any axis, of the largest
-NOTHING = np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -47,18 +43,16 @@ class Block:
         """From the foot of the view from the side to the top of the corner."""
         return float(self.extent[2]) + GAP[1] + self.corner[1]
 
-    def place(self, figure: Figure, left: float, foot: float) -> dict[View, Axes]:
-        """Add the axes of the views to a figure, and that of the corner as the oblique one."""
+    def place(self, figure: Figure, left: float, foot: float) -> tuple[dict[View, Axes], Axes]:
+        """Add the axes of the projections to a figure, and those of the corner."""
         wide, deep, high = map(float, self.extent)
         right, above = left + wide + GAP[0], foot + high + GAP[1]
+        width, height = self.corner
         return {
             ABOVE: add_axes(figure, left, above, wide, deep),
             SIDE: add_axes(figure, left, foot, wide, high),
             AHEAD: add_axes(figure, right, foot, deep, high),
-            OBLIQUE: add_axes(
-                figure, right + _NUMBERS, above, self.corner[0] - _NUMBERS, self.corner[1]
-            ),
-        }
+        }, add_axes(figure, right + _NUMBERS, above, width - _NUMBERS, height)
 
 
 def draw_sheet(run: Run) -> Figure:
@@ -68,12 +62,11 @@ def draw_sheet(run: Run) -> Figure:
     from above, beside it that from ahead. A run without control lies below.
     """
     members = [data for _, data in run.members]
-    currents = {view: [find_current(data, view) for data in members] for view in (*VIEWS, OBLIQUE)}
+    currents = {view: [find_current(data, view) for data in members] for view in VIEWS}
     scale = max(current.scale for some in currents.values() for current in some)
     inside = space_of(members)
-    low, high = window(inside, {view: currents[view] for view in VIEWS}, scale)
+    low, high = window(inside, currents, scale)
     bottom, top = box_around(inside)
-    heads = np.concatenate([current.corners(scale) for current in currents[OBLIQUE]])
 
     alone = len(members) == 1
     block = fit(high - low, WIDTH - LEFT - _RIGHT, *((6.6, 2.5) if alone else (4.5, 2.2)))
@@ -83,39 +76,28 @@ def draw_sheet(run: Run) -> Figure:
     figure = Figure(figsize=(WIDTH, below + inner + above))
     head(figure, run.title, run.status)
 
-    entries: dict[str, Artist] = {}
+    flat: list[Axes] = []
     for index, (label, data) in enumerate(run.members):
         foot = below + (len(members) - 1 - index) * (block.height + between)
-        panels = block.place(figure, LEFT, foot)
-        for view in VIEWS:
-            frame(panels[view], view, low, high, block.inch)
-            draw_arm(panels[view], data, low, high, view)
-            entries |= _entries(panels[view])
+        panels, corner = block.place(figure, LEFT, foot)
         for view, axes in panels.items():
+            frame(axes, view, low, high, block.inch)
+            draw_arm(axes, data, low, high, view)
             if scale > 0.0 or view is SIDE:  # which else says that the water is still
                 currents[view][index].draw(axes, scale)
-        entries |= _entries(panels[SIDE])
+        flat += panels.values()
         if label:
             _write_label(figure, label, foot + block.height + 0.24)
-        draw_scene(panels[OBLIQUE], data, bottom, top, OBLIQUE)
-        fit_scene(panels[OBLIQUE], bottom, top, heads)
-        _colour_bar(figure, run.result, foot, float(block.extent[2]))
+        draw_scene(fit_scene(corner, bottom, top), data)
+        colour_bar(figure, run.result, WIDTH - _RIGHT + 0.15, foot, float(block.extent[2]))
         if scale > 0.0 and index == 0:
             fastest = max(largest(each.instants) for some in currents.values() for each in some)
             # above the view from ahead, out to the edge of the page
             right = WIDTH - LEFT - float(block.extent[0]) - GAP[0] - 0.15
-            corner = np.array([low[1] + right / block.inch, high[2] + 0.11 / block.inch])
-            draw_key(panels[AHEAD], corner, fastest, scale)
-    figure.legend(
-        list(entries.values()), list(entries), loc="lower center", ncols=4, borderaxespad=0.3
-    )
+            head_at = np.array([low[1] + right / block.inch, high[2] + 0.11 / block.inch])
+            draw_key(panels[AHEAD], head_at, fastest, scale)
+    key_below(figure, flat)
     return figure
-
-
-def add_axes(figure: Figure, left: float, foot: float, wide: float, high: float) -> Axes:
-    """Add axes to a figure, in inches."""
-    width, height = figure.get_size_inches()
-    return figure.add_axes((left / width, foot / height, wide / width, high / height))
 
 
 def fit(extent: Point, room: float, tallest: float, corner: float) -> Block:
@@ -178,33 +160,19 @@ def box_around(points: Float[np.ndarray, "point axis=3"]) -> tuple[Point, Point]
     return low - lacking / 2, high + lacking / 2
 
 
-def fit_scene(
-    axes: Axes, bottom: Point, top: Point, besides: Float[np.ndarray, "point axis=2"] = NOTHING
-) -> None:
-    """Show a whole box as large as it goes, and what is drawn besides."""
-    corners = np.concatenate([OBLIQUE.paper(box_corners(bottom, top)), besides])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    edge = 0.005 * (high - low)  # half a line
-    low, high = low - edge, high + edge
-    axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+def fit_scene(axes: Axes, low: Point, high: Point) -> Scene:
+    """Make a scene in perspective of a box, shown whole and as large as it goes."""
+    view = perspective(low, high)
+    corners = view.paper(box_corners(low, high))
+    left, right = corners.min(axis=0), corners.max(axis=0)
+    edge = 0.005 * (right - left)  # half a line
+    left, right = left - edge, right + edge
+    axes.set(aspect="equal", xlim=(left[0], right[0]), ylim=(left[1], right[1]))
     axes.set_axis_off()
-    axes.set_title(OBLIQUE.name, loc="left", fontsize=8.5, pad=4)
-
-
-def _entries(axes: Axes) -> dict[str, Artist]:
-    return {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
+    return Scene(axes, low, high, view)
 
 
 def _write_label(figure: Figure, label: str, height: float) -> None:
     wide, tall = figure.get_size_inches()
     figure.text(LEFT / wide, height / tall, label, va="bottom", fontsize=9.5, fontweight="bold")
-
-
-def _colour_bar(figure: Figure, data: xr.Dataset, foot: float, high: float) -> None:
-    time = data["time"].values
-    if time[-1] > time[0]:
-        bar = add_axes(figure, WIDTH - _RIGHT + 0.15, foot, 0.13, high)
-        ticks = MaxNLocator(max(2, min(6, int(high / 0.4))))
-        mapped = ScalarMappable(time_norm(data), time_map())
-        figure.colorbar(mapped, cax=bar, ticks=ticks, label="time (s)")
-        bar.grid(visible=False)

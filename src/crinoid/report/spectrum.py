@@ -8,8 +8,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crinoid.report.flow import COLOURS, axes_of, differ, title
-from crinoid.report.style import GREY, INK, SKY, WIDTH, head, key, note
+from crinoid.report.flow import axes_of, differ, title
+from crinoid.report.style import AXIS_COLOURS, GREY, INK, SKY, WIDTH, head, key, note
 
 _NOTHING = 1e-14  # of the square of a metre a second, a second: round-off
 _DECADES = 5
@@ -71,7 +71,7 @@ def _component(
         label = f"velocity {axis} at the tip"
     else:
         label = f"velocity {axis}"
-    axes.plot(frequency, density[:, 1], color=COLOURS[axis], linewidth=1.1, label=label)
+    axes.plot(frequency, density[:, 1], color=AXIS_COLOURS[axis], linewidth=1.1, label=label)
 
 
 def _turbulence(

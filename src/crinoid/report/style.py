@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from jaxtyping import Float
 from matplotlib import colormaps
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import MaxNLocator
 
 # Okabe and Ito's palette: told apart with every common colour blindness, and in grey.
 BLUE = "#0072B2"
@@ -68,6 +72,40 @@ STYLE: Any = {
 def time_map() -> Colormap:
     """Perceptually uniform colours for time, without the yellow that white paper swallows."""
     return ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.9, 256)), name="time")
+
+
+def time_norm(data: xr.Dataset) -> Normalize:
+    """From the time of a run to its place among the colours."""
+    time = data["time"].values
+    return Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12)))
+
+
+def add_axes(figure: Figure, left: float, foot: float, wide: float, high: float) -> Axes:
+    """Add axes to a figure, in inches."""
+    width, height = figure.get_size_inches()
+    return figure.add_axes((left / width, foot / height, wide / width, high / height))
+
+
+def colour_bar(figure: Figure, data: xr.Dataset, left: float, foot: float, high: float) -> None:
+    """Say beside the panels which colour is which time, if there is more than one; in inches."""
+    time = data["time"].values
+    if time[-1] > time[0]:
+        bar = add_axes(figure, left, foot, 0.13, high)
+        ticks = MaxNLocator(max(2, min(6, int(high / 0.4))))
+        mapped = ScalarMappable(time_norm(data), time_map())
+        figure.colorbar(mapped, cax=bar, ticks=ticks, label="time (s)")
+        bar.grid(visible=False)
+
+
+def key_below(figure: Figure, panels: Iterable[Axes]) -> None:
+    """Put one legend of all panels at the foot of the page."""
+    entries: dict[str, Artist] = {}
+    for axes in panels:
+        handles, labels = axes.get_legend_handles_labels()
+        entries |= dict(zip(labels, handles, strict=True))
+    figure.legend(
+        list(entries.values()), list(entries), loc="lower center", ncols=4, borderaxespad=0.3
+    )
 
 
 def head(figure: Figure, title: str, status: str) -> None:

@@ -15,12 +15,13 @@ def skin(
     radius: Float[np.ndarray, " ring"],
     aside: Float[np.ndarray, "ring axis=3"],
     beside: Float[np.ndarray, "ring axis=3"],
+    turn: Float[np.ndarray, " turn"],
 ) -> Facets:
-    """Facets of the skin over rings, `AROUND` for each gap between two, the first one at `aside`.
+    """Facets of the skin over rings, one between each two turns for each gap between two rings.
 
-    `aside` and `beside` are unit vectors at right angles that span each ring.
+    `aside` and `beside` are unit vectors at right angles that span each ring; turns (rad) go from
+    the first to the second.
     """
-    turn = 2 * np.pi * (np.arange(AROUND + 1) - 0.5) / AROUND
     around = np.cos(turn)[:, None] * aside[:, None] + np.sin(turn)[:, None] * beside[:, None]
     rings = spine[:, None] + radius[:, None, None] * around
     near, far = rings[:-1], rings[1:]
@@ -33,12 +34,17 @@ def turned_body(
     direction: Float[np.ndarray, "axis=3"],
     along: Float[np.ndarray, " ring"],
     radius: Float[np.ndarray, " ring"],
+    aside: Float[np.ndarray, "axis=3"],
+    wedge: float = np.pi,
 ) -> Facets:
-    """Facets of a body of revolution: its radius along a line."""
-    aside = perpendicular(direction)
+    """Facets of a body of revolution: its radius along a line, to a wedge (rad) each way of aside.
+
+    There are `AROUND` to a ring. `aside` is a unit vector across the line.
+    """
     rings = np.ones((len(along), 1))
     spine = start + along[:, None] * direction
-    return skin(spine, radius, rings * aside, rings * np.cross(direction, aside))
+    turn = np.linspace(-wedge, wedge, AROUND + 1)
+    return skin(spine, radius, rings * aside, rings * np.cross(direction, aside), turn)
 
 
 def tube(
@@ -46,7 +52,10 @@ def tube(
     diameter: Float[np.ndarray, " node"],
     director: Float[np.ndarray, "edge axis=3"] | None,
 ) -> Facets:
-    """Facets of an arm with its two ends, whose rings begin at the director m_1 if it is known."""
+    """Facets of an arm with its two ends, `AROUND` to a ring.
+
+    The first of each lies at the director m_1 if that is known.
+    """
     edges = np.diff(points, axis=0)
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
     ahead = np.concatenate([edges[:1], edges[1:] + edges[:-1], edges[-1:]])
@@ -67,7 +76,8 @@ def tube(
         return np.concatenate([values[:1], values, values[-1:]])
 
     radius = np.concatenate([[0.0], diameter / 2, [0.0]])
-    return skin(*(with_ends(points), radius, with_ends(aside), with_ends(beside)))
+    turn = 2 * np.pi * (np.arange(AROUND + 1) - 0.5) / AROUND
+    return skin(with_ends(points), radius, with_ends(aside), with_ends(beside), turn)
 
 
 def perpendicular(direction: Float[np.ndarray, "axis=3"]) -> Float[np.ndarray, "axis=3"]:
@@ -77,6 +87,13 @@ def perpendicular(direction: Float[np.ndarray, "axis=3"]) -> Float[np.ndarray, "
     return np.asarray(across / (np.linalg.norm(across) or 1.0))
 
 
+def box_corners(
+    low: Float[np.ndarray, "axis=3"], high: Float[np.ndarray, "axis=3"]
+) -> Float[np.ndarray, "corner=8 axis=3"]:
+    """Corners of a box."""
+    return np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(3, -1).T
+
+
 def cut_box(
     out: Float[np.ndarray, "axis=3"],
     foot: Float[np.ndarray, "axis=3"],
@@ -84,13 +101,13 @@ def cut_box(
     high: Float[np.ndarray, "axis=3"],
 ) -> tuple[Float[np.ndarray, "corner axis=3"], Float[np.ndarray, "point axis=3"]]:
     """Cut a box with a plane: corners of the cut in order, and those of the box behind it."""
-    signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
-    corners = low + signs * (high - low)
+    corners = box_corners(low, high)
     height = (corners - foot) @ out
     cut = []
     for a in range(8):
         for b in range(a):
-            if np.abs(signs[a] - signs[b]).sum() == 1 and (height[a] > 0) != (height[b] > 0):
+            on_one_edge = np.sum(corners[a] != corners[b]) == 1
+            if on_one_edge and (height[a] > 0) != (height[b] > 0):
                 share = height[a] / (height[a] - height[b])
                 cut.append(corners[a] + share * (corners[b] - corners[a]))
     behind = corners[height <= 0]
@@ -101,3 +118,37 @@ def cut_box(
     from_middle = points - points.mean(axis=0)
     angle = np.arctan2(from_middle @ np.cross(out, aside), from_middle @ aside)
     return points[np.argsort(angle)], behind
+
+
+def within_box(
+    facets: Facets, low: Float[np.ndarray, "axis=3"], high: Float[np.ndarray, "axis=3"]
+) -> Float[np.ndarray, "_ corner=4 axis=3"]:
+    """Facets as far as they lie in a box, cut at its sides (Sutherland and Hodgman 1974)."""
+    near = np.all((facets.max(axis=1) >= low) & (facets.min(axis=1) <= high), axis=1)
+    facets = facets[near]
+    whole = np.all((facets >= low) & (facets <= high), axis=(1, 2))
+    pieces = [facets[whole]]
+    for polygon in facets[~whole]:
+        for axis in range(3):
+            polygon = _above(polygon, polygon[:, axis] - low[axis])
+            polygon = _above(polygon, high[axis] - polygon[:, axis])
+        # what has other than four corners, as fours about the first
+        last = len(polygon) - 1
+        for corner in range(1, last, 2):
+            pieces.append(polygon[None, [0, corner, corner + 1, min(corner + 2, last)]])
+    return np.concatenate(pieces)
+
+
+def _above(
+    polygon: Float[np.ndarray, "corner axis=3"], height: Float[np.ndarray, " corner"]
+) -> Float[np.ndarray, "_ axis=3"]:
+    """Part of a polygon where a height, given at its corners, is not negative."""
+    kept = []
+    for corner, up in enumerate(height):
+        before = height[corner - 1]
+        if (before < 0.0) != (up < 0.0):
+            share = before / (before - up)
+            kept.append(polygon[corner - 1] + share * (polygon[corner] - polygon[corner - 1]))
+        if up >= 0.0:
+            kept.append(polygon[corner])
+    return np.array(kept).reshape(-1, 3)

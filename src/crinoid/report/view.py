@@ -1,13 +1,13 @@
 """The views that shapes are drawn in: the only place that knows how space meets paper.
 
-All of them are parallel projections, so lengths compare within one. A planar arm has y = 0 and
-lives in the view from the side.
+Three are parallel projections along an axis, so lengths compare within one; the fourth is in
+perspective. A planar arm has y = 0 and lives in the view from the side.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -25,6 +25,10 @@ class View:
     name: str
     across: tuple[float, float, float]
     up: tuple[float, float, float]
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """What the eye looks at, and where lengths across the view are true (m)."""
+    far: float = math.inf
+    """How far the eye is from there (m); from infinity the projection is parallel."""
 
     @property
     def axes(self) -> list[int]:
@@ -38,16 +42,30 @@ class View:
 
     @property
     def toward(self) -> Float[np.ndarray, "axis=3"]:
-        """Direction from the paper to the eye."""
+        """Direction from the centre to the eye."""
         return np.cross(self.across, self.up)
 
-    def paper(self, vectors: Float[np.ndarray, "*shape axis=3"]) -> Float[np.ndarray, "*shape 2"]:
-        """Vectors of space on paper, across before up."""
-        return np.asarray(vectors @ np.array([self.across, self.up]).T)
+    def paper(self, points: Float[np.ndarray, "*shape axis=3"]) -> Float[np.ndarray, "*shape 2"]:
+        """Points of space on paper, across before up; vectors too where the eye is at infinity."""
+        plane = np.array([self.across, self.up])
+        centre = np.asarray(plane @ self.centre)
+        nearer = 1.0 - (points - self.centre) @ self.toward / self.far
+        return np.asarray(centre + (points @ plane.T - centre) / nearer[..., None])
+
+    def sight(
+        self, points: Float[np.ndarray, "*shape axis=3"]
+    ) -> Float[np.ndarray, "*shape axis=3"]:
+        """Lines from points to the eye, in units of its distance from the centre."""
+        return np.asarray(self.toward - (points - self.centre) / self.far)
 
     def depth(self, points: Float[np.ndarray, "*shape axis=3"]) -> Float[np.ndarray, "*shape"]:
-        """How far points are toward the eye (m)."""
-        return np.asarray(points @ self.toward)
+        """How near points are to the eye (m), in the order of their distances from it.
+
+        That order is the one of the squares, -``far`` / 2 times which, and a constant, is finite
+        for an eye at infinity too.
+        """
+        behind = np.sum((points - self.centre) ** 2, axis=-1) / (2.0 * self.far)
+        return np.asarray(points @ self.toward - behind)
 
     def lift(self, points: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape axis=3"]:
         """Points of the paper as points of space."""
@@ -64,7 +82,7 @@ AHEAD = View("from ahead", (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 _AZIMUTH, _ELEVATION = math.radians(-58.0), math.radians(27.0)
 OBLIQUE = View(
-    "in perspective",
+    "at an angle",
     (-math.sin(_AZIMUTH), math.cos(_AZIMUTH), 0.0),
     (
         -math.sin(_ELEVATION) * math.cos(_AZIMUTH),
@@ -73,6 +91,16 @@ OBLIQUE = View(
     ),
 )
 """From ahead, starboard and above: x goes to the right, y into the depth."""
+
+_FAR = 4.5  # the eye's distance, of the largest side of what it sees: a gentle perspective
+
+
+def perspective(low: Float[np.ndarray, "axis=3"], high: Float[np.ndarray, "axis=3"]) -> View:
+    """Give the view at an angle of a box from an eye nearby, in true perspective."""
+    x, y, z = map(float, (low + high) / 2)
+    return replace(
+        OBLIQUE, name="in perspective", centre=(x, y, z), far=_FAR * float((high - low).max())
+    )
 
 
 def is_spatial(dataset: xr.Dataset) -> bool:
@@ -105,7 +133,7 @@ def outline(
 
 def convex_outline(points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "corner 2"]:
     """Corners of the smallest convex shape around points (Andrew 1979, monotone chains)."""
-    ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
+    ordered = np.unique(points, axis=0)
     chains = []
     for line in (ordered, ordered[::-1]):
         chain: list[np.ndarray] = []
