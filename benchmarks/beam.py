@@ -31,8 +31,8 @@ def beam_tip(scenario: Scenario, times: np.ndarray, *, shears: bool) -> np.ndarr
     """
     arm, water = scenario.arm, scenario.water
     thickness = 1.0 if shears else 1e-3
-    area = np.pi * arm.radii[0] ** 2
-    second_moment = area * arm.radii[0] ** 2 / 4
+    area = np.pi * arm.radius**2
+    second_moment = area * arm.radius**2 / 4
     shear_modulus = arm.youngs_modulus / (2 * (1 + arm.poisson_ratio))
     weight = water.gravity * (arm.density - water.density) * area
 

@@ -36,7 +36,7 @@ class ElasticaRod:
             frames[0, 0],
             frames[0, 1],
             edge * (arm.nodes - 1),
-            arm.radii[0],
+            arm.radius,
             arm.density,
             youngs_modulus=arm.youngs_modulus,
             shear_modulus=arm.youngs_modulus / (2 * (1 + arm.poisson_ratio)),

@@ -42,7 +42,7 @@ def rod(
         edge the polar inertia of its own length.
     """
     arm, water = scenario.arm, scenario.water
-    radius = arm.radii[0]
+    radius = arm.radius
     gravity = water.gravity * (1 - water.density / arm.density)
     edge = arm.length / (arm.nodes - (1.5 if centred else 1))
     places, _ = rest_shape(arm, edge)

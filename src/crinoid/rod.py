@@ -82,33 +82,28 @@ class Rod(eqx.Module):
         area = jnp.pi * at_nodes**2
         bending = youngs_modulus * jnp.pi / 4 * at_nodes**4
         twisting = bending / (1 + jnp.asarray(poisson_ratio))  # E / 2 (1 + nu) and pi / 2 r^4
-        planar = Rod(
-            rest_length=jnp.full(nodes - 1, jnp.asarray(length, float) / (nodes - 1)),
-            EA=section(EA, youngs_modulus * jnp.pi * at_edges**2),
-            EI=section(None if axes == 3 else EI, bending),
-            rest_curvature=jnp.full(nodes, 0.0 if axes == 3 else rest_curvature, float),
-            damping_time=jnp.asarray(damping_time, float),
-            mass_per_length=section(mass_per_length, density * area),
-            diameter=section(diameter, 2 * at_nodes),
-            displaced_area=section(displaced_area, area),
-        )
-        if axes == 2:
-            return planar
-        both = jnp.stack([bending, bending], axis=1)
+        mass = section(mass_per_length, density * area)
+        edge = jnp.full(nodes - 1, jnp.asarray(length, float) / (nodes - 1))
+        common = {
+            "rest_length": edge,
+            "EA": section(EA, youngs_modulus * jnp.pi * at_edges**2),
+            "damping_time": jnp.asarray(damping_time, float),
+            "mass_per_length": mass,
+            "diameter": section(diameter, 2 * at_nodes),
+            "displaced_area": section(displaced_area, area),
+        }
         rest = jnp.asarray(rest_curvature, float)
+        if axes == 2:
+            return Rod(EI=section(EI, bending), rest_curvature=jnp.full(nodes, rest), **common)
+        both = jnp.stack([bending, bending], axis=1)
         rest = rest if rest.shape == (3,) else jnp.zeros(3).at[1].set(rest)
-        mass = 0.5 * (planar.mass_per_length[1:] + planar.mass_per_length[:-1])
-        return eqx.tree_at(
-            lambda rod: (rod.EI, rod.rest_curvature, rod.GJ, rod.rest_twist, rod.spin_inertia),
-            planar,
-            (
-                both if EI is None else jnp.broadcast_to(jnp.asarray(EI, float), both.shape),
-                jnp.broadcast_to(rest[:2], both.shape),
-                section(GJ, twisting),
-                jnp.full(nodes, rest[2]),
-                0.5 * mass * planar.rest_length * at_edges**2,  # rho (I_1 + I_2) l
-            ),
-            is_leaf=lambda leaf: leaf is None,
+        return Rod(
+            EI=both if EI is None else jnp.broadcast_to(jnp.asarray(EI, float), both.shape),
+            rest_curvature=jnp.broadcast_to(rest[:2], both.shape),
+            GJ=section(GJ, twisting),
+            rest_twist=jnp.full(nodes, rest[2]),
+            spin_inertia=0.25 * (mass[1:] + mass[:-1]) * edge * at_edges**2,  # rho (I_1 + I_2) l
+            **common,
         )
 
     @property

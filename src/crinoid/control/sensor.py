@@ -29,7 +29,7 @@ class Sensor(eqx.Module):
     clock: Clock
     delay: Float[Array, ""]
     noise: Pose
-    """Standard deviation of each coordinate (m, m, rad)."""
+    """Standard deviation of each coordinate (m, and rad in the plane)."""
     key: PRNGKeyArray
     kept: int = eqx.field(static=True)
     """How many samples can be under way at once."""

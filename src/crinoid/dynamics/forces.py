@@ -220,16 +220,24 @@ class Forces(eqx.Module):
         """Return whether two edges meet at an angle past which bending means nothing.
 
         At half a turn the strains are infinite; a step can jump over it, and come out as if bent
-        the other way. A planar root that turns freely may point anywhere; one in space is a
-        universal joint, whose twist means nothing there either.
+        the other way.
         """
-        bend = self.bend
-        if bend is None:
-            return jnp.asarray(False)
+        return jnp.any(self.facing(position) < _SHARPEST)
+
+    def facing(self, position: Rows) -> Float[Array, " bent"]:
+        """Return the cosine of the turn at each node but the tip.
+
+        It is 1 where nothing resists: a planar root that turns freely may point anywhere. One in
+        space is a joint that resists twist, which means nothing past half a turn either.
+        """
         edges = jnp.diff(self.nodes(position)[:, : self.axes], axis=0)
         tangent = edges / jnp.sqrt(jnp.sum(edges**2, axis=1))[:, None]
-        sharp = jnp.sum(tangent[1:] * tangent[:-1], axis=1) < _SHARPEST
-        return jnp.any(sharp[1:]) | (sharp[0] & (jnp.max(bend.stiffness[0]) > 0))
+        cosine = jnp.sum(tangent[1:] * tangent[:-1], axis=1)
+        bend = self.bend
+        if bend is None:
+            return jnp.ones_like(cosine)
+        resists = jnp.max(bend.stiffness.reshape(cosine.size, -1), axis=1) > 0
+        return jnp.where(resists, cosine, 1.0)
 
     def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, " work"]]:
         """Return the stored energies (J) and the powers that flow in from outside (W).

@@ -60,11 +60,12 @@ class Settings(eqx.Module):
 
     @staticmethod
     def for_rod(rod: Rod, tolerance: float | Array, max_iterations: int | Array) -> "Settings":
-        """Set the floor to the round-off of the forces that stretch and bend a rod."""
+        """Set the floor to the round-off of the forces that stretch, bend and twist a rod."""
         length = rod.rest_length
-        stretching = jnp.max(rod.EA / length)
-        bending = 4.0 * jnp.max(rod.EI) / jnp.min(length) ** 3
-        floor = 16 * jnp.finfo(float).eps * (stretching + bending) * rod.length
+        stretching = jnp.max(rod.EA / length) * rod.length
+        bending = 4.0 * jnp.max(rod.EI) / jnp.min(length) ** 3 * rod.length
+        twisting = 0.0 if rod.GJ is None else jnp.max(rod.GJ) / jnp.min(length) ** 2
+        floor = 16 * jnp.finfo(float).eps * (stretching + bending + twisting)
         weights = jnp.ones(rod.axes)
         if rod.axes == 3:
             weights = jnp.append(weights, 1.0 / jnp.mean(length))  # a couple on the ends of an edge

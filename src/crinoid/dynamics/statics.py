@@ -122,7 +122,8 @@ def equilibrium(
     """
     tip = forces.nodes(start).shape[0] - 1
     along = jnp.linspace(0.0, 1.0, tip - 1)[1:, None]
-    reach = jnp.sqrt(jnp.sum((start[tip] - start[1])[: forces.axes] ** 2))
+    edges = jnp.diff(start[1 : tip + 1, : forces.axes], axis=0)
+    reach = jnp.sum(jnp.sqrt(jnp.sum(edges**2, axis=1)))
 
     def unfinished(carry: tuple[_Search, Outcome]) -> Bool[Array, ""]:
         search, outcome = carry
@@ -241,14 +242,16 @@ def _aside(chord: Float[Array, " b"], axes: int) -> Float[Array, " b"]:
     """Return a direction across a chord: in the plane the one up from it, in space a bit of y too.
 
     So the arm finds its way out of a plane in which it does not stay, and in the plane it goes to
-    the same side as a planar arm.
+    the same side as a planar arm. Of an arm that closes on itself the chord is taken as forward.
     """
     up = axes - 1
+    length = jnp.sqrt(jnp.sum(chord[:axes] ** 2))
+    closed = length < jnp.finfo(float).tiny
+    forward = jnp.zeros_like(chord).at[0].set(1.0)
+    chord = jnp.where(closed, forward, chord / jnp.where(closed, 1.0, length))
     across = jnp.zeros_like(chord).at[0].set(-chord[up]).at[up].set(chord[0])
     if axes == 3:
-        place = chord[:3] / jnp.sqrt(jnp.sum(chord[:3] ** 2))
-        aside = jnp.zeros(3).at[1].set(1.0) - place[1] * place
-        along_y = jnp.zeros(3).at[0].set(place[1] ** 8)
-        across = across / jnp.sqrt(jnp.sum(chord[:3] ** 2))
+        aside = jnp.zeros(3).at[1].set(1.0) - chord[1] * chord[:3]
+        along_y = jnp.zeros(3).at[0].set(chord[1] ** 8)
         across = across.at[:3].add(0.3 * aside + along_y)
-    return across / (jnp.sqrt(jnp.sum(across**2)) + jnp.finfo(float).tiny)
+    return across / jnp.sqrt(jnp.sum(across**2))

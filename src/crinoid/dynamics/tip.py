@@ -3,8 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.geometry import unit
-from crinoid.frames import dot
+from crinoid.elements.geometry import beyond, unit
 
 
 def tip_pose(position: Float[Array, "n d"]) -> Float[Array, " pose"]:
@@ -12,11 +11,8 @@ def tip_pose(position: Float[Array, "n d"]) -> Float[Array, " pose"]:
 
     The last edge points where the arm does half an edge before the tip: its turn is carried on.
     """
-    last, before = position[-1] - position[-2], position[-2] - position[-3]
-    if position.shape[1] == 3:
-        (before, _), (last, _) = unit(before), unit(last)
-        middle, _ = unit(before + last)
-        return jnp.append(position[-1], 2.0 * dot(middle, last) * last - middle)
-    turn = jnp.arctan2(before[0] * last[1] - before[1] * last[0], jnp.sum(before * last))
-    angle = jnp.arctan2(last[1], last[0]) + 0.5 * turn
-    return jnp.append(position[-1], angle)
+    (last, _), (before, _) = unit(position[-1] - position[-2]), unit(position[-2] - position[-3])
+    direction = beyond(before, last)
+    if position.shape[1] == 2:
+        direction = jnp.arctan2(direction[1], direction[0])
+    return jnp.append(position[-1], direction)

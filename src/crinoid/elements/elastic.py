@@ -1,4 +1,4 @@
-"""Elasticity of a planar discrete rod, with Kelvin-Voigt damping on every strain.
+"""Elasticity of a discrete rod, with Kelvin-Voigt damping on every strain: stretch, planar bend.
 
 A strain ``s`` of a window stores ``1/2 K (s - s_rest)^2``; its stress is
 ``K (s - s_rest + damping_time ds/dt)``, and the force is the stress times ``grad s``.

@@ -1,4 +1,4 @@
-"""Plane geometry that several elements share."""
+"""Geometry that several elements share."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -15,6 +15,12 @@ def unit(vector: Vector) -> tuple[Vector, Float[Array, ""]]:
 def turned(vector: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
     """Turn planar vectors by a right angle, from +x toward +z."""
     return jnp.stack([-vector[..., 1], vector[..., 0]], axis=-1)
+
+
+def beyond(before: Vector, last: Vector) -> Vector:
+    """Return the direction half an edge past the last of two: their turn is carried on."""
+    middle, _ = unit(before + last)
+    return 2.0 * jnp.sum(middle * last) * last - middle
 
 
 def bend_strain(tangent: Float[Array, "..."], secant: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
-from crinoid.elements.geometry import turned, unit
+from crinoid.elements.geometry import beyond, turned, unit
 from crinoid.frames import angle_between, cross, dot, spun, transport
 from crinoid.onset import Onset
 from crinoid.rod import Rod
@@ -119,7 +119,7 @@ class TipLoad(Element):
         place = motion.position[:, : self.dead_force.shape[-1]]
         before, _ = unit(place[1] - place[0])
         last, length = unit(place[2] - place[1])
-        tip, _ = unit(1.5 * last - 0.5 * before)
+        tip = beyond(before, last)
         if motion.orientation is None:
             axes = jnp.stack([tip, turned(tip)])
             moment = (self.moment + self.follower_moment)[0]

@@ -31,7 +31,7 @@ from jaxtyping import Array, Float
 
 from crinoid.elements.element import Course, Linearised, Motion
 from crinoid.elements.geometry import bend_strain, unit
-from crinoid.frames import angle_between, cross, dot, half_tangent, transport
+from crinoid.frames import cross, dot, half_tangent, transport
 from crinoid.rod import Rod
 
 Vector = Float[Array, "3"]
@@ -97,16 +97,12 @@ class _Strain(NamedTuple):
     """``C``."""
 
     @staticmethod
-    def of(a: _Edge, b: _Edge, expected_twist: Float[Array, ""]) -> "_Strain":
+    def of(a: _Edge, b: _Edge, twist: Float[Array, ""]) -> "_Strain":
         facing = 1.0 + dot(a.tangent, b.tangent)
         binormal = 2.0 * cross(a.tangent, b.tangent) / facing
         stretch = jnp.sqrt(1.0 + 0.25 * dot(binormal, binormal))
         middle = (a.tangent + b.tangent) / (facing * stretch)
         first = transport(a.director, a.tangent, middle)
-        last = transport(b.director, b.tangent, middle)
-        wrapped = angle_between(first, last, middle)
-        turns = jnp.round((expected_twist - wrapped) / (2 * jnp.pi))
-        twist = wrapped + 2 * jnp.pi * turns
         half = 0.5 * twist
         m_1 = jnp.cos(half) * first + jnp.sin(half) * cross(middle, first)
         m_2 = cross(middle, m_1)

@@ -70,13 +70,6 @@ class Section(Model):
         description="Section area that displaces water: buoyancy and added mass.",
     )
 
-    @property
-    def bending_stiffnesses(self) -> tuple[float, float] | None:
-        """EI_1 and EI_2, in N m2; None if they follow from radius and modulus."""
-        if self.EI is None or isinstance(self.EI, tuple):
-            return self.EI
-        return (self.EI, self.EI)
-
 
 class Arm(Model):
     """The arm at rest, a round elastic rod."""
@@ -114,14 +107,3 @@ class Arm(Model):
         default=Section(),
         description="Section properties given directly; each replaces a derived one.",
     )
-
-    @property
-    def radii(self) -> tuple[float, float]:
-        """Radius at the root and at the tip, in m."""
-        return self.radius if isinstance(self.radius, tuple) else (self.radius, self.radius)
-
-    @property
-    def rest_curvatures(self) -> tuple[float, float, float]:
-        """Curvatures kappa_1 and kappa_2 in 1/m and twist in rad/m, at rest."""
-        given = self.rest_curvature
-        return given if isinstance(given, tuple) else (0.0, given, 0.0)

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from crinoid.scenario.channel import Channels
 from crinoid.scenario.dimension import InSpace, Only
-from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.model import Model
 from crinoid.scenario.motion import Motion
 from crinoid.scenario.quantity import AsTuple, Degrees, Position
 
 __all__ = ["Base"]
-
-_POINTING = ("pan", "tilt")
-"""Channels that turn the way the root points; roll, which turns it about itself, is felt by a root
-on a universal joint."""
 
 
 class Base(Model):
@@ -38,23 +32,12 @@ class Base(Model):
     mount: Literal["clamped", "pinned"] = Field(
         default="clamped",
         description="clamped: the root points along tilt and pan; pinned: it turns freely, in "
-        "space on a universal joint, which bends both ways but does not let it twist.",
+        "space on a joint that bends both ways but hands on twist.",
     )
     channels: Channels = Field(default=Channels(), description="Channels a controller may drive.")
     motion: Annotated[tuple[Motion, ...], AsTuple] = Field(
         default=(), description="Prescribed motions of the submarine, added to the channels."
     )
-
-    def _conflicts(self) -> Iterator[Mistake]:
-        if self.mount == "clamped":
-            return
-        text = 'moves nothing: with base.mount = "pinned" the root turns freely'
-        for name in self.channels.present:
-            if name in _POINTING:
-                yield Mistake(f"channels.{name}", text)
-        for index, motion in enumerate(self.motion):
-            if motion.channel in _POINTING:
-                yield Mistake(f"motion.{index}.channel", f"{shown(motion.channel)} {text}")
 
     @property
     def angles(self) -> tuple[float, float, float]:

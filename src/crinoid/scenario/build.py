@@ -136,21 +136,9 @@ def _assemble(
 
 
 def _rod(arm: Arm) -> Numbers:
-    section = arm.section
-    spatial = arm.dimension == 3
-    numbers = {
-        "radius": arm.radii,
-        "rest_curvature": arm.rest_curvatures if spatial else arm.rest_curvature,
-        "EI": section.bending_stiffnesses if spatial else section.EI,
-        **{
-            name: getattr(arm, name)
-            for name in ("length", "density", "youngs_modulus", "poisson_ratio", "damping_time")
-        },
-        **{
-            name: getattr(section, name)
-            for name in ("EA", "GJ", "mass_per_length", "diameter", "displaced_area")
-        },
-    }
+    made_of = ("length", "radius", "density", "youngs_modulus", "poisson_ratio", "damping_time")
+    numbers = {name: getattr(arm, name) for name in (*made_of, "rest_curvature")}
+    numbers |= dict(arm.section)
     return {name: array(number) for name, number in numbers.items() if number is not None}
 
 

@@ -20,6 +20,7 @@ __all__ = [
     "contact_conflicts",
     "control_conflicts",
     "depth_conflicts",
+    "joint_conflicts",
     "measured_conflicts",
     "motion_conflicts",
     "output_conflicts",
@@ -37,9 +38,25 @@ _PARTNERS = {
 }
 
 _MAX_BYTES = 8e9
-_BYTES_PER_NODE = 100
+_BYTES_PER_NODE = {2: 120, 3: 210}
+"""Of a result, by dimension; obstacles come on top."""
 _MAX_CORRELATION_TIMES = 50_000
 """A random current as long as that takes 2 s to draw and 64 MB to keep."""
+
+
+def joint_conflicts(base: Base, dimension: int) -> Iterator[Mistake]:
+    """Yield what turns the root of a planar arm that turns freely.
+
+    In space the joint hands on twist, so each turn of the base is felt.
+    """
+    if base.mount == "clamped" or dimension == 3:
+        return
+    text = 'moves nothing: with base.mount = "pinned" the root turns freely'
+    if "tilt" in base.channels.present:
+        yield Mistake("base.channels.tilt", text)
+    for index, motion in enumerate(base.motion):
+        if motion.channel == "tilt":
+            yield Mistake(f"base.motion.{index}.channel", f"{shown(motion.channel)} {text}")
 
 
 def depth_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterator[Mistake]:
@@ -210,10 +227,10 @@ def output_conflicts(output: Output, simulation: Simulation) -> Iterator[Mistake
         yield Mistake("output.interval", text)
 
 
-def size_conflicts(nodes: int, instants: int) -> Iterator[Mistake]:
+def size_conflicts(arm: Arm, instants: int) -> Iterator[Mistake]:
     """Yield a result that no memory holds: all of it is kept until the end of a run."""
-    size = instants * nodes * _BYTES_PER_NODE
+    size = instants * arm.nodes * _BYTES_PER_NODE[arm.dimension]
     if size > _MAX_BYTES:
-        text = f"keeps {instants} instants of {nodes} nodes, about {size / 1e9:.0f} GB; "
+        text = f"keeps {instants} instants of {arm.nodes} nodes, about {size / 1e9:.0f} GB; "
         text += f"takes a longer one, for {_MAX_BYTES / 1e9:.0f} GB or less"
         yield Mistake("output.interval", text)

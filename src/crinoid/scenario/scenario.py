@@ -18,6 +18,7 @@ from crinoid.scenario.consistency import (
     contact_conflicts,
     control_conflicts,
     depth_conflicts,
+    joint_conflicts,
     measured_conflicts,
     motion_conflicts,
     output_conflicts,
@@ -268,6 +269,7 @@ class Scenario(Model):
         if mistakes:  # the others take vectors as they should be
             yield from mistakes
             return
+        yield from joint_conflicts(self.base, dimension)
         yield from depth_conflicts(self.water, self.base, self.flow)
         yield from wave_conflicts(self.water, self.base, self.flow)
         yield from measured_conflicts(self.flow, dimension)
@@ -278,7 +280,7 @@ class Scenario(Model):
         yield from rate_conflicts(self.sensor, self.control, self.simulation)
         yield from contact_conflicts(self.arm, self.obstacle)
         yield from output_conflicts(self.output, self.simulation)
-        yield from size_conflicts(self.arm.nodes, self.simulation.steps // self.output_steps)
+        yield from size_conflicts(self.arm, self.simulation.steps // self.output_steps)
         if self.vary:
             yield from self._case_conflicts()
 

@@ -246,7 +246,7 @@ def _start_failure(scenario: Scenario, setup: Setup) -> str:
 
 
 def _other_base(scenario: Scenario) -> str:
-    """Say what to try first where a universal joint may be bent too far."""
+    """Say what to try first where a joint may be bent too far."""
     jointed = scenario.arm.dimension == 3 and scenario.base.mount == "pinned"
     return "a base that points less than 170 degrees from where the arm hangs, " * jointed
 
@@ -265,7 +265,8 @@ def _step_failure(scenario: Scenario, system: System, carry: LoopState, outcome:
             f"between them; try {smaller}, more simulation.max_halvings, or slower obstacles"
         )
     if outcome.folded:
-        node, angle = _sharpest(carry.state)
+        facing = np.asarray(system.forces.facing(carry.state.motion.position))
+        node, angle = int(np.argmin(facing)), np.rad2deg(np.arccos(np.clip(facing.min(), -1, 1)))
         return (
             f"{when}: the arm folds onto itself, two edges meet at more than 170 degrees even "
             f"after {halvings} halvings, and node {node} was bent by {angle:.0f} before; try "
@@ -278,15 +279,6 @@ def _step_failure(scenario: Scenario, system: System, carry: LoopState, outcome:
         f"{'obstacles that leave the arm room, ' if caught else ''}"
         "or more simulation.max_halvings"
     )
-
-
-def _sharpest(state: State) -> tuple[int, float]:
-    """Return the node where the arm is bent the most, and by how much (degrees)."""
-    edges = np.diff(np.asarray(state.position), axis=0)
-    tangent = edges / np.linalg.norm(edges, axis=1, keepdims=True)
-    cosines = np.clip(np.sum(tangent[1:] * tangent[:-1], axis=1), -1.0, 1.0)
-    node = int(np.argmin(cosines))
-    return node, float(np.rad2deg(np.arccos(cosines[node])))
 
 
 def _imbalance(system: System, outcome: Outcome) -> str:
