@@ -254,7 +254,10 @@ def test_the_arm_leans_on_the_pile_and_is_not_squeezed(reach):
     assert float(data["contact_closest"].min()) > -0.01 * radius
     force = np.linalg.norm(data["contact_force"].isel(obstacle=0).values, axis=-1)
     assert force[time > 9.0].min() > 0.5
-    assert force.max() < 5.0
+    assert force[time > 9.0].max() < 5.0
+    # it touches gently: the first kick is that of an arm of 0.8 kg at 7 cm/s
+    kick = np.linalg.norm(data["contact_impulse"].isel(obstacle=0).values, axis=-1)
+    assert kick[np.searchsorted(time, 7.74)] < 0.06
     assert imbalance(data) < 0.02
 
 

@@ -219,7 +219,7 @@ def test_tangent_with_contacts_is_the_slope_of_the_residual():
 
 
 def test_gradient_of_a_step_in_contact_agrees_with_differences():
-    system = crowd(time_step=1e-3, tolerance=1e-13)
+    system = crowd(time_step=1e-4, tolerance=1e-13)
     state = rest(system)
     rng = np.random.default_rng(8)
     weights, direction = jnp.asarray(rng.normal(size=(2, *state.motion.position.shape)))
@@ -261,10 +261,11 @@ def hit(velocity, mass, *, place=(0.4, -0.06), **changes):
     ],
 )
 def test_a_hit_keeps_momentum_and_energy(velocity, mass, place):
-    system = hit(velocity, mass, place=place)
-    end, taken = march(system, rest(system), 40)
+    # a hard hit sets off waves that take a step of their own length
+    system = hit(velocity, mass, place=place, time_step=0.0025)
+    end, taken = march(system, rest(system), 160)
     touch = end.touch
-    assert taken > 40  # it was seen coming
+    assert taken > 160  # it was seen coming
     assert 0 < float(touch.duration[0]) < 0.05
     assert not touch.in_contact[0]
     # what the body lost the arm got
