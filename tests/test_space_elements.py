@@ -415,7 +415,7 @@ def still_water(forces):
 @pytest.mark.parametrize("bend", [0.0, 0.3, 2.5])
 def test_strains_are_those_of_the_frame_half_way(bend, twist):
     # bent by an angle about any axis b across the first edge, the second edge's frame further
-    # twisted: 2 tan(bend / 2) b (Bergou et al. 2008, eq. 1) is read in the frame half way
+    # twisted: (2 tan(bend / 2) + 4 sin(bend / 2)) / 3 b is read in the frame half way
     for about in (0.0, 1.0, 4.0):
         first = Rotation.from_rotvec([0.3, -0.7, 0.4])
         binormal = first.apply([0.0, np.cos(about), np.sin(about)])
@@ -434,14 +434,17 @@ def test_strains_are_those_of_the_frame_half_way(bend, twist):
         none = jnp.zeros_like(position)
         numbers = (jnp.zeros(()), position, none, none, *[jnp.ones(())] * 3)
         strains = strains_of(SYSTEM.forces, Stage(*numbers, frames))
+        strains += of_kind(BendTwist).rest_strain
         half = about - twist / 2  # the binormal as seen from the frame half way
-        expected = 2 * np.tan(bend / 2) * np.array([np.sin(half), -np.cos(half)])
+        size = (2 * np.tan(bend / 2) + 4 * np.sin(bend / 2)) / 3
+        expected = size * np.array([np.sin(half), -np.cos(half)])
         np.testing.assert_allclose(strains[1], [*expected, twist], rtol=0, atol=1e-12)
         np.testing.assert_allclose(np.delete(strains, 1, axis=0), 0, atol=1e-12)
 
 
 @eqx.filter_jit
 def strains_of(forces, stage):
+    """Return the strains of all nodes but the tip, beyond those at rest."""
     return forces.strains(motion_of(forces, stage, jnp.zeros_like(stage.position))[0])
 
 
@@ -462,13 +465,11 @@ def test_the_moments_of_a_tip_load_are_those_that_it_says():
         np.testing.assert_allclose(force, 0, atol=1e-14)
         # the tip's frame: the last one, its tangent and its twist carried on by half an edge
         a, b = np.asarray(tangents(motion.position))[-2:]
-        tip = 1.5 * b - 0.5 * a
-        tip /= np.linalg.norm(tip)
-        swing = np.cross(b, tip)
-        angle = np.arctan2(np.linalg.norm(swing), b @ tip)
-        m_1 = Rotation.from_rotvec(swing * angle / np.linalg.norm(swing)).apply(
-            np.array(motion.orientation.director[-1])
-        )
+        swing = np.cross(a, b)
+        swing *= np.arctan2(np.linalg.norm(swing), a @ b) / np.linalg.norm(swing)
+        carried = Rotation.from_rotvec(0.5 * swing)
+        tip = carried.apply(b.copy())
+        m_1 = carried.apply(np.array(motion.orientation.director[-1]))
         half = 0.5 * float(motion.orientation.twist[-2])
         m_1 = np.cos(half) * m_1 + np.sin(half) * np.cross(tip, m_1)
         frame = np.stack([tip, m_1, np.cross(tip, m_1)])
@@ -510,13 +511,14 @@ def test_inertia_of_a_round_arm_is_that_of_its_mass_and_of_its_spin():
     # rho (I_1 + I_2) = m r^2 / 2 per length
     stage = at_random(1)
     residual, energy, power, motion = observe(only(Inertia), stage)
-    cell = EDGE * np.array([0.5, *[1.0] * (NODES - 2), 0.5])
+    # of what runs linearly along an edge each end bears a third, and a sixth of the other end's
+    mass = np.diag([2.0, *[4.0] * (NODES - 2), 2.0]) + np.eye(NODES, k=1) + np.eye(NODES, k=-1)
+    mass *= 1.2 * EDGE / 6
     spin = EDGE * 1.2 * 1.0**2 / 2  # of radius 1
-    a = np.asarray(motion.acceleration)
-    np.testing.assert_allclose(residual[1:, :3], 1.2 * cell[:, None] * a[1:, :3], rtol=1e-13)
-    np.testing.assert_allclose(residual[2:, 3], spin * a[2:, 3], rtol=1e-13)
-    v = np.asarray(motion.velocity)
-    kinetic = 0.6 * np.sum(cell * np.sum(v[1:, :3] ** 2, 1)) + 0.5 * spin * np.sum(v[2:, 3] ** 2)
+    a, v = np.asarray(motion.acceleration)[1:], np.asarray(motion.velocity)[1:]
+    np.testing.assert_allclose(residual[1:, :3], mass @ a[:, :3], rtol=1e-12)
+    np.testing.assert_allclose(residual[2:, 3], spin * a[1:, 3], rtol=1e-13)
+    kinetic = 0.5 * np.sum(v[:, :3] * (mass @ v[:, :3])) + 0.5 * spin * np.sum(v[1:, 3] ** 2)
     np.testing.assert_allclose(energy, [kinetic, 0, 0], rtol=1e-13)
     assert not np.asarray(power).any()
 
