@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from crinoid.base import Base, BaseMotion, Servo
-from crinoid.dynamics import Forces, Integrator, Obstacles, Settings, System
+from crinoid.dynamics import Forces, Integrator, Obstacles, Settings, State, System
 from crinoid.elements import (
     AddedMass,
     Bend,
@@ -26,6 +27,9 @@ from crinoid.flow import Flow, Water
 from crinoid.onset import Onset
 from crinoid.rod import Rod
 from crinoid.space import CHANNELS
+
+QUICKLY = {"xla_backend_optimization_level": 0}
+"""Options for what takes longer to compile than to run."""
 
 
 def arm(
@@ -203,3 +207,36 @@ def order(errors: Sequence[float], refinement: float = 2.0) -> Array:
     """Return the observed orders of convergence of successive errors."""
     errors = np.asarray(errors)
     return np.log(errors[:-1] / errors[1:]) / np.log(refinement)
+
+
+def only(forces: Forces, *kinds: type[Element]) -> Forces:
+    """Silence all elements but some, by their numbers: what is compiled stays the same."""
+
+    def silenced(element: Element) -> Element:
+        if isinstance(element, Stretch):  # which divides by its length
+            return eqx.tree_at(lambda e: e.EA, element, jnp.zeros_like(element.EA))
+        return jax.tree.map(jnp.zeros_like, element)
+
+    elements = tuple(e if isinstance(e, kinds) else silenced(e) for e in forces.elements)
+    return eqx.tree_at(lambda f: f.elements, forces, elements)
+
+
+def dense(bands: ArrayLike) -> np.ndarray:
+    """Write the bands out as a matrix with axes node, unknown, node, unknown."""
+    bands = np.asarray(bands)
+    n, _, b, _ = bands.shape
+    matrix = np.zeros((n, b, n, b))
+    for i in range(n):
+        for d in range(max(0, 2 - i), min(5, n + 2 - i)):
+            matrix[i, :, i + d - 2] = bands[i, d]
+    return matrix
+
+
+def bare(state: State) -> State:
+    """Leave out of a state what does not move the arm, whose derivatives take long to compile."""
+    books = [state.energy, state.power, state.work, state.reaction]
+    return eqx.tree_at(
+        lambda s: [s.energy, s.power, s.work, s.reaction, s.flow_velocity],
+        state,
+        [jnp.zeros_like(x) for x in [*books, state.flow_velocity]],
+    )

@@ -56,6 +56,12 @@ def push(contact, position, velocity=None):
 
 
 @eqx.filter_jit
+def _potential(contact, position):
+    """Return the energy in the skin."""
+    return contact.press(contact.gap(position))[0]
+
+
+@eqx.filter_jit
 def _closest(contact, places):
     return contact._closest(places)
 
@@ -123,13 +129,14 @@ def test_crossed_cores_are_as_far_apart_as_their_common_normal_is_long():
 @shapes
 def test_force_is_the_slope_of_the_skins_potential(kind):
     contact, position, _ = rubbed(1, kind)
-    potential = jax.jit(lambda position: contact.press(contact.gap(position))[0])
     force, step = push(contact, position)[1], 1e-8
     assert np.abs(force).max() > 1.0
     for entry in np.ndindex(3, 4):
         moved = np.zeros((3, 4))
         moved[entry] = step
-        ahead, behind = (float(potential(jnp.asarray(position + s * moved))) for s in (1, -1))
+        ahead, behind = (
+            float(_potential(contact, jnp.asarray(position + s * moved))) for s in (1, -1)
+        )
         assert force[entry] == pytest.approx(-(ahead - behind) / (2 * step), abs=1e-6)
     np.testing.assert_allclose(force[:, :3].sum(axis=0), 0.0, atol=1e-14)
     np.testing.assert_array_equal(force[:, 3], 0.0)

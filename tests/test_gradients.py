@@ -11,14 +11,12 @@ import pytest
 from crinoid.base import SineMotion
 from crinoid.elements import Bend, Drag, Weight
 from crinoid.flow import PowerShear
-from physics import always, arm
+from physics import QUICKLY, always, arm, bare
 
 NODES = 11
 STEPS = 20
 H = 1e-4
 """Step of the central differences."""
-# each compilation here runs once and takes far longer than the run
-QUICKLY = {"xla_backend_optimization_level": 0}
 
 
 def held_at(channel):
@@ -90,16 +88,6 @@ def varied(parameters):
             heave,
             tilt,
         ],
-    )
-
-
-def bare(state):
-    """Leave out of a state what does not move the arm, whose derivatives take long to compile."""
-    books = [state.energy, state.power, state.work, state.reaction]
-    return eqx.tree_at(
-        lambda s: [s.energy, s.power, s.work, s.reaction, s.flow_velocity],
-        state,
-        [jnp.zeros_like(x) for x in [*books, state.flow_velocity]],
     )
 
 

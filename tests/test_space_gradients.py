@@ -15,13 +15,12 @@ from crinoid.base import SineMotion
 from crinoid.elements import TipLoad
 from crinoid.flow import Uniform
 from crinoid.space import CHANNELS
-from physics import always, arm
+from physics import QUICKLY, always, arm, bare
 
 NODES = 7
 STEPS = 20
 H = 1e-4
 """Step of the central differences."""
-QUICKLY = {"xla_backend_optimization_level": 0}
 
 USUAL = {
     "EI_1": 1.0, "EI_2": 1.4, "GJ": 0.7, "kappa_1": 0.5, "kappa_2": -0.4, "twist": 1.2,
@@ -78,16 +77,6 @@ def varied(parameters):
         time_step=0.02,
         tolerance=1e-13,
         floor=1e-11,
-    )
-
-
-def bare(state):
-    """Leave out of a state what does not move the arm, whose derivatives take long to compile."""
-    books = [state.energy, state.power, state.work, state.reaction]
-    return eqx.tree_at(
-        lambda s: [s.energy, s.power, s.work, s.reaction, s.flow_velocity],
-        state,
-        [jnp.zeros_like(x) for x in [*books, state.flow_velocity]],
     )
 
 

@@ -1,8 +1,6 @@
 """Static equilibria against the exact elastica, and against figures that others have published.
 
-The exact shapes are those of inextensible rods. The arms here resist stretch with EA = 1e7 EI/L^2,
-so that loads of 10 EI/L^2 stretch them by 1e-6: below what the tests ask for, and still far enough
-from the round-off of the stretching forces, EA/l times 2e-16 = 1e-7 EI/L^2 on the finest mesh.
+In the plane, and most of them in other planes of space too.
 """
 
 import equinox as eqx
@@ -10,138 +8,151 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
-from crinoid.dynamics import System
 from crinoid.dynamics.statics import still
-from crinoid.elements import DistributedLoad, TipLoad
-from crinoid.flow import Uniform
+from crinoid.dynamics.tangent import HELD
 from elastica import BLADES, CRITICAL, LIMP, MATTIASSON, OWN_WEIGHT, UPRIGHT, Shape, elastica
-from physics import always, arm, order
+from physics import QUICKLY, dense, facing, order
+from slender import EA, FLOOR, MESHES, equilibrium, find, loaded
 
-MESHES = (11, 21, 41)
-EA = 1e7
-FLOOR = 2e-7
-"""A few times the round-off of the stretching forces (N)."""
+LEVEL = (np.eye(3), 0.0)
+"""The plane x-z as it stands in space, and how far the arm is rolled in it."""
+UPRIGHT_PLANE = (Rotation.from_euler("z", 0.7).as_matrix(), 0.4)
+TURNED = (Rotation.from_euler("zx", [0.7, 0.4]).as_matrix(), 0.9)
 
-find = eqx.filter_jit(System.find_equilibrium)
-
-
-def equilibrium(system):
-    # the time as an array: so it is the same compilation as that of `System.equilibrium`
-    return find(system, jnp.zeros(()))
+planes = pytest.mark.parametrize("plane", [None, LEVEL, TURNED], ids=["planar", "level", "turned"])
+vertical_planes = pytest.mark.parametrize(
+    "plane", [None, LEVEL, UPRIGHT_PLANE], ids=["planar", "level", "upright"]
+)
 
 
-def loaded(
-    nodes,
-    *,
-    dead=(0.0, 0.0),
-    follower=(0.0, 0.0),
-    moment=0.0,
-    tangential=0.0,
-    normal=0.0,
-    fixed=(0.0, 0.0),
-    current=(0.0, 0.0),
-    **changes,
-):
-    """Build an arm of unit length and stiffness; always of the same elements, compiled once.
+def in_plane(plane, *, tilt=0.0, rest_curvature=0.0, **case):
+    """Write a planar case as that of a spatial arm in a plane, its director rolled in it.
 
-    The density and diameter of water and arm make the drag of a broadside current |u| u per
-    length.
+    Without a plane it stays planar.
     """
-    settings = {
-        "EA": EA,
-        "floor": FLOOR,
-        "water_density": 1.0,
-        "diameter": 2.0,
-        "drag_normal": 1.0,
-        "drag_tangential": 0.0,
-    }
-    return arm(
-        nodes=nodes,
-        loads=(
-            lambda rod: DistributedLoad.of(
-                rod, tangential=tangential, normal=normal, fixed=jnp.asarray(fixed)
-            ),
-            lambda rod: TipLoad.of(
-                rod,
-                dead_force=jnp.asarray(dead),
-                follower_force=jnp.asarray(follower),
-                moment=moment,
-            ),
-        ),
-        flows=(Uniform(always(), jnp.asarray(current, float)),),
-        **settings | changes,
-    )
+    if plane is None:
+        return case | {"tilt": tilt, "rest_curvature": rest_curvature}
+    rotation, roll = plane
+    c, s = np.cos(roll), np.sin(roll)
+    given = {**case, "axes": 3}
+    for name in ("dead", "fixed", "current"):
+        if name in case:
+            x, z = case[name]
+            given[name] = rotation @ [x, 0.0, z]
+    if "follower" in case:  # in the frame of an arm along +x that is not turned
+        x, z = case["follower"]
+        given["follower"] = (x, s * z, c * z)
+    if "moment" in case:
+        given["moment"] = -case["moment"] * rotation[:, 1]
+    given["rest_curvature"] = (s * rest_curvature, c * rest_curvature, 0.0)
+    turns = Rotation.from_matrix(rotation) * Rotation.from_euler("yx", [-tilt, 0.0])
+    # roll about the arm, from +y toward +z
+    turns = turns * Rotation.from_rotvec([roll, 0.0, 0.0])
+    return given | facing(turns.as_matrix())
 
 
-def solve(nodes, **case):
-    """Return the shape of an arm in equilibrium, which must be found."""
-    system = loaded(nodes, **case)
-    state, outcome = equilibrium(system)
-    assert outcome.converged
-    x, z, angle = np.asarray(system.tip(state))
-    edges = np.diff(np.asarray(state.position)[1:], axis=0)
-    sine = edges[:, 1] / np.hypot(*edges.T)
-    return Shape(x, z, angle, np.mean(sine**3))
+def solve(nodes, plane=None, **case):
+    """Return the shape of an arm in equilibrium, which must stay in its plane."""
+    system = loaded(nodes, **in_plane(plane, **case))
+    state = equilibrium(system)
+    places, tip = np.asarray(state.position), np.asarray(system.tip(state))
+    if plane is None:
+        angle = tip[2]
+    else:
+        rotation, _ = plane
+        places, direction = places @ rotation, tip[3:] @ rotation
+        # but for the floor of the imbalance
+        np.testing.assert_allclose(places[:, 1], 0, atol=2e-6)
+        np.testing.assert_allclose(direction @ direction, 1, rtol=1e-13)
+        places, angle = places[:, [0, 2]], np.arctan2(direction[2], direction[0])
+    edges = np.diff(places[1:], axis=0)
+    angles = np.arctan2(edges[:, 1], edges[:, 0])
+    return Shape(*places[-1], np.unwrap([*angles, angle])[-1], np.mean(np.sin(angles) ** 3))
 
 
-def converge(exact, *, digits=2e-5, within=0.2, **case):
-    """Solve on all meshes: the error falls with order 2, its leading terms removed it is small.
+def converge(exact, plane=None, *, coarse, digits=2e-5, **case):
+    """Solve on all meshes: the tip is near on the coarsest, and errors fall with order 2 or more.
 
     The ends of the arm add a term of order 3, so that both are taken out (Richardson).
-    ``within``: how near 2 the order of the last refinement is.
+    ``coarse``: how far off the tip is at most, its direction aside: that is carried on from the
+    edges before. In a plane of space the arm is the planar one.
     """
+    if plane is not None:
+        there, planar = (solve(MESHES[0], each, **case) for each in (plane, None))
+        np.testing.assert_allclose(there, planar, rtol=0, atol=2e-6)
+        return
     exact = np.asarray(exact)
     shapes = np.array([solve(nodes, **case) for nodes in MESHES])
     errors = np.linalg.norm(shapes - exact, axis=1)
+    off = np.hypot(*(shapes - exact)[0, :2])
     once = shapes[1:] + (shapes[1:] - shapes[:-1]) / (2**2 - 1)
     limit = once[1] + (once[1] - once[0]) / (2**3 - 1)
-    print("orders", order(errors), "finest", errors[-1], "limit", np.abs(limit - exact).max())
-    coarse, fine = order(errors)
-    assert coarse > 1.4
-    assert abs(fine - 2) < within
+    print("orders", order(errors), "off", off, "limit", np.abs(limit - exact).max())
+    assert off < coarse
+    first, second = order(errors)
+    assert first > 1.4
+    assert second > 1.75
     np.testing.assert_allclose(limit, exact, rtol=0, atol=digits)
 
 
+@planes
 @pytest.mark.parametrize("load", MATTIASSON)
-def test_dead_tip_load(load):
+def test_dead_tip_load(load, plane):
     angle, drop, shortening = MATTIASSON[load]
     exact = elastica((-UPRIGHT + 1e-9, -0.1), dead=(0.0, -load))
     np.testing.assert_allclose(
         (-exact.angle, -exact.z, 1 - exact.x), (angle, drop, shortening), rtol=0, atol=6e-7
     )
-    converge(exact, dead=(0.0, -load))
+    converge(exact, plane, coarse=2.5e-4 * load, dead=(0.0, -load))
 
 
 def test_oblique_dead_tip_load():
     # 3.7 EI/L^2, 30 degrees beyond the vertical: the force also pushes back on the arm
     dead = 3.7 * np.array([np.cos(np.deg2rad(-120)), np.sin(np.deg2rad(-120))])
-    converge(elastica((np.deg2rad(-119.9), -0.2), dead=dead), dead=dead)
+    converge(elastica((np.deg2rad(-119.9), -0.2), dead=dead), coarse=1.5e-3, dead=dead)
 
 
-@pytest.mark.parametrize("load", [1.0, 3.3, 5.0, 10.0])
-def test_own_weight(load):
+@vertical_planes
+@pytest.mark.parametrize(("load", "coarse"), [(1, 3e-5), (3.3, 4e-4), (5, 8e-4), (10, 2e-3)])
+def test_own_weight(load, coarse, plane):
     exact = elastica((-UPRIGHT + 1e-9, -0.05), distributed=lambda angle: (0.0, -load))
     if load in OWN_WEIGHT:
         np.testing.assert_allclose((-exact.z, 1 - exact.x), OWN_WEIGHT[load], rtol=0, atol=6e-7)
-    # under the largest load the terms of order 2 and 3 almost cancel on the coarsest mesh
-    converge(exact, gravity=load, within=0.3 if load == 10 else 0.2)
+    converge(exact, plane, coarse=coarse, gravity=float(load))
 
 
+@planes
 @pytest.mark.parametrize("turns", [0.5, 1.0, -1.0])
-def test_end_moment_bends_a_circle(turns):
-    # M = 2 pi EI/L: the arm closes; half of it: half a circle of radius L/pi
+def test_end_moment_bends_a_circle(turns, plane):
+    # M = 2 pi EI/L: the arm closes; half of it: half a circle of radius L/pi. In space a moment on
+    # a free tip is not conservative, and a whole circle of a round arm does not stay in its plane:
+    # that takes one that is stiff in twist
     angle = 2 * np.pi * turns
-    exact = np.array([np.sin(angle), 1 - np.cos(angle)]) / angle
+    if plane is not None:
+        there, planar = (solve(11, each, moment=angle, GJ=3.0) for each in (plane, None))
+        np.testing.assert_allclose(there, planar, rtol=0, atol=2e-6)
+        return
+    exact = (np.exp(1j * angle) - 1) / (1j * angle)
     errors = []
     for nodes in MESHES:
-        x, z, direction, _ = solve(nodes, moment=angle)
-        turned = np.unwrap([angle, direction])[1]
-        errors.append(np.linalg.norm([x - exact[0], z - exact[1], turned - angle]))
+        x, z, turned, _ = solve(nodes, moment=angle)
+        # to order 2: corners on a wider circle, of which the end correction at the root swings
+        # the arm back by a twelfth of an edge's turn and edge
+        drawn = exact - 1j * angle / (24 * (nodes - 1) ** 2) * (np.exp(1j * angle) + 1)
+        errors.append(np.hypot(abs(x + 1j * z - drawn), turned - angle))
     print("orders", order(errors), errors)
-    coarse, fine = order(errors)
-    assert coarse > 1.6
-    assert abs(fine - 2) < 0.2
+    # M l / EI = d(s^2 / 2)/da = a + 3/160 a^5: each node turns that much less
+    turn = angle / (MESHES[0] - 1)
+    assert errors[0] < 1.2 * abs(3 / 160 * turn**4 * angle)
+    np.testing.assert_allclose(order(errors), 4.0, atol=0.3)
+
+
+def test_a_circle_that_does_not_stay_in_its_plane_is_found_where_there_is_no_other():
+    # the moment is the same all along the arm, whatever its stiffness in twist
+    stays, leaves = (solve(11, TURNED, moment=2 * np.pi, GJ=GJ) for GJ in (3.0, 2 / 3))
+    np.testing.assert_allclose(leaves, stays, rtol=0, atol=1e-7)
 
 
 def test_tapered_arm_under_a_tip_load():
@@ -156,19 +167,21 @@ def test_tapered_arm_under_a_tip_load():
     # EA is that of the section, 4e6 EI/L^2 at the root and a quarter of it at the tip
     section = {"EA": None, "EI": None, "radius": jnp.asarray([root, tip])}
     # the thin end turns most, over a few edges of the coarsest mesh
-    converge(exact, dead=(0.0, -1.5), youngs_modulus=modulus, digits=1e-4, **section)
+    converge(exact, coarse=1e-3, dead=(0.0, -1.5), youngs_modulus=modulus, digits=1e-4, **section)
 
 
-@pytest.mark.parametrize("load", [2.0, 6.0])
-def test_follower_tip_load(load):
+@planes
+@pytest.mark.parametrize(("load", "coarse"), [(2.0, 1.2e-3), (6.0, 1.6e-2)])
+def test_follower_tip_load(load, coarse, plane):
     exact = elastica((0.1, 4.0), follower=(0.0, load))
     # 6 EI/L^2 bends the arm by 136 degrees
-    converge(exact, follower=(0.0, load), digits=1e-4)
+    converge(exact, plane, coarse=coarse, follower=(0.0, load))
 
 
-def test_tip_force_and_moment_together():
+@planes
+def test_tip_force_and_moment_together(plane):
     exact = elastica((-1.0, 2.0), dead=(0.5, -2.0), moment=2.2)
-    converge(exact, dead=(0.5, -2.0), moment=2.2)
+    converge(exact, plane, coarse=5e-3, dead=(0.5, -2.0), moment=2.2)
 
 
 def test_curved_arm_without_load_keeps_its_shape():
@@ -177,21 +190,27 @@ def test_curved_arm_without_load_keeps_its_shape():
     # a circular arc of 2 rad
     arc = (np.sin(tilt + 2) - np.sin(tilt)) / 2, (np.cos(tilt) - np.cos(tilt + 2)) / 2, tilt + 2
     np.testing.assert_allclose(exact[:3], arc, rtol=0, atol=1e-11)
-    converge(exact, tilt=tilt, rest_curvature=curvature)
+    converge(exact, coarse=2.2e-3, tilt=tilt, rest_curvature=curvature)
     # a soft arm, whose round-off is small
     system = loaded(11, tilt=tilt, rest_curvature=curvature, EA=1e3, floor=1e-11)
-    state, outcome = equilibrium(system)
-    assert outcome.converged
+    state = equilibrium(system)
     np.testing.assert_allclose(state.position[1:], system.rod.rest_shape(tilt), rtol=0, atol=1e-10)
+    # it turns by its curvature, whatever the mesh
+    np.testing.assert_allclose(system.tip(state)[2], tilt + 2, rtol=0, atol=1e-9)
 
 
-def test_curved_arm_under_load():
+@planes
+def test_curved_arm_under_load(plane):
     exact = elastica((-1.5, 1.9), rest_curvature=2.0, dead=(0.0, -1.0))
-    converge(exact, rest_curvature=2.0, dead=(0.0, -1.0))
+    converge(exact, plane, coarse=2.5e-3, rest_curvature=2.0, dead=(0.0, -1.0))
 
 
-@pytest.mark.parametrize(("cauchy", "buoyancy"), BLADES)
-def test_blade_in_a_current(cauchy, buoyancy):
+@vertical_planes
+@pytest.mark.parametrize(
+    ("cauchy", "buoyancy", "coarse"),
+    [(1, 0, 3e-5), (10, 0, 8e-4), (1, 10, 2e-4), (10, 10, 8e-4)],
+)
+def test_blade_in_a_current(cauchy, buoyancy, coarse, plane):
     def distributed(angle):
         # normal drag on a resting arm, w_n = U sin(angle) across it; and buoyancy
         drag = cauchy * np.sin(angle) * abs(np.sin(angle))
@@ -204,6 +223,8 @@ def test_blade_in_a_current(cauchy, buoyancy):
     # a mass of 1 per length displaces 1 + B of water of density 1, under a gravity of 1
     converge(
         exact,
+        plane,
+        coarse=coarse,
         tilt=UPRIGHT,
         gravity=1.0,
         displaced_area=1.0 + buoyancy,
@@ -211,15 +232,36 @@ def test_blade_in_a_current(cauchy, buoyancy):
     )
 
 
-def test_limp_chain_in_a_current():
-    np.testing.assert_allclose(np.sin(LIMP), (np.sqrt(5) - 1) / 2, atol=1e-5)
+@vertical_planes
+def test_limp_chain_in_a_current(plane):
     exact = np.arcsin((np.sqrt(5) - 1) / 2)
+    np.testing.assert_allclose(LIMP, exact, atol=1e-5)
     # hinged at its root it is straight whatever its stiffness
-    system = loaded(11, tilt=-UPRIGHT, pinned=True, EI=1e-3, gravity=1.0, current=(1.0, 0.0))
-    state, outcome = equilibrium(system)
-    assert outcome.converged
+    case = in_plane(plane, tilt=-UPRIGHT, gravity=1.0, current=(1.0, 0.0))
+    state = equilibrium(loaded(11, **case, pinned=True, EI=1e-3))
     edges = np.diff(np.asarray(state.position)[1:], axis=0)
-    np.testing.assert_allclose(np.arctan2(edges[:, 0], -edges[:, 1]), exact, rtol=0, atol=1e-5)
+    if plane is not None:
+        edges = edges @ plane[0]
+        np.testing.assert_allclose(edges[:, 1], 0, atol=1e-6)
+    np.testing.assert_allclose(np.arctan2(edges[:, 0], -edges[:, -1]), exact, rtol=0, atol=1e-5)
+
+
+def test_an_arm_confined_to_the_plane_is_the_planar_arm():
+    # soft in stretch, whose round-off is small; with all loads that there are
+    case = {
+        "tilt": 0.3, "rest_curvature": 1.1, "gravity": 1.5, "displaced_area": 0.2,
+        "tangential": 0.3, "normal": -0.4, "fixed": (0.1, 0.2), "current": (0.5, -0.6),
+        "dead": (0.2, -0.5), "follower": (0.3, 0.6), "moment": 0.4,
+        "EA": 1e3, "floor": 1e-12, "tolerance": 1e-13,
+    }  # fmt: skip
+    flat, there = (equilibrium(loaded(11, **in_plane(plane, **case))) for plane in (None, LEVEL))
+    places = np.asarray(there.position)
+    np.testing.assert_allclose(places[:, [0, 2]], flat.position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(places[:, 1], 0, atol=1e-9)
+    assert np.abs(places[-1, 2]) > 0.3
+    np.testing.assert_allclose(there.base_force[jnp.array([0, 2])], flat.base_force, atol=1e-9)
+    np.testing.assert_allclose(there.base_moment, [0, -flat.base_moment, 0], atol=1e-9)
+    np.testing.assert_allclose(there.energy, flat.energy, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("current", [1.0, -1.0])
@@ -228,14 +270,13 @@ def test_almost_limp_clamped_chain_in_a_current(current):
     system = loaded(
         41, tilt=-UPRIGHT, EI=1e-4, EA=1e5, floor=None, gravity=1.0, current=(current, 0.0)
     )
-    state, outcome = equilibrium(system)
-    assert outcome.converged
+    state = equilibrium(system)
     edges = np.diff(np.asarray(state.position)[1:], axis=0)
     angle = np.arctan2(current * edges[:, 0], -edges[:, 1])
     np.testing.assert_allclose(angle[20:], LIMP, rtol=0, atol=1e-4)
 
 
-@eqx.filter_jit
+@eqx.filter_jit(compiler_options=QUICKLY)
 def at_rest(system, position):
     """Return imbalance, tangent and stored energies of a shape at rest."""
     forces, stage = system.forces, still(jnp.zeros(()), position, None)
@@ -247,20 +288,9 @@ def at_rest(system, position):
     return residual, forces.tangent(stage, motion, current).bands, energy
 
 
-def free_stiffness(bands):
-    """Write the bands of the free nodes out as a matrix with axes node, unknown, node, unknown."""
-    bands = np.asarray(bands)[2:]
-    n, _, b, _ = bands.shape
-    matrix = np.zeros((n, b, n, b))
-    for i in range(n):
-        for d in range(max(0, 2 - i), min(5, n + 2 - i)):
-            matrix[i, :, i + d - 2] = bands[i, d]
-    return matrix
-
-
 def lowest_stiffness(system, position):
     """Return the lowest eigenvalue of the tangent: positive where the equilibrium is stable."""
-    matrix = free_stiffness(at_rest(system, position)[1])
+    matrix = dense(at_rest(system, position)[1][HELD:])
     size = matrix.shape[0] * matrix.shape[1]
     return np.linalg.eigvalsh(matrix.reshape(size, size))[0]
 
@@ -288,8 +318,8 @@ def test_buckling_load(kind):
     def sideways_stiffness(load, nodes):
         residual, bands, _ = at_rest(*standing(nodes, kind, load))
         # it is in balance indeed, but for the round-off of its stretching forces
-        np.testing.assert_allclose(residual[2:], 0, atol=FLOOR)
-        matrix = free_stiffness(bands)
+        np.testing.assert_allclose(residual[HELD:], 0, atol=FLOOR)
+        matrix = dense(bands[HELD:])
         np.testing.assert_allclose(matrix, matrix.transpose(2, 3, 0, 1), atol=1e-12 * EA * nodes)
         # sideways and lengthwise do not couple, and the former is not drowned by the latter
         np.testing.assert_allclose(matrix[:, 0, :, 1], 0, atol=1e-12)
@@ -305,8 +335,7 @@ def test_buckling_load(kind):
     errors = abs(loads - exact)
     print(loads, "orders", order(errors))
     assert (abs(order(errors) - 2) < 0.1).all()
-    once = loads[1:] + (loads[1:] - loads[:-1]) / 3
-    np.testing.assert_allclose(once[1] + (once[1] - once[0]) / 15, exact, rtol=2e-6)
+    np.testing.assert_allclose(loads[2] + (loads[2] - loads[1]) / 3, exact, rtol=2e-6)
 
 
 @pytest.mark.parametrize("nodes", [21, 41])
@@ -316,8 +345,7 @@ def test_column_leaves_the_straight_past_its_buckling_load(kind, nodes, excess):
     load = excess * CRITICAL[kind]
     system, straight = standing(nodes, kind, load)
     assert lowest_stiffness(system, straight) < 0
-    state, outcome = equilibrium(system)
-    assert outcome.converged
+    state = equilibrium(system)
     assert lowest_stiffness(system, state.position) > 0
     fall = stored(system, straight, kind, load) - stored(system, state.position, kind, load)
     assert fall > 1e-2
@@ -330,14 +358,13 @@ def test_column_leaves_the_straight_past_its_buckling_load(kind, nodes, excess):
     )
     x, z = np.asarray(state.position)[-1]
     # a mesh that buckles at a load off by 1/nodes^2 leans that much differently, over the excess
-    assert np.hypot(abs(x) - exact.x, z - exact.z) < 15 / nodes**2
+    assert np.hypot(abs(x) - exact.x, z - exact.z) < 3 / nodes**2
 
 
 @pytest.mark.parametrize("kind", CRITICAL)
 def test_column_stands_below_its_buckling_load(kind):
     system, _ = standing(21, kind, 0.98 * CRITICAL[kind])
-    state, outcome = equilibrium(system)
-    assert outcome.converged
+    state = equilibrium(system)
     # what is left of the push that tries its stability: round-off over a fiftieth of its stiffness
     np.testing.assert_allclose(state.position[:, 0], 0, atol=1e-4)
 
@@ -349,7 +376,7 @@ def test_very_large_dead_load_from_straight():
     errors = np.linalg.norm(shapes - np.asarray(exact), axis=1)
     print("errors", errors, "orders", order(errors))
     assert (order(errors) > 1.4).all()
-    assert errors[-1] < 1.5e-3
+    assert errors[-1] < 5e-4
 
 
 @pytest.mark.parametrize("inclination", [0.02, -0.02, 0.2])
@@ -360,8 +387,7 @@ def test_push_almost_along_the_arm(inclination):
     errors = []
     for nodes in (21, 41):
         system = loaded(nodes, dead=dead)
-        state, outcome = equilibrium(system)
-        assert outcome.converged
+        state = equilibrium(system)
         assert lowest_stiffness(system, state.position) > 0
         x, z, direction = np.asarray(system.tip(state))
         # over either side: both are stable
@@ -371,7 +397,7 @@ def test_push_almost_along_the_arm(inclination):
         errors.append(np.linalg.norm([x - exact.x, z - exact.z, turn]))
     print("errors", errors, "order", order(errors))
     assert order(errors) > 1.6
-    assert errors[-1] < 5e-3
+    assert errors[-1] < 8e-4
 
 
 def test_signs():
@@ -399,7 +425,7 @@ def test_signs():
 
 def test_loads_that_are_no_numbers_have_no_equilibrium():
     system = loaded(11, dead=(0.0, np.nan))
-    _, outcome = equilibrium(system)
+    _, outcome = find(system, jnp.zeros(()))
     assert not outcome.converged
     with pytest.raises(RuntimeError, match="no static equilibrium found"):
         system.equilibrium()
