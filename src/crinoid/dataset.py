@@ -53,7 +53,7 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
     lengths = np.linalg.norm(edges, axis=2, keepdims=True)
     tangent = edges / lengths
     stretching = np.sum(tangent * np.diff(kept.velocity, axis=1), axis=2)
-    rest_length, EA = np.asarray(rod.rest_length), np.asarray(rod.EA)
+    rest_length, EA = np.asarray(rod.chord_length), np.asarray(rod.EA)
     strain = lengths[..., 0] / rest_length - 1
     tension = EA * (strain + float(rod.damping_time) * stretching / rest_length)
     count = kept.position.shape[-1]

@@ -36,13 +36,6 @@ def transport(vector: Vectors, before: Vectors, after: Vectors) -> Vectors:
     return vector - share[..., None] * (before + after)
 
 
-def half_tangent(turn: Float[Array, "*n d"]) -> Float[Array, "*n d"]:
-    """Return the tangents of half the angles of rotation vectors, along their axes."""
-    squared = jnp.sum(turn**2, axis=-1, keepdims=True)
-    angle = jnp.sqrt(jnp.where(squared > 0, squared, 1.0))
-    return jnp.where(squared > 0, jnp.tan(0.5 * angle) / angle, 0.5) * turn
-
-
 def spun(director: Vectors, tangent: Vectors, angle: Numbers) -> Vectors:
     """Turn directors about their tangents, from ``m_1`` toward ``m_2``."""
     cos, sin = jnp.cos(angle)[..., None], jnp.sin(angle)[..., None]
@@ -52,6 +45,18 @@ def spun(director: Vectors, tangent: Vectors, angle: Numbers) -> Vectors:
 def angle_between(before: Vectors, after: Vectors, tangent: Vectors) -> Numbers:
     """Return the angle about a tangent from one director to another (rad, up to half a turn)."""
     return jnp.arctan2(dot(tangent, cross(before, after)), dot(before, after))
+
+
+def twist_between(
+    before: Vectors, last: Vectors, tangents: tuple[Vectors, Vectors], expected: Numbers
+) -> Numbers:
+    """Return the twist (rad) from the director of one edge to that of the next.
+
+    Of the angles that are whole turns apart it is the one nearest to what is ``expected``.
+    """
+    behind, ahead = tangents
+    wrapped = angle_between(transport(before, behind, ahead), last, ahead)
+    return wrapped + 2 * jnp.pi * jnp.round((expected - wrapped) / (2 * jnp.pi))
 
 
 class Orientation(eqx.Module):
@@ -107,17 +112,15 @@ class Frames(eqx.Module):
         carried = transport(self.director, self.tangent, tangent)
         director = spun(carried, tangent, position[:, 3] - self.spin)
         behind, ahead = slice(1, -1), slice(2, None)
-        wrapped = angle_between(
-            transport(director[behind], tangent[behind], tangent[ahead]),
+        twist = twist_between(
+            director[behind],
             director[ahead],
-            tangent[ahead],
+            (tangent[behind], tangent[ahead]),
+            self.reference_twist[behind] + position[ahead, 3] - position[behind, 3],
         )
-        expected = self.reference_twist[behind] + position[ahead, 3] - position[behind, 3]
-        turns = jnp.round((expected - wrapped) / (2 * jnp.pi))
-        twist = _at_nodes(wrapped + 2 * jnp.pi * turns)
         facing = 1.0 + dot(self.tangent, tangent)
         lean = cross(tangent, self.tangent) / facing[:, None]
-        return Orientation(director, twist, lean)
+        return Orientation(director, _at_nodes(twist), lean)
 
     def spin_to(self, end: int, tangent: Float[Array, "3"], director: Float[Array, "3"]) -> Array:
         """Return the spin at which the edge that ends at a node has a tangent and a director."""

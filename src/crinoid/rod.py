@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.frames import cross, half_tangent, spun
+from crinoid.frames import cross, transport
 
 
 class Rod(eqx.Module):
@@ -154,15 +154,27 @@ class Rod(eqx.Module):
         return jnp.concatenate([self.rest_curvature, self.rest_twist[:, None]], axis=1)
 
     @property
-    def rest_turn(self) -> Float[Array, "n bend"]:
-        """How far each node turns without load (rad); in space the parts toward m_1 and m_2."""
-        curvature = self.rest_curvature.reshape(self.nodes, -1)
-        return curvature * self.voronoi_length[:, None]
+    def chord_length(self) -> Float[Array, " e"]:
+        """Distance of the ends of each edge without load (m).
+
+        An edge stands for a piece of a curve, in space of a helix with the mean of the strains at
+        its two nodes: the nodes then lie on the natural shape itself.
+        """
+        strain = _between(self.rest_strain)
+        share, rest = _of_arc(0.5 * self.rest_length, jnp.sum(strain**2, axis=1))
+        along = 0.0 if self.axes == 2 else rest * (1 + share) * strain[:, 2] ** 2
+        return self.rest_length * jnp.sqrt(share**2 + along)
+
+    @property
+    def rest_turn(self) -> Float[Array, " n"]:
+        """How far a planar arm turns at each node without load (rad)."""
+        half = 0.5 * self.rest_length * _between(self.rest_curvature)
+        return jnp.pad(half, (0, 1)) + jnp.pad(half, (1, 0))
 
     def rest_shape(self, tilt: float | Array) -> Float[Array, "n 2"]:
         """Return the nodes of a planar arm without load, its root at the origin."""
-        angles = tilt + jnp.cumsum(self.rest_turn[:-1, 0])
-        edges = self.rest_length[:, None] * jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=1)
+        angles = tilt + jnp.cumsum(self.rest_turn[:-1])
+        edges = self.chord_length[:, None] * jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=1)
         return jnp.concatenate([jnp.zeros((1, 2)), jnp.cumsum(edges, axis=0)])
 
     def rest_frames(
@@ -170,27 +182,44 @@ class Rod(eqx.Module):
     ) -> tuple[Float[Array, "n 3"], Float[Array, "e 3"]]:
         """Return nodes and directors m_1 of a spatial arm without load, its root at the origin.
 
-        The clamp's ``frame`` has the rows ``t, m_1, m_2``. At each node the strains at rest turn
-        it by half of the twist, by the bend and by the other half (`elements.spatial`).
+        The clamp's ``frame`` has the rows ``t, m_1, m_2``. Along an edge the frame turns steadily
+        about an axis that it keeps; the edge has the director of its middle.
         """
-        assert self.rest_twist is not None
 
-        def turn(frame: Array, strain: tuple[Array, Array]) -> tuple[Array, Array]:
-            tangent, half_twist = strain
-            frame = _spun_frame(frame, half_twist)
-            axis = tangent[0] * frame[2] - tangent[1] * frame[1]
-            swung = cross(axis, frame)
-            frame = frame + 2.0 / (1.0 + jnp.sum(axis**2)) * (swung + cross(axis, swung))
-            frame = _spun_frame(frame, half_twist)
-            return frame, frame
+        def follow(frame: Array, edge: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+            length, (toward_1, toward_2, twist) = edge
+            rate = toward_1 * frame[2] - toward_2 * frame[1] + twist * frame[0]
+            middle = _turned(frame, 0.5 * length * rate)
+            share, rest = _of_arc(0.5 * length, jnp.sum(rate**2))
+            chord = length * (share * middle[0] + rest * twist * rate)
+            tangent = chord / jnp.sqrt(jnp.sum(chord**2))
+            director = transport(middle[1], middle[0], tangent)
+            return _turned(middle, 0.5 * length * rate), (chord, director)
 
-        half_twist = 0.5 * self.voronoi_length * self.rest_twist
-        strains = (half_tangent(self.rest_turn)[:-1], half_twist[:-1])
-        _, frames = jax.lax.scan(turn, frame, strains)
-        edges = self.rest_length[:, None] * frames[:, 0]
-        return jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(edges, axis=0)]), frames[:, 1]
+        _, (chords, directors) = jax.lax.scan(
+            follow, frame, (self.rest_length, _between(self.rest_strain))
+        )
+        return jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(chords, axis=0)]), directors
 
 
-def _spun_frame(frame: Float[Array, "3 3"], angle: Float[Array, ""]) -> Float[Array, "3 3"]:
-    director = spun(frame[1], frame[0], angle)
-    return jnp.stack([frame[0], director, cross(frame[0], director)])
+def _between(nodal: Float[Array, "n ..."]) -> Float[Array, "n-1 ..."]:
+    return 0.5 * (nodal[:-1] + nodal[1:])
+
+
+def _of_arc(half: Array, squared_rate: Array) -> tuple[Array, Array]:
+    """Return ``q = sin(a) / a`` of half the angle ``a`` of an arc, and ``(1 - q) / rate^2``."""
+    squared = squared_rate * half**2
+    angle = jnp.sqrt(jnp.where(squared > 0, squared, 1.0))
+    share = jnp.where(squared > 0, jnp.sin(angle) / angle, 1.0)
+    rate = jnp.where(squared > 0, squared_rate, 1.0)
+    return share, jnp.where(squared > 0, (1.0 - share) / rate, half**2 / 6)
+
+
+def _turned(frame: Float[Array, "3 3"], rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Turn a frame by a rotation vector (Rodrigues's formula)."""
+    squared = jnp.sum(rotation**2)
+    angle = jnp.sqrt(jnp.where(squared > 0, squared, 1.0))
+    sine = jnp.where(squared > 0, jnp.sin(angle) / angle, 1.0)
+    versine = jnp.where(squared > 0, 2.0 * (jnp.sin(0.5 * angle) / angle) ** 2, 0.5)
+    swung = cross(rotation, frame)
+    return frame + sine * swung + versine * cross(rotation, swung)

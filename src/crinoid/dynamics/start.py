@@ -29,7 +29,8 @@ def undeformed(
         directors = jnp.concatenate([clamp[1:2], clamp[1:2], directors])
         twists = jnp.pad(rod.rest_twist * rod.voronoi_length, (1, 0))
         twists = twists.at[-1].set(0.0)  # nothing twists at the tip
-        frames = Frames.of(rows, Orientation(directors, twists, jnp.zeros_like(directors)))
+        known = Frames.of(rows, Orientation(directors, twists, jnp.zeros_like(directors)))
+        frames = Frames.of(rows, known.at(rows))
     obstacles = forces.obstacles
     if obstacles is None:
         return rows, frames

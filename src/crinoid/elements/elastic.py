@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import bend_strain, turned, unit
-from crinoid.frames import half_tangent
 from crinoid.rod import Rod
 
 
@@ -31,7 +30,7 @@ class Stretch(Element):
     def of(rod: Rod) -> "Stretch":
         """Build the edges of a rod."""
         damping_time = jnp.broadcast_to(rod.damping_time, rod.EA.shape)
-        return Stretch(1, rod.EA, rod.rest_length, damping_time)
+        return Stretch(1, rod.EA, rod.chord_length, damping_time)
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
         strain, rate, direction = self._strain(motion)
@@ -55,9 +54,9 @@ class Stretch(Element):
 class Bend(Element):
     """Bend at a node between two edges: ``s`` is the turn (`bend_strain`), and ``K = EI / l``.
 
-    ``l`` is the length over which the node gathers the bend; at rest it turns by its rest curvature
-    times the length that it owns (after Bergou et al. 2008, eq. 1; 2010, section 4.1.1). The strain
-    grows without bound as the edges fold onto each other, so an arm does not snap through a fold.
+    ``l`` is the length over which the node gathers the bend (after Bergou et al. 2008, eq. 1; 2010,
+    section 4.1.1). The strain grows without bound as the edges fold onto each other, so an arm does
+    not snap through a fold.
     At the root the first edge of the window is the ghost edge of the clamp, and the node owns half
     an edge: that keeps the clamp at the root itself.
     """
@@ -78,7 +77,7 @@ class Bend(Element):
         if pinned:
             stiffness = stiffness.at[0].set(0.0)
         damping_time = jnp.broadcast_to(rod.damping_time, stiffness.shape)
-        tangent = half_tangent(rod.rest_turn)[:-1, 0]
+        tangent = jnp.tan(0.5 * rod.rest_turn[:-1])
         rest = bend_strain(tangent, jnp.sqrt(1.0 + tangent**2))
         return Bend(0, stiffness, rest, damping_time)
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import beyond, turned, unit
-from crinoid.frames import angle_between, cross, dot, spun, transport
+from crinoid.frames import cross, dot, spun, transport, twist_between
 from crinoid.onset import Onset
 from crinoid.rod import Rod
 
@@ -127,10 +127,10 @@ class TipLoad(Element):
         else:
             # the last frame, turned on along with its tangent and by half of the last twist
             director = motion.orientation.director
-            twist = angle_between(transport(director[1], before, last), director[2], last)
-            turns = jnp.round((motion.orientation.twist[1] - twist) / (2 * jnp.pi))
+            expected = motion.orientation.twist[1]
+            twist = twist_between(director[1], director[2], (before, last), expected)
             m_1 = transport(director[2], last, tip)
-            m_1 = spun(m_1, tip, 0.5 * twist + jnp.pi * turns)
+            m_1 = spun(m_1, tip, 0.5 * twist)
             axes = jnp.stack([tip, m_1, cross(tip, m_1)])
             moment = self.moment + _combined(self.follower_moment, axes)
             couple, torque = cross(moment, last) / length, dot(moment, last)

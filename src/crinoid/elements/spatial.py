@@ -26,12 +26,13 @@ so that a stress ``S`` along the same axes hands on the moment ``m = G S`` from 
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Course, Linearised, Motion
 from crinoid.elements.geometry import bend_strain, unit
-from crinoid.frames import cross, dot, half_tangent, transport
+from crinoid.frames import cross, dot, transport, twist_between
 from crinoid.rod import Rod
 
 Vector = Float[Array, "3"]
@@ -97,12 +98,13 @@ class _Strain(NamedTuple):
     """``C``."""
 
     @staticmethod
-    def of(a: _Edge, b: _Edge, twist: Float[Array, ""]) -> "_Strain":
-        facing = 1.0 + dot(a.tangent, b.tangent)
-        binormal = 2.0 * cross(a.tangent, b.tangent) / facing
+    def of(a: Vector, b: Vector, director: Vector, twist: Float[Array, ""]) -> "_Strain":
+        """Observe two tangents, the director of the first edge and the twist to the second."""
+        facing = 1.0 + dot(a, b)
+        binormal = 2.0 * cross(a, b) / facing
         stretch = jnp.sqrt(1.0 + 0.25 * dot(binormal, binormal))
-        middle = (a.tangent + b.tangent) / (facing * stretch)
-        first = transport(a.director, a.tangent, middle)
+        middle = (a + b) / (facing * stretch)
+        first = transport(director, a, middle)
         half = 0.5 * twist
         m_1 = jnp.cos(half) * first + jnp.sin(half) * cross(middle, first)
         m_2 = cross(middle, m_1)
@@ -155,8 +157,8 @@ class BendTwist(Linearised):
 
     Stores ``1/2 sum_i K_i (s_i - s_i rest)^2`` over the strains ``s = kappa_1, kappa_2, tau`` with
     ``K = EI_1 / l, EI_2 / l, GJ / l``; ``l`` is the length over which the node gathers the strain.
-    At rest the node turns by its curvature, and twists, over the length that it owns. At the root
-    the first edge of the window is the ghost edge of the clamp, as in the plane (`Bend`).
+    At the root the first edge of the window is the ghost edge of the clamp, as in the plane
+    (`Bend`).
 
     The bend's strains grow without bound as the edges fold onto each other.
     """
@@ -181,10 +183,15 @@ class BendTwist(Linearised):
         if pinned:
             stiffness = stiffness.at[0, :2].set(0.0)
         damping_time = jnp.broadcast_to(rod.damping_time, stiffness.shape[:1])
-        tangent = half_tangent(rod.rest_turn)
-        secant = jnp.sqrt(1.0 + jnp.sum(tangent**2, axis=1, keepdims=True))
-        twist = (rod.rest_twist * rod.voronoi_length)[:, None]
-        rest = jnp.concatenate([bend_strain(tangent, secant), twist], axis=1)[:-1]
+        clamp = jnp.eye(3)
+        places, directors = rod.rest_frames(clamp)
+        edges = jnp.concatenate([clamp[:1], jnp.diff(places, axis=0)])
+        tangents = edges / jnp.sqrt(dot(edges, edges))[:, None]
+        directors = jnp.concatenate([clamp[1:2], directors])
+        pairs = (tangents[:-1], tangents[1:])
+        expected = (rod.rest_twist * rod.voronoi_length)[:-1]
+        twist = twist_between(directors[:-1], directors[1:], pairs, expected)
+        rest = jax.vmap(lambda *edge: _Strain.of(*edge).strains)(*pairs, directors[:-1], twist)
         return BendTwist(0, stiffness, rest, damping_time)
 
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
@@ -258,7 +265,8 @@ class BendTwist(Linearised):
     def _observe(motion: Motion) -> tuple[_Edge, _Edge, _Strain]:
         assert motion.orientation is not None
         a, b = _Edge.of(motion, 1), _Edge.of(motion, 2)
-        return a, b, _Strain.of(a, b, motion.orientation.twist[1])
+        twist = motion.orientation.twist[1]
+        return a, b, _Strain.of(a.tangent, b.tangent, a.director, twist)
 
 
 def _on_nodes(on_a: Float[Array, "4 ..."], on_b: Float[Array, "4 ..."]) -> Float[Array, "3 4 ..."]:
