@@ -233,7 +233,7 @@ def test_a_simulated_mode_rings_at_its_frequency_and_damping(mode):
     frequency = vibrations(system)[0][mode]
     pole = ring_down(system, mode, step=0.2 / frequency)
     assert abs(pole) == pytest.approx(frequency, rel=1e-7)
-    assert abs(pole) == pytest.approx(CANTILEVER[mode] ** 2, rel=5e-2)  # at N = 11
+    assert abs(pole) == pytest.approx(CANTILEVER[mode] ** 2, rel=(1e-5, 2e-4)[mode])  # at N = 11
     assert -pole.real / abs(pole) == pytest.approx(damping_time * frequency / 2, rel=1e-6)
 
 
@@ -248,15 +248,14 @@ def test_an_arm_under_water_rings_at_its_lower_frequency():
 
 def test_a_stiff_arm_on_a_pin_swings_as_a_physical_pendulum():
     # released horizontally: a quarter of a swing takes K(k^2 = 1/2) / omega, with
-    # omega^2 = m g (L / 2) / J; J of the lumped masses is m L^2 (1/3 + 1/(6 edges^2))
+    # omega^2 = m g (L / 2) / J and J = m L^2 / 3, which linear elements have exactly
     system = bare(EI=1e5, EA=1e7, pinned=True, gravity=9.81, tolerance=1e-12)
     states, _ = track(system, rest(system), 1e-3, chunks=2)
     tip = CubicHermiteSpline(
         states.time, states.position[:, -1, 0], states.velocity[:, -1, 0], extrapolate=False
     )
-    lumped = 1.0 / 3.0 + 1.0 / (6.0 * 10**2)
-    quarter = ellipk(0.5) / np.sqrt(9.81 * 0.5 / lumped)
-    assert tip.roots()[0] == pytest.approx(quarter, rel=2e-5)
+    quarter = ellipk(0.5) / np.sqrt(9.81 * 0.5 / (1.0 / 3.0))
+    assert tip.roots()[0] == pytest.approx(quarter, rel=1e-5)
 
 
 # --- motion in water ---------------------------------------------------------------------------
@@ -400,17 +399,66 @@ def test_order_in_the_time_step_on_a_large_swing(integrator, expected, within):
 # --- energy ------------------------------------------------------------------------------------
 
 
-def test_energy_of_an_undamped_swing_stays_in_a_band():
-    # 1e4 steps of 0.01 s, about 20 swings of the arm let go horizontally; its energy is zero
+@eqx.filter_jit
+def _kept(system: System, states: State, step: Array) -> Array:
+    """Return what the trapezoid rule keeps: ``E + h^2 / 12 (a . M a + v . K v)``."""
+
+    def of_one(state: State) -> Array:
+        motion = state.motion
+
+        def kinetic(velocity: Array) -> Array:
+            moving = eqx.tree_at(lambda m: m.velocity, motion, velocity)
+            return system.forces.audit(moving)[0][ENERGIES.index("kinetic")]
+
+        def slope(position: Array) -> Array:
+            placed = eqx.tree_at(lambda m: m.position, motion, position)
+            return jax.grad(lambda m: jnp.sum(system.forces.audit(m)[0]))(placed).position
+
+        _, restoring = jax.jvp(slope, (motion.position,), (motion.velocity,))
+        curved = 2.0 * kinetic(motion.acceleration) + jnp.sum(restoring * motion.velocity)
+        return jnp.sum(state.energy) + step**2 / 12.0 * curved
+
+    return jax.vmap(of_one)(states)
+
+
+def energies(step: float, chunks: int) -> np.ndarray:
+    """Return the energy of an arm let go horizontally, and what the rule keeps of it.
+
+    Both over the largest kinetic energy.
+    """
     system = bare(gravity=10.0, tolerance=1e-12)
-    states, _ = track(system, rest(system), 0.01, chunks=10_000 // CHUNK)
-    kinetic = states.energy[:, ENERGIES.index("kinetic")].max()
-    total = states.energy.sum(axis=1) / kinetic
+    state, parts = rest(system), []
+    for _ in range(chunks):
+        states, _ = track(system, state, step)
+        parts.append((states.energy, _kept(system, states, jnp.asarray(step))))
+        state = jax.tree.map(lambda leaf: leaf[-1], states)
+    energy, kept = map(np.concatenate, zip(*parts, strict=True))
+    kinetic = energy[:, ENERGIES.index("kinetic")].max()
     assert kinetic > 1.8
-    assert np.abs(total).max() < 1.2e-3
+    return np.stack([energy.sum(axis=1), kept]) / kinetic
+
+
+def test_energy_of_an_undamped_swing_stays_in_a_band():
+    # 100 s, about 80 swings; the energy is that of the start, zero. (A step of 0.01 s is too long
+    # for the vibrations of this mesh: within 100 s the energy begins to wander)
+    total, kept = energies(0.0057, chunks=17_500 // CHUNK)
+    assert np.abs(total).max() < 6e-4
     first, last = total[:1000], total[-1000:]
     assert np.ptp(last) < 1.1 * np.ptp(first)
     assert last.mean() == pytest.approx(first.mean(), abs=0.05 * np.ptp(first))
+    assert np.ptp(kept) < 5e-6
+
+
+def test_the_trapezoid_rule_keeps_an_energy_of_its_own():
+    # it is conjugate to the midpoint rule, which is symplectic: what it keeps, but for a part of
+    # order 4, is E + h^2 / 12 (a . M a + v . K v) (Hairer, Lubich and Wanner 2006, Geometric
+    # Numerical Integration, sections VI.8 and IX.3). Nothing is won or lost; E itself moves in a
+    # band of order 2, and sinks where faster vibrations are stirred up
+    bands = [np.ptp(energies(10.0 / n, chunks=n // CHUNK), axis=1) for n in (2000, 4000)]
+    of_total, of_kept = np.transpose(bands)
+    assert order(of_total) == pytest.approx(2.0, abs=0.15)
+    assert order(of_kept) == pytest.approx(4.0, abs=0.2)
+    assert of_kept[-1] < 1e-7
 
 
 @pytest.mark.parametrize(
@@ -588,7 +636,7 @@ def test_halving_recovers_a_step_that_newton_cannot_take():
 
 @pytest.mark.parametrize(
     ("force", "max_iterations", "step", "steps"),
-    [((-1e3, 0.0), 15, 3.0, 0), ((-1e2, -10.0), 8, 2.0, 1)],
+    [((-1e3, 0.0), 15, 3.0, 0), ((-1e2, -10.0), 6, 1.0, 1)],
 )
 def test_a_step_past_all_halvings_gives_back_the_last_good_state(
     force, max_iterations, step, steps

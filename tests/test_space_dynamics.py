@@ -45,28 +45,48 @@ def rest(system, time=0.0):
 def _run(system, state, command, step):
     def once(state, _):
         state, outcome = system.step(state, command, step)
-        return state, (state, outcome)
+        return state, (state, (state.base_force, state.base_moment), outcome)
 
     return jax.lax.scan(once, state, None, length=CHUNK)[1]
 
 
-def run(system, state, *, until, steps, command=STILL):
-    """Return the states after each of equal steps, none of which may fail."""
+def felt(system, state, *, until, steps, command=STILL):
+    """Return the states after each of equal steps, and force and moment on the base in each.
+
+    None of the steps may fail.
+    """
     step = jnp.asarray((until - float(state.time)) / steps, float)
     parts = []
     assert steps % CHUNK == 0
     for _ in range(steps // CHUNK):
-        states, outcomes = _run(system, state, jnp.asarray(command), step)
+        states, wrench, outcomes = _run(system, state, jnp.asarray(command), step)
         assert outcomes.converged.all()
         state = jax.tree.map(lambda leaf: leaf[-1], states)
-        parts.append(jax.tree.map(np.asarray, states))
+        parts.append(jax.tree.map(np.asarray, (states, wrench)))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
 
-@eqx.filter_jit
-def wrench(states):
-    """Return force and moment of the arm on the base in each of many states."""
-    return jax.vmap(lambda state: (state.base_force, state.base_moment))(states)
+def run(system, state, **how):
+    """Return the states after each of equal steps, none of which may fail."""
+    return felt(system, state, **how)[0]
+
+
+@eqx.filter_jit(compiler_options={"xla_backend_optimization_level": 0})
+def _inertia(system, motion):
+    def kinetic(velocity):
+        moving = eqx.tree_at(lambda m: m.velocity, motion, velocity)
+        return system.forces.audit(moving)[0][ENERGIES.index("kinetic")]
+
+    return jax.hessian(kinetic)(jnp.zeros_like(motion.velocity))
+
+
+def momentum(system, state, velocity):
+    """Return the momentum of all nodes, the held ones too, and the spin's of each edge.
+
+    It is the slope of the kinetic energy by the velocities, which is linear in them: of
+    accelerations it is the rate of change.
+    """
+    return np.tensordot(velocity, _inertia(system, state.motion), axes=2)
 
 
 def at(states, index):
@@ -249,7 +269,7 @@ def test_bending_rings_at_its_frequency_and_damping_both_ways(mode, column):
     system = spatial(damping_time=damping_time, EI=EI, **LINEAR)
     frequency, pole = ring_down(system, column, mode)
     exact = CANTILEVER[mode] ** 2 * np.sqrt(EI[column - 1])
-    assert frequency == pytest.approx(exact, rel=5.0 / EDGES**2)
+    assert frequency == pytest.approx(exact, rel=(3e-5, 1e-3)[mode])
     assert abs(pole) == pytest.approx(frequency, rel=1e-7)
     assert -pole.real / abs(pole) == pytest.approx(damping_time * frequency / 2, rel=1e-6)
 
@@ -314,25 +334,46 @@ def test_order_in_the_time_step_on_a_large_swing_with_twist(
     assert order(errors) == pytest.approx(expected, abs=within)
 
 
-@pytest.mark.parametrize(
-    ("load", "radius", "band"), [(2.0, 0.3, 4e-4), (10.0, 0.05, 5e-3)], ids=["gentle", "wild"]
-)
-def test_energy_of_an_undamped_swing_stays_in_a_band(load, radius, band):
-    # 1e4 steps of 0.01 s. What the step does not resolve is slowly stirred up where the motion is
-    # chaotic, as it is under the large load
-    system = dry(
+def swinging(load, radius):
+    return dry(
         EI=(0.8, 1.5), radius=radius, rest_curvature=(0.4, 0.0, 2.0), gravity=load, pan=0.3,
         roll=0.5, tolerance=1e-12,
     )  # fmt: skip
-    start = rest(system)
-    states = run(system, start, until=100.0, steps=10_000)
+
+
+def gained(start, states):
+    """Return how much the energy of each state is above the first's, over the largest kinetic."""
     kinetic = states.energy[:, ENERGIES.index("kinetic")].max()
-    total = (states.energy.sum(axis=1) - float(start.energy.sum())) / kinetic
-    print(kinetic, np.abs(total).max())
-    assert np.abs(states.motion.velocity[:, 2:, 3]).max() > 0.3 * load
-    assert np.abs(np.diff(states.position[:, -1], axis=0)).sum(axis=0).min() > 10.0
-    assert kinetic > 0.04 * load
-    assert np.abs(total).max() < band
+    return (states.energy.sum(axis=1) - float(start.energy.sum())) / kinetic
+
+
+@pytest.mark.parametrize(
+    ("load", "radius", "step", "spin", "travel", "band"),
+    [(2.0, 0.3, 0.01, 0.4, 10.0, 2e-4), (10.0, 0.05, 0.0025, 10.0, 20.0, 2e-3)],
+    ids=["gentle", "wild"],
+)
+def test_energy_of_an_undamped_swing_stays_in_a_band(load, radius, step, spin, travel, band):
+    # 1e4 steps. The large load makes the motion chaotic, which stirs up ever faster vibrations; and
+    # of one that turns by an angle x in a step the trapezoid rule misses the share x^2 / 6 of its
+    # energy (what it keeps is in tests/test_dynamics.py). So the energy seems to sink
+    system = swinging(load, radius)
+    start = rest(system)
+    states = run(system, start, until=1e4 * step, steps=10_000)
+    assert np.abs(states.motion.velocity[:, 2:, 3]).max() > spin
+    assert np.abs(np.diff(states.position[:, -1], axis=0)).sum(axis=0).min() > travel
+    assert states.energy[:, ENERGIES.index("kinetic")].max() > 0.04 * load
+    assert np.abs(gained(start, states)).max() < band
+
+
+def test_the_band_of_the_energy_shrinks_with_the_square_of_the_step():
+    system = swinging(10.0, 0.05)
+    start = rest(system)
+    bands = [
+        np.abs(gained(start, run(system, start, until=5.0, steps=steps))).max()
+        for steps in (500, 1000, 2000)
+    ]
+    assert order(bands) == pytest.approx(2.0, abs=0.1)
+    assert bands[-1] < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -384,8 +425,7 @@ def carried(speed=(0.0, 0.0, 0.0), acceleration=(0.0, 0.0, 0.0), **properties):
 def assert_rigid(system, *, until, scale):
     """Run an arm that must feel no force, and so keep its shape."""
     start = rest(system)
-    states = run(system, start, until=until, steps=50)
-    force, moment = wrench(states)
+    states, (force, moment) = felt(system, start, until=until, steps=50)
     np.testing.assert_allclose(force, 0, atol=1e-8 * scale)
     np.testing.assert_allclose(moment, 0, atol=1e-8 * scale)
     shape = states.position - states.position[:, 1:2]
@@ -416,7 +456,7 @@ def test_a_cylinder_across_its_way_sinks_at_its_terminal_speed():
     assert terminal == pytest.approx(0.16738, abs=5e-6)
     system = carried(
         speed=(0.0, 0.0, -terminal), pan=0.7, roll=0.4, mass_per_length=heavier * 1000.0 * area,
-        displaced_area=area, diameter=diameter, drag_normal=drag, gravity=gravity, EI=1e4, GJ=1e4,
+        displaced_area=area, diameter=diameter, drag_normal=drag, gravity=gravity,
     )  # fmt: skip
     states = assert_rigid(system, until=0.5, scale=0.2 * 1000.0 * area * gravity)
     assert float(states.position[-1, -1, 2]) == pytest.approx(-0.5 * terminal, abs=1e-10)
@@ -482,13 +522,12 @@ def test_an_arm_confined_to_the_plane_moves_as_the_planar_arm():
             for i, name in enumerate(SWUNG)
         ],
     )  # fmt: skip
-    there, flat = (
-        run(system, rest(system), until=1.5, steps=300, command=np.zeros(system.channels))
+    (there, (force, moment)), (flat, (flat_force, flat_moment)) = (
+        felt(system, rest(system), until=1.5, steps=300, command=np.zeros(system.channels))
         for system in (space, plane)
     )
     assert np.ptp(flat.position[:, -1], axis=0).min() > 0.2
     in_plane = np.array([0, 2])
-    (force, moment), (flat_force, flat_moment) = wrench(there), wrench(flat)
     for got, expected in (
         (there.position, flat.position),
         (there.velocity, flat.velocity),
@@ -529,15 +568,15 @@ def test_the_motion_does_not_depend_on_the_directions_of_the_world(gravity):
             rotation = Rotation.from_rotvec([0.0, 0.0, 2.0 + 3.0 * seed])
         systems.append(spatial(**turned(rotation, case), **facing((rotation * level).as_matrix())))
         systems[-1] = systems[-1], rotation
-    plain = run(systems[0], rest(systems[0]), until=1.0, steps=200)
+    plain, pushes = felt(systems[0], rest(systems[0]), until=1.0, steps=200)
     assert np.ptp(plain.position[:, -1], axis=0).min() > 0.1
     for system, rotation in systems[1:]:
-        moved = run(system, rest(system), until=1.0, steps=200)
+        moved, pushed = felt(system, rest(system), until=1.0, steps=200)
         back = rotation.inv().as_matrix().T
         for got, expected in (
             (moved.position, plain.position),
             (moved.velocity, plain.velocity),
-            *zip(wrench(moved), wrench(plain), strict=True),
+            *zip(pushed, pushes, strict=True),
         ):
             scale = max(1.0, np.abs(expected).max())
             np.testing.assert_allclose(got @ back, expected, rtol=0, atol=1e-8 * scale)
@@ -571,11 +610,11 @@ def tumbling(**properties):
 @pytest.fixture(scope="module")
 def tumble():
     system = tumbling()
-    return system, run(system, rest(system), until=2.0, steps=1000)
+    return system, *felt(system, rest(system), until=2.0, steps=1000)
 
 
 def test_the_clamp_follows_the_base_through_several_turns(tumble):
-    system, states = tumble
+    system, states, _ = tumble
     servo = system.base.servo.at_rest()
     for n in range(99, 1000, 100):
         state = at(states, n)
@@ -603,17 +642,18 @@ def test_the_clamp_follows_the_base_through_several_turns(tumble):
 def test_the_base_feels_the_rate_of_change_of_momentum(tumble):
     # in a vacuum without gravity. Rotary inertia of the arm is that of its spin alone, about the
     # edge's own axis: what it takes to turn that axis is left out
-    system, states = tumble
-    mass, spin_inertia = np.split(np.asarray(system.forces.elements[2].mass), [3], axis=1)
-    force = -np.sum(mass * states.acceleration[:, 1:], axis=1)
-    tangent = np.stack([np.asarray(tangents(jnp.asarray(x))) for x in states.position[::50]])
-    lever = states.position[:, 1:] - states.position[:, 1:2]
-    moment = -np.cross(lever, mass * states.acceleration[:, 1:]).sum(axis=1)
+    system, states, (got_force, got_moment) = tumble
+    change, spinning = np.split(
+        momentum(system, at(states, 0), states.motion.acceleration), [3], axis=-1
+    )
+    force = -np.sum(change, axis=1)
+    lever = states.position - states.position[:, 1:2]
+    moment = -np.cross(lever, change).sum(axis=1)
     scale = np.abs(force).max()
     assert scale > 5.0
-    got_force, got_moment = wrench(states)
     np.testing.assert_allclose(got_force, force, rtol=0, atol=1e-8 * scale)
-    spun = spin_inertia * states.motion.acceleration[::50, 1:, 3:] * tangent[:, 1:]
+    tangent = np.stack([np.asarray(tangents(jnp.asarray(x))) for x in states.position[::50]])
+    spun = spinning[::50] * tangent
     assert np.abs(spun).max() > 1e-2
     np.testing.assert_allclose(
         got_moment[::50], moment[::50] - spun.sum(axis=1), rtol=0, atol=1e-8 * scale
@@ -623,22 +663,22 @@ def test_the_base_feels_the_rate_of_change_of_momentum(tumble):
 def test_impulse_of_the_base_is_the_momentum_that_the_arm_gains():
     # by velocities, at order 2; the moment about a fixed place with the angular momentum
     system = tumbling(radius=1e-3)  # so thin that its spin has no momentum
-    mass = np.asarray(system.forces.elements[2].mass)[:, :3]
     start, misses = rest(system), []
 
     def momenta(state):
-        carried = mass * np.asarray(state.velocity)[..., 1:, :]
-        linear = carried.sum(axis=-2)
-        return np.concatenate(
-            [linear, np.cross(np.asarray(state.position)[..., 1:, :], carried).sum(axis=-2)],
-            axis=-1,
-        )
+        carried = momentum(system, start, state.motion.velocity)[:, :3]
+        angular = np.cross(state.position, carried)
+        return np.concatenate([carried, angular], axis=1).sum(axis=0)
 
     for steps in (200, 400, 800):
-        states = run(system, start, until=0.5, steps=steps)
-        every = jax.tree.map(lambda first, rest: np.concatenate([first[None], rest]), start, states)
-        force, about_root = wrench(every)
-        moment = about_root + np.cross(every.position[:, 1], force)
+        states, wrench = felt(system, start, until=0.5, steps=steps)
+        first = (start.position, (start.base_force, start.base_moment))
+        places, (force, about_root) = jax.tree.map(
+            lambda first, later: np.concatenate([first[None], later]),
+            first,
+            (states.position, wrench),
+        )
+        moment = about_root + np.cross(places[:, 1], force)
         pushes = np.concatenate([force, moment], axis=1)
         impulse = np.sum(pushes[1:] + pushes[:-1], axis=0) * 0.25 / steps
         misses.append(np.linalg.norm(momenta(at(states, -1)) - momenta(start) + impulse))
@@ -776,12 +816,12 @@ def test_turns_of_the_tip_and_the_base_become_twist_and_writhe():
     # director turns about the vertical at the tip, less what it turns at the base
     torque = 4.6 * 0.8 * TURN  # GJ = 0.8
     system = dry(
-        radius=0.3, damping_time=0.1, tilt=-np.pi / 2, EI=(1.0, 1.2), dead=(0.0, 0.0, -45.0),
+        radius=0.3, damping_time=0.1, tilt=-np.pi / 2, EI=(1.0, 1.2), dead=(0.0, 0.0, -53.0),
         rest_curvature=(2.5, 0.0, 0.0), moment=(0.0, 0.0, -torque), onset=2.0,
         paths={"roll": by_turns(-1.0, 2.0)}, tolerance=1e-11,
     )  # fmt: skip
     start = rest(system)
-    states = run(system, start, until=1.9, steps=800)
+    states = run(system, start, until=1.94, steps=800)  # soon after it passes through itself
 
     down = np.array([0.0, 0.0, -1.0])
     before, wound, links = None, 0.0, []
@@ -818,7 +858,8 @@ advance = eqx.filter_jit(
 
 def whole_step(system, state, step):
     """Return the state after one step that is not cut, and how it went."""
-    return at(_run(system, state, jnp.zeros(6), jnp.asarray(step, float)), 0)
+    states, _, outcomes = at(_run(system, state, jnp.zeros(6), jnp.asarray(step, float)), 0)
+    return states, outcomes
 
 
 def sharpest(state):
@@ -846,7 +887,7 @@ def folding(calm, seed, *, outer, bent, turn, step):
 
 
 @pytest.mark.parametrize(
-    ("EI", "step"), [(1e-2, 0.005), (1e-5, 0.005), (1e-7, 0.02)], ids=["soft", "limp", "a string"]
+    ("EI", "step"), [(5e-2, 0.005), (1e-5, 0.005), (1e-7, 0.02)], ids=["soft", "limp", "a string"]
 )
 def test_a_step_over_a_fold_is_refused_and_cut(EI, step):
     system = spatial(
@@ -873,7 +914,7 @@ def test_a_step_over_a_fold_is_refused_and_cut(EI, step):
                 recovered += bool(progress.outcome.converged & outcome.folded)
     assert refused > 8
     # what has some stiffness bounces
-    assert recovered == (refused if EI == 1e-2 else 0)
+    assert recovered == (refused if EI == 5e-2 else 0)
 
 
 def test_what_is_not_a_number_is_never_accepted():
