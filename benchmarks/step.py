@@ -1,8 +1,9 @@
 """Time of one step of the closed loop, and of MuJoCo's flex rod measured in turn with it.
 
-The closed loop is that of the built-in scenario station-keeping, its arm of silicone and its
-current uniform, with all water terms, sensor, controller, energy ledger and records, run by the
-same two compiled programs as `crinoid run`. What other currents cost, `ocean.py` measures.
+The closed loop is that of the built-in scenario station-keeping, and of its like in space, its arm
+of silicone and its current uniform, with all water terms, sensor, controller, energy ledger and
+records, run by the same two compiled programs as `crinoid run`. What other currents cost,
+`ocean.py` measures.
 """
 
 import argparse
@@ -21,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 import crinoid
-from crinoid.simulation.loop import Loop, LoopState
+from crinoid.simulation.loop import Loop
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.stretch import stretch
 
@@ -35,10 +36,15 @@ except ImportError as error:
 RESULTS = Path(__file__).parent / "results"
 CONTROLLED, NOISY = "closed loop", "closed loop, noisy sensor"
 UNCONTROLLED, BARE = "control off", "steps only"
+SPATIAL, SPATIAL_BARE = "in space, closed loop", "in space, steps only"
 
 SOFT = ("arm.radius=0.02", "arm.youngs_modulus=5e5", "arm.damping_time=0.02")
 """The arm of the comparisons: silicone."""
 STEADY = 'flow=[{kind="uniform", velocity=[0.25, 0.0], ramp_time=3.0}]'
+STEADY_IN_SPACE = 'flow=[{kind="uniform", velocity=[0.25, -0.15, 0.05], ramp_time=3.0}]'
+
+COMPARED = (CONTROLLED, SPATIAL_BARE)
+"""What MuJoCo is held against."""
 
 NOISE = 5e-4
 """Standard deviation of a noisy sensor (m): its controller jerks the base at every step."""
@@ -68,7 +74,8 @@ def main() -> None:
             rows.append(measure(nodes, options.repeats))
     console.print(start_table(rows))
     console.print(step_table(rows))
-    exponents = {name: exponent(rows, name) for name in (CONTROLLED, NOISY, UNCONTROLLED, BARE)}
+    loops = (CONTROLLED, NOISY, UNCONTROLLED, SPATIAL, BARE, SPATIAL_BARE)
+    exponents = {name: exponent(rows, name) for name in loops}
     for name, power in exponents.items():
         if power is not None:
             console.print(f"{name}: time of a step grows as nodes^{power:.2f} from 21 nodes on")
@@ -89,8 +96,29 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
     compile_stretch(scenario, setup)
     compiled = time.perf_counter()
 
-    loops, iterations = closed_loops(scenario, setup)
-    contestants = [*loops, bare_steps(scenario, setup)]
+    quiet = setup.loop
+    noise = jnp.array([NOISE, NOISE, 0.0])
+    spatial = crinoid.load("station-keeping-3d", [f"arm.nodes={nodes}", *SOFT, STEADY_IN_SPACE])
+    in_space = set_up(spatial)
+    loops = [
+        closed_loop(CONTROLLED, scenario, setup.state, quiet),
+        closed_loop(
+            NOISY, scenario, setup.state, eqx.tree_at(lambda x: x.sensor.noise, quiet, noise)
+        ),
+        closed_loop(
+            UNCONTROLLED,
+            scenario,
+            setup.state,
+            eqx.tree_at(lambda x: x.enabled, quiet, jnp.asarray(False)),
+        ),
+        closed_loop(SPATIAL, spatial, in_space.state, in_space.loop),
+    ]
+    iterations = {each.name: count for each, count in loops}
+    contestants = [
+        *(each for each, _ in loops),
+        bare_steps(BARE, scenario, setup),
+        bare_steps(SPATIAL_BARE, spatial, in_space),
+    ]
     warned = {}
     if mujoco_rod is not None:
         for planar in (False, True):
@@ -120,7 +148,7 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
         "seconds_per_step": times,
         "time_step": {each.name: each.time_step for each in contestants},
         "ratio": {
-            name: float(np.median(np.divide(times[CONTROLLED], times[name])))
+            name: {loop: float(np.median(np.divide(times[loop], times[name]))) for loop in COMPARED}
             for name in times
             if name.startswith("MuJoCo")
         },
@@ -140,33 +168,29 @@ def instants(scenario: crinoid.Scenario) -> int:
     return scenario.simulation.steps // scenario.output_steps
 
 
-def closed_loops(
-    scenario: crinoid.Scenario, setup: Setup
-) -> tuple[list[Contestant], dict[str, float]]:
-    """Return the loop as it is, with a noisy sensor and switched off, and their iterations."""
+def closed_loop(
+    name: str, scenario: crinoid.Scenario, state: Any, loop: Loop
+) -> tuple[Contestant, float]:
+    """Return a whole run of the loop, and its iterations a step."""
     stride, count = scenario.output_steps, instants(scenario)
-    contestants, iterations = [], {}
-    for name, changed in (
-        (CONTROLLED, setup.loop),
-        (NOISY, eqx.tree_at(lambda x: x.sensor.noise, setup.loop, jnp.array([NOISE, NOISE, 0.0]))),
-        (UNCONTROLLED, eqx.tree_at(lambda x: x.enabled, setup.loop, jnp.asarray(False))),
-    ):
-        carry = changed.start(setup.state)
+    carry = loop.start(state)
 
-        def run(loop: Loop = changed, carry: LoopState = carry) -> Any:
-            return jax.block_until_ready(
-                stretch(loop, carry, jnp.asarray(count * stride), jnp.asarray(stride), count)
-            )
+    def run() -> Any:
+        return jax.block_until_ready(
+            stretch(loop, carry, jnp.asarray(count * stride), jnp.asarray(stride), count)
+        )
 
-        _, kept, filled, outcome = run()
-        if not outcome.converged or filled != count:
-            raise RuntimeError(f"the run of {scenario.arm.nodes} nodes stopped early")
-        iterations[name] = float(np.sum(kept.iterations)) / (count * stride)
-        contestants.append(Contestant(name, run, count * stride, scenario.simulation.time_step))
-    return contestants, iterations
+    _, kept, filled, outcome = run()
+    if not outcome.converged or filled != count:
+        raise RuntimeError(f"the run of {scenario.arm.nodes} nodes stopped early")
+    steps = count * stride
+    return (
+        Contestant(name, run, steps, scenario.simulation.time_step),
+        float(np.sum(kept.iterations)) / steps,
+    )
 
 
-def bare_steps(scenario: crinoid.Scenario, setup: Setup) -> Contestant:
+def bare_steps(name: str, scenario: crinoid.Scenario, setup: Setup) -> Contestant:
     """Return time steps in a scan: no sensor, controller, records, halving or energy ledger."""
     steps = scenario.simulation.steps
     command = jnp.zeros(setup.loop.system.channels)
@@ -180,7 +204,7 @@ def bare_steps(scenario: crinoid.Scenario, setup: Setup) -> Contestant:
         return jax.lax.scan(step, state, length=steps)[0].position
 
     return Contestant(
-        BARE,
+        name,
         lambda: jax.block_until_ready(roll(setup.loop.system, setup.state)),
         steps,
         scenario.simulation.time_step,
@@ -215,12 +239,13 @@ def step_table(rows: list[dict[str, Any]]) -> Table:
     table.add_column("", no_wrap=True)
     for name in ("median us", "least us", "Newton", "us each", "x real time"):
         table.add_column(name, justify="right")
-    table.add_column("closed loop / this", justify="right")
+    for name in ("closed loop / this", "steps in space / this"):
+        table.add_column(name, justify="right")
     for row in rows:
         for name, times in row["seconds_per_step"].items():
             typical = float(np.median(times))
             iterations = row["iterations_per_step"].get(name)
-            ratio = row["ratio"].get(name)
+            ratios = row["ratio"].get(name, {})
             table.add_row(
                 str(row["nodes"]) if name == CONTROLLED else "",
                 name + (" (warns)" if row["warnings"].get(name) else ""),
@@ -229,7 +254,7 @@ def step_table(rows: list[dict[str, Any]]) -> Table:
                 "" if iterations is None else f"{iterations:.2f}",
                 "" if iterations is None else f"{1e6 * typical / iterations:.1f}",
                 f"{row['time_step'][name] / typical:.0f}",
-                "" if ratio is None else f"{ratio:.2f}",
+                *(f"{ratios[loop]:.2f}" if ratios else "" for loop in COMPARED),
                 end_section=name == list(row["seconds_per_step"])[-1],
             )
     return table
