@@ -21,6 +21,7 @@ from crinoid.elements import (
 )
 from crinoid.elements.edge import along, shared
 from crinoid.elements.geometry import bend_strain
+from crinoid.rod import Rod
 from physics import always
 
 EDGE = 0.1
@@ -478,3 +479,29 @@ def test_loads_come_on_with_their_onset():
         full = residual(element, motion)
         np.testing.assert_array_equal(residual(later, motion), 0)
         np.testing.assert_allclose(residual(ramped, motion), 0.5 * full, rtol=1e-14)
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1e-13, 1e-8, 1e-3, 0.8, 30.0])
+def test_the_chord_of_an_arc_and_its_derivatives(curvature):
+    # 2 sin(kappa l / 2) / kappa: both derivatives at a straight arm too
+    def chord(curvature):
+        rod = Rod.round(
+            length=0.4, nodes=5, radius=0.01, density=1.0, youngs_modulus=1.0,
+            rest_curvature=curvature,
+        )  # fmt: skip
+        return rod.chord_length[0]
+
+    edge, angle = 0.1, 0.1 * curvature
+    half = angle / 2
+    if angle < 1e-2:
+        exact = edge * (1 - half**2 / 6), -(edge**2) * angle / 12, -(edge**3) / 12
+    else:
+        slope = edge**2 * (angle * np.cos(half) - 2 * np.sin(half)) / angle**2
+        bend = edge**3 * (
+            4 * np.sin(half) / angle**3 - 2 * np.cos(half) / angle**2 - np.sin(half) / (2 * angle)
+        )
+        exact = edge * np.sin(half) / half, slope, bend
+    given = jnp.asarray(curvature)
+    found = chord(given), jax.grad(chord)(given), jax.grad(jax.grad(chord))(given)
+    np.testing.assert_allclose(found[:2], exact[:2], rtol=1e-6, atol=1e-25)
+    np.testing.assert_allclose(found[2], exact[2], rtol=1e-4)

@@ -744,6 +744,11 @@ ONE_MISTAKE_IN_SPACE = {
         "target.time = [0, 1]",
         "target.time: goes with a path; takes tip or direction as a list as long",
     ),
+    "folded by itself": (
+        "arm.nodes = 5\narm.rest_curvature = [30.0, 0.0, 100.0]",
+        "arm.rest_curvature: turns the arm by 215 degrees at each node; takes up to 170: less, "
+        "or more arm.nodes",
+    ),
     "two rest curvatures": (
         "arm.rest_curvature = [1, 2]",
         "arm.rest_curvature: got [1, 2], takes a number or [kappa_1, kappa_2, twist], "

@@ -13,9 +13,8 @@ from crinoid.frames import cross, transport
 class Rod(eqx.Module):
     """Reference shape and sections of an arm of ``n`` nodes and ``e = n - 1`` edges.
 
-    Edges carry what resists stretch, nodes what resists bending and what the water sees. Each
-    node owns half of each edge beside it (half as much at both ends), so that sums over nodes are
-    trapezoid rules: second order in the edge length.
+    Edges carry what resists stretch, nodes what resists bending. What has a value per length at the
+    nodes runs linearly between them. Each node owns half of each edge beside it.
 
     A spatial arm bends toward both directors of its material frame, m_1 and m_2, and twists.
     """
@@ -137,7 +136,7 @@ class Rod(eqx.Module):
         """Length over which each node gathers its bend, or both of them and the twist (m).
 
         For the twist that which it owns. For a bend this with the end correction of Gregory's rule
-        at the root (to third differences: Hildebrand 1974, Introduction to Numerical Analysis,
+        at the root (to second differences: Hildebrand 1974, Introduction to Numerical Analysis,
         chapter 5). There the moment is largest and falls steeply; the trapezoid rule would make an
         arm of 11 nodes a hundredth too soft. At the tip no moment is left to correct.
         """
@@ -206,20 +205,26 @@ def _between(nodal: Float[Array, "n ..."]) -> Float[Array, "n-1 ..."]:
     return 0.5 * (nodal[:-1] + nodal[1:])
 
 
+def _sinc(squared: Array) -> Array:
+    """Return ``sin(a) / a`` of a squared angle, with derivatives at zero."""
+    small = squared < 1e-3
+    angle = jnp.sqrt(jnp.where(small, 1.0, squared))
+    series = 1.0 - squared / 6 * (1.0 - squared / 20 * (1.0 - squared / 42))
+    return jnp.where(small, series, jnp.sin(angle) / angle)
+
+
 def _of_arc(half: Array, squared_rate: Array) -> tuple[Array, Array]:
     """Return ``q = sin(a) / a`` of half the angle ``a`` of an arc, and ``(1 - q) / rate^2``."""
     squared = squared_rate * half**2
-    angle = jnp.sqrt(jnp.where(squared > 0, squared, 1.0))
-    share = jnp.where(squared > 0, jnp.sin(angle) / angle, 1.0)
-    rate = jnp.where(squared > 0, squared_rate, 1.0)
-    return share, jnp.where(squared > 0, (1.0 - share) / rate, half**2 / 6)
+    share, small = _sinc(squared), squared < 1e-3
+    series = (1.0 - squared / 20 * (1.0 - squared / 42 * (1.0 - squared / 72))) / 6
+    rest = (1.0 - share) / jnp.where(small, 1.0, squared)
+    return share, half**2 * jnp.where(small, series, rest)
 
 
 def _turned(frame: Float[Array, "3 3"], rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """Turn a frame by a rotation vector (Rodrigues's formula)."""
     squared = jnp.sum(rotation**2)
-    angle = jnp.sqrt(jnp.where(squared > 0, squared, 1.0))
-    sine = jnp.where(squared > 0, jnp.sin(angle) / angle, 1.0)
-    versine = jnp.where(squared > 0, 2.0 * (jnp.sin(0.5 * angle) / angle) ** 2, 0.5)
     swung = cross(rotation, frame)
-    return frame + sine * swung + versine * cross(rotation, swung)
+    versine = 0.5 * _sinc(0.25 * squared) ** 2
+    return frame + _sinc(squared) * swung + versine * cross(rotation, swung)

@@ -18,7 +18,10 @@ COUNT = 8
 
 
 class Modes(NamedTuple):
-    """The slowest vibrations of an arm whose base is held, slowest first."""
+    """The slowest vibrations of an arm whose base is held, slowest first.
+
+    Of an arm that is far from stable those nearest to none.
+    """
 
     frequency: Float[np.ndarray, " mode"]
     """Natural frequencies (Hz); 0 where the arm does not swing back, to within round-off."""

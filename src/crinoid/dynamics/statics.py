@@ -149,7 +149,7 @@ def equilibrium(
         if frames is not None:
             nodes = forces.nodes(position)
             frames = Frames.of(nodes, frames.at(nodes))
-        kick = _KICK * reach * along**2 * _aside(position[tip] - position[1], forces.axes)
+        kick = _KICK * reach * along**2 * _aside(position[tip] - position[1], reach, forces.axes)
         moved = jnp.max(jnp.abs(correction[:, : forces.axes]))
         first = search.moved < 0
         leaving = (moved > _LEAVING * search.moved) & (moved > _STILL * reach)
@@ -238,7 +238,7 @@ def _choose(first: Bool[Array, ""], one: Any, other: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
 
 
-def _aside(chord: Float[Array, " b"], axes: int) -> Float[Array, " b"]:
+def _aside(chord: Float[Array, " b"], reach: Float[Array, ""], axes: int) -> Float[Array, " b"]:
     """Return a direction across a chord: in the plane the one up from it, in space a bit of y too.
 
     So the arm finds its way out of a plane in which it does not stay, and in the plane it goes to
@@ -246,7 +246,7 @@ def _aside(chord: Float[Array, " b"], axes: int) -> Float[Array, " b"]:
     """
     up = axes - 1
     length = jnp.sqrt(jnp.sum(chord[:axes] ** 2))
-    closed = length < jnp.finfo(float).tiny
+    closed = length < 1e-6 * reach
     forward = jnp.zeros_like(chord).at[0].set(1.0)
     chord = jnp.where(closed, forward, chord / jnp.where(closed, 1.0, length))
     across = jnp.zeros_like(chord).at[0].set(-chord[up]).at[up].set(chord[0])

@@ -93,7 +93,7 @@ class _Strain(NamedTuple):
     axes: Matrix
     """Rows ``M_2, -M_1, d``: the directions of the three strains."""
     strains: Vector
-    """``kappa_1, kappa_2, tau``: integrated over the length that the node owns."""
+    """``kappa_1, kappa_2, tau``, gathered by the node (rad)."""
     stretch: Float[Array, ""]
     """``C``."""
 
@@ -124,13 +124,13 @@ class _Strain(NamedTuple):
     def map(self) -> Matrix:
         """``G``."""
         K, C, d = self.binormal, self.stretch, self.axes[2]
-        a, b = (C + 2.0) / 3.0, (C**2 - 2.0) / (12.0 * C * (C + 1.0))
-        return a * jnp.eye(3) + (C - a) * _outer(d, d) + b * _outer(K, K)
+        a = (C + 2.0) / 3.0
+        return a * jnp.eye(3) + (C - a) * _outer(d, d) + self.excess * _outer(K, K)
 
     def map_slope(self, vector: Vector) -> Matrix:
         """Return ``d(G vector)/dw`` in the middle frame, ``vector`` turning along with it."""
         K, C, d = self.binormal, self.stretch, self.axes[2]
-        b = (C**2 - 2.0) / (12.0 * C * (C + 1.0))
+        b = self.excess
         b_slope = (C**2 + 4.0 * C + 2.0) / (12.0 * C**2 * (C + 1.0) ** 2)
         along = dot(K, vector)
         by_stretch = (vector + 2.0 * dot(d, vector) * d) / 3.0 + b_slope * along * K
@@ -145,6 +145,12 @@ class _Strain(NamedTuple):
         middle = self.axes[2]
         aside = cross(self.binormal, middle)
         return self.share * _outer(middle, aside) - 0.25 * _outer(aside, middle)
+
+    @property
+    def excess(self) -> Float[Array, ""]:
+        """``b``."""
+        C = self.stretch
+        return (C**2 - 2.0) / (12.0 * C * (C + 1.0))
 
     @property
     def share(self) -> Float[Array, ""]:
@@ -244,7 +250,7 @@ class BendTwist(Linearised):
         return jnp.moveaxis(_on_nodes(*columns), (0, 1), (2, 3))
 
     def strains(self, motion: Motion) -> Float[Array, "3"]:
-        """Return ``kappa_1, kappa_2, tau``, integrated over the length that the node owns."""
+        """Return ``kappa_1, kappa_2, tau``, gathered by the node (rad)."""
         return self._observe(motion)[2].strains
 
     def energy(self, motion: Motion) -> Float[Array, ""]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from crinoid.scenario.arm import Arm
@@ -26,6 +27,7 @@ __all__ = [
     "output_conflicts",
     "rate_conflicts",
     "record_conflicts",
+    "shape_conflicts",
     "size_conflicts",
     "wave_conflicts",
 ]
@@ -37,6 +39,8 @@ _PARTNERS = {
     3: {"slide": "x", "sway": "y", "heave": "z"},
 }
 
+_SHARPEST = 170.0
+"""Turn between two edges past which bending means nothing (degrees)."""
 _MAX_BYTES = 8e9
 _BYTES_PER_NODE = {2: 120, 3: 210}
 """Of a result, by dimension; obstacles come on top."""
@@ -57,6 +61,16 @@ def joint_conflicts(base: Base, dimension: int) -> Iterator[Mistake]:
     for index, motion in enumerate(base.motion):
         if motion.channel == "tilt":
             yield Mistake(f"base.motion.{index}.channel", f"{shown(motion.channel)} {text}")
+
+
+def shape_conflicts(arm: Arm) -> Iterator[Mistake]:
+    """Yield a natural shape in which edges fold onto each other."""
+    given = arm.rest_curvature
+    bend = math.hypot(*given[:2]) if isinstance(given, tuple) else abs(given)
+    turn = math.degrees(bend * arm.length / (arm.nodes - 1))
+    if turn > _SHARPEST:
+        text = f"turns the arm by {turn:.0f} degrees at each node; takes up to {_SHARPEST:.0f}: "
+        yield Mistake("arm.rest_curvature", text + "less, or more arm.nodes")
 
 
 def depth_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterator[Mistake]:

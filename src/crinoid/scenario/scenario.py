@@ -24,6 +24,7 @@ from crinoid.scenario.consistency import (
     output_conflicts,
     rate_conflicts,
     record_conflicts,
+    shape_conflicts,
     size_conflicts,
     wave_conflicts,
 )
@@ -269,6 +270,7 @@ class Scenario(Model):
         if mistakes:  # the others take vectors as they should be
             yield from mistakes
             return
+        yield from shape_conflicts(self.arm)
         yield from joint_conflicts(self.base, dimension)
         yield from depth_conflicts(self.water, self.base, self.flow)
         yield from wave_conflicts(self.water, self.base, self.flow)
