@@ -40,6 +40,8 @@ def set_up(scenario: Scenario) -> Setup:
     loaded = scenario.simulation.start == "equilibrium"
     _check_room(system)
     state, outcome, tip, linear, jacobian = _start(system, loaded, mapped)
+    if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
+        jacobian = None
     loop = Loop(
         system=system,
         sensor=_sensor(scenario),
