@@ -32,7 +32,6 @@ from crinoid.rod import Rod
 from crinoid.scenario import motion as motions
 from crinoid.scenario.build_flow import build_flow
 from crinoid.scenario.build_obstacle import body_numbers, build_obstacles, contact_numbers
-from crinoid.scenario.load import DistributedLoad as DistributedTable
 from crinoid.scenario.load import TipLoad as TipTable
 from crinoid.scenario.numbers import Numbers, array
 from crinoid.space import CHANNELS
@@ -40,8 +39,10 @@ from crinoid.spline import PiecewiseCubic
 
 if TYPE_CHECKING:
     from crinoid.scenario.arm import Arm
+    from crinoid.scenario.load import Load
     from crinoid.scenario.scenario import Scenario
 
+_LoadElement = DistributedLoad | TipLoad
 _INTEGRATORS: dict[str, Callable[..., Integrator]] = {
     "newmark": Integrator.newmark,
     "generalized-alpha": Integrator.generalized_alpha,
@@ -69,7 +70,7 @@ def build_system(scenario: Scenario) -> System:
                 "added_mass_tangential",
             )
         },
-        tuple(_load(load, scenario.arm.dimension) for load in scenario.load),
+        tuple(_load(load, scenario) for load in scenario.load),
         contact_numbers(scenario),
         body_numbers(scenario),
         array(simulation.tolerance),
@@ -98,7 +99,7 @@ def _assemble(
     sections: Numbers,
     pinned: bool,
     water: Numbers,
-    loads: tuple[tuple[type[DistributedLoad | TipLoad], Numbers], ...],
+    loads: tuple[tuple[type[_LoadElement], Numbers], ...],
     contact: Numbers | None,
     bodies: Numbers | None,
     tolerance: Array,
@@ -142,9 +143,7 @@ def _rod(arm: Arm) -> Numbers:
     return {name: array(number) for name, number in numbers.items() if number is not None}
 
 
-def _load(
-    load: DistributedTable | TipTable, axes: int
-) -> tuple[type[DistributedLoad | TipLoad], Numbers]:
+def _load(load: Load, scenario: Scenario) -> tuple[type[_LoadElement], Numbers]:
     stop = np.inf if load.stop is None else load.stop
     onset = {"onset": Onset(*map(array, (load.start, load.ramp_time, stop)))}
     if isinstance(load, TipTable):
@@ -152,7 +151,7 @@ def _load(
         if load.follower:
             return TipLoad, onset | {"follower_force": force, "follower_moment": moment}
         return TipLoad, onset | {"dead_force": force, "moment": moment}
-    fixed = np.zeros(axes)
+    fixed = np.zeros(scenario.arm.dimension)
     if not isinstance(load.direction, str):
         fixed = np.asarray(load.direction) / np.linalg.norm(load.direction)
     return DistributedLoad, onset | {
