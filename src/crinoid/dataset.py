@@ -45,7 +45,7 @@ def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     return whole
 
 
-def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Dataset:
+def build_dataset(system: System, kept: Record) -> xr.Dataset:
     """Turn saved instants into a dataset with names, units and what follows from the motion."""
     rod = system.rod
     origin = np.asarray(system.forces.origin)
@@ -166,7 +166,7 @@ def build_dataset(scenario: Scenario, system: System, kept: Record) -> xr.Datase
     shifts = [channel for channel in channels if channel not in ANGLES]
     turns = [channel for channel in channels if channel in ANGLES]
     for name in ("base_command", "base_pose"):
-        dataset[name].attrs["units"] = "m or rad"
+        del dataset[name].attrs["units"]  # CF has no unit for a mixture
         dataset[name].attrs["comment"] = (
             f"{_listed(shifts)} in m, {_listed(turns)} in rad: see channel_unit"
         )

@@ -168,7 +168,7 @@ class Forces(eqx.Module):
             still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
             touch = jacobians((obstacles.contact,), pairs, [still, still])
             touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
-            blocks[size].append((1, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
+            blocks[size].append((obstacles.contact.first, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
         bands = sum(
             (
                 jnp.pad(chain.assemble(some, num_nodes), [(0, 0)] * 2 + [(0, size - width)] * 2)
@@ -187,7 +187,7 @@ class Forces(eqx.Module):
         own = own + jnp.sum(touch[:, :, 2, :, 2], axis=1)
 
         def scatter(edges: Float[Array, "edges 2 b"]) -> Float[Array, "n b"]:
-            return chain.scatter(edges, 1, num_nodes)
+            return chain.scatter(edges, obstacles.contact.first, num_nodes)
 
         by_column, by_row = jax.vmap(scatter, -1, -1), jax.vmap(scatter, 1, 0)
         border = Border(
@@ -208,7 +208,8 @@ class Forces(eqx.Module):
         Of a root that turns freely zero.
         """
         bend = self.bend
-        assert bend is not None
+        if bend is None:
+            raise ValueError("nothing resists bending: elements takes a Bend, in space a BendTwist")
         owned = self._windows(bend, motion)
         strains = jax.vmap(lambda e, m: e.strains(m))(bend, owned)
         rest, free = (

@@ -223,7 +223,7 @@ def _result(
     parts = [] if earlier is None else [earlier]
     if records:
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
-        parts.append(build_dataset(scenario, setup.loop.system, whole))
+        parts.append(build_dataset(setup.loop.system, whole))
     dataset = with_dimensionless(join(parts), scenario, setup.modes)
     dataset.attrs = describe(scenario) | {
         "status": trouble or "ok",
