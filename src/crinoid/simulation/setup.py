@@ -9,7 +9,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.chain import Bands
-from crinoid.control import Clock, Controller, Idle, Pid, Sensor, Target, damped_inverse
+from crinoid.control import (
+    Clock,
+    Controller,
+    Idle,
+    Pid,
+    Sensor,
+    Target,
+    damped_inverse,
+)
 from crinoid.dynamics import Modes, Outcome, State, System, find_modes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario import Target as TargetTable
@@ -36,7 +44,7 @@ def set_up(scenario: Scenario) -> Setup:
     """Assemble the loop of a scenario and find the arm's state at the start."""
     system = scenario.system()
     control = scenario.control
-    mapped = control.kind == "pid" and control.mapping == "static-jacobian"
+    mapped = control.kind != "none" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
     _check_room(system)
     state, outcome, tip, linear, jacobian = _start(system, loaded, mapped)
@@ -170,16 +178,45 @@ def _sensor(scenario: Scenario) -> Sensor:
 
 
 def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
+    match scenario.control.kind:
+        case "none":
+            return Idle(len(CHANNELS[scenario.arm.dimension]))
+        case "pid":
+            return _pid(scenario, jacobian)
+
+
+def _pid(scenario: Scenario, jacobian: Array | None) -> Pid:
+    channels, driven = CHANNELS[scenario.arm.dimension], scenario.control.pid.present
+    limits = {name: channel.limits for name, channel in scenario.base.channels.present.items()}
+
+    def per_channel(values: dict[str, float]) -> Float[Array, " channel"]:
+        return jnp.asarray([values.get(name, 0.0) for name in channels])
+
+    filter_time = {name: 0.5 / (np.pi * g.derivative_filter_hz) for name, g in driven.items()}
+    return Pid(
+        kp=per_channel({name: gains.kp for name, gains in driven.items()}),
+        ki=per_channel({name: gains.ki for name, gains in driven.items()}),
+        kd=per_channel({name: gains.kd for name, gains in driven.items()}),
+        filter_time=per_channel(filter_time),
+        mapping=jnp.asarray(_mapping(scenario, jacobian, list(driven))),
+        lower=per_channel({name: limit.low for name, limit in limits.items()}),
+        upper=per_channel({name: limit.high for name, limit in limits.items()}),
+        period=jnp.asarray(1.0 / scenario.control_rate_hz),
+    )
+
+
+def _mapping(
+    scenario: Scenario, jacobian: Array | None, driven: list[str]
+) -> Float[np.ndarray, "channel pose"]:
+    """Return the errors of the driven channels per error of the tip's pose."""
     control, axes = scenario.control, scenario.arm.dimension
     channels, coordinates = CHANNELS[axes], POSE[axes]
-    if control.kind == "none":
-        return Idle(len(channels))
-    driven = {channels.index(name): gains for name, gains in control.pid.present.items()}
-    limits = {
-        channels.index(name): channel.limits
-        for name, channel in scenario.base.channels.present.items()
-    }
     mapping = np.zeros((len(channels), len(coordinates)))
+    rows = [channels.index(name) for name in driven]
+    if jacobian is None:
+        # x with slide, z with heave, angle with tilt; in space x, y, z with slide, sway, heave
+        mapping[rows, rows] = 1.0
+        return mapping
     # a direction in space has three coordinates
     columns = [
         column
@@ -187,37 +224,18 @@ def _controller(scenario: Scenario, jacobian: Array | None) -> Controller:
         for column, coordinate in enumerate(coordinates)
         if coordinate == name or coordinate.startswith(f"{name}_")
     ]
-    rows = list(driven)
-    if jacobian is None:
-        # x with slide, z with heave, angle with tilt; in space x, y, z with slide, sway, heave
-        mapping[rows, rows] = 1.0
-    else:
-        needed = np.asarray(jacobian)[np.ix_(columns, rows)]
-        if not np.isfinite(needed).all():
-            text = (
-                'got "static-jacobian", but nothing holds this arm in place at rest, so its tip '
-                'does not follow the base; takes "identity", or an arm with a clamp or a weight'
-            )
-            raise ScenarioError([Mistake("control.mapping", text)])
-        weights = np.where(np.asarray(columns) < axes, 1.0, scenario.arm.length)
-        inverse = damped_inverse(weights[:, None] * needed) * weights
-        _check_use(list(control.pid.present), inverse)
-        mapping[np.ix_(rows, columns)] = inverse
-
-    def per_channel(values: dict[int, float]) -> Float[Array, " channel"]:
-        return jnp.asarray([values.get(index, 0.0) for index in range(len(channels))])
-
-    filter_time = {i: 0.5 / (np.pi * g.derivative_filter_hz) for i, g in driven.items()}
-    return Pid(
-        kp=per_channel({index: gains.kp for index, gains in driven.items()}),
-        ki=per_channel({index: gains.ki for index, gains in driven.items()}),
-        kd=per_channel({index: gains.kd for index, gains in driven.items()}),
-        filter_time=per_channel(filter_time),
-        mapping=jnp.asarray(mapping),
-        lower=per_channel({index: limit.low for index, limit in limits.items()}),
-        upper=per_channel({index: limit.high for index, limit in limits.items()}),
-        period=jnp.asarray(1.0 / scenario.control_rate_hz),
-    )
+    needed = np.asarray(jacobian)[np.ix_(columns, rows)]
+    if not np.isfinite(needed).all():
+        text = (
+            'got "static-jacobian", but nothing holds this arm in place at rest, so its tip '
+            'does not follow the base; takes "identity", or an arm with a clamp or a weight'
+        )
+        raise ScenarioError([Mistake("control.mapping", text)])
+    weights = np.where(np.asarray(columns) < axes, 1.0, scenario.arm.length)
+    inverse = damped_inverse(weights[:, None] * needed) * weights
+    _check_use(driven, inverse)
+    mapping[np.ix_(rows, columns)] = inverse
+    return mapping
 
 
 def _check_use(names: list[str], inverse: Float[np.ndarray, "channel coordinate"]) -> None:
