@@ -52,6 +52,7 @@ def kept(touch=None, **changes):
         "tip": tip,
         "wanted": wanted,
         "command": some(6),
+        "servo": some(6),
         "pose": some(6),
         "base_force": some(3),
         "base_moment": some(3),
@@ -91,6 +92,7 @@ def test_every_variable_in_space_has_its_dimensions_and_units(system):
         "tip_angle": ("time",),
         "tip_error": ("time",),
         "base_command": ("time", "channel"),
+        "base_servo": ("time", "channel"),
         "base_pose": ("time", "channel"),
         "base_force": ("time", "axis"),
         "base_moment": ("time", "axis"),
@@ -99,7 +101,7 @@ def test_every_variable_in_space_has_its_dimensions_and_units(system):
         assert dataset[name].dims == dims, name
     # channels are shifts and turns: no one unit that CF knows
     without_unit = {name for name, v in dataset.data_vars.items() if not v.attrs.get("units")}
-    assert without_unit == {"base_command", "base_pose"}
+    assert without_unit == {"base_command", "base_servo", "base_pose"}
     assert "tip_angle_target" not in dataset
     assert dataset["twist"].attrs["units"] == "rad m-1"
     labels = {name: list(dataset[name].values) for name in ("axis", "channel", "bending")}

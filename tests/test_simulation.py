@@ -64,6 +64,7 @@ def test_every_variable_has_units_and_the_contract_s_dimensions(result):
         "tip_angle": ("time",),
         "tip_error": ("time",),
         "base_command": ("time", "channel"),
+        "base_servo": ("time", "channel"),
         "base_pose": ("time", "channel"),
         "base_force": ("time", "axis"),
         "base_moment": ("time",),
@@ -80,7 +81,8 @@ def test_every_variable_has_units_and_the_contract_s_dimensions(result):
     for name, dims in expected.items():
         assert dataset[name].dims == dims, name
     for name, variable in dataset.data_vars.items():
-        assert variable.attrs["units"], name
+        mixed = "channel" in variable.dims  # m and rad: see channel_unit
+        assert mixed == ("units" not in variable.attrs), name
         assert variable.attrs["long_name"], name
         assert np.isfinite(variable.values).all(), name
     assert dataset["flow_speed"].attrs["standard_name"] == "sea_water_speed"
@@ -357,8 +359,15 @@ def test_a_table_that_ends_with_the_run_moves_the_base_to_the_last(duration):
     # sums of time steps that round-off carries past the end of the table
     table = {"kind": "table", "channel": "heave", "time": [0.0, duration], "value": [0.0, 0.1]}
     moving = scenario(base__motion=[table], simulation__duration=duration, control__compare=False)
-    speed = crinoid.simulate(moving).dataset["velocity"].sel(node=0, axis="z").values
+    dataset = crinoid.simulate(moving).dataset
+    speed = dataset["velocity"].sel(node=0, axis="z").values
     np.testing.assert_allclose(speed, 0.1 / duration, rtol=1e-9)
+    # the pose is what the servos do and what is prescribed
+    prescribed = dataset["base_pose"] - dataset["base_servo"]
+    heave = 0.1 * dataset["time"] / duration
+    np.testing.assert_allclose(prescribed.sel(channel="heave"), heave, atol=1e-12)
+    assert float(np.abs(prescribed.drop_sel(channel="heave")).max()) < 1e-15
+    assert float(np.abs(dataset["base_servo"].sel(channel="tilt")).max()) > 1e-4
 
 
 def test_a_long_interval_between_kept_instants_changes_nothing(result):

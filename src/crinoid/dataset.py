@@ -99,11 +99,17 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
             "",
             "command of the base channels, from the set pose",
         ),
+        "base_servo": (
+            ("time", "channel"),
+            kept.servo,
+            "",
+            "displacement of the servos of the base channels",
+        ),
         "base_pose": (
             ("time", "channel"),
             kept.pose,
             "",
-            "displacement of the base channels from the set pose",
+            "displacement of the base channels from the set pose, prescribed motion included",
         ),
         "base_force": (("time", "axis"), kept.base_force, "N", "force of the arm on the submarine"),
         "base_moment": (
@@ -158,14 +164,14 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
             "channel_unit": (
                 "channel",
                 ["rad" if channel in ANGLES else "m" for channel in channels],
-                {"long_name": "unit of base_command and base_pose"},
+                {"long_name": "unit of base_command, base_servo and base_pose"},
             ),
         },
     )
     dataset["flow_speed"].attrs["standard_name"] = "sea_water_speed"
     shifts = [channel for channel in channels if channel not in ANGLES]
     turns = [channel for channel in channels if channel in ANGLES]
-    for name in ("base_command", "base_pose"):
+    for name in ("base_command", "base_servo", "base_pose"):
         del dataset[name].attrs["units"]  # CF has no unit for a mixture
         dataset[name].attrs["comment"] = (
             f"{_listed(shifts)} in m, {_listed(turns)} in rad: see channel_unit"

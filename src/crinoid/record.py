@@ -19,6 +19,8 @@ class Record(eqx.Module):
     tip: Float[Array, "*t pose"]
     wanted: Float[Array, "*t pose"]
     command: Float[Array, "*t channel"]
+    servo: Float[Array, "*t channel"]
+    """Where the servos are; the pose adds the prescribed motions to that."""
     pose: Float[Array, "*t channel"]
     base_force: Float[Array, "*t d"]
     base_moment: Float[Array, "*t"] | Float[Array, "*t 3"]

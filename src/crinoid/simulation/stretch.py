@@ -26,6 +26,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         loop.system.tip(state),
         loop.target(state.time),
         carry.command,
+        state.servo.position,
         pose,
         state.base_force,
         state.base_moment,
