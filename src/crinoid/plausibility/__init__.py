@@ -1,0 +1,56 @@
+"""What is odd about a scenario, looked for before it is run: notes, never refusals.
+
+A rule is plain text and numbers: it needs neither JAX nor a run. `RULES` is the one place that
+says what is looked at; docs/notes.md is made from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from crinoid.plausibility.arm import ARM
+from crinoid.plausibility.base import BASE
+from crinoid.plausibility.current import CURRENT
+from crinoid.plausibility.facts import Facts
+from crinoid.plausibility.load import LOAD
+from crinoid.plausibility.loop import LOOP
+from crinoid.plausibility.obstacle import OBSTACLE
+from crinoid.plausibility.rule import Rule
+from crinoid.plausibility.time import TIME
+from crinoid.plausibility.usual import USUAL
+from crinoid.scenario import Scenario
+
+__all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Rule", "doubts"]
+
+_FIRST = (*USUAL, *ARM)
+"""What numbers are by themselves. Where an arm or its water is odd, what follows from it is too,
+and goes without saying."""
+_THEN = (*BASE, *CURRENT, *LOAD, *OBSTACLE, *LOOP, *TIME)
+RULES = (*_FIRST, *_THEN)
+
+AT_REST = ("arm", "base", "water", "flow", "load", "obstacle")
+"""Tables that an equilibrium depends on."""
+IN_THE_WATER = ("water", "flow")
+"""Tables that a current depends on."""
+
+
+def doubts(scenario: Scenario, tables: Collection[str] = ()) -> list[str]:
+    """Return a sentence for each number of a scenario that is not plausible; one case.
+
+    Parameters
+    ----------
+    scenario
+        What is to be run.
+    tables
+        The tables that matter; all if none is named.
+
+    Raises
+    ------
+    ScenarioError
+        If a file that the scenario names is not what it takes.
+    """
+    facts = Facts(scenario)
+    found = [doubt for rule in _FIRST for doubt in rule.doubts(facts)]
+    if not any(doubt.startswith(("arm.", "water.")) for doubt in found):
+        found += [doubt for rule in _THEN for doubt in rule.doubts(facts)]
+    return [doubt for doubt in found if not tables or doubt.split(":")[0].split(".")[0] in tables]

@@ -1,0 +1,159 @@
+"""What follows from a description at once: sizes, stiffness, speeds and periods."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.plausibility.vibration import bending_frequencies
+from crinoid.scenario import (
+    GaussMarkovFlow,
+    GustFlow,
+    MeasuredFlow,
+    Scenario,
+    ShearFlow,
+    SineFlow,
+    TurbulenceFlow,
+    UniformFlow,
+    WavesFlow,
+)
+from crinoid.scenario.flow import Flow
+
+_AIR = (1.1, 1.4)
+"""Densities of air, from a hot day to a cold one (kg/m3)."""
+_RARE = 2.0
+"""Standard deviations by which what is random is seldom exceeded."""
+
+
+class Facts:
+    """Numbers that several rules look at, each worked out once. SI units and radians."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        arm, water = scenario.arm, scenario.water
+        self.length = arm.length
+        self.edge = arm.length / (arm.nodes - 1)
+        given = arm.radius
+        self.radii = given if isinstance(given, tuple) else (given, given)
+        """At root and tip (m)."""
+        self.wet = water.density > 0 and not _AIR[0] <= water.density <= _AIR[1]
+        """Whether the arm is in water rather than in air or nothing."""
+        self.in_air = water.density > 0 and not self.wet
+
+    @cached_property
+    def bending(self) -> Float[np.ndarray, " ends"]:
+        """Bending stiffness at root and tip, the softer way (N m2)."""
+        given, modulus = self.scenario.arm.section.EI, self.scenario.arm.youngs_modulus
+        if given is None:
+            return modulus * math.pi / 4 * np.array(self.radii) ** 4
+        return np.full(2, min(given) if isinstance(given, tuple) else given)
+
+    @cached_property
+    def stretching(self) -> float:
+        """Axial stiffness where it is least (N)."""
+        arm = self.scenario.arm
+        return arm.section.EA or arm.youngs_modulus * math.pi * min(self.radii) ** 2
+
+    @cached_property
+    def mass(self) -> Float[np.ndarray, " ends"]:
+        """Mass per length at root and tip, without the water (kg/m)."""
+        given = self.scenario.arm.section.mass_per_length
+        if given is not None:
+            return np.full(2, given)
+        return self.scenario.arm.density * math.pi * np.array(self.radii) ** 2
+
+    @cached_property
+    def displaced(self) -> Float[np.ndarray, " ends"]:
+        """Mass of the water displaced per length at root and tip (kg/m)."""
+        given, density = self.scenario.arm.section.displaced_area, self.scenario.water.density
+        if given is not None:
+            return np.full(2, density * given)
+        return density * math.pi * np.array(self.radii) ** 2
+
+    @cached_property
+    def diameter(self) -> float:
+        """Largest diameter that the water sees (m)."""
+        given = self.scenario.arm.section.diameter
+        return 2 * max(self.radii) if given is None else given
+
+    @cached_property
+    def swung(self) -> Float[np.ndarray, " ends"]:
+        """Mass per length with added mass at root and tip (kg/m)."""
+        return self.mass + self.scenario.water.added_mass_normal * self.displaced
+
+    @cached_property
+    def frequencies(self) -> Float[np.ndarray, " mode"]:
+        """Natural frequencies of bending in water, slowest first (Hz); an estimate."""
+        clamped = self.scenario.base.mount == "clamped"
+        taper = self.radii[1] / self.radii[0]
+        return bending_frequencies(
+            self.length, self.bending, self.swung, taper=taper, clamped=clamped
+        )
+
+    @cached_property
+    def period(self) -> float:
+        """Period of the slowest of them (s)."""
+        return float(1 / self.frequencies[0])
+
+    @cached_property
+    def direction(self) -> tuple[float, ...]:
+        """Unit vector along which the base points the arm."""
+        base = self.scenario.base
+        pan, tilt, _ = base.angles
+        if self.scenario.arm.dimension == 2:
+            return (math.cos(tilt), math.sin(tilt))
+        return (
+            math.cos(tilt) * math.cos(pan),
+            math.cos(tilt) * math.sin(pan),
+            math.sin(tilt),
+        )
+
+    @cached_property
+    def travel(self) -> float:
+        """How far channels and prescribed motion may shift the base (m)."""
+        base = self.scenario.base
+        driven = [
+            max(-channel.limits.low, channel.limits.high)
+            for name, channel in base.channels.present.items()
+            if name in _SHIFTS
+        ]
+        carried = [
+            max(map(abs, getattr(motion, "value_si", (getattr(motion, "amplitude_si", 0.0),))))
+            for motion in base.motion
+            if motion.channel in _SHIFTS
+        ]
+        return math.hypot(*driven) + math.hypot(*carried)
+
+    @cached_property
+    def current(self) -> float:
+        """Speed that all flows together do not exceed for long (m/s)."""
+        return sum(self.fastest(index, flow) for index, flow in enumerate(self.scenario.flow))
+
+    def fastest(self, index: int, flow: Flow) -> float:
+        """Return the speed that a flow hardly exceeds (m/s)."""
+        match flow:
+            case UniformFlow() | ShearFlow() | GustFlow():
+                return math.hypot(*flow.velocity)
+            case SineFlow():
+                return math.hypot(*flow.amplitude)
+            case GaussMarkovFlow():
+                spread = flow.standard_deviation
+                spread = spread if isinstance(spread, tuple) else (spread,)
+                return math.hypot(*flow.mean) + _RARE * max(spread)
+            case TurbulenceFlow():
+                return math.hypot(*flow.mean) * (1 + _RARE * flow.intensity)
+            case WavesFlow():
+                depth = max(0.0, -self.scenario.base.position[-1] - self.length)
+                rate = 2 * math.pi / flow.peak_period
+                number = rate**2 / max(self.scenario.water.gravity, 1e-9)
+                return flow.significant_height / 2 * rate * math.exp(-number * depth)
+            case MeasuredFlow():
+                velocity = self.scenario.recordings[index].velocity
+                return float(np.nanmax(np.linalg.norm(velocity, axis=-1)))
+        return 0.0
+
+
+_SHIFTS = ("slide", "sway", "heave")
