@@ -116,11 +116,31 @@ def test_notes_stand_under_the_table_and_of_cases_each_one_once(here):
     with xr.open_dataset(here / "results" / "small" / "result.nc") as dataset:
         assert [f"note: {line}" for line in dataset.attrs["notes"].splitlines()] == noted[:1]
     studied = ("--set", "vary.seed=[1, 2]", "--set", "control.compare=false", "--out", "cases")
-    ended = call("run", "small.toml", *thin, *studied)
+    above = ("--set", "base.position=[0.0, 10.0]")
+    ended = call("run", "small.toml", *thin, *studied, *above)
     assert ended.exit_code == 0, ended.output
-    noted = [line for line in ended.stdout.splitlines() if line.startswith("note: ")]
-    assert len(noted) == 1
-    assert noted[0].startswith("note: case-01 and 1 more: most of the drag")
+    lines = ended.stdout.splitlines()
+    noted = [line for line in lines if line.startswith("note: ")]
+    assert len(noted) == 2
+    # what is odd about a scenario is told before it is run, and only then
+    assert lines[0] == noted[0]
+    assert noted[0].startswith("note: case-01 and 1 more: base.position.1: got 10 m, above the")
+    assert noted[1].startswith("note: case-01 and 1 more: most of the drag")
+    with xr.open_dataset(here / "cases" / "case-02" / "result.nc") as dataset:
+        assert dataset.attrs["notes"].startswith("base.position.1: got 10 m")
+
+
+def test_an_equilibrium_and_a_current_tell_what_is_odd_first(here):
+    odd = ("--set", "flow.0.velocity=[6.0, 0.0]", "--set", "control.start=9")
+    for command in ("equilibrium", "flow"):
+        ended = call(command, "small.toml", *odd, "--out", command)
+        assert ended.exit_code == 0, ended.output
+        lines = ended.stdout.splitlines()
+        noted = [line for line in lines if line.startswith("note: ")]
+        assert lines[0] == noted[0]
+        assert noted[0].startswith("note: flow.0.velocity: got [6.0, 0.0] m/s; usual is up to 5")
+        assert not any("control.start" in line for line in noted)
+        assert len(set(noted)) == len(noted)
 
 
 def test_cases_become_a_table_and_a_folder_each(here):

@@ -188,9 +188,7 @@ def test_joined_stretches_leave_the_angle_above_the_level_as_it_is():
 
 
 def test_measures_tables_and_figures_read_a_run_in_space(system):
-    dataset = build_dataset(system, kept()).assign_attrs(
-        title="in space", scenario="", status="ok"
-    )
+    dataset = build_dataset(system, kept()).assign_attrs(title="in space", scenario="", status="ok")
     result = Result(dataset)
     errors = tip_error(result)
     assert errors.rms == pytest.approx(0.13)

@@ -9,8 +9,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crinoid.cli.play import check, keep_compiled_code, make, say_notes
+from crinoid.cli.play import check, keep_compiled_code, make, say_doubts, say_notes
 from crinoid.current import FLOW, Statistics, sample_current, statistics
+from crinoid.plausibility import IN_THE_WATER
 from crinoid.report import write_report
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.recording import Recording
@@ -27,6 +28,7 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
     keep_compiled_code()
     check(scenario, Scenario.notes)
     make(folder)
+    say_doubts(console, scenario, IN_THE_WATER)
     dataset = sample_current(scenario)
     dataset.to_netcdf(folder / FLOW, engine="netcdf4")
     figures = write_report(folder / FLOW)

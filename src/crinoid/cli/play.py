@@ -6,7 +6,7 @@ import csv
 import gc
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from crinoid.cli.tables import cases_table, equilibrium_table, run_table
 from crinoid.metrics import deflection, settling_time, tip_error
+from crinoid.plausibility import AT_REST, doubts
 from crinoid.result import RESULT, Result, ResultError
 from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import Progress as Reached
@@ -35,8 +36,9 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Con
     keep_compiled_code()
     check(scenario, Scenario.notes, check_room)
     make(folder)
+    told = say_doubts(console, scenario)
     if scenario.vary:
-        return _run_cases(scenario, folder, resume=resume, console=console)
+        return _run_cases(scenario, folder, told, resume=resume, console=console)
     earlier = _earlier(scenario, folder) if resume else None
     if earlier is not None and earlier.failure:
         text = f"the run in {folder} {earlier.failure.split(';')[0]}: it would fail there again"
@@ -45,7 +47,7 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, console: Con
         result = _play(scenario, _reporter(bar, ""), earlier, folder)
         paths = result.save(folder)
     console.print(run_table(result))
-    say_notes(console, result.notes)
+    say_notes(console, [note for note in result.notes if note not in told])
     if result.uncontrolled is not None:
         apart = [note for note in result.uncontrolled.notes if note not in result.notes]
         say_notes(console, [f"without control: {note}" for note in apart])
@@ -61,13 +63,14 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, console: Console) -> s
         raise ScenarioError([Mistake("vary", text)])
     check(scenario, Scenario.notes, check_room)
     make(folder)
+    told = say_doubts(console, scenario, AT_REST)
     try:
         result = equilibrium(scenario)
     except SimulationError as error:
         result = error.result
     paths = result.save(folder)
     console.print(equilibrium_table(result))
-    say_notes(console, result.notes)
+    say_notes(console, [note for note in result.notes if note not in told])
     _say_where(console, paths)
     return _trouble(result)
 
@@ -107,6 +110,22 @@ def check(scenario: Scenario, *checks: Callable[[Scenario], object]) -> None:
             raise ScenarioError(mistakes) from error
 
 
+def say_doubts(console: Console, scenario: Scenario, tables: Collection[str] = ()) -> list[str]:
+    """Show what is odd about a scenario before it is run, about its cases each thing once.
+
+    Returns what was told of any case.
+    """
+    told: dict[str, list[str]] = {}
+    cases = scenario.cases()
+    count = len(cases)
+    for number in range(1, count + 1):
+        _, case = cases.pop(0)  # a case keeps what it has read
+        for doubt in doubts(case, tables):
+            told.setdefault(doubt, []).append(_case_name(number, count))
+    say_notes(console, _of_cases(told) if scenario.vary else list(told))
+    return list(told)
+
+
 def say_notes(console: Console, notes: list[str]) -> None:
     """Show notes, a paragraph each."""
     for note in notes:
@@ -120,17 +139,18 @@ def make(folder: Path) -> None:
         pass
 
 
-def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Console) -> str:
+def _run_cases(
+    scenario: Scenario, folder: Path, doubted: list[str], *, resume: bool, console: Console
+) -> str:
     cases = scenario.cases()
     count = len(cases)
-    digits = len(str(count))
     rows: list[dict[str, Any]] = []
     failures = []
     told: dict[str, list[str]] = {}
     with _bar(console) as bar:
         for number in range(1, count + 1):
             values, case = cases.pop(0)  # a case keeps what it has read
-            name = f"case-{number:0{max(2, digits)}d}"
+            name = _case_name(number, count)
             earlier = _earlier(case, folder / name) if resume else None
             label = f"{number}/{count} "
             if earlier is not None and earlier.failure:
@@ -139,7 +159,8 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
                 result = _play(case, _reporter(bar, label), earlier, folder / name)
                 result.save(folder / name)
             for note in result.notes:
-                told.setdefault(note, []).append(name)
+                if note not in doubted:
+                    told.setdefault(note, []).append(name)
             rows.append(_row(name, values, result))
             _write_cases(folder / CASES, rows)
             if number % _KEPT_COMPILED == 0:
@@ -155,6 +176,10 @@ def _run_cases(scenario: Scenario, folder: Path, *, resume: bool, console: Conso
     if result.interrupted:
         return f"interrupted in {name}; --resume goes on from there"
     return "; ".join(failures)
+
+
+def _case_name(number: int, count: int) -> str:
+    return f"case-{number:0{max(2, len(str(count)))}d}"
 
 
 def _of_cases(told: dict[str, list[str]]) -> list[str]:

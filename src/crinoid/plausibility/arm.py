@@ -130,16 +130,18 @@ def _section(facts: Facts) -> Iterator[str]:
 
 ARM = (
     Rule(
-        "arm.radius", "1e-4 to 0.1 of the length; a tip up to twice as thick as the root", _radius
+        ("arm.radius",),
+        "1e-4 to 0.1 of the length; a tip up to twice the root",
+        _radius,
     ),
-    Rule("arm.nodes", "5 or more; edges of a quarter of the radius or longer", _nodes),
+    Rule(("arm.nodes",), "5 or more; edges of a quarter of the radius or longer", _nodes),
     Rule(
-        "arm.rest_curvature",
+        ("arm.rest_curvature",),
         "up to 0.3 over the radius, 10 turns in all, and 30 degrees from one edge to the next",
         _curvature,
     ),
     Rule(
-        "arm.section.*",
+        ("arm.section.*",),
         "EI and EA of one section, with a radius up to a tenth of the length; GJ up to 3 EI; "
         "diameter and area within a factor of ten; a density of 100 to 12000 kg/m3",
         _section,

@@ -102,17 +102,17 @@ def _motion(facts: Facts) -> Iterator[str]:
 
 BASE = (
     Rule(
-        "base.position",
+        ("base.position",),
         "base and straight arm below the surface at z = 0 and, without a plane, above the bed",
         _height,
     ),
     Rule(
-        "base.channels.*.range, base.channels.*.range_deg",
+        ("base.channels.*.range", "base.channels.*.range_deg"),
         "a travel of 1e-3 to 10 lengths of the arm; of 2 degrees or more",
         _range,
     ),
     Rule(
-        "base.motion.*",
+        ("base.motion.*",),
         "up to 5 m/s and 20 m/s2, of the base or of the tip of a stiff arm that it turns",
         _motion,
     ),

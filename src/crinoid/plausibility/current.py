@@ -80,15 +80,16 @@ def _coming(facts: Facts) -> Iterator[str]:
 
 
 CURRENT = (
-    Rule("flow.*.length_scale", "twice the arm's diameter or more", _turbulence),
+    Rule(("flow.*.length_scale",), "twice the arm's diameter or more", _turbulence, "the arm"),
     Rule(
-        "flow.*.significant_height",
+        ("flow.*.significant_height",),
         "up to 0.14 of the length of a wave and 0.6 of the depth; troughs that stay above the arm",
         _waves,
+        "the water",
     ),
-    Rule("flow.*.correlation_time", "up to ten times the run", _wandering),
+    Rule(("flow.*.correlation_time",), "up to ten times the run", _wandering),
     Rule(
-        "flow.*.start, flow.*.ramp_time, load.*.start, load.*.ramp_time",
+        ("flow.*.start", "flow.*.ramp_time", "load.*.start", "load.*.ramp_time"),
         "what sets in within the run, and reaches half its strength",
         _coming,
     ),

@@ -130,7 +130,7 @@ class Facts:
     @cached_property
     def current(self) -> float:
         """Speed that all flows together do not exceed for long (m/s)."""
-        return sum(self.fastest(index, flow) for index, flow in enumerate(self.scenario.flow))
+        return math.fsum(self.fastest(index, flow) for index, flow in enumerate(self.scenario.flow))
 
     def fastest(self, index: int, flow: Flow) -> float:
         """Return the speed that a flow hardly exceeds (m/s)."""

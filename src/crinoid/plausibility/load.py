@@ -13,6 +13,8 @@ from crinoid.scenario import DistributedLoad, TipLoad
 
 _LIMP = 1000.0
 """Force times length squared over EI; of a force per length, times length cubed."""
+_TOLD = 10.0
+"""Speed of the water (m/s) that is told as such."""
 _STRAIN = 0.3
 _WOUND = 20.0
 """Moment times length over EI: three turns."""
@@ -108,7 +110,7 @@ def _drag(facts: Facts) -> Iterator[str]:
     water = facts.scenario.water
     drag = 0.5 * water.density * water.drag_normal * facts.diameter * facts.current**2
     bent = drag * facts.length**3 / float(facts.bending.max())
-    if bent > _LIMP:
+    if bent > _LIMP and facts.current < _TOLD:
         yield (
             f"flow: gets up to {facts.current:.3g} m/s; the drag of {drag:.3g} N/m is {bent:.2g} "
             f"times what EI and length of the arm stand against (up to {_LIMP:g} is usual); is "
@@ -118,19 +120,20 @@ def _drag(facts: Facts) -> Iterator[str]:
 
 LOAD = (
     Rule(
-        "load.*.force, load.*.magnitude, load.*.moment",
+        ("load.*.force", "load.*.magnitude", "load.*.moment"),
         "a strain of up to 0.3; F L^2 / EI and q L^3 / EI up to 1000, M L / EI up to 20",
         _size,
     ),
     Rule(
-        "load.*.force, load.*.magnitude",
+        ("load.*.force", "load.*.magnitude"),
         "a push along the arm up to what buckles it (Euler, Greenhill), or makes it flutter (Beck)",
         _buckling,
+        "buckling",
     ),
     Rule(
-        "arm.youngs_modulus, arm.section.EI",
+        ("arm.youngs_modulus", "arm.section.EI"),
         "a weight in water w with w L^3 / EI up to 1000; on an arm that points up, 7.8",
         _weight,
     ),
-    Rule("flow", "a drag q of all flows together with q L^3 / EI up to 1000", _drag),
+    Rule(("flow",), "a drag q of all flows together with q L^3 / EI up to 1000", _drag),
 )

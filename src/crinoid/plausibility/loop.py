@@ -82,13 +82,13 @@ def _filter(facts: Facts) -> Iterator[str]:
 
 
 LOOP = (
-    Rule("target.tip", "within 1.05 lengths of the arm and the base's travel", _reach),
-    Rule("target.time, control.start", "before the end of the run", _late),
-    Rule("sensor.delay", "up to the arm's first period, and less than the run", _delay),
+    Rule(("target.tip",), "within 1.05 lengths of the arm and the base's travel", _reach),
+    Rule(("target.time", "control.start"), "before the end of the run", _late),
+    Rule(("sensor.delay",), "up to the arm's first period, and less than the run", _delay),
     Rule(
-        "sensor.noise_position, sensor.noise_angle_deg",
+        ("sensor.noise_position", "sensor.noise_angle_deg"),
         "up to a twentieth of the arm's length; up to 20 degrees",
         _noise,
     ),
-    Rule("control.pid.*.derivative_filter_hz", "up to half of control.rate_hz", _filter),
+    Rule(("control.pid.*.derivative_filter_hz",), "up to half of control.rate_hz", _filter),
 )

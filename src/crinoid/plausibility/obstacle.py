@@ -84,8 +84,10 @@ def _closest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 OBSTACLE = (
     Rule(
-        "obstacle.*.radius", "a fiftieth of the arm's radius to a hundred of its lengths", _radius
+        ("obstacle.*.radius",),
+        "1/50 of the arm's radius to 100 of its lengths",
+        _radius,
     ),
-    Rule("obstacle.*.mass", "a density of 20 to 12000 kg/m3", _mass),
-    Rule("obstacle.*.position", "where length and travel of the arm reach it some time", _meeting),
+    Rule(("obstacle.*.mass",), "a density of 20 to 12000 kg/m3", _mass),
+    Rule(("obstacle.*.position",), "where the arm reaches it some time", _meeting),
 )

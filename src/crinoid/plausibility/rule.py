@@ -13,16 +13,18 @@ from crinoid.scenario import shown
 class Rule(NamedTuple):
     """One thing that is looked at before a run."""
 
-    keys: str
-    """The keys of a scenario that it looks at; a ``*`` stands for any number or name."""
+    keys: tuple[str, ...]
+    """The keys of a scenario that it names; a ``*`` stands for any number or name."""
     limit: str
     """What is plausible, in words."""
     doubts: Callable[[Facts], Iterator[str]]
     """Yields a sentence that begins with the key for each number that is not."""
+    against: str = ""
+    """What they are held against, where another rule has the same keys."""
 
 
 def usual(
-    key: str, low: float, high: float, unit: str, *, below: str = "", above: str = ""
+    key: str, low: float | int, high: float | int, unit: str, *, below: str = "", above: str = ""
 ) -> Rule:
     """Make the rule of numbers that are plausible or not by themselves; 0 always is.
 
@@ -39,7 +41,7 @@ def usual(
             cause = (below if size < low else above) or f"is it in {unit}?"
             yield f"{found}: got {shown(value)}{name}; usual is {limit}; {cause}"
 
-    return Rule(key, limit, doubts)
+    return Rule((key,), limit, doubts)
 
 
 def numbers(root: Any, key: str) -> Iterator[tuple[str, Any]]:

@@ -115,19 +115,19 @@ def _syrup(facts: Facts) -> Iterator[str]:
 
 
 TIME = (
-    Rule("arm.damping_time", "up to the arm's first period", _damping),
-    Rule("water.linear_drag", "up to ten times critical damping of the first vibration", _syrup),
+    Rule(("arm.damping_time",), "up to the arm's first period", _damping),
+    Rule(("water.linear_drag",), "up to ten times critical damping of the first vibration", _syrup),
     Rule(
-        "simulation.time_step",
+        ("simulation.time_step",),
         "8 time steps to the period of the second bending mode, of sines and gusts and to the "
         "passing of an eddy, 16 to the peak period of waves, 4 to a period at a driven servo's "
         "bandwidth and to the passing of an obstacle, 3 to a correlation time",
         _time_step,
     ),
     Rule(
-        "simulation.integrator",
+        ("simulation.integrator",),
         "implicit-euler that adds up to 5 % of critical damping to the first vibration",
         _integrator,
     ),
-    Rule("output.interval", "4 instants to the arm's first period", _interval),
+    Rule(("output.interval",), "4 instants to the arm's first period", _interval),
 )

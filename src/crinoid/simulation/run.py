@@ -18,6 +18,7 @@ from crinoid.dataset import build_dataset, describe, join
 from crinoid.dimensionless import with_dimensionless
 from crinoid.dynamics import Outcome, State, System
 from crinoid.notes import notes
+from crinoid.plausibility import AT_REST, doubts
 from crinoid.record import Record
 from crinoid.result import Result
 from crinoid.scenario import Scenario
@@ -113,7 +114,7 @@ def equilibrium(scenario: Scenario) -> Result:
     """
     begun = time.perf_counter()
     still = scenario.with_values({"simulation.start": "equilibrium", "control.kind": "none"})
-    setup = set_up(still)
+    setup = set_up(still)._replace(doubts=doubts(scenario, AT_REST))
     carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
     result = _result(
@@ -228,7 +229,7 @@ def _result(
     dataset.attrs = describe(scenario) | {
         "status": trouble or "ok",
         "wall_time": wall_time,
-        "notes": "\n".join([*scenario.notes(), *notes(dataset, scenario)]),
+        "notes": "\n".join([*scenario.notes(), *setup.doubts, *notes(dataset, scenario)]),
     }
     return Result(dataset, checkpoint)
 

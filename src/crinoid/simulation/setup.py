@@ -19,6 +19,7 @@ from crinoid.control import (
     damped_inverse,
 )
 from crinoid.dynamics import Modes, Outcome, State, System, find_modes
+from crinoid.plausibility import doubts
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario import Target as TargetTable
 from crinoid.simulation.loop import Loop
@@ -38,6 +39,8 @@ class Setup(NamedTuple):
     """Of the static solve; that of nothing to solve where the arm starts undeformed."""
     modes: Modes | None
     """Small vibrations about the state; none where no equilibrium was found."""
+    doubts: list[str]
+    """What is odd about the scenario, a sentence each."""
 
 
 def set_up(scenario: Scenario) -> Setup:
@@ -59,7 +62,8 @@ def set_up(scenario: Scenario) -> Setup:
         target=_target(scenario, np.asarray(tip)),
         enabled=jnp.asarray(True),
     )
-    return Setup(loop, state, outcome, find_modes(*linear) if outcome.converged else None)
+    modes = find_modes(*linear) if outcome.converged else None
+    return Setup(loop, state, outcome, modes, doubts(scenario))
 
 
 def _find_start(
