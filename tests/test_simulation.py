@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 import crinoid
-from crinoid.metrics import deflection, settling_time, tip_error
+from crinoid.metrics import tip_error
 from crinoid.result import Result, ResultError
 from crinoid.simulation import SimulationError, play
 
@@ -303,27 +303,6 @@ def test_several_cases_are_not_one_run():
         crinoid.simulate(
             crinoid.Scenario.from_toml(SCENARIO + '[vary]\n"arm.length" = [0.4, 0.5]\n')
         )
-
-
-def test_settling_and_deflection_of_a_known_error():
-    time = np.linspace(0.0, 10.0, 101)
-
-    def made(error: np.ndarray) -> Result:
-        tip = np.stack([error, 0 * error], axis=1)
-        return Result(
-            xr.Dataset(
-                {"tip_error": ("time", np.abs(error)), "tip_position": (("time", "axis"), tip)},
-                {"time": time},
-            )
-        )
-
-    run = made(np.where(time < 3.95, 0.5, 0.01))
-    run.uncontrolled = made(np.where(time < 1.0, 0.0, 1.0))
-    assert settling_time(run) == pytest.approx(4.0)
-    assert deflection(run) == pytest.approx(1.0)
-    assert tip_error(run).steady == pytest.approx(0.01)
-    run.dataset["tip_error"][-1] = 0.06
-    assert settling_time(run) is None
 
 
 def test_the_public_core_steps_and_differentiates():

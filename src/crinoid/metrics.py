@@ -1,8 +1,10 @@
-"""Figures that sum up a run: how far the tip was from where it should have been."""
+"""Figures that sum up a run: how far the tip was off, what the base did and what it had to bear."""
 
 from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
+from jaxtyping import Float
 
 from crinoid.result import Result
 
@@ -13,27 +15,90 @@ _BAND = 0.05
 
 
 class TipError(NamedTuple):
-    """Tip errors of one run (m), over its saved instants."""
+    """Errors of the tip of one run over its saved instants: of its position (m) or angle (rad)."""
 
     rms: float
     maximum: float
     steady: float
     """Mean over the last tenth of the run."""
     fluctuation: float
-    """RMS distance of the tip from its own mean place."""
+    """RMS distance of the tip from its own mean position, or angle from its own mean direction."""
+
+
+class Use(NamedTuple):
+    """What the servo of a channel did (m or rad), measured from its set position."""
+
+    rms: float
+    low: float
+    high: float
+
+
+class Load(NamedTuple):
+    """Largest load of the arm on the submarine over the saved instants of a run."""
+
+    force: float
+    """N."""
+    moment: float
+    """N m."""
 
 
 def tip_error(result: Result) -> TipError:
-    """Sum up the tip error of a run."""
-    error = result.dataset["tip_error"].values
-    tip = result.dataset["tip_position"].values
-    steady = _steady(result)
-    return TipError(
-        rms=float(np.sqrt(np.mean(error**2))),
-        maximum=float(np.max(error)),
-        steady=float(np.mean(error[steady])),
-        fluctuation=float(np.sqrt(np.mean(np.sum((tip - tip.mean(axis=0)) ** 2, axis=1)))),
-    )
+    """Sum up the error of the tip's position."""
+    data = result.dataset
+    tip = data["tip_position"].values
+    wander = np.linalg.norm(tip - tip.mean(axis=0), axis=1)
+    return _sum_up(data["tip_error"].values, wander, _steady(result))
+
+
+def angle_error(result: Result) -> TipError:
+    """Sum up the angle (rad) between where the tip points and where it should."""
+    data = result.dataset
+    if "tip_direction" in data:
+        direction = data["tip_direction"].values
+        error = angle_between(direction, data["tip_direction_target"].values)
+        wander = angle_between(direction, direction.mean(axis=0))
+    else:
+        angle = data["tip_angle"].values
+        error = np.abs(short_way(angle - data["tip_angle_target"].values))
+        wander = np.abs(angle - angle.mean())
+    return _sum_up(error, wander, _steady(result))
+
+
+def angle_between(
+    one: Float[np.ndarray, "time axis=3"], other: Float[np.ndarray, "*time axis=3"]
+) -> Float[np.ndarray, " time"]:
+    """Return the angle between directions (rad), exact also where it is small."""
+    sine = np.linalg.norm(np.cross(one, other), axis=-1)
+    return np.asarray(np.arctan2(sine, np.sum(one * other, axis=-1)))
+
+
+def short_way(turn: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    """Return turns (rad) the short way round, from -pi to pi."""
+    return np.asarray(turn - 2 * np.pi * np.round(turn / (2 * np.pi)))
+
+
+def channel_use(result: Result) -> dict[str, Use]:
+    """Sum up what each servo did that a controller drives; empty without a controller."""
+    control = result.scenario.control
+    if control.kind == "none":
+        return {}
+    servo = result.dataset["base_servo"]
+    found = {name: servo.sel(channel=name).values for name in control.pid.present}
+    return {
+        name: Use(_rms(values), float(values.min()), float(values.max()))
+        for name, values in found.items()
+    }
+
+
+def peak_load(result: Result) -> Load:
+    """Return the largest force and the largest moment of the arm on the submarine."""
+    data = result.dataset
+
+    def peak(variable: xr.DataArray) -> float:
+        values = variable.values
+        return float(np.max(np.linalg.norm(values, axis=1) if values.ndim == 2 else abs(values)))
+
+    return Load(peak(data["base_force"]), peak(data["base_moment"]))
 
 
 def settling_time(result: Result) -> float | None:
@@ -53,10 +118,27 @@ def settling_time(result: Result) -> float | None:
     return float(time[outside[-1] + 1])
 
 
-def deflection(result: Result) -> float:
-    """Return how far the tip ends from its target without control, in the steady part (m)."""
-    reference = result.uncontrolled if result.uncontrolled is not None else result
-    return tip_error(reference).steady
+def deflection(result: Result) -> float | None:
+    """Return how far the tip ends from its target without control, in the steady part (m).
+
+    That is known from the run without control, or from this one if it has no controller; none
+    where a controller ran and was not compared.
+    """
+    if result.uncontrolled is not None:
+        return tip_error(result.uncontrolled).steady
+    return tip_error(result).steady if result.scenario.control.kind == "none" else None
+
+
+def _sum_up(
+    error: Float[np.ndarray, " time"],
+    wander: Float[np.ndarray, " time"],
+    steady: np.ndarray,
+) -> TipError:
+    return TipError(_rms(error), float(np.max(error)), float(np.mean(error[steady])), _rms(wander))
+
+
+def _rms(values: Float[np.ndarray, " time"]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _steady(result: Result) -> np.ndarray:

@@ -193,12 +193,12 @@ def _of_cases(told: dict[str, list[str]]) -> list[str]:
 
 
 def _row(name: str, values: dict[str, Any], result: Result) -> dict[str, Any]:
-    settled = settling_time(result)
+    settled, free = settling_time(result), deflection(result)
     other = result.uncontrolled
     return {
         "case": name,
         **values,
-        "deflection": deflection(result),
+        "deflection": "" if free is None else free,
         "steady_error": tip_error(result).steady,
         "rms_error": tip_error(result).rms,
         "rms_error_uncontrolled": "" if other is None else tip_error(other).rms,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,17 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from crinoid.metrics import tip_error
+from crinoid.metrics import TipError, angle_error, channel_use, peak_load, tip_error
+from crinoid.report.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.result import Result
 from crinoid.scenario import Scenario
+from crinoid.space import ANGLES
+
+_NOTHING = 1e-6
+"""Part of the arm's length, angle (rad) or load (N, N m) below which there is nothing to compare:
+a ratio would be one of round-off."""
+_VARIED_WIDTH = 23
+"""Characters that a study's table has for what was varied, beside its measures in 80 columns."""
 
 
 def run_table(result: Result) -> Table:
@@ -19,24 +28,42 @@ def run_table(result: Result) -> Table:
     runs = [result] if result.uncontrolled is None else [result, result.uncontrolled]
     table = Table(title=escape(result.dataset.attrs["title"]), title_justify="left")
     table.add_column("")
-    controlled = result.scenario.control.kind != "none"
+    scenario = result.scenario
+    controlled = scenario.control.kind != "none"
     for name in ["controlled" if controlled else "value", "uncontrolled"][: len(runs)]:
         table.add_column(name, justify="right")
     if len(runs) == 2:
         table.add_column("ratio", justify="right")
 
-    errors = [tip_error(run) for run in runs]
-
-    def lengths(name: str, values: list[float], *, ratio: bool = False) -> None:
-        cells = [f"{1e3 * value:.2f} mm" for value in values]
-        if ratio and len(values) == 2 and values[1] > 0:
+    def add(name: str, values: Sequence[float], unit: Unit, nothing: float) -> None:
+        cells = [unit.text(value) for value in values]
+        if len(values) == 2 and min(values) >= 0 and values[1] > nothing:
             cells.append(f"{values[0] / values[1]:.1%}")
         table.add_row(name, *cells)
 
-    lengths("tip error, RMS", [error.rms for error in errors], ratio=True)
-    lengths("tip error, maximum", [error.maximum for error in errors], ratio=True)
-    lengths("tip error, last tenth", [error.steady for error in errors], ratio=True)
-    lengths("tip about its mean, RMS", [error.fluctuation for error in errors])
+    def add_errors(name: str, errors: list[TipError], unit: Unit, nothing: float) -> None:
+        add(f"{name} error, RMS", [error.rms for error in errors], unit, nothing)
+        add(f"{name} error, maximum", [error.maximum for error in errors], unit, nothing)
+        add(f"{name} error, last tenth", [error.steady for error in errors], unit, nothing)
+        fluctuations = [error.fluctuation for error in errors]
+        add(f"{name} fluctuation, RMS", fluctuations, unit, nothing)
+        if len(runs) == 2:
+            against = [errors[0].rms, errors[1].fluctuation]
+            add(f"{name} error over fluctuation", against, unit, nothing)
+
+    errors = [tip_error(run) for run in runs]
+    unit = length_unit(max(error.maximum for error in errors))
+    add_errors("tip", errors, unit, _NOTHING * scenario.arm.length)
+    if controlled and {"angle", "direction"} & set(scenario.control.controlled):
+        add_errors("angle", [angle_error(run) for run in runs], DEGREES, _NOTHING)
+    for name, use in channel_use(result).items():
+        unit = DEGREES if name in ANGLES else length_unit(max(-use.low, use.high))
+        table.add_row(f"{name}, RMS", unit.text(use.rms))
+        table.add_row(f"{name}, range", f"{unit.number(use.low)} to {unit.text(use.high)}")
+    loads = [peak_load(run) for run in runs]
+    forces, moments = zip(*loads, strict=True)
+    add("largest force on submarine", forces, si_unit(max(forces), "N"), _NOTHING)
+    add("largest moment on submarine", moments, si_unit(max(moments), "N m"), _NOTHING)
     if "contact_time" in result.dataset:
         for name, contact in _contacts(runs).items():
             table.add_row(name, *contact)
@@ -90,31 +117,71 @@ def equilibrium_table(result: Result) -> Table:
 
 
 def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
-    """Compare the cases of a study, lengths in mm and times in s."""
+    """Compare the cases of a study; what no case knows has no column."""
     table = Table(
         title=escape(scenario.title), title_justify="left", box=box.SIMPLE, pad_edge=False
     )
     table.add_column("case", no_wrap=True)
-    last = [key.rpartition(".")[2] for key in scenario.vary]
-    for key, short in zip(scenario.vary, last, strict=True):
-        heading = short if last.count(short) == 1 else key
-        table.add_column(heading, justify="right", overflow="fold")
-    lengths = {
-        "deflection": "without control (mm)",
-        "steady_error": "steady error (mm)",
-        "rms_error": "RMS (mm)",
-        "rms_error_uncontrolled": "RMS without (mm)",
-    }
-    for heading in (*lengths.values(), "settled (s)"):
-        table.add_column(heading, justify="right")
-    for row in rows:
+    names = _short_keys(list(scenario.vary))
+    values = [[_value(row[key]) for key in names] for row in rows]
+    wide = [
+        max(len(text) for text in (*_folded(short).split("\n"), *column))
+        for short, column in zip(names.values(), zip(*values, strict=True), strict=True)
+    ]
+    beside = sum(wide) + 3 * (len(wide) - 1) <= _VARIED_WIDTH
+    if beside:
+        for short in names.values():
+            table.add_column(_folded(short), justify="right", no_wrap=True)
+    else:  # one below the other in each case
+        table.add_column("varied", max_width=_VARIED_WIDTH, overflow="fold")
+    columns: list[Callable[[dict[str, Any]], str]] = []
+    lengths = {"steady_error": "steady\nerror", "rms_error": "RMS\nerror"}
+    if any(row["rms_error_uncontrolled"] != "" for row in rows):
+        lengths |= {"deflection": "steady,\nfree", "rms_error_uncontrolled": "RMS,\nfree"}
+    for name, heading in lengths.items():
+        known = [row[name] for row in rows if row[name] != ""]
+        unit = length_unit(largest(np.array(known, dtype=float)))
+        table.add_column(f"{heading}\n({unit.name})", justify="right", no_wrap=True)
+        columns.append(
+            lambda row, name=name, unit=unit: "" if row[name] == "" else unit.number(row[name])
+        )
+    table.add_column("settled\n(s)", justify="right", no_wrap=True)
+    for row, varied in zip(rows, values, strict=True):
+        if not beside:
+            below = zip(names.values(), varied, strict=True)
+            varied = ["\n".join(_folded(short, _VARIED_WIDTH, text) for short, text in below)]
         table.add_row(
             row["case"].removeprefix("case-"),
-            *(escape(_value(row[key])) for key in scenario.vary),
-            *("" if row[name] == "" else f"{1e3 * row[name]:.2f}" for name in lengths),
+            *map(escape, varied),
+            *(column(row) for column in columns),
             "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f}",
         )
     return table
+
+
+def _short_keys(keys: list[str]) -> dict[str, str]:
+    """Return keys with as many of their last parts as tell them apart."""
+    short = {}
+    for key in keys:
+        parts, others = key.split("."), [other.split(".") for other in keys if other != key]
+        taken = 1
+        while taken < len(parts) and (
+            parts[-taken].isdigit() or any(o[-taken:] == parts[-taken:] for o in others)
+        ):
+            taken += 1
+        short[key] = ".".join(parts[-taken:])
+    return short
+
+
+def _folded(key: str, width: int = 9, value: str = "") -> str:
+    """Return a key, and a value behind it, on lines that end at the key's dots and underscores."""
+    lines = [""]
+    pieces = key.replace(".", ".\0").replace("_", "_\0").split("\0")
+    for piece in [*pieces, *([f" {value}"] if value else [])]:
+        if lines[-1] and len(lines[-1]) + len(piece) > width:
+            lines.append("")
+        lines[-1] += piece
+    return "\n".join(lines)
 
 
 def _contacts(runs: list[Result]) -> dict[str, list[str]]:
@@ -135,7 +202,7 @@ def _contacts(runs: list[Result]) -> dict[str, list[str]]:
         cells = {
             "longest time in contact": cell(f"{time[longest]:.3g} s", longest),
             "largest contact force": cell(f"{force[hardest]:.3g} N", hardest),
-            "smallest gap": cell(f"{1e3 * gap[nearest]:.2f} mm", nearest),
+            "smallest gap": cell(length_unit(abs(gap[nearest])).text(gap[nearest]), nearest),
         }
         for name, text in cells.items():
             rows.setdefault(name, []).append(text)

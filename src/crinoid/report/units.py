@@ -14,9 +14,17 @@ class Unit(NamedTuple):
     factor: float
     name: str
 
+    def number(self, value: float) -> str:
+        """Write a value in SI with three digits, in this unit but without its name."""
+        scaled = value * self.factor
+        return f"{scaled:.0f}" if 1e3 <= abs(scaled) < 1e6 else f"{scaled:.3g}"
+
     def text(self, value: float) -> str:
         """Write a value in SI with three digits, in this unit."""
-        return f"{value * self.factor:.3g} {self.name}"
+        return f"{self.number(value)} {self.name}"
+
+
+DEGREES = Unit(180.0 / np.pi, "deg")
 
 
 def largest(*values: Float[np.ndarray, " ..."]) -> float:
