@@ -4,6 +4,7 @@ In the plane, and most of them in other planes of space too.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -421,6 +422,21 @@ def test_signs():
     for case in ({"dead": (1.0, 0.0)}, {"follower": (1.0, 0.0)}, {"tangential": 2.0}):
         x, z, _, _ = solve(11, **case, **soft)
         np.testing.assert_allclose((x, z), (1.001, 0.0), rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+def test_two_states_at_once_have_the_wrench_of_each(axes):
+    # two: as many as the rows of the ghost node and the root, which they were once taken for
+    cases = ({"dead": (0.3, -0.5)}, {"dead": (-0.2, 0.4), "moment": 0.3})
+    states = [equilibrium(loaded(11, **in_plane(LEVEL if axes == 3 else None, **c))) for c in cases]
+    both = jax.tree.map(lambda *leaves: jnp.stack(leaves), *states)
+    for i, state in enumerate(states):
+        np.testing.assert_array_equal(both.base_force[i], state.base_force)
+        np.testing.assert_array_equal(both.base_moment[i], state.base_moment)
+    force = np.zeros(axes)
+    force[[0, -1]] = cases[0]["dead"]
+    np.testing.assert_allclose(both.base_force[0], force, atol=20 * FLOOR)
+    assert both.base_moment.shape == ((2,) if axes == 2 else (2, 3))
 
 
 def test_loads_that_are_no_numbers_have_no_equilibrium():

@@ -98,8 +98,8 @@ class Base(eqx.Module):
 
     @staticmethod
     def wrench(
-        position: Float[Array, "2 d"], reaction: Float[Array, "2 b"]
-    ) -> tuple[Float[Array, " d"], Float[Array, "..."]]:
+        position: Float[Array, "*many 2 d"], reaction: Float[Array, "*many 2 b"]
+    ) -> tuple[Float[Array, "*many d"], Float[Array, "..."]]:
         """Return the force (N) and the moment about the root (N m) of the arm on the submarine.
 
         ``reaction`` is what the base does to the ghost node and the root (N), in space also to the

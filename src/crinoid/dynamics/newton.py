@@ -15,6 +15,11 @@ from crinoid.rod import Rod
 
 Rows = Float[Array, "rows b"]
 
+_NOISE = 1 / 16
+"""Share of the floor that round-off makes up in any case."""
+_STALLED = 0.5
+"""Share of the imbalance from which on what an iteration leaves of it is no progress."""
+
 
 class Outcome(eqx.Module):
     """How a solve ended."""
@@ -45,7 +50,7 @@ class Settings(eqx.Module):
     tolerance: Float[Array, ""]
     """Largest imbalance over the largest force in it."""
     floor: Float[Array, ""]
-    """Imbalance below which round-off rules (N)."""
+    """Imbalance below which round-off may rule (N): there an iteration need not gain anything."""
     max_iterations: Int[Array, ""]
     weights: Float[Array, " b"]
     """What turns the imbalance of each coordinate into a force: 1, of a spin one over a length."""
@@ -60,12 +65,16 @@ class Settings(eqx.Module):
 
     @staticmethod
     def for_rod(rod: Rod, tolerance: float | Array, max_iterations: int | Array) -> "Settings":
-        """Set the floor to the round-off of the forces that stretch, bend and twist a rod."""
+        """Set the floor to the round-off of the forces that stretch, bend and twist a rod.
+
+        A position on a rod of length L is known to about eps L, so the strain of an edge l to
+        eps L / l. The floor is well above that.
+        """
         length = rod.rest_length
         stretching = jnp.max(rod.EA / length) * rod.length
         bending = 4.0 * jnp.max(rod.EI) / jnp.min(length) ** 3 * rod.length
         twisting = 0.0 if rod.GJ is None else jnp.max(rod.GJ) / jnp.min(length) ** 2
-        floor = 16 * jnp.finfo(float).eps * (stretching + bending + twisting)
+        floor = jnp.finfo(float).eps / _NOISE * (stretching + bending + twisting)
         weights = jnp.ones(rod.axes)
         if rod.axes == 3:
             weights = jnp.append(weights, 1.0 / jnp.mean(length))  # a couple on the ends of an edge
@@ -84,39 +93,30 @@ def solve(
     """Find the correction of what is free to move that balances the forces at a stage.
 
     The water is that of ``around``. Convergence is judged by the residual, relative to the
-    largest force in it. The derivative of the solution comes from the converged tangent, solved
-    once (implicit function theorem), so iterations are never differentiated.
+    largest force in it; where round-off may rule, iterations go on as long as they gain anything.
+    The derivative of the solution comes from the converged tangent, solved once (implicit
+    function theorem), so iterations are never differentiated.
 
     Returns the correction (m, zero on what is prescribed) and the outcome; a failure is an
     outcome, never an exception.
     """
 
+    def enough(outcome: Outcome) -> Bool[Array, ""]:
+        return outcome.residual <= settings.tolerance * outcome.scale + _NOISE * settings.floor
+
     def evaluate(correction: Rows) -> tuple[Rows, Outcome]:
-        motion = forces.motion(stage, correction, around)
-        residual, largest = forces.residual(motion, load_factor)
-        scale = jnp.max(settings.weights * largest)
-        imbalance = jnp.max(settings.weights * jnp.abs(forces.unknown(residual)), axis=1)
-        worst = jnp.argmax(imbalance)
-        return residual, Outcome(
-            imbalance[worst] <= settings.tolerance * scale + settings.floor,
-            jnp.asarray(0),
-            imbalance[worst],
-            scale,
-            worst + HELD - 1,
-            jnp.asarray(True),
-            jnp.asarray(False),
-        )
+        return imbalance(forces, around, stage, correction, settings, load_factor)
 
-    def unfinished(carry: tuple[Rows, Rows, Outcome]) -> Bool[Array, ""]:
-        _, _, outcome = carry
+    def unfinished(carry: tuple[Rows, Rows, Outcome, Array]) -> Bool[Array, ""]:
+        _, _, outcome, done = carry
         return (
-            ~outcome.converged
-            & (outcome.iterations < settings.max_iterations)
-            & jnp.isfinite(outcome.residual)
+            ~done & (outcome.iterations < settings.max_iterations) & jnp.isfinite(outcome.residual)
         )
 
-    def iterate(carry: tuple[Rows, Rows, Outcome]) -> tuple[Rows, Rows, Outcome]:
-        correction, residual, before = carry
+    def iterate(
+        carry: tuple[Rows, Rows, Outcome, Array],
+    ) -> tuple[Rows, Rows, Outcome, Array]:
+        correction, residual, before, _ = carry
         change = newton_step(forces, around, stage, correction, residual, load_factor)
         if settings.max_turn is not None:
             turn = _largest_turn(forces.nodes(stage.position), forces.nodes(change), forces.axes)
@@ -126,9 +126,13 @@ def solve(
         correction = correction + change
         residual, outcome = evaluate(correction)
         counted = eqx.tree_at(lambda o: o.iterations, outcome, before.iterations + 1)
-        return correction, residual, counted
+        stalled = outcome.residual > _STALLED * before.residual
+        return correction, residual, counted, enough(outcome) | (outcome.converged & stalled)
 
-    correction, _, outcome = jax.lax.while_loop(unfinished, iterate, (guess, *evaluate(guess)))
+    residual, outcome = evaluate(guess)
+    correction, _, outcome, _ = jax.lax.while_loop(
+        unfinished, iterate, (guess, residual, outcome, enough(outcome))
+    )
     return correction, outcome
 
 
@@ -143,6 +147,30 @@ def _solve_jvp(primals: Any, tangents: Any) -> Any:
         correction,
     )
     return (correction, outcome), (tangent, constant(outcome))
+
+
+def imbalance(
+    forces: Forces,
+    around: Surroundings,
+    stage: Stage,
+    correction: Rows,
+    settings: Settings,
+    load_factor: Array | None,
+) -> tuple[Rows, Outcome]:
+    """Return the residual of a correction, and how near to a balance that is."""
+    residual, largest = forces.residual(forces.motion(stage, correction, around), load_factor)
+    scale = jnp.max(settings.weights * largest)
+    unbalanced = jnp.max(settings.weights * jnp.abs(forces.unknown(residual)), axis=1)
+    worst = jnp.argmax(unbalanced)
+    return residual, Outcome(
+        converged=unbalanced[worst] <= settings.tolerance * scale + settings.floor,
+        iterations=jnp.asarray(0),
+        residual=unbalanced[worst],
+        scale=scale,
+        worst_node=worst + HELD - 1,
+        resolved=jnp.asarray(True),
+        folded=jnp.asarray(False),
+    )
 
 
 def implied(primals: Any, tangents: Any, correction: Rows) -> Rows:

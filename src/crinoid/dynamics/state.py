@@ -82,14 +82,14 @@ class State(eqx.Module):
         return jnp.where(alternates, last, now)
 
     @property
-    def base_force(self) -> Float[Array, " b"]:
+    def base_force(self) -> Float[Array, "*many d"]:
         """Force of the arm on the submarine (N)."""
-        return Base.wrench(self.position[:2], self.reaction)[0]
+        return Base.wrench(self.position[..., :2, :], self.reaction)[0]
 
     @property
     def base_moment(self) -> Float[Array, "..."]:
         """Moment of the arm on the submarine about the root (N m); one number in the plane."""
-        return Base.wrench(self.position[:2], self.reaction)[1]
+        return Base.wrench(self.position[..., :2, :], self.reaction)[1]
 
     @property
     def obstacle_position(self) -> Any:

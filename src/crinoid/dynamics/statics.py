@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.newton import Outcome, Settings, constant, implied, solve
+from crinoid.dynamics.newton import Outcome, Settings, constant, imbalance, implied, solve
 from crinoid.dynamics.surroundings import Surroundings
 from crinoid.frames import Frames
 from crinoid.rod import Rod
@@ -17,13 +17,25 @@ from crinoid.rod import Rod
 Rows = Float[Array, "rows b"]
 
 _FIRST_SHARE = 0.25
+"""Share of the loads that the first solve brings on."""
 _SMALLEST_SHARE = 1e-3
+"""Share below which the rest of the loads is brought on at once, for the relaxation to mend."""
+_NEARER = 0.9
+"""What a solve may leave of the imbalance in the water where the arm now is, to be accepted."""
 _SHIFT_FALL = 0.5
+"""Factor of the resistance from one solve to the next while the arm comes to rest."""
+_SHIFT_RISE = 4.0
+"""Factor of the resistance after a solve that was not accepted."""
 _KICK = 1e-3
+"""Push aside that tries an equilibrium, over the arm's length; less a solve is no progress."""
 _STILL = 1e-9
+"""Movement over the arm's length that is none."""
 _LEAVING = 1.2
+"""Growth of the movement, at the same resistance, from which on the arm leaves where it is."""
 _MAX_SOLVES = 400
+"""Solves in which the arm must come to rest."""
 _LAST_SOLVES = 20
+"""Solves after that for an arm that is given back the shape that first bore all loads."""
 
 _TOLERANCE_SHARE = 1e-3
 """Tolerance over that of a time step: what the search leaves aside would stay there."""
@@ -75,19 +87,30 @@ def find(
     )
 
 
-class _Search(eqx.Module):
+class _Shape(eqx.Module):
     position: Rows
     frames: Frames | None
-    balanced: tuple[Rows, Frames | None]
+    around: Surroundings
+    """The water where the arm is."""
+
+
+class _Search(eqx.Module):
+    shape: _Shape
+    first_loaded: _Shape
     """Where the arm first bore the whole load."""
-    borne: Bool[Array, ""]
+    bore_load: Bool[Array, ""]
+    """Whether it ever did: it may have been let go without."""
     load_factor: Float[Array, ""]
     share: Float[Array, ""]
+    """Of the loads, to bring on next."""
     loaded: Bool[Array, ""]
+    """Whether the whole load is on."""
     shift: Float[Array, ""]
+    """Viscosity of the medium, times the mass (1/s2)."""
     moved: Float[Array, ""]
     """How far the last solve with this shift moved the arm (m); negative before the first."""
     settled: Bool[Array, ""]
+    """Whether the arm has come to rest, or has given up: solves are without a medium."""
     solves: Int[Array, ""]
     iterations: Int[Array, ""]
 
@@ -111,105 +134,131 @@ def equilibrium(
     the arm comes to rest, and kept while two steps at the same viscosity show it moving faster
     and faster: it comes back to an equilibrium that is stable, leaves one that is not (a column
     past its buckling load), and also arrives where the shares got stuck at a limit point. Loads
-    that turn or twist the arm need not leave it any stable equilibrium; if it roams about to the
-    end, the one at which it first bore the whole load is what there is.
+    that turn or twist the arm need not leave it any stable equilibrium; if it is still moving
+    after the allowed solves, the shape that first bore the whole load is what there is.
+
+    Each solve takes the water as it is where the arm is, expanded to first order. One that carries
+    the arm to where the water is another counts only if the balance there, in the water as it is,
+    is nearer than before: else the arm would wander from eddy to eddy for ever.
 
     ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
-    leave an equilibrium. Returns the places (m; the first two as in ``start``, and those of the
-    obstacles), in space the frames there, and the outcome of the last solve, with all iterations
-    counted. The places, spins with them, are differentiable as the solution of the balance; the
-    frames are to be carried on from there.
+    leave an equilibrium. Returns the positions (m; the first two as in ``start``, and those of the
+    obstacles), in space the frames there, and the outcome: the balance at these positions, in the
+    water as it is there, with all iterations counted. The positions, spins with them, are
+    differentiable as the solution of the balance; the frames are to be carried on from there.
     """
     tip = forces.nodes(start).shape[0] - 1
     along = jnp.linspace(0.0, 1.0, tip - 1)[1:, None]
     edges = jnp.diff(start[1 : tip + 1, : forces.axes], axis=0)
     reach = jnp.sum(jnp.sqrt(jnp.sum(edges**2, axis=1)))
+    none = jnp.zeros_like(start)
+
+    def allowed(search: _Search) -> Int[Array, ""]:
+        return jnp.where(search.bore_load, _MAX_SOLVES + _LAST_SOLVES, _MAX_SOLVES)
 
     def unfinished(carry: tuple[_Search, Outcome]) -> Bool[Array, ""]:
         search, outcome = carry
-        solves = jnp.where(search.borne, _MAX_SOLVES + _LAST_SOLVES, _MAX_SOLVES)
-        return ~outcome.converged & (search.solves < solves)
+        return ~outcome.converged & (search.solves <= allowed(search))
 
     def advance(carry: tuple[_Search, Outcome]) -> tuple[_Search, Outcome]:
         search, _ = carry
-        load_factor = jnp.where(
-            search.loaded, 1.0, jnp.minimum(1.0, search.load_factor + search.share)
+        shape = search.shape
+        # after the last solve the balance as it is decides, as that of a time step would
+        last = search.solves == allowed(search)
+        judged = eqx.tree_at(
+            lambda s: (s.tolerance, s.max_iterations),
+            settings,
+            (
+                jnp.where(last, 1 / _TOLERANCE_SHARE, 1.0) * settings.tolerance,
+                jnp.where(last, 0, settings.max_iterations),
+            ),
         )
-        shift = jnp.where(search.loaded & ~search.settled, search.shift, 0.0)
-        stage = still(time, search.position, search.frames, shift)
-        none = jnp.zeros_like(start)
-        # the water is expanded anew around the place that each solve starts from
-        around = forces.surroundings(stage, none)
-        correction, outcome = solve(forces, around, stage, none, settings, load_factor)
-        good = outcome.converged
-        position = jnp.where(good, search.position + correction, search.position)
-        share = jnp.where(good, 2.0, 0.5) * search.share
-        loaded = search.loaded | (good & (load_factor >= 1.0)) | (share < _SMALLEST_SHARE)
-        frames = search.frames
+        load_factor = jnp.minimum(1.0, search.load_factor + search.share)
+        load_factor = jnp.where(search.loaded | last, 1.0, load_factor)
+        bare = last | search.settled | ~search.loaded
+        stage = still(time, shape.position, shape.frames, jnp.where(bare, 0.0, search.shift))
+
+        def balance(around: Surroundings, correction: Rows) -> Outcome:
+            return imbalance(forces, around, stage, correction, judged, load_factor)[1]
+
+        correction, solved = solve(forces, shape.around, stage, none, judged, load_factor)
+        there = forces.surroundings(stage, correction)
+        both = jax.vmap(balance)(*_stacked((shape.around, none), (there, correction)))
+        outcome = jax.tree.map(lambda x: x[1], both)
+        nearer = outcome.residual <= _NEARER * both.residual[0]
+        good = solved.converged & (outcome.converged | nearer)
+        position = shape.position + correction
+        frames = shape.frames
         if frames is not None:
             nodes = forces.nodes(position)
             frames = Frames.of(nodes, frames.at(nodes))
-        kick = _KICK * reach * along**2 * _aside(position[tip] - position[1], reach, forces.axes)
+        shape = _choose(good, _Shape(position, frames, there), shape)
+
+        share = jnp.where(good, 2.0, 0.5) * search.share
+        bears_load = good & (load_factor >= 1.0)
+        loaded = search.loaded | bears_load | (share < _SMALLEST_SHARE)
+        just_loaded = loaded & ~search.loaded
+        first_loaded = _choose(search.loaded, search.first_loaded, shape)
+
         moved = jnp.max(jnp.abs(correction[:, : forces.axes]))
-        first = search.moved < 0
         leaving = (moved > _LEAVING * search.moved) & (moved > _STILL * reach)
-        kept = good & (first | leaving)
-        next_shift = jnp.where(kept, 1.0, jnp.where(good, _SHIFT_FALL, 4.0)) * search.shift
-        iterations = search.iterations + outcome.iterations
-        bears = loaded & ~search.loaded
-        borne = search.borne | (bears & good & (load_factor >= 1.0))
-        balanced = _choose(search.loaded, search.balanced, (position, frames))
-        # frames are those of before the kick: they follow the arm from there
-        kicked = position.at[3 : tip + 1].add(jnp.where(bears, kick, 0.0))
-        # one that no longer gets anywhere is stuck, and there is an equilibrium out of its reach
-        roams = good & (moved > _KICK * reach) & ~search.settled
-        resigns = search.borne & roams & (search.solves >= _MAX_SOLVES)
-        position, frames = _choose(resigns, balanced, (kicked, frames))
-        next_shift = jnp.where(resigns, 0.0, next_shift)
+        kept = good & ((search.moved < 0) | leaving)
+        fall = jnp.where(kept, 1.0, jnp.where(good, _SHIFT_FALL, _SHIFT_RISE))
+        shift = jnp.where(search.loaded, fall * search.shift, search.shift)
+
+        # still moving after the allowed solves: give up, and go back to the shape that first
+        # bore the whole load; an arm that no longer gets anywhere is stuck short of one
+        wandering = good & (moved > _KICK * reach) & ~search.settled
+        gives_up = search.bore_load & wandering & (search.solves >= _MAX_SOLVES)
+        # frames and water are those of before the kick: they reach that far
+        chord = shape.position[tip] - shape.position[1]
+        kick = _KICK * reach * along**2 * _aside(chord, reach, forces.axes)
+        kicked = shape.position.at[3 : tip + 1].add(jnp.where(just_loaded, kick, 0.0))
+        shape = _choose(gives_up, first_loaded, _Shape(kicked, shape.frames, shape.around))
+        iterations = search.iterations + solved.iterations
         return _Search(
-            position,
-            frames,
-            balanced,
-            borne,
-            jnp.where(good, load_factor, search.load_factor),
-            share,
-            loaded,
-            jnp.where(search.loaded, next_shift, search.shift),
-            jnp.where(search.loaded & kept, moved, -1.0),
-            resigns | (search.loaded & good & (next_shift < slowest_rate)),
-            search.solves + 1,
-            iterations,
+            shape=shape,
+            first_loaded=first_loaded,
+            bore_load=search.bore_load | (just_loaded & bears_load),
+            load_factor=jnp.where(good, load_factor, search.load_factor),
+            share=share,
+            loaded=loaded,
+            shift=jnp.where(gives_up, 0.0, shift),
+            moved=jnp.where(search.loaded & kept, moved, -1.0),
+            settled=gives_up | (search.loaded & good & (shift < slowest_rate)),
+            solves=search.solves + 1,
+            iterations=iterations,
         ), eqx.tree_at(
-            # only the last solve, of the bare balance, decides: one that had nothing to mend, in
-            # the water as it is where the arm has come to lie
+            # only a bare balance decides, in the water as it is where the arm has come to lie
             lambda o: (o.converged, o.iterations),
             outcome,
-            (good & search.settled & (outcome.iterations == 0), iterations),
+            (solved.converged & outcome.converged & (search.settled | last), iterations),
         )
 
-    no, nothing, none = jnp.asarray(False), jnp.asarray(0), jnp.zeros(())
+    beginning = still(time, start, frames)
+    shape = _Shape(start, frames, forces.surroundings(beginning, none))
+    no, nothing, zero = jnp.asarray(False), jnp.asarray(0), jnp.zeros(())
     search, outcome = jax.lax.while_loop(
         unfinished,
         advance,
         (
             _Search(
-                start,
-                frames,
-                (start, frames),
-                no,
-                none,
-                none + _FIRST_SHARE,
-                no,
-                fastest_rate,
-                none - 1,
-                no,
-                nothing,
-                nothing,
+                shape=shape,
+                first_loaded=shape,
+                bore_load=no,
+                load_factor=zero,
+                share=zero + _FIRST_SHARE,
+                loaded=no,
+                shift=fastest_rate,
+                moved=zero - 1,
+                settled=no,
+                solves=nothing,
+                iterations=nothing,
             ),
             Outcome.of_nothing(converged=False),
         ),
     )
-    return search.position, search.frames, outcome
+    return search.shape.position, search.shape.frames, outcome
 
 
 @equilibrium.def_jvp
@@ -236,6 +285,10 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
 
 def _choose(first: Bool[Array, ""], one: Any, other: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
+
+
+def _stacked(*trees: Any) -> Any:
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
 def _aside(chord: Float[Array, " b"], reach: Float[Array, ""], axes: int) -> Float[Array, " b"]:

@@ -73,7 +73,8 @@ class System(eqx.Module):
         if not isinstance(outcome.converged, jax.core.Tracer) and not outcome.converged:
             raise RuntimeError(
                 f"no static equilibrium found: node {int(outcome.worst_node)} is out of balance "
-                f"by {float(outcome.residual):.3g} N"
+                f"by {float(outcome.residual):.3g} N among forces of up to "
+                f"{float(outcome.scale):.3g} N"
             )
         return state
 
@@ -81,7 +82,7 @@ class System(eqx.Module):
         """Find the static equilibrium at ``time``; the outcome says whether there was one.
 
         The water flows on as it does at that time: what it is just gaining or losing in speed
-        would be no lasting load.
+        would be no lasting load. Of its acceleration that of the steady flows counts.
         See `crinoid.dynamics.statics` for how.
         """
         time = jnp.asarray(time, float)

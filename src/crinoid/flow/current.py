@@ -20,17 +20,19 @@ class Current(eqx.Module):
     """Derivative of the material acceleration along the axes of space, the last index (1/s2)."""
 
     @staticmethod
-    def of(jet: Jet, *, steady: bool = False) -> "Current":
+    def of(jet: Jet, lasting: Jet | None = None) -> "Current":
         """Take the current from the jet of all flows together.
 
-        ``Du/Dt = du/dt + (grad u) u``; of a steady flow ``du/dt`` is left out.
+        ``Du/Dt = du/dt + (grad u) u``. With ``lasting``, the jet of the steady flows among them,
+        the acceleration is what those have for good, ``(grad u) u`` of them alone.
         """
-        velocity, gradient = jet.velocity, jet.gradient
+        carried = jet if lasting is None else lasting
+        velocity, gradient = carried.velocity, carried.gradient
         # sums of products and not `@`: many small matrices are quicker that way
         acceleration = jnp.sum(gradient * velocity, axis=-1)
-        slope = jnp.sum(jet.hessian * velocity, axis=-1)
+        slope = jnp.sum(carried.hessian * velocity, axis=-1)
         slope += jnp.sum(gradient[:, :, None] * gradient, axis=1)
-        if not steady:
+        if lasting is None:
             acceleration += jet.rate
             slope += jet.gradient_rate
-        return Current(velocity, acceleration, gradient, slope)
+        return Current(jet.velocity, acceleration, jet.gradient, slope)

@@ -1,6 +1,7 @@
 """What a flow is, and how flows add up."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -18,6 +19,12 @@ Time = Float[Array, ""]
 class Flow(eqx.Module):
     """A model of a current: a velocity field that can be differentiated twice."""
 
+    steady: ClassVar[bool] = False
+    """Whether it stays as it is, its onset aside.
+
+    Statics counts ``(u . grad) u`` of steady flows as a load that lasts; of others only the
+    velocity of the moment.
+    """
     onset: eqx.AbstractVar[Onset]
 
     @abstractmethod
@@ -62,7 +69,12 @@ class Water(eqx.Module):
 
     flows: tuple[Flow, ...]
     frozen_at: Time | None = None
-    """A time (s) at which the flow stands still, for statics: du/dt is then zero."""
+    """A time (s) at which the flow stands still, for statics.
+
+    The acceleration is then that of the steady flows among themselves. A pattern that is carried
+    past the arm changes by ``du/dt = -(U . grad) u`` there, which all but cancels its
+    ``(u . grad) u``: to leave out the one and keep the other would be a load that it never has.
+    """
 
     def velocity(self, point: Point, time: Time) -> Point:
         """Return the velocity (m/s)."""
@@ -72,7 +84,10 @@ class Water(eqx.Module):
     def current(self, point: Point, time: Time) -> Current:
         """Return velocity, material acceleration and how both change with the place, at once."""
         time = jnp.asarray(time if self.frozen_at is None else self.frozen_at, float)
-        jets = (flow.jet(point, time) for flow in self.flows)
-        still = jnp.zeros_like(point)
-        together = sum(jets, Jet.everywhere(still, still))
-        return Current.of(together, steady=self.frozen_at is not None)
+        jets = [flow.jet(point, time) for flow in self.flows]
+        nothing = Jet.everywhere(jnp.zeros_like(point), jnp.zeros_like(point))
+        together = sum(jets, nothing)
+        if self.frozen_at is None:
+            return Current.of(together)
+        lasting = [jet for flow, jet in zip(self.flows, jets, strict=True) if flow.steady]
+        return Current.of(together, sum(lasting, nothing))

@@ -1,5 +1,7 @@
 """Currents that grow from the sea bed upward."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -10,6 +12,7 @@ from crinoid.onset import Onset
 class PowerShear(Flow):
     """``u = velocity (h / h_ref)^exponent``, h the height above the sea bed; 0 below the bed."""
 
+    steady: ClassVar[bool] = True
     onset: Onset
     reference_velocity: Float[Array, " b"]
     reference_height: Float[Array, ""]
@@ -29,6 +32,7 @@ class PowerShear(Flow):
 class LogarithmicShear(Flow):
     """``u = velocity ln(h / z_0) / ln(h_ref / z_0)``; 0 below the roughness length z_0."""
 
+    steady: ClassVar[bool] = True
     onset: Onset
     reference_velocity: Float[Array, " b"]
     reference_height: Float[Array, ""]

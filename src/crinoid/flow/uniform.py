@@ -1,5 +1,7 @@
 """A current that is the same everywhere and always."""
 
+from typing import ClassVar
+
 from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Everywhere, Point, Time
@@ -9,6 +11,7 @@ from crinoid.onset import Onset
 class Uniform(Everywhere):
     """``u = velocity``."""
 
+    steady: ClassVar[bool] = True
     onset: Onset
     uniform_velocity: Float[Array, " b"]
 
