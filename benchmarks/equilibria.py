@@ -26,7 +26,10 @@ def main() -> None:
     parser.add_argument("--dimension", type=int, default=2, choices=(2, 3), help="of the arm")
     options = parser.parse_args()
     console = Console(highlight=False, markup=False, width=100)
-    find = eqx.filter_jit(System.find_equilibrium)
+    # compiled as `crinoid run` does what runs once
+    find = eqx.filter_jit(
+        System.find_equilibrium, compiler_options={"xla_backend_optimization_level": 0}
+    )
 
     table = Table(title="Equilibria in turbulence", title_justify="left")
     for name in ("mean", "intensity", "scale", "draws", "failed", "iterations", "most"):
