@@ -12,8 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from crinoid.scenario import json_schema
+from crinoid.scenario import Scenario
 from crinoid.scenario.model import _takes
+from crinoid.scenario.quantity import unit_of
 
 PAGE = Path(__file__).with_name("scenario.md")
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
@@ -25,7 +26,7 @@ Schema = dict[str, Any]
 
 def reference() -> str:
     """Return all tables of a scenario, in the order of the schema."""
-    schema = json_schema()
+    schema = Scenario.model_json_schema()
     definitions = schema["$defs"]
     top = f"### Outside any table\n\n{_table(schema['properties'])}"
     return "\n\n".join([top, *_sections("", schema, definitions)])
@@ -78,7 +79,7 @@ def _table(properties: Schema) -> str:
     for name, entry in properties.items():
         if _reference(entry) is not None or _kinds(entry) is not None or name == "vary":
             continue
-        unit = _unit(entry)
+        unit = unit_of(entry)
         plane, space = (
             _takes(entry, in_space=in_space).removesuffix(f" ({unit})")
             for in_space in (False, True)
@@ -92,11 +93,6 @@ def _table(properties: Schema) -> str:
         )
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows)
-
-
-def _unit(entry: Schema) -> str:
-    units = (member.get("unit", "") for member in (entry, *entry.get("anyOf", ())))
-    return next(filter(None, units), "")
 
 
 def _default(entry: Schema) -> str:

@@ -124,8 +124,8 @@ def test_notes_stand_under_the_table_and_of_cases_each_one_once(here):
     assert len(noted) == 2
     # what is odd about a scenario is told before it is run, and only then
     assert lines[0] == noted[0]
-    assert noted[0].startswith("note: case-01 and 1 more: base.position.1: got 10 m, above the")
-    assert noted[1].startswith("note: case-01 and 1 more: most of the drag")
+    assert noted[0].startswith("note: case-01, case-02: base.position.1: got 10 m, above the")
+    assert noted[1].startswith("note: case-01, case-02: most of the drag")
     with xr.open_dataset(here / "cases" / "case-02" / "result.nc") as dataset:
         assert dataset.attrs["notes"].startswith("base.position.1: got 10 m")
 
@@ -215,7 +215,7 @@ def test_ctrl_c_saves_and_resume_finishes_the_same_run(here, monkeypatch):
     with monkeypatch.context() as patched:
         # a terminal's Ctrl-C, sent when the first chunk has been reported
         interrupt = lambda bar, prefix: lambda reached: signal.raise_signal(signal.SIGINT)  # noqa: E731
-        patched.setattr("crinoid.cli.play._reporter", interrupt)
+        patched.setattr("crinoid.cli.play.reporter", interrupt)
         ended = call(*arguments, "--out", "stopped")
     assert ended.exit_code == 130
     assert "interrupted at t =" in ended.stderr

@@ -279,11 +279,13 @@ ONE_MISTAKE = {
     ),
     "two stiffnesses in the plane": (
         "arm.section.EI = [0.02, 0.01]",
-        "arm.section.EI: got [0.02, 0.01], takes a number above 0 (N m2)",
+        "arm.section.EI: got [0.02, 0.01], takes a number above 0 (N m2); "
+        "this one is for arm.dimension = 3",
     ),
     "twisted rest in the plane": (
         "arm.rest_curvature = [0, 1, 2]",
-        "arm.rest_curvature: got [0.0, 1.0, 2.0], takes a number (1/m)",
+        "arm.rest_curvature: got [0.0, 1.0, 2.0], takes a number (1/m); "
+        "this one is for arm.dimension = 3",
     ),
     "pan in the plane": ("base.pan_deg = 0", "base.pan_deg: got 0.0, needs arm.dimension = 3"),
     "sway in the plane": ("base.channels.sway = {}", "base.channels.sway: needs arm.dimension = 3"),
@@ -311,7 +313,8 @@ ONE_MISTAKE = {
     ),
     "vector too long": (
         'flow = [{kind = "uniform", velocity = [0.1, 0.0, 0.0]}]',
-        "flow.0.velocity: got [0.1, 0.0, 0.0], takes [x, z] (m/s)",
+        "flow.0.velocity: got [0.1, 0.0, 0.0], takes [x, z] (m/s); "
+        "this one is for arm.dimension = 3",
     ),
     "vector too short": (
         "base.position = [1.0]",
@@ -618,7 +621,29 @@ ONE_MISTAKE = {
     ),
     "no cases": (
         'vary = {"arm.length" = []}',
-        'vary: got a table, takes keys such as "arm.length", each with a list of one value or more',
+        "vary.arm.length: got [], takes a list of one value or more",
+    ),
+    "a key below the last table": (
+        '[vary]\n"arm.length" = [0.4]\ntitle = "mine"',
+        'vary.title: got "mine", takes a list of one value or more; '
+        "title itself stands above the first table",
+    ),
+    "a key of another table": (
+        "tilt_deg = -30.0",
+        "tilt_deg: unknown key; did you mean base.tilt_deg?",
+    ),
+    "a key of two tables": (
+        "length = 0.5",
+        "length: unknown key; did you mean arm.length or obstacle.0.length?",
+    ),
+    "a key of several tables": (
+        "base.velocity = [0.1, 0.0]",
+        "base.velocity: unknown key; did you mean flow.0.velocity or obstacle.0.velocity?",
+    ),
+    "a key that is nearly one here and one elsewhere": (
+        "simulation.time = [0.0, 1.0]",
+        "simulation.time: unknown key; did you mean simulation.time_step, "
+        "base.motion.0.time, flow.0.time or target.time?",
     ),
     "too many cases": (
         f'vary = {{"arm.length" = {[1.0] * 101}, "arm.density" = {[1.0] * 100}}}',

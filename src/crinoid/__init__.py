@@ -1,18 +1,28 @@
 """Simulate and control a soft robotic arm in moving water."""
 
+import os
+import sys
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import jax
-
-# round-off of 32 bits would drown the stretch of a stiff arm
-jax.config.update("jax_enable_x64", True)
-
-from crinoid.scenario import Scenario, ScenarioError, load  # noqa: E402
-from crinoid.version import __version__  # noqa: E402
+from crinoid.version import __version__
 
 if TYPE_CHECKING:
     from crinoid.result import Result
+    from crinoid.scenario import Scenario, ScenarioError
+    from crinoid.scenario.library import load
     from crinoid.simulation import SimulationError, equilibrium, simulate
+
+_HOMES = {
+    "Result": "crinoid.result",
+    "Scenario": "crinoid.scenario",
+    "ScenarioError": "crinoid.scenario",
+    "SimulationError": "crinoid.simulation",
+    "equilibrium": "crinoid.simulation",
+    "load": "crinoid.scenario",
+    "simulate": "crinoid.simulation",
+}
+"""The module of each public name, loaded when the name is used first."""
 
 __all__ = [
     "Result",
@@ -25,15 +35,19 @@ __all__ = [
     "simulate",
 ]
 
+# Round-off of 32 bits would drown the stretch of a stiff arm. JAX reads the variable when it is
+# imported, which takes longer than to answer `crinoid --help` and is left to what computes.
+if "jax" in sys.modules:
+    sys.modules["jax"].config.update("jax_enable_x64", True)
+else:
+    os.environ["JAX_ENABLE_X64"] = "1"
+
 
 def __getattr__(name: str) -> Any:
-    # reading and checking a scenario should not wait for all that runs one
-    if name == "Result":
-        from crinoid.result import Result
+    if name not in _HOMES:
+        raise AttributeError(f"module 'crinoid' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
 
-        return Result
-    if name in {"SimulationError", "equilibrium", "simulate"}:
-        import crinoid.simulation
 
-        return getattr(crinoid.simulation, name)
-    raise AttributeError(f"module 'crinoid' has no attribute {name!r}")
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -2,22 +2,45 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import netCDF4
 import numpy as np
 import xarray as xr
 
+from crinoid.replacement import replacing
 from crinoid.scenario import Scenario
+from crinoid.version import __version__
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
 _CHECKPOINT = "checkpoint"
+
+_REQUIRED = {
+    "time": ("time",),
+    "position": ("time", "node", "axis"),
+    "velocity": ("time", "node", "axis"),
+    "acceleration": ("time", "node", "axis"),
+    "tip_position": ("time", "axis"),
+    "tip_target": ("time", "axis"),
+    "tip_error": ("time",),
+    "base_command": ("time", "channel"),
+    "base_servo": ("time", "channel"),
+    "base_force": ("time", "axis"),
+    "energy": ("time", "kind"),
+    "steps": ("time",),
+    "newton_iterations": ("time",),
+    "residual": ("time",),
+}
+"""Numbers without which a file is no result; there are more."""
+_LABELS = ("axis", "channel", "kind")
+_OVER_TIME = ("base_moment", "tip_angle")
+"""Numbers that have other dimensions as well, by the dimension of the arm."""
 
 Tree = TypeVar("Tree")
 
@@ -27,16 +50,26 @@ class ResultError(ValueError):
 
 
 class Result:
-    """A run: its data, how it ended, and the same case without control if that was run too."""
+    """A run: its data, how it ended, and the same case without control if that was run too.
+
+    Parameters
+    ----------
+    dataset
+        Its data.
+    checkpoint
+        The state at the end, as `named_leaves` gives it; nothing where there is none to go on from.
+    uncontrolled
+        The same case without control.
+    """
 
     def __init__(
         self,
         dataset: xr.Dataset,
-        checkpoint: Sequence[np.ndarray] = (),
+        checkpoint: Mapping[str, np.ndarray] | None = None,
         uncontrolled: Result | None = None,
     ) -> None:
         self.dataset = dataset
-        self.checkpoint = list(checkpoint)
+        self.checkpoint = dict(checkpoint or {})
         self.uncontrolled = uncontrolled
 
     @property
@@ -72,33 +105,44 @@ class Result:
         Raises
         ------
         ResultError
-            If the state saved is not of that shape.
+            If the state saved is of another version, or not of that shape.
         """
-        wanted = [(leaf.shape, leaf.dtype) for leaf in map(np.asarray, jax.tree.leaves(like))]
-        if wanted != [(leaf.shape, leaf.dtype) for leaf in self.checkpoint]:
-            raise ResultError("it holds no state that this scenario can go on from")
-        leaves = [jnp.asarray(leaf) for leaf in self.checkpoint]
+        version = self.dataset.attrs.get("crinoid_version")
+        if version != __version__:
+            raise ResultError(
+                f"it was saved by crinoid {version} and this is {__version__}, "
+                "which may compute otherwise: run it anew"
+            )
+        wanted, saved = named_leaves(like), self.checkpoint
+        for name in dict.fromkeys([*wanted, *saved]):
+            if _kind(wanted.get(name)) != _kind(saved.get(name)):
+                raise ResultError(
+                    "it holds no state that this scenario can go on from: of "
+                    f"{name} it has {_kind(saved.get(name))}, not {_kind(wanted.get(name))}"
+                )
+        leaves = [jnp.asarray(saved[name]) for name in wanted]
         return jax.tree.unflatten(jax.tree.structure(like), leaves)
 
     def save(self, folder: Path) -> list[Path]:
         """Write ``result.nc``, and ``uncontrolled.nc`` if there is one, and return their paths.
 
-        A file is replaced only once its successor is complete.
+        The files are replaced only once their successors are complete.
 
         Raises
         ------
         OSError
-            If the folder cannot be written to.
+            If the folder cannot be written to, or the disk is full.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        paths = [folder / RESULT]
-        self._write(paths[0])
+        runs = {RESULT: self}
         if self.uncontrolled is not None:
-            paths.append(folder / UNCONTROLLED)
-            self.uncontrolled._write(paths[1])
-        else:
-            (folder / UNCONTROLLED).unlink(missing_ok=True)  # of an earlier run
-        return paths
+            runs[UNCONTROLLED] = self.uncontrolled
+        with ExitStack() as stack:
+            for name, run in runs.items():
+                run._write(stack.enter_context(replacing(folder / name)))
+        if self.uncontrolled is None and attributes(folder / UNCONTROLLED):  # of an earlier run
+            (folder / UNCONTROLLED).unlink()
+        return [folder / name for name in runs]
 
     @staticmethod
     def load(folder: Path) -> Result:
@@ -122,38 +166,62 @@ class Result:
         }
         leaves = xr.Dataset(
             {
-                f"leaf_{number:03d}": ([f"d{number:03d}_{axis}" for axis in range(leaf.ndim)], leaf)
-                for number, leaf in enumerate(self.checkpoint)
-            }
+                name: ([f"d{number:03d}_{axis}" for axis in range(leaf.ndim)], leaf)
+                for number, (name, leaf) in enumerate(self.checkpoint.items())
+            },
+            attrs={"crinoid_version": __version__},
         )
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        os.close(handle)
-        temporary = Path(name)
-        try:
-            self.dataset.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
-            leaves.to_netcdf(temporary, engine="netcdf4", mode="a", group=_CHECKPOINT)
-            temporary.chmod(0o666 & ~_umask())
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        self.dataset.to_netcdf(path, engine="netcdf4", encoding=encoding)
+        leaves.to_netcdf(path, engine="netcdf4", mode="a", group=_CHECKPOINT)
+
+
+def named_leaves(tree: Any) -> dict[str, np.ndarray]:
+    """Return the arrays of a tree by their place in it, such as ``state.motion.position``."""
+    return {
+        jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf)
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+    }
+
+
+def attributes(path: Path) -> dict[str, Any]:
+    """Return the attributes of a file that crinoid wrote; none of any other, or of no file."""
+    try:
+        with netCDF4.Dataset(path) as file:
+            found = {name: file.getncattr(name) for name in file.ncattrs()}
+    except (OSError, RuntimeError, ValueError):
+        return {}
+    return found if "crinoid_version" in found else {}
 
 
 def _read(path: Path) -> Result:
     try:
-        with xr.open_dataset(path, engine="netcdf4") as dataset:
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
             dataset.load()
         with xr.open_dataset(path, engine="netcdf4", group=_CHECKPOINT) as leaves:
-            checkpoint = [leaves[name].values for name in sorted(map(str, leaves.data_vars))]
+            checkpoint = {str(name): leaf.values for name, leaf in leaves.data_vars.items()}
     except FileNotFoundError:
         raise ResultError(f"{path}: no such result") from None
-    except (OSError, ValueError) as error:
-        raise ResultError(f"{path}: not a result of crinoid ({error})") from error
-    if "status" not in dataset.attrs or "scenario" not in dataset.attrs:
-        raise ResultError(f"{path}: not a result of crinoid")
+    except Exception as error:  # a file that is broken makes its readers raise anything
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ResultError(f"{path}: not a result of crinoid ({reason})") from error
+    for name, dims in _REQUIRED.items():
+        if name not in dataset.variables:
+            raise ResultError(f"{path}: not a result of crinoid, it has no {name}")
+        if dataset[name].dims != dims or dataset[name].dtype.kind not in "fi":
+            text = f"not a result of crinoid, its {name} is no array of numbers over "
+            raise ResultError(f"{path}: {text}{', '.join(dims)}")
+    for name in (*_LABELS, *_OVER_TIME):
+        if name not in dataset.variables or (name in _OVER_TIME) > ("time" in dataset[name].dims):
+            raise ResultError(f"{path}: not a result of crinoid, it has no {name}")
+    if not dataset.sizes["time"]:
+        raise ResultError(f"{path}: not a result of crinoid, it holds no instant")
+    for name, kind in {"status": str, "scenario": str, "wall_time": float}.items():
+        if not isinstance(dataset.attrs.get(name), kind):
+            raise ResultError(f"{path}: not a result of crinoid, it does not say its {name}")
     return Result(dataset, checkpoint)
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _kind(leaf: np.ndarray | None) -> str:
+    if leaf is None:
+        return "nothing"
+    return f"an array {leaf.shape} of {leaf.dtype}" if leaf.ndim else f"a number, {leaf.dtype}"

@@ -2,49 +2,73 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
-from rich.console import Console
 
-from crinoid.scenario import (
-    Scenario,
-    ScenarioError,
-    builtin_files,
-    builtin_names,
-    builtin_text,
-    json_schema,
-    load,
-)
+from crinoid.cli.interruption import INTERRUPTED, Interrupted
+from crinoid.cli.terminal import Terminal
 
-BAD_INPUT, FAILED, INTERRUPTED = 2, 3, 130
+if TYPE_CHECKING:
+    from crinoid.scenario import Scenario
+
+BAD_INPUT, FAILED = 2, 3
 
 app = typer.Typer(
     name="crinoid",
     help="Simulate and control a soft robotic arm in moving water.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
-console = Console(highlight=False, markup=False)
-errors = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
+console = Terminal()
+errors = Terminal(stderr=True, soft_wrap=True)
+
+
+def _names(begun: str) -> list[str]:
+    """Complete the name of a built-in scenario."""
+    from crinoid.scenario import builtin_names
+
+    return [name for name in builtin_names() if name.startswith(begun)]
+
+
+def _keys(begun: str) -> list[str]:
+    """Complete a key of a scenario, up to its equals sign."""
+    from crinoid.scenario import Scenario
+    from crinoid.scenario.keys import all_keys
+
+    keys = all_keys(Scenario.model_json_schema())
+    return [f"{key}=" for key, table in keys.items() if key.startswith(begun) and not table]
+
 
 ScenarioName = Annotated[
     str,
-    typer.Argument(metavar="SCENARIO", help="A TOML file, or the name of a built-in scenario."),
+    typer.Argument(
+        metavar="SCENARIO",
+        help="A TOML file, or the name of a built-in scenario.",
+        autocompletion=_names,
+    ),
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a key, such as arm.length=0.6."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key, such as arm.length=0.6.",
+        autocompletion=_keys,
+    ),
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Where to write.", show_default="results/SCENARIO"),
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace the finished result of another scenario.")
 ]
+
+
+def _out(folder: str) -> Any:
+    return typer.Option("--out", metavar="DIR", help="Where to write.", show_default=folder)
 
 
 @app.callback(invoke_without_command=True)
@@ -58,136 +82,152 @@ def _version(
         raise typer.Exit
 
 
+@contextmanager
+def _told(interrupted: str = "interrupted before there was anything to save") -> Iterator[None]:
+    """Turn what a user can mend into one line each, and no traceback."""
+    try:
+        from crinoid.scenario import ScenarioError
+
+        yield
+    except (ScenarioError, OSError) as error:
+        if isinstance(error, ScenarioError):
+            _stop(*error.lines)
+        if error.errno == errno.EPIPE:  # who read what is shown, such as `head`, has seen enough
+            raise
+        _stop(f"{error.filename or 'file'}: {error.strerror or error}")
+    except (Interrupted, KeyboardInterrupt):
+        errors.print(f"crinoid: {interrupted}")
+        raise typer.Exit(INTERRUPTED) from None
+
+
 @app.command()
+@_told()
 def run(
     scenario: ScenarioName = "station-keeping",
     settings: Settings = None,
-    out: Out = None,
+    out: Annotated[Path | None, _out("results/SCENARIO")] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from where an interrupted run stopped.")
     ] = False,
+    force: Force = False,
 ) -> None:
     """Run a scenario and save what happened."""
-    described = _load(scenario, settings)
-    folder = _folder(out, scenario)
+    described, folder = _load(scenario, settings), _folder(out, scenario)
     from crinoid.cli.play import run_scenario
 
-    with _told():
-        trouble = run_scenario(described, folder, resume=resume, console=console)
-    _end(trouble)
+    _end(run_scenario(described, folder, resume=resume, force=force, console=console))
 
 
 @app.command()
+@_told()
 def equilibrium(
     scenario: ScenarioName,
     settings: Settings = None,
-    out: Out = None,
+    out: Annotated[Path | None, _out("results/SCENARIO-equilibrium")] = None,
+    force: Force = False,
 ) -> None:
     """Find the shape of the arm at rest under the loads of t = 0, and save it."""
-    described = _load(scenario, settings)
-    folder = _folder(out, scenario, "-equilibrium")
+    described, folder = _load(scenario, settings), _folder(out, scenario, "-equilibrium")
     from crinoid.cli.play import find_equilibrium
 
-    with _told():
-        trouble = find_equilibrium(described, folder, console=console)
-    _end(trouble)
+    _end(find_equilibrium(described, folder, force=force, console=console))
 
 
 @app.command()
+@_told("interrupted")
 def flow(
     scenario: ScenarioName,
     settings: Settings = None,
-    out: Out = None,
+    out: Annotated[Path | None, _out("results/SCENARIO-flow")] = None,
 ) -> None:
     """Draw and sum up the current of a scenario at its arm, without simulating the arm."""
-    described = _load(scenario, settings)
-    folder = _folder(out, scenario, "-flow")
+    described, folder = _load(scenario, settings), _folder(out, scenario, "-flow")
     from crinoid.cli.current import show_current
+    from crinoid.report import ReportError
 
-    with _told():
+    try:
         show_current(described, folder, console=console)
+    except ReportError as error:
+        _stop(str(error))
 
 
 @app.command()
+@_told("interrupted")
 def scenarios(
     copy: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Write a built-in scenario to NAME.toml, to change it."),
+        typer.Option(
+            metavar="NAME",
+            help="Write a built-in scenario to NAME.toml, to change it.",
+            autocompletion=_names,
+        ),
     ] = None,
     schema: Annotated[
         bool, typer.Option("--schema", help="Print the JSON schema of a scenario, for editors.")
     ] = False,
 ) -> None:
     """List the built-in scenarios, copy one, or print their schema."""
+    from crinoid.scenario import builtin_names, json_schema, load
+
     if schema:
         typer.echo(json.dumps(json_schema(), indent=2))
     elif copy is not None:
-        with _told():
-            contents = {Path(f"{copy}.toml"): builtin_text(copy).encode()}
-            contents |= {Path(file.name): file.read_bytes() for file in builtin_files(copy)}
-            for path in contents:
-                if path.exists():
-                    _stop(f"{path}: already there; move it away first")
-            for path, content in contents.items():
-                path.write_bytes(content)
-                console.print(f"wrote {path}")
+        _copy(copy)
     else:
-        for name in builtin_names():
-            console.print(f"{name:18}{load(name).title}")
+        names = builtin_names()
+        width = max(map(len, names)) + 2
+        for name in names:
+            console.print(f"{name:{width}}{load(name).title}", soft_wrap=True)
 
 
 @app.command()
+@_told("interrupted")
 def report(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="A folder that `crinoid run` wrote.")
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Where to write.", show_default="beside the result"),
-    ] = None,
+    out: Annotated[Path | None, _out("beside the result")] = None,
 ) -> None:
     """Draw the figures of a result."""
     from crinoid.report import ReportError, write_report
 
     try:
-        with _told():
-            paths = write_report(result, out)
+        paths = write_report(result, out)
     except ReportError as error:
         _stop(str(error))
     for path in paths:
         console.print(f"wrote {path}", soft_wrap=True)
 
 
+def _copy(name: str) -> None:
+    from crinoid.scenario import builtin_files, builtin_text
+
+    contents = {Path(f"{name}.toml"): builtin_text(name).encode()}
+    contents |= {Path(file.name): file.read_bytes() for file in builtin_files(name)}
+    for path in contents:
+        if path.exists():
+            _stop(f"{path}: already there; move it away first")
+    for path, content in contents.items():
+        path.write_bytes(content)
+        console.print(f"wrote {path}")
+
+
 def _load(name: str, settings: list[str] | None) -> Scenario:
-    with _told():
-        return load(name, settings or ())
+    from crinoid.scenario import load
+
+    return load(name, settings or ())
 
 
 def _folder(out: Path | None, name: str, ending: str = "") -> Path:
     folder = out if out is not None else Path("results") / f"{Path(name).stem}{ending}"
-    with _told():
-        if folder.exists() and not folder.is_dir():
-            _stop(f"--out: {folder} is a file, takes a folder")
+    if folder.exists() and not folder.is_dir():
+        _stop(f"--out: {folder} is a file, takes a folder")
     return folder
-
-
-@contextmanager
-def _told() -> Iterator[None]:
-    """Turn what a user can mend into one line each, and no traceback."""
-    try:
-        yield
-    except ScenarioError as error:
-        _stop(*error.lines)
-    except OSError as error:
-        _stop(f"{error.filename or 'file'}: {error.strerror or error}")
-    except KeyboardInterrupt:
-        errors.print("crinoid: interrupted before there was anything to save")
-        raise typer.Exit(INTERRUPTED) from None
 
 
 def _stop(*lines: str) -> NoReturn:
     for line in lines:
-        errors.print(f"crinoid: {line}")
+        errors.print(f"crinoid: {' '.join(line.splitlines())}")
     raise typer.Exit(BAD_INPUT)
 
 

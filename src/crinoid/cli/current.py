@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
-from crinoid.cli.play import check, keep_compiled_code, make, say_doubts, say_notes
+from crinoid.cli.folder import claimed
+from crinoid.cli.notes import say_doubts, say_notes
+from crinoid.cli.play import check, keep_compiled_code
 from crinoid.current import FLOW, Statistics, sample_current, statistics
 from crinoid.plausibility import IN_THE_WATER
+from crinoid.replacement import replacing
 from crinoid.report import write_report
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.recording import Recording
@@ -27,11 +29,12 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
         return
     keep_compiled_code()
     check(scenario, Scenario.notes)
-    make(folder)
-    say_doubts(console, scenario, IN_THE_WATER)
-    dataset = sample_current(scenario)
-    dataset.to_netcdf(folder / FLOW, engine="netcdf4")
-    figures = write_report(folder / FLOW)
+    with claimed(folder):
+        say_doubts(console, scenario, IN_THE_WATER)
+        dataset = sample_current(scenario)
+        with replacing(folder / FLOW) as temporary:
+            dataset.to_netcdf(temporary, engine="netcdf4")
+        figures = write_report(folder / FLOW)
     time = dataset["time"].values
     late = time >= dataset.attrs["settled"] - 1e-9
     found = [
@@ -48,7 +51,7 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
 
 
 def _table(title: str, axes: str, time: np.ndarray, root: Statistics, tip: Statistics) -> Table:
-    table = Table(title=escape(title), title_justify="left")
+    table = Table(title=title, title_justify="left")
     table.add_column(f"{time[0]:g} to {time[-1]:g} s")
     for place in ("at the root", "at the tip"):
         table.add_column(place, justify="right")

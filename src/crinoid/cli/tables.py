@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from rich import box
-from rich.markup import escape
 from rich.table import Table
 
 from crinoid.metrics import TipError, angle_error, channel_use, peak_load, tip_error
@@ -26,7 +25,7 @@ _VARIED_WIDTH = 23
 def run_table(result: Result) -> Table:
     """Sum up a run, beside the one without control if there is one."""
     runs = [result] if result.uncontrolled is None else [result, result.uncontrolled]
-    table = Table(title=escape(result.dataset.attrs["title"]), title_justify="left")
+    table = Table(title=result.dataset.attrs["title"], title_justify="left")
     table.add_column("")
     scenario = result.scenario
     controlled = scenario.control.kind != "none"
@@ -82,7 +81,7 @@ def run_table(result: Result) -> Table:
 def equilibrium_table(result: Result) -> Table:
     """Sum up an equilibrium."""
     dataset = result.dataset
-    table = Table(title=escape(dataset.attrs["title"]), title_justify="left", show_header=False)
+    table = Table(title=dataset.attrs["title"], title_justify="left", show_header=False)
     axes = [str(axis) for axis in dataset["axis"].values]
 
     def parts(vector: np.ndarray, unit: str, digits: int = 4) -> str:
@@ -118,9 +117,7 @@ def equilibrium_table(result: Result) -> Table:
 
 def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
     """Compare the cases of a study; what no case knows has no column."""
-    table = Table(
-        title=escape(scenario.title), title_justify="left", box=box.SIMPLE, pad_edge=False
-    )
+    table = Table(title=scenario.title, title_justify="left", box=box.SIMPLE, pad_edge=False)
     table.add_column("case", no_wrap=True)
     names = _short_keys(list(scenario.vary))
     values = [[_value(row[key]) for key in names] for row in rows]
@@ -152,7 +149,7 @@ def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
             varied = ["\n".join(_folded(short, _VARIED_WIDTH, text) for short, text in below)]
         table.add_row(
             row["case"].removeprefix("case-"),
-            *map(escape, varied),
+            *varied,
             *(column(row) for column in columns),
             "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f}",
         )

@@ -9,6 +9,7 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from crinoid.replacement import replacing
 from crinoid.report.bending import draw_bending
 from crinoid.report.cases import CASES, draw_cases, read_cases
 from crinoid.report.commands import draw_commands
@@ -24,6 +25,7 @@ from crinoid.report.spectrum import draw_spectrum
 from crinoid.report.style import STYLE
 from crinoid.report.tip import draw_tip_error
 from crinoid.report.view import is_spatial
+from crinoid.version import __version__
 
 _FIGURES: dict[str, Callable[[Run], Figure]] = {
     "shape.png": draw_shape,
@@ -67,30 +69,35 @@ def _write_run(path: Path, out: Path) -> list[Path]:
     run = open_run(path)
     figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
     figures |= {"contact.png": draw_contact} if has_contact(run) else {}
-    return [_save(lambda draw=draw: draw(run), out / name) for name, draw in figures.items()]
+    return [_save(lambda draw=draw: draw(run), out / name, path) for name, draw in figures.items()]
 
 
 def _write_flow(path: Path, out: Path) -> list[Path]:
     flow = open_flow(path)
     figures = _FLOW_FIGURES.items()
-    return [_save(lambda draw=draw: draw(flow), out / name) for name, draw in figures]
+    return [_save(lambda draw=draw: draw(flow), out / name, path) for name, draw in figures]
 
 
 def _write_study(folder: Path, out: Path) -> list[Path]:
     cases = read_cases(folder / CASES)
-    written = [_save(lambda: draw_cases(cases, folder.resolve().name), out / "cases.png")]
+    title, path = folder.resolve().name, folder / CASES
+    written = [_save(lambda: draw_cases(cases, title), out / "cases.png", path)]
     for case in cases:
         if case.result is not None:
             written += _write_run(case.result, out / case.directory)
     return written
 
 
-def _save(draw: Callable[[], Figure], path: Path) -> Path:
-    """Draw and save within the style, which leaves the caller's own settings as they were."""
+def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:
+    """Draw and save within the style, which leaves the caller's own settings as they were.
+
+    The figure says that crinoid drew it and from which file.
+    """
+    metadata = {"Software": f"crinoid {__version__}", "Source": source.name}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with mpl.rc_context(STYLE):
-            draw().savefig(path, format="png", facecolor="white")
+        with mpl.rc_context(STYLE), replacing(path) as temporary:
+            draw().savefig(temporary, format="png", facecolor="white", metadata=metadata)
     except OSError as error:
         raise ReportError(f"{path}: cannot write the figure ({error.strerror})") from error
     return path

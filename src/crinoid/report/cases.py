@@ -134,7 +134,8 @@ def draw_cases(cases: Sequence[Case], title: str) -> Figure:
     _bars(settling, cases, "settling_time", Unit(1.0, "s"), colours, missing="not settled")
     settling.set_xlabel("settling time (s)")
 
-    first.set_yticks(range(len(cases)), [_label(case, cases) for case in cases])
+    labels = [_label(case, cases) for case in cases]
+    first.set_yticks(range(len(cases)), labels, parse_math=False)
     first.set_ylim(len(cases) - 0.4, -0.6)
     for axes in (first, errors, settling):
         axes.grid(visible=False, axis="y")

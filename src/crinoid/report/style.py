@@ -113,8 +113,10 @@ def head(figure: Figure, title: str, status: str) -> None:
     wide, tall = figure.get_size_inches()
     lines, notes = _head_lines(title, status, wide)
     x, y = _EDGE / wide, 1.0 - _EDGE / tall
-    figure.text(x, y, "\n".join(lines), va="top", **_TITLE)
-    figure.text(x, y - len(lines) * _LINE / tall, "\n".join(notes), va="top", color=VERMILLION)
+    literal: Any = {"va": "top", "parse_math": False}
+    figure.text(x, y, "\n".join(lines), **literal, **_TITLE)
+    below = y - len(lines) * _LINE / tall
+    figure.text(x, below, "\n".join(notes), **literal, color=VERMILLION)
     lay_out_below(figure, tall - head_height(title, status, wide))
 
 

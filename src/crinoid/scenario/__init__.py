@@ -34,6 +34,7 @@ from crinoid.scenario.library import builtin_files, builtin_names, builtin_text,
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
 from crinoid.scenario.motion import Motion, SineMotion, TableMotion
 from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle, Plane, Sphere
+from crinoid.scenario.quantity import unit_of
 from crinoid.scenario.scenario import Scenario
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
@@ -90,8 +91,14 @@ __all__ = [
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario, for editors that check TOML files."""
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **Scenario.model_json_schema(),
-    }
+    """Return the JSON schema of a scenario, for editors that check TOML files.
+
+    Editors show descriptions and no key of ours, so units stand in the descriptions as well.
+    """
+    schema = Scenario.model_json_schema()
+    for table in (schema, *schema["$defs"].values()):
+        for entry in table["properties"].values():
+            unit = unit_of(entry)
+            if unit and "description" in entry:
+                entry["description"] += f" Unit: {unit}."
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

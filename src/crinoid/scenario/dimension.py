@@ -7,7 +7,7 @@ which dimension it is used; the scenario that holds it does, and looks the marks
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -83,10 +83,17 @@ def dimension_conflicts(table: Model, dimension: int) -> Iterator[Mistake]:
         if isinstance(mark, Only) and mark.dimension != dimension and _given(table, name):
             yield mark.mistake(name, value)
         elif isinstance(mark, Count) and not mark.fits(value, dimension):
-            yield table.refused(name)
+            yield _other(table.refused(name), mark, value, 5 - dimension)
     for name, index, inner in _inner(table):
         for mistake in dimension_conflicts(inner, dimension):
             yield mistake.under(_key(name, index))
+
+
+def _other(mistake: Mistake, mark: Count, value: Any, dimension: int) -> Mistake:
+    """Say of a list that it is for the other dimension, where it is."""
+    if not mark.fits(value, dimension):
+        return mistake
+    return replace(mistake, text=f"{mistake.text}; this one is for arm.dimension = {dimension}")
 
 
 def fitted(table: Model, dimension: int) -> dict[str, Any]:

@@ -73,6 +73,9 @@ def _translated(detail: Any, properties: dict[str, Any], data: dict[str, Any]) -
     if kind == "missing" and len(place) == 1:
         return [_taking(name, "missing", schema)]
 
+    if "additionalProperties" in schema and len(place) > 1:  # a table of any keys
+        key, value = f"{name}.{place[1]}", data[name][place[1]]
+        return [_taking(key, f"got {shown(value)}", schema["additionalProperties"])]
     key, value = name, data[name]
     for index in (part for part in place[1:] if isinstance(part, int)):
         # Of a union, or of a list that is too short, the whole is at fault.

@@ -41,6 +41,12 @@ class Quantity:
         return {**schema, **{key: text for key, text in given.items() if text}}
 
 
+def unit_of(schema: dict[str, Any]) -> str:
+    """Return the unit in the JSON schema of a key; empty if it has none."""
+    units = (member.get("unit", "") for member in (schema, *schema.get("anyOf", ())))
+    return next(filter(None, units), "")
+
+
 def _as_tuple(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from math import prod
@@ -33,6 +34,7 @@ from crinoid.scenario.dimension import dimension_conflicts, fitted, unwritten
 from crinoid.scenario.document import assign, parse
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
 from crinoid.scenario.flow import Flow
+from crinoid.scenario.keys import all_keys
 from crinoid.scenario.load import Load
 from crinoid.scenario.measured import MeasuredFlow
 from crinoid.scenario.model import Model
@@ -51,6 +53,7 @@ __all__ = ["Scenario"]
 _DEFAULT_RATE_HZ = 100.0
 _DEFAULT_INTERVAL = 0.02
 _MAX_CASES = 10_000
+_MOST_HINTS = 3
 _DIMENSION = {"arm", "arm.dimension"}
 """Keys that a change of dimension goes by."""
 
@@ -76,8 +79,31 @@ def _without_empty(table: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in full.items() if value not in ({}, [])}
 
 
+def _placed(mistake: Mistake, scenario: type[Scenario]) -> Mistake:
+    """Say where a key that is not taken here belongs."""
+    table, _, name = mistake.key.partition(".")
+    if table == "vary" and name in scenario.model_fields:
+        text = f"{mistake.text}; {name} itself stands above the first table"
+        return replace(mistake, text=text)
+    if not mistake.text.startswith("unknown key"):
+        return mistake
+    name = mistake.key.rpartition(".")[2]
+    keys = all_keys(scenario.model_json_schema())
+    found = [key for key in keys if key.rpartition(".")[2] == name and key != mistake.key]
+    if not found:
+        return mistake
+    *others, last = dict.fromkeys([*filter(None, [mistake.instead]), *found[:_MOST_HINTS]])
+    instead = f"{', '.join(others)} or {last}" if others else last
+    return replace(mistake, text="unknown key", instead=instead)
+
+
+_Values = Annotated[
+    list[Any],
+    Field(min_length=1),
+    Quantity(takes="a list of one value or more"),
+]
 Variations = Annotated[
-    dict[str, Annotated[list[Any], Field(min_length=1)]],
+    dict[str, _Values],
     BeforeValidator(_plain),
     Quantity(takes='keys such as "arm.length", each with a list of one value or more'),
 ]
@@ -128,7 +154,8 @@ class Scenario(Model):
             arm = data.get("arm")
             given = arm if isinstance(arm, Mapping) else dict(arm) if isinstance(arm, Arm) else {}
             in_space = given.get("dimension") == 3
-            raise ScenarioError(m.told(in_space=in_space) for m in error.mistakes) from None
+            told = (mistake.told(in_space=in_space) for mistake in error.mistakes)
+            raise ScenarioError(_placed(mistake, type(self)) for mistake in told) from None
 
     def model_post_init(self, context: Any, /) -> None:
         """Settle the defaults that follow `arm.dimension`, and refuse what does not go together."""

@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import NamedTuple
 
 import equinox as eqx
@@ -20,8 +21,9 @@ from crinoid.dynamics import Outcome, State, System
 from crinoid.notes import notes
 from crinoid.plausibility import AT_REST, doubts
 from crinoid.record import Record
-from crinoid.result import Result
+from crinoid.result import Result, named_leaves
 from crinoid.scenario import Scenario
+from crinoid.simulation.continuation import restored
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.stretch import record, stretch
@@ -79,28 +81,47 @@ def simulate(scenario: Scenario, *, report: Report | None = None) -> Result:
 
 
 def play(
-    scenario: Scenario, *, report: Report | None = None, resume: Result | None = None
+    scenario: Scenario,
+    *,
+    report: Report | None = None,
+    resume: Result | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> Result:
     """Run a scenario to its end, a failure or an interruption; `Result.status` says which.
 
-    ``resume`` continues an earlier result of the same scenario from where it stopped; its duration
-    may have grown.
+    Parameters
+    ----------
+    scenario
+        What to run.
+    report
+        Called between chunks of the run.
+    resume
+        An earlier result of the same scenario, to continue from where it stopped; its duration may
+        have grown.
+    stop
+        Asked before each chunk of the run whether to interrupt it; Ctrl-C does by default.
+
+    Raises
+    ------
+    ResultError
+        If ``resume`` is no result that this scenario can go on from.
+    ScenarioError
+        If a file that the scenario names is not what it takes, or the controller cannot work.
+    ValueError
+        If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
-    if scenario.vary:
-        raise ValueError("a scenario with [vary] stands for several cases: run scenario.cases()")
+    _one_case(scenario)
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
-    with _Interruption() as interruption:
+    with _CtrlC() if stop is None else nullcontext(stop) as asked:
         setup = set_up(scenario)
-        result = _run(scenario, setup, label, report, resume, interruption)
+        result = _run(scenario, setup, label, report, resume, asked)
         if controlled and scenario.control.compare:
             idle = setup._replace(
                 loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False))
             )
             earlier = resume.uncontrolled if resume is not None else None
-            result.uncontrolled = _run(
-                scenario, idle, "uncontrolled", report, earlier, interruption
-            )
+            result.uncontrolled = _run(scenario, idle, "uncontrolled", report, earlier, asked)
     return result
 
 
@@ -111,9 +132,12 @@ def equilibrium(scenario: Scenario) -> Result:
     ------
     SimulationError
         If none was found.
+    ValueError
+        If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
+    _one_case(scenario)
     begun = time.perf_counter()
-    still = scenario.with_values({"simulation.start": "equilibrium", "control.kind": "none"})
+    still = at_rest(scenario)
     setup = set_up(still)._replace(doubts=doubts(scenario, AT_REST))
     carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
@@ -125,31 +149,40 @@ def equilibrium(scenario: Scenario) -> Result:
     return result
 
 
+def at_rest(scenario: Scenario) -> Scenario:
+    """Return the scenario of which the result of `equilibrium` tells."""
+    return scenario.with_values({"simulation.start": "equilibrium", "control.kind": "none"})
+
+
+def _one_case(scenario: Scenario) -> None:
+    if scenario.vary:
+        raise ValueError("a scenario with [vary] stands for several cases: run scenario.cases()")
+
+
 def _run(
     scenario: Scenario,
     setup: Setup,
     label: str,
     report: Report | None,
     earlier: Result | None,
-    interruption: _Interruption,
+    stop: Callable[[], bool],
 ) -> Result:
     loop, stride = setup.loop, scenario.output_steps
     duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = _begin(loop, setup.state)
     records, kept_earlier = [_one(first)], None
     if earlier is not None:
-        records.clear()
-        carry, kept_earlier = earlier.restore(carry), earlier.dataset
-        if int(carry.tally.steps):  # it stopped between two instants that are kept
-            kept_earlier = kept_earlier.isel(time=slice(None, -1))
+        start = build_dataset(loop.system, records.pop())
+        carry, kept_earlier = restored(earlier, carry, start, stride)
     done, chunk = int(carry.steps), 16
-    # a stretch of nothing: compiles, so that what follows is timed without it
-    jax.block_until_ready(stretch(loop, carry, carry.steps, jnp.asarray(stride), _CAPACITY))
+    failure = _start_failure(scenario, setup)
+    if done < total and not failure:
+        # a stretch of nothing: compiles, so that what follows is timed without it
+        jax.block_until_ready(stretch(loop, carry, carry.steps, jnp.asarray(stride), _CAPACITY))
     begun = time.perf_counter()
     if earlier is not None:
         begun -= earlier.dataset.attrs["wall_time"]
-    failure = _start_failure(scenario, setup)
-    while done < total and not failure and not interruption.asked:
+    while done < total and not failure and not stop():
         chunk_begun = time.perf_counter()
         steps = min(chunk, total - done, stride * _CAPACITY)
         done += steps
@@ -172,15 +205,18 @@ def _run(
     return _result(scenario, setup, carry, records, failure, wall_time, kept_earlier)
 
 
-class _Interruption:
+class _CtrlC:
     """Turns the first Ctrl-C into a request to stop after the chunk that is running."""
 
     def __init__(self) -> None:
-        self.asked = False
+        self._asked = False
 
-    def __enter__(self) -> _Interruption:
+    def __call__(self) -> bool:
+        return self._asked
+
+    def __enter__(self) -> _CtrlC:
         self._main = threading.current_thread() is threading.main_thread()
-        if self._main:
+        if self._main:  # where alone Python lets signals be handled
             self._earlier = signal.signal(signal.SIGINT, self._ask)
         return self
 
@@ -189,7 +225,7 @@ class _Interruption:
             signal.signal(signal.SIGINT, self._earlier)
 
     def _ask(self, *_: object) -> None:
-        self.asked = True
+        self._asked = True
         signal.signal(signal.SIGINT, self._earlier)  # a second one stops at once
 
 
@@ -220,7 +256,6 @@ def _result(
     wall_time: float,
     earlier: xr.Dataset | None,
 ) -> Result:
-    checkpoint = [np.asarray(leaf) for leaf in jax.tree.leaves(carry)]
     parts = [] if earlier is None else [earlier]
     if records:
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
@@ -231,7 +266,7 @@ def _result(
         "wall_time": wall_time,
         "notes": "\n".join([*scenario.notes(), *setup.doubts, *notes(dataset, scenario)]),
     }
-    return Result(dataset, checkpoint)
+    return Result(dataset, named_leaves(carry))
 
 
 def _start_failure(scenario: Scenario, setup: Setup) -> str:

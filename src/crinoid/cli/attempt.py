@@ -1,0 +1,81 @@
+"""One run: what there is of it already, the rest of it, and what went wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from crinoid.result import RESULT, Result, ResultError
+from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.simulation import Progress, play
+
+
+def find_earlier(scenario: Scenario, folder: Path) -> Result | None:
+    """Find the result to go on from; none where there is nothing yet.
+
+    Raises
+    ------
+    ScenarioError
+        If what there is is no result of this scenario, or of a longer run.
+    """
+    if not (folder / RESULT).exists():
+        return None
+    try:
+        earlier = Result.load(folder)
+        described = [run.scenario for run in (earlier, earlier.uncontrolled) if run is not None]
+    except ResultError as error:
+        raise ScenarioError([Mistake("--resume", str(error))]) from error
+    except ScenarioError as error:
+        text = f"the scenario in {folder / RESULT} cannot be read: {error.lines[0]}"
+        raise ScenarioError([Mistake("--resume", text)]) from error
+    duration = scenario.simulation.duration
+    for each in described:
+        if each.with_values({"simulation.duration": duration}) != scenario:
+            text = f"the run in {folder} is of another scenario; only its duration may be changed"
+            raise ScenarioError([Mistake("--resume", text)])
+        if duration < each.simulation.duration:
+            text = f"the run in {folder} is of {each.simulation.duration} s already"
+            raise ScenarioError([Mistake("--resume", text)])
+    return earlier
+
+
+def is_complete(earlier: Result, scenario: Scenario) -> bool:
+    """Tell whether an earlier result has all that a scenario is to give."""
+    runs = [earlier]
+    if scenario.control.kind != "none" and scenario.control.compare:
+        if earlier.uncontrolled is None:
+            return False
+        runs.append(earlier.uncontrolled)
+    end = scenario.simulation.duration - 0.5 * scenario.simulation.time_step
+    return all(run.status == "ok" and float(run.dataset["time"][-1]) > end for run in runs)
+
+
+def attempt(
+    scenario: Scenario,
+    earlier: Result | None,
+    folder: Path,
+    report: Callable[[Progress], None],
+    stop: Callable[[], bool],
+) -> Result:
+    """Run a scenario, or the rest of it.
+
+    Raises
+    ------
+    ScenarioError
+        If it cannot be run, or not gone on with.
+    """
+    try:
+        return play(scenario, report=report, resume=earlier, stop=stop)
+    except ResultError as error:
+        raise ScenarioError([Mistake("--resume", f"the run in {folder}: {error}")]) from error
+
+
+def trouble(result: Result) -> str:
+    """Say what went wrong; nothing where all is well."""
+    if result.failure:
+        return result.failure
+    if result.interrupted:
+        stopped = result if result.status.startswith("interrupted") else result.uncontrolled
+        assert stopped is not None
+        return f"{stopped.status}; what there is has been saved, --resume goes on from there"
+    return ""

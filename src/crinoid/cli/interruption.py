@@ -1,0 +1,88 @@
+"""Ctrl-C, and the signals that end a program as well: they stop it, and it loses nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import stat
+from typing import Any, NoReturn
+
+INTERRUPTED = 130
+"""Exit code."""
+
+
+class Interrupted(BaseException):
+    """A wish to stop that is heard at once; typer would end without a word on KeyboardInterrupt."""
+
+
+_HANG_UP = getattr(signal, "SIGHUP", None)  # Windows has none
+_SIGNALS = [number for number in (signal.SIGINT, signal.SIGTERM, _HANG_UP) if number is not None]
+
+
+def heed() -> None:
+    """Let a request to end the program, and the end of its terminal, do what Ctrl-C does."""
+    for number in _heeded():
+        signal.signal(number, _interrupt)
+
+
+class Interruption:
+    """A wish to stop: heard at once, or, while there is something to save, after that is saved.
+
+    Within ``with``, `stop` is to be asked whether to stop; from the first time on the wish is only
+    kept, until `release`.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._held = False
+
+    def __enter__(self) -> Interruption:
+        self._earlier = {number: signal.getsignal(number) for number in _heeded()}
+        for number in self._earlier:
+            signal.signal(number, self._hear)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._earlier.items():
+            signal.signal(number, handler)
+
+    def stop(self) -> bool:
+        """Tell whether to stop, and hold later wishes: now there is something to save."""
+        self._held = True
+        return self.asked
+
+    def release(self) -> bool:
+        """Tell whether to stop, and no longer hold such a wish: all is saved."""
+        self._held = False
+        return self.asked
+
+    def _hear(self, number: int, frame: Any) -> None:
+        self.asked = True
+        if not self._held:
+            _interrupt(number, frame)
+        elif number == _HANG_UP:
+            _leave_terminal()
+
+
+def _heeded() -> list[signal.Signals]:
+    """Return the signals that are to be heeded: `nohup` and the shell's ``&`` turn some off."""
+    return [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+
+
+def _interrupt(number: int, frame: Any) -> NoReturn:
+    if number == _HANG_UP:
+        _leave_terminal()
+    raise Interrupted
+
+
+def _leave_terminal() -> None:
+    """Write to nowhere instead of to a terminal that is gone, which would raise."""
+    for stream in (1, 2):
+        try:
+            gone = stat.S_ISCHR(os.fstat(stream).st_mode) and not os.isatty(stream)
+        except OSError:
+            continue  # it was closed from the start
+        if gone:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, stream)
+            os.close(nowhere)

@@ -1,0 +1,158 @@
+"""A study: the cases of a scenario one after the other, and a table of them."""
+
+from __future__ import annotations
+
+import csv
+import gc
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+import jax
+from rich.console import Console
+
+from crinoid.cli.attempt import attempt, find_earlier, is_complete, trouble
+from crinoid.cli.folder import CASES, case_names, check_replaced, clear, save, say_where
+from crinoid.cli.interruption import Interrupted, Interruption
+from crinoid.cli.notes import notes_of_cases, say_notes
+from crinoid.cli.progress import progress_bar, reporter
+from crinoid.cli.tables import cases_table
+from crinoid.metrics import deflection, settling_time, tip_error
+from crinoid.replacement import replacing
+from crinoid.result import Result
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.simulation import Progress
+
+_MEASURES = ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time")
+_MOST_FAILURES = 4
+
+
+def run_study(
+    scenario: Scenario,
+    folder: Path,
+    doubted: Collection[str],
+    *,
+    resume: bool,
+    force: bool,
+    console: Console,
+) -> str:
+    """Run the cases of a scenario, save and compare them; return what went wrong, if anything.
+
+    ``doubted`` has been told before. A case that fails or is refused does not keep the others from
+    being run.
+    """
+    cases = scenario.cases()
+    names = case_names(len(cases))
+    wanted = {name: case for name, (_, case) in zip(names, cases, strict=True)}
+    if not force:
+        check_replaced(folder, wanted, resume=resume)
+    rows: list[dict[str, Any]] = []
+    told: dict[str, list[str]] = {}
+    failures: list[str] = []
+    ended = ""
+    with Interruption() as interruption, progress_bar(console) as bar:
+        for number, (values, case) in enumerate(cases, start=1):
+            name = names[number - 1]
+            try:
+                if interruption.release():
+                    raise Interrupted
+                report = reporter(bar, f"{number}/{len(cases)} ")
+                run = _Run(case.model_copy(), folder / name, resume)  # it keeps what it reads
+                result, wrong = run.play(report, interruption.stop)
+            except Interrupted:
+                if not rows:
+                    raise
+                ended = f"interrupted before {name}; --resume goes on from there"
+                break
+            if not run.saved:
+                ended = f"{name}: {wrong}"
+                break
+            rows.append(_row(name, values, result, wrong))
+            told[name] = [note for note in (result.notes if result else []) if note not in doubted]
+            if wrong:
+                failures.append(f"{name}: {wrong}")
+            try:
+                _write_cases(folder / CASES, rows)
+            except OSError as error:
+                text = f"{folder / CASES}: {error.strerror or error}"
+                ended = f"{text}; the cases are saved, --resume goes on and writes their table"
+                break
+            if number == 1:
+                clear(folder, wanted, resume=resume)
+            if result is not None and result.interrupted:
+                ended = f"interrupted in {name}; --resume goes on from there"
+                break
+            if _crowded():
+                jax.clear_caches()
+                gc.collect()
+    if rows:
+        console.print(cases_table(scenario, rows))
+        say_notes(console, notes_of_cases(told))
+        say_where(console, [folder / CASES])
+    return ended or _listed(failures)
+
+
+class _Run:
+    """One case, and whether all of it is in its folder."""
+
+    def __init__(self, case: Scenario, folder: Path, resume: bool) -> None:
+        self.case, self.folder, self.resume = case, folder, resume
+        self.saved = True
+
+    def play(
+        self, report: Callable[[Progress], None], stop: Callable[[], bool]
+    ) -> tuple[Result | None, str]:
+        """Return its result, none if it is refused, and what went wrong."""
+        earlier = find_earlier(self.case, self.folder) if self.resume else None
+        if earlier is not None and (earlier.failure or is_complete(earlier, self.case)):
+            return earlier, trouble(earlier)
+        try:
+            result = attempt(self.case, earlier, self.folder, report, stop)
+        except ScenarioError as error:
+            return None, f"refused: {'; '.join(error.lines)}"
+        _, wrong = save(result, self.folder)
+        self.saved = not wrong
+        return result, wrong or trouble(result)
+
+
+def _row(name: str, values: dict[str, Any], result: Result | None, wrong: str) -> dict[str, Any]:
+    measures: dict[str, Any] = dict.fromkeys(_MEASURES, "")
+    if result is not None:
+        other = result.uncontrolled
+        found = {
+            "deflection": deflection(result),
+            "steady_error": tip_error(result).steady,
+            "rms_error": tip_error(result).rms,
+            "rms_error_uncontrolled": None if other is None else tip_error(other).rms,
+            "settling_time": settling_time(result),
+        }
+        measures |= {name: value for name, value in found.items() if value is not None}
+    return {"case": name, **values, **measures, "status": wrong or "ok", "directory": name}
+
+
+def _write_cases(path: Path, rows: list[dict[str, Any]]) -> None:
+    with (
+        replacing(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _listed(failures: list[str]) -> str:
+    left = len(failures) - _MOST_FAILURES
+    more = [f"{left} more are in {CASES}"] if left > 0 else []
+    return "; ".join([*failures[:_MOST_FAILURES], *more])
+
+
+def _crowded() -> bool:
+    """Tell whether compiled code fills half of the memory maps that Linux gives a process.
+
+    A program takes some; a process that has none left crashes. Other systems do not count them.
+    """
+    try:
+        most = int(Path("/proc/sys/vm/max_map_count").read_text())
+        return 2 * Path("/proc/self/maps").read_bytes().count(b"\n") > most
+    except OSError:
+        return False

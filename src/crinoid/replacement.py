@@ -1,0 +1,70 @@
+"""Files that are replaced only once their successor is complete."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+__all__ = ["remove_unfinished", "replacing"]
+
+_PROBE = 1 << 24
+"""Bytes that are more than is left where a file did not fit."""
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary file to write, which takes the name ``path`` at the end.
+
+    If anything is raised in between, ``path`` stays as it was. A link of that name is replaced and
+    not followed.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written, with the system's reason and the folder.
+    """
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        os.close(handle)
+    except OSError as error:
+        raise _reason(error, path.parent) from error
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())  # else a power cut could leave the name with nothing in it
+        temporary.replace(path)
+    except (OSError, RuntimeError) as error:  # RuntimeError from netCDF
+        raise _reason(error, path.parent) from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove what a program that was killed left of a successor to ``path``."""
+    for temporary in path.parent.glob(f".{path.name}.????????"):
+        temporary.unlink(missing_ok=True)
+
+
+def _reason(error: Exception, folder: Path) -> OSError:
+    """Return why a file could not be written: netCDF itself often cannot tell."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(bytes(_PROBE))
+            probe.flush()
+    except OSError as found:
+        return OSError(found.errno, found.strerror, str(folder))
+    text = error.strerror if isinstance(error, OSError) else None
+    return OSError(errno.EIO, text or " ".join(str(error).split()), str(folder))
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,41 @@
+"""Every key that a scenario takes, as ``--set`` names it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from crinoid.scenario.errors import join
+
+__all__ = ["all_keys"]
+
+Schema = dict[str, Any]
+
+
+def all_keys(schema: Schema) -> dict[str, bool]:
+    """Return the dotted keys of a JSON schema, each with whether it is a table.
+
+    A list of tables stands with its first index: ``flow.0.velocity``.
+    """
+    return dict(_below("", schema, schema["$defs"]))
+
+
+def _below(prefix: str, table: Schema, definitions: Schema) -> Iterator[tuple[str, bool]]:
+    for name, entry in table["properties"].items():
+        key = join(prefix, name)
+        inner = list(_tables(entry))
+        yield key, bool(inner)
+        for index, found in inner:
+            place = join(key, index)
+            yield from _below(place, definitions[found.rpartition("/")[2]], definitions)
+
+
+def _tables(entry: Schema) -> Iterator[tuple[str, str]]:
+    """Yield the definitions of a table or of a list of tables, with the index of the latter."""
+    for member in (entry, *entry.get("anyOf", ()), *entry.get("allOf", ())):
+        if "$ref" in member:
+            yield "", member["$ref"]
+    items = entry.get("items", {})
+    for member in (items, *items.get("oneOf", ())) if isinstance(items, dict) else ():
+        if "$ref" in member:
+            yield "0", member["$ref"]

@@ -1,0 +1,101 @@
+"""Going on from an earlier result, if that is whole and of this program."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from crinoid.result import Result, ResultError
+from crinoid.simulation.loop import LoopState
+
+_SAME = 1e-9
+"""Difference, of the largest number of its kind, that is round-off."""
+
+
+def restored(
+    earlier: Result, start: LoopState, first: xr.Dataset, stride: int
+) -> tuple[LoopState, xr.Dataset]:
+    """Return the state to go on from and what was kept before it.
+
+    Parameters
+    ----------
+    earlier
+        What was saved.
+    start
+        The state at the start, of the same kind.
+    first
+        The first instant as a dataset: what there is to be at each.
+    stride
+        Number of time steps between kept instants.
+
+    Raises
+    ------
+    ResultError
+        If anything is missing, of another kind, or does not go with the rest.
+    """
+    carry, kept = earlier.restore(start), earlier.dataset
+    _check_variables(kept, first)
+    for name, leaf in earlier.checkpoint.items():
+        if leaf.dtype.kind == "f" and np.isnan(leaf).any():
+            raise ResultError(f"its state cannot be gone on from: {name} is not a number")
+    _check_last(kept, carry)
+    _check_steps(kept, carry, stride)
+    if int(carry.tally.steps):  # it stopped between two instants that are kept
+        kept = kept.isel(time=slice(None, -1))
+    return carry, kept
+
+
+def _check_variables(kept: xr.Dataset, first: xr.Dataset) -> None:
+    sizes = dict(first.sizes) | {"time": kept.sizes["time"]}
+    for name, wanted in first.variables.items():
+        found = kept.variables.get(name)
+        if found is None:
+            raise ResultError(f"it has no {name}")
+        shape = tuple(sizes[dim] for dim in wanted.dims)
+        if (found.dims, found.shape) != (wanted.dims, shape):
+            raise ResultError(f"its {name} has the shape {found.shape}, not {shape}")
+        if found.dtype.kind != wanted.dtype.kind and not _texts(found, wanted):
+            raise ResultError(f"its {name} is of {found.dtype}, not {wanted.dtype}")
+    time, wall_time = kept["time"].values, float(kept.attrs["wall_time"])
+    if not np.isfinite(time).all() or (np.diff(time) <= 0).any() or time[0] != 0:
+        raise ResultError("its time does not increase from 0 on")
+    if not math.isfinite(wall_time) or wall_time < 0:
+        raise ResultError(f"its wall_time is {wall_time}")
+
+
+def _texts(*variables: Any) -> bool:
+    return all(variable.dtype.kind in "OUT" for variable in variables)
+
+
+def _check_last(kept: xr.Dataset, carry: LoopState) -> None:
+    """Refuse a state that is not that of the last instant."""
+    state = carry.state
+    saved = {
+        "time": state.time,
+        "velocity": state.velocity[1:],
+        "acceleration": state.acceleration[1:],
+        "base_command": carry.command,
+        "energy": np.concatenate([state.energy, state.work]),
+    }
+    last = {name: kept[name].values[-1] for name in [*saved, "position"]}
+    scales = {name: float(np.abs(value).max(initial=0.0)) for name, value in last.items()}
+    # nodes are kept from the world's origin, and stepped from the base's
+    saved["position"] = np.diff(state.position[1:], axis=0)
+    last["position"] = np.diff(last["position"], axis=0)
+    for name, leaf in saved.items():
+        if not np.allclose(leaf, last[name], rtol=0, atol=_SAME * scales[name]):
+            raise ResultError(f"its state is not that of its last instant: {name} is another")
+
+
+def _check_steps(kept: xr.Dataset, carry: LoopState, stride: int) -> None:
+    """Refuse counts that do not go with each other."""
+    steps, since = int(carry.steps), int(carry.tally.steps)
+    whole, left = divmod(steps, stride)
+    instants = 1 + whole + (since > 0)
+    if steps < 0 or since < left or kept.sizes["time"] != instants:
+        counted = f"{steps} time steps, {since} of them since the last kept instant"
+        text = f"it holds {kept.sizes['time']} instants and a state after {counted}"
+        raise ResultError(f"{text}: they do not go together")

@@ -1,0 +1,415 @@
+"""What the command line saves, where it refuses to, and what becomes of what was there before.
+
+No test here computes a motion: `Player` stands for the simulation.
+"""
+
+import csv
+import errno
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import filelock
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+from typer.testing import Result as Ended
+
+from crinoid.cli.app import app
+from crinoid.cli.folder import claimed
+from crinoid.result import Result, attributes
+from crinoid.scenario import Mistake, Scenario, ScenarioError
+from made_results import Player, made_result
+
+SMALL = """
+title = "small"
+[arm]
+nodes = 5
+[simulation]
+duration = 1.0
+"""
+STUDY = SMALL + '[vary]\n"arm.length" = [0.4, 0.5, 0.6]\n'
+
+
+def call(*arguments: object) -> Ended:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def player(monkeypatch) -> Player:
+    player = Player()
+    monkeypatch.setattr("crinoid.cli.attempt.play", player)
+    return player
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch, player) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "study.toml").write_text(STUDY)
+    return tmp_path
+
+
+def one_line(ended: Ended, code: int) -> str:
+    assert ended.exit_code == code, ended.output
+    assert len(ended.stderr.strip().splitlines()) == 1
+    return ended.stderr
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A device of 200 kB, where we may mount one."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(disk)]
+    try:
+        mounted = subprocess.run(mount, capture_output=True, check=False)
+    except OSError:
+        pytest.skip("there is no mount here")
+    if mounted.returncode:
+        pytest.skip("only root may mount a small disk")
+    yield disk
+    subprocess.run(["umount", "--lazy", str(disk)], check=True)
+
+
+def test_a_full_disk_costs_nothing_that_was_computed(here, small_disk, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(here))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    rest = np.random.default_rng(0).random(60_000)  # does not compress
+
+    def large(scenario: Scenario) -> Result:
+        result = made_result(scenario)
+        result.dataset["rest"] = ("rest", rest)
+        return result
+
+    monkeypatch.setattr("made_results.made_result", large)
+    line = one_line(call("run", "small.toml", "--out", small_disk / "out"), 3)
+    assert "No space left on device" in line
+    (saved,) = here.glob("crinoid-*")
+    assert f"what was computed is saved in {saved} instead" in line
+    np.testing.assert_array_equal(Result.load(saved).dataset["rest"], rest)
+    assert not list(small_disk.rglob("*.nc*"))
+
+
+def no_space(*_: object, **__: object) -> None:
+    raise RuntimeError("NetCDF: HDF error")
+
+
+def test_what_cannot_be_saved_anywhere_is_said_to_be_lost(here, monkeypatch):
+    monkeypatch.setattr("xarray.Dataset.to_netcdf", no_space)
+    line = one_line(call("run", "small.toml", "--out", "out"), 3)
+    assert "out: NetCDF: HDF error; what was computed could be saved nowhere" in line
+    assert not (here / "out").exists()
+
+
+def test_a_failed_replacement_leaves_the_earlier_result(here, monkeypatch):
+    assert call("run", "small.toml", "--out", "out").exit_code == 0
+    before = (here / "out" / "result.nc").read_bytes()
+    with monkeypatch.context() as patched:
+        patched.setattr("xarray.Dataset.to_netcdf", no_space)
+        assert call("run", "small.toml", "--out", "out").exit_code == 3
+    assert (here / "out" / "result.nc").read_bytes() == before
+    assert names(here / "out") == ["result.nc"]
+
+
+def test_a_study_on_a_full_disk_ends_with_the_cases_that_are_saved(here, player, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(here))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    save = Result.save
+
+    def full(result: Result, folder: Path) -> list[Path]:
+        if folder.name == "case-02":
+            raise OSError(errno.ENOSPC, "No space left on device", str(folder))
+        return save(result, folder)
+
+    monkeypatch.setattr(Result, "save", full)
+    line = one_line(call("run", "study.toml", "--out", "out"), 3)
+    assert "case-02: out/case-02: No space left on device; what was computed is saved in" in line
+    assert len(player.played) == 2
+    with (here / "out" / "cases.csv").open() as file:
+        assert [row["case"] for row in csv.DictReader(file)] == ["case-01"]
+
+
+def test_a_folder_in_use_is_refused_until_it_is_let_go(here):
+    (here / "out").mkdir()
+    held = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import filelock, sys, time\n"
+            "lock = filelock.FileLock('out/.crinoid.lock'); lock.acquire()\n"
+            "print('held', flush=True); time.sleep(60)",
+        ],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert held.stdout is not None
+        assert held.stdout.readline() == "held\n"
+        line = one_line(call("run", "small.toml", "--out", "out"), 2)
+        assert "another command is writing to out" in line
+        assert not (here / "out" / "result.nc").exists()
+    finally:
+        held.kill()  # the system lets go of the lock of what is killed
+        held.wait()
+    assert call("run", "small.toml", "--out", "out").exit_code == 0
+    assert names(here / "out") == ["result.nc"]
+
+
+@pytest.mark.parametrize(
+    ("raised", "goes_on"),
+    [
+        (NotImplementedError(), True),
+        (OSError(errno.ENOTSUP, "not supported"), True),
+        (OSError(errno.EROFS, "Read-only file system"), False),
+    ],
+)
+def test_file_systems_without_locks_and_without_writing(here, monkeypatch, raised, goes_on):
+    def acquire(*_: object, **__: object) -> None:
+        raise raised
+
+    monkeypatch.setattr(filelock.FileLock, "acquire", acquire)
+    ended = call("run", "small.toml", "--out", "out")
+    if goes_on:
+        assert ended.exit_code == 0, ended.output
+        assert names(here / "out") == ["result.nc"]
+    else:
+        assert one_line(ended, 2) == "crinoid: out: Read-only file system\n"
+        assert not (here / "out").exists()
+
+
+def test_what_a_killed_program_left_unfinished_goes(here):
+    (here / "out").mkdir()
+    (here / "out" / ".result.nc.abcd1234").write_text("half a result")
+    (here / "out" / ".result.nc.mine").write_text("no name that crinoid gives")
+    assert call("run", "small.toml", "--out", "out").exit_code == 0
+    assert names(here / "out") == [".result.nc.mine", "result.nc"]
+
+
+def test_a_finished_result_of_another_scenario_is_not_replaced(here, player):
+    assert call("run", "small.toml", "--out", "out").exit_code == 0
+    assert call("run", "small.toml", "--out", "out").exit_code == 0
+    other = ("run", "small.toml", "--set", "arm.length=0.7", "--out", "out")
+    line = one_line(call(*other), 2)
+    assert "out/result.nc is a finished result of another scenario" in line
+    assert "--force" in line
+    assert Result.load(here / "out").scenario.arm.length == 0.5
+    assert len(player.played) == 2
+    assert call(*other, "--force").exit_code == 0
+    assert Result.load(here / "out").scenario.arm.length == 0.7
+    # an interrupted one of another scenario is no loss, one of the same is worth a word
+    interrupted = made_result(Scenario.from_toml(SMALL), 0.5, "interrupted at t = 0.5 s")
+    interrupted.save(here / "out")
+    assert "--resume would go on with it" in call("run", "small.toml", "--out", "out").stdout
+    interrupted.save(here / "out")
+    assert call(*other).exit_code == 0
+
+
+def test_a_run_leaves_nothing_of_another_and_all_of_the_users(here):
+    out = here / "out"
+    mine = made_result(Scenario.from_toml(SMALL))
+    mine.uncontrolled = made_result(Scenario.from_toml(SMALL))
+    mine.save(out)
+    assert call("report", out).exit_code == 0
+    assert attributes(out / "uncontrolled.nc")
+    (out / "notes.md").write_text("mine")
+    (out / "photo.png").write_bytes(b"\x89PNG of the users")
+    (out / "tip_error.png").unlink()
+    (out / "tip_error.png").write_bytes(b"\x89PNG of the users as well")
+    assert call("run", "small.toml", "--out", out).exit_code == 0
+    assert names(out) == ["notes.md", "photo.png", "result.nc", "tip_error.png"]
+
+
+def test_a_smaller_study_a_run_and_a_study_replace_each_other_wholly(here):
+    out = here / "out"
+    assert call("run", "study.toml", "--out", out).exit_code == 0
+    (out / "case-03" / "mine.txt").write_text("mine")
+    smaller = ("run", "study.toml", "--set", "vary={'arm.length'=[0.4]}", "--out", out)
+    assert "case-02" in one_line(call(*smaller), 2)
+    assert call(*smaller, "--force").exit_code == 0
+    assert names(out) == ["case-01", "case-03", "cases.csv"]
+    assert names(out / "case-03") == ["mine.txt"]
+    run = ("run", "small.toml", "--out", out)
+    assert "case-01" in one_line(call(*run), 2)
+    assert call(*run, "--force").exit_code == 0
+    assert names(out) == ["case-03", "result.nc"]
+    assert "result.nc" in one_line(call("run", "study.toml", "--out", out), 2)
+    assert call("run", "study.toml", "--out", out, "--force").exit_code == 0
+    assert names(out) == ["case-01", "case-02", "case-03", "cases.csv"]
+
+
+def test_links_are_replaced_and_not_followed(here):
+    out, precious = here / "out", here / "precious"
+    out.mkdir()
+    for name in ("cases.csv", "result.nc", "shape.png"):
+        (precious.with_name(name)).write_text("precious")
+        (out / name).symlink_to(here / name)
+    assert call("run", "study.toml", "--out", out).exit_code == 0
+    assert call("report", out / "case-01", "--out", out).exit_code == 0
+    for name in ("cases.csv", "result.nc", "shape.png"):
+        assert (here / name).read_text() == "precious"
+    assert not (out / "cases.csv").is_symlink()
+    assert not (out / "shape.png").is_symlink()
+
+
+def test_a_case_that_is_refused_is_named_and_the_others_are_run(here, player):
+    def refuse(number: int) -> None:
+        if number == 2:
+            raise ScenarioError([Mistake("control.pid.tilt", "does nothing")])
+
+    player.between = refuse
+    line = one_line(call("run", "study.toml", "--out", "out"), 3)
+    assert line == "crinoid: case-02: refused: control.pid.tilt: does nothing\n"
+    with (here / "out" / "cases.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == [
+        "ok",
+        "refused: control.pid.tilt: does nothing",
+        "ok",
+    ]
+    assert rows[1]["rms_error"] == ""
+    assert float(rows[2]["rms_error"]) > 0
+    assert call("report", "out").exit_code == 0
+    # in a run by itself it is a mistake, and no folder is left behind
+    player.between = lambda number: refuse(2)
+    assert "control.pid.tilt" in one_line(call("run", "small.toml", "--out", "alone/deep"), 2)
+    assert not (here / "alone").exists()
+
+
+def test_completed_cases_are_not_run_again(here, player):
+    def stop(number: int) -> None:
+        if number == 2:
+            signal.raise_signal(signal.SIGTERM)
+
+    player.between = stop
+    line = one_line(call("run", "study.toml", "--out", "out"), 130)
+    assert line == "crinoid: interrupted in case-02; --resume goes on from there\n"
+    assert len(player.played) == 2
+    ended = call("run", "study.toml", "--out", "out", "--resume")
+    assert ended.exit_code == 0, ended.output
+    assert [each.arm.length for each in player.played[2:]] == [0.5, 0.6]
+    with (here / "out" / "cases.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == ["ok"] * 3
+    errors = [float(row["rms_error"]) for row in rows]
+    assert errors == pytest.approx([errors[0]] * 3)
+    # and a run that is complete is only shown
+    assert call("run", "small.toml", "--out", "one").exit_code == 0
+    count = len(player.played)
+    again = call("run", "small.toml", "--out", "one", "--resume")
+    assert again.exit_code == 0
+    assert "is complete" in again.stdout
+    assert len(player.played) == count
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_signals_stop_a_run_that_is_saved_however_often_they_come(here, player, name):
+    number = getattr(signal, name)
+    earlier = signal.getsignal(number)
+    player.between = lambda _: [signal.raise_signal(number) for _ in range(3)]
+    line = one_line(call("run", "small.toml", "--out", "out"), 130)
+    assert line.startswith("crinoid: interrupted at t = 0.5 s; what there is has been saved")
+    assert Result.load(here / "out").status == "interrupted at t = 0.5 s"
+    assert signal.getsignal(number) == earlier
+
+
+def test_a_signal_while_saving_lets_the_result_be_saved(here, monkeypatch):
+    save = Result.save
+
+    def interrupted(result: Result, folder: Path) -> list[Path]:
+        signal.raise_signal(signal.SIGINT)
+        return save(result, folder)
+
+    monkeypatch.setattr(Result, "save", interrupted)
+    ended = call("run", "small.toml", "--out", "out")
+    assert ended.exit_code == 0, ended.output
+    assert Result.load(here / "out").status == "ok"
+    # of a study the cases that are left wait
+    line = one_line(call("run", "study.toml", "--out", "cases"), 130)
+    assert "interrupted before case-02; --resume goes on from there" in line
+
+
+def test_a_signal_before_there_is_anything_to_save_stops_at_once(here, monkeypatch):
+    def set_up(*_: object, **__: object) -> None:
+        signal.raise_signal(signal.SIGHUP)
+        raise AssertionError("not stopped")
+
+    monkeypatch.setattr("crinoid.cli.attempt.play", set_up)
+    for file in ("small.toml", "study.toml"):
+        line = one_line(call("run", file, "--out", "out"), 130)
+        assert line == "crinoid: interrupted before there was anything to save\n"
+        assert not (here / "out").exists()
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_while_the_program_is_loaded_is_one_line(here, name, delay):
+    # as soon as the program has begun: before that the interpreter itself speaks
+    code = (
+        "import signal, sys, threading, os, time\n"
+        "import crinoid.cli\n"
+        "def send():\n"
+        f"    time.sleep({delay})\n"
+        f"    os.kill(os.getpid(), signal.{name})\n"
+        "heed = crinoid.cli.heed\n"
+        "def heeded():\n"
+        "    heed()\n"
+        "    threading.Thread(target=send).start()\n"
+        "crinoid.cli.heed = heeded\n"
+        "sys.argv = ['crinoid', 'run', 'small.toml', '--out', 'out']\n"
+        "crinoid.cli.main()\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120
+    )
+    assert ended.returncode == 130
+    assert ended.stderr == "crinoid: interrupted before there was anything to save\n"
+    assert not (here / "out").exists()
+
+
+def test_signals_that_are_turned_off_stay_off(here, player):
+    earlier = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        player.between = lambda _: signal.raise_signal(signal.SIGHUP)
+        ended = call("run", "small.toml", "--out", "out")
+    finally:
+        signal.signal(signal.SIGHUP, earlier)
+    assert ended.exit_code == 0, ended.output
+
+
+def test_a_folder_that_vanishes_is_made_again(here, player):
+    import shutil
+
+    player.between = lambda _: shutil.rmtree(here / "out")
+    assert call("run", "small.toml", "--out", "out").exit_code == 0
+    assert Result.load(here / "out").status == "ok"
+
+
+def test_a_result_keeps_the_pair_of_runs_together(here):
+    pair = made_result(Scenario.from_toml(SMALL))
+    pair.uncontrolled = made_result(Scenario.from_toml(SMALL))
+    pair.save(here / "out")
+    before = {path.name: path.read_bytes() for path in (here / "out").iterdir()}
+    pair.dataset.attrs["title"] = "new"
+    broken = xr.Dataset({"x": ("time", np.array([object()]))})  # netCDF takes none
+    pair.uncontrolled.dataset = broken
+    with pytest.raises((TypeError, ValueError, OSError), match=r"object|dtype"):
+        pair.save(here / "out")
+    assert {path.name: path.read_bytes() for path in (here / "out").iterdir()} == before
+
+
+def test_a_claimed_folder_that_is_left_empty_goes(tmp_path):
+    with claimed(tmp_path / "a" / "b"):
+        assert os.listdir(tmp_path / "a" / "b") == [".crinoid.lock"]
+    assert not (tmp_path / "a").exists()
+    (tmp_path / "a").mkdir()
+    with claimed(tmp_path / "a"):
+        pass
+    assert (tmp_path / "a").is_dir()
