@@ -38,9 +38,14 @@ _REQUIRED = {
     "residual": ("time",),
 }
 """Numbers without which a file is no result; there are more."""
-_LABELS = ("axis", "channel", "kind")
-_OVER_TIME = ("base_moment", "tip_angle")
-"""Numbers that have other dimensions as well, by the dimension of the arm."""
+_OVER = {
+    "axis": "axis",
+    "channel": "channel",
+    "kind": "kind",
+    "base_moment": "time",
+    "tip_angle": "time",
+}
+"""Labels, and numbers that may have other dimensions as well, by a dimension of theirs."""
 
 Tree = TypeVar("Tree")
 
@@ -210,9 +215,9 @@ def _read(path: Path) -> Result:
         if dataset[name].dims != dims or dataset[name].dtype.kind not in "fi":
             text = f"not a result of crinoid, its {name} is no array of numbers over "
             raise ResultError(f"{path}: {text}{', '.join(dims)}")
-    for name in (*_LABELS, *_OVER_TIME):
-        if name not in dataset.variables or (name in _OVER_TIME) > ("time" in dataset[name].dims):
-            raise ResultError(f"{path}: not a result of crinoid, it has no {name}")
+    for name, dim in _OVER.items():
+        if name not in dataset.variables or dim not in dataset[name].dims:
+            raise ResultError(f"{path}: not a result of crinoid, it has no {name} over {dim}")
     if not dataset.sizes["time"]:
         raise ResultError(f"{path}: not a result of crinoid, it holds no instant")
     for name, kind in {"status": str, "scenario": str, "wall_time": float}.items():
