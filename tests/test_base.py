@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from crinoid.base import Base, Prescribed, Servo, ServoState, SineMotion, TableMotion
 from crinoid.space import CHANNELS
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 from physics import order
 
 NATURAL = 2 * np.pi / np.sqrt(np.sqrt(2.0) - 1.0)
@@ -230,14 +230,14 @@ TABLE = CubicSpline(KNOTS, [0.0, 0.3, -0.1, 0.2, 0.4])
 @pytest.mark.parametrize("time", [0.0, 0.3, 0.7, 1.9, 3.0, 3.1])
 def test_a_table_is_its_spline(time):
     # at the first knot the motion begins with the slope that it goes on with
-    motion = TableMotion(1, PiecewiseCubic(TABLE))
+    motion = TableMotion(1, PiecewisePolynomial(TABLE))
     for derivative, value in enumerate(derivatives(motion, jnp.asarray(time))):
         assert value == pytest.approx(float(TABLE(time, derivative)), abs=1e-11)
 
 
 @pytest.mark.parametrize(("time", "end"), [(-0.5, 0.0), (3.2, 0.4)])
 def test_a_table_is_held_outside_its_times(time, end):
-    motion = TableMotion(1, PiecewiseCubic(TABLE))
+    motion = TableMotion(1, PiecewisePolynomial(TABLE))
     value, rate, second = derivatives(motion, jnp.asarray(time))
     assert value == pytest.approx(end, abs=1e-14)
     assert rate == 0.0
@@ -291,7 +291,7 @@ def test_prescribed_velocity_and_acceleration_are_those_of_the_position():
     moving = base(
         sine(0, 0.3, 0.5, 0.2),
         sine(2, 0.9, 0.8, 1.0),
-        TableMotion(CHANNELS[2].index("heave"), PiecewiseCubic(TABLE)),
+        TableMotion(CHANNELS[2].index("heave"), PiecewisePolynomial(TABLE)),
         sine(2, 0.2, 1.7, 0.0),  # two motions of one channel add up
     )
     # a servo under way rides along: x = p + v t + a t^2 / 2 about t = 1.1
@@ -360,7 +360,7 @@ def test_a_spline_finds_its_pieces_whether_its_knots_are_even_or_not():
     knots = np.insert(even.x, 3, 0.3)
     taylor = np.stack([even(knots[:-1], order) for order in (3, 2, 1, 0)])
     uneven = PPoly(taylor / np.array([6, 2, 1, 1])[:, None], knots)
-    both = [PiecewiseCubic(spline) for spline in (even, uneven)]
+    both = [PiecewisePolynomial(spline) for spline in (even, uneven)]
     assert [spline.even for spline in both] == [True, False]
     times = jnp.asarray(np.concatenate([np.linspace(-2.0, 4.0, 101), knots]))
     one, other = (jax.vmap(spline)(times) for spline in both)

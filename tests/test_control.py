@@ -13,7 +13,7 @@ from crinoid.control import Clock, Idle, Pid, Sensor, Target
 from crinoid.control.pid import PidMemory
 from crinoid.control.sensor import SensorState
 from crinoid.control.target import pose_error
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 
 # --- clock -------------------------------------------------------------------------------------
 
@@ -183,7 +183,7 @@ POINTS = np.array([[0.1, 0.5], [0.2, 0.5], [0.2, -0.3], [0.4, 0.1]])
 
 def path() -> Target:
     """A target of fixed z whose x and angle follow points."""
-    through = PiecewiseCubic(PchipInterpolator(TIMES, POINTS))
+    through = PiecewisePolynomial(PchipInterpolator(TIMES, POINTS))
     return Target(jnp.asarray([9.0, -0.7, 9.0]), through, (0, 2))
 
 
@@ -236,7 +236,7 @@ def test_a_piecewise_cubic_is_what_it_was_built_from(kind):
     times = np.array([0.0, 0.3, 1.1, 1.2, 2.5])
     values = np.array([[0.0, 1.0], [2.0, -1.0], [0.5, 0.0], [0.7, 3.0], [0.6, 2.0]])
     source = kind(times, values)
-    spline = PiecewiseCubic(source)
+    spline = PiecewisePolynomial(source)
     sampled = np.linspace(0.0, 2.5, 51)
     at = jnp.asarray(sampled)
     assert np.asarray(jax.vmap(spline)(at)) == pytest.approx(source(sampled), abs=1e-13)

@@ -20,7 +20,7 @@ from crinoid.elements import ENERGIES, WORKS, DistributedLoad, Element, TipLoad
 from crinoid.flow import Flow, PowerShear, Sine, Uniform
 from crinoid.onset import Onset
 from crinoid.rod import Rod
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 from physics import always, arm, order
 
 CANTILEVER = np.array([1.8751041, 4.6940911, 7.8547574])
@@ -110,7 +110,7 @@ def polynomial(channel: int, speed: float = 0.0, acceleration: float = 0.0) -> T
     knots = np.arange(-1.0, 4.0)
     # a cubic spline through points of a parabola is the parabola
     table = CubicSpline(knots, speed * knots + 0.5 * acceleration * knots**2)
-    return TableMotion(channel, PiecewiseCubic(table))
+    return TableMotion(channel, PiecewisePolynomial(table))
 
 
 def bare(*, tip_force: ArrayLike = (0.0, 0.0), **properties: object) -> System:

@@ -22,7 +22,7 @@ from crinoid.flow import (
     Waves,
 )
 from crinoid.onset import Onset
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 
 
 def vector(dimension, along, up):
@@ -37,7 +37,7 @@ def record(mean):
     """Return a record that wanders about a mean, some columns of it otherwise than others."""
     time = np.linspace(-20.0, 20.0, 81)
     wandering = 0.3 * np.sin(time[:, None] * (0.8 + 0.1 * np.arange(mean.size)))
-    return PiecewiseCubic(CubicSpline(time, mean * (1 + wandering)))
+    return PiecewisePolynomial(CubicSpline(time, mean * (1 + wandering)))
 
 
 def flows(dimension):

@@ -19,7 +19,7 @@ from crinoid.flow import Sine, Uniform
 from crinoid.frames import tangents
 from crinoid.onset import Onset
 from crinoid.space import CHANNELS
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 from physics import always, arm, facing, order
 
 NODES = 9
@@ -131,7 +131,7 @@ def spatial(
         time, path = (paths or {}).get(name, ((0.0, 1.0, 2.0, 3.0), np.zeros(4)))
         knots = np.linspace(time[0], time[-1], 41)  # as many for all: they are compiled once
         table = CubicSpline(knots, CubicSpline(time, path)(knots))
-        motions.append(TableMotion(i, PiecewiseCubic(table)))
+        motions.append(TableMotion(i, PiecewisePolynomial(table)))
     ramp = Onset.of(0.0, onset)
     settings = {"axes": 3, "nodes": NODES, "EA": 1e3, "GJ": 0.8, "water_density": 1000.0}
     return arm(

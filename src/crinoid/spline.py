@@ -1,4 +1,4 @@
-"""Piecewise cubic functions of time, as arrays that compiled code can evaluate and derive."""
+"""Piecewise polynomials of time, as arrays that compiled code can evaluate and derive."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ _EVEN = 1e-9
 """Part of a spacing by which even knots may be off: round-off."""
 
 
-class PiecewiseCubic(eqx.Module):
+class PiecewisePolynomial(eqx.Module):
     """A function of time with values of shape ``(c,)``; held constant outside its knots.
 
-    Built from any SciPy piecewise cubic (`CubicSpline`, `PchipInterpolator`, ...), so how the
+    Built from any SciPy piecewise polynomial (`CubicSpline`, `shape_preserving`, ...), so how the
     points are joined is the caller's choice.
     """
 
     knots: Float[Array, " k"]
-    coefficients: Float[Array, "4 k-1 c"]
+    coefficients: Float[Array, "order k-1 c"]
+    """Highest power first."""
     even: bool = eqx.field(static=True)
     """Whether the knots lie evenly, so that a piece is found without a search."""
 
@@ -61,12 +62,75 @@ class PiecewiseCubic(eqx.Module):
         else:
             found = jnp.searchsorted(self.knots, time, side="right").astype(jnp.int32) - 1
         piece = jnp.clip(found, 0, self._last)
+        order = self.coefficients.shape[0]
         start = [jnp.asarray(index, jnp.int32) for index in (0, piece, first)]
-        polynomials = jax.lax.dynamic_slice(self.coefficients, start, (4, 1, count))
-        cubic, square, linear, constant = polynomials[:, 0]
+        polynomials = jax.lax.dynamic_slice(self.coefficients, start, (order, 1, count))
+        value, *rest = polynomials[:, 0]
         since = time - self.knots[piece]
-        return ((cubic * since + square) * since + linear) * since + constant
+        for coefficient in rest:
+            value = value * since + coefficient
+        return value
 
     @property
     def _last(self) -> int:
         return self.knots.shape[0] - 2
+
+
+def shape_preserving(
+    times: Float[np.ndarray, " k"], values: Float[np.ndarray, "k *c"]
+) -> PPoly:
+    """Join points in time by quintics that rise and fall as the points do, and no farther.
+
+    The curve never swings past its points, and its second derivative is continuous. The slopes at
+    the points are those of F. N. Fritsch and J. Butland (SIAM J. Sci. Stat. Comput. 5 (1984)
+    300-304), the second derivatives a mean of what cubics with these slopes have on either side.
+    Where a quintic's coefficients in Bernstein's basis would not rise or fall all the way, which is
+    enough for the curve to do so, slopes and second derivatives are made smaller at its ends.
+    """
+    from scipy.interpolate import BPoly, PchipInterpolator, PPoly  # slow to load
+
+    times, values = np.asarray(times, float), np.asarray(values, float)
+    step = np.diff(times).reshape(-1, *[1] * (values.ndim - 1))
+    rise = np.diff(values, axis=0)
+    slope = np.asarray(PchipInterpolator(times, values)(times, 1))
+    first, last = slope[:-1], slope[1:]
+    bend = np.zeros_like(values)
+    weight = np.zeros((times.size, *step.shape[1:]))
+    for ends, cubic in (
+        (slice(None, -1), (6 * rise / step - 4 * first - 2 * last) / step),
+        (slice(1, None), (4 * last + 2 * first - 6 * rise / step) / step),
+    ):
+        bend[ends] += cubic / step
+        weight[ends] += 1 / step
+    bend /= weight
+    # the coefficients are y0, y0 + h s0/5, y0 + 2 h s0/5 + h^2 k0/20, and so on from the other end;
+    # the second step from either end limits each second derivative by itself ...
+    for ends, sign in ((slice(None, -1), 1.0), (slice(1, None), -1.0)):
+        falls = sign * rise <= 0
+        flat = rise == 0
+        limit = -sign * 4 * slope[ends] / step
+        limited = np.where(falls, np.minimum(bend[ends], limit), np.maximum(bend[ends], limit))
+        bend[ends] = np.where(flat, 0.0, limited)
+    # ... and the one in the middle has what the others leave of the rise
+    taken = [
+        np.abs(2 * step * slope[ends] / 5 + sign * step**2 * bend[ends] / 20)
+        for ends, sign in ((slice(None, -1), 1.0), (slice(1, None), -1.0))
+    ]
+    total = taken[0] + taken[1]
+    share = np.where(total > np.abs(rise), np.abs(rise) / np.where(total > 0, total, 1.0), 1.0)
+    least = np.ones_like(values)
+    least[:-1] = share
+    least[1:] = np.minimum(least[1:], share)
+    curve = BPoly.from_derivatives(times, np.stack([values, least * slope, least * bend], axis=1))
+    return PPoly.from_bernstein_basis(curve)
+
+
+def between(interpolant: PPoly, first: float, last: float) -> PPoly:
+    """Return the pieces from one time to another (s): of a long record a run needs few."""
+    from scipy.interpolate import PPoly
+
+    knots = interpolant.x
+    start = max(int(np.searchsorted(knots, first, side="right")) - 1, 0)
+    stop = min(int(np.searchsorted(knots, last, side="left")), knots.size - 1)
+    stop = max(stop, start + 1)
+    return PPoly(interpolant.c[:, start:stop], knots[start : stop + 1])

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 
 Time = Float[Array, ""]
 
@@ -47,7 +47,7 @@ class TableMotion(BaseMotion):
     """A table of displacements, joined by a cubic spline."""
 
     channel: int = eqx.field(static=True)
-    table: PiecewiseCubic
+    table: PiecewisePolynomial
 
     def displacement(self, time: Time) -> Float[Array, ""]:
         return self.table(time)[0]

@@ -5,14 +5,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.space import POSE
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 
 
 class Target(eqx.Module):
     """The wanted pose of the tip (`crinoid.space.POSE`): fixed parts and parts on a path."""
 
     fixed: Float[Array, " pose"]
-    path: PiecewiseCubic | None
+    path: PiecewisePolynomial | None
     """Values of the coordinates in ``moving`` over time; held before and after."""
     moving: tuple[int, ...] = eqx.field(static=True)
 

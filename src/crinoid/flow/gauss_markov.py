@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from crinoid.flow.flow import Everywhere, Point, Time
 from crinoid.onset import Onset
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 
 POINTS_PER_CORRELATION_TIME = 20
 """How finely the process is drawn: the spline through the points keeps 99.6 % of its variance."""
@@ -24,7 +24,7 @@ class GaussMarkov(Everywhere):
     """
 
     onset: Onset
-    record: PiecewiseCubic
+    record: PiecewisePolynomial
 
     @staticmethod
     def of(
@@ -57,7 +57,7 @@ class GaussMarkov(Everywhere):
         drawn[0] = normal[0]
         wandering = np.array(list(accumulate(drawn, lambda value, new: kept * value + new)))
         velocity = mean + standard_deviation * wandering
-        return GaussMarkov(onset, PiecewiseCubic(CubicSpline(step * points, velocity)))
+        return GaussMarkov(onset, PiecewisePolynomial(CubicSpline(step * points, velocity)))
 
     def at(self, time: Time) -> Point:
         return self.record(time)

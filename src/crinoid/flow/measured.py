@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Flow, Point, Time
 from crinoid.onset import Onset
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 
 
 class MeasuredPoint(Flow):
@@ -17,7 +17,7 @@ class MeasuredPoint(Flow):
     """
 
     onset: Onset
-    record: PiecewiseCubic
+    record: PiecewisePolynomial
     """Velocity (m/s) over the time of the run (s)."""
     place: Float[Array, " b"]
     """Where the record is met at its own time (m)."""
@@ -36,7 +36,7 @@ class MeasuredProfile(Flow):
     """
 
     onset: Onset
-    record: PiecewiseCubic
+    record: PiecewisePolynomial
     """Over the time of the run (s); of each level in turn velocity (m/s) and its slope in z (1/s).
 
     The slopes of the first and the last level are zero.

@@ -35,7 +35,7 @@ from crinoid.scenario.build_obstacle import body_numbers, build_obstacles, conta
 from crinoid.scenario.load import TipLoad as TipTable
 from crinoid.scenario.numbers import Numbers, array
 from crinoid.space import CHANNELS
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 
 if TYPE_CHECKING:
     from crinoid.scenario.arm import Arm
@@ -195,4 +195,4 @@ def _motion(
         )
     from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
 
-    return TableMotion(channel, PiecewiseCubic(CubicSpline(motion.time, motion.value_si)))
+    return TableMotion(channel, PiecewisePolynomial(CubicSpline(motion.time, motion.value_si)))

@@ -11,11 +11,9 @@ from jaxtyping import Float
 from crinoid.flow import MeasuredPoint, MeasuredProfile
 from crinoid.onset import Onset
 from crinoid.scenario.recording import Recording, Stage
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial, between
 
 if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
-
     from crinoid.scenario.scenario import Scenario
 
 
@@ -28,9 +26,9 @@ def measured(
     stage = Stage.of(scenario)
     delay = stage.reach * float(np.linalg.norm(recording.slowness))
 
-    def played(values: Float[np.ndarray, "time column"]) -> PiecewiseCubic:
+    def played(values: Float[np.ndarray, "time column"]) -> PiecewisePolynomial:
         spline = CubicSpline(recording.run_time, values)
-        return PiecewiseCubic(_between(spline, -delay, stage.duration + delay))
+        return PiecewisePolynomial(between(spline, -delay, stage.duration + delay))
 
     if recording.levels is None:
         return MeasuredPoint(
@@ -45,14 +43,3 @@ def measured(
     slopes[:, [0, -1]] = 0.0
     columns = np.stack([values, slopes], axis=2).reshape(len(values), -1)
     return MeasuredProfile(onset, played(columns), jnp.asarray(recording.levels))
-
-
-def _between(spline: PPoly, first: float, last: float) -> PPoly:
-    """Return the pieces of a spline that a run needs: of a long record these are few."""
-    from scipy.interpolate import PPoly
-
-    knots = spline.x
-    start = max(int(np.searchsorted(knots, first, side="right")) - 1, 0)
-    stop = min(int(np.searchsorted(knots, last, side="left")), knots.size - 1)
-    stop = max(stop, start + 1)
-    return PPoly(spline.c[:, start:stop], knots[start : stop + 1])

@@ -24,7 +24,7 @@ from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario import Target as TargetTable
 from crinoid.simulation.loop import Loop
 from crinoid.space import CHANNELS, POSE
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 
 _UNUSED = 1e-6
 """Answer of a channel to an error, over that of the channel that answers most: none at all."""
@@ -147,7 +147,7 @@ def _target(scenario: Scenario, tip: np.ndarray) -> Target:
         from scipy.interpolate import PchipInterpolator  # slow to load, and often not needed
 
         # monotone between the points: the target does not swing out past them
-        path = PiecewiseCubic(PchipInterpolator(target.time, np.concatenate(paths, axis=1)))
+        path = PiecewisePolynomial(PchipInterpolator(target.time, np.concatenate(paths, axis=1)))
     return Target(jnp.asarray(fixed), path, moving)
 
 
