@@ -9,9 +9,18 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PPoly
 
-from crinoid.base import Base, Prescribed, Servo, ServoState, SineMotion, TableMotion
+from crinoid.base import (
+    Base,
+    Prescribed,
+    Servo,
+    ServoState,
+    SineMotion,
+    TableMotion,
+    VelocityMotion,
+)
+from crinoid.onset import Onset
 from crinoid.space import CHANNELS
-from crinoid.spline import PiecewisePolynomial
+from crinoid.spline import PiecewisePolynomial, shape_preserving
 from physics import order
 
 NATURAL = 2 * np.pi / np.sqrt(np.sqrt(2.0) - 1.0)
@@ -242,6 +251,63 @@ def test_a_table_is_held_outside_its_times(time, end):
     assert value == pytest.approx(end, abs=1e-14)
     assert rate == 0.0
     assert second == 0.0
+
+
+def test_a_velocity_comes_on_along_half_a_cosine_and_stays():
+    start, ramp, velocity = 0.5, 2.0, -0.3
+    motion = VelocityMotion(0, Onset.of(start, ramp), jnp.asarray(velocity))
+    for time, share, rate in (
+        (0.0, 0.0, 0.0),
+        (0.5, 0.0, 0.0),
+        (1.5, 0.5, np.pi / 4),
+        (2.5, 1.0, 0.0),
+        (7.0, 1.0, 0.0),
+    ):
+        value, speed, second = derivatives(motion, jnp.asarray(time))
+        since = np.clip(time - start, 0.0, ramp)
+        exact = 0.5 * (since - ramp / np.pi * np.sin(np.pi * since / ramp))
+        exact += max(time - start - ramp, 0.0)
+        assert value == pytest.approx(velocity * exact, abs=1e-14)
+        assert speed == pytest.approx(velocity * share, abs=1e-14)
+        assert second == pytest.approx(velocity * rate, abs=1e-14)
+
+
+# --- points that are joined by a curve of their shape -------------------------------------------
+
+
+def test_a_table_does_not_swing_past_its_points():
+    # a cubic spline through these goes up to 12.2 and drives back
+    times, values = np.array([0.0, 1.0, 2.0, 3.0, 20.0]), np.array([0.0, 0.0, 0.25, 0.75, 9.25])
+    assert CubicSpline(times, values)(np.linspace(0, 20, 500)).max() > 12
+    curve = shape_preserving(times, values)
+    assert curve(times) == pytest.approx(values, abs=1e-13)
+    assert np.diff(curve(np.linspace(0.0, 20.0, 5000))).min() >= -1e-14
+
+
+def test_any_points_are_joined_monotonically_and_with_continuous_acceleration():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        times = np.cumsum(rng.uniform(0.05, 2.0, rng.integers(2, 9)))
+        values = rng.normal(size=(times.size, 2)).round(rng.integers(0, 3))
+        curve = shape_preserving(times, values)
+        pieces = [curve(np.linspace(*ends, 40)) for ends in zip(times, times[1:], strict=False)]
+        for piece, rise in zip(pieces, np.diff(values, axis=0), strict=True):
+            step = np.diff(piece, axis=0)
+            assert (step * np.sign(rise)).min() >= -1e-13
+            assert np.abs(step[:, rise == 0]).max(initial=0.0) < 1e-13
+        for derivative in range(3):
+            before, after = (curve(times[1:-1] + side, derivative) for side in (-1e-11, 1e-11))
+            scale = np.abs(curve(times, derivative)).max()
+            assert before == pytest.approx(after, abs=1e-5 * scale + 1e-6)
+
+
+def test_joining_points_of_a_monotone_curve_is_of_third_order():
+    at = np.linspace(0.0, 2.0, 500)
+    errors = []
+    for count in (11, 21, 41):
+        times = np.linspace(0.0, 2.0, count)
+        errors.append(np.abs(shape_preserving(times, np.exp(times))(at) - np.exp(at)).max())
+    assert order(errors) == pytest.approx(3.0, abs=0.3)
 
 
 # --- the base ----------------------------------------------------------------------------------

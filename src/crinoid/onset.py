@@ -39,3 +39,17 @@ class Onset(eqx.Module):
         progress = jnp.clip(since / jnp.where(ramped, self.ramp_time, 1.0), 0.0, 1.0)
         factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), since >= -_SLACK)
         return jnp.where(time < self.stop - _SLACK, factor, 0.0)
+
+    def elapsed(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
+        """Return the integral of the factor up to ``time`` (s): how far a clock gets that it runs.
+
+        Its first two derivatives are continuous where there is a ramp and no stop.
+        """
+        since = jnp.minimum(time, self.stop) - self.start
+        # not `clip`, which has half the slope at its ends
+        passed = jnp.where(
+            since >= self.ramp_time, self.ramp_time, jnp.where(since > 0, since, 0.0)
+        )
+        swing = jnp.where(self.ramp_time > 0, self.ramp_time, 1.0) / jnp.pi
+        ramped = 0.5 * (passed - swing * jnp.sin(passed / swing))
+        return ramped + jnp.where(since >= self.ramp_time, since - self.ramp_time, 0.0)

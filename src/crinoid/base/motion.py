@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.onset import Onset
 from crinoid.spline import PiecewisePolynomial
 
 Time = Float[Array, ""]
@@ -43,8 +44,19 @@ class SineMotion(BaseMotion):
         return self.amplitude * jnp.sin(2 * jnp.pi * self.frequency * time + self.phase)
 
 
+class VelocityMotion(BaseMotion):
+    """A constant velocity (m/s or rad/s) that comes on smoothly."""
+
+    channel: int = eqx.field(static=True)
+    onset: Onset
+    velocity: Float[Array, ""]
+
+    def displacement(self, time: Time) -> Float[Array, ""]:
+        return self.velocity * self.onset.elapsed(time)
+
+
 class TableMotion(BaseMotion):
-    """A table of displacements, joined by a cubic spline."""
+    """A table of displacements, joined by piecewise polynomials."""
 
     channel: int = eqx.field(static=True)
     table: PiecewisePolynomial

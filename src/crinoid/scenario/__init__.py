@@ -32,7 +32,7 @@ from crinoid.scenario.flow import (
 )
 from crinoid.scenario.library import builtin_files, builtin_names, builtin_text, load
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
-from crinoid.scenario.motion import Motion, SineMotion, TableMotion
+from crinoid.scenario.motion import Motion, SineMotion, TableMotion, VelocityMotion
 from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle, Plane, Sphere
 from crinoid.scenario.quantity import unit_of
 from crinoid.scenario.scenario import Scenario
@@ -79,6 +79,7 @@ __all__ = [
     "TipLoad",
     "TurbulenceFlow",
     "UniformFlow",
+    "VelocityMotion",
     "Water",
     "WavesFlow",
     "builtin_files",

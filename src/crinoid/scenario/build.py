@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from crinoid.base import Base, BaseMotion, Servo, SineMotion, TableMotion
+from crinoid.base import Base, BaseMotion, Servo, SineMotion, TableMotion, VelocityMotion
 from crinoid.dynamics import Forces, Integrator, Settings, System
 from crinoid.elements import (
     AddedMass,
@@ -35,7 +35,7 @@ from crinoid.scenario.build_obstacle import body_numbers, build_obstacles, conta
 from crinoid.scenario.load import TipLoad as TipTable
 from crinoid.scenario.numbers import Numbers, array
 from crinoid.space import CHANNELS
-from crinoid.spline import PiecewisePolynomial
+from crinoid.spline import PiecewisePolynomial, shape_preserving
 
 if TYPE_CHECKING:
     from crinoid.scenario.arm import Arm
@@ -182,9 +182,7 @@ def _base(scenario: Scenario, rod: Rod) -> Base:
     )
 
 
-def _motion(
-    motion: motions.SineMotion | motions.TableMotion, channels: tuple[str, ...]
-) -> BaseMotion:
+def _motion(motion: motions.Motion, channels: tuple[str, ...]) -> BaseMotion:
     channel = channels.index(motion.channel)
     if isinstance(motion, motions.SineMotion):
         return SineMotion(
@@ -193,6 +191,11 @@ def _motion(
             array(motion.frequency_hz),
             array(np.deg2rad(motion.phase_deg)),
         )
-    from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+    if isinstance(motion, motions.VelocityMotion):
+        onset = Onset(*map(array, (motion.start, motion.ramp_time, np.inf)))
+        return VelocityMotion(channel, onset, array(motion.velocity_si))
+    join = shape_preserving
+    if motion.interpolation == "smooth":
+        from scipy.interpolate import CubicSpline as join  # slow to load, and few scenarios need it
 
-    return TableMotion(channel, PiecewisePolynomial(CubicSpline(motion.time, motion.value_si)))
+    return TableMotion(channel, PiecewisePolynomial(join(motion.time, motion.value_si)))

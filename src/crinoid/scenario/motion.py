@@ -19,14 +19,25 @@ from crinoid.scenario.quantity import (
     Degrees,
     Hertz,
     Metres,
+    MetresPerSecond,
     Quantity,
+    Seconds,
     Times,
     length_conflicts,
     time_conflicts,
 )
 from crinoid.space import ANGLES
 
-__all__ = ["Motion", "SineMotion", "TableMotion"]
+__all__ = ["Motion", "SineMotion", "TableMotion", "VelocityMotion"]
+
+Interpolation = Annotated[
+    Literal["monotone", "smooth"],
+    Field(
+        description="monotone: between two points it rises or falls as they do, and never swings "
+        "past them; smooth: a cubic spline, more accurate where the points follow a smooth curve. "
+        "Either has a continuous acceleration."
+    ),
+]
 
 
 class _Motion(Model):
@@ -66,9 +77,41 @@ class SineMotion(_Motion):
             return math.radians(self.amplitude_deg)
         return self.amplitude or 0.0
 
+    def farthest(self, duration: float) -> float:
+        """Return the largest displacement during a run (m or rad), or a bound to it."""
+        return abs(self.amplitude_si)
+
+
+class VelocityMotion(_Motion):
+    """A constant velocity, reached along half a cosine from rest."""
+
+    kind: Literal["velocity"] = Field(default="velocity", description="A constant velocity.")
+    velocity: MetresPerSecond | None = Field(default=None, description="Velocity of a shift.")
+    velocity_deg: Annotated[float, Quantity("degrees/s")] | None = Field(
+        default=None, description="Velocity of a turn."
+    )
+    start: Seconds = Field(default=0.0, ge=0, description="When it sets in.")
+    ramp_time: Seconds = Field(
+        default=1.0, gt=0, description="How long it takes to reach its velocity."
+    )
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from self._unit_conflict("velocity")
+
+    @property
+    def velocity_si(self) -> float:
+        """The velocity in m/s or rad/s."""
+        if self.velocity_deg is not None:
+            return math.radians(self.velocity_deg)
+        return self.velocity or 0.0
+
+    def farthest(self, duration: float) -> float:
+        """Return the largest displacement during a run (m or rad), or a bound to it."""
+        return abs(self.velocity_si) * duration
+
 
 class TableMotion(_Motion):
-    """A motion through points in time, joined by a cubic spline."""
+    """A motion through points in time."""
 
     kind: Literal["table"] = Field(default="table", description="Points in time.")
     time: Times = Field(description="Times, increasing, from 0 or before to the end of the run.")
@@ -78,6 +121,8 @@ class TableMotion(_Motion):
     value_deg: (
         Annotated[tuple[Degrees, ...], AsTuple, Quantity("degrees", "a list of numbers")] | None
     ) = Field(default=None, description="Turn at these times.")
+
+    interpolation: Interpolation = "monotone"
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from self._unit_conflict("value")
@@ -93,5 +138,9 @@ class TableMotion(_Motion):
             return tuple(map(math.radians, self.value_deg))
         return self.value or ()
 
+    def farthest(self, duration: float) -> float:
+        """Return the largest displacement during a run (m or rad), or a bound to it."""
+        return max(map(abs, self.value_si))
 
-Motion = Annotated[SineMotion | TableMotion, Field(discriminator="kind")]
+
+Motion = Annotated[SineMotion | VelocityMotion | TableMotion, Field(discriminator="kind")]

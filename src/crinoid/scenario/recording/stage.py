@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crinoid.scenario.motion import SineMotion
 from crinoid.space import ANGLES, CHANNELS
 
 if TYPE_CHECKING:
@@ -41,8 +40,7 @@ class Stage:
         for name, channel in base.channels.present.items():
             travel[name] += max(-channel.limits.low, channel.limits.high)
         for motion in base.motion:
-            swing = motion.amplitude_si if isinstance(motion, SineMotion) else motion.value_si
-            travel[motion.channel] += float(np.abs(swing).max())
+            travel[motion.channel] += motion.farthest(scenario.simulation.duration)
         root = base.position[-1]
         tip = root + scenario.arm.length * float(np.sin(np.deg2rad(base.tilt_deg)))
         return Stage(
