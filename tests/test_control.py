@@ -268,19 +268,22 @@ def pid(
 
 
 @eqx.filter_jit
-def _command(pid: Pid, memory: PidMemory, measured: Array, wanted: Array):
-    return pid.command(memory, measured, wanted)
+def _command(pid: Pid, memory: PidMemory, measured: Array, wanted: Array, forward: Array):
+    return pid.command(memory, measured, wanted, forward)
 
 
-def commands(pid: Pid, measured: ArrayLike, wanted: ArrayLike) -> np.ndarray:
+def commands(
+    pid: Pid, measured: ArrayLike, wanted: ArrayLike, forward: ArrayLike = 0.0
+) -> np.ndarray:
     """Return the commands for tips whose x is given; one per call."""
     measured, wanted = np.broadcast_arrays(measured, wanted)
     poses, targets = (np.pad(np.asarray(x, float)[:, None], ((0, 0), (0, 2))) for x in
                       (measured, wanted))  # fmt: skip
     memory = pid.start(jnp.asarray(poses[0]))
+    ahead = np.broadcast_to(np.asarray(forward, float)[..., None], (len(poses), pid.kp.size))
     given = []
-    for pose, target in zip(poses, targets, strict=True):
-        command, memory = _command(pid, memory, jnp.asarray(pose), jnp.asarray(target))
+    for pose, target, known in zip(poses, targets, ahead, strict=True):
+        command, memory = _command(pid, memory, *map(jnp.asarray, (pose, target, known)))
         given.append(np.asarray(command))
     return np.squeeze(given, axis=1) if given[0].size == 1 else np.asarray(given)
 
@@ -340,7 +343,8 @@ def test_errors_are_mapped_to_channels():
     mapping = [[2.0, 0.0, 0.5], [0.0, -1.0, 0.0], [0.0, 0.0, 3.0]]
     controller = pid(kp=1.0, mapping=mapping)
     measured, wanted = jnp.asarray([0.1, 0.2, 3.0]), jnp.asarray([0.3, 0.5, -3.0])
-    command, _ = _command(controller, controller.start(measured), measured, wanted)
+    start = controller.start(measured)
+    command, _ = _command(controller, start, measured, wanted, jnp.zeros(3))
     short = 2 * np.pi - 6.0
     assert np.asarray(command) == pytest.approx(
         [2.0 * 0.2 + 0.5 * short, -0.3, 3.0 * short], abs=1e-14
@@ -353,6 +357,21 @@ def test_commands_stay_within_their_limits(sign):
     assert given == pytest.approx(sign * 0.5, abs=0.0)
 
 
+def test_what_is_known_beforehand_is_added_within_the_limits():
+    given = commands(pid(kp=2.0, limit=1.0), [0.0, 0.3, 1.2], [0.0, 0.4, 1.0], [0.1, 0.2, 3.0])
+    assert given == pytest.approx([0.1, 0.4, 1.0], abs=1e-14)
+
+
+def test_a_tip_that_moves_as_asked_for_is_not_held_back_nor_wound_up():
+    x = 0.05 * np.sin(0.3 * np.arange(40))
+    given = commands(pid(kp=1.0, ki=2.0, kd=0.5, filter_time=0.1), x, x, x)
+    assert given == pytest.approx(x, abs=1e-14)
+    # and beyond a limit nothing is wound up that would delay the way back
+    forward = np.where(np.arange(60) < 40, 3.0, 0.5)
+    given = commands(pid(ki=2.0, limit=1.0), np.minimum(forward, 1.0), forward, forward)
+    assert given == pytest.approx(np.minimum(forward, 1.0), abs=1e-14)
+
+
 def _closed_loop(controller: Pid, *, anti_windup: bool) -> np.ndarray:
     """Return x of a plant that follows its command with a lag, sent out of reach and back."""
     lag, steps = 1.0, 400
@@ -363,7 +382,7 @@ def _closed_loop(controller: Pid, *, anti_windup: bool) -> np.ndarray:
     for target in wanted:
         if anti_windup:
             pose, goal = jnp.asarray([x, 0.0, 0.0]), jnp.asarray([target, 0.0, 0.0])
-            answer, memory = _command(controller, memory, pose, goal)
+            answer, memory = _command(controller, memory, pose, goal, jnp.zeros(1))
             command = float(answer[0])
         else:
             integral += float(controller.ki[0]) * PERIOD * (target - x)
@@ -405,6 +424,6 @@ def test_integration_goes_on_where_it_leads_back_from_the_limit():
 def test_idle_commands_nothing():
     idle = Idle(3)
     pose = jnp.asarray([1.0, 2.0, 3.0])
-    command, memory = idle.command(idle.start(pose), pose, 0 * pose)
+    command, memory = idle.command(idle.start(pose), pose, 0 * pose, pose)
     assert memory is None
     assert np.array_equal(command, np.zeros(3))

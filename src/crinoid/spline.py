@@ -76,7 +76,7 @@ class PiecewisePolynomial(eqx.Module):
         return self.knots.shape[0] - 2
 
 
-def shape_preserving(times: Float[np.ndarray, " k"], values: Float[np.ndarray, "k *c"]) -> PPoly:
+def shape_preserving(times: Float[np.ndarray, " k"], values: Float[np.ndarray, " k *c"]) -> PPoly:
     """Join points in time by quintics that rise and fall as the points do, and no farther.
 
     The curve never swings past its points, and its second derivative is continuous. The slopes at

@@ -75,6 +75,13 @@ class Base(eqx.Module):
         m_1 = jnp.cos(roll) * port + jnp.sin(roll) * above
         return jnp.stack([tangent, m_1, jnp.cos(roll) * above - jnp.sin(roll) * port])
 
+    def rotation(self, pose: Channels) -> Float[Array, "d d"]:
+        """Return the matrix that turns what the base carries from its set pose into a pose."""
+        if self.axes == 3:
+            return self.frame(pose).T @ self.frame(jnp.zeros_like(pose))
+        cosine, sine = jnp.cos(pose[2]), jnp.sin(pose[2])
+        return jnp.stack([jnp.stack([cosine, -sine]), jnp.stack([sine, cosine])])
+
     def hold(self, pose: Channels) -> Float[Array, "2 d"]:
         """Return the places of the ghost node and the root for a pose."""
         root = pose[: self.axes]

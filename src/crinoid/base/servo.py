@@ -91,6 +91,11 @@ class Servo(eqx.Module):
         return jnp.where(fixed, self.lower, jnp.clip(position, self.lower, self.upper))
 
     @property
+    def lag(self) -> Channels:
+        """By how much the servos come behind slow commands (s)."""
+        return 2 / self._natural
+
+    @property
     def _natural(self) -> Channels:
         return 2 * jnp.pi * self.bandwidth / _DAMPED_BANDWIDTH
 

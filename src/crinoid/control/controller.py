@@ -22,8 +22,15 @@ class Controller(eqx.Module):
         """Return the controller's memory at the start."""
 
     @abstractmethod
-    def command(self, memory: Any, measured: Pose, wanted: Pose) -> tuple[Channels, Any]:
-        """Return the commands (m, rad) and the memory for the next call."""
+    def command(
+        self, memory: Any, measured: Pose, wanted: Pose, forward: Channels
+    ) -> tuple[Channels, Any]:
+        """Return the commands (m, rad) and the memory for the next call.
+
+        ``forward`` is what is known beforehand of the commands (`crinoid.control.FeedForward`): the
+        motion of the target. It is zero where the target stands still or nothing is fed forward.
+        Where something is, ``wanted`` is the target at the time that ``measured`` was measured.
+        """
 
 
 class Idle(Controller):
@@ -34,5 +41,7 @@ class Idle(Controller):
     def start(self, measured: Pose) -> None:
         return None
 
-    def command(self, memory: None, measured: Pose, wanted: Pose) -> tuple[Channels, None]:
+    def command(
+        self, memory: None, measured: Pose, wanted: Pose, forward: Channels
+    ) -> tuple[Channels, None]:
         return jnp.zeros(self.channels), None

@@ -14,8 +14,11 @@ class PidMemory(eqx.Module):
     integral: Channels
     """Command of the integral term (m, rad)."""
     slope: Channels
-    """Filtered rate at which the measured tip moves, as seen by each channel (1/s)."""
+    """Filtered rate at which the measured tip moves, as seen by each channel, less what is asked
+    for beforehand (1/s)."""
     measured: Pose
+    forward: Channels
+    """Command that was known beforehand (m, rad)."""
 
 
 class Pid(Controller):
@@ -26,6 +29,10 @@ class Pid(Controller):
     each channel sees a plant of gain one. The derivative acts on the measurement, which spares the
     base the kick of a moved target, and is filtered to first order. A channel at the end of its
     range stops integrating further into it (Astrom and Murray 2008, sections 10.4 and 10.5).
+
+    What is known beforehand of the command is added within the limits, and the derivative leaves
+    out the motion that it asks for. So the PID corrects what the feed-forward leaves over, and does
+    not work against it.
     """
 
     kp: Channels
@@ -42,16 +49,17 @@ class Pid(Controller):
 
     def start(self, measured: Pose) -> PidMemory:
         zero = jnp.zeros_like(self.kp)
-        return PidMemory(zero, zero, measured)
+        return PidMemory(zero, zero, measured, zero)
 
     def command(
-        self, memory: PidMemory, measured: Pose, wanted: Pose
+        self, memory: PidMemory, measured: Pose, wanted: Pose, forward: Channels
     ) -> tuple[Channels, PidMemory]:
         error = self.mapping @ pose_error(wanted, measured)
-        moved = self.mapping @ pose_error(measured, memory.measured)
+        moved = self.mapping @ pose_error(measured, memory.measured) - (forward - memory.forward)
         slope = (self.filter_time * memory.slope + moved) / (self.filter_time + self.period)
         integral = memory.integral + self.ki * self.period * error
-        free = self.kp * error + integral - self.kd * slope
+        free = forward + self.kp * error + integral - self.kd * slope
         held = jnp.clip(free, self.lower, self.upper)
         winding = (free - held) * self.ki * error > 0
-        return held, PidMemory(jnp.where(winding, memory.integral, integral), slope, measured)
+        integral = jnp.where(winding, memory.integral, integral)
+        return held, PidMemory(integral, slope, measured, forward)

@@ -53,7 +53,15 @@ class Sensor(eqx.Module):
 
     def reading(self, state: SensorState, time: Float[Array, ""]) -> Pose:
         """Return the newest sample that is known at ``time``."""
+        return state.samples[self._newest(state, time)]
+
+    def taken(self, state: SensorState, time: Float[Array, ""]) -> Float[Array, ""]:
+        """Return when the reading at ``time`` was taken; ``time`` where it is that of the start."""
+        taken = state.times[self._newest(state, time)]
+        return jnp.where(taken >= 0, taken, time)
+
+    def _newest(self, state: SensorState, time: Float[Array, ""]) -> Int[Array, ""]:
         slack = 1e-6 * self.clock.period
         known = jnp.sum(state.times <= time - self.delay + slack)
         # samples come in order, those of before the start count as known
-        return state.samples[jnp.maximum(known - 1, 0)]
+        return jnp.maximum(known - 1, 0)

@@ -38,6 +38,8 @@ from crinoid.space import CHANNELS
 from crinoid.spline import PiecewisePolynomial, shape_preserving
 
 if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
+
     from crinoid.scenario.arm import Arm
     from crinoid.scenario.load import Load
     from crinoid.scenario.scenario import Scenario
@@ -194,8 +196,13 @@ def _motion(motion: motions.Motion, channels: tuple[str, ...]) -> BaseMotion:
     if isinstance(motion, motions.VelocityMotion):
         onset = Onset(*map(array, (motion.start, motion.ramp_time, np.inf)))
         return VelocityMotion(channel, onset, array(motion.velocity_si))
-    join = shape_preserving
-    if motion.interpolation == "smooth":
-        from scipy.interpolate import CubicSpline as join  # slow to load, and few scenarios need it
+    return TableMotion(channel, PiecewisePolynomial(_joined(motion)))
 
-    return TableMotion(channel, PiecewisePolynomial(join(motion.time, motion.value_si)))
+
+def _joined(motion: motions.TableMotion) -> PPoly:
+    times, values = np.asarray(motion.time), np.asarray(motion.value_si)
+    if motion.interpolation == "monotone":
+        return shape_preserving(times, values)
+    from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+
+    return CubicSpline(times, values)

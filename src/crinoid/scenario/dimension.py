@@ -22,14 +22,14 @@ __all__ = ["Count", "InSpace", "Only", "dimension_conflicts", "fitted", "unwritt
 
 @dataclass(frozen=True)
 class Count:
-    """How many numbers a key takes in the plane and in space; a word in their place is fine."""
+    """How many numbers a key takes in the plane and in space; or a word, or nothing."""
 
     plane: tuple[int, ...]
     space: tuple[int, ...]
 
     def fits(self, value: Any, dimension: int) -> bool:
         """Tell whether a value has as many numbers, or each vector of a path has."""
-        if isinstance(value, str):
+        if value is None or isinstance(value, str):
             return True
         if isinstance(value, tuple) and value and isinstance(value[0], tuple):
             return all(self.fits(item, dimension) for item in value)

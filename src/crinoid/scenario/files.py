@@ -1,15 +1,25 @@
-"""The files that a scenario's document names, and where their relative paths start."""
+"""The files that a scenario names, and where their relative paths start."""
 
 from __future__ import annotations
 
-import re
+import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-__all__ = ["anchor", "named_files"]
+from pydantic import AfterValidator, Field
 
-_VARIED = re.compile(r"flow(?:\.\d+(?:\.file)?)?")
+from crinoid.scenario.quantity import Quantity
+
+__all__ = ["File", "anchor", "named_files"]
+
+# absolute, so that a scenario that is stored means the same file wherever it is read again
+File = Annotated[
+    str,
+    Field(min_length=1),
+    AfterValidator(lambda path: os.path.abspath(os.path.expanduser(path))),
+    Quantity(takes="the path of a CSV or netCDF file"),
+]
 
 
 def anchor(document: dict[str, Any], folder: Path) -> None:
@@ -24,20 +34,24 @@ def named_files(document: dict[str, Any]) -> list[str]:
 
 
 def _places(document: dict[str, Any]) -> Iterator[tuple[Any, Any]]:
-    """Yield what holds a file's name, and under which key; what is malformed is not looked at."""
-    yield from _files(document.get("flow"))
-    vary = document.get("vary")
-    for key, values in vary.items() if isinstance(vary, dict) else ():
-        if not _VARIED.fullmatch(key) or not isinstance(values, list):
-            continue
-        for index, value in enumerate(values):
-            if isinstance(value, str) and key.endswith(".file"):
-                yield values, index
-            yield from _files(value)
-
-
-def _files(flows: Any) -> Iterator[tuple[Any, Any]]:
-    for flow in flows if isinstance(flows, list) else [flows]:
+    """Yield what holds a file's name, and under which key: any key `file`, also in `vary`."""
+    for name, value in document.items():
         # an empty name is no folder; the scenario refuses it
-        if isinstance(flow, dict) and isinstance(flow.get("file"), str) and flow["file"]:
-            yield flow, "file"
+        if name == "file" and _named(value):
+            yield document, name
+        elif name.endswith(".file") and isinstance(value, list):
+            yield from ((value, index) for index, item in enumerate(value) if _named(item))
+        else:
+            yield from _inner(value)
+
+
+def _inner(value: Any) -> Iterator[tuple[Any, Any]]:
+    if isinstance(value, dict):
+        yield from _places(value)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _inner(item)
+
+
+def _named(value: Any) -> bool:
+    return isinstance(value, str) and bool(value)

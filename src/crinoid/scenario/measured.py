@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from typing import Annotated, Literal, NamedTuple
@@ -11,6 +10,7 @@ from pydantic import AfterValidator, Field
 
 from crinoid.scenario.dimension import InSpace
 from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.files import File
 from crinoid.scenario.onset import Onset
 from crinoid.scenario.quantity import AsTuple, Degrees, Hertz, Metres, Quantity, Seconds
 
@@ -51,16 +51,9 @@ Name = Annotated[
     Quantity(takes='the name of a variable, such as "u", "-u", "vel[E]", or "0" for none'),
 ]
 
-# absolute, so that a scenario that is stored means the same file wherever it is read again
-File = Annotated[
-    str,
-    AfterValidator(lambda path: os.path.abspath(os.path.expanduser(path))),
-    Quantity(takes="the path of a netCDF file"),
-]
-
 
 class MeasuredFlow(Onset):
-    """A current as it was measured, from a netCDF file.
+    """A current as it was measured, from a CSV or netCDF file.
 
     A record of one place is carried past the arm by its mean velocity; a profile (`vertical`) is
     the same at all places of a height.
@@ -70,9 +63,8 @@ class MeasuredFlow(Onset):
         default="measured", description="A current as it was measured."
     )
     file: File = Field(
-        min_length=1,
-        description="NetCDF file. A relative path starts from the scenario file that names it, "
-        "with --set and in Python from the working directory.",
+        description="CSV or netCDF file. A relative path starts from the scenario file that names "
+        "it, with --set and in Python from the working directory.",
     )
     velocity: Annotated[
         tuple[Name, ...],

@@ -9,14 +9,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.dimension import Only
+from crinoid.scenario.dimension import Count, Only
 from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.files import File
 from crinoid.scenario.model import Model
+from crinoid.scenario.path import key_conflicts
 from crinoid.scenario.quantity import (
     PER_AXIS,
     AsTuple,
     Components,
+    Degrees,
+    Hertz,
+    Metres,
     Quantity,
+    Seconds,
     Times,
     Triple,
     direction_conflicts,
@@ -47,15 +53,25 @@ DirectionTarget = Annotated[
     Only(3, "but a planar arm takes angle_deg"),
 ]
 
+Columns = Annotated[tuple[str, ...], AsTuple]
+_OF_TIP = ("[x, z]", "[x, y, z]")
+MaybePosition = Annotated[Components | None, Quantity("m", *_OF_TIP), PER_AXIS]
+MaybeVelocity = Annotated[Components | None, Quantity("m/s", *_OF_TIP), PER_AXIS]
+
 _OPPOSITE = -1 + 1e-9
 """Cosine of an angle between directions from which on no way between them is the shorter one."""
 
 
 class Target(Model):
-    """Where the tip is wanted: a place, or a path through points in time."""
+    """Where the tip is wanted: a position, or a path.
+
+    A path goes through points in time (`time`, with lists), is a `circle`, a `sine` or a `line`
+    from where the tip is, or comes from a `file`.
+    """
 
     tip: TipTarget = Field(
-        default="initial", description="Place of the tip; initial: where it is at t = 0."
+        default="initial",
+        description="Position of the tip, or where a path begins; initial: where it is at t = 0.",
     )
     angle_deg: AngleTarget = Field(
         default="initial", description="Direction of the tip; initial: as it is at t = 0."
@@ -66,6 +82,92 @@ class Target(Model):
     )
     time: Times | None = Field(
         default=None, description="Times of a path, increasing; its ends are held before and after."
+    )
+    path: Literal["circle", "sine", "line", "file"] | None = Field(
+        default=None, description="How the tip is to move, by a formula or as in a file."
+    )
+    frame: Literal["world", "base"] = Field(
+        default="world",
+        description="base: positions count from base.position, and the target moves and turns "
+        "with the prescribed motion of the submarine (base.motion), not with the servos.",
+    )
+    feed_forward: bool | None = Field(
+        default=None,
+        description="Whether the channels follow the path at once, through the tip's response at "
+        "rest, and the controller corrects what is left; if left out, they do.",
+    )
+    centre: MaybePosition = Field(
+        default=None,
+        description="Of a circle or a sine; if left out, it begins at tip.",
+    )
+    radius: Metres | None = Field(default=None, gt=0, description="Of a circle.")
+    period: Seconds | None = Field(
+        default=None,
+        description="Of a circle, from x towards z; in space about normal. Negative: the other "
+        "way round.",
+    )
+    normal: Annotated[
+        Triple | None,
+        Quantity(takes="[x, y, z]"),
+        Only(3, "but a planar arm has its circle in its plane"),
+    ] = Field(
+        default=None,
+        description="About what a circle turns, by the right-hand rule; [0, -1, 0] if left out: "
+        "from x towards z.",
+    )
+    amplitude: MaybePosition = Field(default=None, description="Of a sine, to either side.")
+    frequency_hz: Hertz | None = Field(default=None, gt=0, description="Of a sine.")
+    phase_deg: Degrees | None = Field(
+        default=None,
+        description="Where a circle or a sine begins; 0 if left out: a circle on the side of x (or "
+        "of y where normal is along x), a sine in its middle.",
+    )
+    to: MaybePosition = Field(default=None, description="Where a line ends.")
+    travel_time: Seconds | None = Field(
+        default=None,
+        gt=0,
+        description="How long a line takes to its end, from rest to rest with the least jerk.",
+    )
+    velocity: MaybeVelocity = Field(
+        default=None, description="Of a line that goes on and on, in place of its end."
+    )
+    start: Seconds | None = Field(
+        default=None,
+        ge=0,
+        description="When a circle, a sine or a line sets in; 0 if left out.",
+    )
+    ramp_time: Seconds | None = Field(
+        default=None,
+        ge=0,
+        description="How long they take to come up to speed, along half a cosine; 1 if left out. "
+        "Not of a line with an end.",
+    )
+    file: File | None = Field(
+        default=None,
+        description="CSV or netCDF file of a path. A relative path starts from the scenario file "
+        "that names it, with --set and in Python from the working directory.",
+    )
+    time_column: str | None = Field(
+        default=None, min_length=1, description='Its column of times; "time" if left out.'
+    )
+    tip_columns: Annotated[
+        Columns | None,
+        Quantity(takes="a list of names, for x and z", in_space="a list of names, for x, y and z"),
+        Count(plane=(2,), space=(3,)),
+    ] = Field(default=None, description="Its columns of positions; named as the axes if left out.")
+    angle_column: Annotated[str | None, Only(2, "but a spatial arm takes direction_columns")] = (
+        Field(default=None, min_length=1, description="Its column of angles, if they are wanted.")
+    )
+    direction_columns: Annotated[
+        Annotated[tuple[str, str, str], AsTuple] | None,
+        Quantity(takes="a list of three names"),
+        Only(3, "but a planar arm takes angle_column"),
+    ] = Field(default=None, description="Its columns of directions, if they are wanted.")
+    skip: Seconds | None = Field(
+        default=None,
+        ge=0,
+        description="Time of the file when the run begins; 0 if left out. Dates count from the "
+        "first one.",
     )
 
     @property
@@ -89,9 +191,23 @@ class Target(Model):
         vector = _vector(self.direction)
         return unit_vector(vector) if vector else None
 
+    @property
+    def moves(self) -> bool:
+        """Whether the target moves, other than with the submarine."""
+        return self.path is not None or self.time is not None
+
+    @property
+    def feeds_forward(self) -> bool:
+        """Whether the channels follow the path at once."""
+        return self.moves and self.feed_forward is not False
+
     def _conflicts(self) -> Iterator[Mistake]:
         yield from self._direction_conflicts()
-        yield from self._path_conflicts()
+        yield from key_conflicts(self)
+        if self.path is None:
+            yield from self._path_conflicts()
+        if self.feed_forward and not self.moves:
+            yield Mistake("feed_forward", "got true, goes with a target that moves: path or time")
 
     def _direction_conflicts(self) -> Iterator[Mistake]:
         vector, points = _vector(self.direction), _points(self.direction)

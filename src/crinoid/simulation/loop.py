@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.control import Clock, Controller, Sensor, Target
+from crinoid.control import Clock, Controller, FeedForward, Sensor, Target
 from crinoid.control.sensor import SensorState
 from crinoid.dynamics import Progress, State, System
 
@@ -63,6 +63,8 @@ class Loop(eqx.Module):
     switched_on: Float[Array, ""]
     """When the controller is switched on (s)."""
     target: Target
+    feed_forward: FeedForward | None
+    """Nothing where the target stands still, or is not to be followed at once."""
     enabled: Bool[Array, ""]
     """Where false the commands stay zero: the same compiled loop runs without control."""
 
@@ -87,7 +89,12 @@ class Loop(eqx.Module):
         due = self.clock.due(carry.ticks, time - self.switched_on)
         first = due & (carry.ticks == 0)
         before = _choose(first, self.controller.start(reading), carry.memory)
-        command, memory = self.controller.command(before, reading, self.target(time))
+        forward, compared = jnp.zeros(self.system.channels), time
+        if self.feed_forward is not None:
+            forward = self.feed_forward(self.target, time)
+            # the tip was not to be any farther yet when it was measured
+            compared = self.sensor.taken(sensor, time)
+        command, memory = self.controller.command(before, reading, self.target(compared), forward)
         memory = _choose(due, memory, carry.memory)
         command = jnp.where(due, jnp.where(self.enabled, command, 0.0), carry.command)
         state, progress = self.system.advance(carry.state, command)

@@ -12,19 +12,18 @@ from crinoid.chain import Bands
 from crinoid.control import (
     Clock,
     Controller,
+    FeedForward,
     Idle,
     Pid,
     Sensor,
-    Target,
     damped_inverse,
 )
 from crinoid.dynamics import Modes, Outcome, State, System, find_modes
 from crinoid.plausibility import doubts
 from crinoid.scenario import Mistake, Scenario, ScenarioError
-from crinoid.scenario import Target as TargetTable
+from crinoid.simulation.build_target import build_target
 from crinoid.simulation.loop import Loop
 from crinoid.space import CHANNELS, POSE
-from crinoid.spline import PiecewisePolynomial
 
 _UNUSED = 1e-6
 """Answer of a channel to an error, over that of the channel that answers most: none at all."""
@@ -59,7 +58,8 @@ def set_up(scenario: Scenario) -> Setup:
         controller=_controller(scenario, jacobian),
         clock=Clock(jnp.asarray(1.0 / scenario.control_rate_hz)),
         switched_on=jnp.asarray(scenario.control.start),
-        target=_target(scenario, np.asarray(tip)),
+        target=build_target(scenario, system, tip),
+        feed_forward=_feed_forward(scenario, system, jacobian),
         enabled=jnp.asarray(True),
     )
     modes = find_modes(*linear) if outcome.converged else None
@@ -126,45 +126,6 @@ def _check_room(system: System) -> None:
         raise ScenarioError(mistakes)
 
 
-def _target(scenario: Scenario, tip: np.ndarray) -> Target:
-    target, axes = scenario.target, scenario.arm.dimension
-    fixed = np.array(tip)
-    moving: tuple[int, ...] = ()
-    paths = []
-    if target.tip_path is not None:
-        moving += tuple(range(axes))
-        paths.append(np.asarray(target.tip_path))
-    elif not isinstance(target.tip, str):
-        fixed[:axes] = target.tip
-    turns, steady = _pointing(target, axes)
-    if turns is not None:
-        moving += tuple(range(axes, fixed.size))
-        paths.append(turns)
-    elif steady is not None:
-        fixed[axes:] = steady
-    path = None
-    if moving:
-        from scipy.interpolate import PchipInterpolator  # slow to load, and often not needed
-
-        # monotone between the points: the target does not swing out past them
-        path = PiecewisePolynomial(PchipInterpolator(target.time, np.concatenate(paths, axis=1)))
-    return Target(jnp.asarray(fixed), path, moving)
-
-
-def _pointing(target: TargetTable, axes: int) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return where the tip should point, along a path or steadily, where the scenario says it."""
-    if axes == 2:
-        if target.angle_path_deg is not None:
-            return np.deg2rad(target.angle_path_deg)[:, None], None
-        if isinstance(target.angle_deg, str):
-            return None, None
-        return None, np.deg2rad([target.angle_deg])
-    if target.direction_path is not None:
-        return np.asarray(target.direction_path), None
-    steady = target.steady_direction
-    return None, None if steady is None else np.asarray(steady)
-
-
 def _sensor(scenario: Scenario) -> Sensor:
     sensor = scenario.sensor
     rate = scenario.sensor_rate_hz
@@ -178,6 +139,17 @@ def _sensor(scenario: Scenario) -> Sensor:
         key=jax.random.key(scenario.seed),
         # where the rate does not divide the time step samples may bunch: one more is under way
         kept=min(int(np.ceil(sensor.delay * rate)), scenario.simulation.steps) + 2,
+    )
+
+
+def _feed_forward(scenario: Scenario, system: System, jacobian: Array | None) -> FeedForward | None:
+    control = scenario.control
+    if control.kind == "none" or not scenario.target.feeds_forward:
+        return None
+    mapping = _mapping(scenario, jacobian, list(control.pid.present))
+    held = 0.5 / scenario.control_rate_hz
+    return FeedForward(
+        jnp.asarray(mapping), system.base.servo.lag + held, jnp.asarray(control.start)
     )
 
 
