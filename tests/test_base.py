@@ -1,5 +1,7 @@
 """Servos against the second-order system they are; prescribed motion; the wrench."""
 
+from itertools import pairwise
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -290,7 +292,7 @@ def test_any_points_are_joined_monotonically_and_with_continuous_acceleration():
         times = np.cumsum(rng.uniform(0.05, 2.0, rng.integers(2, 9)))
         values = rng.normal(size=(times.size, 2)).round(rng.integers(0, 3))
         curve = shape_preserving(times, values)
-        pieces = [curve(np.linspace(*ends, 40)) for ends in zip(times, times[1:], strict=False)]
+        pieces = [curve(np.linspace(*ends, 40)) for ends in pairwise(times)]
         for piece, rise in zip(pieces, np.diff(values, axis=0), strict=True):
             step = np.diff(piece, axis=0)
             assert (step * np.sign(rise)).min() >= -1e-13

@@ -9,10 +9,15 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from crinoid.control import Clock, Idle, Pid, Sensor, Target
+from crinoid.base import Base, Servo, SineMotion
+from crinoid.control import Carrier, Clock, FeedForward, Idle, Line, Pid, Sensor, Target
 from crinoid.control.pid import PidMemory
 from crinoid.control.sensor import SensorState
 from crinoid.control.target import pose_error
+from crinoid.onset import Onset
+from crinoid.scenario import Target as TargetTable
+from crinoid.simulation.build_target import _formula
+from crinoid.space import ANGLES, CHANNELS
 from crinoid.spline import PiecewisePolynomial
 
 # --- clock -------------------------------------------------------------------------------------
@@ -209,6 +214,155 @@ def test_a_path_between_points_does_not_overshoot_them():
     assert np.diff(x).min() >= -1e-15  # rising points, x of the middle two the same
     between = (times >= 2.0) & (times <= 4.0)
     assert x[between] == pytest.approx(0.2, abs=1e-15)
+
+
+# --- targets that move by a formula --------------------------------------------------------------
+
+
+def by_formula(begin, **keys):
+    """Return positions over time, of the path of a target that begins somewhere."""
+    path = _formula(TargetTable(**keys), np.asarray(begin))
+    return jax.jit(jax.vmap(path)), jax.jit(jax.vmap(jax.jacfwd(path)))
+
+
+SECONDS = np.linspace(0.0, 12.0, 49)
+TURN = {"path": "circle", "radius": 0.05, "period": 8.0}
+
+
+def test_a_circle_begins_at_the_tip_and_turns_from_x_towards_z():
+    position, velocity = by_formula([0.4, -10.0], **TURN, ramp_time=2.0)
+    found = np.asarray(position(SECONDS)) - [0.35, -10.0]
+    # on half a cosine of a ramp half of its time is lost
+    turned = 2 * np.pi * (SECONDS - 1.0) / 8.0
+    late = SECONDS >= 2.0
+    expected = 0.05 * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+    assert found[late] == pytest.approx(expected[late], abs=1e-14)
+    assert found[0] == pytest.approx([0.05, 0.0], abs=1e-15)
+    speed = np.linalg.norm(velocity(SECONDS), axis=1)
+    assert speed[0] == 0.0
+    assert speed[late] == pytest.approx(2 * np.pi * 0.05 / 8.0)
+    assert np.linalg.norm(found, axis=1) == pytest.approx(0.05)
+    # about a centre, the other way round, from the top
+    keys = TURN | {"period": -8.0, "centre": [1.0, 2.0], "phase_deg": 90.0, "ramp_time": 0.0}
+    found = by_formula([0.4, -10.0], **keys)[0](SECONDS)
+    turned = np.pi / 2 - 2 * np.pi * SECONDS / 8.0
+    expected = 0.05 * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+    assert np.asarray(found) == pytest.approx(np.array([1.0, 2.0]) + expected, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("normal", "first", "quarter"),
+    [
+        (None, [1, 0, 0], [0, 0, 1]),
+        ([0, 0, 2], [1, 0, 0], [0, 1, 0]),
+        ([3, 0, 0], [0, 1, 0], [0, 0, 1]),
+        ([1, 1, 0], np.array([1, -1, 0]) / np.sqrt(2), [0, 0, -1]),
+    ],
+)
+def test_a_circle_in_space_turns_about_its_normal(normal, first, quarter):
+    keys = TURN | {"centre": [0, 0, 0], "normal": normal, "ramp_time": 0.0, "start": 2.0}
+    found = np.asarray(by_formula([9.0, 9.0, 9.0], **keys)[0](np.array([0.0, 2.0, 4.0])))
+    assert found / 0.05 == pytest.approx(np.array([first, first, quarter]), abs=1e-14)
+
+
+def test_a_sine_swings_to_either_side():
+    keys = {"path": "sine", "amplitude": [0.03, 0.04], "frequency_hz": 0.2, "ramp_time": 0.0}
+    found = by_formula([0.4, -10.0], **keys)[0](SECONDS)
+    swing = np.sin(2 * np.pi * 0.2 * SECONDS)[:, None]
+    assert np.asarray(found) == pytest.approx([0.4, -10.0] + swing * [0.03, 0.04], abs=1e-14)
+    found = by_formula([0.4, -10.0], **keys, phase_deg=90.0)[0](SECONDS)
+    assert np.asarray(found)[0] == pytest.approx([0.4, -10.0], abs=1e-14)
+
+
+def test_a_line_goes_on_at_its_velocity_or_ends_with_the_least_jerk():
+    velocity = np.array([0.02, -0.01])
+    keys = {"path": "line", "velocity": velocity, "start": 1.0, "ramp_time": 4.0}
+    found = np.asarray(by_formula([0.4, -10.0], **keys)[0](SECONDS))
+    late = SECONDS >= 5.0
+    expected = [0.4, -10.0] + (SECONDS[late, None] - 3.0) * velocity
+    assert found[late] == pytest.approx(expected, abs=1e-14)
+    keys = {"path": "line", "to": [0.5, -9.8], "start": 1.0, "travel_time": 8.0}
+    position, velocity = by_formula([0.4, -10.0], **keys)
+    share = np.clip((SECONDS - 1.0) / 8.0, 0.0, 1.0)
+    way = share**3 * (10 - 15 * share + 6 * share**2)
+    expected = [0.4, -10.0] + way[:, None] * [0.1, 0.2]
+    assert np.asarray(position(SECONDS)) == pytest.approx(expected, abs=1e-13)
+    assert np.asarray(velocity(np.array([1.0, 9.0, 11.0]))) == pytest.approx(0.0, abs=1e-12)
+
+
+# --- a target that moves with the submarine ------------------------------------------------------
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+def test_what_is_fixed_to_the_submarine_moves_and_turns_with_its_prescribed_motion(axes):
+    turns = [name for name in CHANNELS[axes] if name in ANGLES]
+    rng = np.random.default_rng(axes)
+    motions = tuple(
+        SineMotion(index, *map(jnp.asarray, (*rng.uniform(0.2, 0.5, 2), 0.7)))
+        for index in range(len(CHANNELS[axes]))
+    )
+    limits = np.tile([[-1.0], [1.0], [1.0], [1.0], [1.0]], len(CHANNELS[axes]))
+    base = Base(
+        jnp.asarray(rng.uniform(-0.5, 0.5, len(turns))),
+        jnp.asarray(0.02),
+        Servo(*map(jnp.asarray, limits)),
+        motions,
+    )
+    carrier = Carrier(base, jnp.asarray(rng.normal(size=axes)))
+    still = jnp.zeros(len(CHANNELS[axes]))
+    # half a metre along the root, and pointing as the root does: there it stays
+    ahead = base.direction(still)
+    angle = jnp.arctan2(ahead[1], ahead[0])[None] if axes == 2 else ahead
+    fixed = jnp.concatenate([0.5 * ahead, angle])
+    time = jnp.asarray(1.3)
+    pose, _, _ = base.pose(time, base.servo.at_rest())
+    turned = base.direction(pose)
+    carried = carrier.carry(fixed, time)
+    expected = carrier.origin + pose[:axes] + 0.5 * turned
+    assert np.asarray(carried[:axes]) == pytest.approx(np.asarray(expected), abs=1e-14)
+    points = jnp.arctan2(turned[1], turned[0])[None] if axes == 2 else turned
+    assert np.asarray(carried[axes:]) == pytest.approx(np.asarray(points), abs=1e-14)
+    assert np.asarray(carrier.seen(carried, time)) == pytest.approx(np.asarray(fixed), abs=1e-14)
+    # a second point keeps its distance from the first
+    other = jnp.asarray(rng.normal(size=fixed.size))
+    between = (carrier.carry(other, time) - carried)[:axes]
+    assert np.linalg.norm(between) == pytest.approx(np.linalg.norm((other - fixed)[:axes]))
+
+
+# --- feed-forward --------------------------------------------------------------------------------
+
+
+def test_a_channel_aims_at_where_the_target_will_be_once_it_has_followed():
+    line = Line(jnp.asarray([1.0, 2.0]), jnp.asarray([0.1, -0.2]), Onset.of(0.0, 0.0))
+    target = Target(jnp.asarray([9.0, 9.0, 0.3]), line, (0, 1))
+    mapping = jnp.asarray([[2.0, 0.0, 5.0], [0.0, 1.0, 5.0]])
+    known = FeedForward(mapping, jnp.asarray([0.05, 0.02]), jnp.asarray(3.0))
+    given = np.asarray(known(target, jnp.asarray(7.0)))
+    assert given == pytest.approx([2.0 * 0.1 * 4.05, -0.2 * 4.02], abs=1e-14)
+
+
+def test_a_servo_follows_a_ramp_by_its_lag():
+    servo = Servo(*(jnp.full(1, x) for x in (-9.0, 9.0, 9.0, 99.0, 2.0)))
+    state, step = servo.at_rest(), jnp.asarray(0.01)
+    advance = jax.jit(Servo.advance)
+    for index in range(300):
+        state = advance(servo, state, jnp.full(1, 0.2 * 0.01 * index), step)
+    # a command is held for a step: on the average it is half a step old
+    behind = 0.2 * 3.0 - float(state.position[0])
+    assert behind == pytest.approx(0.2 * (float(servo.lag[0]) + 0.005), rel=1e-4)
+
+
+def test_a_reading_knows_when_it_was_taken():
+    late = sensor(period=0.02, delay=0.05)
+    times = 0.01 * np.arange(40)
+    state, taken = late.start(jnp.zeros(3)), []
+    for time in map(jnp.asarray, times):
+        state = late.sample(state, jnp.full(3, time), time)
+        taken.append(float(late.taken(state, time)))
+        known = late.reading(state, time)
+        if time >= 0.05:
+            assert taken[-1] == float(known[0])
+    assert taken[:5] == list(times[:5])  # that of the start
 
 
 @pytest.mark.parametrize(

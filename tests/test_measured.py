@@ -635,7 +635,7 @@ def two_alike(path):
 ONE = {"velocity": ["u", "0"]}
 REFUSED = {
     "no file": (lambda path: None, {}, "flow.0.file: PATH: no such file"),
-    "a folder": (Path.mkdir, {}, "flow.0.file: a.nc is a folder, takes a netCDF file"),
+    "a folder": (Path.mkdir, {}, "flow.0.file: a.nc is a folder, takes a CSV or netCDF file"),
     "text": (
         lambda path: path.write_text("u, w\n1, 2"),
         {},
@@ -794,10 +794,10 @@ def test_what_a_file_does_not_give_is_refused_in_one_line(tmp_path, write, keys,
 
 def test_a_large_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
     point(tmp_path / "a.nc")
-    monkeypatch.setattr("crinoid.scenario.recording.file._MAX_VALUES", 100)
+    monkeypatch.setattr("crinoid.scenario.recording.opening.MAX_VALUES", 500)
     line = refusal(scenario(tmp_path / "a.nc"))
     assert line == (
-        "flow.0.file: a.nc holds 802 values of this current, takes up to 100; cut out the part "
+        "flow.0.file: a.nc holds 802 values of this current, takes up to 500; cut out the part "
         "that is needed"
     )
 

@@ -32,7 +32,7 @@ from crinoid.scenario.flow import (
 )
 from crinoid.scenario.library import builtin_files, builtin_names, builtin_text, load
 from crinoid.scenario.load import DistributedLoad, Load, TipLoad
-from crinoid.scenario.motion import Motion, SineMotion, TableMotion, VelocityMotion
+from crinoid.scenario.motion import FileMotion, Motion, SineMotion, TableMotion, VelocityMotion
 from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle, Plane, Sphere
 from crinoid.scenario.quantity import unit_of
 from crinoid.scenario.scenario import Scenario
@@ -52,6 +52,7 @@ __all__ = [
     "Coordinate",
     "Cylinder",
     "DistributedLoad",
+    "FileMotion",
     "Flow",
     "GaussMarkovFlow",
     "GustFlow",

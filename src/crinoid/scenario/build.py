@@ -35,13 +35,12 @@ from crinoid.scenario.build_obstacle import body_numbers, build_obstacles, conta
 from crinoid.scenario.load import TipLoad as TipTable
 from crinoid.scenario.numbers import Numbers, array
 from crinoid.space import CHANNELS
-from crinoid.spline import PiecewisePolynomial, shape_preserving
+from crinoid.spline import PiecewisePolynomial, between, shape_preserving
 
 if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
-
     from crinoid.scenario.arm import Arm
     from crinoid.scenario.load import Load
+    from crinoid.scenario.recording import Series
     from crinoid.scenario.scenario import Scenario
 
 _LoadElement = DistributedLoad | TipLoad
@@ -165,7 +164,7 @@ def _load(load: Load, scenario: Scenario) -> tuple[type[_LoadElement], Numbers]:
 
 def _base(scenario: Scenario, rod: Rod) -> Base:
     # a channel that nobody drives has no room to move and any limits
-    axes = scenario.arm.dimension
+    axes, duration = scenario.arm.dimension, scenario.simulation.duration
     channels = CHANNELS[axes]
     lower, upper, speed, acceleration, bandwidth = np.array(
         [[number] * len(channels) for number in (0.0, 0.0, 1.0, 1.0, 1.0)]
@@ -180,11 +179,16 @@ def _base(scenario: Scenario, rod: Rod) -> Base:
         angles=array(scenario.base.angles if axes == 3 else [np.deg2rad(scenario.base.tilt_deg)]),
         ghost_length=array(np.asarray(rod.rest_length)[0]),
         servo=Servo(*map(array, (lower, upper, speed, acceleration, bandwidth))),
-        motions=tuple(_motion(motion, channels) for motion in scenario.base.motion),
+        motions=tuple(
+            _motion(motion, channels, scenario.series.get(f"base.motion.{index}"), duration)
+            for index, motion in enumerate(scenario.base.motion)
+        ),
     )
 
 
-def _motion(motion: motions.Motion, channels: tuple[str, ...]) -> BaseMotion:
+def _motion(
+    motion: motions.Motion, channels: tuple[str, ...], series: Series | None, duration: float
+) -> BaseMotion:
     channel = channels.index(motion.channel)
     if isinstance(motion, motions.SineMotion):
         return SineMotion(
@@ -196,13 +200,17 @@ def _motion(motion: motions.Motion, channels: tuple[str, ...]) -> BaseMotion:
     if isinstance(motion, motions.VelocityMotion):
         onset = Onset(*map(array, (motion.start, motion.ramp_time, np.inf)))
         return VelocityMotion(channel, onset, array(motion.velocity_si))
-    return TableMotion(channel, PiecewisePolynomial(_joined(motion)))
-
-
-def _joined(motion: motions.TableMotion) -> PPoly:
-    times, values = np.asarray(motion.time), np.asarray(motion.value_si)
+    if series is not None:
+        times, values = series.time, series.values[:, 0]
+    else:
+        assert isinstance(motion, motions.TableMotion)
+        times, values = np.asarray(motion.time), np.asarray(motion.value_si)
     if motion.interpolation == "monotone":
-        return shape_preserving(times, values)
-    from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+        curve = shape_preserving(times, values)
+    else:
+        from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
 
-    return CubicSpline(times, values)
+        curve = CubicSpline(times, values)
+    if series is not None:
+        curve = between(curve, 0.0, duration)  # of a long record
+    return TableMotion(channel, PiecewisePolynomial(curve))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
-__all__ = ["Mistake", "ScenarioError", "join", "one_of", "shown"]
+__all__ = ["Mistake", "ScenarioError", "gathered", "join", "one_of", "shown"]
+
+_Read = TypeVar("_Read")
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,25 @@ class ScenarioError(ValueError):
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
+
+
+def gathered(readers: Mapping[str, Callable[[], _Read]]) -> dict[str, _Read]:
+    """Return what each function gives, by the key of a table; or all that is wrong with them.
+
+    Raises
+    ------
+    ScenarioError
+        If any of them does.
+    """
+    found, mistakes = {}, []
+    for key, reader in readers.items():
+        try:
+            found[key] = reader()
+        except ScenarioError as error:
+            mistakes += [mistake.under(key) for mistake in error.mistakes]
+    if mistakes:
+        raise ScenarioError(mistakes)
+    return found
 
 
 def join(*parts: str) -> str:

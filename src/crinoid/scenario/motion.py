@@ -13,6 +13,7 @@ from pydantic import Field
 
 from crinoid.scenario.channel import ChannelName
 from crinoid.scenario.errors import Mistake
+from crinoid.scenario.files import File
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import (
     AsTuple,
@@ -28,7 +29,7 @@ from crinoid.scenario.quantity import (
 )
 from crinoid.space import ANGLES
 
-__all__ = ["Motion", "SineMotion", "TableMotion", "VelocityMotion"]
+__all__ = ["FileMotion", "Motion", "SineMotion", "TableMotion", "VelocityMotion"]
 
 Interpolation = Annotated[
     Literal["monotone", "smooth"],
@@ -143,4 +144,30 @@ class TableMotion(_Motion):
         return max(map(abs, self.value_si))
 
 
-Motion = Annotated[SineMotion | VelocityMotion | TableMotion, Field(discriminator="kind")]
+class FileMotion(_Motion):
+    """A motion as in a file, such as a record of heave."""
+
+    kind: Literal["file"] = Field(default="file", description="Points in time from a file.")
+    file: File = Field(
+        description="CSV or netCDF file. A relative path starts from the scenario file that names "
+        "it, with --set and in Python from the working directory.",
+    )
+    time_column: str = Field(
+        default="time",
+        min_length=1,
+        description="Its column of times, from 0 or before to the end of the run; dates count from "
+        "the first one.",
+    )
+    value_column: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Its column of shifts or turns (in degrees if it names no unit); named as the "
+        "channel if left out.",
+    )
+    skip: Seconds = Field(default=0.0, ge=0, description="Time of the file when the run begins.")
+    interpolation: Interpolation = "monotone"
+
+
+Motion = Annotated[
+    SineMotion | VelocityMotion | TableMotion | FileMotion, Field(discriminator="kind")
+]

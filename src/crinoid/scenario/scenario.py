@@ -32,7 +32,7 @@ from crinoid.scenario.consistency import (
 from crinoid.scenario.control import Control, Sensor
 from crinoid.scenario.dimension import dimension_conflicts, fitted, unwritten
 from crinoid.scenario.document import assign, parse
-from crinoid.scenario.errors import Mistake, ScenarioError, shown
+from crinoid.scenario.errors import Mistake, ScenarioError, gathered, shown
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.keys import all_keys
 from crinoid.scenario.load import Load
@@ -46,7 +46,7 @@ from crinoid.scenario.water import Water
 
 if TYPE_CHECKING:
     from crinoid.dynamics import System
-    from crinoid.scenario.recording import Recording
+    from crinoid.scenario.recording import Recording, Series
 
 __all__ = ["Scenario"]
 
@@ -102,6 +102,7 @@ _Values = Annotated[
     Field(min_length=1),
     Quantity(takes="a list of one value or more"),
 ]
+
 Variations = Annotated[
     dict[str, _Values],
     BeforeValidator(_plain),
@@ -225,15 +226,29 @@ class Scenario(Model):
             return {}
         from crinoid.scenario.recording import Stage, read_recording  # xarray, which few need
 
-        found, mistakes = {}, []
-        for index, flow in measured.items():
-            try:
-                found[index] = read_recording(flow, Stage.of(self))
-            except ScenarioError as error:
-                mistakes += [mistake.under(f"flow.{index}") for mistake in error.mistakes]
-        if mistakes:
-            raise ScenarioError(mistakes)
-        return found
+        stage = Stage.of(self)
+        found = gathered(
+            {
+                f"flow.{index}": lambda flow=flow: read_recording(flow, stage)
+                for index, flow in measured.items()
+            }
+        )
+        return dict(zip(measured, found.values(), strict=True))
+
+    @cached_property
+    def series(self) -> dict[str, Series]:
+        """What the files of prescribed motions and of the target hold, by the key of the table.
+
+        Raises
+        ------
+        ScenarioError
+            If a file is not what the table takes.
+        """
+        if self.target.file is None and all(m.kind != "file" for m in self.base.motion):
+            return {}
+        from crinoid.scenario.recording import series_readers  # xarray, which few need
+
+        return gathered(series_readers(self))
 
     def notes(self) -> list[str]:
         """Return what a user should know of what the scenario is made from, a sentence each.
@@ -243,10 +258,9 @@ class Scenario(Model):
         ScenarioError
             If a file that the scenario names is not what it takes.
         """
+        read = {f"flow.{index}": recording for index, recording in self.recordings.items()}
         return [
-            f"flow.{index}: {note}"
-            for index, recording in self.recordings.items()
-            for note in recording.notes
+            f"{key}: {note}" for key, found in (read | self.series).items() for note in found.notes
         ]
 
     def system(self) -> System:

@@ -9,7 +9,7 @@ from crinoid.dynamics import System
 from crinoid.onset import Onset
 from crinoid.scenario import Scenario
 from crinoid.scenario import Target as TargetTable
-from crinoid.spline import PiecewisePolynomial, shape_preserving
+from crinoid.spline import PiecewisePolynomial, between, shape_preserving
 
 _RAMP_TIME = 1.0
 _ALONG = 1e-6
@@ -34,13 +34,21 @@ def build_target(scenario: Scenario, system: System, tip: Float[Array, " pose"])
     places, pointing = tuple(range(axes)), tuple(range(axes, fixed.size))
     if target.path in ("circle", "sine", "line"):
         return Target(jnp.asarray(fixed), _formula(target, fixed[:axes]), places, carrier)
-    given = [(places, target.tip_path), (pointing, turns)]
-    moving = tuple(index for indices, points in given if points is not None for index in indices)
-    if not moving:
-        return Target(jnp.asarray(fixed), None, (), carrier)
-    points = np.concatenate([points for _, points in given if points is not None], axis=1)
-    path = PiecewisePolynomial(shape_preserving(np.asarray(target.time), points))
-    return Target(jnp.asarray(fixed), path, moving, carrier)
+    if target.path == "file":
+        series = scenario.series["target"]
+        times, points = series.time, series.values
+        moving = (places + pointing)[: points.shape[1]]
+    else:
+        given = [(places, target.tip_path), (pointing, turns)]
+        listed = [(where, points) for where, points in given if points is not None]
+        if not listed:
+            return Target(jnp.asarray(fixed), None, (), carrier)
+        moving = tuple(index for where, _ in listed for index in where)
+        times = np.asarray(target.time)
+        points = np.concatenate([points for _, points in listed], axis=1)
+    # whole at its end: the feed-forward looks ahead
+    curve = between(shape_preserving(times, points), 0.0, np.inf)
+    return Target(jnp.asarray(fixed), PiecewisePolynomial(curve), moving, carrier)
 
 
 def _pointing(

@@ -1,8 +1,10 @@
-"""Reading measured currents: a netCDF file becomes a velocity over time and height.
+"""Reading files: a CSV or netCDF file becomes a current, a motion or a path.
 
-Nothing here knows how a current is evaluated; a file that does not fit is a `ScenarioError`.
+Nothing here knows how they are evaluated; a file that does not fit is a `ScenarioError`.
 """
 
+from crinoid.scenario.recording.named import series_readers as series_readers
 from crinoid.scenario.recording.recording import Recording as Recording
 from crinoid.scenario.recording.recording import read_recording as read_recording
+from crinoid.scenario.recording.series import Series as Series
 from crinoid.scenario.recording.stage import Stage as Stage

@@ -9,8 +9,16 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.scenario.errors import shown
+from crinoid.scenario.recording.opening import numbers_of
 from crinoid.scenario.recording.refusal import refusal
 from crinoid.scenario.recording.units import length_factor, time_factor
+
+_INTERVALS = (1e-6, 1e9)
+"""Times between two samples that a record may have (s)."""
+_FARTHEST = 1e5
+"""No level is as far from the surface (m)."""
+_THINNEST = 1e-6
+"""Levels that are less apart are one (m)."""
 
 
 def only_dimension(variable: xr.DataArray, key: str) -> str:
@@ -23,22 +31,32 @@ def only_dimension(variable: xr.DataArray, key: str) -> str:
     return str(variable.dims[0])
 
 
-def seconds(variable: xr.DataArray, remarks: list[str]) -> Float[np.ndarray, " time"]:
+def seconds(
+    variable: xr.DataArray, remarks: list[str], *, key: str = "time"
+) -> Float[np.ndarray, " time"]:
     """Return the times of a record (s) since its first sample."""
-    name, values = variable.name, np.asarray(variable.values)
-    if values.size < 2:
-        raise refusal("time", f"{name} holds {values.size} instants, takes 2 or more")
-    if values.dtype.kind not in "iuf" or not np.isfinite(values).all():
-        raise refusal("time", f"{name} holds what is no number, takes numbers that increase")
-    factor = factor_to(variable, time_factor, "time", "seconds", remarks)
+    name, takes = variable.name, "numbers that increase, or ISO dates"
+    if variable.size < 2:
+        raise refusal(key, f"{name} holds {variable.size} instants, takes 2 or more")
+    values = numbers_of(variable, key, takes)
+    if not np.isfinite(values).all():
+        raise refusal(key, f"{name} has an entry that is missing or infinite, takes {takes}")
+    factor = factor_to(variable, time_factor, key, "seconds", remarks)
     # whole numbers are kept whole up to here: nanoseconds since 1970 have more digits than floats
-    time = (values - values[0]).astype(float) * factor
+    with np.errstate(over="ignore"):
+        time = (values - values[0]).astype(float) * factor
     # unsigned ones would wrap round
     late = np.flatnonzero(~(values[1:] > values[:-1]))
     if late.size:
         after = int(late[0]) + 1
         word = "repeats" if values[after] == values[after - 1] else "goes back"
-        raise refusal("time", f"{name} {word} at entry {after}, takes times that increase")
+        raise refusal(key, f"{name} {word} at entry {after}, takes times that increase")
+    with np.errstate(invalid="ignore"):
+        steps = np.diff(time)
+    if not (steps.min() >= _INTERVALS[0] and steps.max() <= _INTERVALS[1]):
+        low, high = _INTERVALS
+        text = f"{name} goes on in steps of {steps.min():.3g} to {steps.max():.3g} s"
+        raise refusal(key, f"{text}, takes {low:g} to {high:g} s")
     return time
 
 
@@ -54,15 +72,17 @@ def heights(
     A depth counts downward from the surface (CF: ``positive = "down"``), and so do levels whose
     name has a minus sign.
     """
-    values = np.asarray(variable.values)
-    if values.dtype.kind not in "iuf" or not np.isfinite(values).all():
+    takes = "heights or depths (m)"
+    values = numbers_of(variable, "vertical", takes)
+    if not np.isfinite(values).all():
         raise refusal(
-            "vertical", f"{variable.name} holds what is no number, takes heights or depths (m)"
+            "vertical", f"{variable.name} has an entry that is missing or infinite, takes {takes}"
         )
     if np.unique(values).size < values.size:
         raise refusal("vertical", f"{variable.name} holds a level twice, takes levels that differ")
-    down = variable.attrs.get("positive") == "down" or (
-        variable.attrs.get("standard_name") == "depth" and "positive" not in variable.attrs
+    positive = str(variable.attrs.get("positive", ""))
+    down = positive == "down" or (
+        str(variable.attrs.get("standard_name", "")) == "depth" and not positive
     )
     if origin is None:
         origin = 0.0 if down else bed
@@ -72,7 +92,14 @@ def heights(
         )
         raise refusal("origin", text)
     factor = factor_to(variable, length_factor, "vertical", "m", remarks)
-    return origin + (-1.0 if down else 1.0) * sign * factor * values.astype(float)
+    z = origin + (-1.0 if down else 1.0) * sign * factor * values.astype(float)
+    if np.abs(z).max(initial=0.0) > _FARTHEST:
+        text = f"{variable.name} reaches {np.abs(z).max():.6g} m, takes up to {_FARTHEST:g} m"
+        raise refusal("vertical", text)
+    if np.diff(np.sort(z)).min(initial=np.inf) < _THINNEST:
+        text = f"{variable.name} has levels less than {_THINNEST:g} m apart"
+        raise refusal("vertical", f"{text}, takes levels that differ")
+    return z
 
 
 def factor_to(
@@ -86,7 +113,7 @@ def factor_to(
     units = variable.attrs.get("units")
     if units is None or not str(units).strip():
         remarks.append(f"{variable.name} names no unit and is taken to be in {unit}")
-        return 1.0
+        units = unit
     factor = factor_of(str(units))
     if factor is None:
         raise refusal(

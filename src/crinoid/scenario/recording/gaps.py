@@ -53,7 +53,7 @@ def fill(
     steps = np.diff(time)
     lacking = np.maximum(np.rint(steps / np.median(steps)).astype(int) - 1, 0)
     lacking[steps <= _LATE * np.median(steps)] = 0
-    if lacking.sum() >= time.size:
+    if lacking.sum(dtype=float) >= time.size:
         text = f"most samples are missing at the usual interval of {np.median(steps):.6g} s"
         raise refusal("time", f"{text}; takes a record in one piece: cut one out")
     places = np.concatenate([[0], np.cumsum(lacking + 1)])

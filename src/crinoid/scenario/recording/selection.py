@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from crinoid.scenario.errors import shown
 from crinoid.scenario.measured import Component, MeasuredFlow
+from crinoid.scenario.recording.opening import numbers_of
 from crinoid.scenario.recording.refusal import listed, refusal
 
 
@@ -22,6 +23,9 @@ def component_of(
 ) -> Float[np.ndarray, "time level"]:
     """Cut one component out of a variable; ``used`` gathers the dimensions selected in."""
     name = component.name
+    if len(set(variable.dims)) < variable.ndim:
+        dims = ", ".join(map(str, variable.dims))
+        raise refusal(key, f"{name} runs over {dims}, takes each dimension once")
     for dimension, which in ((along, "time"), (upright, "vertical")):
         if dimension is not None and dimension not in variable.dims:
             raise refusal(key, f"{name} has no dimension {dimension}, as {which} has")
@@ -42,9 +46,7 @@ def component_of(
                 hint += f', or vertical = "{dimension}" for a profile'
             raise refusal(key, f"{name} also runs over {hint}")
     kept = [along] if upright is None else [along, upright]
-    values = np.asarray(variable.transpose(*kept).values)
-    if values.dtype.kind not in "iuf":
-        raise refusal(key, f"{name} holds what is no number, takes a velocity")
+    values = numbers_of(variable.transpose(*kept), key, "a velocity")
     values = values.astype(float).reshape(values.shape[0], -1)
     return np.where(np.isfinite(values), values, np.nan)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from crinoid.scenario.motion import FileMotion
 from crinoid.space import ANGLES, CHANNELS
 
 if TYPE_CHECKING:
@@ -39,8 +40,12 @@ class Stage:
         travel = dict.fromkeys(CHANNELS[dimension], 0.0)
         for name, channel in base.channels.present.items():
             travel[name] += max(-channel.limits.low, channel.limits.high)
-        for motion in base.motion:
-            travel[motion.channel] += motion.farthest(scenario.simulation.duration)
+        for index, motion in enumerate(base.motion):
+            if isinstance(motion, FileMotion):
+                series = scenario.series[f"base.motion.{index}"]
+                travel[motion.channel] += float(np.abs(series.values).max())
+            else:
+                travel[motion.channel] += motion.farthest(scenario.simulation.duration)
         root = base.position[-1]
         tip = root + scenario.arm.length * float(np.sin(np.deg2rad(base.tilt_deg)))
         return Stage(

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 _LENGTHS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
     **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 1e-2),
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1e-3),
+}
+_ANGLES = {
+    **dict.fromkeys(("deg", "degree", "degrees", "\N{DEGREE SIGN}"), math.radians(1.0)),
+    **dict.fromkeys(("rad", "radian", "radians"), 1.0),
 }
 _SECONDS = ("s", "sec", "secs", "second", "seconds")
 _TIMES = {
@@ -34,6 +39,20 @@ def velocity_factor(units: str) -> float | None:
 def length_factor(units: str) -> float | None:
     """Return what turns a length into m, or None for an unknown unit."""
     return _LENGTHS.get(units.strip().lower())
+
+
+def angle_factor(units: str) -> float | None:
+    """Return what turns an angle into rad, or None for an unknown unit."""
+    return _ANGLES.get(units.strip().lower())
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text names a unit that is known, with or without brackets."""
+    bare = text.strip().strip("[]()")
+    return any(
+        factor(bare) is not None
+        for factor in (velocity_factor, length_factor, time_factor, angle_factor)
+    )
 
 
 def time_factor(units: str) -> float | None:

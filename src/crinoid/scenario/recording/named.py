@@ -1,0 +1,73 @@
+"""The series that a scenario names: of prescribed motions and of the target's path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crinoid.scenario.motion import FileMotion
+from crinoid.scenario.recording.refusal import refusal
+from crinoid.scenario.recording.series import Column, Series, read_series
+from crinoid.scenario.recording.units import angle_factor, length_factor
+from crinoid.space import ANGLES, AXES
+
+if TYPE_CHECKING:
+    from crinoid.scenario.scenario import Scenario
+    from crinoid.scenario.target import Target
+
+_SHIFT, _DEPTHS, _TURNS = 1e3, 2e4, 100.0
+"""No motion goes as far (m), nothing in the sea lies as deep (m), nothing turns as often (rad)."""
+
+
+def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
+    """Return what reads each series that a scenario names, by the key of its table."""
+    duration, axes = scenario.simulation.duration, AXES[scenario.arm.dimension]
+    readers: dict[str, Callable[[], Series]] = {
+        f"base.motion.{index}": lambda motion=motion: _motion(motion, duration)
+        for index, motion in enumerate(scenario.base.motion)
+        if isinstance(motion, FileMotion)
+    }
+    if scenario.target.path == "file":
+        readers["target"] = lambda: _path(scenario.target, axes)
+    return readers
+
+
+def _motion(motion: FileMotion, duration: float) -> Series:
+    turns = motion.channel in ANGLES
+    column = Column(
+        "value_column",
+        motion.value_column or motion.channel,
+        angle_factor if turns else length_factor,
+        "degrees" if turns else "m",
+        _TURNS if turns else _SHIFT,
+    )
+    series = read_series(motion.file, motion.time_column, [column], motion.skip)
+    first, last = series.time[[0, -1]]
+    if first > 0:
+        raise refusal("time_column", f"begins at {first:.6g} s of the run, takes 0 or before")
+    if last < duration * (1 - 1e-9):
+        text = f"ends at {last:.6g} s of the run, takes simulation.duration = {duration} or later"
+        raise refusal("time_column", text)
+    return series
+
+
+def _path(target: Target, axes: tuple[str, ...]) -> Series:
+    columns = [
+        Column(f"tip_columns.{index}", name, length_factor, "m", _DEPTHS)
+        for index, name in enumerate(target.tip_columns or axes)
+    ]
+    if target.angle_column is not None:
+        columns.append(Column("angle_column", target.angle_column, angle_factor, "degrees", _TURNS))
+    for index, name in enumerate(target.direction_columns or ()):
+        columns.append(Column(f"direction_columns.{index}", name, _plain, "1", np.inf))
+    assert target.file is not None
+    series = read_series(target.file, target.time_column or "time", columns, target.skip or 0.0)
+    if target.direction_columns is not None and not series.values[:, -3:].any(axis=1).all():
+        raise refusal("direction_columns", "hold a vector that is 0, which has no direction")
+    return series
+
+
+def _plain(units: str) -> float | None:
+    return 1.0 if units.strip() in ("1", "-", "m/m") else None

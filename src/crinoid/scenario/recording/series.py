@@ -1,0 +1,87 @@
+"""Columns of numbers over the time of a run: a prescribed motion, a target's path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.scenario.recording.coordinates import factor_to, only_dimension, seconds
+from crinoid.scenario.recording.opening import check_count, find, numbers_of, opened, short
+from crinoid.scenario.recording.refusal import refusal
+from crinoid.scenario.recording.units import time_factor
+
+
+class Column(NamedTuple):
+    """What to read."""
+
+    key: str
+    """Under which the scenario names it."""
+    name: str
+    """In the file."""
+    factor_of: Callable[[str], float | None]
+    """What turns a unit into SI."""
+    unit: str
+    """If the file names none."""
+    most: float
+    """What is farther from zero stands for a missing value (SI)."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """What was read, in SI units."""
+
+    time: Float[np.ndarray, " time"]
+    """Time of the run (s), increasing."""
+    values: Float[np.ndarray, "time column"]
+    notes: tuple[str, ...]
+    """What was assumed and left out."""
+
+
+def read_series(file: str, time_column: str, columns: list[Column], skip: float) -> Series:
+    """Read columns of a CSV or netCDF file.
+
+    Times that are numbers are those of the run, dates count from the first one; ``skip`` is the
+    time of the file when the run begins. Rows in which anything is missing are left out.
+
+    Raises
+    ------
+    ScenarioError
+        If the file is not what it takes.
+    """
+    with opened(file, time_column) as dataset:
+        remarks: list[str] = []
+        clock = dataset[find(dataset, time_column, "time_column", file)]
+        along = only_dimension(clock, "time_column")
+        check_count(clock.size * len(columns), file, "this path")
+        time = seconds(clock, remarks, key="time_column")
+        units = str(clock.attrs.get("units", ""))
+        if " since " not in units:
+            time += float(numbers_of(clock, "time_column", "times")[0]) * (time_factor(units) or 1)
+        values = np.empty((time.size, len(columns)))
+        for index, (key, name, factor_of, unit, limit) in enumerate(columns):
+            variable = dataset[find(dataset, name, key, file)]
+            if variable.dims != (along,):
+                dims = ", ".join(map(str, variable.dims)) or "nothing"
+                raise refusal(key, f"{name} runs over {dims}, takes a column beside {time_column}")
+            numbers = numbers_of(variable, key, "numbers").astype(float)
+            factor = factor_to(variable, factor_of, key, unit, remarks)
+            values[:, index] = factor * numbers
+            most = float(np.nanmax(np.abs(numbers), initial=0.0))
+            if most > limit / factor:
+                text = f"{name} reaches {most:g}, takes up to {limit / factor:.4g}; missing values "
+                raise refusal(key, text + "take an empty cell, or in a netCDF file a _FillValue")
+    there = np.isfinite(values).all(axis=1)
+    if there.sum() < 2:
+        text = f"{short(file)} has {there.sum()} rows without a missing value, takes 2 or more"
+        raise refusal("file", text)
+    if not there.all():
+        gap = np.diff(time[there]).max()
+        remarks.append(
+            f"{(~there).sum()} of {there.size} rows lack a value and are left out, the longest gap "
+            f"{gap:.4g} s"
+        )
+    return Series(time[there] - skip, values[there], tuple(remarks))
