@@ -1248,8 +1248,8 @@ def test_keys_of_the_other_dimension_are_not_written():
     planar, spatial = Scenario().to_dict(), Scenario(arm={"dimension": 3}).to_dict()
     assert planar["base"].keys() == {"position", "tilt_deg", "mount"}
     assert spatial["base"].keys() == {"position", "tilt_deg", "pan_deg", "roll_deg", "mount"}
-    assert planar["target"] == {"tip": "initial", "angle_deg": "initial"}
-    assert spatial["target"] == {"tip": "initial", "direction": "initial"}
+    assert planar["target"] == {"tip": "initial", "angle_deg": "initial", "frame": "world"}
+    assert spatial["target"] == {"tip": "initial", "direction": "initial", "frame": "world"}
 
 
 def test_channels_are_those_of_the_base():

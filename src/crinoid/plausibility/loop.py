@@ -18,6 +18,8 @@ _NOISY_ANGLE = 20.0
 
 def _reach(facts: Facts) -> Iterator[str]:
     target, base = facts.scenario.target, facts.scenario.base.position
+    if target.frame == "base":  # its positions count from there
+        base = (0.0,) * len(base)
     points = target.tip_path or [target.tip if isinstance(target.tip, tuple) else base]
     reach = _STRETCHED * facts.length + facts.travel
     farthest = float(np.linalg.norm(np.subtract(points, base), axis=1).max())
