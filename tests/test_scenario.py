@@ -638,7 +638,8 @@ ONE_MISTAKE = {
     ),
     "a key of several tables": (
         "base.velocity = [0.1, 0.0]",
-        "base.velocity: unknown key; did you mean flow.0.velocity or obstacle.0.velocity?",
+        "base.velocity: unknown key; did you mean base.motion.0.velocity, flow.0.velocity or "
+        "obstacle.0.velocity?",
     ),
     "a key that is nearly one here and one elsewhere": (
         "simulation.time = [0.0, 1.0]",
