@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crinoid.dynamics import Obstacles
+from crinoid.dynamics import Integrator, Obstacles
 from crinoid.dynamics.integrator import Stage
 from crinoid.elements import Contact, DistributedLoad, Motion, TipLoad
 from crinoid.elements.contact import SKIN
@@ -277,6 +277,25 @@ def test_a_hit_keeps_momentum_and_energy(velocity, mass, place):
     # what the arm has was done on it by the contact
     assert float(end.work[-1]) == pytest.approx(float(end.energy.sum()), rel=0.01)
     assert float(touch.closest[0]) > -0.01 * RADIUS
+
+
+def test_a_hit_under_generalized_alpha():
+    velocity, mass = (0.0, 0.3), 0.05
+    method = Integrator.generalized_alpha(0.8)
+    system = hit(velocity, mass, time_step=0.0025, integrator=method)
+    end, taken = march(system, rest(system), 160)
+    touch = end.touch
+    assert taken > 160  # halved where they met
+    assert not touch.in_contact[0]
+    assert float(touch.closest[0]) > -0.01 * RADIUS
+    # forces are balanced between both ends of a step, the impulse is added up at the ends
+    gained = mass * (np.asarray(end.obstacle_velocity[0]) - velocity)
+    impulse = np.asarray(touch.impulse[0])
+    np.testing.assert_allclose(gained, -impulse, rtol=0, atol=0.1 * np.abs(impulse).max())
+    # what is too fast for a step it takes out, and never gives energy
+    before = 0.5 * mass * np.sum(np.square(velocity))
+    after = 0.5 * mass * np.sum(np.square(end.obstacle_velocity[0])) + float(end.energy.sum())
+    assert 0.8 * before < after < 1.01 * before
 
 
 def test_the_base_feels_a_hit_on_a_stiff_arm():

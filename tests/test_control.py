@@ -10,7 +10,17 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from crinoid.base import Base, Servo, SineMotion
-from crinoid.control import Carrier, Clock, FeedForward, Idle, Line, Pid, Sensor, Target
+from crinoid.control import (
+    Carrier,
+    Clock,
+    FeedForward,
+    Idle,
+    Line,
+    Pid,
+    Sensor,
+    Target,
+    damped_inverse,
+)
 from crinoid.control.pid import PidMemory
 from crinoid.control.sensor import SensorState
 from crinoid.control.target import pose_error
@@ -581,3 +591,35 @@ def test_idle_commands_nothing():
     command, memory = idle.command(idle.start(pose), pose, 0 * pose, pose)
     assert memory is None
     assert np.array_equal(command, np.zeros(3))
+
+
+# --- mapping -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(3, 2), (2, 3), (3, 3), (4, 1)])
+def test_a_damped_inverse_is_that_of_least_squares_where_no_direction_is_nearly_lost(shape):
+    left, _, right = np.linalg.svd(np.random.default_rng(3).normal(size=shape), full_matrices=False)
+    values = np.linspace(1.0, 0.06, min(shape))  # down to just over a twentieth
+    jacobian = (left * values) @ right
+    np.testing.assert_allclose(damped_inverse(jacobian), np.linalg.pinv(jacobian), atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_a_damped_inverse_asks_little_for_what_hardly_any_command_undoes(size):
+    def gain(share):
+        """Return by how much a direction is undone that follows commands by a share."""
+        turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+        inverse = damped_inverse(size * turn @ np.diag([1.0, share]))
+        # the other direction is inverted whatever the share
+        np.testing.assert_allclose(inverse @ turn[:, 0], [1 / size, 0], atol=1e-12 / size)
+        return size * (inverse @ turn[:, 1])[1]
+
+    # 1 / s down to a twentieth; below, s / e^2: it is continuous, falls, and ends with nothing
+    assert gain(0.05) == pytest.approx(20.0)
+    assert gain(0.049999) == pytest.approx(20.0, rel=1e-4)
+    assert gain(0.01) == pytest.approx(0.01 * 400)
+    assert gain(0.0) == 0.0
+
+
+def test_a_jacobian_of_nothing_asks_for_nothing():
+    np.testing.assert_array_equal(damped_inverse(np.zeros((3, 2))), np.zeros((2, 3)))

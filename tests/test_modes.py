@@ -8,7 +8,7 @@ from jaxtyping import Array
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from crinoid.dynamics import State, System, find_modes
+from crinoid.dynamics import ModesError, State, System, find_modes
 from crinoid.dynamics.tangent import HELD
 from crinoid.flow import Uniform
 from physics import QUICKLY, always, arm, dense, order
@@ -72,6 +72,12 @@ def test_a_stiff_arm_that_hangs_from_a_pin_swings_as_a_physical_pendulum():
     assert converged
     # it is not quite stiff: a share of 6e-3 / EI
     assert find_modes(*hanging).frequency[0] == pytest.approx(pendulum, rel=1e-7)
+
+
+def test_matrices_that_are_no_numbers_have_no_modes():
+    bands = jnp.full((5, 5, 2, 2), jnp.nan)
+    with pytest.raises(ModesError, match="no natural frequencies found"):
+        find_modes(bands, bands)
 
 
 def test_an_arm_that_turns_freely_has_a_mode_of_no_frequency():

@@ -3,11 +3,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.sparse.linalg import ArpackNoConvergence
 
 import crinoid
 from crinoid.metrics import tip_error
 from crinoid.result import Result, ResultError
+from crinoid.scenario import ScenarioError
 from crinoid.simulation import SimulationError, play
+from crinoid.simulation.setup import set_up
 
 # one shape of arm, flows and controller for all tests: they share their compiled code
 SCENARIO = """
@@ -265,6 +268,72 @@ def test_a_step_that_cannot_be_solved_ends_the_run_with_what_there_is():
     assert kept.status.startswith("failed at t = ")
     for name, variable in kept.dataset.data_vars.items():
         assert np.isfinite(variable.values).all(), name
+
+
+def test_a_run_does_without_natural_frequencies_that_are_not_found(monkeypatch):
+    def never(*_, **__):
+        raise ArpackNoConvergence("no convergence (3 iterations)", np.zeros(0), np.zeros((0, 0)))
+
+    monkeypatch.setattr("scipy.sparse.linalg.eigsh", never)
+    result = crinoid.simulate(scenario(control__compare=False, simulation__duration=0.1))
+    assert result.status == "ok"
+    assert "natural_frequency" not in result.dataset
+    told = [note for note in result.notes if "no natural frequencies" in note]
+    assert len(told) == 1
+    assert "no convergence" in told[0]
+
+
+# a level arm that nothing bends, whose tip so follows the slide along x and nothing else
+LEVEL = {"base__tilt_deg": 0.0, "arm__density": 1025.0}
+
+
+def test_gains_of_a_channel_that_moves_nothing_of_what_is_controlled_are_refused():
+    with pytest.raises(ScenarioError, match=r"control\.pid\.slide: does nothing"):
+        set_up(scenario(**LEVEL, control__controlled=["z", "angle"]))
+    # nor can one be the best of those that do nothing
+    with pytest.raises(ScenarioError, match=r"control\.pid\.slide: does nothing"):
+        set_up(scenario(**LEVEL, control__controlled=["z"], control__pid={"slide": {"kp": 0.3}}))
+    # tilt moves both of them, and slide what is along it
+    set_up(scenario(**LEVEL, control__controlled=["x", "z", "angle"]))
+
+
+def test_a_mapping_of_an_arm_that_nothing_holds_in_place_is_refused():
+    # on a pin, without weight, in still water: it may point anywhere
+    gains = {"slide": {"kp": 0.3}, "heave": {"kp": 0.3}}
+    free = scenario(
+        **LEVEL,
+        base__mount="pinned",
+        base__channels={"slide": {}, "heave": {}},
+        control__pid=gains,
+        simulation__start="rest",
+    )
+    with pytest.raises(
+        ScenarioError, match=r"control\.mapping: .* nothing holds this arm in place"
+    ):
+        set_up(free)
+
+
+def test_identity_pairs_each_coordinate_of_the_tip_with_its_channel():
+    gains = {"slide": 0.5, "heave": 0.3, "tilt": 0.7}
+    case = scenario(
+        control__compare=False, control__mapping="identity",
+        control__controlled=["x", "z", "angle"], target__tip=[0.43, -10.2], target__angle_deg=-20.0,
+        control__pid={name: {"kp": gain} for name, gain in gains.items()},
+        base__channels={name: {} for name in gains},
+        simulation__duration=0.2, output__interval=0.01,
+    )  # fmt: skip
+    whole = crinoid.simulate(case).dataset
+    missed = np.column_stack(
+        [
+            whole["tip_target"].values - whole["tip_position"].values,
+            whole["tip_angle_target"].values - whole["tip_angle"].values,
+        ]
+    )
+    assert np.abs(missed[0]).min() > 1e-3
+    assert list(whole["channel"].values) == list(gains)
+    # of proportional gains alone, without a delay: the command of a step is of where it began
+    commands = missed[:-1] * list(gains.values())
+    np.testing.assert_allclose(whole["base_command"].values[1:], commands, rtol=0, atol=1e-12)
 
 
 def test_an_arm_that_nothing_holds_has_no_equilibrium():

@@ -16,5 +16,7 @@ def damped_inverse(jacobian: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "n m
     error that hardly any command undoes asks for little, one that none undoes for nothing.
     """
     u, values, vt = np.linalg.svd(jacobian, full_matrices=False)
-    edge = max(_NEAR_SINGULAR * values.max(initial=0.0), np.finfo(float).tiny)
-    return (vt.T * (values / np.maximum(values, edge) ** 2)) @ u.T
+    largest = values.max(initial=0.0)
+    if not largest:
+        return np.zeros(jacobian.T.shape)
+    return (vt.T * (values / np.maximum(values, _NEAR_SINGULAR * largest) ** 2)) @ u.T

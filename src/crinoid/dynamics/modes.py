@@ -17,6 +17,10 @@ COUNT = 8
 """How many modes are looked for: more than a current can reach on all but the limpest arms."""
 
 
+class ModesError(RuntimeError):
+    """Modes could not be found."""
+
+
 class Modes(NamedTuple):
     """The slowest vibrations of an arm whose base is held, slowest first.
 
@@ -73,6 +77,11 @@ def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) ->
         Of all nodes, as `linearise` returns them.
     count
         How many modes; fewer than the free nodes have coordinates.
+
+    Raises
+    ------
+    ModesError
+        If the matrices hold what is no number, or the iteration does not converge.
     """
     # slow to load, and many commands do without
     from scipy.linalg import eigh
@@ -82,15 +91,18 @@ def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) ->
     unknowns, size = K.shape[0], stiffness.shape[-1]
     scale = 1 / np.sqrt(M.diagonal())
     round_off = 16 * np.finfo(float).eps * (abs(K) @ scale * scale).max()
-    _, near = eigsh(
-        K,
-        min(count, unknowns - 1),
-        M,
-        sigma=-1e3 * round_off,  # the least ones are next to it, and nothing is singular there
-        v0=np.random.default_rng(0).standard_normal(unknowns),
-    )
-    # what the shift has cost in accuracy comes back in the space of these few
-    squared, mixed = eigh(near.T @ (K @ near), near.T @ (M @ near))
+    try:
+        _, near = eigsh(
+            K,
+            min(count, unknowns - 1),
+            M,
+            sigma=-1e3 * round_off,  # the least ones are next to it, and nothing is singular there
+            v0=np.random.default_rng(0).standard_normal(unknowns),
+        )
+        # what the shift has cost in accuracy comes back in the space of these few
+        squared, mixed = eigh(near.T @ (K @ near), near.T @ (M @ near))
+    except (RuntimeError, ValueError) as error:  # of ARPACK, SuperLU and LAPACK
+        raise ModesError(f"no natural frequencies found: {error}") from error
     shapes = np.pad((near @ mixed).T.reshape(squared.size, -1, size), ((0, 0), (1, 0), (0, 0)))
     for shape in shapes:
         shape /= shape.flat[np.argmax(np.abs(shape))]

@@ -18,13 +18,15 @@ from crinoid.control import (
     Sensor,
     damped_inverse,
 )
-from crinoid.dynamics import Modes, Outcome, State, System, find_modes
+from crinoid.dynamics import Modes, ModesError, Outcome, State, System, find_modes
 from crinoid.plausibility import doubts
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation.build_target import build_target
 from crinoid.simulation.loop import Loop
 from crinoid.space import CHANNELS, POSE
 
+_ROUND_OFF = 1e-9
+"""Movement of the tip over that of a channel, turns at the arm's length, that is none."""
 _UNUSED = 1e-6
 """Answer of a channel to an error, over that of the channel that answers most: none at all."""
 
@@ -50,8 +52,18 @@ def set_up(scenario: Scenario) -> Setup:
     loaded = scenario.simulation.start == "equilibrium"
     _check_room(system)
     state, outcome, tip, linear, jacobian = _start(system, loaded, mapped)
+    modes, told = None, doubts(scenario)
     if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
         jacobian = None
+    else:
+        try:
+            modes = find_modes(*linear)
+        except ModesError as error:  # a run does without
+            told = [*told, f"{error}; the result has neither them nor what follows from them"]
+    swings_free = modes is not None and scenario.base.mount == "pinned" and not modes.frequency[0]
+    if jacobian is not None and swings_free:
+        # the stiffness is singular: what its inverse says is round-off
+        jacobian = jnp.full_like(jacobian, jnp.nan)
     loop = Loop(
         system=system,
         sensor=_sensor(scenario),
@@ -62,8 +74,7 @@ def set_up(scenario: Scenario) -> Setup:
         feed_forward=_feed_forward(scenario, system, jacobian),
         enabled=jnp.asarray(True),
     )
-    modes = find_modes(*linear) if outcome.converged else None
-    return Setup(loop, state, outcome, modes, doubts(scenario))
+    return Setup(loop, state, outcome, modes, told)
 
 
 def _find_start(
@@ -208,7 +219,9 @@ def _mapping(
         )
         raise ScenarioError([Mistake("control.mapping", text)])
     weights = np.where(np.asarray(columns) < axes, 1.0, scenario.arm.length)
-    inverse = damped_inverse(weights[:, None] * needed) * weights
+    weighed = weights[:, None] * needed
+    weighed[np.abs(weighed) < _ROUND_OFF] = 0.0
+    inverse = damped_inverse(weighed) * weights
     _check_use(driven, inverse)
     mapping[np.ix_(rows, columns)] = inverse
     return mapping
