@@ -68,6 +68,7 @@ def arm(
     floor: float | None = None,
     max_iterations: int = 30,
     max_halvings: int = 8,
+    max_error: float = np.inf,
     origin: ArrayLike | None = None,
     obstacles: Callable[[Rod], Obstacles] | None = None,
 ) -> System:
@@ -137,6 +138,7 @@ def arm(
         integrator=integrator or Integrator.newmark(),
         settings=settings,
         time_step=jnp.asarray(time_step, float),
+        max_error=jnp.asarray(max_error, float),
         max_halvings=max_halvings,
     )
 
@@ -234,9 +236,9 @@ def dense(bands: ArrayLike) -> np.ndarray:
 
 def bare(state: State) -> State:
     """Leave out of a state what does not move the arm, whose derivatives take long to compile."""
-    books = [state.energy, state.power, state.work, state.reaction]
+    books = [state.energy, state.working, state.work, state.reaction]
     return eqx.tree_at(
-        lambda s: [s.energy, s.power, s.work, s.reaction, s.flow_velocity],
+        lambda s: [s.energy, s.working, s.work, s.reaction, s.flow_velocity],
         state,
         [jnp.zeros_like(x) for x in [*books, state.flow_velocity]],
     )

@@ -311,7 +311,7 @@ def crowd(**changes):
 def test_what_obstacles_do_to_the_rows_of_nodes_and_back():
     obstacles, motion = crowd()
     gap, rows = jax.jit(lambda motion: obstacles.push(motion))(motion)
-    touch = jax.jit(lambda motion: obstacles.touch(motion))(motion)
+    touch, pushed = jax.jit(lambda motion: obstacles.touch(motion))(motion)
     assert gap.shape == (3, 5)
     assert rows.shape == (10, 4)
     assert touch.in_contact.all()
@@ -319,8 +319,8 @@ def test_what_obstacles_do_to_the_rows_of_nodes_and_back():
     np.testing.assert_array_equal(rows[-3:, 3], 0.0)
     assert np.abs(rows[2:7, 3]).max() > 1e-4
     np.testing.assert_allclose(touch.force, -rows[-3:, :3])
-    np.testing.assert_allclose(touch.on_nodes, rows[:-3])
-    np.testing.assert_allclose(touch.on_nodes[:, :3].sum(0), touch.force.sum(0), atol=1e-12)
+    np.testing.assert_allclose(pushed, rows[:-3])
+    np.testing.assert_allclose(pushed[:, :3].sum(0), touch.force.sum(0), atol=1e-12)
     assert touch.impulse.shape == (3, 3)
     later = touch.after(touch, jnp.asarray(0.01))
     np.testing.assert_allclose(later.impulse, 0.01 * touch.force)

@@ -60,6 +60,7 @@ def kept(touch=None, **changes):
         "steps": np.arange(RECORDS),
         "iterations": np.arange(RECORDS),
         "residual": some(),
+        "error": some(),
         "obstacle_position": None,
         "obstacle_velocity": None,
         "touch": touch,
@@ -152,7 +153,6 @@ def test_obstacles_in_space_have_three_axes(system):
     arrays = {
         "gap": np.full((RECORDS, 2, NODES - 1), 0.1),
         "force": np.ones((RECORDS, 2, 3)),
-        "on_nodes": np.zeros((RECORDS, NODES, 3)),
         "in_contact": np.zeros((RECORDS, 2), dtype=bool),
         "impulse": np.ones((RECORDS, 2, 3)),
         "duration": np.zeros((RECORDS, 2)),

@@ -396,6 +396,36 @@ def test_order_in_the_time_step_on_a_large_swing(integrator, expected, within):
     assert errors[-1] < (1e-2 if expected == 1.0 else 1e-4)
 
 
+@pytest.mark.parametrize(
+    ("integrator", "expected", "within"),
+    [
+        (Integrator.newmark(), 3.0, 0.01),
+        (Integrator.newmark(0.3025, 0.6), 3.0, 0.05),
+        (Integrator.generalized_alpha(0.8), 3.0, 0.2),
+        (Integrator.generalized_alpha(0.2), 3.0, 0.05),
+        (Integrator.implicit_euler(), 2.0, 0.01),
+    ],
+    ids=["newmark", "newmark-0.6", "alpha-0.8", "alpha-0.2", "implicit-euler"],
+)
+def test_estimated_error_of_a_step_is_its_local_error(integrator, expected, within):
+    properties = {"EA": 1e3, "gravity": 10.0, "damping_time": 0.02, "tolerance": 1e-12}
+    system, exact = bare(integrator=integrator, **properties), bare(**properties)
+    estimates, errors = [], []
+    for steps in (400, 800, 1600):
+        step = 0.8 / steps
+        state = march(system, rest(system), until=0.4, steps=steps // 2)
+        after, progress = advance(system, state, jnp.asarray(step))
+        true = march(exact, state, until=float(state.time) + step, steps=64)
+        estimates.append(float(progress.error))
+        distance = np.linalg.norm(np.asarray(after.position - true.position), axis=1)
+        errors.append(distance.max())
+    assert order(estimates) == pytest.approx(expected, abs=0.05)
+    # what it leaves out is of the next order
+    missed = np.abs(1 - np.asarray(estimates) / errors)
+    assert missed[-1] < within
+    assert missed[2] < 0.75 * missed[1] < 0.75**2 * missed[0]
+
+
 # --- energy ------------------------------------------------------------------------------------
 
 
@@ -514,7 +544,8 @@ def test_still_water_and_damping_only_take_energy():
     system = carried(gravity=9.81, displaced_area=1e-4, damping_time=0.05)
     states, _ = track(system, rest(system), 0.004)
     for name in ("drag", "damping"):
-        assert states.power[:, WORKS.index(name)].max() <= 0.0
+        power = np.sum(states.working[:, WORKS.index(name)] * states.motion.velocity, axis=(1, 2))
+        assert power.max() <= 0.0
         assert states.work[-1, WORKS.index(name)] < -0.01
 
 
@@ -664,3 +695,29 @@ def test_a_good_step_is_not_cut():
     assert progress.steps == 1
     assert progress.iterations == progress.outcome.iterations
     assert np.asarray(state.position) == pytest.approx(np.asarray(stepped.position), abs=1e-14)
+
+
+def test_a_step_that_errs_too_much_is_cut_in_two():
+    system = pushed((0.0, -1.0))
+    start, step = rest(system), 0.02
+    _, whole = advance(system, start, jnp.asarray(step))
+    assert whole.steps == 1
+    assert whole.error == whole.outcome.error > 0
+    middle, first = advance(system, start, jnp.asarray(step / 2))
+    end, second = advance(system, middle, jnp.asarray(step / 2))
+    careful = eqx.tree_at(lambda s: s.max_error, system, 0.6 * whole.error)
+    state, cut = advance(careful, start, jnp.asarray(step))
+    assert cut.outcome.converged
+    assert cut.steps == 2
+    assert np.asarray(state.position) == pytest.approx(np.asarray(end.position), abs=1e-14)
+    # of both parts, not of the last alone
+    assert cut.error == max(first.error, second.error) <= careful.max_error
+    assert cut.residual == max(first.residual, second.residual)
+    assert cut.iterations == whole.iterations + first.iterations + second.iterations
+    # past all halvings it fails, and says by how much it errs
+    hopeless = eqx.tree_at(lambda s: s.max_error, system, jnp.asarray(1e-12))
+    state, failed = advance(hopeless, start, jnp.asarray(step))
+    assert not failed.outcome.converged
+    assert failed.outcome.error > 1e-12
+    assert failed.steps == 0
+    assert eqx.tree_equal(state, start)

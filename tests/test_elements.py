@@ -81,7 +81,7 @@ ALL = OBJECTIVE | {
 
 residual = eqx.filter_jit(lambda element, motion: element.residual(motion))
 energy = eqx.filter_jit(lambda element, motion: element.energy(motion))
-power = eqx.filter_jit(lambda element, motion: element.power(motion))
+power = eqx.filter_jit(lambda element, motion: jnp.sum(element.working(motion) * motion.velocity))
 
 
 @eqx.filter_jit

@@ -15,7 +15,7 @@ from crinoid.cli.app import app
 from crinoid.dynamics import Outcome
 from crinoid.result import Result
 from crinoid.simulation import SimulationError, play
-from crinoid.simulation.run import _imbalance
+from crinoid.simulation.failure import imbalance
 
 # a heavy arm that leans on the bed, and a ball that falls on it; one number of nodes, one free and
 # one led obstacle in all tests, which share their compiled code
@@ -109,9 +109,8 @@ def test_the_ledger_closes_with_the_work_of_the_contacts():
     defect = np.abs((change - change[0]) - works).max()
     scale = float(np.abs(energy.sel(kind="contact")).max())
     assert scale > 0.01
-    # powers at the ends of a step tell less of damping and added mass in a hit than of a smooth
-    # motion; without the work of the contacts the books would miss all of the scale
-    assert float(defect) < 0.1 * scale
+    # forces along the path: a hit makes velocities jump within a step, and the books still balance
+    assert float(defect) < 1e-5 * scale
 
 
 def test_a_run_with_a_free_obstacle_goes_on_as_if_it_had_not_stopped(result, tmp_path):
@@ -245,7 +244,7 @@ def test_an_imbalance_past_the_tip_is_that_of_a_free_obstacle():
 
     def worst(row: int) -> str:
         nothing = Outcome.of_nothing(converged=False)
-        return _imbalance(
+        return imbalance(
             system,
             Outcome(
                 nothing.converged,
@@ -255,6 +254,7 @@ def test_an_imbalance_past_the_tip_is_that_of_a_free_obstacle():
                 jnp.asarray(row),
                 nothing.resolved,
                 nothing.folded,
+                nothing.error,
             ),
         )
 

@@ -140,7 +140,9 @@ def motion_of(forces, stage, correction):
 def observe(forces, stage):
     """Return residual, energies, powers and the motion of a stage."""
     motion, _ = motion_of(forces, stage, jnp.zeros_like(stage.position))
-    return forces.residual(motion)[0], *forces.audit(motion), motion
+    energy, working = forces.audit(motion)
+    power = jnp.sum(working * motion.velocity, axis=(1, 2))
+    return forces.residual(motion)[0], energy, power, motion
 
 
 def force_and_torque(position, residual):

@@ -138,6 +138,12 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
             "N",
             "largest force imbalance of a node since the instant before",
         ),
+        "step_error": (
+            ("time",),
+            kept.error,
+            "m",
+            "largest estimated local error of a step since the instant before",
+        ),
     }
     if kept.touch is not None:
         quantities |= _contact(kept, kept.touch, origin)

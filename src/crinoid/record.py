@@ -31,6 +31,8 @@ class Record(eqx.Module):
     """Newton iterations since the instant before."""
     residual: Float[Array, "*t"]
     """Largest imbalance that a step since the instant before ended with (N)."""
+    error: Float[Array, "*t"]
+    """Largest estimated local error of a step since the instant before (m)."""
     obstacle_position: Float[Array, "*t m d"] | None
     obstacle_velocity: Float[Array, "*t m d"] | None
     touch: Touch | None

@@ -240,19 +240,22 @@ class Forces(eqx.Module):
         resists = jnp.max(bend.stiffness.reshape(cosine.size, -1), axis=1) > 0
         return jnp.where(resists, cosine, 1.0)
 
-    def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, " work"]]:
-        """Return the stored energies (J) and the powers that flow in from outside (W).
+    def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, "work n b"]]:
+        """Return the stored energies (J), and the forces on the nodes that are not stored (N, N m).
 
-        Contacts aside: what they do to the arm is a `Touch`.
+        Contacts and the base aside.
         """
+        position = self.nodes(motion.position)
         energy = dict.fromkeys(ENERGIES, jnp.zeros(()))
-        power = dict.fromkeys(WORKS, jnp.zeros(()))
-        for _, elements in self._groups():
+        working = dict.fromkeys(WORKS, jnp.zeros_like(position))
+        for first, elements in self._groups():
             accounts = jax.vmap(_accounts)(elements, self._windows(elements[0], motion))
-            for element, (stored, flowing) in zip(elements, accounts, strict=True):
+            for element, (stored, forces) in zip(elements, accounts, strict=True):
                 energy[element.stored] += jnp.sum(stored)
-                power[element.worked] += jnp.sum(flowing)
-        return jnp.stack(list(energy.values())), jnp.stack(list(power.values()))
+                nodal = chain.scatter(forces, first, position.shape[0])
+                rows = working[element.worked]
+                working[element.worked] = rows.at[:, : nodal.shape[1]].add(nodal)
+        return jnp.stack(list(energy.values())), jnp.stack(list(working.values()))
 
     def _groups(self) -> list[tuple[int, Elements]]:
         """Return the elements that act on the same windows together, by their first node.
@@ -317,4 +320,4 @@ def _residuals(elements: Elements, window: Motion, load_factor: Array | None) ->
 
 
 def _accounts(elements: Elements, window: Motion) -> list[tuple[Array, Array]]:
-    return [(element.energy(window), element.power(window)) for element in elements]
+    return [(element.energy(window), element.working(window)) for element in elements]

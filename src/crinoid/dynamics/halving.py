@@ -10,12 +10,19 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics.newton import Outcome
 from crinoid.dynamics.state import State
 
+_GROWTH = 8.0
+"""By how much the local error of a method of order 2 grows when a step is doubled."""
+
 
 class Progress(eqx.Module):
     """How a step went that was cut into shorter ones where it had to be."""
 
     outcome: Outcome
     """Of the last solve."""
+    residual: Float[Array, ""]
+    """Largest imbalance that one of the steps that succeeded ended with (N)."""
+    error: Float[Array, ""]
+    """Largest estimated local error of one of them (m)."""
     steps: Int[Array, ""]
     """Steps that succeeded."""
     iterations: Int[Array, ""]
@@ -27,11 +34,13 @@ def halve(
     state: State,
     length: Float[Array, ""],
     max_halvings: int,
+    max_error: Float[Array, ""],
 ) -> tuple[State, Progress]:
     """Advance by ``length`` (s), in shorter steps where ``step`` does not converge.
 
     Down to ``2**-max_halvings`` of it; past that the last good state comes back with a failed
-    outcome.
+    outcome. A step is doubled again where the longer one would be expected to keep within
+    ``max_error`` (m).
     """
     whole = 2**max_halvings
 
@@ -48,20 +57,27 @@ def halve(
         kept = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
         done = done + jnp.where(good, part, 0)
         # after a success try twice as much again, from a place that twice as much divides
-        longer = jnp.where((done % (2 * part) == 0) & (part < whole), 2 * part, part)
+        room = _GROWTH * outcome.error <= max_error
+        longer = jnp.where((done % (2 * part) == 0) & (part < whole) & room, 2 * part, part)
         part = jnp.where(good, longer, part // 2)
         return (
             kept,
-            Progress(outcome, progress.steps + good, progress.iterations + outcome.iterations),
+            Progress(
+                outcome,
+                jnp.maximum(progress.residual, jnp.where(good, outcome.residual, 0.0)),
+                jnp.maximum(progress.error, jnp.where(good, outcome.error, 0.0)),
+                progress.steps + good,
+                progress.iterations + outcome.iterations,
+            ),
             done,
             part,
         )
 
-    nothing = jnp.asarray(0)
+    nothing, zero = jnp.asarray(0), jnp.zeros(())
     unsolved = Outcome.of_nothing(converged=False)
     state, progress, _, _ = jax.lax.while_loop(
         unfinished,
         attempt,
-        (state, Progress(unsolved, nothing, nothing), nothing, jnp.asarray(whole)),
+        (state, Progress(unsolved, zero, zero, nothing, nothing), nothing, jnp.asarray(whole)),
     )
     return state, progress

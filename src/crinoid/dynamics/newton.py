@@ -36,12 +36,14 @@ class Outcome(eqx.Module):
     """Whether a balanced step was short enough for its contacts; if not it has not converged."""
     folded: Bool[Array, ""]
     """Whether a balanced step bent an edge back onto the one before; then it does not count."""
+    error: Float[Array, ""]
+    """Estimated local error of the places after a balanced step (m)."""
 
     @staticmethod
     def of_nothing(*, converged: bool) -> "Outcome":
         """Return the outcome of no iterations, to start a loop with."""
         none, zero, yes, no = jnp.asarray(0), jnp.zeros(()), jnp.asarray(True), jnp.asarray(False)
-        return Outcome(jnp.asarray(converged), none, zero, zero, none, yes, no)
+        return Outcome(jnp.asarray(converged), none, zero, zero, none, yes, no, zero)
 
 
 class Settings(eqx.Module):
@@ -170,6 +172,7 @@ def imbalance(
         worst_node=worst + HELD - 1,
         resolved=jnp.asarray(True),
         folded=jnp.asarray(False),
+        error=jnp.zeros(()),
     )
 
 

@@ -27,8 +27,6 @@ class Touch(eqx.Module):
     """Distance of each obstacle from the surface of each edge (m)."""
     force: Float[Array, "m d"]
     """Of each obstacle on the arm (N)."""
-    on_nodes: Float[Array, "n b"]
-    """Of all obstacles on the nodes (N) and, in space, about the edges that end there (N m)."""
     in_contact: Bool[Array, " m"]
     impulse: Float[Array, "m d"]
     """Of each obstacle on the arm since the start (N s)."""
@@ -42,7 +40,6 @@ class Touch(eqx.Module):
         return Touch(
             self.gap,
             self.force,
-            self.on_nodes,
             self.in_contact,
             before.impulse + 0.5 * step * (before.force + self.force),
             before.duration + jnp.where(self.in_contact, step, 0.0),
@@ -127,15 +124,18 @@ class Obstacles(eqx.Module):
         rows = self.scatter(forces, motion.position.shape[0])
         return gap.reshape(self.count, -1), rows
 
-    def touch(self, motion: Motion) -> Touch:
-        """Return what the obstacles do to the arm right now."""
+    def touch(self, motion: Motion) -> tuple[Touch, Float[Array, "n b"]]:
+        """Return what the obstacles do to the arm right now, and the forces on the nodes (N).
+
+        In space the last column has the torques about the edges that end there (N m).
+        """
         gap, rows = self.push(motion)
-        on_nodes, force = rows[: -self.count], -rows[-self.count :, : self.contact.axes]
+        force = -rows[-self.count :, : self.contact.axes]
         _, pressing = self.contact.press(gap.reshape(-1))
         none = jnp.zeros(self.count)
         closest = jnp.min(gap, axis=1)
         touching = jnp.any(pressing.reshape(gap.shape) > 0, axis=1)
-        return Touch(gap, force, on_nodes, touching, 0.0 * force, none, closest)
+        return Touch(gap, force, touching, 0.0 * force, none, closest), rows[: -self.count]
 
     def windows(self, rows: Rows) -> Float[Array, "pairs 3 b"]:
         """Return each edge with each obstacle, obstacle by obstacle."""

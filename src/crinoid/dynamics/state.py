@@ -27,8 +27,9 @@ class State(eqx.Module):
     """Force of the base on the ghost node and the root (N), torque about the ghost edge (N m)."""
     energy: Float[Array, " energy"]
     """Stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
-    power: Float[Array, " work"]
-    """Power that flows into the arm, in the order of `crinoid.elements.WORKS` (W)."""
+    working: Float[Array, "work n b"]
+    """Forces on the nodes whose work is not stored, in the order of `crinoid.elements.WORKS` (N),
+    torques about the edges (N m)."""
     work: Float[Array, " work"]
     """Work done on the arm since the start, in the same order (J)."""
     touch: Touch | None

@@ -40,6 +40,8 @@ class System(eqx.Module):
     integrator: Integrator
     settings: Settings
     time_step: Float[Array, ""]
+    max_error: Float[Array, ""]
+    """Largest estimated local error of a step that counts (m); infinite where any does."""
     max_halvings: int = eqx.field(static=True)
 
     @property
@@ -165,26 +167,23 @@ class System(eqx.Module):
         after = self._observe(
             self.forces, eqx.tree_at(lambda m: m.acceleration, motion, now), servo
         )
-        work = state.work + 0.5 * h * (state.power + after.power)
-        # a servo's speed may change much within a step, and so may the arm's where something hits
-        # it: the paths are known, so use those
-        path = motion.position - before.position
-        actuation = 0.5 * jnp.sum((state.reaction + after.reaction) * path[:HELD])
-        work = work.at[_ACTUATION].set(state.work[_ACTUATION] + actuation)
+        # forces along the path, which is known, and not powers over the time: a servo's speed, or
+        # that of an arm that is hit, may change much within a step
+        path = self.forces.nodes(motion.position - before.position)
+        work = state.work + 0.5 * jnp.sum((state.working + after.working) * path, axis=(1, 2))
         earlier = jnp.stack([before.acceleration, state.earlier[0]])
         after = eqx.tree_at(lambda s: (s.motion, s.work, s.earlier), after, (motion, work, earlier))
         folded = self.forces.folded(motion.position)
+        error = jnp.where(outcome.converged, self._error(before, motion, h), 0.0)
+        good = outcome.converged & ~folded & (error <= self.max_error)
         outcome = eqx.tree_at(
-            lambda o: (o.converged, o.folded), outcome, (outcome.converged & ~folded, folded)
+            lambda o: (o.converged, o.folded, o.error), outcome, (good, folded, error)
         )
         obstacles = self.forces.obstacles
         if obstacles is None:
             return after, outcome
         assert state.touch is not None
         assert after.touch is not None
-        pushed = state.touch.on_nodes + after.touch.on_nodes
-        contact = state.work[_CONTACT] + 0.5 * jnp.sum(pushed * self.forces.nodes(path))
-        after = eqx.tree_at(lambda s: s.work, after, work.at[_CONTACT].set(contact))
         resolved = ~outcome.converged | obstacles.resolved(
             before.position, state.touch, motion.position, after.touch, h
         )
@@ -200,13 +199,19 @@ class System(eqx.Module):
     def advance(
         self, state: State, command: Channels, step: float | Array | None = None
     ) -> tuple[State, Progress]:
-        """Advance by one time step, halving it where Newton's method fails.
+        """Advance by one time step, halving it where Newton's method fails or it errs too much.
 
         Down to ``2**-max_halvings`` of the step; past that the last good state comes back with a
         failed outcome. Not differentiable in reverse mode (a loop of unknown length): use `step`.
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
-        return halve(lambda s, part: self.step(s, command, part), state, h, self.max_halvings)
+        return halve(
+            lambda s, part: self.step(s, command, part),
+            state,
+            h,
+            self.max_halvings,
+            self.max_error,
+        )
 
     def tip(self, state: State) -> Float[Array, " pose"]:
         """Return the tip's pose in the world, `crinoid.space.POSE`: its place (m) and direction."""
@@ -301,6 +306,12 @@ class System(eqx.Module):
             for row, value in zip(rows, values, strict=True)
         )
 
+    def _error(self, before: Motion, after: Motion, step: Array) -> Float[Array, ""]:
+        """Return the largest estimated local error of a place that a step solves for (m)."""
+        error = self.integrator.error(before.acceleration, after.acceleration, step)
+        error = jax.lax.stop_gradient(self.forces.unknown(error)[:, : self.forces.axes])
+        return jnp.sqrt(jnp.max(jnp.sum(error**2, axis=1)))
+
     def _begin(self, time: Array, position: Rows, frames: Frames | None) -> State:
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
         servo, axes = self.base.servo.at_rest(), self.forces.axes
@@ -331,15 +342,14 @@ class System(eqx.Module):
         return self._observe(self.forces, motion, servo)
 
     def _observe(self, forces: Forces, motion: Motion, servo: ServoState) -> State:
-        energy, power = forces.audit(motion)
+        energy, working = forces.audit(motion)
         residual, _ = forces.residual(motion)
         reaction = residual[:HELD]
-        power = power.at[_ACTUATION].add(jnp.sum(reaction * motion.velocity[:HELD]))
+        working = working.at[_ACTUATION, :HELD].add(reaction)
         touch = None
         if forces.obstacles is not None:
-            touch = forces.obstacles.touch(motion)
-            pushed = jnp.sum(touch.on_nodes * forces.nodes(motion.velocity))
-            power = power.at[_CONTACT].set(pushed)
+            touch, pushed = forces.obstacles.touch(motion)
+            working = working.at[_CONTACT].set(pushed)
         earlier = jnp.stack([motion.acceleration] * 2)
-        work = jnp.zeros_like(power)
-        return State(motion, servo, reaction, energy, power, work, touch, earlier)
+        work = jnp.zeros(len(WORKS))
+        return State(motion, servo, reaction, energy, working, work, touch, earlier)

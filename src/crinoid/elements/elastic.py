@@ -37,13 +37,14 @@ class Stretch(Element):
         force = self.EA * (strain + self.damping_time * rate) * direction
         return jnp.stack([-force, force])
 
+    def working(self, motion: Motion) -> Float[Array, "2 b"]:
+        _, rate, direction = self._strain(motion)
+        force = self.EA * self.damping_time * rate * direction
+        return jnp.stack([force, -force])
+
     def energy(self, motion: Motion) -> Float[Array, ""]:
         strain, _, _ = self._strain(motion)
         return 0.5 * self.EA * self.rest_length * strain**2
-
-    def power(self, motion: Motion) -> Float[Array, ""]:
-        _, rate, _ = self._strain(motion)
-        return -self.EA * self.rest_length * self.damping_time * rate**2
 
     def _strain(self, motion: Motion) -> tuple[Array, Array, Array]:
         direction, length = unit(motion.position[1] - motion.position[0])
@@ -85,6 +86,10 @@ class Bend(Element):
         strain, rate, gradient = self._strain(motion)
         return self.stiffness * (strain - self.rest_strain + self.damping_time * rate) * gradient
 
+    def working(self, motion: Motion) -> Float[Array, "3 2"]:
+        _, rate, gradient = self._strain(motion)
+        return -self.stiffness * self.damping_time * rate * gradient
+
     def strains(self, motion: Motion) -> Float[Array, "1"]:
         """Return the strain, as the one of a window."""
         return self._strain(motion)[0][None]
@@ -92,10 +97,6 @@ class Bend(Element):
     def energy(self, motion: Motion) -> Float[Array, ""]:
         strain, _, _ = self._strain(motion)
         return 0.5 * self.stiffness * (strain - self.rest_strain) ** 2
-
-    def power(self, motion: Motion) -> Float[Array, ""]:
-        _, rate, _ = self._strain(motion)
-        return -self.stiffness * self.damping_time * rate**2
 
     def _strain(self, motion: Motion) -> tuple[Array, Array, Array]:
         before, length_before = unit(motion.position[1] - motion.position[0])

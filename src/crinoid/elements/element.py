@@ -124,7 +124,7 @@ class Element(eqx.Module):
     stored: ClassVar[str] = "potential"
     """Which of `ENERGIES` receives ``energy``."""
     worked: ClassVar[str] = "loads"
-    """Which of `WORKS` receives ``power``."""
+    """Which of `WORKS` receives what ``working`` does."""
 
     first: eqx.AbstractVar[int]
     """The node at which the first window starts; node 0 is the ghost behind the root."""
@@ -137,9 +137,9 @@ class Element(eqx.Module):
         """Return the energy that a window stores (J)."""
         return jnp.zeros(())
 
-    def power(self, motion: Motion) -> Float[Array, ""]:
-        """Return the power that a window feeds into the arm beyond what it stores (W)."""
-        return -jnp.sum(self.residual(motion) * motion.velocity)
+    def working(self, motion: Motion) -> Float[Array, "k b"]:
+        """Return the force on each node (N, N m) whose work ``energy`` does not store."""
+        return -self.residual(motion)
 
 
 class Linearised(Element):

@@ -205,6 +205,12 @@ class BendTwist(Linearised):
         moment = _apply(strain.map, self._stress(strain, b.angular_velocity - a.angular_velocity))
         return _on_nodes(-a.force(moment), b.force(moment))
 
+    def working(self, motion: Motion) -> Float[Array, "3 4"]:
+        a, b, strain = self._observe(motion)
+        rates = strain.rates(b.angular_velocity - a.angular_velocity)
+        moment = _apply(strain.map, self._directed(strain, self.damping_time * rates))
+        return _on_nodes(a.force(moment), -b.force(moment))
+
     def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 4 3 4"]:
         assert motion.orientation is not None
         lean = motion.orientation.lean
@@ -257,14 +263,12 @@ class BendTwist(Linearised):
         _, _, strain = self._observe(motion)
         return 0.5 * jnp.sum(self.stiffness * (strain.strains - self.rest_strain) ** 2)
 
-    def power(self, motion: Motion) -> Float[Array, ""]:
-        a, b, strain = self._observe(motion)
-        rate = strain.rates(b.angular_velocity - a.angular_velocity)
-        return -self.damping_time * jnp.sum(self.stiffness * rate**2)
-
     def _stress(self, strain: _Strain, relative: Vector) -> Vector:
         """Return the stress as a vector in space."""
         strained = strain.strains - self.rest_strain + self.damping_time * strain.rates(relative)
+        return self._directed(strain, strained)
+
+    def _directed(self, strain: _Strain, strained: Vector) -> Vector:
         return jnp.sum((self.stiffness * strained)[:, None] * strain.axes, axis=0)
 
     @staticmethod

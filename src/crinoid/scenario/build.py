@@ -89,6 +89,7 @@ def build_system(scenario: Scenario) -> System:
         integrator=_INTEGRATORS[simulation.integrator](**simulation.integrator_options),
         settings=settings,
         time_step=array(simulation.time_step),
+        max_error=array((simulation.error or np.inf) * scenario.arm.length),
         max_halvings=simulation.max_halvings,
     )
 

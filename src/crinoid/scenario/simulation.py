@@ -58,6 +58,13 @@ class Simulation(Model):
     max_halvings: int = Field(
         default=12, ge=0, le=16, description="How often a step that fails may be halved."
     )
+    error: float | None = Field(
+        default=None,
+        gt=0,
+        le=1,
+        description="Largest estimated local error of a step as a share of arm.length; a step that "
+        "exceeds it is halved. Off if left out.",
+    )
     start: Literal["equilibrium", "rest"] = Field(
         default="equilibrium",
         description="equilibrium: still, under the loads of t = 0; rest: undeformed.",

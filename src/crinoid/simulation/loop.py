@@ -19,20 +19,21 @@ class Tally(eqx.Module):
     iterations: Int[Array, ""]
     residual: Float[Array, ""]
     """Largest imbalance that one of them ended with (N)."""
+    error: Float[Array, ""]
+    """Largest estimated local error of one of them (m)."""
 
     @staticmethod
     def of_nothing() -> "Tally":
         """Return the tally of no steps."""
-        return Tally(jnp.asarray(0), jnp.asarray(0), jnp.zeros(()))
+        return Tally(jnp.asarray(0), jnp.asarray(0), jnp.zeros(()), jnp.zeros(()))
 
     def with_step(self, progress: Progress) -> "Tally":
         """Count in one more step, or the parts of it that succeeded."""
-        outcome = progress.outcome
-        residual = jnp.where(outcome.converged, outcome.residual, 0.0)
         return Tally(
             self.steps + progress.steps,
             self.iterations + progress.iterations,
-            jnp.maximum(self.residual, residual),
+            jnp.maximum(self.residual, progress.residual),
+            jnp.maximum(self.error, progress.error),
         )
 
 

@@ -18,12 +18,14 @@ import xarray as xr
 from crinoid.dataset import build_dataset, describe, join
 from crinoid.dimensionless import with_dimensionless
 from crinoid.dynamics import Outcome, State, System
+from crinoid.ledger import find_defect
 from crinoid.notes import notes
 from crinoid.plausibility import AT_REST, doubts
 from crinoid.record import Record
 from crinoid.result import Result, named_leaves
 from crinoid.scenario import Scenario
 from crinoid.simulation.continuation import restored
+from crinoid.simulation.failure import start_failure, step_failure
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.stretch import record, stretch
@@ -141,9 +143,8 @@ def equilibrium(scenario: Scenario) -> Result:
     setup = set_up(still)._replace(doubts=doubts(scenario, AT_REST))
     carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
-    result = _result(
-        still, setup, carry, [_one(first)], _start_failure(still, setup), wall_time, None
-    )
+    trouble = start_failure(still, setup.loop.system, setup.outcome)
+    result = _result(still, setup, carry, [_one(first)], trouble, None, wall_time, None)
     if result.failure:
         raise SimulationError(result)
     return result
@@ -175,14 +176,14 @@ def _run(
         start = build_dataset(loop.system, records.pop())
         carry, kept_earlier = restored(earlier, carry, start, stride)
     done, chunk = int(carry.steps), 16
-    failure = _start_failure(scenario, setup)
-    if done < total and not failure:
+    trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
+    if done < total and not trouble:
         # a stretch of nothing: compiles, so that what follows is timed without it
         jax.block_until_ready(stretch(loop, carry, carry.steps, jnp.asarray(stride), _CAPACITY))
     begun = time.perf_counter()
     if earlier is not None:
         begun -= earlier.dataset.attrs["wall_time"]
-    while done < total and not failure and not stop():
+    while done < total and not (trouble or failed or stop()):
         chunk_begun = time.perf_counter()
         steps = min(chunk, total - done, stride * _CAPACITY)
         done += steps
@@ -193,16 +194,16 @@ def _run(
         took = time.perf_counter() - chunk_begun
         chunk = max(16, int(min(steps * _CHUNK_SECONDS / took, 4 * chunk)))
         if not outcome.converged:
-            failure = _step_failure(scenario, loop.system, carry, outcome)
+            failed = outcome
         if report is not None:
             elapsed = time.perf_counter() - begun
             report(Progress(label, float(carry.state.time), duration, elapsed))
     wall_time = time.perf_counter() - begun
     if int(carry.tally.steps):  # steps that no kept instant tells of yet
         records.append(_one(_keep(loop, carry)))
-    if not failure and done < total:
-        failure = f"interrupted at t = {float(carry.state.time):.6g} s"
-    return _result(scenario, setup, carry, records, failure, wall_time, kept_earlier)
+    if done < total and not (trouble or failed):
+        trouble = f"interrupted at t = {float(carry.state.time):.6g} s"
+    return _result(scenario, setup, carry, records, trouble, failed, wall_time, kept_earlier)
 
 
 class _CtrlC:
@@ -253,6 +254,7 @@ def _result(
     carry: LoopState,
     records: list[Record],
     trouble: str,
+    failed: Outcome | None,
     wall_time: float,
     earlier: xr.Dataset | None,
 ) -> Result:
@@ -260,69 +262,18 @@ def _result(
     if records:
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
         parts.append(build_dataset(setup.loop.system, whole))
-    dataset = with_dimensionless(join(parts), scenario, setup.modes)
+    dataset, system = with_dimensionless(join(parts), scenario, setup.modes), setup.loop.system
+    defect = find_defect(dataset, scenario, float(system.settings.floor))
+    if failed is not None:
+        trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
+    elif defect is not None and defect.failed is not None:
+        trouble = defect.failure
+    told = [*scenario.notes(), *setup.doubts, *notes(dataset, scenario)]
+    if defect is not None and not trouble.startswith("failed"):
+        told.append(defect.note)
     dataset.attrs = describe(scenario) | {
         "status": trouble or "ok",
         "wall_time": wall_time,
-        "notes": "\n".join([*scenario.notes(), *setup.doubts, *notes(dataset, scenario)]),
+        "notes": "\n".join(told),
     }
     return Result(dataset, named_leaves(carry))
-
-
-def _start_failure(scenario: Scenario, setup: Setup) -> str:
-    outcome = setup.outcome
-    if outcome.converged:
-        return ""
-    return (
-        "failed at t = 0 s: no static equilibrium found, "
-        f"{_imbalance(setup.loop.system, outcome)}; "
-        f"try {_other_base(scenario)}"
-        'simulation.start = "rest", loads that come on with ramp_time, or more arm.nodes'
-    )
-
-
-def _other_base(scenario: Scenario) -> str:
-    """Say what to try first where a joint may be bent too far."""
-    jointed = scenario.arm.dimension == 3 and scenario.base.mount == "pinned"
-    return "a base that points less than 170 degrees from where the arm hangs, " * jointed
-
-
-def _step_failure(scenario: Scenario, system: System, carry: LoopState, outcome: Outcome) -> str:
-    halvings, touch = scenario.simulation.max_halvings, carry.state.touch
-    when = f"failed at t = {float(carry.state.time):.6g} s"
-    smaller = "a smaller simulation.time_step"
-    if not outcome.resolved:
-        assert touch is not None
-        gaps = np.min(np.asarray(touch.gap), axis=1)
-        near = int(np.argmin(gaps))
-        return (
-            f"{when}: a hit is too hard or too fast for a time step even after {halvings} "
-            f"halvings, obstacle {near} is nearest to the arm with {1e3 * gaps[near]:.3g} mm "
-            f"between them; try {smaller}, more simulation.max_halvings, or slower obstacles"
-        )
-    if outcome.folded:
-        facing = np.asarray(system.forces.facing(carry.state.motion.position))
-        node, angle = int(np.argmin(facing)), np.rad2deg(np.arccos(np.clip(facing.min(), -1, 1)))
-        return (
-            f"{when}: the arm folds onto itself, two edges meet at more than 170 degrees even "
-            f"after {halvings} halvings, and node {node} was bent by {angle:.0f} before; try "
-            f"{_other_base(scenario)}more arm.nodes, weaker loads, a stiffer arm, or {smaller}"
-        )
-    caught = touch is not None and bool(np.any(np.asarray(touch.in_contact)))
-    return (
-        f"{when}: a time step could not be solved even after {halvings} halvings, "
-        f"{_imbalance(system, outcome)}; try {smaller}, loads that come on with ramp_time, "
-        f"{'obstacles that leave the arm room, ' if caught else ''}"
-        "or more simulation.max_halvings"
-    )
-
-
-def _imbalance(system: System, outcome: Outcome) -> str:
-    if not np.isfinite(outcome.residual):
-        return "forces grew without bound"
-    worst, nodes = int(outcome.worst_node), system.rod.nodes
-    name = f"node {worst}" if worst < nodes else f"obstacle {system.forces.free[worst - nodes]}"
-    return (
-        f"{name} is out of balance by {float(outcome.residual):.3g} N "
-        f"among forces of up to {float(outcome.scale):.3g} N"
-    )

@@ -34,6 +34,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         tally.steps,
         tally.iterations,
         tally.residual,
+        tally.error,
         state.obstacle_position,
         state.obstacle_velocity,
         state.touch,

@@ -1,0 +1,104 @@
+"""What to say of a run that could not go on: when, where, why, and what to try."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from crinoid.dynamics import Outcome, State, System
+from crinoid.ledger import Defect, shorter, turned
+from crinoid.scenario import Scenario
+
+_LATELY = 5
+"""Saved instants before a failure that tell how the arm moved into it."""
+
+
+def start_failure(scenario: Scenario, system: System, outcome: Outcome) -> str:
+    """Say why there is no state to start from; empty if there is one."""
+    if outcome.converged:
+        return ""
+    return (
+        "failed at t = 0 s: no static equilibrium found, "
+        f"{imbalance(system, outcome)}; "
+        f"try {_other_base(scenario)}"
+        'simulation.start = "rest", loads that come on with ramp_time, or more arm.nodes'
+    )
+
+
+def step_failure(
+    scenario: Scenario,
+    system: System,
+    state: State,
+    outcome: Outcome,
+    dataset: xr.Dataset,
+    defect: Defect | None,
+) -> str:
+    """Say why no step was found that goes on from ``state``, the end of ``dataset``."""
+    simulation, touch = scenario.simulation, state.touch
+    when = f"failed at t = {float(state.time):.6g} s"
+    halvings = f"even after {simulation.max_halvings} halvings"
+    what, remedy = _trouble(scenario, system, state, outcome, halvings)
+    if defect is not None and defect.gained:
+        return f"{when}: {defect.told}; {defect.cause}, until {what}; try {defect.remedy}"
+    if turned(dataset, simulation, -_LATELY) > 1.0:
+        damped = ', simulation.integrator = "generalized-alpha"'
+        remedy = (
+            f"{shorter(simulation, 1.0)}{damped * (simulation.integrator == 'newmark')}, "
+            "or loads that come on with ramp_time"
+        )
+        what = f"vibrations are too fast for time steps of {simulation.time_step:g} s, and {what}"
+    caught = touch is not None and bool(np.any(np.asarray(touch.in_contact)))
+    room = ", or obstacles that leave the arm room" * (caught and bool(outcome.resolved))
+    return f"{when}: {what}; try {remedy}{room}"
+
+
+def _trouble(
+    scenario: Scenario, system: System, state: State, outcome: Outcome, halvings: str
+) -> tuple[str, str]:
+    """Return what is wrong with the step, and what helps where nothing else is known."""
+    smaller = "a smaller simulation.time_step"
+    if not outcome.resolved:
+        assert state.touch is not None
+        gaps = np.min(np.asarray(state.touch.gap), axis=1)
+        near = int(np.argmin(gaps))
+        return (
+            f"a hit is too hard or too fast for a time step {halvings}, obstacle {near} is "
+            f"nearest to the arm with {1e3 * gaps[near]:.3g} mm between them",
+            f"{smaller}, more simulation.max_halvings, or slower obstacles",
+        )
+    if outcome.folded:
+        facing = np.asarray(system.forces.facing(state.motion.position))
+        node, angle = int(np.argmin(facing)), np.rad2deg(np.arccos(np.clip(facing.min(), -1, 1)))
+        return (
+            f"the arm folds onto itself, two edges meet at more than 170 degrees {halvings}, and "
+            f"node {node} was bent by {angle:.0f} before",
+            f"{_other_base(scenario)}more arm.nodes, weaker loads, a stiffer arm, or {smaller}",
+        )
+    if outcome.error > system.max_error:
+        return (
+            f"a time step errs by {1e3 * float(outcome.error):.3g} mm {halvings}, and "
+            f"simulation.error allows {1e3 * float(system.max_error):.3g} mm",
+            f"{smaller}, more simulation.max_halvings, or a larger simulation.error",
+        )
+    return (
+        f"a time step could not be solved {halvings}, {imbalance(system, outcome)}",
+        f"{smaller}, loads that come on with ramp_time, or more simulation.max_halvings",
+    )
+
+
+def _other_base(scenario: Scenario) -> str:
+    """Say what to try first where a joint may be bent too far."""
+    jointed = scenario.arm.dimension == 3 and scenario.base.mount == "pinned"
+    return "a base that points less than 170 degrees from where the arm hangs, " * jointed
+
+
+def imbalance(system: System, outcome: Outcome) -> str:
+    """Say which node or obstacle is out of balance, and by how much."""
+    if not np.isfinite(outcome.residual):
+        return "forces grew without bound"
+    worst, nodes = int(outcome.worst_node), system.rod.nodes
+    name = f"node {worst}" if worst < nodes else f"obstacle {system.forces.free[worst - nodes]}"
+    return (
+        f"{name} is out of balance by {float(outcome.residual):.3g} N "
+        f"among forces of up to {float(outcome.scale):.3g} N"
+    )

@@ -1,0 +1,138 @@
+"""The judge of a run's energy ledger, on made-up books."""
+
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import ArrayLike
+
+import crinoid
+from crinoid.elements import ENERGIES, WORKS
+from crinoid.ledger import Defect, find_defect
+
+NODES = 5
+TIME = np.linspace(0.0, 10.0, 101)
+FLOOR = 1e-12
+
+
+def books(
+    defect: ArrayLike, *, scale: float = 1.0, residual: float = 0.0, rate: float = 2.0
+) -> xr.Dataset:
+    """Make a run whose loads do the work ``scale`` and in which energy is off by ``defect`` (J).
+
+    Its tip swings by 1 mm at a circular frequency ``rate``.
+    """
+    energy = np.zeros((TIME.size, len(ENERGIES) + len(WORKS)))
+    energy[:, 0] = 3.0 + scale * TIME / TIME[-1] + defect
+    energy[:, len(ENERGIES) + WORKS.index("loads")] = scale * TIME / TIME[-1]
+    shape = np.linspace(0.0, 1e-3, NODES)[:, None] * [0.0, 1.0]
+    place = np.linspace(0.0, 0.5, NODES)[:, None] * [1.0, 0.0]
+    swing = np.sin(rate * TIME)[:, None, None]
+    moving = np.cos(rate * TIME)[:, None, None]
+    nodal = ("time", "node", "axis")
+    return xr.Dataset(
+        {
+            "energy": (("time", "kind"), energy),
+            "position": (nodal, place + swing * shape),
+            "velocity": (nodal, rate * moving * shape),
+            "acceleration": (nodal, -(rate**2) * swing * shape),
+            "tension": (("time", "edge"), np.ones((TIME.size, NODES - 1))),
+            "residual": ("time", np.full(TIME.size, residual)),
+        },
+        coords={"time": TIME, "kind": [*ENERGIES, *WORKS], "arc_length": ("node", place[:, 0])},
+    )
+
+
+def judged(dataset: xr.Dataset, **simulation: object) -> Defect | None:
+    keys = {f"simulation.{key}": value for key, value in simulation.items()}
+    return find_defect(dataset, crinoid.Scenario().with_values(keys), FLOOR)
+
+
+def ramp(size: float) -> np.ndarray:
+    """Return a defect that grows evenly from the middle of the run on."""
+    return size * np.maximum(TIME - 5.0, 0.0) / 5.0
+
+
+def test_books_that_balance_have_no_defect():
+    assert judged(books(0 * TIME)) is None
+    assert judged(books(ramp(0.015))) is None
+    assert judged(books(ramp(-0.015))) is None
+
+
+def test_a_defect_is_told_with_its_size_and_when_it_began():
+    found = judged(books(ramp(-0.1)))
+    assert found is not None
+    assert not found.gained
+    assert found.failed is None
+    assert found.energy == pytest.approx(-0.1)
+    assert found.scale == pytest.approx(1.0)
+    # 2 % of the works until then
+    assert found.since == pytest.approx(5.7, abs=0.15)
+    assert "the arm lost 0.1 J that no work took, 10%" in found.note
+    assert found.note.endswith("try simulation.time_step = 0.002")  # a fifth: 0.1 / 25 is 0.4 %
+    assert "from t = 5.6 s on" in found.note
+
+
+def test_a_defect_of_more_than_half_is_a_failure_at_that_time():
+    found = judged(books(ramp(0.9)))
+    assert found is not None
+    assert found.gained
+    # the gain is kinetic energy, which with the works' own is the largest
+    assert found.scale == pytest.approx(1.9)
+    assert found.failed is None
+    found = judged(books(ramp(-1.2)))
+    assert found is not None
+    assert found.failed == pytest.approx(5.0 + 5.0 * 0.5 / 1.2, abs=0.15)
+    assert found.failure.startswith(f"failed at t = {found.failed:g} s: the arm lost 1.2 J")
+
+
+def test_when_it_began_is_seen_by_what_was_large_before():
+    # an arm that blew up: its last energy is a million times what it was
+    defect = 0.1 * (TIME > 7.0) + 1e6 * (TIME > 9.95)
+    found = judged(books(defect))
+    assert found is not None
+    assert found.failed == pytest.approx(10.0)
+    assert found.since == pytest.approx(7.1)
+
+
+def test_what_the_solver_lets_pass_is_no_defect():
+    # the nodes of a swing of 1 mm go 3 to 5 cm in all: a force of 1e-7 N does 3e-9 J or more
+    defect = 1e-10 * TIME
+    assert judged(books(defect, scale=1e-9, residual=1e-7)) is None
+    assert judged(books(defect, scale=1e-9, residual=1e-8)) is not None
+    # nor is round-off, of what is stored and of how the arm is pulled
+    assert judged(books(1e-16 * TIME, scale=1e-18)) is None
+
+
+def test_a_loose_tolerance_is_the_cause_of_what_it_lets_pass():
+    loose = books(ramp(0.1), residual=10.0)
+    assert judged(loose) is None
+    found = judged(loose, tolerance=1e-3)
+    assert found is not None
+    assert "steps balance the forces to simulation.tolerance = 0.001 only" in found.note
+    assert "try simulation.tolerance = 1e-08" in found.note
+
+
+RINGING = 3.0 / 0.01
+"""Of a vibration that turns by 3 rad in a time step (1/s)."""
+
+
+@pytest.mark.parametrize(
+    ("options", "rate", "size", "said"),
+    [
+        ({}, 2.0, 0.1, "steps of 0.01 s are too long for this motion: try simulation.time_step ="),
+        ({}, RINGING, 0.1, "near 0.021 s are too fast .* or simulation.integrator = .generalized-"),
+        ({"integrator": "generalized-alpha"}, RINGING, 0.1, "too fast for .* = [0-9.]+$"),
+        ({"integrator": "generalized-alpha"}, RINGING, -0.1, "generalized-alpha damps what"),
+        ({"integrator": "implicit-euler"}, 2.0, -0.1, "damps all motion by itself: .*newmark"),
+        ({"integrator": "implicit-euler"}, 2.0, 0.1, "too long .*simulation.time_step = 0.002$"),
+        ({"gamma": 0.6, "beta": 0.31}, 2.0, -0.1, r"gamma = 0.6 damps by itself: .*gamma = 0.5"),
+    ],
+)
+def test_the_cause_is_sought_in_the_integrator_and_in_vibrations(
+    options: dict[str, object], rate: float, size: float, said: str
+):
+    found = judged(books(ramp(size), rate=rate), **options)
+    assert found is not None
+    assert re.search(said, found.note)
