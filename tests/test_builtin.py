@@ -272,3 +272,18 @@ def test_friction_on_the_pile_twists_the_arm(reach):
     assert abs(float(smooth["contact_force"].isel(obstacle=0).sel(axis="z").sel(**up))) < 0.05
     twist = float(reach.dataset["twist"].isel(edge=0).sel(**up))
     assert twist > 1.5 * abs(float(smooth["twist"].isel(edge=0).sel(**up)))
+
+
+@pytest.mark.parametrize("name", ["trace-circle", "trace-circle-3d"])
+def test_a_circle_in_a_cross_current_is_traced_through_feed_forward(name):
+    scenario = crinoid.load(name, ["control.compare=false"])
+    result = crinoid.simulate(scenario)
+    assert result.notes == []
+    traced = tip_error(result)
+    assert traced.rms < 0.005
+    # all the way round, 50 mm from its middle
+    target = result.dataset["tip_target"].sel(time=slice(2.0, 22.0)).values
+    assert np.linalg.norm(target - target.mean(axis=0), axis=1) == pytest.approx(0.05, rel=0.02)
+    behind = tip_error(crinoid.simulate(scenario.with_values({"target.feed_forward": False})))
+    assert behind.rms > 2 * traced.rms
+    assert behind.rms > 0.008

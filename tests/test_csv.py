@@ -2,6 +2,8 @@
 
 import os
 import random
+import re
+from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -118,6 +120,28 @@ def test_a_profile_has_a_row_for_each_time_and_level_in_any_order(tmp_path):
     again = scenario(tmp_path / "b.csv", vertical="z", origin=-20.0)
     (tmp_path / "b.csv").write_text(head + "".join([*lines, lines[0]]))
     assert "stand in two rows, takes one row for each time and level" in refusal(again)
+
+
+def test_the_record_of_the_page_is_played_as_the_page_says(tmp_path):
+    page = Path(__file__).resolve().parents[1].joinpath("docs", "currents.md").read_text("utf-8")
+    record, levels = re.findall(r"^```csv\n(.*?)^```", page, re.M | re.S)
+    (tmp_path / "my-current.csv").write_text(record)
+    (text,) = (
+        text
+        for text in re.findall(r"^```toml\n(.*?)^```", page, re.M | re.S)
+        if "my-current.csv" in text
+    )
+    (tmp_path / "mine.toml").write_text(text)
+    case = load(tmp_path / "mine.toml")
+    assert case.notes() == [
+        "flow.0: 10.00% of w is missing and was filled by straight lines, the longest gap 2 s"
+    ]
+    np.testing.assert_allclose(case.recordings[0].velocity[:3, 0], [[0.21, 0.012], [0.235, 0.008],
+                               [0.221, 0.0015]])  # fmt: skip
+    (tmp_path / "a.csv").write_text(levels)
+    case = scenario(tmp_path / "a.csv", vertical="z", origin=-20.0)
+    case = case.with_values({"simulation.duration": 1.0})
+    np.testing.assert_allclose(case.recordings[0].velocity[1], [[0.30, 0.01], [0.36, 0.0]])
 
 
 BAD = {

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 from scipy.integrate import quad
-from scipy.signal import lfilter
+from scipy.signal import lfilter, welch
 
 from crinoid.current import sample_current, statistics
 from crinoid.current.spectrum import spectrum, von_karman
@@ -62,11 +62,36 @@ def test_without_a_mean_there_is_no_intensity():
 
 def test_the_spectrum_of_white_noise_is_flat_and_adds_up_to_its_variance():
     noise = np.random.default_rng(0).normal(scale=0.2, size=(40_000, 1, 1))
-    frequency, density = spectrum(noise, 0.05)
+    frequency, density, *_ = spectrum(noise, 0.05)
     inner = slice(5, -5)
     # 0.04 m2/s2 spread over 0 to 10 Hz
     assert density[inner].mean() == pytest.approx(0.04 / 10, rel=0.03)
     assert frequency[-1] == pytest.approx(10.0)
+
+
+def test_a_spectrum_is_the_mean_of_the_windows_without_holes():
+    interval, count = 0.05, 20_000
+    noise = np.random.default_rng(0).normal(scale=0.2, size=(count, 1, 1))
+    whole = spectrum(noise, interval)
+    _, expected = welch(noise, 1 / interval, nperseg=2 * count // 5, detrend="constant", axis=0)
+    np.testing.assert_allclose(whole.density, expected[1:], rtol=1e-10)
+    assert whole.sound == whole.windows == 4
+    # holes of a quarter of the record, joined by straight lines
+    holed, holes = noise.copy(), np.zeros(count, bool)
+    for begin in range(5000, 15000, 2500):
+        holes[begin : begin + 1250] = True
+    there = np.flatnonzero(~holes)
+    holed[:, 0, 0] = np.interp(np.arange(count), there, noise[there, 0, 0])
+    found = spectrum(holed, interval, holes)
+    assert 0 < found.sound < found.windows
+    middle = slice(5, -5)
+    # as flat as it was, where all windows together have lost a part of its variance
+    assert found.density[middle].mean() == pytest.approx(0.04 / 10, rel=0.05)
+    assert spectrum(holed, interval).density[middle].mean() < 0.9 * 0.04 / 10
+    # where no window is without, it is said and all are taken
+    every = spectrum(holed, interval, np.arange(count) % 8 == 0)
+    assert every.sound == 0
+    assert np.isfinite(every.density).all()
 
 
 @pytest.mark.parametrize("along", [0.0, 0.5, 1.0])
@@ -151,6 +176,25 @@ def test_a_spatial_current_is_sampled_along_three_axes():
     )
     assert dataset["profile_mean"].dims == ("height", "axis")
     np.testing.assert_allclose(dataset["profile_mean"].values[0, 2], mean[2], atol=1e-6)  # the bed
+
+
+@pytest.mark.parametrize(
+    ("ramp_time", "settled", "note"),
+    [
+        (4.0, 4.0, ""),
+        (15.0, 15.0, "the current comes on until 15 s: means, deviations and spectra are those of "
+         "the last 5 s only"),
+        (30.0, 0.0, "the current comes on until 30 s and the run ends at 20 s: means, deviations "
+         "and spectra are those of its ramp too"),
+    ],
+)  # fmt: skip
+def test_statistics_leave_out_ramps_or_say_that_they_do_not(ramp_time, settled, note):
+    keys = {"kind": "uniform", "velocity": [0.2, 0.0], "ramp_time": ramp_time}
+    dataset = sample_current(Scenario(flow=[keys], simulation={"duration": 20.0}))
+    assert dataset.attrs["settled"] == settled
+    assert dataset.attrs["notes"] == note
+    deviation = float(dataset["profile_standard_deviation"].max())
+    assert (deviation > 0.01) == (settled == 0.0)
 
 
 # --- the command -------------------------------------------------------------------------------

@@ -45,7 +45,7 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
     console.print(_table(dataset.attrs["title"], axes, time[late], *found))
     for index, recording in scenario.recordings.items():
         console.print(f"flow.{index}: {_described(recording)}", soft_wrap=True)
-    say_notes(console, scenario.notes())
+    say_notes(console, dataset.attrs["notes"].splitlines())
     for path in (folder / FLOW, *figures):
         console.print(f"wrote {path}", soft_wrap=True)
 

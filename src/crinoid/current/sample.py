@@ -25,6 +25,8 @@ PLACES = ("root", "tip")
 _DIRECTIONS = {2: "x forward, z up", 3: "x forward, y to port, z up"}
 _MOST = 100_000
 """Samples that are taken at most."""
+_FEWEST = 64
+"""Samples past the last ramp that make up statistics."""
 _HEIGHTS = 161
 _INSTANTS = 1000
 _RANDOM = {"gauss-markov", "measured", "turbulence"}
@@ -40,7 +42,8 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
         Velocity over time at root and tip, its spectra, its mean and standard deviation over
         height above and below the root, and of measured profiles those at their levels. The
         attribute ``settled`` is the time (s) at which the last ramp is over: spectra, means and
-        deviations are taken from there on.
+        deviations are taken from there on. It is 0 where next to nothing of the run is left then,
+        which ``notes`` say.
 
     Raises
     ------
@@ -49,7 +52,7 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
     """
     system = scenario.system()
     times, interval = _times(scenario)
-    settled = _settled(scenario)
+    settled, notes = _settled(scenario, times)
     root, tip = np.asarray(_ends(system))
     heights = _heights(scenario, min(root[-1], tip[-1]), max(root[-1], tip[-1]))
     column = np.tile(root, (heights.size, 1))
@@ -59,7 +62,15 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
     late = times >= settled - 1e-9
     stride = max(1, late.sum() // _INSTANTS)
     profile = _velocity(system, column, times[late][::stride])
-    frequency, density = spectrum(velocity[late], interval)
+    holes = np.zeros(times.size, bool)
+    for recording in scenario.recordings.values():
+        holes |= recording.holes(times, min(root[-1], tip[-1]), max(root[-1], tip[-1]))
+    frequency, density, sound, windows = spectrum(velocity[late], interval, holes[late])
+    if sound < windows:
+        which = f"over {sound} of {windows} windows: the others hold gaps that were filled"
+        if not sound:
+            which = "over gaps that were filled by straight lines: no window is without"
+        notes.append(f"the spectra are means {which}")
 
     quantities: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
         "flow_velocity": (
@@ -111,7 +122,7 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
     dataset.attrs = describe(scenario) | {
         "title": scenario.title or "current",
         "settled": settled,
-        "notes": "\n".join(scenario.notes()),
+        "notes": "\n".join([*scenario.notes(), *notes]),
     }
     if model is not None:
         dataset["model_spectrum"].attrs["comment"] = "as asked" if "asks" in words else "fitted"
@@ -149,11 +160,17 @@ def _times(scenario: Scenario) -> tuple[Float[np.ndarray, " time"], float]:
     return np.arange(int(duration / interval + 1e-6) + 1) * interval, float(interval)
 
 
-def _settled(scenario: Scenario) -> float:
-    """Return when the last ramp is over (s); if that leaves too little of the run, 0."""
+def _settled(scenario: Scenario, times: Float[np.ndarray, " time"]) -> tuple[float, list[str]]:
+    """Return when the last ramp is over (s), or 0 if next to nothing follows; and what to say."""
     ends = [flow.start + flow.ramp_time for flow in scenario.flow if flow.ramp_time > 0]
-    settled = max(ends, default=0.0)
-    return settled if settled <= 0.5 * scenario.simulation.duration else 0.0
+    settled, last = max(ends, default=0.0), float(times[-1])
+    if (times >= settled).sum() < _FEWEST:
+        text = f"the current comes on until {settled:g} s and the run ends at {last:g} s: "
+        return 0.0, [text + "means, deviations and spectra are those of its ramp too"]
+    if settled > 0.5 * last:
+        text = f"the current comes on until {settled:g} s: means, deviations and spectra are those "
+        return settled, [text + f"of the last {last - settled:g} s only"]
+    return settled, []
 
 
 def _heights(scenario: Scenario, low: float, high: float) -> Float[np.ndarray, " height"]:

@@ -1,29 +1,70 @@
 """Over which frequencies the fluctuations of a current spread, and how turbulence spreads them."""
 
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 _SEGMENTS = 4
 _SHORTEST = 256
+
+_FEWEST = 64
+"""Samples of a window that still tell something."""
+_HOLES = 0.05
+"""Part of a window that may be filled."""
 
 _LENGTH = 8.4130926
 """2 pi 1.339, with 1.339 = Gamma(1/3) / (sqrt(pi) Gamma(5/6)): von Karman's eddies over L_u."""
 
 
-def spectrum(
-    velocity: Float[np.ndarray, "time place axis"], interval: float
-) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "frequency place axis"]]:
-    """Return frequencies (Hz) and one-sided spectral densities (m2 s-2/Hz), by Welch's method.
+class Spectrum(NamedTuple):
+    """How a fluctuation spreads over frequencies."""
 
-    Four Hann windows that overlap by half, or fewer, so that none has less than 256 samples.
+    frequency: Float[np.ndarray, " frequency"]
+    """In Hz."""
+    density: Float[np.ndarray, "frequency place axis"]
+    """One-sided spectral density (m2 s-2/Hz)."""
+    sound: int
+    """Windows without holes, over which it is the mean; of none, over all."""
+    windows: int
+
+
+def spectrum(
+    velocity: Float[np.ndarray, "time place axis"],
+    interval: float,
+    holes: Bool[np.ndarray, " time"] | None = None,
+) -> Spectrum:
+    """Estimate spectral densities by Welch's method.
+
+    Of four Hann windows that overlap by half, or fewer, so that none has less than 256 samples.
+    Windows in which more than a twentieth is a hole that was filled are left out: straight lines
+    have no eddies. Where none is left the windows are made shorter.
     """
-    from scipy.signal import welch  # slow to load
+    from scipy.signal import spectrogram  # slow to load
 
     length = min(len(velocity), max(_SHORTEST, 2 * len(velocity) // (_SEGMENTS + 1)))
-    frequency, density = welch(
-        velocity, fs=1 / interval, nperseg=length, detrend="constant", axis=0
-    )
-    return frequency[1:], density[1:]  # the first belongs to the mean, which has been taken off
+    while True:
+        frequency, _, windows = spectrogram(
+            velocity,
+            fs=1 / interval,
+            window="hann",
+            nperseg=length,
+            noverlap=length // 2,
+            detrend="constant",
+            axis=0,
+        )
+        starts = (length - length // 2) * np.arange(windows.shape[-1])
+        sound = np.ones(starts.size, bool)
+        if holes is not None:
+            before = np.concatenate([[0], np.cumsum(holes)])
+            sound = before[starts + length] - before[starts] <= _HOLES * length
+        if sound.any() or length < 2 * _FEWEST:
+            break
+        length //= 2
+    used = sound if sound.any() else np.ones_like(sound)
+    density = windows[..., used].mean(axis=-1)
+    # the first belongs to the mean, which has been taken off
+    return Spectrum(frequency[1:], density[1:], int(sound.sum()), sound.size)
 
 
 def von_karman(

@@ -22,6 +22,8 @@ class Whole(NamedTuple):
     """Time (s), with the instants that the file left out."""
     levels: Float[np.ndarray, " kept"] | None
     velocity: Float[np.ndarray, "time kept component"]
+    filled: Bool[np.ndarray, "time kept"]
+    """Whether anything was missing."""
     remarks: list[str]
     """What was left out and what was filled."""
 
@@ -51,12 +53,12 @@ def fill(
         If half of every level or more is missing.
     """
     steps = np.diff(time)
-    lacking = np.maximum(np.rint(steps / np.median(steps)).astype(int) - 1, 0)
-    lacking[steps <= _LATE * np.median(steps)] = 0
-    if lacking.sum(dtype=float) >= time.size:
+    absent = np.maximum(np.rint(steps / np.median(steps)).astype(int) - 1, 0)
+    absent[steps <= _LATE * np.median(steps)] = 0
+    if absent.sum(dtype=float) >= time.size:
         text = f"most samples are missing at the usual interval of {np.median(steps):.6g} s"
         raise refusal("time", f"{text}; takes a record in one piece: cut one out")
-    places = np.concatenate([[0], np.cumsum(lacking + 1)])
+    places = np.concatenate([[0], np.cumsum(absent + 1)])
     whole = np.interp(np.arange(places[-1] + 1), places, time)
     measured = np.zeros((whole.size, *velocity.shape[1:]), bool)
     measured[places] = np.isfinite(velocity)
@@ -82,7 +84,9 @@ def fill(
                 f"{1 - there.mean():.2%} of {name} is missing and was filled by straight lines, "
                 f"the longest gap {_longest_gap(whole, there):.4g} s"
             )
-    return Whole(whole, None if levels is None else levels[kept], filled, remarks)
+    levels = None if levels is None else levels[kept]
+    lacking = np.logical_not(measured.all(axis=2))
+    return Whole(whole, levels, filled, lacking, remarks)
 
 
 def _emptiest(

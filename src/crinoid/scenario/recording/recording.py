@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crinoid.scenario.measured import MeasuredFlow
 from crinoid.scenario.recording.file import cut_out
@@ -34,6 +34,8 @@ class Recording:
     """Heights z (m), increasing, two or more; None for the record of one place."""
     velocity: Float[np.ndarray, "time level axis"]
     """Velocity (m/s) along the axes of the arm, as large as in the run."""
+    filled: Bool[np.ndarray, "time level"]
+    """Whether the file lacks something, which was filled by straight lines."""
     slowness: Float[np.ndarray, " axis"]
     """By how much the record comes later, in the time of the run, over distance (s/m)."""
     begins: float
@@ -47,6 +49,20 @@ class Recording:
     def run_time(self) -> Float[np.ndarray, " time"]:
         """Times of the run (s) at which the record is met at the arm's root."""
         return (self.time - self.begins) * self.time_scale
+
+    def holes(
+        self, times: Float[np.ndarray, " run"], low: float, high: float
+    ) -> Bool[np.ndarray, " run"]:
+        """Return at which times of the run (s) the record lacks something between two heights."""
+        near = slice(None)
+        if self.levels is not None:
+            last = self.levels.size - 1
+            first = int(np.clip(np.searchsorted(self.levels, low, side="right") - 1, 0, last))
+            end = int(np.clip(np.searchsorted(self.levels, high), first, last))
+            near = slice(first, end + 1)
+        lacking: np.ndarray = np.any(self.filled[:, near], axis=1)
+        after = np.clip(np.searchsorted(self.run_time, times), 1, lacking.size - 1)
+        return np.asarray(lacking[after] | lacking[after - 1])
 
     @property
     def length(self) -> float:
@@ -71,9 +87,10 @@ def read_recording(flow: MeasuredFlow, stage: Stage) -> Recording:
     whole = fill(found.time, found.levels, found.velocity, list(flow.velocity))
     notes = [*found.remarks, *whole.remarks]
     levels, velocity = whole.levels, flow.velocity_scale * whole.velocity
+    filled = np.asarray(whole.filled)
     if levels is not None:
         order = np.argsort(levels)
-        levels, velocity = levels[order], velocity[:, order]
+        levels, velocity, filled = levels[order], velocity[:, order], filled[:, order]
     if flow.low_pass_hz is not None:
         velocity = _low_pass(whole.time, velocity, flow.low_pass_hz)
     if flow.heading_deg is not None:
@@ -107,6 +124,7 @@ def read_recording(flow: MeasuredFlow, stage: Stage) -> Recording:
         time=whole.time,
         levels=levels if profile else None,
         velocity=velocity,
+        filled=filled,
         slowness=slowness,
         begins=begins,
         time_scale=flow.time_scale,
