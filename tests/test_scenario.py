@@ -623,6 +623,21 @@ ONE_MISTAKE = {
         'vary = {"arm.length" = []}',
         "vary.arm.length: got [], takes a list of one value or more",
     ),
+    "more readings under way than are kept": (
+        "sensor.delay = 200.0",
+        "sensor.delay: got 200.0, takes up to 100 (s): at 100 Hz 10000 readings are under way then",
+    ),
+    "more than memory holds at the end": (
+        "arm.nodes = 101\nsimulation.duration = 5000.0",
+        "output.interval: keeps 250000 instants of 101 nodes, which need about 8 GB of memory; "
+        "takes a longer one, for 8 GB or less",
+    ),
+    "more than memory holds beside a comparison": (
+        "arm.nodes = 101\nsimulation.duration = 4000.0\nbase.channels.tilt = {}\n"
+        'control.kind = "pid"\ncontrol.pid.tilt.kp = 1.0',
+        "output.interval: keeps 200000 instants of 101 nodes, which need about 9 GB of memory; "
+        "takes a longer one, for 8 GB or less",
+    ),
     "a key below the last table": (
         '[vary]\n"arm.length" = [0.4]\ntitle = "mine"',
         'vary.title: got "mine", takes a list of one value or more; '

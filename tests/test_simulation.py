@@ -1,3 +1,7 @@
+import signal
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -6,11 +10,15 @@ import xarray as xr
 from scipy.sparse.linalg import ArpackNoConvergence
 
 import crinoid
+from crinoid.dataset import build_dataset
+from crinoid.dynamics import Outcome
 from crinoid.metrics import tip_error
 from crinoid.result import Result, ResultError
 from crinoid.scenario import ScenarioError
-from crinoid.simulation import SimulationError, play
-from crinoid.simulation.setup import set_up
+from crinoid.simulation import LoopState, SimulationError, play
+from crinoid.simulation import run as running
+from crinoid.simulation.continuation import restored
+from crinoid.simulation.setup import _sensor, set_up
 
 # one shape of arm, flows and controller for all tests: they share their compiled code
 SCENARIO = """
@@ -256,6 +264,151 @@ def test_a_run_that_stopped_between_two_kept_instants_counts_on():
         np.testing.assert_array_equal(again[name], part.dataset[name], str(name))
 
 
+def _without(*names: str) -> Callable[[Result], None]:
+    def tamper(part: Result) -> None:
+        part.dataset = part.dataset.drop_vars(names)
+
+    return tamper
+
+
+def _with(name: str, change: Callable[[np.ndarray], object]) -> Callable[[Result], None]:
+    def tamper(part: Result) -> None:
+        variable = part.dataset[name]
+        part.dataset[name] = (variable.dims, np.asarray(change(variable.values.copy())))
+
+    return tamper
+
+
+def _state(name: str, change: Callable[[np.ndarray], object]) -> Callable[[Result], None]:
+    def tamper(part: Result) -> None:
+        part.checkpoint[name] = np.asarray(change(part.checkpoint[name].copy()))
+
+    return tamper
+
+
+def _swapped(one: str, other: str) -> Callable[[Result], None]:
+    def tamper(part: Result) -> None:
+        leaves = part.checkpoint
+        leaves[one], leaves[other] = leaves[other], leaves[one]
+
+    return tamper
+
+
+def _not_a_number(values: np.ndarray) -> np.ndarray:
+    values.flat[-1] = np.nan
+    return values
+
+
+TAMPERED = {
+    "a variable is missing": (_without("curvature"), "it has no curvature"),
+    "a coordinate is missing": (_without("arc_length"), "it has no arc_length"),
+    "another kind": (_with("tension", lambda x: x.astype(str)), "its tension is of <U"),
+    "nodes are cut": (
+        lambda part: setattr(part, "dataset", part.dataset.isel(node=slice(5))),
+        "has the shape",
+    ),
+    "instants are cut": (
+        lambda part: setattr(part, "dataset", part.dataset.isel(time=slice(9))),
+        "not that of its last instant",
+    ),
+    "an instant is lost": (
+        lambda part: setattr(part, "dataset", part.dataset.isel(time=np.r_[:9, 10:36])),
+        "do not go together",
+    ),
+    "time runs back": (_with("time", lambda x: x[::-1]), "its time does not increase from 0"),
+    "computed for ever": (
+        lambda part: part.dataset.attrs.update(wall_time=np.inf),
+        "its wall_time is inf",
+    ),
+    "another version": (
+        lambda part: part.dataset.attrs.update(crinoid_version="0.0.1"),
+        "saved by crinoid 0.0.1 and this is",
+    ),
+    "no state": (lambda part: part.checkpoint.clear(), "no state that this scenario can go on"),
+    "a state of another name": (
+        lambda part: part.checkpoint.update(old=part.checkpoint.pop("memory.slope")),
+        "of memory.slope it has nothing",
+    ),
+    "a state of another shape": (_state("memory.slope", lambda x: x[:-1]), "of memory.slope it"),
+    "a state that is not a number": (
+        _state("memory.integral", _not_a_number),
+        "memory.integral is not a number",
+    ),
+    "another count of steps": (_state("steps", lambda x: x + 30), "do not go together"),
+    "another count since": (_state("tally.steps", lambda x: x + 1), "do not go together"),
+    "another time": (_state("state.motion.time", lambda x: x + 0.1), "last instant: time is"),
+    "velocity for position": (
+        _swapped("state.motion.velocity", "state.motion.position"),
+        "not that of its last instant",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def begun() -> tuple[LoopState, xr.Dataset]:
+    setup = set_up(scenario())
+    carry, first = running._begin(setup.loop, setup.state)
+    return carry, build_dataset(setup.loop.system, running._one(first))
+
+
+@pytest.fixture(scope="module")
+def part() -> Result:
+    return crinoid.simulate(scenario(simulation__duration=0.7, control__compare=False))
+
+
+@pytest.mark.parametrize(("tamper", "reason"), TAMPERED.values(), ids=TAMPERED.keys())
+def test_what_is_not_whole_is_not_gone_on_with(part, begun, tmp_path, tamper, reason):
+    copy = Result(part.dataset.copy(deep=True), part.checkpoint)
+    restored(copy, *begun, stride=2)  # as it is it can be
+    tamper(copy)
+    with pytest.raises(ResultError, match=reason) as caught:
+        restored(copy, *begun, stride=2)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_delay_longer_than_the_run_does_not_keep_it_from_being_prolonged():
+    # the readings under way are part of the state: as many in the short run as in the long one
+    short, long = (
+        _sensor(scenario(sensor__delay=0.9, simulation__duration=duration))
+        for duration in (0.3, 1.2)
+    )
+    assert short.kept == long.kept == 92
+
+
+def test_a_run_off_the_main_thread_is_not_stopped_by_ctrl_c(result):
+    short = scenario(simulation__duration=0.1, control__compare=False)
+    handler = signal.getsignal(signal.SIGINT)
+    with ThreadPoolExecutor(1) as pool:
+        found = pool.submit(play, short).result()
+    assert found.status == "ok"
+    assert signal.getsignal(signal.SIGINT) == handler
+    np.testing.assert_array_equal(
+        found.dataset["position"][-1], result.dataset["position"].sel(time=0.1, method="nearest")
+    )
+
+
+def test_ctrl_c_stops_a_run_once_and_a_second_one_at_once():
+    short = scenario(simulation__duration=0.5, control__compare=False)
+    found = play(short, report=lambda reached: signal.raise_signal(signal.SIGINT))
+    assert found.status.startswith("interrupted at t = 0.")
+    again = lambda reached: [signal.raise_signal(signal.SIGINT) for _ in range(2)]  # noqa: E731
+    with pytest.raises(KeyboardInterrupt):
+        play(short, report=again)
+
+
+def test_a_start_that_failed_compiles_no_time_steps(monkeypatch):
+    def stretch(*_: object) -> None:
+        raise AssertionError("compiled")
+
+    monkeypatch.setattr(running, "stretch", stretch)
+    never = Outcome.of_nothing(converged=False)
+    setup = set_up(scenario())._replace(outcome=never)
+    monkeypatch.setattr(running, "set_up", lambda scenario: setup)
+    failed = play(scenario())
+    assert failed.failure.startswith("failed at t = 0 s")
+    assert failed.uncontrolled.failure.startswith("failed at t = 0 s")
+
+
 def test_a_step_that_cannot_be_solved_ends_the_run_with_what_there_is():
     # one Newton iteration is not enough once the flow has turned the arm
     hopeless = scenario(
@@ -368,10 +521,10 @@ def test_a_joint_does_not_let_an_arm_hang_against_its_base():
 
 
 def test_several_cases_are_not_one_run():
-    with pytest.raises(ValueError, match="several cases"):
-        crinoid.simulate(
-            crinoid.Scenario.from_toml(SCENARIO + '[vary]\n"arm.length" = [0.4, 0.5]\n')
-        )
+    several = crinoid.Scenario.from_toml(SCENARIO + '[vary]\n"arm.length" = [0.4, 0.5]\n')
+    for command in (crinoid.simulate, crinoid.equilibrium):
+        with pytest.raises(ValueError, match="several cases"):
+            command(several)
 
 
 def test_the_public_core_steps_and_differentiates():

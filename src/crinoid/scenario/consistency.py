@@ -42,8 +42,12 @@ _PARTNERS = {
 _SHARPEST = 170.0
 """Turn between two edges past which bending means nothing (degrees)."""
 _MAX_BYTES = 8e9
-_BYTES_PER_NODE = {2: 120, 3: 210}
-"""Of a result, by dimension; obstacles come on top."""
+_BYTES_OF_A_RESULT = {2: 125, 3: 205}
+"""Of a node at an instant, by dimension; obstacles come on top."""
+_BYTES_AT_THE_END = {2: 330, 3: 550}
+"""What the same takes, measured, where a result is put together from what a run kept."""
+_MAX_READINGS = 10_000
+"""Readings under way at once: all are moved at each time step."""
 _MAX_CORRELATION_TIMES = 50_000
 """A random current as long as that takes 2 s to draw and 64 MB to keep."""
 
@@ -206,14 +210,20 @@ def control_conflicts(control: Control, dimension: int) -> Iterator[Mistake]:
         yield Mistake(f"control.controlled.{control.controlled.index('direction')}", text)
 
 
-def rate_conflicts(sensor: Sensor, control: Control, simulation: Simulation) -> Iterator[Mistake]:
-    """Yield rates of more than once a time step."""
+def rate_conflicts(
+    sensor: Sensor, sensor_rate_hz: float, control: Control, simulation: Simulation
+) -> Iterator[Mistake]:
+    """Yield rates of more than once a time step, and readings too many to keep."""
     step = simulation.time_step
     rates = {"sensor.rate_hz": sensor.rate_hz, "control.rate_hz": control.rate_hz}
     for name, rate in rates.items():
         if rate is not None and rate * step > 1 + 1e-9:
             text = f"got {rate}, takes up to {1 / step:.6g} (Hz), once a time step"
             yield Mistake(name, f"{text} (simulation.time_step = {step})")
+    rate = sensor_rate_hz
+    if sensor.delay * rate > _MAX_READINGS:
+        text = f"got {sensor.delay}, takes up to {_MAX_READINGS / rate:.6g} (s): at {rate:g} Hz "
+        yield Mistake("sensor.delay", f"{text}{_MAX_READINGS} readings are under way then")
 
 
 def contact_conflicts(arm: Arm, obstacles: tuple[Obstacle, ...]) -> Iterator[Mistake]:
@@ -241,10 +251,11 @@ def output_conflicts(output: Output, simulation: Simulation) -> Iterator[Mistake
         yield Mistake("output.interval", text)
 
 
-def size_conflicts(arm: Arm, instants: int) -> Iterator[Mistake]:
+def size_conflicts(arm: Arm, instants: int, *, compared: bool) -> Iterator[Mistake]:
     """Yield a result that no memory holds: all of it is kept until the end of a run."""
-    size = instants * arm.nodes * _BYTES_PER_NODE[arm.dimension]
+    each = _BYTES_AT_THE_END[arm.dimension] + compared * _BYTES_OF_A_RESULT[arm.dimension]
+    size = instants * arm.nodes * each
     if size > _MAX_BYTES:
-        text = f"keeps {instants} instants of {arm.nodes} nodes, about {size / 1e9:.0f} GB; "
-        text += f"takes a longer one, for {_MAX_BYTES / 1e9:.0f} GB or less"
-        yield Mistake("output.interval", text)
+        text = f"keeps {instants} instants of {arm.nodes} nodes, which need about "
+        text += f"{size / 1e9:.0f} GB of memory; takes a longer one, for {_MAX_BYTES / 1e9:.0f} GB "
+        yield Mistake("output.interval", f"{text}or less")

@@ -320,10 +320,12 @@ class Scenario(Model):
         yield from motion_conflicts(self.base, self.simulation, dimension)
         yield from channel_conflicts(self.control, self.base)
         yield from control_conflicts(self.control, dimension)
-        yield from rate_conflicts(self.sensor, self.control, self.simulation)
+        yield from rate_conflicts(self.sensor, self.sensor_rate_hz, self.control, self.simulation)
         yield from contact_conflicts(self.arm, self.obstacle)
         yield from output_conflicts(self.output, self.simulation)
-        yield from size_conflicts(self.arm, self.simulation.steps // self.output_steps)
+        compared = self.control.kind != "none" and self.control.compare
+        instants = self.simulation.steps // self.output_steps
+        yield from size_conflicts(self.arm, instants, compared=compared)
         if self.vary:
             yield from self._case_conflicts()
 

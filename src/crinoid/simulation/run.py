@@ -261,6 +261,7 @@ def _result(
     parts = [] if earlier is None else [earlier]
     if records:
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
+        records.clear()  # a long run fills the memory
         parts.append(build_dataset(setup.loop.system, whole))
     dataset, system = with_dimensionless(join(parts), scenario, setup.modes), setup.loop.system
     defect = find_defect(dataset, scenario, float(system.settings.floor))

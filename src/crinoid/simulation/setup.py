@@ -149,7 +149,7 @@ def _sensor(scenario: Scenario) -> Sensor:
         noise=jnp.asarray(noise),
         key=jax.random.key(scenario.seed),
         # where the rate does not divide the time step samples may bunch: one more is under way
-        kept=min(int(np.ceil(sensor.delay * rate)), scenario.simulation.steps) + 2,
+        kept=int(np.ceil(sensor.delay * rate)) + 2,
     )
 
 
