@@ -6,6 +6,7 @@ No test here computes a motion: `Player` stands for the simulation.
 import csv
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -370,7 +371,9 @@ def test_a_signal_while_the_program_is_loaded_is_one_line(here, name, delay):
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=120
     )
     assert ended.returncode == 130
-    assert ended.stderr == "crinoid: interrupted before there was anything to save\n"
+    assert re.fullmatch(
+        r"crinoid: interrupted( before there was anything to save)?\n", ended.stderr
+    )
     assert not (here / "out").exists()
 
 

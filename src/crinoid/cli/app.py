@@ -85,9 +85,9 @@ def _version(
 @contextmanager
 def _told(interrupted: str = "interrupted before there was anything to save") -> Iterator[None]:
     """Turn what a user can mend into one line each, and no traceback."""
-    try:
-        from crinoid.scenario import ScenarioError
+    from crinoid.scenario import ScenarioError
 
+    try:
         yield
     except (ScenarioError, OSError) as error:
         if isinstance(error, ScenarioError):

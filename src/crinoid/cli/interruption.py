@@ -25,6 +25,12 @@ def heed() -> None:
         signal.signal(number, _interrupt)
 
 
+def ignore() -> None:
+    """Let the program end in peace, which a signal on the way would make it crash."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
 class Interruption:
     """A wish to stop: heard at once, or, while there is something to save, after that is saved.
 
