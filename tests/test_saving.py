@@ -3,6 +3,7 @@
 No test here computes a motion: `Player` stands for the simulation.
 """
 
+import contextlib
 import csv
 import errno
 import os
@@ -21,6 +22,7 @@ from typer.testing import Result as Ended
 
 from crinoid.cli.app import app
 from crinoid.cli.folder import claimed
+from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.result import Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from made_results import Player, made_result
@@ -375,6 +377,16 @@ def test_a_signal_while_the_program_is_loaded_is_one_line(here, name, delay):
         r"crinoid: interrupted( before there was anything to save)?\n", ended.stderr
     )
     assert not (here / "out").exists()
+
+
+def test_a_wish_to_stop_that_was_lost_on_the_way_is_heard_again():
+    with Interruption() as interruption:
+        with contextlib.suppress(Interrupted):  # as a destructor would
+            signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(Interrupted), Interruption():
+            pass
+        with pytest.raises(Interrupted):
+            interruption.stop()
 
 
 def test_signals_that_are_turned_off_stay_off(here, player):

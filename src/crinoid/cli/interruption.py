@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import stat
-from typing import Any, NoReturn
+from typing import Any
 
 INTERRUPTED = 130
 """Exit code."""
@@ -21,8 +21,7 @@ _SIGNALS = [number for number in (signal.SIGINT, signal.SIGTERM, _HANG_UP) if nu
 
 def heed() -> None:
     """Let a request to end the program, and the end of its terminal, do what Ctrl-C does."""
-    for number in _heeded():
-        signal.signal(number, _interrupt)
+    Interruption().__enter__()
 
 
 def ignore() -> None:
@@ -44,7 +43,10 @@ class Interruption:
 
     def __enter__(self) -> Interruption:
         self._earlier = {number: signal.getsignal(number) for number in _heeded()}
-        for number in self._earlier:
+        for number, handler in self._earlier.items():
+            outer = getattr(handler, "__self__", None)
+            if isinstance(outer, Interruption) and outer.asked:
+                raise Interrupted  # what it raised was lost on the way
             signal.signal(number, self._hear)
         return self
 
@@ -54,6 +56,8 @@ class Interruption:
 
     def stop(self) -> bool:
         """Tell whether to stop, and hold later wishes: now there is something to save."""
+        if self.asked and not self._held:
+            raise Interrupted  # again: something on the way, such as a destructor, has lost it
         self._held = True
         return self.asked
 
@@ -64,21 +68,15 @@ class Interruption:
 
     def _hear(self, number: int, frame: Any) -> None:
         self.asked = True
-        if not self._held:
-            _interrupt(number, frame)
-        elif number == _HANG_UP:
+        if number == _HANG_UP:
             _leave_terminal()
+        if not self._held:
+            raise Interrupted
 
 
 def _heeded() -> list[signal.Signals]:
     """Return the signals that are to be heeded: `nohup` and the shell's ``&`` turn some off."""
     return [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-
-
-def _interrupt(number: int, frame: Any) -> NoReturn:
-    if number == _HANG_UP:
-        _leave_terminal()
-    raise Interrupted
 
 
 def _leave_terminal() -> None:
