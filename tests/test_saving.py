@@ -262,7 +262,7 @@ def test_links_are_replaced_and_not_followed(here):
     assert not (out / "shape.png").is_symlink()
 
 
-def test_a_case_that_is_refused_is_named_and_the_others_are_run(here, player):
+def test_a_case_that_is_refused_is_named_and_the_others_are_run(here, player, caplog):
     def refuse(number: int) -> None:
         if number == 2:
             raise ScenarioError([Mistake("control.pid.tilt", "does nothing")])
@@ -280,6 +280,7 @@ def test_a_case_that_is_refused_is_named_and_the_others_are_run(here, player):
     assert rows[1]["rms_error"] == ""
     assert float(rows[2]["rms_error"]) > 0
     assert call("report", "out").exit_code == 0
+    assert not caplog.records  # nothing of matplotlib's that only it understands
     # in a run by itself it is a mistake, and no folder is left behind
     player.between = lambda number: refuse(2)
     assert "control.pid.tilt" in one_line(call("run", "small.toml", "--out", "alone/deep"), 2)

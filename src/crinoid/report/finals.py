@@ -47,7 +47,8 @@ def draw_finals(axes: Axes, finals: Finals) -> None:
     for body, colour in obstacles:
         cut = body.outline(-1, SIDE.lift(low - wide), SIDE.lift(high + wide), SIDE)
         axes.add_patch(Polygon(cut, closed=True, fill=False, edgecolor=colour, linewidth=0.8))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    axes.set_xlim(low[0], high[0], auto=None)  # limits that are fixed would be ignored, and say so
+    axes.set_ylim(low[1], high[1], auto=None)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title(TITLE, loc="left")
     axes.set_xlabel(SIDE.labels[0])
