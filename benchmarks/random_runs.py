@@ -38,7 +38,7 @@ Draw = np.random.Generator
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=300)
-    parser.add_argument("--each", type=int, default=6, help="runs of one structure")
+    parser.add_argument("--each", type=int, default=20, help="runs of one structure")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", type=int, nargs="*", help="numbers of the runs to do")
     parser.add_argument("--set", nargs="*", default=[], help="KEY=VALUE in TOML, for all of them")

@@ -46,6 +46,9 @@ STEADY_IN_SPACE = 'flow=[{kind="uniform", velocity=[0.25, -0.15, 0.05], ramp_tim
 COMPARED = (CONTROLLED, SPATIAL_BARE)
 """What MuJoCo is held against."""
 
+HELD = (None, 1e-3, 1e-7, 1e-8)
+"""Values of simulation.error to compare."""
+
 NOISE = 5e-4
 """Standard deviation of a noisy sensor (m): its controller jerks the base at every step."""
 
@@ -81,6 +84,8 @@ def main() -> None:
             console.print(f"{name}: time of a step grows as nodes^{power:.2f} from 21 nodes on")
     if mujoco_rod is None:
         console.print(WHY_NOT)
+    with console.status("errors held"):
+        console.print(held_table(options.nodes[0], options.repeats))
     RESULTS.mkdir(exist_ok=True)
     path = RESULTS / "step.json"
     path.write_text(json.dumps({"exponents": exponents, "cases": rows}, indent=2), "utf-8")
@@ -209,6 +214,42 @@ def bare_steps(name: str, scenario: crinoid.Scenario, setup: Setup) -> Contestan
         steps,
         scenario.simulation.time_step,
     )
+
+
+def held_table(nodes: int, repeats: int) -> Table:
+    """Show what it costs to hold steps to an error: one program, whatever the value."""
+    base = crinoid.load("station-keeping", [f"arm.nodes={nodes}", *SOFT, STEADY])
+    setup = set_up(base)
+    contestants, rows = [], []
+    for error in HELD:
+        scenario = base if error is None else base.with_values({"simulation.error": error})
+        loop = eqx.tree_at(lambda x: x.system, setup.loop, scenario.system())
+        each, iterations = closed_loop(
+            "off" if error is None else f"{error:g}", base, setup.state, loop
+        )
+        kept = each.run()[1]
+        contestants.append(each)
+        largest = float(np.max(kept.error)) / base.arm.length
+        rows.append((int(np.sum(kept.steps)), each.steps * iterations, largest))
+    times: list[list[float]] = [[] for _ in contestants]
+    for _ in range(repeats):
+        for each, taken in zip(contestants, times, strict=True):
+            start = time.perf_counter()
+            each.run()
+            taken.append(time.perf_counter() - start)
+    table = Table(title=f"Steps held to an error, {nodes} nodes", title_justify="left")
+    for name in (
+        "simulation.error",
+        "largest step_error / length",
+        "steps",
+        "Newton",
+        "time / off",
+    ):
+        table.add_column(name, justify="right")
+    for each, (steps, iterations, largest), taken in zip(contestants, rows, times, strict=True):
+        ratio = float(np.median(np.divide(taken, times[0])))
+        table.add_row(each.name, f"{largest:.1e}", str(steps), f"{iterations:.0f}", f"{ratio:.2f}")
+    return table
 
 
 def exponent(rows: list[dict[str, Any]], name: str) -> float | None:

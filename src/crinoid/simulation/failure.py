@@ -40,7 +40,7 @@ def step_failure(
     what, remedy = _trouble(scenario, system, state, outcome, halvings)
     if defect is not None and defect.gained:
         return f"{when}: {defect.told}; {defect.cause}, until {what}; try {defect.remedy}"
-    if turned(dataset, simulation, -_LATELY) > 1.0:
+    if outcome.resolved and turned(dataset, simulation, -_LATELY) > 1.0:
         damped = ', simulation.integrator = "generalized-alpha"'
         remedy = (
             f"{shorter(simulation, 1.0)}{damped * (simulation.integrator == 'newmark')}, "

@@ -270,7 +270,7 @@ def _result(
     elif defect is not None and defect.failed is not None:
         trouble = defect.failure
     told = [*scenario.notes(), *setup.doubts, *notes(dataset, scenario)]
-    if defect is not None and not trouble.startswith("failed"):
+    if defect is not None and defect.told not in trouble:
         told.append(defect.note)
     dataset.attrs = describe(scenario) | {
         "status": trouble or "ok",
