@@ -11,6 +11,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import filelock
@@ -260,6 +261,59 @@ def test_links_are_replaced_and_not_followed(here):
         assert (here / name).read_text() == "precious"
     assert not (out / "cases.csv").is_symlink()
     assert not (out / "shape.png").is_symlink()
+
+
+def _attribute(name: str, value: object) -> Callable[[xr.Dataset], xr.Dataset]:
+    def tamper(dataset: xr.Dataset) -> xr.Dataset:
+        dataset.attrs[name] = value
+        return dataset
+
+    return tamper
+
+
+BROKEN = {
+    "no wall_time": (
+        lambda data: data.attrs.pop("wall_time") and data,
+        "does not say its wall_time",
+    ),
+    "wall_time in words": (_attribute("wall_time", "long"), "does not say its wall_time"),
+    "no status": (lambda data: data.attrs.pop("status") and data, "does not say its status"),
+    "no position": (lambda data: data.drop_vars("position"), "it has no position"),
+    "no time": (lambda data: data.drop_vars("time"), "it has no time"),
+    "no energy": (lambda data: data.drop_vars("energy"), "it has no energy"),
+    "energy in words": (lambda data: data.assign(energy=data["energy"].astype(str)), "its energy"),
+    "time in words": (lambda data: data.assign_coords(time=list("abcde")), "its time is no array"),
+    "no names of axes": (lambda data: data.drop_vars("axis"), "it has no axis over axis"),
+    "no instant": (lambda data: data.isel(time=slice(0)), "it holds no instant"),
+    "no TOML": (_attribute("scenario", "= ="), "cannot be read: not valid TOML"),
+    "another scenario": (
+        _attribute("scenario", Scenario(seed=3).to_toml()),
+        "is of another scenario; only its duration may be changed",
+    ),
+}
+
+
+@pytest.mark.parametrize("status", ["ok", "interrupted at t = 0.5 s"])
+@pytest.mark.parametrize(("tamper", "reason"), BROKEN.values(), ids=BROKEN.keys())
+def test_a_broken_result_is_not_gone_on_with_and_stays(here, player, tamper, reason, status):
+    broken = made_result(Scenario.from_toml(SMALL), status=status)
+    broken.dataset = tamper(broken.dataset)
+    broken.save(here / "out")
+    before = (here / "out" / "result.nc").read_bytes()
+    line = one_line(call("run", "small.toml", "--out", "out", "--resume"), 2)
+    assert line.startswith("crinoid: --resume: ")
+    assert reason in line
+    assert not player.played
+    assert (here / "out" / "result.nc").read_bytes() == before
+
+
+@pytest.mark.parametrize("size", [0, 1000, 20_000])
+def test_a_cut_file_is_not_gone_on_with(here, size):
+    made_result(Scenario.from_toml(SMALL), 0.5, "interrupted at t = 0.5 s").save(here / "out")
+    path = here / "out" / "result.nc"
+    path.write_bytes(path.read_bytes()[:size])
+    line = one_line(call("run", "small.toml", "--out", "out", "--resume"), 2)
+    assert "out/result.nc: not a result of crinoid" in line
 
 
 def test_a_case_that_is_refused_is_named_and_the_others_are_run(here, player, caplog):
