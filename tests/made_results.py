@@ -69,6 +69,7 @@ class Player:
         report: Callable[[Progress], None],
         resume: Result | None,
         stop: Callable[[], bool],
+        tell: Callable[[list[str]], None] | None = None,
     ) -> Result:
         self.played.append(scenario)
         duration = scenario.simulation.duration

@@ -8,6 +8,7 @@ import xarray as xr
 from rich.console import Console
 
 import crinoid
+from crinoid.base import Servo
 from crinoid.cli.tables import equilibrium_table
 from crinoid.dataset import build_dataset, join
 from crinoid.dynamics import Touch
@@ -28,7 +29,13 @@ SCENARIO = crinoid.Scenario.from_toml(f"[arm]\nnodes = {NODES}\nlength = 0.4\n")
 def system():
     """A planar arm's, moved out of the plane: of the rod only what the plane shares is asked."""
     planar = build_system(SCENARIO)
-    return eqx.tree_at(lambda system: system.forces.origin, planar, jnp.asarray(ORIGIN))
+    slide = jnp.eye(6)[0]
+    servo = Servo(-slide, slide, *jnp.ones((3, 6)))
+    return eqx.tree_at(
+        lambda system: (system.forces.origin, system.base.servo),
+        planar,
+        (jnp.asarray(ORIGIN), servo),
+    )
 
 
 def kept(touch=None, **changes):
@@ -102,7 +109,10 @@ def test_every_variable_in_space_has_its_dimensions_and_units(system):
         assert dataset[name].dims == dims, name
     # channels are shifts and turns: no one unit that CF knows
     without_unit = {name for name, v in dataset.data_vars.items() if not v.attrs.get("units")}
-    assert without_unit == {"base_command", "base_servo", "base_pose"}
+    limits = {"channel_lower", "channel_upper", "channel_max_speed", "channel_max_acceleration"}
+    assert without_unit == {"base_command", "base_servo", "base_pose", *limits}
+    assert all(dataset[name].dims == ("channel",) for name in limits)
+    assert np.isnan(dataset["channel_upper"].sel(channel="sway"))
     assert "tip_angle_target" not in dataset
     assert dataset["twist"].attrs["units"] == "rad m-1"
     labels = {name: list(dataset[name].values) for name in ("axis", "channel", "bending")}

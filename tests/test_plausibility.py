@@ -175,6 +175,7 @@ RELATIONS = {
         [
             [SINE.format(0.3, 5.0)],
             [SINE.format(30.0, 0.1)],
+            ["base.motion=[{kind='velocity', channel='slide', velocity=50.0}]"],
             [
                 "base.motion=[{kind='table', channel='slide', time=[0, 0.02, 0.04, 40], "
                 "value=[0, 0, 0.1, 0.1]}]"
@@ -241,16 +242,19 @@ RELATIONS = {
         ],
         [SPHERE.format("[4.0, -10.2]", 0.1, "[-0.3, 0.0]")],
     ),
-    "target.tip": (
+    "target.tip, target.to, target.centre": (
         [
             ["target.tip=[1000.0, -10.0]"],
             ["target.tip=[[0.3, -10.3], [0.3, 0.3]]", "target.time=[1.0, 2.0]"],
+            ["target.tip=[0.3, -10.3]", "target.frame=base"],
+            ["target.path=line", "target.to=[300.0, -300.0]", "target.travel_time=2.0"],
         ],
-        ["target.tip=[0.6, -10.2]"],
+        ["target.tip=[0.3, -0.3]", "target.frame=base"],
     ),
-    "target.time, control.start": (
+    "target.time, target.start, control.start": (
         [
             ["control.start=30"],
+            ["target.path=circle", "target.radius=0.1", "target.period=5.0", "target.start=30.0"],
             ["target.tip=[[0.3, -10.3], [0.4, -10.3]]", "target.time=[30.0, 40.0]"],
         ],
         ["control.start=10"],

@@ -586,3 +586,29 @@ def test_a_checkpoint_of_another_loop_is_refused(result):
     still = crinoid.equilibrium(scenario())
     with pytest.raises(ResultError, match="no state that this scenario can go on from"):
         play(scenario(), resume=still)
+
+
+def test_the_gain_margin_is_where_a_run_begins_to_swing_by_itself():
+    calm = {"flow__0__velocity": [0.0, 0.0], "flow__1__amplitude": [0.0, 1e-4]}
+    still = scenario(
+        **calm,
+        arm__youngs_modulus=5e6,
+        arm__damping_time=0.05,
+        control__compare=False,
+        simulation__duration=10.0,
+    )
+    most = set_up(still).open_loop.margin().gain
+    late = {}
+    for share in (0.9, 1.1):
+        gains = {
+            f"control.pid.{name}.{term}": share * most * getattr(given, term)
+            for name, given in still.control.pid.present.items()
+            for term in ("kp", "ki", "kd")
+        }
+        run = crinoid.simulate(still.with_values(gains))
+        error = run.dataset["tip_error"].values
+        third = error.size // 3
+        late[share] = error[-third:].max() / error[third : 2 * third].max()
+        assert any("grow by themselves" in note for note in run.notes) == (share > 1)
+    assert late[0.9] < 1.2
+    assert late[1.1] > 2.0

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from crinoid.base import Servo
 from crinoid.dynamics import System, Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.record import Record
@@ -19,6 +20,7 @@ from crinoid.version import __version__
 _Quantities = dict[str, tuple[tuple[str, ...], ArrayLike, str, str]]
 """Dimensions, values, unit and meaning by name."""
 
+_LIMITS = ("channel_lower", "channel_upper", "channel_max_speed", "channel_max_acceleration")
 _FORWARD = {2: "x forward, z up", 3: "x forward, y to port, z up"}
 
 
@@ -111,6 +113,7 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
             "",
             "displacement of the base channels from the set pose, prescribed motion included",
         ),
+        **_limits(system.base.servo),
         "base_force": (("time", "axis"), kept.base_force, "N", "force of the arm on the submarine"),
         "base_moment": (
             ("time", "axis")[: kept.base_moment.ndim],
@@ -177,11 +180,13 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
     dataset["flow_speed"].attrs["standard_name"] = "sea_water_speed"
     shifts = [channel for channel in channels if channel not in ANGLES]
     turns = [channel for channel in channels if channel in ANGLES]
-    for name in ("base_command", "base_servo", "base_pose"):
+    for name in ("base_command", "base_servo", "base_pose", *_LIMITS):
         del dataset[name].attrs["units"]  # CF has no unit for a mixture
         dataset[name].attrs["comment"] = (
             f"{_listed(shifts)} in m, {_listed(turns)} in rad: see channel_unit"
         )
+    for name, per in zip(_LIMITS[2:], ("s", "s2"), strict=True):
+        dataset[name].attrs["comment"] += f", per {per}"
     if count == 3:
         names = ["kappa_1", "kappa_2"]
         about = {"long_name": "bending toward the directors m_1 and m_2"}
@@ -191,6 +196,27 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
 
 def _listed(names: Sequence[str]) -> str:
     return " and ".join(", ".join(names).rsplit(", ", 1))
+
+
+def _limits(servo: Servo) -> _Quantities:
+    """Return the limits of the channels; those of one that stays put are NaN."""
+    there = np.asarray(servo.lower) < np.asarray(servo.upper)
+    values = (servo.lower, servo.upper, servo.max_speed, servo.max_acceleration)
+    words = (
+        "lower end of the travel",
+        "upper end of the travel",
+        "greatest speed",
+        "greatest acceleration",
+    )
+    return {
+        name: (
+            ("channel",),
+            np.where(there, np.asarray(value), np.nan),
+            "",
+            f"{word} of the servos of the base channels",
+        )
+        for name, value, word in zip(_LIMITS, values, words, strict=True)
+    }
 
 
 def _bending(kept: Record) -> _Quantities:

@@ -2,7 +2,8 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Complex, Float
 
 Channels = Float[Array, " channel"]
 
@@ -84,6 +85,11 @@ class Servo(eqx.Module):
         loops = 2 * natural * (self._wanted_velocity(position - command) - velocity)
         loops = jnp.clip(loops, -self.max_acceleration, self.max_acceleration)
         return ServoState(position, velocity, jnp.where(free, loops, (velocity - start) / step))
+
+    def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f channel"]:
+        """Return position over command at frequencies (Hz), as long as no limit is met."""
+        ratio = frequency[:, None] * _DAMPED_BANDWIDTH / np.asarray(self.bandwidth)
+        return 1 / (1 + 1j * ratio) ** 2
 
     def _within(self, position: Channels) -> Channels:
         # a channel without room stays put; `clip` would let it answer with half a slope

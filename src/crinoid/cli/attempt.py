@@ -7,7 +7,7 @@ from pathlib import Path
 
 from crinoid.result import RESULT, Result, ResultError
 from crinoid.scenario import Mistake, Scenario, ScenarioError
-from crinoid.simulation import Progress, play
+from crinoid.simulation import Progress, Tell, play
 
 
 def find_earlier(scenario: Scenario, folder: Path) -> Result | None:
@@ -56,6 +56,7 @@ def attempt(
     folder: Path,
     report: Callable[[Progress], None],
     stop: Callable[[], bool],
+    tell: Tell | None = None,
 ) -> Result:
     """Run a scenario, or the rest of it.
 
@@ -65,7 +66,7 @@ def attempt(
         If it cannot be run, or not gone on with.
     """
     try:
-        return play(scenario, report=report, resume=earlier, stop=stop)
+        return play(scenario, report=report, resume=earlier, stop=stop, tell=tell)
     except ResultError as error:
         raise ScenarioError([Mistake("--resume", f"the run in {folder}: {error}")]) from error
 

@@ -58,13 +58,20 @@ def _run_case(
     if not resume and interrupted(folder, scenario):
         text = f"{folder} holds an interrupted run of this scenario; --resume would go on with it"
         say_notes(console, [text])
+    told = list(doubted)
+
+    def tell(notes: list[str]) -> None:
+        say_notes(console, notes)
+        told.extend(notes)
+
     with Interruption() as interruption:
         with progress_bar(console) as bar:
-            result = attempt(scenario, earlier, folder, reporter(bar, ""), interruption.stop)
+            report, stop = reporter(bar, ""), interruption.stop
+            result = attempt(scenario, earlier, folder, report, stop, tell)
             paths, unsaved = save(result, folder)
         if not unsaved:
             clear(folder, wanted, resume=resume)
-        _say_run(console, result, doubted)
+        _say_run(console, result, told)
         say_where(console, paths)
     return unsaved or trouble(result)
 

@@ -5,6 +5,7 @@ from crinoid.dynamics.halving import Progress as Progress
 from crinoid.dynamics.integrator import Integrator as Integrator
 from crinoid.dynamics.modes import Modes as Modes
 from crinoid.dynamics.modes import ModesError as ModesError
+from crinoid.dynamics.modes import SmallMotions as SmallMotions
 from crinoid.dynamics.modes import find_modes as find_modes
 from crinoid.dynamics.newton import Outcome as Outcome
 from crinoid.dynamics.newton import Settings as Settings

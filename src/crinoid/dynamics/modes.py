@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from crinoid import chain
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.start import as_rows
 from crinoid.dynamics.tangent import HELD
 from crinoid.frames import Frames
 
@@ -36,29 +37,48 @@ class Modes(NamedTuple):
     """
 
 
+class SmallMotions(NamedTuple):
+    """What resists and carries small motions of all nodes about a shape at rest."""
+
+    stiffness: chain.Bands
+    """N/m, and of spins N m."""
+    mass: chain.Bands
+    """With added mass (kg)."""
+    stiffness_in_current: chain.Bands
+    """In a steady current, whose drag changes as the arm turns (N/m)."""
+    damping_in_current: chain.Bands
+    """Of the material, and the slope of the quadratic drag in that current (N s/m)."""
+
+
 def linearise(
     forces: Forces,
     time: Float[Array, ""],
     position: Float[Array, "rows b"],
     frames: Frames | None,
-) -> tuple[chain.Bands, chain.Bands]:
-    """Return stiffness (N/m) and mass (kg) of small motions of the nodes about a shape at rest.
+    current: Float[Array, " d"],
+) -> SmallMotions:
+    """Linearise the forces on the nodes about a shape at rest.
 
-    The water flows on as it does at ``time``, obstacles stay where they are (in ``position``, the
-    rows after the nodes). The mass contains the added mass. In space ``frames`` are those of the
-    shape, and the stiffness that of spins too (N m).
+    The water flows on as it does at ``time``, and beside that as a steady ``current`` (m/s) past
+    the same shape. Obstacles stay where they are (in ``position``, the rows after the nodes). In
+    space ``frames`` are those of the shape.
     """
     forces = forces.frozen(time)
-    zero, none = jnp.zeros_like(position), jnp.zeros(())
+    zero = jnp.zeros_like(position)
 
-    def tangent(by: Float[Array, "2"]) -> chain.Bands:
-        stage = Stage(time, position, zero, zero, by[0], none, by[1], frames)
-        around = forces.surroundings(stage, zero)
+    def tangent(by: Float[Array, "3"], flows: Float[Array, ""]) -> chain.Bands:
+        rates = (by[0], by[1], by[2])
+        still = Stage(time, position, zero, zero, *rates, frames)
+        around = forces.surroundings(still, zero)
+        # drag sees the current less the arm's velocity: let the arm move instead of the water
+        drift = flows * (around.velocity - current)
+        stage = Stage(time, position, as_rows(drift, position.shape[1]), zero, *rates, frames)
         return forces.tangent(stage, forces.motion(stage, zero, around), around).bands
 
-    # one after the other: the tangent is compiled once for both
-    stiffness, mass = jax.lax.map(tangent, jnp.eye(2))
-    return stiffness, mass
+    of = jnp.eye(3)[jnp.array([0, 2, 0, 1])]
+    flows = jnp.array([0.0, 0.0, 1.0, 1.0])
+    # one after the other: the tangent is compiled once for all
+    return SmallMotions(*jax.lax.map(lambda one: tangent(*one), (of, flows)))
 
 
 def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) -> Modes:

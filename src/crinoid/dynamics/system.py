@@ -234,7 +234,13 @@ class System(eqx.Module):
         The state is taken as still, obstacles included, in water that flows on as it does; the
         mass contains the added mass.
         """
-        return modes.linearise(self.forces, state.time, state.motion.position, state.frames)
+        small = self.small_motions(state, jnp.zeros(self.forces.axes))
+        return small.stiffness, small.mass
+
+    def small_motions(self, state: State, current: Float[Array, " d"]) -> modes.SmallMotions:
+        """Return what `linearise` does, and more, for a steady ``current`` (m/s)."""
+        motion = state.motion
+        return modes.linearise(self.forces, state.time, motion.position, state.frames, current)
 
     def natural_frequencies(
         self, state: State, *, count: int = modes.COUNT
@@ -256,11 +262,7 @@ class System(eqx.Module):
         `linearise` where it is at hand already.
         """
         bands = self.linearise(state)[0] if stiffness is None else stiffness
-        pose, _, _ = self.base.pose(state.time, state.servo)
-        held = jax.vmap(lambda rate: self.base.moving(pose, rate)[1], out_axes=-1)(
-            jnp.eye(self.channels)
-        )
-        axes = self.forces.axes
+        held, axes = self.held(state), self.forces.axes
 
         def follow(moved: Float[Array, "2 b"]) -> Float[Array, "n d"]:
             nodes = jnp.zeros((state.position.shape[0], moved.shape[1])).at[:HELD].set(moved)
@@ -269,6 +271,17 @@ class System(eqx.Module):
 
         moved = jax.vmap(follow, -1, -1)(held)
         return jax.vmap(lambda d: jax.jvp(tip_pose, (state.position,), (d,))[1], -1, -1)(moved)
+
+    def held(self, state: State) -> Float[Array, "2 b channel"]:
+        """Return how the ghost node and the root follow small moves of the channels."""
+        pose, _, _ = self.base.pose(state.time, state.servo)
+        return jax.vmap(lambda rate: self.base.moving(pose, rate)[1], out_axes=-1)(
+            jnp.eye(self.channels)
+        )
+
+    def tip_follows(self, state: State) -> Float[Array, "pose 3 d"]:
+        """Return how the tip's pose follows small moves of the last three nodes."""
+        return jax.jacfwd(tip_pose)(state.position[-3:])
 
     def _prescribe(
         self,

@@ -20,7 +20,7 @@ from crinoid.plausibility.time import TIME
 from crinoid.plausibility.usual import USUAL
 from crinoid.scenario import Scenario
 
-__all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Rule", "doubts"]
+__all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
 
 _FIRST = (*USUAL, *ARM)
 """What numbers are by themselves. Where an arm or its water is odd, what follows from it is too,

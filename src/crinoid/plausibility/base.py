@@ -9,7 +9,7 @@ from itertools import pairwise
 from crinoid.plausibility.facts import Facts
 from crinoid.plausibility.rule import Rule
 from crinoid.scenario import shown
-from crinoid.scenario.motion import SineMotion, TableMotion
+from crinoid.scenario.motion import SineMotion, TableMotion, VelocityMotion
 from crinoid.scenario.obstacle import Plane
 from crinoid.space import ANGLES
 
@@ -85,6 +85,11 @@ def _motion(facts: Facts) -> Iterator[str]:
             hard = max((abs((b - a) / (t1 - t0)) for (a, b), (t0, t1) in rates), default=0.0)
             value = "value_deg" if motion.channel in ANGLES else "value"
             got = f"{key}.{value}: got {shown(getattr(motion, value))}"
+        elif isinstance(motion, VelocityMotion):
+            speed = abs(motion.velocity_si) * lever
+            hard = math.pi / 2 * speed / motion.ramp_time
+            value = "velocity_deg" if motion.channel in ANGLES else "velocity"
+            got = f"{key}.{value}: got {getattr(motion, value):g}"
         else:
             continue
         where = "the base" if lever == 1.0 else "the tip of a stiff arm"

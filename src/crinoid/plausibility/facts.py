@@ -21,6 +21,7 @@ from crinoid.scenario import (
     WavesFlow,
 )
 from crinoid.scenario.flow import Flow
+from crinoid.scenario.motion import FileMotion
 
 _AIR = (1.1, 1.4)
 """Densities of air, from a hot day to a cold one (kg/m3)."""
@@ -120,8 +121,10 @@ class Facts:
             for name, channel in base.channels.present.items()
             if name in _SHIFTS
         ]
+        duration = self.scenario.simulation.duration
         carried = [
-            max(map(abs, getattr(motion, "value_si", (getattr(motion, "amplitude_si", 0.0),))))
+            # where a file takes it is not known here
+            math.inf if isinstance(motion, FileMotion) else motion.farthest(duration)
             for motion in base.motion
             if motion.channel in _SHIFTS
         ]
@@ -131,6 +134,20 @@ class Facts:
     def current(self) -> float:
         """Speed that all flows together do not exceed for long (m/s)."""
         return math.fsum(self.fastest(index, flow) for index, flow in enumerate(self.scenario.flow))
+
+    @cached_property
+    def mean_current(self) -> tuple[float, ...]:
+        """Mean velocity of all flows together at full strength (m/s); gusts and waves have none."""
+        total = np.zeros(self.scenario.arm.dimension)
+        for index, flow in enumerate(self.scenario.flow):
+            match flow:
+                case UniformFlow() | ShearFlow():
+                    total += flow.velocity
+                case GaussMarkovFlow() | TurbulenceFlow():
+                    total += flow.mean
+                case MeasuredFlow():
+                    total += np.nanmean(self.scenario.recordings[index].velocity, axis=(0, 1))
+        return tuple(map(float, total))
 
     def fastest(self, index: int, flow: Flow) -> float:
         """Return the speed that a flow hardly exceeds (m/s)."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from crinoid.plausibility.facts import Facts
 from crinoid.plausibility.rule import Rule
-from crinoid.scenario import shown
+from crinoid.scenario import Target, shown
 
 _STRETCHED = 1.05
 _NOISY = 0.05
@@ -17,17 +17,37 @@ _NOISY_ANGLE = 20.0
 
 
 def _reach(facts: Facts) -> Iterator[str]:
-    target, base = facts.scenario.target, facts.scenario.base.position
-    if target.frame == "base":  # its positions count from there
-        base = (0.0,) * len(base)
-    points = target.tip_path or [target.tip if isinstance(target.tip, tuple) else base]
+    target = facts.scenario.target
+    base = np.array(facts.scenario.base.position)
+    root = np.zeros_like(base) if target.frame == "base" else base
     reach = _STRETCHED * facts.length + facts.travel
-    farthest = float(np.linalg.norm(np.subtract(points, base), axis=1).max())
-    if farthest > reach:
-        yield (
-            f"target.tip: got {shown(target.tip)}, {farthest:.4g} m from the base; length and "
-            f"travel reach {facts.length + facts.travel:.3g} m; is it in mm, or seen from the base?"
-        )
+    for key, points in _wanted(target).items():
+        farthest = float(np.linalg.norm(np.subtract(points, root), axis=1).max())
+        if farthest > reach:
+            yield (
+                f"target.{key}: got {shown(getattr(target, key))}, a target {farthest:.4g} m from "
+                f"the base; length and travel reach {facts.length + facts.travel:.3g} m; is it in "
+                f"mm{', or seen from the base' if target.frame == 'world' else ''}?"
+            )
+            return
+
+
+def _wanted(target: Target) -> dict[str, list[tuple[float, ...]]]:
+    """Return what is known of where the tip should be, by key."""
+    found: dict[str, list[tuple[float, ...]]] = {}
+    if target.tip_path is not None:
+        found["tip"] = list(target.tip_path)
+    elif isinstance(target.tip, tuple):
+        found["tip"] = [_point(target.tip)]
+    if target.to is not None:
+        found["to"] = [target.to]
+    if target.centre is not None:
+        found["centre"] = [target.centre]
+    return found
+
+
+def _point(given: tuple[object, ...]) -> tuple[float, ...]:
+    return tuple(item for item in given if isinstance(item, float))
 
 
 def _late(facts: Facts) -> Iterator[str]:
@@ -35,6 +55,11 @@ def _late(facts: Facts) -> Iterator[str]:
     times = scenario.target.time
     if times is not None and times[0] >= duration:
         yield f"target.time.0: got {times[0]:g} s in a run of {duration:g} s; nothing is followed"
+    if scenario.target.start is not None and scenario.target.start >= duration:
+        yield (
+            f"target.start: got {scenario.target.start:g} s in a run of {duration:g} s; the path "
+            "never sets in"
+        )
     if scenario.control.kind != "none" and scenario.control.start >= duration:
         yield (
             f"control.start: got {scenario.control.start:g} s in a run of {duration:g} s; it is "
@@ -84,8 +109,12 @@ def _filter(facts: Facts) -> Iterator[str]:
 
 
 LOOP = (
-    Rule(("target.tip",), "within 1.05 lengths of the arm and the base's travel", _reach),
-    Rule(("target.time", "control.start"), "before the end of the run", _late),
+    Rule(
+        ("target.tip", "target.to", "target.centre"),
+        "within 1.05 lengths of the arm and the base's travel",
+        _reach,
+    ),
+    Rule(("target.time", "target.start", "control.start"), "before the end of the run", _late),
     Rule(("sensor.delay",), "up to the arm's first period, and less than the run", _delay),
     Rule(
         ("sensor.noise_position", "sensor.noise_angle_deg"),

@@ -4,6 +4,7 @@ from crinoid.simulation.loop import Loop as Loop
 from crinoid.simulation.loop import LoopState as LoopState
 from crinoid.simulation.run import Progress as Progress
 from crinoid.simulation.run import SimulationError as SimulationError
+from crinoid.simulation.run import Tell as Tell
 from crinoid.simulation.run import at_rest as at_rest
 from crinoid.simulation.run import equilibrium as equilibrium
 from crinoid.simulation.run import play as play

@@ -19,6 +19,7 @@ from crinoid.dataset import build_dataset, describe, join
 from crinoid.dimensionless import with_dimensionless
 from crinoid.dynamics import Outcome, State, System
 from crinoid.ledger import find_defect
+from crinoid.loop_health import loop_notes
 from crinoid.notes import notes
 from crinoid.plausibility import AT_REST, doubts
 from crinoid.record import Record
@@ -47,6 +48,7 @@ class Progress(NamedTuple):
 
 
 Report = Callable[[Progress], None]
+Tell = Callable[[list[str]], None]
 
 
 class SimulationError(RuntimeError):
@@ -88,6 +90,7 @@ def play(
     report: Report | None = None,
     resume: Result | None = None,
     stop: Callable[[], bool] | None = None,
+    tell: Tell | None = None,
 ) -> Result:
     """Run a scenario to its end, a failure or an interruption; `Result.status` says which.
 
@@ -102,6 +105,8 @@ def play(
         have grown.
     stop
         Asked before each chunk of the run whether to interrupt it; Ctrl-C does by default.
+    tell
+        Called before the run with notes on the loop, if it is unstable or nearly so.
 
     Raises
     ------
@@ -117,13 +122,17 @@ def play(
     label = "controlled" if controlled else "simulated"
     with _CtrlC() if stop is None else nullcontext(stop) as asked:
         setup = set_up(scenario)
+        if tell is not None and setup.loop_doubts:
+            tell(setup.loop_doubts)
         result = _run(scenario, setup, label, report, resume, asked)
         if controlled and scenario.control.compare:
             idle = setup._replace(
-                loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False))
+                loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False)),
+                loop_doubts=[],
             )
             earlier = resume.uncontrolled if resume is not None else None
             result.uncontrolled = _run(scenario, idle, "uncontrolled", report, earlier, asked)
+    result.dataset.attrs["notes"] = "\n".join([*result.notes, *loop_notes(result)])
     return result
 
 
@@ -269,7 +278,7 @@ def _result(
         trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
     elif defect is not None and defect.failed is not None:
         trouble = defect.failure
-    told = [*scenario.notes(), *setup.doubts, *notes(dataset, scenario)]
+    told = [*scenario.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
     if defect is not None and defect.told not in trouble:
         told.append(defect.note)
     dataset.attrs = describe(scenario) | {

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.chain import Bands
 from crinoid.control import (
     Clock,
     Controller,
@@ -18,11 +17,13 @@ from crinoid.control import (
     Sensor,
     damped_inverse,
 )
-from crinoid.dynamics import Modes, ModesError, Outcome, State, System, find_modes
-from crinoid.plausibility import doubts
+from crinoid.dynamics import Modes, ModesError, Outcome, SmallMotions, State, System, find_modes
+from crinoid.plausibility import Facts, doubts
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation.build_target import build_target
 from crinoid.simulation.loop import Loop
+from crinoid.simulation.margin import OpenLoop, loop_doubts
+from crinoid.simulation.response import Plant
 from crinoid.space import CHANNELS, POSE
 
 _ROUND_OFF = 1e-9
@@ -42,6 +43,10 @@ class Setup(NamedTuple):
     """Small vibrations about the state; none where no equilibrium was found."""
     doubts: list[str]
     """What is odd about the scenario, a sentence each."""
+    open_loop: OpenLoop | None
+    """The loop, cut open, in the mean current; none without a PID."""
+    loop_doubts: list[str]
+    """What is odd about the loop when it is closed."""
 
 
 def set_up(scenario: Scenario) -> Setup:
@@ -51,13 +56,14 @@ def set_up(scenario: Scenario) -> Setup:
     mapped = control.kind != "none" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
     _check_room(system)
-    state, outcome, tip, linear, jacobian = _start(system, loaded, mapped)
+    current = jnp.asarray(Facts(scenario).mean_current)
+    state, outcome, tip, small, jacobian, ends = _start(system, current, loaded, mapped)
     modes, told = None, doubts(scenario)
     if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
         jacobian = None
     else:
         try:
-            modes = find_modes(*linear)
+            modes = find_modes(small.stiffness, small.mass)
         except ModesError as error:  # a run does without
             told = [*told, f"{error}; the result has neither them nor what follows from them"]
     swings_free = modes is not None and scenario.base.mount == "pinned" and not modes.frequency[0]
@@ -74,28 +80,56 @@ def set_up(scenario: Scenario) -> Setup:
         feed_forward=_feed_forward(scenario, system, jacobian),
         enabled=jnp.asarray(True),
     )
-    return Setup(loop, state, outcome, modes, told)
+    open_loop = None
+    # an arm that does not swing back by itself has no response to speak of
+    if control.kind == "pid" and modes is not None and np.all(modes.frequency > 0):
+        open_loop = _open_loop(loop, small, ends, modes)
+    found = loop_doubts(open_loop, control.pid.present) if open_loop is not None else []
+    return Setup(loop, state, outcome, modes, told, open_loop, found)
+
+
+def _open_loop(
+    loop: Loop, small: SmallMotions, ends: tuple[Array, Array], modes: Modes
+) -> OpenLoop:
+    """Return the loop, cut open, in the mean current."""
+    assert isinstance(loop.controller, Pid)
+    return OpenLoop.of(
+        Plant(
+            stiffness=np.asarray(small.stiffness_in_current),
+            damping=np.asarray(small.damping_in_current),
+            mass=np.asarray(small.mass),
+            held=np.asarray(ends[0]),
+            tip=np.asarray(ends[1]),
+        ),
+        loop.system.base.servo,
+        loop.sensor,
+        loop.controller,
+        time_step=float(loop.system.time_step),
+        resonances=modes.frequency,
+    )
 
 
 def _find_start(
-    system: System, loaded: bool, mapped: bool
+    system: System, current: Float[Array, " d"], loaded: bool, mapped: bool
 ) -> tuple[
     State,
     Outcome,
     Float[Array, " pose"],
-    tuple[Bands, Bands],
+    SmallMotions,
     Float[Array, "pose channel"] | None,
+    tuple[Float[Array, "2 b channel"], Float[Array, "pose 3 d"]],
 ]:
     state, outcome = (
         system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
     )
-    linear = system.linearise(state)
+    small = system.small_motions(state, current)
     return (
         state,
         outcome,
         system.tip(state),
-        linear,
-        system.static_jacobian(state, linear[0]) if mapped else None,
+        small,
+        system.static_jacobian(state, small.stiffness) if mapped else None,
+        (system.held(state), system.tip_follows(state)),
     )
 
 

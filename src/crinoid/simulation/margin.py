@@ -1,0 +1,236 @@
+"""How far a control loop is from swinging by itself, before it is run.
+
+The loop is cut at the commands. Its transfer at a frequency is the product of controller, hold,
+servo, arm and sensor, ``L = C M G S H e^(-i w d)``, with PID and filtered derivative ``C`` as they
+are computed from samples, mapping ``M``, the tip's response ``G`` (`crinoid.simulation.response`),
+servos ``S`` of second order, the hold ``H`` of a command between two, and the age ``d`` of a
+reading. Images of what is faster than half the control rate are left out: the servos carry hardly
+anything there. Motions are taken as small: the limits of the servos are not met.
+
+The loop is stable if no eigenvalue of ``L`` goes round -1 (MacFarlane and Postlethwaite 1977;
+Skogestad and Postlethwaite 2005, section 4.9; Astrom and Murray 2008, section 9.3). How near they
+come to it is its modulus margin. The least singular value of ``I + L`` would depend on whether
+angles are in radians or degrees, the eigenvalues do not.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+
+from crinoid.base import Servo
+from crinoid.control import Pid, Sensor
+from crinoid.scenario import PidGains
+from crinoid.simulation.response import Plant
+
+ROBUST = 0.1
+"""Modulus margin below which a loop gets a note: a tenth more gain may be too much for it."""
+_GRID = 120
+_AROUND = np.array([-3.0, -1.5, -0.75, -0.3, 0.0, 0.3, 0.75, 1.5, 3.0])
+"""Where a resonance is looked at, in half-widths."""
+_TICKS = 4000
+_NOTHING = 1e-3
+"""Share of the largest integrator below which one is none."""
+
+_WANTED = 0.2
+"""Modulus margin that the gains proposed leave."""
+_FACTORS = np.geomspace(1.0, 1e-6, 73)[1:]
+
+Loops = Complex[np.ndarray, "f channel channel"]
+
+
+class Margin(NamedTuple):
+    """How far a loop is from swinging by itself."""
+
+    stable: bool
+    modulus: float
+    """Modulus margin: distance of an eigenvalue of the open loop from -1."""
+    gain: float
+    """By what all gains may be multiplied at most."""
+    frequency: float
+    """Where the modulus is least (Hz); 0 where an integrator has the wrong sign."""
+
+
+class OpenLoop(NamedTuple):
+    """The transfer of a loop that is cut at the commands of the channels that are driven."""
+
+    frequency: Float[np.ndarray, " f"]
+    """Hz."""
+    transfer: Loops
+    integrated: Float[np.ndarray, "channel channel"]
+    """What the integral terms see of the commands when they are slow (1/s)."""
+
+    @staticmethod
+    def of(
+        plant: Plant,
+        servo: Servo,
+        sensor: Sensor,
+        controller: Pid,
+        *,
+        time_step: float,
+        resonances: Float[np.ndarray, " mode"],
+    ) -> OpenLoop:
+        """Build the open loop; ``time_step`` in s, ``resonances`` in Hz."""
+        period = float(controller.period)
+        grid = _frequencies(plant, resonances, 0.5 / period)
+        gains = _controller(controller, grid)
+        driven = np.flatnonzero(np.abs(np.asarray(controller.mapping)).max(axis=1) > 0)
+        rate = 2j * np.pi * grid
+        hold = (1 - np.exp(-rate * period)) / (rate * period)
+        old = np.exp(-rate * _age(sensor, period, time_step))
+        response = np.asarray(servo.response(grid)) * (hold * old)[:, None]
+        loop = np.asarray(controller.mapping) @ plant.response(grid)
+        integrated = np.asarray(controller.ki)[:, None] * loop[0].real
+        loop = gains[:, :, None] * loop * response[:, None, :]
+        both = np.ix_(driven, driven)
+        return OpenLoop(grid, loop[:, *both], integrated[both])
+
+    def scaled(self, factor: Float[np.ndarray, " channel"] | float) -> OpenLoop:
+        """Return the loop with other gains."""
+        factors = np.broadcast_to(factor, self.transfer.shape[1:2])
+        return self._replace(
+            transfer=factors[:, None] * self.transfer, integrated=factors[:, None] * self.integrated
+        )
+
+    def margin(self) -> Margin:
+        """Return how far the loop is from swinging by itself."""
+        values = _followed(np.linalg.eigvals(self.transfer))
+        away = np.abs(1 + values).min(axis=1)
+        worst = int(np.argmin(away))
+        at, upward = _crossings(values)
+        integrators = np.linalg.eigvals(self.integrated)
+        wrong = int(np.sum(integrators.real < -_NOTHING * np.abs(integrators).max()))
+        at, upward = np.append(at, [-np.inf] * wrong), np.append(upward, [1.0] * wrong)
+        stable = bool(np.sum(upward[at < -1]) == 0)
+        gains = -1 / at
+        gain = gains[gains > 1] if stable else gains  # some are stable between two gains only
+        return Margin(
+            stable,
+            float(away[worst]),
+            float(gain.min(initial=np.inf)),
+            0.0 if wrong else float(self.frequency[worst]),
+        )
+
+
+def _crossings(
+    values: Complex[np.ndarray, "f channel"],
+) -> tuple[Float[np.ndarray, " cross"], Float[np.ndarray, " cross"]]:
+    """Return where eigenvalues cross the negative real axis, and whether upward (1) or down.
+
+    Beyond both ends of the frequencies they go on as their complex conjugates; what integrates
+    comes from infinity at the lower end.
+    """
+    start, end = values[0], values[-1]
+    integrates = np.abs(start.imag) > np.abs(start.real)
+    before = np.where(integrates, start, start.conj())
+    values = np.concatenate([before[None], values, end.conj()[None]])
+    rise, crosses = np.diff(values.imag, axis=0), np.diff(np.sign(values.imag), axis=0) != 0
+    share = np.where(crosses, -values.imag[:-1] / np.where(rise == 0, 1.0, rise), 0.0)
+    real = values.real[:-1] + share * np.diff(values.real, axis=0)
+    crosses &= real < 0
+    return real[crosses], np.sign(rise[crosses])
+
+
+def _followed(values: Complex[np.ndarray, "f channel"]) -> Complex[np.ndarray, "f channel"]:
+    """Order the eigenvalues at each frequency so that each goes on from where it was."""
+    from scipy.optimize import linear_sum_assignment
+
+    ordered = values.copy()
+    for index in range(1, values.shape[0]):
+        away = np.abs(ordered[index - 1][:, None] - values[index][None, :])
+        ordered[index] = values[index][linear_sum_assignment(away)[1]]
+    return ordered
+
+
+def _frequencies(
+    plant: Plant, resonances: Float[np.ndarray, " mode"], highest: float
+) -> Float[np.ndarray, " f"]:
+    """Return where to look: evenly by octaves, and closely around resonances."""
+    slow = resonances[resonances > 0]
+    lowest = 0.02 * min([*slow, highest])
+    grid = np.geomspace(lowest, highest, _GRID)
+    close = [f * (1 + 0.02 * _AROUND) for f in slow if f < highest / 1.06]
+    return np.unique(np.concatenate([grid, *close]))
+
+
+def _controller(controller: Pid, grid: Float[np.ndarray, " f"]) -> np.ndarray:
+    """Return what each channel commands for its error, as `crinoid.control.Pid` computes it."""
+    period = float(controller.period)
+    back = np.exp(-2j * np.pi * grid * period)[:, None]  # one command earlier
+    lag = np.asarray(controller.filter_time)
+    slope = (1 - back) / (lag + period - lag * back)
+    integral = np.asarray(controller.ki) * period / (1 - back)
+    return np.asarray(controller.kp) + integral + np.asarray(controller.kd) * slope
+
+
+def _age(sensor: Sensor, period: float, time_step: float) -> float:
+    """Return how old the newest reading is on average when a command is given (s)."""
+
+    def ticks(every: float, count: int) -> Float[np.ndarray, " tick"]:
+        return np.ceil(np.arange(count) * every / time_step - 1e-6) * time_step
+
+    every, delay = float(sensor.clock.period), float(sensor.delay)
+    given = ticks(period, _TICKS)
+    given = given[given >= min(delay + every, given[-1])]
+    taken = ticks(every, math.ceil(given[-1] / every) + 2)
+    newest = np.searchsorted(taken, given - delay + 1e-6 * every, side="right") - 1
+    return float(np.mean(given - taken[newest]))
+
+
+def loop_doubts(loop: OpenLoop, gains: dict[str, PidGains]) -> list[str]:
+    """Return a sentence if a loop is unstable or close to it.
+
+    Parameters
+    ----------
+    loop
+        The open loop.
+    gains
+        Of each channel that is driven, in the order of the loop's channels.
+    """
+    margin = loop.margin()
+    if margin.stable and margin.modulus >= ROBUST:
+        return []
+    if margin.stable:
+        state = (
+            f"small motions near {margin.frequency:.2g} Hz hardly die down (modulus margin "
+            f"{margin.modulus:.2g}), and with {margin.gain:.3g} times all gains they grow"
+        )
+    elif margin.frequency:
+        state = f"small motions grow by themselves, near {margin.frequency:.2g} Hz"
+    else:
+        state = "the tip runs away from its target"
+    names = list(gains)
+    for name, given in gains.items():
+        if min(given.kp, given.ki, given.kd) < 0:
+            got = f"control.pid.{name}: got {_gains(given)}"
+            return [f"{got}; {state} (by the linear loop); is the sign right?"]
+    alone = {name: _lower(loop, np.array(names) == name) for name in names}
+    blamed, factor = max(alone.items(), key=lambda item: item[1])
+    if factor:
+        got = _gains(gains[blamed])
+        return [
+            f"control.pid.{blamed}: got {got}; {state} (by the linear loop); these three times "
+            f"{factor:.2g} leave a margin"
+        ]
+    together = _lower(loop, np.ones(len(names), bool))
+    cure = "with smaller ones too"
+    if together:
+        cure = f"all gains times {together:.2g} leave a margin"
+    got = "; ".join(f"{name} {_gains(given)}" for name, given in gains.items())
+    return [f"control.pid: got {got}; {state} (by the linear loop); {cure}"]
+
+
+def _lower(loop: OpenLoop, which: Bool[np.ndarray, " channel"]) -> float:
+    """Return the largest factor on the gains of some channels that leaves a margin; 0: none."""
+    for factor in _FACTORS:
+        margin = loop.scaled(np.where(which, factor, 1.0)).margin()
+        if margin.stable and margin.modulus >= _WANTED:
+            return float(factor)
+    return 0.0
+
+
+def _gains(given: PidGains) -> str:
+    return f"kp = {given.kp:g}, ki = {given.ki:g}, kd = {given.kd:g}"

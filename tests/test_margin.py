@@ -1,0 +1,117 @@
+"""How far a control loop is from swinging by itself: loops and chains that are known on paper."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from crinoid.base import Servo
+from crinoid.scenario import PidGains
+from crinoid.simulation.margin import OpenLoop, loop_doubts
+from crinoid.simulation.response import Plant
+
+FREQUENCY = np.geomspace(1e-3, 20.0, 400)
+RATE = 2j * np.pi * FREQUENCY
+DELAY = 0.2
+
+
+def late_integrators(*gains: float) -> OpenLoop:
+    """Make a channel for each gain k: k e^(-s T) / s, unstable from k T = pi / 2 on."""
+    transfer = np.zeros((FREQUENCY.size, len(gains), len(gains)), complex)
+    for channel, gain in enumerate(gains):
+        transfer[:, channel, channel] = gain * np.exp(-RATE * DELAY) / RATE
+    return OpenLoop(FREQUENCY, transfer, np.diag(gains))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9, 1.1, 3.0])
+def test_an_integrator_with_a_delay_is_stable_up_to_half_pi(share):
+    margin = late_integrators(share * math.pi / 2 / DELAY).margin()
+    assert margin.stable == (share < 1)
+    assert margin.gain == pytest.approx(1 / share, rel=1e-3)
+    if abs(share - 1) < 0.2:
+        assert margin.frequency == pytest.approx(0.25 / DELAY, rel=0.1)
+
+
+def test_the_modulus_margin_is_the_distance_from_minus_one():
+    found = late_integrators(0.5 / DELAY).margin()
+    fine = 1j * np.linspace(1e-3, 40.0, 200_000)
+    exact = np.abs(1 + 0.5 / DELAY * np.exp(-fine * DELAY) / fine).min()
+    assert found.modulus == pytest.approx(exact, rel=0.01)
+
+
+def test_channels_that_are_coupled_share_one_margin():
+    loop = late_integrators(1.0, 4.0)
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    turned = loop._replace(
+        transfer=turn @ loop.transfer @ turn.T, integrated=turn @ loop.integrated @ turn.T
+    )
+    assert turned.margin().gain == pytest.approx(loop.margin().gain, rel=1e-6)
+    assert turned.margin().gain == pytest.approx(math.pi / 2 / DELAY / 4.0, rel=1e-3)
+    assert turned.scaled(2.0).margin().stable is False
+
+
+def test_a_loop_that_is_stable_between_two_gains_only():
+    # lags behind by more than half a turn, leads again, and then falls to a delay
+    plant = ((1 + RATE) / (1 + 20 * RATE)) ** 2 / RATE * np.exp(-0.05 * RATE)
+    loop = OpenLoop(FREQUENCY, plant[:, None, None], np.array([[1.0]]))
+    stable = {gain: loop.scaled(gain).margin().stable for gain in (0.1, 1.0, 1e3, 2e4)}
+    assert stable == {0.1: True, 1.0: False, 1e3: True, 2e4: False}
+
+
+def test_an_integrator_of_the_wrong_sign_runs_away_however_small():
+    loop = late_integrators(1.0, -1e-2)
+    assert not loop.margin().stable
+    gains = {"slide": PidGains(ki=1.0), "tilt": PidGains(ki=-1e-2)}
+    (note,) = loop_doubts(loop, gains)
+    assert note.startswith("control.pid.tilt: got kp = 0, ki = -0.01, kd = 0; the tip runs away")
+    assert note.endswith("is the sign right?")
+
+
+def test_the_channel_at_fault_is_named_and_by_what_to_lower_it():
+    limit = math.pi / 2 / DELAY
+    gains = {"slide": PidGains(ki=1.0), "tilt": PidGains(ki=4.0 * limit)}
+    (note,) = loop_doubts(late_integrators(1.0, 4.0 * limit), gains)
+    assert note.startswith("control.pid.tilt: got kp = 0, ki = 31.4")
+    assert "small motions grow by themselves, near" in note
+    factor = float(note.split("times ")[1].split(" ")[0])
+    assert 0.15 < factor < 0.25
+    assert loop_doubts(late_integrators(1.0, factor * 4.0 * limit), gains) == []
+    # close to unstable
+    (note,) = loop_doubts(late_integrators(1.0, 0.96 * limit), gains)
+    assert "hardly die down" in note
+    assert "with 1.04 times all gains they grow" in note
+    both = {name: PidGains(ki=4.0 * limit) for name in gains}
+    (note,) = loop_doubts(late_integrators(4.0 * limit, 4.0 * limit), both)
+    assert note.startswith("control.pid: got slide kp = 0, ki = 31.4")
+
+
+@pytest.mark.parametrize("size", [2, 4])
+def test_the_response_of_a_chain_is_that_of_its_full_matrix(size):
+    rng = np.random.default_rng(size)
+    nodes, channels, pose = 6, 3, 5
+    bands = [rng.normal(size=(nodes, 5, size, size)) for _ in range(3)]
+    held = rng.normal(size=(2, size, channels))
+    tip = rng.normal(size=(pose, 3, size - size // 4))
+    plant = Plant(*bands, held, tip)
+    frequency = np.array([0.1, 3.0])
+    for rate, found in zip(2 * np.pi * frequency, plant.response(frequency), strict=True):
+        full = np.zeros((nodes * size, nodes * size), complex)
+        dynamic = bands[0] + 1j * rate * bands[1] - rate**2 * bands[2]
+        for node in range(nodes):
+            for offset in range(5):
+                other = node + offset - 2
+                if 0 <= other < nodes:
+                    rows, columns = (slice(i * size, (i + 1) * size) for i in (node, other))
+                    full[rows, columns] = dynamic[node, offset]
+        known = held.reshape(2 * size, channels)
+        free = np.linalg.solve(full[2 * size :, 2 * size :], -full[2 * size :, : 2 * size] @ known)
+        moved = np.concatenate([known, free]).reshape(nodes, size, channels)[-3:, : tip.shape[2]]
+        np.testing.assert_allclose(found, np.einsum("pnd,ndc->pc", tip, moved), rtol=1e-9)
+
+
+def test_a_servo_has_fallen_by_three_decibels_at_its_bandwidth():
+    channel = np.array([5.0])
+    servo = Servo(*map(jnp.asarray, (-channel, channel, channel, channel, channel)))
+    found = np.abs(servo.response(np.array([1e-6, 5.0])))
+    np.testing.assert_allclose(found[:, 0], [1.0, math.sqrt(0.5)], rtol=1e-6)
