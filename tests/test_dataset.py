@@ -112,7 +112,8 @@ def test_every_variable_in_space_has_its_dimensions_and_units(system):
     limits = {"channel_lower", "channel_upper", "channel_max_speed", "channel_max_acceleration"}
     assert without_unit == {"base_command", "base_servo", "base_pose", *limits}
     assert all(dataset[name].dims == ("channel",) for name in limits)
-    assert np.isnan(dataset["channel_upper"].sel(channel="sway"))
+    assert float(dataset["channel_upper"].sel(channel="slide")) == 1
+    assert all(float(dataset[name].sel(channel="sway")) == 0 for name in limits)
     assert "tip_angle_target" not in dataset
     assert dataset["twist"].attrs["units"] == "rad m-1"
     labels = {name: list(dataset[name].values) for name in ("axis", "channel", "bending")}

@@ -199,7 +199,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _limits(servo: Servo) -> _Quantities:
-    """Return the limits of the channels; those of one that stays put are NaN."""
+    """Return the limits of the channels; those of one that stays put are 0."""
     there = np.asarray(servo.lower) < np.asarray(servo.upper)
     values = (servo.lower, servo.upper, servo.max_speed, servo.max_acceleration)
     words = (
@@ -211,7 +211,7 @@ def _limits(servo: Servo) -> _Quantities:
     return {
         name: (
             ("channel",),
-            np.where(there, np.asarray(value), np.nan),
+            np.where(there, np.asarray(value), 0.0),
             "",
             f"{word} of the servos of the base channels",
         )
