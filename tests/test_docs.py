@@ -32,13 +32,14 @@ def slugs(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-def test_the_reference_of_the_scenario_is_up_to_date():
-    path = DOCS / "make_scenario_reference.py"
+@pytest.mark.parametrize("name", ["make_scenario_reference", "make_notes_page"])
+def test_tables_that_are_made_are_up_to_date(name):
+    path = DOCS / f"{name}.py"
     spec = importlib.util.spec_from_file_location(path.stem, path)
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
     text = script.PAGE.read_text("utf-8")
-    assert script.updated(text) == text, "run python docs/make_scenario_reference.py"
+    assert script.updated(text) == text, f"run python docs/{name}.py"
 
 
 @pages

@@ -9,6 +9,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
+from crinoid.loop_health import limits_met
 from crinoid.metrics import TipError, angle_error, channel_use, peak_load, tip_error
 from crinoid.report.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.result import Result
@@ -18,6 +19,8 @@ from crinoid.space import ANGLES
 _NOTHING = 1e-6
 """Part of the arm's length, angle (rad) or load (N, N m) below which there is nothing to compare:
 a ratio would be one of round-off."""
+_SELDOM = 1e-3
+"""Share of the time at a limit that is not worth a row."""
 _VARIED_WIDTH = 23
 """Characters that a study's table has for what was varied, beside its measures in 80 columns."""
 
@@ -55,10 +58,14 @@ def run_table(result: Result) -> Table:
     add_errors("tip", errors, unit, _NOTHING * scenario.arm.length)
     if controlled and {"angle", "direction"} & set(scenario.control.controlled):
         add_errors("angle", [angle_error(run) for run in runs], DEGREES, _NOTHING)
+    met = limits_met(result)
     for name, use in channel_use(result).items():
         unit = DEGREES if name in ANGLES else length_unit(max(-use.low, use.high))
         table.add_row(f"{name}, RMS", unit.text(use.rms))
         table.add_row(f"{name}, range", f"{unit.number(use.low)} to {unit.text(use.high)}")
+        if name in met and max(met[name]) >= _SELDOM:
+            shares = [f"{kind} {share:.1%}" for kind, share in met[name]._asdict().items() if share]
+            table.add_row(f"{name}, time at limits", ", ".join(shares))
     loads = [peak_load(run) for run in runs]
     forces, moments = zip(*loads, strict=True)
     add("largest force on submarine", forces, si_unit(max(forces), "N"), _NOTHING)

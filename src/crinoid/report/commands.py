@@ -87,8 +87,25 @@ def _group(axes: Axes, run: Run, channels: list[str]) -> None:
             **line_style(time.size),
         )
     axes.plot([], [], color=INK, linestyle=(0, (4, 2)), linewidth=1.0, label="commands")
+    _limits(axes, run, channels, unit)
     axes.set_ylabel(f"{'turn' if turns else 'shift'} of\nthe base ({unit.name})")
     key(axes)
+
+
+def _limits(axes: Axes, run: Run, channels: list[str], unit: Unit) -> None:
+    """Draw the ends of the travel of channels, where what is drawn comes near them."""
+    if "channel_lower" not in run.result:  # of an earlier version
+        return
+    low, high = axes.get_ylim()
+    room = 0.1 * (high - low)
+    for channel in channels:
+        ends = [
+            float(run.result[name].sel(channel=channel)) * unit.factor
+            for name in ("channel_lower", "channel_upper")
+        ]
+        for end in ends:
+            if ends[0] < ends[1] and low - room <= end <= high + room:
+                axes.axhline(end, color=AXIS_COLOURS[_ABOUT[channel]], linewidth=0.6, alpha=0.6)
 
 
 def _force(axes: Axes, run: Run) -> None:
