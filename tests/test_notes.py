@@ -325,3 +325,19 @@ def test_an_absurd_strain_gets_a_note():
         assert words in note
         assert "linear elasticity" in note
     assert notes(held_still(np.zeros(5), length=1.4 * LENGTH), WATER) == []
+
+
+def test_a_force_that_is_round_off_gets_a_note():
+    def told(force, EA):
+        stiff = WATER.with_values({"arm.section": {"EI": 0.05, "EA": EA}})
+        run = held_still(np.zeros(5), force=force, scenario=stiff)
+        return [note for note in notes(run, stiff) if "round-off" in note]
+
+    # 2 eps EA L / l: of an arm of 1e12 N some mN
+    (note,) = told(6e-3, 1e12)
+    assert "EA = 1e+12 N" in note
+    assert told(10.0, 1e12) == []  # of which that is less than a hundredth
+    assert told(1e-4, 1e7) == []
+    assert len(told(1e-4, 1e9)) == 1
+    # an arm without loads has forces of round-off alone, and nobody minds
+    assert told(1e-13, 1e3) == []

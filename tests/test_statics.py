@@ -424,6 +424,14 @@ def test_signs():
         np.testing.assert_allclose((x, z), (1.001, 0.0), rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("load", [1e-4, 1e-2])
+def test_a_small_load_on_an_arm_stiff_to_stretch_is_felt_by_the_base(load):
+    # the floor, where round-off may rule, is 40 times what it comes to: iterations go on below it
+    system = loaded(21, dead=(0.0, -load), EA=1e7, floor=None)
+    assert system.settings.floor > 5e-7
+    np.testing.assert_allclose(equilibrium(system).base_force, [0.0, -load], rtol=0, atol=1.5e-7)
+
+
 @pytest.mark.parametrize("axes", [2, 3])
 def test_two_states_at_once_have_the_wrench_of_each(axes):
     # two: as many as the rows of the ghost node and the root, which they were once taken for

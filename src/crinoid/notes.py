@@ -7,6 +7,7 @@ import xarray as xr
 from jaxtyping import Bool, Float
 
 from crinoid.dimensionless import across, normal_velocity, spinning
+from crinoid.plausibility.facts import Facts
 from crinoid.scenario import Scenario
 from crinoid.scenario.water import Water
 
@@ -27,6 +28,10 @@ _PRESSED = 0.01
 """Share of the arm's radius that a surface may come into it: its skin is as good as through."""
 _STRAIN = 0.5
 """Strain that no linear elasticity describes."""
+_KNOWN = 0.01
+"""Share of the largest force on the base that round-off may have of it."""
+_BENDS = 1e-6
+"""Share of EI / L^2 up to which a force bends no arm that anyone could see."""
 
 
 def notes(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
@@ -34,6 +39,7 @@ def notes(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
     found = [
         _unstable(dataset, scenario),
         _stretch(dataset),
+        _round_off(dataset, scenario),
         _vortices(dataset, scenario),
         _drag(dataset, scenario),
     ]
@@ -76,6 +82,24 @@ def _stretch(dataset: xr.Dataset) -> str:
     if -shortest > longest:
         how = f"squeezed by up to {-shortest:.0%}"
     return f"the arm is {how}: its linear elasticity does not hold there"
+
+
+def _round_off(dataset: xr.Dataset, scenario: Scenario) -> str:
+    """Say where the round-off of the stretching force is not small beside the loads.
+
+    Positions on an arm of length L are known to about eps L, the strain of an edge l to
+    eps L / l, and the forces on both ends of it add up.
+    """
+    facts = Facts(scenario)
+    noise = 2 * np.finfo(float).eps * facts.stretching * facts.length / facts.edge
+    largest = np.linalg.norm(dataset["base_force"].values, axis=1).max()
+    if noise <= max(_KNOWN * largest, _BENDS * facts.bending.min() / facts.length**2):
+        return ""
+    return (
+        f"forces are known to about {noise:.2g} N only, the round-off of an arm this stiff to "
+        f"stretch (EA = {facts.stretching:.2g} N), and the largest on the base is {largest:.2g} N: "
+        "a smaller arm.section.EA changes nothing else as long as the arm hardly stretches"
+    )
 
 
 def _vortices(dataset: xr.Dataset, scenario: Scenario) -> str:
