@@ -5,7 +5,7 @@ Along an edge places, velocities and properties run linearly from end to end. A 
 one to none: the work of the forces on the ends is then that of the force along the edge. Simpson's
 rule is exact for what is linear times what is linear, so a mass is shared as that of linear
 finite elements, and together with the bends' own shares (`crinoid.rod.Rod.strain_length`) small
-vibrations are of fourth order in the edge length.
+vibrations without a force along the arm are of fourth order in the edge length.
 """
 
 import jax.numpy as jnp
