@@ -73,8 +73,10 @@ def solve(nodes, plane=None, **case):
     return Shape(*places[-1], np.unwrap([*angles, angle])[-1], np.mean(np.sin(angles) ** 3))
 
 
-def converge(exact, plane=None, *, coarse, digits=2e-5, **case):
-    """Solve on all meshes: the tip is near on the coarsest, and errors fall with order 2 or more.
+def converge(exact, plane=None, *, coarse, digits=2e-5, last=2.0, **case):
+    """Solve on all meshes: the tip is near on the coarsest, and errors fall with an order.
+
+    ``last`` is that between the two finest meshes: 2, and more where it is bent a little only.
 
     The ends of the arm add a term of order 3, so that both are taken out (Richardson).
     ``coarse``: how far off the tip is at most, its direction aside: that is carried on from the
@@ -96,7 +98,7 @@ def converge(exact, plane=None, *, coarse, digits=2e-5, **case):
     assert off < coarse
     first, second = order(errors)
     assert first > 1.4
-    assert second > 1.75
+    assert second == pytest.approx(last, abs=0.25)
     np.testing.assert_allclose(limit, exact, rtol=0, atol=digits)
 
 
@@ -123,7 +125,8 @@ def test_own_weight(load, coarse, plane):
     exact = elastica((-UPRIGHT + 1e-9, -0.05), distributed=lambda angle: (0.0, -load))
     if load in OWN_WEIGHT:
         np.testing.assert_allclose((-exact.z, 1 - exact.x), OWN_WEIGHT[load], rtol=0, atol=6e-7)
-    converge(exact, plane, coarse=coarse, gravity=float(load))
+    last = 3.0 if load == 1 else 2.0
+    converge(exact, plane, coarse=coarse, last=last, gravity=float(load))
 
 
 @planes
@@ -228,6 +231,7 @@ def test_blade_in_a_current(cauchy, buoyancy, coarse, plane):
         exact,
         plane,
         coarse=coarse,
+        last=2.6 if (cauchy, buoyancy) == (1, 0) else 2.0,
         tilt=UPRIGHT,
         gravity=1.0,
         displaced_area=1.0 + buoyancy,
@@ -339,10 +343,12 @@ def test_buckling_load(kind):
     print(loads, "orders", order(errors))
     assert (abs(order(errors) - 2) < 0.1).all()
     np.testing.assert_allclose(loads[2] + (loads[2] - loads[1]) / 3, exact, rtol=2e-6)
-    # a thrust P softens the bend of an edge by P l^2 / 12: of Euler's column the same P all along,
-    # so a share of pi^2 / 48 (l / L)^2; of one under its own weight about half of (l / L)^2
+    # a thrust P(s) softens the bend of an edge by P l^2 / 12: to first order that lowers the load by
+    # the mean of P l^2 / 12 EI over the mode, weighed with its curvature squared
     share = errors / exact * (np.array(MESHES) - 1) ** 2
-    np.testing.assert_allclose(share, np.pi**2 / 48 if kind == "tip" else 0.5, rtol=0.02)
+    softer = {"tip": np.pi**2 / 48, "own": 0.51552}[kind]
+    np.testing.assert_allclose(share, softer, rtol=0.035)
+    np.testing.assert_allclose(share[-1], softer, rtol=0.015)
 
 
 @pytest.mark.parametrize("nodes", [21, 41])
