@@ -343,7 +343,7 @@ def test_buckling_load(kind):
     print(loads, "orders", order(errors))
     assert (abs(order(errors) - 2) < 0.1).all()
     np.testing.assert_allclose(loads[2] + (loads[2] - loads[1]) / 3, exact, rtol=2e-6)
-    # a thrust P(s) softens the bend of an edge by P l^2 / 12: to first order that lowers the load by
+    # a thrust P(s) softens the bend of an edge by P l^2 / 12: that lowers the load by
     # the mean of P l^2 / 12 EI over the mode, weighed with its curvature squared
     share = errors / exact * (np.array(MESHES) - 1) ** 2
     softer = {"tip": np.pi**2 / 48, "own": 0.51552}[kind]

@@ -48,7 +48,9 @@ def step_failure(
         )
         what = f"vibrations are too fast for time steps of {simulation.time_step:g} s, and {what}"
     caught = touch is not None and bool(np.any(np.asarray(touch.in_contact)))
-    room = ", or obstacles that leave the arm room" * (caught and bool(outcome.resolved))
+    # what sticks and slips in turn within a step may be beyond Newton's method
+    rubs = " or rub it less" * any(obstacle.friction > 0 for obstacle in scenario.obstacle)
+    room = f", or obstacles that leave the arm room{rubs}" * (caught and bool(outcome.resolved))
     return f"{when}: {what}; try {remedy}{room}"
 
 
