@@ -13,7 +13,7 @@ from crinoid.dynamics.statics import still
 from crinoid.dynamics.tangent import HELD
 from crinoid.flow import MeasuredPoint
 from crinoid.onset import Onset
-from crinoid.spline import PiecewiseCubic
+from crinoid.spline import PiecewisePolynomial
 from physics import QUICKLY
 
 NOT_YET = 1e6
@@ -56,7 +56,7 @@ def arm(kinds, tilt, seed=0, *, pinned=False, mean=0.2, intensity=0.2, scale=0.3
     wandering = 1 + 0.3 * np.sin(2.0 * when[:, None] + np.arange(2))
     record = MeasuredPoint(
         Onset.of(0.0 if "measured" in kinds else NOT_YET),
-        PiecewiseCubic(CubicSpline(when, past * wandering)),
+        PiecewisePolynomial(CubicSpline(when, past * wandering)),
         jnp.zeros(2),
         jnp.asarray(past / (past @ past)),
     )
