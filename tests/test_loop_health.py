@@ -159,6 +159,10 @@ def test_control_that_makes_it_worse_is_told():
     assert with_ == pytest.approx(2 * without)
     assert any(note.startswith("control makes it worse") for note in loop_notes(result))
     assert comparison(made(CALM)) is None
+    # for less than a period of the arm it has had no time to
+    for frequency, judged in ((0.02, False), (0.1, True)):
+        result.dataset["natural_frequency"] = ("mode", [frequency])
+        assert (comparison(result) is not None) == judged
     # two nothings
     assert loop_notes(made(1e-6 + 0 * TIME, uncontrolled=1e-7 + 0 * TIME)) == []
     # while it is on

@@ -149,10 +149,18 @@ def limit_cycle(result: Result) -> Cycle | None:
 
 
 def comparison(result: Result) -> tuple[float, float] | None:
-    """Return the RMS tip error with control and without (m), while it is on; none without both."""
+    """Return the RMS tip error with control and without (m), while it is on.
+
+    None without both, and where control is on for less than the arm's first period.
+    """
     if result.uncontrolled is None:
         return None
     which = _controlled(result)
+    on = float(np.ptp(result.dataset["time"].values[which])) if which.any() else 0.0
+    if "natural_frequency" in result.dataset:
+        first = float(result.dataset["natural_frequency"][0])
+        if on * first < 1 and first > 0:
+            return None
     runs = (result.dataset, result.uncontrolled.dataset)
     count = min(which.size, *(data.sizes["time"] for data in runs))
     which = which[:count]
