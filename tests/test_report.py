@@ -11,6 +11,9 @@ import xarray as xr
 from matplotlib import image
 
 from crinoid.report import ReportError, write_report
+from crinoid.report.arm import hull
+from crinoid.report.commands import draw_commands
+from crinoid.report.run import Run
 
 FIGURES = ["shape.png", "tip_error.png", "commands.png", "energy.png"]
 ENERGIES = ["kinetic", "elastic", "potential"]
@@ -218,6 +221,12 @@ ODD = {
 }
 
 
+@pytest.mark.parametrize(("length", "high"), [(0.5, 0.072), (100.0, 1.8)])
+def test_the_bow_of_a_cable_is_that_of_a_submarine(length, high):
+    bow = hull(swaying_arm(records=1, duration=0.0, length=length))
+    assert np.ptp(bow.reshape(-1, 3), axis=0).max() == pytest.approx(high, rel=0.15)
+
+
 @pytest.mark.parametrize("name", ODD)
 def test_odd_runs_are_drawn(name, tmp_path):
     save(swaying_arm(**ODD[name]), tmp_path / "result.nc")
@@ -318,6 +327,28 @@ def test_a_study_with_obstacles_is_drawn(tmp_path):
     assert_shows_something(written[0])
 
 
+def test_a_title_is_text_and_no_formula(tmp_path):
+    save(swaying_arm(records=5).assign_attrs(title="costs $x^$ and \\foo$"), tmp_path / "result.nc")
+    assert_report(tmp_path)
+
+
+def lines_of(axes):
+    return {line.get_label(): line for line in axes.get_lines() if line.get_label()[:1] != "_"}
+
+
+def test_prescribed_motion_does_not_look_like_a_servo_that_fails():
+    made = swaying_arm()
+    pose = made["base_pose"].copy()
+    pose[:, 1] = 0.1 * np.sin(made["time"])  # heave is prescribed, slide both, tilt driven
+    pose[:, 0] += 0.2
+    run = Run(made.assign(base_servo=made["base_pose"], base_pose=pose))
+    shifts, heaves, turns = (lines_of(axes) for axes in draw_commands(run).axes[:3])
+    assert list(shifts) == ["slide", "slide as prescribed and driven", "commands"]
+    np.testing.assert_allclose(shifts["slide"].get_ydata(), 1e3 * made["base_pose"][:, 0])
+    assert list(heaves) == ["heave as prescribed"]
+    assert list(turns) == ["tilt", "commands"]
+
+
 def test_a_run_that_ends_in_nan_is_drawn_up_to_there(tmp_path):
     broken = swaying_arm(status="diverged at 18 s")
     for name in ("position", "tip_position", "tip_error", "energy", "base_force"):
@@ -398,6 +429,19 @@ def spoil_dimensions(path):
     save(swaying_arm().rename(node="point"), path)
 
 
+def spoil_obstacles(path):
+    path.unlink()
+    fewer = OBSTACLES.split("[[obstacle]]")
+    save(among_obstacles(records=5).assign_attrs(scenario="[[obstacle]]".join(fewer[:-1])), path)
+
+
+def spoil_solid(path):
+    path.unlink()
+    save(
+        among_obstacles(records=5).assign_attrs(scenario=OBSTACLES.replace("radius", "size")), path
+    )
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
@@ -410,6 +454,8 @@ def spoil_dimensions(path):
         (spoil_all_nan, "no record with a finite shape"),
         (spoil_axes, "not labelled x and z"),
         (spoil_dimensions, "has dimensions"),
+        (spoil_obstacles, "does not describe its obstacles"),
+        (spoil_solid, "does not describe its obstacles .*radius"),
     ],
 )
 def test_what_is_no_result_is_refused_in_one_line(spoil, words, tmp_path):

@@ -14,10 +14,10 @@ from crinoid.report import write_report
 from crinoid.report.bending import draw_bending
 from crinoid.report.commands import draw_commands
 from crinoid.report.current import find_current
-from crinoid.report.obstacles import find_bodies
 from crinoid.report.run import Run, base_direction
 from crinoid.report.scene import Scene, solid_surface
 from crinoid.report.sheet import draw_sheet
+from crinoid.report.solids import find_bodies
 from crinoid.report.style import STYLE
 from crinoid.report.surface import AROUND, cut_box, tube
 from crinoid.report.tip import angle_between, draw_tip_error

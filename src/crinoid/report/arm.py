@@ -10,14 +10,15 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 
 from crinoid.report.current import arm_length
-from crinoid.report.obstacles import Point, corners, draw_bodies, find_bodies
+from crinoid.report.obstacles import draw_bodies
 from crinoid.report.run import base_direction
+from crinoid.report.solids import Point, corners, find_bodies
 from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map, time_norm
 from crinoid.report.surface import Facets, perpendicular, tube, turned_body
 from crinoid.report.view import View, convex_outline, in_space, is_spatial, outline
 
 _SHAPES = 25  # more would merge into a smear
-_HULL = 0.16  # length of the hull drawn behind the base, of the arm's length
+_HULL, _LARGEST_HULL = 0.16, 2.0  # length of the hull behind the base: of the arm's, and in m
 _RIM = "#B4BDC2"  # around the arm's thickness
 
 
@@ -116,7 +117,8 @@ def _draw_tip(axes: Axes, data: xr.Dataset, view: View) -> None:
 
 def hull(data: xr.Dataset) -> Facets:
     """Half an ellipsoid behind the base, its nose where the arm is held."""
-    long, turn = _HULL * arm_length(data), np.linspace(0.0, np.pi / 2, 13)
+    long = min(_HULL * arm_length(data), _LARGEST_HULL)  # that of a cable would be a ship's
+    turn = np.linspace(0.0, np.pi / 2, 13)
     along = long * (np.append(np.cos(turn), 0.0) - 1.0)
     radius = 0.45 * long * np.append(np.sin(turn), 0.0)
     nose, ahead = in_space(data, "position")[-1, 0], base_direction(data, -1)

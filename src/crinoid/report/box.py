@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
-from crinoid.report.obstacles import Point
+from crinoid.report.solids import Point
 from crinoid.report.surface import Facets, box_corners
 from crinoid.report.view import View, left_of
 from crinoid.space import AXES

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
+
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,13 +19,14 @@ from crinoid.report.style import (
     note,
     share_time,
 )
-from crinoid.report.units import Unit, largest, length_unit, si_unit
+from crinoid.report.units import DEGREES, largest, length_unit, si_unit
 from crinoid.report.view import is_spatial
 from crinoid.space import ANGLES
 
 _ABOUT = {"slide": "x", "sway": "y", "heave": "z", "roll": "x", "tilt": "y", "pan": "z"}
 """The axis that a channel moves along or turns about, which it has the colour of."""
 _STILL = 1e-9  # m or rad: less is no motion that anyone ordered
+_DASHED: Any = {"linestyle": (0, (4, 2)), "linewidth": 1.0, "alpha": 0.8}
 
 
 def draw_commands(run: Run) -> Figure:
@@ -55,38 +58,47 @@ def draw_commands(run: Run) -> Figure:
 
 
 def _moving_channels(run: Run) -> list[str]:
+    if "channel" not in run.result.coords or not {"base_command", "base_pose"} <= set(run.result):
+        return []
     found = []
-    if "channel" in run.result.coords and {"base_command", "base_pose"} <= set(run.result):
-        for channel in run.result["channel"].values:
-            values = [run.result[name].sel(channel=channel).values for name in _TRACES]
-            if largest(*values) > _STILL:
-                found.append(str(channel))
+    for channel in map(str, run.result["channel"].values):
+        if _moves(run.result["base_pose"], channel) or _moves(run.result["base_command"], channel):
+            found.append(channel)
     return found
 
 
-_TRACES = ("base_pose", "base_command")
+def _moves(part: xr.DataArray, channel: str) -> bool:
+    return largest(part.sel(channel=channel).values) > _STILL
 
 
 def _group(axes: Axes, run: Run, channels: list[str]) -> None:
-    """Draw channels of one unit, poses as lines and commands dashed."""
-    time = run.result["time"].values
-    traces = {name: run.result[name].sel(channel=channels).values for name in _TRACES}
-    turns = channels[0] in ANGLES
-    unit = Unit(180.0 / np.pi, "deg") if turns else length_unit(largest(*traces.values()))
-    pose, command = (traces[name] * unit.factor for name in _TRACES)
-    for index, channel in enumerate(channels):
+    """Draw channels of one unit: servos as lines, their commands dashed, whole poses dotted.
+
+    The pose is drawn where a motion is prescribed, which would look like a servo that fails.
+    """
+    data = run.result
+    time, command, pose = data["time"].values, data["base_command"], data["base_pose"]
+    servo = data.get("base_servo", pose)  # there has not always been one
+    turns, style = channels[0] in ANGLES, line_style(time.size)
+    tall = largest(*(part.sel(channel=channels).values for part in (command, servo, pose)))
+    unit = DEGREES if turns else length_unit(tall)
+    commanded = False
+    for channel in channels:
         colour = AXIS_COLOURS[_ABOUT[channel]]
-        axes.plot(time, pose[:, index], color=colour, label=channel, **line_style(time.size))
-        axes.plot(
-            time,
-            command[:, index],
-            color=colour,
-            linestyle=(0, (4, 2)),
-            linewidth=1.0,
-            alpha=0.8,
-            **line_style(time.size),
+        ordered, reached, whole = (
+            part.sel(channel=channel).values * unit.factor for part in (command, servo, pose)
         )
-    axes.plot([], [], color=INK, linestyle=(0, (4, 2)), linewidth=1.0, label="commands")
+        if _moves(servo, channel) or _moves(command, channel):
+            axes.plot(time, reached, color=colour, label=channel, **style)
+            axes.plot(time, ordered, color=colour, **_DASHED, **style)
+            commanded = True
+        if _moves(pose - servo, channel):
+            words = f"{channel} as prescribed{' and driven' if _moves(servo, channel) else ''}"
+            axes.plot(
+                time, whole, color=colour, linestyle=(0, (1, 1.5)), label=words, zorder=1.5, **style
+            )
+    if commanded:
+        axes.plot([], [], color=INK, **_DASHED, label="commands")
     _limits(axes, run, channels, unit)
     axes.set_ylabel(f"{'turn' if turns else 'shift'} of\nthe base ({unit.name})")
     key(axes)

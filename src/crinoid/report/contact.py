@@ -10,12 +10,15 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crinoid.report.obstacles import name_of
 from crinoid.report.run import Run
+from crinoid.report.solids import name_of
 from crinoid.report.style import GREY, SERIES, WIDTH, head, key, line_style, share_time
 from crinoid.report.units import largest, length_unit, si_unit
 
-_VARIABLES = ("contact_force", "contact_impulse", "contact_time", "contact_gap", "contact_closest")
+_VARIABLES = (
+    *("obstacle_position", "contact_force", "contact_impulse"),
+    *("contact_time", "contact_gap", "contact_closest"),
+)
 
 
 def has_contact(run: Run) -> bool:

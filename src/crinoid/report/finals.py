@@ -13,9 +13,10 @@ from matplotlib.patches import Polygon
 
 from crinoid.report.arm import draw_thickness
 from crinoid.report.current import arm_length
-from crinoid.report.obstacles import WALL, Body, corners, find_bodies
+from crinoid.report.obstacles import WALL
 from crinoid.report.scene import solid_outline
 from crinoid.report.sheet import LEFT, Block, fit, fit_scene, frame, space_of, window
+from crinoid.report.solids import Body, corners, find_bodies
 from crinoid.report.style import INK, PALE
 from crinoid.report.view import SIDE, in_space, outline
 

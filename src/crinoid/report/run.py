@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.report.solids import find_bodies
 from crinoid.report.view import in_space
 from crinoid.space import AXES
 
@@ -110,6 +111,18 @@ def open_result(path: Path) -> xr.Dataset:
         raise ReportError(f"{path}: the result holds no records")
     if dataset.sizes["node"] < 2:
         raise ReportError(f"{path}: not a crinoid result, the arm has fewer than two nodes")
+
+    try:
+        find_bodies(dataset)
+    except (
+        tomllib.TOMLDecodeError,
+        LookupError,
+        TypeError,
+        ValueError,
+        ZeroDivisionError,
+    ) as error:
+        text = f"its scenario does not describe its obstacles ({type(error).__name__}: {error})"
+        raise ReportError(f"{path}: not a crinoid result, {text}") from error
 
     # A run that diverged may end in records that no axis can hold.
     finite = np.isfinite(dataset["position"].values).all(axis=(1, 2))

@@ -14,7 +14,8 @@ from matplotlib.patches import Polygon
 
 from crinoid.report.arm import chosen_records, hull, moves
 from crinoid.report.box import draw_box, draw_shadow
-from crinoid.report.obstacles import SOLID, WALL, Body, Point, draw_earlier, find_bodies
+from crinoid.report.obstacles import SOLID, WALL, draw_earlier
+from crinoid.report.solids import Body, Point, find_bodies
 from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map, time_norm
 from crinoid.report.surface import (
     AROUND,

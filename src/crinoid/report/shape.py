@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from crinoid.report.arm import draw_arm, hull_outline, points_of
 from crinoid.report.current import Current, draw_key, find_current
-from crinoid.report.obstacles import find_bodies
 from crinoid.report.run import Run
+from crinoid.report.solids import find_bodies
 from crinoid.report.style import WIDTH, add_axes, colour_bar, head, head_height, key_below
 from crinoid.report.units import largest
 from crinoid.report.view import SIDE

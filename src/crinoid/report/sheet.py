@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from crinoid.report.arm import draw_arm, hull, points_of
 from crinoid.report.current import Current, draw_key, find_current
-from crinoid.report.obstacles import Point
 from crinoid.report.run import Run
 from crinoid.report.scene import Scene, draw_scene
+from crinoid.report.solids import Point
 from crinoid.report.style import WIDTH, add_axes, colour_bar, head, head_height, key_below
 from crinoid.report.surface import box_corners
 from crinoid.report.units import largest
