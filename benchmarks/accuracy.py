@@ -87,7 +87,7 @@ def main() -> None:
 
 
 def scenario(nodes: int, time_step: float) -> crinoid.Scenario:
-    """Return station-keeping with an arm of silicone, horizontal, without control or current."""
+    """Return `planar.toml` with an arm of silicone, horizontal, without control or current."""
     settings = {
         "arm.nodes": nodes,
         "arm.radius": 0.02,
@@ -104,7 +104,7 @@ def scenario(nodes: int, time_step: float) -> crinoid.Scenario:
         "simulation.time_step": time_step,
         "simulation.duration": DURATION,
     }
-    return crinoid.load("station-keeping").with_values(settings)
+    return crinoid.load(str(Path(__file__).with_name("planar.toml"))).with_values(settings)
 
 
 def crinoid_case(nodes: int, time_step: float) -> Case:

@@ -1,7 +1,7 @@
 """What turbulence, waves, a measured current and obstacles cost, over a uniform current.
 
-One time step of the closed loop of the built-in scenario station-keeping, its current replaced,
-run by the same compiled program as `crinoid run`; and how often Newton's method iterates.
+One time step of the closed loop of `planar.toml`, its current replaced, run by the same
+compiled program as `crinoid run`; and how often Newton's method iterates.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from rich.table import Table
 import crinoid
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.stretch import stretch
-from step import RESULTS, instants
+from step import PLANAR, RESULTS, instants
 
 PLAIN = "uniform current"
 MEAN = [0.25, 0.0]
@@ -113,7 +113,7 @@ def main() -> None:
 
 def prepare(nodes: int, values: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     """Compile a case; return what runs it and what its Newton iterations are."""
-    base = crinoid.load("station-keeping", [f"arm.nodes={nodes}"])
+    base = crinoid.load(PLANAR, [f"arm.nodes={nodes}"])
     scenario = base.with_values({"control.compare": False, **values})
     setup = set_up(scenario)
     carry = setup.loop.start(setup.state)

@@ -1,7 +1,7 @@
 """Time of one step of the closed loop, and of MuJoCo's flex rod measured in turn with it.
 
-The closed loop is that of the built-in scenario station-keeping, and of its like in space, its arm
-of silicone and its current uniform, with all water terms, sensor, controller, energy ledger and
+The closed loop is that of `planar.toml` and, in space, `spatial.toml`, the arm of silicone and the
+current uniform, with all water terms, sensor, controller, energy ledger and
 records, run by the same two compiled programs as `crinoid run`. What other currents cost,
 `ocean.py` measures.
 """
@@ -34,6 +34,7 @@ except ImportError as error:
     mujoco_rod, WHY_NOT = None, f"without MuJoCo ({error}): pip install '.[bench]'"
 
 RESULTS = Path(__file__).parent / "results"
+PLANAR, IN_SPACE = (str(Path(__file__).with_name(f"{name}.toml")) for name in ("planar", "spatial"))
 CONTROLLED, NOISY = "closed loop", "closed loop, noisy sensor"
 UNCONTROLLED, BARE = "control off", "steps only"
 SPATIAL, SPATIAL_BARE = "in space, closed loop", "in space, steps only"
@@ -94,7 +95,7 @@ def main() -> None:
 
 def measure(nodes: int, repeats: int) -> dict[str, Any]:
     """Compile and time everything at one number of nodes."""
-    scenario = crinoid.load("station-keeping", [f"arm.nodes={nodes}", *SOFT, STEADY])
+    scenario = crinoid.load(PLANAR, [f"arm.nodes={nodes}", *SOFT, STEADY])
     begun = time.perf_counter()
     setup = jax.block_until_ready(set_up(scenario))
     ready = time.perf_counter()
@@ -103,7 +104,7 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
 
     quiet = setup.loop
     noise = jnp.array([NOISE, NOISE, 0.0])
-    spatial = crinoid.load("station-keeping-3d", [f"arm.nodes={nodes}", *SOFT, STEADY_IN_SPACE])
+    spatial = crinoid.load(IN_SPACE, [f"arm.nodes={nodes}", *SOFT, STEADY_IN_SPACE])
     in_space = set_up(spatial)
     loops = [
         closed_loop(CONTROLLED, scenario, setup.state, quiet),
