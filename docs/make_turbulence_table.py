@@ -93,7 +93,7 @@ def space() -> str:
         swell, drift, intensity, length_scale = kind
         values = {
             "flow.0.amplitude": [0.0, swell, 0.0],
-            "flow.1.amplitude": [0.0, 0.0, 0.48 * swell],
+            "flow.1.amplitude": [0.0, 0.0, 0.24 * swell],
             "flow.2.mean": [0.0, drift, 0.0],
             "flow.2.intensity": intensity,
             "flow.2.length_scale": length_scale,

@@ -15,7 +15,10 @@ from crinoid.report.arm import hull
 from crinoid.report.commands import draw_commands
 from crinoid.report.run import Run
 
-FIGURES = ["shape.png", "tip_error.png", "commands.png", "energy.png"]
+FIGURES = [
+    *("shape.png", "tip_error.png", "tip_path.png"),
+    *("commands.png", "energy.png", "bending.png"),
+]
 ENERGIES = ["kinetic", "elastic", "potential"]
 WORKS = ["drag", "damping", "actuation", "loads", "added_mass"]
 
@@ -199,7 +202,7 @@ def test_the_uncontrolled_run_changes_the_figures_it_belongs_in(tmp_path):
     save(swaying_arm(driven=False, sway=0.12), tmp_path / "uncontrolled.nc")
     compared = [path.read_bytes() for path in write_report(tmp_path)]
     same = [a == b for a, b in zip(alone, compared, strict=True)]
-    assert same == [False, False, True, True]
+    assert same == [False, False, False, True, True, False]
 
 
 ODD = {
@@ -315,7 +318,7 @@ def test_obstacles_change_the_shapes_and_nothing_else_but_add_contacts(tmp_path)
     without = [path.read_bytes() for path in write_report(tmp_path)]
     assert len(among) == len(without) + 1
     same = [a == b for a, b in zip(among, without, strict=False)]
-    assert same == [False, True, True, True]
+    assert same == [False, True, True, True, True, True]
 
 
 def test_a_study_with_obstacles_is_drawn(tmp_path):
@@ -323,7 +326,7 @@ def test_a_study_with_obstacles_is_drawn(tmp_path):
     for number in (1, 2):
         save(among_obstacles(drift=0.01 * number), tmp_path / f"case-{number:02d}" / "result.nc")
     written = write_report(tmp_path)
-    assert len(written) == 11
+    assert len(written) == 1 + 2 * (len(FIGURES) + 1)
     assert_shows_something(written[0])
 
 

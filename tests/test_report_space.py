@@ -10,6 +10,7 @@ from matplotlib import image
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from crinoid.metrics import angle_between
 from crinoid.report import write_report
 from crinoid.report.bending import draw_bending
 from crinoid.report.commands import draw_commands
@@ -20,12 +21,11 @@ from crinoid.report.sheet import draw_sheet
 from crinoid.report.solids import find_bodies
 from crinoid.report.style import STYLE
 from crinoid.report.surface import AROUND, cut_box, tube
-from crinoid.report.tip import angle_between, draw_tip_error
+from crinoid.report.tip import draw_tip_error
 from crinoid.report.view import ABOVE, AHEAD, OBLIQUE, SIDE, convex_outline, in_space
 from spatial_arm import among_obstacles, curling_arm, frame
-from test_report import assert_shows_something, save, study_row, write_study
+from test_report import FIGURES, assert_shows_something, save, study_row, write_study
 
-FIGURES = ["shape.png", "tip_error.png", "commands.png", "energy.png", "bending.png"]
 PROJECTIONS = {"from above": ABOVE, "from the side": SIDE, "from ahead": AHEAD}
 
 

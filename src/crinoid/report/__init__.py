@@ -14,7 +14,7 @@ __all__ = ["ReportError", "write_report"]
 def write_report(path: Path, out: Path | None = None) -> list[Path]:
     """Draw the figures of a result, or of a study of several cases.
 
-    A result gives `shape.png`, `tip_error.png`, `commands.png` and `energy.png`, in space also
+    A result gives `shape.png`, `tip_error.png`, `tip_path.png`, `commands.png`, `energy.png` and
     `bending.png`, and with obstacles `contact.png`; a file `uncontrolled.nc` beside it is drawn as
     the comparison. A study (a folder with `cases.csv`) gives `cases.png`, and the figures of each
     case in the folder of that case. The current that `crinoid flow` sampled (`flow.nc`) gives

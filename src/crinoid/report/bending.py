@@ -1,4 +1,4 @@
-"""How an arm in space is bent and twisted, along it and over time."""
+"""How an arm is bent, pulled and, in space, twisted, along it and over time."""
 
 from __future__ import annotations
 
@@ -29,38 +29,46 @@ from crinoid.report.style import (
     time_norm,
 )
 from crinoid.report.units import largest
-from crinoid.report.view import in_space
+from crinoid.report.view import in_space, is_spatial
 
-_ROWS = (
-    ("kappa_1", "curvature $\\kappa_1$\n(1/m)"),
-    ("kappa_2", "curvature $\\kappa_2$\n(1/m)"),
-    ("twist", "twist\n(rad/m)"),
-)
-_STRAIGHT = 1e-9  # 1/m or rad/m: less is nothing
+_ROWS = {
+    "curvature": "curvature\n(1/m)",
+    "kappa_1": "curvature $\\kappa_1$\n(1/m)",
+    "kappa_2": "curvature $\\kappa_2$\n(1/m)",
+    "twist": "twist\n(rad/m)",
+    "tension": "tension\n(N)",
+}
+_KAPPAS = ("kappa_1", "kappa_2")
+_STRAIGHT = 1e-9  # 1/m, rad/m or N: less is nothing
 
 
 def draw_bending(run: Run) -> Figure:
-    """Draw the arm at the end with its material frame, and curvatures and twist along it."""
-    count = len(run.members)
-    arms, lines = (3.5 if count == 1 else 2.5), 5.3
-    above = head_height(run.title, run.status, WIDTH) + 0.3
+    """Draw bending, tension and twist along the arm, in space below the arm at the end."""
+    spatial, count = is_spatial(run.result), len(run.members)
+    rows = ["kappa_1", "kappa_2", "twist", "tension"] if spatial else ["curvature", "tension"]
+    lines = 0.5 + 1.6 * len(rows)
+    arms = (3.5 if count == 1 else 2.5) if spatial else 0.15
+    above = head_height(run.title, run.status, WIDTH) + (0.3 if spatial else 0.05)
     tall = lines + arms + above
     figure = Figure(figsize=(WIDTH, tall), layout="constrained")
     head(figure, run.title, run.status)
-    lay_out_below(figure, lines)
-    panels = figure.subplots(3, count, sharex=True, sharey="row", squeeze=False)
-    room = WIDTH - LEFT - 0.4
+    if spatial:
+        lay_out_below(figure, lines)
+    panels = figure.subplots(len(rows), count, sharex=True, sharey="row", squeeze=False)
     for column, (label, data) in enumerate(run.members):
-        wide = room / count
-        arm = add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
-        _draw_frame(arm, run, data)
-        arm.set_title(f"{label}, at the end" if label else "arm at the end", loc="left")
-        for axes, (name, words) in zip(panels[:, column], _ROWS, strict=True):
+        if spatial:
+            wide = (WIDTH - LEFT - 0.4) / count
+            arm = add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
+            _draw_frame(arm, run, data)
+            arm.set_title(f"{label}, at the end" if label else "arm at the end", loc="left")
+        else:
+            panels[0, column].set_title(label, loc="left")
+        for axes, name in zip(panels[:, column], rows, strict=True):
             _draw_lines(axes, data, name)
             if not column:
-                axes.set_ylabel(words)
+                axes.set_ylabel(_ROWS[name])
         panels[-1, column].set_xlabel("distance from the root (m)")
-    for (axes, *_), (name, _) in zip(panels, _ROWS, strict=True):
+    for (axes, *_), name in zip(panels, rows, strict=True):
         shown = [_values(data, name) for _, data in run.members]
         if largest(*(values for values in shown if values is not None)) < _STRAIGHT:
             axes.set_ylim(-1.0, 1.0)  # of all columns, which share it
@@ -99,7 +107,7 @@ def _draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
     axes.axhline(0.0, color=GREY, linewidth=0.7)
     values = _values(data, name)
     if values is None:
-        note(axes, f"no {'twist' if name == 'twist' else 'curvature'} recorded")
+        note(axes, f"no {'curvature' if name in _KAPPAS else name} recorded")
         return
     if "arc_length" in data:
         nodes = np.asarray(data["arc_length"].values, dtype=float)
@@ -124,8 +132,7 @@ def _draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
 
 
 def _values(data: xr.Dataset, name: str) -> Float[np.ndarray, "time place"] | None:
-    if name == "twist":
-        return np.asarray(data["twist"].values) if "twist" in data else None
-    if "curvature" not in data or "bending" not in data.coords:
-        return None
-    return np.asarray(data["curvature"].sel(bending=name).values)
+    if name in _KAPPAS:
+        bent = "curvature" in data and "bending" in data.coords
+        return np.asarray(data["curvature"].sel(bending=name).values) if bent else None
+    return np.asarray(data[name].values) if name in data else None

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from crinoid.replacement import replacing
 from crinoid.report.bending import draw_bending
 from crinoid.report.cases import CASES, draw_cases, read_cases
+from crinoid.report.closeup import draw_close_up
 from crinoid.report.commands import draw_commands
 from crinoid.report.contact import draw_contact, has_contact
 from crinoid.report.energy import draw_energy
@@ -30,12 +31,14 @@ from crinoid.version import __version__
 _FIGURES: dict[str, Callable[[Run], Figure]] = {
     "shape.png": draw_shape,
     "tip_error.png": draw_tip_error,
+    "tip_path.png": draw_close_up,
     "commands.png": draw_commands,
     "energy.png": draw_energy,
+    "bending.png": draw_bending,
 }
 
-_SPACE = {"shape.png": draw_sheet, "bending.png": draw_bending}
-"""What is drawn otherwise, or besides, of an arm in space."""
+_SPACE = {"shape.png": draw_sheet}
+"""What is drawn otherwise of an arm in space."""
 
 _FLOW_FIGURES: dict[str, Callable[[xr.Dataset], Figure]] = {
     "flow.png": draw_series,

@@ -27,6 +27,7 @@ from crinoid.report.style import (
     lay_out_below,
     time_map,
 )
+from crinoid.report.sweep import draw_errors, draw_settling, find_sweep
 from crinoid.report.units import Unit, largest, length_unit
 from crinoid.report.view import is_spatial
 
@@ -124,6 +125,10 @@ def draw_cases(cases: Sequence[Case], title: str) -> Figure:
         draw_finals(figure.add_subplot(rows[0]), finals)
         columns = rows[1].subgridspec(1, 3, width_ratios=_WIDTHS)
         head(figure, title, "ok")
+    sweep = find_sweep([case.varied for case in cases])
+    if sweep is not None:
+        _sweep(figure, columns, cases, sweep, colours)
+        return figure
     first = figure.add_subplot(columns[0])
     errors = figure.add_subplot(columns[1], sharey=first)
     settling = figure.add_subplot(columns[2], sharey=first)
@@ -141,6 +146,21 @@ def draw_cases(cases: Sequence[Case], title: str) -> Figure:
         axes.grid(visible=False, axis="y")
         axes.tick_params(axis="y", length=0, labelleft=axes is first)
     return figure
+
+
+def _sweep(
+    figure: Figure,
+    columns: GridSpecBase,
+    cases: Sequence[Case],
+    sweep: tuple[str, np.ndarray],
+    colours: Sequence[tuple[float, ...]],
+) -> None:
+    """Draw the measures of a study of one number over that number."""
+    name, values = sweep
+    measures = {measure: _values(cases, measure) for measure in _MEASURES}
+    draw_errors(figure.add_subplot(columns[:2]), name, values, measures, colours)
+    times = measures["settling_time"]
+    draw_settling(figure.add_subplot(columns[2]), name, values, times, colours)
 
 
 def _values(cases: Sequence[Case], measure: str) -> np.ndarray:

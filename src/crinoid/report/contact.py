@@ -20,6 +20,8 @@ _VARIABLES = (
     *("contact_time", "contact_gap", "contact_closest"),
 )
 
+_FEW = 50  # saved forces of which none is unusual
+
 
 def has_contact(run: Run) -> bool:
     """Whether the result says what obstacles did."""
@@ -115,7 +117,23 @@ def _force(axes: Axes, members: list[tuple[str, xr.Dataset]]) -> None:
     if any(mean.size for mean in means):
         axes.fill([], [], color=GREY, alpha=0.4, linewidth=0, label="mean between records")
     axes.set_ylim(bottom=0.0, top=None if top else 1.0)
+    limit = spike_limit(pressing)
+    if limit is not None:
+        axes.set_ylim(top=limit * unit.factor)
+        axes.set_title(
+            f"peaks of up to {unit.text(top)} are cut off", loc="right", fontsize=8.5, color=GREY
+        )
     key(axes, columns=3)
+
+
+def spike_limit(pressing: list[Float[np.ndarray, "time obstacle"]]) -> float | None:
+    """Return a limit of forces (N) that few and short peaks exceed by far, if there are such."""
+    together = np.concatenate([values.ravel() for values in pressing])
+    held = together[together > 0.0]
+    if held.size < _FEW:
+        return None
+    usual = 1.5 * float(np.quantile(held, 0.98))
+    return usual if float(held.max()) > 2 * usual else None
 
 
 def _mean_force(data: xr.Dataset) -> Float[np.ndarray, "interval obstacle"]:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from crinoid.report.arm import draw_arm, hull_outline, points_of
 from crinoid.report.current import Current, draw_key, find_current
+from crinoid.report.frame import in_best_frame, measured_from
 from crinoid.report.run import Run
 from crinoid.report.solids import find_bodies
 from crinoid.report.style import WIDTH, add_axes, colour_bar, head, head_height, key_below
@@ -22,11 +23,12 @@ _KEY = 0.24  # inches kept clear at the top for the arrow that says how fast the
 
 def draw_shape(run: Run) -> Figure:
     """Draw the arm over time, beside the uncontrolled arm at the same scale where there is one."""
+    run, about = in_best_frame(run)
     members = run.members
     currents = [find_current(data, SIDE) for _, data in members]
     scale = max(current.scale for current in currents)
     low, high = _extent([data for _, data in members], currents, scale)
-    figure, panels = _panels(low, high, len(members), run)
+    figure, panels = _panels(low, high, len(members), run, about)
     for axes, (label, data), current in zip(panels, members, currents, strict=True):
         draw_arm(axes, data, SIDE.lift(low), SIDE.lift(high), SIDE)
         current.draw(axes, scale)
@@ -40,9 +42,15 @@ def draw_shape(run: Run) -> Figure:
 
 
 def _panels(
-    low: Float[np.ndarray, "axis=2"], high: Float[np.ndarray, "axis=2"], count: int, run: Run
+    low: Float[np.ndarray, "axis=2"],
+    high: Float[np.ndarray, "axis=2"],
+    count: int,
+    run: Run,
+    about: str,
 ) -> tuple[Figure, list[Axes]]:
     """Make equal panels that show a window, and the title and colour bar around them.
+
+    `about` says from where positions are measured, other than from the origin.
 
     Equal axes leave a layout engine no freedom but to leave gaps, so the figure is cut to the
     panels instead; everything here is in inches.
@@ -72,8 +80,9 @@ def _panels(
         axes.locator_params(axis="x", nbins=max(3, int(panel[0] / 0.7)))
         axes.locator_params(axis="y", nbins=max(3, int(panel[1] / 0.45)))
         axes.tick_params(labelbottom=row == rows - 1, labelleft=column == 0)
-        axes.set_xlabel(SIDE.labels[0] if row == rows - 1 else "")
-        axes.set_ylabel(SIDE.labels[1] if column == 0 else "")
+        across, up = measured_from(SIDE, about)
+        axes.set_xlabel(across if row == rows - 1 else "")
+        axes.set_ylabel(up if column == 0 else "")
         panels.append(axes)
     beside = left + columns * panel[0] + (columns - 1) * gap[0] + 0.15
     colour_bar(figure, run.result, beside, below, inner)

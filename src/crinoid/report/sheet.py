@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from crinoid.report.arm import draw_arm, hull, points_of
 from crinoid.report.current import Current, draw_key, find_current
+from crinoid.report.frame import in_best_frame, measured_from
 from crinoid.report.run import Run
 from crinoid.report.scene import Scene, draw_scene
 from crinoid.report.solids import Point
@@ -61,6 +62,7 @@ def draw_sheet(run: Run) -> Figure:
     The views lie as on a drawing in third-angle projection: above the view from the side is that
     from above, beside it that from ahead. A run without control lies below.
     """
+    run, about = in_best_frame(run)
     members = [data for _, data in run.members]
     currents = {view: [find_current(data, view) for data in members] for view in VIEWS}
     scale = max(current.scale for some in currents.values() for current in some)
@@ -81,7 +83,7 @@ def draw_sheet(run: Run) -> Figure:
         foot = below + (len(members) - 1 - index) * (block.height + between)
         panels, corner = block.place(figure, LEFT, foot)
         for view, axes in panels.items():
-            frame(axes, view, low, high, block.inch)
+            frame(axes, view, low, high, block.inch, about)
             draw_arm(axes, data, low, high, view)
             if scale > 0.0 or view is SIDE:  # which else says that the water is still
                 currents[view][index].draw(axes, scale)
@@ -117,7 +119,7 @@ def fit(extent: Point, room: float, tallest: float, corner: float) -> Block:
     return Block(size, (room - float(size[0]), max(float(size[1]), low)), float(inch))
 
 
-def frame(axes: Axes, view: View, low: Point, high: Point, inch: float) -> None:
+def frame(axes: Axes, view: View, low: Point, high: Point, inch: float, about: str = "") -> None:
     """Give a panel its window, at a scale in inches per m, and what it does not share with another.
 
     The view from above shares x with that from the side below it, that from ahead z beside it.
@@ -127,8 +129,9 @@ def frame(axes: Axes, view: View, low: Point, high: Point, inch: float) -> None:
     axes.locator_params(axis="x", nbins=max(3, int((right - left) * inch / 0.6)))
     axes.locator_params(axis="y", nbins=max(3, int((top - bottom) * inch / 0.45)))
     axes.tick_params(labelbottom=view is not ABOVE, labelleft=view is not AHEAD)
-    axes.set_xlabel("" if view is ABOVE else view.labels[0])
-    axes.set_ylabel("" if view is AHEAD else view.labels[1])
+    across, up = measured_from(view, about)
+    axes.set_xlabel("" if view is ABOVE else across)
+    axes.set_ylabel("" if view is AHEAD else up)
     axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
 
 

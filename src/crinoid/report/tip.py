@@ -8,6 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from crinoid.metrics import angle_between, short_way
 from crinoid.report.run import Run
 from crinoid.report.style import (
     AXIS_COLOURS,
@@ -22,27 +23,26 @@ from crinoid.report.style import (
     note,
     share_time,
 )
-from crinoid.report.units import Unit, largest, length_unit, si_unit
+from crinoid.report.units import DEGREES, largest, length_unit, si_unit
 
 
 def draw_tip_error(run: Run) -> Figure:
-    """Draw the tip's error, its components, and the water's speed at the tip, over time.
+    """Draw the errors of the tip's position and direction, and the water's speed at the tip.
 
-    In space also where the tip points, and how far that is from where it should.
+    In space also where the tip points.
     """
-    pointing = "tip_direction" in run.result
-    ratios = [1.25, 1.25, *([1.1, 1.0] if pointing else []), 0.8]
-    figure = Figure(figsize=(WIDTH, 9.6 if pointing else 6.6), layout="constrained")
+    spatial = "tip_direction" in run.result
+    ratios = [1.25, 1.25, *([1.1] if spatial else []), 1.0, 0.8]
+    figure = Figure(figsize=(WIDTH, 9.6 if spatial else 8.2), layout="constrained")
     panels = list(figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios))
     _error(panels[0], run)
     _components(panels[1], run)
-    if pointing:
+    if spatial:
         _direction(panels[2], run.result)
-        _off_direction(panels[3], run)
+    _off_direction(panels[-2], run)
     _speed(panels[-1], run.result)
     share_time(panels, run.result["time"].values)
-    if pointing:
-        figure.align_ylabels(panels)
+    figure.align_ylabels(panels)
     head(figure, run.title, run.status)
     return figure
 
@@ -116,32 +116,37 @@ def _direction(axes: Axes, data: xr.Dataset) -> None:
 def _off_direction(axes: Axes, run: Run) -> None:
     """Draw the angle between where the tip points and where it should."""
     axes.set_ylabel("tip off\ndirection (deg)")
-    degrees, top = Unit(180.0 / np.pi, "deg"), 0.0
+    top = 0.0
     for order, ((label, data), colour) in enumerate(
         zip(run.members, (BLUE, VERMILLION), strict=False)
     ):
-        if not {"tip_direction", "tip_direction_target"} <= set(data):
+        off = off_direction(data)
+        if off is None:
             continue
-        off = angle_between(data["tip_direction"].values, data["tip_direction_target"].values)
+        rms = float(np.sqrt(np.nanmean(off**2)))
         axes.plot(
             data["time"].values,
-            off * degrees.factor,
+            off * DEGREES.factor,
             color=colour,
             zorder=3 - order,
-            label=f"{label + ': ' if label else ''}maximum {degrees.text(largest(off))}",
+            label=f"{label + ': ' if label else ''}RMS {DEGREES.text(rms)}, "
+            f"maximum {DEGREES.text(largest(off))}",
             **line_style(off.size),
         )
-        top = max(top, largest(off) * degrees.factor)
+        top = max(top, largest(off) * DEGREES.factor)
+    if not axes.lines:
+        note(axes, "no direction recorded")
     axes.set_ylim(0.0, 1.08 * top or 1.0)
-    key(axes)
+    key(axes, columns=1)
 
 
-def angle_between(
-    one: Float[np.ndarray, "time axis=3"], other: Float[np.ndarray, "time axis=3"]
-) -> Float[np.ndarray, " time"]:
-    """Angle between directions (rad), exact also where it is small."""
-    sine = np.linalg.norm(np.cross(one, other), axis=1)
-    return np.asarray(np.arctan2(sine, np.sum(one * other, axis=1)))
+def off_direction(data: xr.Dataset) -> Float[np.ndarray, " time"] | None:
+    """Return the angle (rad) between where the tip points and where it should, if that is known."""
+    if {"tip_direction", "tip_direction_target"} <= set(data):
+        return angle_between(data["tip_direction"].values, data["tip_direction_target"].values)
+    if {"tip_angle", "tip_angle_target"} <= set(data):
+        return np.abs(short_way(data["tip_angle"].values - data["tip_angle_target"].values))
+    return None
 
 
 def _speed(axes: Axes, data: xr.Dataset) -> None:
