@@ -42,7 +42,8 @@ def test_every_built_in_scenario_loads_and_has_a_title():
 def test_station_keeping_holds_position_and_angle_with_both_channels(changes):
     result = crinoid.simulate(crinoid.load("station-keeping").with_values(changes))
     assert_held(result, ["slide", "tilt"])
-    if not changes:  # pushed both ways
+    if not changes:
+        # pushed both ways
         free = result.uncontrolled.dataset["tip_position"].sel(axis="x")
         assert float(free.min()) < -0.04
         assert float(free.max()) > 0.04
@@ -51,8 +52,6 @@ def test_station_keeping_holds_position_and_angle_with_both_channels(changes):
 def assert_held(result, channels):
     """The tip keeps its position and its direction, and all channels have a part in it."""
     assert result.dataset.attrs["status"] == "ok"
-    # a draw may hold the water's speed in the range of lock-in for long
-    assert all("vortex" in note for note in result.notes + result.uncontrolled.notes)
     for error in (tip_error, angle_error):
         held, free = error(result), error(result.uncontrolled)
         assert held.rms <= 0.20 * free.rms
