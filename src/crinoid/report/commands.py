@@ -19,7 +19,7 @@ from crinoid.report.style import (
     note,
     share_time,
 )
-from crinoid.report.units import DEGREES, largest, length_unit, si_unit
+from crinoid.report.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.report.view import is_spatial
 from crinoid.space import ANGLES
 
