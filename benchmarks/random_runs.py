@@ -212,7 +212,7 @@ def draw_numbers(draw: Draw, structure: dict[str, Any]) -> dict[str, Any]:
         "water": {
             "density": density,
             "depth": 20.0,
-            "gravity": float(draw.choice([9.81, 9.81, 0.0])),
+            "gravity": 9.81 if "waves" in structure["flows"] else float(draw.choice([9.81, 0.0])),
         },
         "flow": [
             draw_flow(draw, kind, speed, structure, step * steps, vector, between)
