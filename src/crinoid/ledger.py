@@ -19,6 +19,8 @@ _NOTED = 0.02
 """Defect over the largest energy or work that is worth a note."""
 _FAILED = 0.5
 """Defect over the largest energy or work past which a run tells nothing of the arm."""
+_STILL = 1e-6
+"""Displacement over the length up to which an arm hardly moves."""
 _SHORTER = (2, 5, 10, 20, 50, 100)
 """Shares of a time step that divide whatever times the step divides."""
 
@@ -69,9 +71,9 @@ def find_defect(dataset: xr.Dataset, scenario: Scenario, floor: float) -> Defect
     """Return what the ledger of a run misses, if it is worth a note.
 
     That is stored energy less works since the start, as a share of the largest change of any one
-    stored energy or work. What the solver lets pass does not count: the imbalance that steps ended
-    with, and the ``floor`` of round-off (N, `crinoid.dynamics.Settings.floor`), along the path that
-    the nodes went. Of a tolerance larger than the default only as much as the default would.
+    stored energy or work. What the solver lets pass in an arm that hardly moves does not count: the
+    imbalance that steps ended with, and the ``floor`` of round-off (N,
+    `crinoid.dynamics.Settings.floor`), along the path that the nodes went.
     """
     energy, time = dataset["energy"].transpose("time", "kind").values, dataset["time"].values
     change = energy - energy[0]
@@ -80,8 +82,9 @@ def find_defect(dataset: xr.Dataset, scenario: Scenario, floor: float) -> Defect
     largest = np.maximum.accumulate(np.abs(change).max(axis=1))
     scale, simulation = float(largest[-1]), scenario.simulation
     slack, rounding = _slack(dataset, floor)
-    usual = min(1.0, Simulation().tolerance / simulation.tolerance)
-    beyond = np.abs(defect) - usual * slack - rounding
+    position, length = dataset["position"].values, float(dataset["arc_length"][-1])
+    still = np.abs(position - position[0]).max() <= _STILL * length
+    beyond = np.abs(defect) - still * slack - rounding
     if beyond.max() <= _NOTED * scale:
         return None
     worst, begun = int(np.argmax(beyond)), int(np.argmax(beyond > _NOTED * scale))
@@ -89,9 +92,9 @@ def find_defect(dataset: xr.Dataset, scenario: Scenario, floor: float) -> Defect
     begun = int(np.flatnonzero(beyond[:begun] <= _NOTED * largest[:begun])[-1]) + 1
     failed = time[beyond > _FAILED * scale]
     size = float(defect[worst])
-    if beyond[worst] - (1 - usual) * slack[worst] <= _NOTED * scale:
+    if abs(size) <= slack[worst] + rounding + _NOTED * scale:
         cause = f"steps balance the forces to simulation.tolerance = {simulation.tolerance:g} only"
-        remedy = f"simulation.tolerance = {Simulation().tolerance:g}"
+        remedy = f"simulation.tolerance = {simulation.tolerance / 100:g}"
     else:
         share, angle = abs(size) / scale, turned(dataset, simulation, begun)
         cause, remedy = _reason(simulation, share, size > 0, angle)
