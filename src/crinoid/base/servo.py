@@ -17,6 +17,8 @@ class ServoState(eqx.Module):
     position: Channels
     velocity: Channels
     acceleration: Channels
+    """Mean over the last step. Each new command makes it jump: taken at the ends of the steps alone
+    it would push the arm by more, or less, than the servo's velocity changes by."""
 
 
 class Servo(eqx.Module):
@@ -82,9 +84,7 @@ class Servo(eqx.Module):
             0.5 * (start + velocity) * step, -jnp.maximum(down, braking), jnp.maximum(up, braking)
         )
         position = self._within(jnp.where(free, free_position, limited_position))  # round-off
-        loops = 2 * natural * (self._wanted_velocity(position - command) - velocity)
-        loops = jnp.clip(loops, -self.max_acceleration, self.max_acceleration)
-        return ServoState(position, velocity, jnp.where(free, loops, (velocity - start) / step))
+        return ServoState(position, velocity, (velocity - start) / step)
 
     def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f channel"]:
         """Return position over command at frequencies (Hz), as long as no limit is met."""
