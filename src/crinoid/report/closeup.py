@@ -81,8 +81,8 @@ def error_spectrum(
     count = time.size if even.all() else int(np.argmin(even)) + 1
     if count < _LEAST_RECORDS or not np.isfinite(off[:count]).all():
         return None
-    frequency, density = spectrum(off[:count, None, :], interval)
-    return frequency, np.asarray(density.sum(axis=(1, 2)))
+    found = spectrum(off[:count, None, :], interval)
+    return found.frequency, np.asarray(found.density.sum(axis=(1, 2)))
 
 
 def _rms_text(off: Float[np.ndarray, "time axis=3"], half: float) -> str:
