@@ -26,7 +26,7 @@ class TipError(NamedTuple):
 
 
 class Use(NamedTuple):
-    """What the servo of a channel did (m or rad), measured from its set position."""
+    """Motion of a channel's servo (m or rad), measured from its set position."""
 
     rms: float
     low: float

@@ -24,7 +24,7 @@ _LOCK = ".crinoid.lock"
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 
 Wanted = Mapping[str, Scenario]
-"""What is to be run, by the folder below the one given; "" for that one itself."""
+"""Scenarios to run, by the folder below the one given; "" for that one itself."""
 
 
 def case_names(count: int) -> list[str]:

@@ -1,4 +1,4 @@
-"""What is shown, as it is: no text of a user's gives the terminal commands."""
+"""Texts shown as they are: no text of a user's gives the terminal commands."""
 
 from __future__ import annotations
 

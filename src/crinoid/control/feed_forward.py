@@ -1,4 +1,4 @@
-"""What is known beforehand of the commands that a target's path takes."""
+"""Feed-forward: the commands that a target's path takes, as far as they are known beforehand."""
 
 import equinox as eqx
 import jax

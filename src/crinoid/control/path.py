@@ -16,7 +16,7 @@ class Orbit(eqx.Module):
     cosine: Float[Array, " d"]
     sine: Float[Array, " d"]
     rate: Float[Array, ""]
-    """Of the angle, once it is up to speed (rad/s)."""
+    """Rate of the angle, once it is up to speed (rad/s)."""
     phase: Float[Array, ""]
     """The angle at the start (rad)."""
     onset: Onset

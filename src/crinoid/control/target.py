@@ -50,7 +50,7 @@ class Target(eqx.Module):
     """Values of the coordinates in ``moving`` over time."""
     moving: tuple[int, ...] = eqx.field(static=True)
     carrier: Carrier | None = None
-    """What the target moves with; nothing: its frame is the world."""
+    """Frame that the target moves with; none: the world."""
 
     def __call__(self, time: Time) -> Pose:
         """Return the wanted pose at ``time`` (s), in the world."""

@@ -38,7 +38,7 @@ class Modes(NamedTuple):
 
 
 class SmallMotions(NamedTuple):
-    """What resists and carries small motions of all nodes about a shape at rest."""
+    """Stiffness, damping and mass of small motions of all nodes about a shape at rest."""
 
     stiffness: chain.Bands
     """N/m, and of spins N m."""
@@ -47,7 +47,7 @@ class SmallMotions(NamedTuple):
     stiffness_in_current: chain.Bands
     """In a steady current, whose drag changes as the arm turns (N/m)."""
     damping_in_current: chain.Bands
-    """Of the material, and the slope of the quadratic drag in that current (N s/m)."""
+    """Damping of the material, and the slope of the quadratic drag in that current (N s/m)."""
 
 
 def linearise(

@@ -21,7 +21,7 @@ _FIRST_SHARE = 0.25
 _SMALLEST_SHARE = 1e-3
 """Share below which the rest of the loads is brought on at once, for the relaxation to mend."""
 _NEARER = 0.9
-"""What a solve may leave of the imbalance in the water where the arm now is, to be accepted."""
+"""Share of the imbalance that an accepted solve may leave in the water where the arm now is."""
 _SHIFT_FALL = 0.5
 """Factor of the resistance from one solve to the next while the arm comes to rest."""
 _SHIFT_RISE = 4.0
@@ -102,7 +102,7 @@ class _Search(eqx.Module):
     """Whether it ever did: it may have been let go without."""
     load_factor: Float[Array, ""]
     share: Float[Array, ""]
-    """Of the loads, to bring on next."""
+    """Share of the loads to bring on next."""
     loaded: Bool[Array, ""]
     """Whether the whole load is on."""
     shift: Float[Array, ""]

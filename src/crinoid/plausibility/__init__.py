@@ -1,4 +1,4 @@
-"""What is odd about a scenario, looked for before it is run: notes, never refusals.
+"""Odd numbers of a scenario, looked for before it is run: notes, never refusals.
 
 A rule is plain text and numbers: it needs neither JAX nor a run. `RULES` is the one place that
 says what is looked at; docs/notes.md is made from it.
@@ -23,7 +23,7 @@ from crinoid.scenario import Scenario
 __all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
 
 _FIRST = (*USUAL, *ARM)
-"""What numbers are by themselves. Where an arm or its water is odd, what follows from it is too,
+"""Rules on single numbers. Where an arm or its water is odd, what follows from it is too,
 and goes without saying."""
 _THEN = (*BASE, *CURRENT, *LOAD, *OBSTACLE, *LOOP, *TIME)
 RULES = (*_FIRST, *_THEN)

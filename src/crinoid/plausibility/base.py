@@ -17,7 +17,7 @@ _LONG, _TINY = 10.0, 1e-3
 """Travel of a channel over the length of the arm."""
 _SPEED = 5.0
 _ACCELERATION = 20.0
-"""Of the base, or of the tip of a stiff arm that it turns (m/s2): two g."""
+"""Acceleration of the base, or of the tip of a stiff arm that it turns (m/s2): two g."""
 _NARROW = 2.0
 """Travel of a channel that turns below which its limits may be in radians (degrees)."""
 

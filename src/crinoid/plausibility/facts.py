@@ -1,4 +1,4 @@
-"""What follows from a description at once: sizes, stiffness, speeds and periods."""
+"""Numbers that follow from a description at once: sizes, stiffness, speeds and periods."""
 
 from __future__ import annotations
 

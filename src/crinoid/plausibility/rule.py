@@ -16,11 +16,11 @@ class Rule(NamedTuple):
     keys: tuple[str, ...]
     """The keys of a scenario that it names; a ``*`` stands for any number or name."""
     limit: str
-    """What is plausible, in words."""
+    """The plausible range, in words."""
     doubts: Callable[[Facts], Iterator[str]]
     """Yields a sentence that begins with the key for each number that is not."""
     against: str = ""
-    """What they are held against, where another rule has the same keys."""
+    """The quantity they are held against, where another rule has the same keys."""
 
 
 def usual(

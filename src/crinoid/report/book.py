@@ -38,7 +38,7 @@ _FIGURES: dict[str, Callable[[Run], Figure]] = {
 }
 
 _SPACE = {"shape.png": draw_sheet}
-"""What is drawn otherwise of an arm in space."""
+"""Figures that differ for an arm in space."""
 
 _FLOW_FIGURES: dict[str, Callable[[xr.Dataset], Figure]] = {
     "flow.png": draw_series,

@@ -1,4 +1,4 @@
-"""What the obstacles beside the arm are, as the scenario describes them, and where they go."""
+"""The obstacles beside the arm, as the scenario describes them, and where they go."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Point = Float[np.ndarray, "axis=3"]
 
 @dataclass(frozen=True)
 class Solid:
-    """What an obstacle is, as the scenario describes it."""
+    """An obstacle, as the scenario describes it."""
 
     kind: str
     radius: float

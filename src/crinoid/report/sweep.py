@@ -1,4 +1,4 @@
-"""What came of a study over the numbers that were swept."""
+"""Measures of a study over the numbers that were swept."""
 
 from __future__ import annotations
 

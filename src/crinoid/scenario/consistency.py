@@ -43,9 +43,9 @@ _SHARPEST = 170.0
 """Turn between two edges past which bending means nothing (degrees)."""
 _MAX_BYTES = 8e9
 _BYTES_OF_A_RESULT = {2: 125, 3: 205}
-"""Of a node at an instant, by dimension; obstacles come on top."""
+"""Bytes of a node at an instant, by dimension; obstacles come on top."""
 _BYTES_AT_THE_END = {2: 330, 3: 550}
-"""What the same takes, measured, where a result is put together from what a run kept."""
+"""Bytes that the same takes, measured, where a result is put together from what a run kept."""
 _MAX_READINGS = 10_000
 """Readings under way at once: all are moved at each time step."""
 _MAX_CORRELATION_TIMES = 50_000

@@ -237,7 +237,7 @@ class Scenario(Model):
 
     @cached_property
     def series(self) -> dict[str, Series]:
-        """What the files of prescribed motions and of the target hold, by the key of the table.
+        """The series in the files of prescribed motions and of the target, by the key of the table.
 
         Raises
         ------

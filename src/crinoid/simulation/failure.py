@@ -1,4 +1,4 @@
-"""What to say of a run that could not go on: when, where, why, and what to try."""
+"""The message of a run that could not go on: when, where, why, and what to try."""
 
 from __future__ import annotations
 

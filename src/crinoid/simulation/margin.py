@@ -61,7 +61,7 @@ class OpenLoop(NamedTuple):
     """Hz."""
     transfer: Loops
     integrated: Float[np.ndarray, "channel channel"]
-    """What the integral terms see of the commands when they are slow (1/s)."""
+    """Gain of the integral terms on slow commands (1/s)."""
 
     @staticmethod
     def of(

@@ -42,11 +42,11 @@ class Setup(NamedTuple):
     modes: Modes | None
     """Small vibrations about the state; none where no equilibrium was found."""
     doubts: list[str]
-    """What is odd about the scenario, a sentence each."""
+    """Notes on odd numbers of the scenario, a sentence each."""
     open_loop: OpenLoop | None
     """The loop, cut open, in the mean current; none without a PID."""
     loop_doubts: list[str]
-    """What is odd about the loop when it is closed."""
+    """Notes on the closed loop."""
 
 
 def set_up(scenario: Scenario) -> Setup:

@@ -1,4 +1,4 @@
-"""What of a file makes up a current: found, cut out, and in SI units."""
+"""The parts of a file that make up a current: found, cut out, and in SI units."""
 
 from __future__ import annotations
 

@@ -16,29 +16,29 @@ from crinoid.scenario.recording.units import time_factor
 
 
 class Column(NamedTuple):
-    """What to read."""
+    """Variable to read."""
 
     key: str
     """Under which the scenario names it."""
     name: str
     """In the file."""
     factor_of: Callable[[str], float | None]
-    """What turns a unit into SI."""
+    """Function that turns a unit into SI."""
     unit: str
     """If the file names none."""
     most: float
-    """What is farther from zero stands for a missing value (SI)."""
+    """Largest size of a value; larger ones stand for missing values (SI)."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """What was read, in SI units."""
+    """The values read, in SI units."""
 
     time: Float[np.ndarray, " time"]
     """Time of the run (s), increasing."""
     values: Float[np.ndarray, "time column"]
     notes: tuple[str, ...]
-    """What was assumed and left out."""
+    """Notes on what was assumed and left out."""
 
 
 def read_series(file: str, time_column: str, columns: list[Column], skip: float) -> Series:
