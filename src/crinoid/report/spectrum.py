@@ -13,7 +13,7 @@ from crinoid.report.style import AXIS_COLOURS, GREY, INK, SKY, WIDTH, head, key,
 
 _NOTHING = 1e-14  # of the square of a metre a second, a second: round-off
 _DECADES = 5
-_BANDS = 25  # to a decade, over which neighbouring frequencies are averaged
+_BANDS = 8  # to a decade: wide enough for each to hold some of the modes of random turbulence
 
 
 def draw_spectrum(flow: xr.Dataset) -> Figure:
