@@ -43,6 +43,7 @@ def test_station_keeping_holds_position_and_angle_with_both_channels(changes):
     result = crinoid.simulate(crinoid.load("station-keeping").with_values(changes))
     assert_held(result, ["slide", "tilt"])
     if not changes:
+        assert result.notes == result.uncontrolled.notes == []
         # pushed both ways
         free = result.uncontrolled.dataset["tip_position"].sel(axis="x")
         assert float(free.min()) < -0.04
@@ -194,6 +195,8 @@ def test_constant_load_is_held_off(number):
 def test_station_keeping_in_space_holds_position_and_direction(changes):
     result = crinoid.simulate(crinoid.load("station-keeping-3d").with_values(changes))
     assert_held(result, ["sway", "heave", "pan", "tilt"])
+    if not changes:
+        assert result.notes == result.uncontrolled.notes == []
     swing = np.ptp(result.uncontrolled.dataset["tip_position"].values, axis=0)
     assert swing[1] > 0.08
     assert swing[2] > 0.02

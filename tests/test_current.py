@@ -197,6 +197,13 @@ def test_statistics_leave_out_ramps_or_say_that_they_do_not(ramp_time, settled, 
     assert (deviation > 0.01) == (settled == 0.0)
 
 
+def test_a_short_run_without_a_ramp_has_nothing_to_say_of_one():
+    keys = {"kind": "uniform", "velocity": [0.2, 0.0]}
+    dataset = sample_current(Scenario(flow=[keys], simulation={"duration": 0.5}))
+    assert dataset.attrs["settled"] == 0.0
+    assert dataset.attrs["notes"] == ""
+
+
 # --- the command -------------------------------------------------------------------------------
 
 KINDS = {

@@ -460,9 +460,7 @@ def test_a_mapping_of_an_arm_that_nothing_holds_in_place_is_refused():
         control__pid=gains,
         simulation__start="rest",
     )
-    with pytest.raises(
-        ScenarioError, match=r"control\.mapping: .* nothing holds this arm in place"
-    ):
+    with pytest.raises(ScenarioError, match=r"control\.mapping: .* nothing brings this arm back"):
         set_up(free)
 
 
@@ -612,3 +610,27 @@ def test_the_gain_margin_is_where_a_run_begins_to_swing_by_itself():
         assert any("grow by themselves" in note for note in run.notes) == (share > 1)
     assert late[0.9] < 1.2
     assert late[1.1] > 2.0
+
+
+def test_a_target_that_the_submarine_carries_is_held_however_late_the_readings():
+    # a reading of 50 ms ago beside a target of now would hold the tip 15 mm ahead
+    scenario = crinoid.Scenario(
+        arm={"nodes": 5, "youngs_modulus": 1e8},
+        water={"density": 0.0, "gravity": 0.0},
+        base={
+            "channels": {"heave": {"bandwidth_hz": 10.0}},
+            "motion": [{"channel": "heave", "kind": "velocity", "velocity": 0.3}],
+        },
+        target={"frame": "base"},
+        sensor={"delay": 0.05},
+        control={
+            "kind": "pid",
+            "controlled": ["z"],
+            "compare": False,
+            "pid": {"heave": {"kp": 0.5, "ki": 2.0, "kd": 0.02}},
+        },
+        simulation={"duration": 4.0},
+    )
+    data = crinoid.simulate(scenario).dataset
+    assert float(data["tip_target"].sel(axis="z")[-1] - data["tip_target"].sel(axis="z")[0]) > 0.9
+    assert float(data["tip_error"][-1]) < 1e-4

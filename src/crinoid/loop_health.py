@@ -32,6 +32,8 @@ _OWN = 2.0
 """By how much it is larger than without control."""
 _SEEN = 1e-3
 """Amplitude over the length of the arm from which on an oscillation is one."""
+_WORSE = 1.05
+"""Error over that without control from which on control makes it worse."""
 _NOTHING = 1e-4
 """Error over the length of the arm below which there is nothing to compare."""
 
@@ -198,7 +200,9 @@ def loop_notes(result: Result) -> list[str]:
             f"the tip swings at {cycle.frequency:.2g} Hz with {1e3 * cycle.amplitude:.2g} mm RMS, "
             "which nothing but the loop does: it is in a limit cycle; try lower gains"
         )
-    if compared is not None and compared[0] > max(compared[1], _NOTHING * scenario.arm.length):
+    if compared is not None and compared[0] > max(
+        _WORSE * compared[1], _NOTHING * scenario.arm.length
+    ):
         found.append(
             f"control makes it worse: the tip's error is {1e3 * compared[0]:.3g} mm RMS with it "
             f"and {1e3 * compared[1]:.3g} mm without"

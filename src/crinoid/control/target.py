@@ -57,6 +57,10 @@ class Target(eqx.Module):
         pose = self.in_frame(time)
         return pose if self.carrier is None else self.carrier.carry(pose, time)
 
+    def seen(self, pose: Pose, time: Time) -> Pose:
+        """Return a pose of the world at ``time`` (s) in the frame of the target."""
+        return pose if self.carrier is None else self.carrier.seen(pose, time)
+
     def in_frame(self, time: Time) -> Pose:
         """Return the wanted pose at ``time`` (s), in the frame of the target."""
         if self.path is None:

@@ -164,7 +164,9 @@ def _settled(scenario: Scenario, times: Float[np.ndarray, " time"]) -> tuple[flo
     """Return when the last ramp is over (s), or 0 if next to nothing follows; and what to say."""
     ends = [flow.start + flow.ramp_time for flow in scenario.flow if flow.ramp_time > 0]
     settled, last = max(ends, default=0.0), float(times[-1])
-    if (times >= settled).sum() < _FEWEST:
+    if not settled:
+        return 0.0, []
+    if (times >= settled - 1e-9).sum() < _FEWEST:
         text = f"the current comes on until {settled:g} s and the run ends at {last:g} s: "
         return 0.0, [text + "means, deviations and spectra are those of its ramp too"]
     if settled > 0.5 * last:

@@ -88,14 +88,17 @@ class Loop(eqx.Module):
         sensor = self.sensor.sample(carry.sensor, self.system.tip(carry.state), time)
         reading = self.sensor.reading(sensor, time)
         due = self.clock.due(carry.ticks, time - self.switched_on)
-        first = due & (carry.ticks == 0)
-        before = _choose(first, self.controller.start(reading), carry.memory)
         forward, compared = jnp.zeros(self.system.channels), time
-        if self.feed_forward is not None:
-            forward = self.feed_forward(self.target, time)
+        if self.feed_forward is not None or self.target.carrier is not None:
             # the tip was not to be any farther yet when it was measured
             compared = self.sensor.taken(sensor, time)
-        command, memory = self.controller.command(before, reading, self.target(compared), forward)
+        if self.feed_forward is not None:
+            forward = self.feed_forward(self.target, time)
+        # where the submarine carries the target along, it carries the arm as well
+        measured, wanted = self.target.seen(reading, compared), self.target.in_frame(compared)
+        first = due & (carry.ticks == 0)
+        before = _choose(first, self.controller.start(measured), carry.memory)
+        command, memory = self.controller.command(before, measured, wanted, forward)
         memory = _choose(due, memory, carry.memory)
         command = jnp.where(due, jnp.where(self.enabled, command, 0.0), carry.command)
         state, progress = self.system.advance(carry.state, command)

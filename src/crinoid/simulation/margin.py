@@ -196,8 +196,10 @@ def loop_doubts(loop: OpenLoop, gains: dict[str, PidGains]) -> list[str]:
     if margin.stable:
         state = (
             f"small motions near {margin.frequency:.2g} Hz hardly die down (modulus margin "
-            f"{margin.modulus:.2g}), and with {margin.gain:.3g} times all gains they grow"
+            f"{margin.modulus:.2g})"
         )
+        if np.isfinite(margin.gain):
+            state += f", and with {margin.gain:.3g} times all gains they grow"
     elif margin.frequency:
         state = f"small motions grow by themselves, near {margin.frequency:.2g} Hz"
     else:

@@ -276,7 +276,7 @@ def _result(
     defect = find_defect(dataset, scenario, float(system.settings.floor))
     if failed is not None:
         trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
-    elif defect is not None and defect.failed is not None:
+    elif not trouble and defect is not None and defect.failed is not None:
         trouble = defect.failure
     told = [*scenario.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
     if defect is not None and defect.told not in trouble:

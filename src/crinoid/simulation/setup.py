@@ -248,8 +248,8 @@ def _mapping(
     needed = np.asarray(jacobian)[np.ix_(columns, rows)]
     if not np.isfinite(needed).all():
         text = (
-            'got "static-jacobian", but nothing holds this arm in place at rest, so its tip '
-            'does not follow the base; takes "identity", or an arm with a clamp or a weight'
+            'got "static-jacobian", but nothing brings this arm back to where it is at rest, so '
+            'its tip does not follow the base; takes "identity", or an arm with a clamp or a weight'
         )
         raise ScenarioError([Mistake("control.mapping", text)])
     weights = np.where(np.asarray(columns) < axes, 1.0, scenario.arm.length)

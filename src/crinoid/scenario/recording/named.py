@@ -64,6 +64,9 @@ def _path(target: Target, axes: tuple[str, ...]) -> Series:
         columns.append(Column(f"direction_columns.{index}", name, _plain, "1", np.inf))
     assert target.file is not None
     series = read_series(target.file, target.time_column or "time", columns, target.skip or 0.0)
+    if series.time[-1] <= 0:
+        text = f"leaves nothing: the path ends at {series.time[-1]:.6g} s of the run"
+        raise refusal("skip", f"{text}, takes less, or a file that ends after 0")
     if target.direction_columns is not None and not series.values[:, -3:].any(axis=1).all():
         raise refusal("direction_columns", "hold a vector that is 0, which has no direction")
     return series
