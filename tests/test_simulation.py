@@ -627,10 +627,10 @@ def test_a_target_that_the_submarine_carries_is_held_however_late_the_readings()
             "kind": "pid",
             "controlled": ["z"],
             "compare": False,
-            "pid": {"heave": {"kp": 0.5, "ki": 2.0, "kd": 0.02}},
+            "pid": {"heave": {"ki": 2.0}},
         },
         simulation={"duration": 4.0},
     )
     data = crinoid.simulate(scenario).dataset
     assert float(data["tip_target"].sel(axis="z")[-1] - data["tip_target"].sel(axis="z")[0]) > 0.9
-    assert float(data["tip_error"][-1]) < 1e-4
+    assert float(data["tip_error"].sel(time=slice(2.0, None)).max()) < 1e-3
