@@ -627,7 +627,9 @@ def test_round_off_does_not_stir_what_is_at_rest(tilt, curvature):
     start = rest(system)
     states, outcomes = track(system, start, 0.01)
     assert np.abs(states.position - start.position).max() < 1e-13
-    assert outcomes.iterations.max() <= 1
+    # one that gains nothing shows that there is nothing to gain
+    assert outcomes.iterations.max() <= 2
+    assert outcomes.iterations.mean() < 1.05
 
 
 # --- steps that fail ---------------------------------------------------------------------------

@@ -195,7 +195,7 @@ def test_the_table_sums_up_the_contacts(here, result):
     most = int(force.argmax())
     assert rows["largest contact force"] == f"obstacle {most}: {force[most]:.3g} N"
     gap = result.dataset["contact_closest"].values[-1]
-    assert rows["smallest gap"] == f"obstacle {gap.argmin()}: {1e3 * gap.min():.2f} mm"
+    assert rows["smallest gap"] == f"obstacle {gap.argmin()}: {1e3 * gap.min():.3g} mm"
 
 
 def test_an_arm_without_room_gets_a_note():

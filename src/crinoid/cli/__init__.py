@@ -4,14 +4,15 @@ import contextlib
 import os
 import sys
 
-from crinoid.cli.interruption import INTERRUPTED, Interrupted, heed, ignore
+from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading, heed, ignore
 
 
 def main() -> None:
     """Run the command line."""
     try:
         heed()
-        from crinoid.cli.app import app
+        with Loading():
+            from crinoid.cli.app import app
 
         app()
     except Interrupted:  # while the program itself was loaded, or when it had said its last word

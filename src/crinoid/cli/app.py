@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from crinoid.cli.interruption import INTERRUPTED, Interrupted
+from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading
 from crinoid.cli.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -113,7 +113,8 @@ def run(
 ) -> None:
     """Run a scenario and save what happened."""
     described, folder = _load(scenario, settings), _folder(out, scenario)
-    from crinoid.cli.play import run_scenario
+    with Loading():
+        from crinoid.cli.play import run_scenario
 
     _end(run_scenario(described, folder, resume=resume, force=force, console=console))
 
@@ -128,7 +129,8 @@ def equilibrium(
 ) -> None:
     """Find the shape of the arm at rest under the loads of t = 0, and save it."""
     described, folder = _load(scenario, settings), _folder(out, scenario, "-equilibrium")
-    from crinoid.cli.play import find_equilibrium
+    with Loading():
+        from crinoid.cli.play import find_equilibrium
 
     _end(find_equilibrium(described, folder, force=force, console=console))
 
@@ -142,8 +144,9 @@ def flow(
 ) -> None:
     """Draw and sum up the current of a scenario at its arm, without simulating the arm."""
     described, folder = _load(scenario, settings), _folder(out, scenario, "-flow")
-    from crinoid.cli.current import show_current
-    from crinoid.report import ReportError
+    with Loading():
+        from crinoid.cli.current import show_current
+        from crinoid.report import ReportError
 
     try:
         show_current(described, folder, console=console)
@@ -189,7 +192,8 @@ def report(
     out: Annotated[Path | None, _out("beside the result")] = None,
 ) -> None:
     """Draw the figures of a result."""
-    from crinoid.report import ReportError, write_report
+    with Loading():
+        from crinoid.report import ReportError, write_report
 
     try:
         paths = write_report(result, out)
@@ -213,7 +217,8 @@ def _copy(name: str) -> None:
 
 
 def _load(name: str, settings: list[str] | None) -> Scenario:
-    from crinoid.scenario import load
+    with Loading():
+        from crinoid.scenario import load
 
     return load(name, settings or ())
 

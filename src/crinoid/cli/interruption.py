@@ -74,6 +74,19 @@ class Interruption:
             raise Interrupted
 
 
+class Loading(Interruption):
+    """While libraries are loaded: a wish to stop ends the program at once, as nothing is there yet.
+
+    Libraries in C answer an exception with words and errors of their own.
+    """
+
+    def _hear(self, number: int, frame: Any) -> None:
+        if number == _HANG_UP:
+            _leave_terminal()
+        os.write(2, b"crinoid: interrupted\n")
+        os._exit(INTERRUPTED)
+
+
 def _heeded() -> list[signal.Signals]:
     """Return the signals that are to be heeded: `nohup` and the shell's ``&`` turn some off."""
     return [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]

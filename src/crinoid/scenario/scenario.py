@@ -92,7 +92,8 @@ def _placed(mistake: Mistake, scenario: type[Scenario]) -> Mistake:
     found = [key for key in keys if key.rpartition(".")[2] == name and key != mistake.key]
     if not found:
         return mistake
-    *others, last = dict.fromkeys([*filter(None, [mistake.instead]), *found[:_MOST_HINTS]])
+    near = [mistake.instead] if name in mistake.instead else []
+    *others, last = dict.fromkeys([*near, *found[:_MOST_HINTS]])
     instead = f"{', '.join(others)} or {last}" if others else last
     return replace(mistake, text="unknown key", instead=instead)
 
