@@ -307,7 +307,98 @@ def test_a_path_comes_from_a_csv_or_netcdf_file(tmp_path):
     target = {"path": "file", "file": str(tmp_path / "a.nc"), "time_column": "t"}
     target["direction_columns"] = ["ex", "ey", "ez"]
     series = Scenario(arm={"dimension": 3}, target=target).series["target"]
-    np.testing.assert_allclose(series.values.T, [values[name] for name in names])
+    np.testing.assert_allclose(series.values[:, :3].T, [values[name] for name in "xyz"])
+    given = np.array([values[name] for name in ("ex", "ey", "ez")]).T
+    lengths = np.linalg.norm(given, axis=1, keepdims=True)
+    np.testing.assert_allclose(series.values[:, 3:], given / lengths, rtol=1e-14)
+
+
+def pointed(path, *rows):
+    """Return the scenario of a path that stays and points as the rows say."""
+    lines = [f"{5 * index},0.5,0,-10,{row}\n" for index, row in enumerate(rows)]
+    path.write_text("time (s),x (m),y (m),z (m),ex,ey,ez\n" + "".join(lines))
+    target = {"path": "file", "file": str(path), "direction_columns": ["ex", "ey", "ez"]}
+    return Scenario(arm={"dimension": 3}, target=target)
+
+
+def test_directions_of_any_length_are_those_of_unit_vectors(tmp_path):
+    series = pointed(tmp_path / "a.csv", "1e-300,0,1e-300", "0,1e12,0").series["target"]
+    exact = [[0.5**0.5, 0, 0.5**0.5], [0, 1, 0]]
+    np.testing.assert_allclose(series.values[:, 3:], exact, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("rows", "line"),
+    [
+        (("1,0,0", "0,0,0"), "direction_columns: hold a vector that is 0, which has no direction"),
+        (
+            ("1,0,0", "0,1,0", "0,-3,0"),
+            "direction_columns: turn to the opposite at 10 s of the run; take one more direction "
+            "between",
+        ),
+        (("1,0,0", "1e20,0,0"), "direction_columns.0: ex reaches 1e+20, takes up to 1e+15"),
+    ],
+)
+def test_directions_that_do_not_fit_are_refused(tmp_path, rows, line):
+    assert refusal(pointed(tmp_path / "a.csv", *rows)).startswith(f"target.{line}")
+
+
+def followed(path, *rows, units="m", **keys):
+    """Return the scenario of a path of 20 s."""
+    path.write_text(f"time (s),x ({units}),z ({units})\n" + "".join(f"{row}\n" for row in rows))
+    return Scenario(target={"path": "file", "file": str(path), **keys})
+
+
+def test_a_path_that_begins_after_the_run_is_refused(tmp_path):
+    stamps = ("1709272800,0.5,-10", "1709272810,0.4,-10")
+    assert refusal(followed(tmp_path / "a.csv", *stamps)) == (
+        "target.skip: got 0.0, with which the path begins at 1.70927e+09 s of a run of 20 s; takes "
+        "the time of the file when the run begins (s)"
+    )
+    case = followed(tmp_path / "a.csv", *stamps, skip=1709272800.0)
+    np.testing.assert_array_equal(case.series["target"].time, [0, 10])
+    late = followed(tmp_path / "a.csv", "19,0.5,-10", "25,0.4,-10")
+    np.testing.assert_array_equal(late.series["target"].time, [19, 25])
+
+
+@pytest.mark.parametrize("mark", ["-999", "-9999", "999.9", "-999.99", "9999", "-9999.0"])
+def test_numbers_that_mark_missing_values_are_refused_in_paths_and_motions(tmp_path, mark):
+    said = f"holds {float(mark):g}, far from its other numbers"
+    path = followed(tmp_path / "a.csv", "0,0.5,-10", f"5,{mark},-10", "10,0.4,-10")
+    assert refusal(path).startswith(f"target.tip_columns.0: x {said}")
+    if abs(float(mark)) < 1e3:
+        (tmp_path / "b.csv").write_text(f"time (s),heave (m)\n0,0\n5,{mark}\n20,0.1\n")
+        assert refusal(moved(tmp_path / "b.csv")).startswith(
+            f"base.motion.0.value_column: heave {said}"
+        )
+
+
+@pytest.mark.parametrize("mark", ["-999", "-9999", "-32768"])
+def test_numbers_that_mark_missing_values_are_refused_in_currents_in_small_units(tmp_path, mark):
+    lines = (HEADER + rows()).replace("u (m/s)", "u (mm/s)").splitlines(keepends=True)
+    (tmp_path / "a.csv").write_text("".join(lines))
+    assert scenario(tmp_path / "a.csv").recordings[0].time.size == TIME.size
+    lines[5] = f"2.0,{mark},0.01\n"
+    (tmp_path / "a.csv").write_text("".join(lines))
+    line = refusal(scenario(tmp_path / "a.csv"))
+    assert line.startswith(f"flow.0.velocity.0: u holds {mark}, far from its other numbers")
+
+
+def test_numbers_of_nines_among_their_like_are_numbers(tmp_path):
+    case = followed(tmp_path / "a.csv", "0,500,-10000", "5,400,-9999", "9,400,-9900", units="mm")
+    np.testing.assert_allclose(case.series["target"].values[:, 1], [-10, -9.999, -9.9])
+
+
+def test_the_part_of_a_series_that_a_run_meets(tmp_path):
+    path = [f"{time},0.5,-10" for time in (-9, -4, 3, 18, 24, 40)]
+    series = followed(tmp_path / "a.csv", *path).series["target"]
+    assert series.during(20.0)[0].tolist() == [-4, 3, 18, 24]
+    assert series.during(18.0)[0].tolist() == [-4, 3, 18]
+
+
+def test_a_home_that_nobody_has_is_a_file_that_is_not_there(tmp_path):
+    (tmp_path / "a.toml").write_text('[target]\npath = "file"\nfile = "~nobody-has-this/x.csv"\n')
+    assert refusal(load(tmp_path / "a.toml")).endswith("~nobody-has-this/x.csv: no such file")
 
 
 def test_files_of_motions_and_paths_start_from_the_scenario_and_come_along(tmp_path):

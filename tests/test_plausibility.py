@@ -25,6 +25,7 @@ GAUSS = (
     "flow=[{{kind='gauss-markov', mean=[0.2, 0.0], standard_deviation={}, correlation_time={}}}]"
 )
 SINE = "base.motion=[{{kind='sine', channel='heave', amplitude={}, frequency_hz={}}}]"
+CIRCLE = "target={{path='circle', centre={}, radius={}, period=5.0}}"
 DEPTH = "water.depth=20.0"
 RECORD = "flow.0.velocity_scale={}"
 
@@ -242,12 +243,15 @@ RELATIONS = {
         ],
         [SPHERE.format("[4.0, -10.2]", 0.1, "[-0.3, 0.0]")],
     ),
-    "target.tip, target.to, target.centre": (
+    "target.tip, target.to, target.centre, target.radius, target.amplitude, target.file": (
         [
             ["target.tip=[1000.0, -10.0]"],
             ["target.tip=[[0.3, -10.3], [0.3, 0.3]]", "target.time=[1.0, 2.0]"],
             ["target.tip=[0.3, -10.3]", "target.frame=base"],
             ["target.path=line", "target.to=[300.0, -300.0]", "target.travel_time=2.0"],
+            ["target.path=circle", "target.radius=100.0", "target.period=5.0"],
+            [CIRCLE.format("[0.3, -9.9]", 0.6)],
+            ["target.path=sine", "target.amplitude=[0.0, 100.0]", "target.frequency_hz=0.1"],
         ],
         ["target.tip=[0.3, -0.3]", "target.frame=base"],
     ),
@@ -361,6 +365,82 @@ def test_commands_hear_of_what_they_use_only():
     assert tables["run"] == {"flow", "base", "sensor"}
     assert tables["still"] == {"flow", "base"}
     assert tables["flow"] == {"flow"}
+
+
+ROUND = {"path": "circle", "centre": [0.2, 0.0, -9.7], "radius": 0.25, "period": 5.0}
+
+
+@pytest.mark.parametrize(
+    ("normal", "far"), [([0, -1, 0], True), ([1e-200, 0, 0], True), ([0.2, 0.0, 0.3], False)]
+)
+def test_a_circle_in_space_reaches_as_far_as_its_plane_lets_it(normal, far):
+    # the base is at [0, 0, -10]; from it the centre is at [0.2, 0, 0.3], 0.36 m away
+    turn = np.linspace(0.0, 2 * math.pi, 1001)
+    first, second = np.linalg.svd(np.array([normal]) / max(map(abs, normal)))[2][1:]
+    circle = np.outer(np.cos(turn), first) + np.outer(np.sin(turn), second)
+    points = np.array([0.2, 0.0, 0.3]) + 0.25 * circle
+    farthest = np.linalg.norm(points, axis=1).max()
+    arm = {"dimension": 3, "length": 0.5}
+    found = doubts(crinoid.Scenario(arm=arm, target={**ROUND, "normal": normal}))
+    assert [note.split(":")[0] for note in found] == ["target.radius"] * far
+    assert not far or f"a target {farthest:.4g} m from the base" in found[0]
+
+
+def test_series_from_files_are_held_against_the_arm_as_lists_are(tmp_path):
+    (tmp_path / "path.csv").write_text("time,x,z\n-9,900,0\n0,0.3,-10\n10,0.3,-9.8\n99,800,0\n")
+    path = {"path": "file", "file": str(tmp_path / "path.csv")}
+    assert doubts(crinoid.Scenario(target=path, simulation={"duration": 10.0})) == []
+    (note,) = doubts(crinoid.Scenario(target=path, simulation={"duration": 50.0}))
+    assert note.startswith("target.file: got ")
+    assert "a target 800.1 m from the base" in note
+    points = {"time": [0.0, 1.0, 2.0, 30.0], "value": [0.0, 0.0, 200.0, 200.0]}
+    lines = zip(points["time"], points["value"], strict=True)
+    text = "time,heave\n" + "".join(f"{time},{value}\n" for time, value in lines)
+    (tmp_path / "heave.csv").write_text(text)
+    given = {"kind": "file", "file": str(tmp_path / "heave.csv")}
+    notes = []
+    for motion in ({"kind": "table", **points}, given):
+        base = {"motion": [{"channel": "heave", **motion}]}
+        notes += [note for note in doubts(crinoid.Scenario(base=base)) if "shakes" in note]
+    assert [note.split(":")[0] for note in notes] == ["base.motion.0.value", "base.motion.0.file"]
+    table, file = (note.split(", which")[1] for note in notes)
+    assert table == file
+    assert "the base with 200 m/s2" in file
+
+
+@pytest.mark.parametrize("size", [1e-308, 1e-160, 1e160, 1e300])
+@pytest.mark.parametrize(
+    ("built_in", "key"),
+    [
+        ("station-keeping", "arm.radius"),
+        ("station-keeping", "arm.length"),
+        ("station-keeping", "arm.youngs_modulus"),
+        ("station-keeping", "flow.0.amplitude.0"),
+        ("station-keeping", "target.tip.0"),
+        ("debris-strike", "obstacle.0.radius"),
+        ("debris-strike", "obstacle.0.mass"),
+        ("wave-zone", "flow.0.peak_period"),
+        ("wave-zone", "flow.0.significant_height"),
+        ("trace-circle-3d", "target.radius"),
+        ("constant-load", "water.gravity"),
+    ],
+)
+def test_numbers_beyond_what_can_be_computed_are_told_and_do_not_stop_the_rules(
+    built_in, key, size
+):
+    try:
+        odd = crinoid.load(built_in, [f"{key}={size}"])
+    except crinoid.ScenarioError:  # refused before
+        return
+    found = doubts(odd)
+    assert all(re.match(r"[a-z_0-9.*]+: ", note) and "\n" not in note for note in found)
+    if size > 1:
+        assert found
+
+
+def test_a_rule_that_cannot_be_computed_names_its_keys():
+    found = doubts(crinoid.load("debris-strike", ["obstacle.0.radius=1e-160"]))
+    assert any("go beyond what can be computed" in note for note in found)
 
 
 def test_what_follows_from_an_odd_arm_goes_without_saying():

@@ -38,6 +38,7 @@ from crinoid.scenario import (
 from crinoid.scenario.control import COORDINATES
 from crinoid.scenario.document import parse
 from crinoid.scenario.files import anchor
+from crinoid.scenario.quantity import unit_vector
 from crinoid.space import CHANNELS
 
 FULL = """
@@ -516,6 +517,40 @@ ONE_MISTAKE = {
     "path before the start": (
         "target = {time = [-1, 1], angle_deg = [0, 1]}",
         "target.time.0: got -1.0, takes a number of 0 or more (s)",
+    ),
+    "path in a hurry": (
+        "target = {time = [0, 1e-300], angle_deg = [0, 1]}",
+        "target.time.1: got 1e-300, takes 1e-06 to 1e+09 s more than 0.0, the one before",
+    ),
+    "path for ever": (
+        "target = {time = [0, 1e300], angle_deg = [0, 1]}",
+        "target.time.1: got 1e+300, takes 1e-06 to 1e+09 s more than 0.0, the one before",
+    ),
+    "path in a far future": (
+        "target = {time = [1e17, 1.00000001e17], angle_deg = [0, 1]}",
+        "target.time.0: got 1e+17, takes a number from -1e+09 to 1e+09 (s)",
+    ),
+    "motion in a hurry": (
+        'base.motion = [{kind = "table", channel = "heave", time = [0, 1e-300, 20], '
+        "value = [0, 1, 0]}]",
+        "base.motion.0.time.1: got 1e-300, takes 1e-06 to 1e+09 s more than 0.0, the one before",
+    ),
+    "line in no time": (
+        'target = {path = "line", to = [0.4, -10], travel_time = 1e-300}',
+        "target.travel_time: got 1e-300, takes a number from 1e-06 to 1000000000 (s)",
+    ),
+    "line that takes for ever": (
+        'target = {path = "line", to = [0.4, -10], travel_time = 1e300}',
+        "target.travel_time: got 1e+300, takes a number from 1e-06 to 1000000000 (s)",
+    ),
+    "line in a far future": (
+        'target = {path = "line", to = [0.4, -10], travel_time = 1, start = 1e17}',
+        "target.start: got 1e+17, takes a number from 0 to 1000000000 (s)",
+    ),
+    "directions of 0 where none go": (
+        'arm.dimension = 3\n[target]\npath = "circle"\nradius = 0.1\nperiod = 5\n'
+        "direction = [[0, 0, 1], [0, 1, 0]]",
+        'target.direction: takes no list with path = "circle", which has its own points',
     ),
     "controlled twice": (
         'control.controlled = ["x", "x"]',
@@ -1305,3 +1340,18 @@ def test_unknown_built_in_scenario():
         load(near)
     with pytest.raises(ScenarioError, match=r"^nowhere: no such built-in scenario"):
         builtin_text("nowhere")
+
+
+@pytest.mark.parametrize("size", [5e-324, 1e-200, 1.0, 1e200, 1.7e308])
+def test_a_unit_vector_has_a_length_of_one_however_long_the_vector_is(size):
+    np.testing.assert_allclose(unit_vector((size, -size, size)), np.array([1, -1, 1]) / 3**0.5)
+
+
+def test_opposite_directions_are_refused_however_long_they_are():
+    time = {"time": [0.0, 1.0]}
+    for size in (1e-200, 1e200):
+        target = {"direction": [[size, 0.0, 0.0], [-size, 0.0, 0.0]], **time}
+        with pytest.raises(ScenarioError, match=r"target.direction.1: got .*, the opposite of"):
+            Scenario(arm={"dimension": 3}, target=target)
+        target = {"direction": [[size, 0.0, 0.0], [0.0, size, 0.0]], **time}
+        assert Scenario(arm={"dimension": 3}, target=target).target.direction_path[1] == (0, 1, 0)

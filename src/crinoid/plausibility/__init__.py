@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+import numpy as np
+
 from crinoid.plausibility.arm import ARM
 from crinoid.plausibility.base import BASE
 from crinoid.plausibility.current import CURRENT
@@ -50,7 +52,18 @@ def doubts(scenario: Scenario, tables: Collection[str] = ()) -> list[str]:
         If a file that the scenario names is not what it takes.
     """
     facts = Facts(scenario)
-    found = [doubt for rule in _FIRST for doubt in rule.doubts(facts)]
+    found = [doubt for rule in _FIRST for doubt in _told(rule, facts)]
     if not any(doubt.startswith(("arm.", "water.")) for doubt in found):
-        found += [doubt for rule in _THEN for doubt in rule.doubts(facts)]
+        found += [doubt for rule in _THEN for doubt in _told(rule, facts)]
     return [doubt for doubt in found if not tables or doubt.split(":")[0].split(".")[0] in tables]
+
+
+def _told(rule: Rule, facts: Facts) -> list[str]:
+    """Return what a rule says, or that its numbers are too large or too small to tell."""
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            return list(rule.doubts(facts))
+    except ArithmeticError:
+        first, *more = rule.keys
+        along = f" (with {', '.join(more)})" if more else ""
+        return [f"{first}: cannot be judged{along}; numbers go beyond what can be computed"]

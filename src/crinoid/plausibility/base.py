@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
 
 from crinoid.plausibility.facts import Facts
 from crinoid.plausibility.rule import Rule
 from crinoid.scenario import shown
-from crinoid.scenario.motion import SineMotion, TableMotion, VelocityMotion
+from crinoid.scenario.motion import FileMotion, SineMotion, TableMotion, VelocityMotion
 from crinoid.scenario.obstacle import Plane
 from crinoid.space import ANGLES
 
@@ -77,12 +79,7 @@ def _motion(facts: Facts) -> Iterator[str]:
             hard = speed * rate
             got = f"{key}.frequency_hz: got {motion.frequency_hz:g} Hz with this amplitude"
         elif isinstance(motion, TableMotion):
-            steps = list(zip(pairwise(motion.time), pairwise(motion.value_si), strict=True))
-            speeds = [(v1 - v0) / (t1 - t0) * lever for (t0, t1), (v0, v1) in steps]
-            speed = max(map(abs, speeds))
-            middles = [(t0 + t1) / 2 for (t0, t1), _ in steps]
-            rates = zip(pairwise(speeds), pairwise(middles), strict=True)
-            hard = max((abs((b - a) / (t1 - t0)) for (a, b), (t0, t1) in rates), default=0.0)
+            speed, hard = _fastest(np.array(motion.time), lever * np.array(motion.value_si))
             value = "value_deg" if motion.channel in ANGLES else "value"
             got = f"{key}.{value}: got {shown(getattr(motion, value))}"
         elif isinstance(motion, VelocityMotion):
@@ -90,8 +87,10 @@ def _motion(facts: Facts) -> Iterator[str]:
             hard = math.pi / 2 * speed / motion.ramp_time
             value = "velocity_deg" if motion.channel in ANGLES else "velocity"
             got = f"{key}.{value}: got {getattr(motion, value):g}"
-        else:
-            continue
+        elif isinstance(motion, FileMotion):
+            time, values = facts.scenario.series[key].during(facts.scenario.simulation.duration)
+            speed, hard = _fastest(time, lever * values[:, 0])
+            got = f"{key}.file: got {shown(motion.file)}"
         where = "the base" if lever == 1.0 else "the tip of a stiff arm"
         if hard > _ACCELERATION:
             yield (
@@ -103,6 +102,16 @@ def _motion(facts: Facts) -> Iterator[str]:
                 f"{got}, which moves {where} at {speed:.3g} m/s; usual is up to {_SPEED:g} m/s; "
                 "are amplitude and times in m (degrees) and s?"
             )
+
+
+def _fastest(
+    time: Float[np.ndarray, " time"], value: Float[np.ndarray, " time"]
+) -> tuple[float, float]:
+    """Return the largest speed and acceleration along a path through points."""
+    speeds = np.diff(value) / np.diff(time)
+    middles = (time[1:] + time[:-1]) / 2
+    hard = np.abs(np.diff(speeds) / np.diff(middles)).max(initial=0.0)
+    return float(np.abs(speeds).max()), float(hard)
 
 
 BASE = (

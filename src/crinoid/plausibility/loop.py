@@ -5,10 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float
 
 from crinoid.plausibility.facts import Facts
 from crinoid.plausibility.rule import Rule
 from crinoid.scenario import Target, shown
+from crinoid.scenario.quantity import unit_vector
+
+_Point = Float[np.ndarray, " axis"]
+_Points = Float[np.ndarray, "time axis"]
 
 _STRETCHED = 1.05
 _NOISY = 0.05
@@ -21,8 +26,8 @@ def _reach(facts: Facts) -> Iterator[str]:
     base = np.array(facts.scenario.base.position)
     root = np.zeros_like(base) if target.frame == "base" else base
     reach = _STRETCHED * facts.length + facts.travel
-    for key, points in _wanted(target).items():
-        farthest = float(np.linalg.norm(np.subtract(points, root), axis=1).max())
+    for key, points in _wanted(facts, root).items():
+        farthest = float(np.linalg.norm(points, axis=1).max())
         if farthest > reach:
             yield (
                 f"target.{key}: got {shown(getattr(target, key))}, a target {farthest:.4g} m from "
@@ -32,22 +37,40 @@ def _reach(facts: Facts) -> Iterator[str]:
             return
 
 
-def _wanted(target: Target) -> dict[str, list[tuple[float, ...]]]:
-    """Return what is known of where the tip should be, by key."""
-    found: dict[str, list[tuple[float, ...]]] = {}
-    if target.tip_path is not None:
-        found["tip"] = list(target.tip_path)
-    elif isinstance(target.tip, tuple):
-        found["tip"] = [_point(target.tip)]
+def _wanted(facts: Facts, root: _Point) -> dict[str, _Points]:
+    """Return what is known of where the tip should be, seen from the base, by key."""
+    target, axes = facts.scenario.target, root.size
+    found: dict[str, _Points] = {}
+    if target.tip != "initial":
+        found["tip"] = np.array(target.tip, ndmin=2) - root
     if target.to is not None:
-        found["to"] = [target.to]
+        found["to"] = np.array([target.to]) - root
     if target.centre is not None:
-        found["centre"] = [target.centre]
+        found["centre"] = np.array([target.centre]) - root
+    centre = found.get("centre")
+    if target.radius is not None:
+        found["radius"] = np.array([_far_on_circle(target, centre, axes)])
+    if target.amplitude is not None:
+        # without a centre: two points are so far apart that one of them is as far from the base
+        middle = np.zeros((1, axes)) if centre is None else centre
+        found["amplitude"] = middle + np.multiply.outer([-1, 1], target.amplitude)
+    if target.path == "file":
+        _, points = facts.scenario.series["target"].during(facts.scenario.simulation.duration)
+        found["file"] = points[:, :axes] - root
     return found
 
 
-def _point(given: tuple[object, ...]) -> tuple[float, ...]:
-    return tuple(item for item in given if isinstance(item, float))
+def _far_on_circle(target: Target, centre: _Points | None, axes: int) -> _Point:
+    """Return the point of a circle that is farthest from the base, or one that is nearer."""
+    radius = target.radius or 0.0
+    if centre is None:  # two points are so far apart that one of them is as far from the base
+        return radius * np.eye(axes)[0]
+    (across,) = centre
+    if across.size == 3:
+        normal = np.array(unit_vector(target.normal or (0.0, -1.0, 0.0)))
+        across = across - (across @ normal) * normal
+    length = float(np.linalg.norm(across))
+    return centre[0] + (radius * across / length if length else 0.0)
 
 
 def _late(facts: Facts) -> Iterator[str]:
@@ -110,7 +133,14 @@ def _filter(facts: Facts) -> Iterator[str]:
 
 LOOP = (
     Rule(
-        ("target.tip", "target.to", "target.centre"),
+        (
+            "target.tip",
+            "target.to",
+            "target.centre",
+            "target.radius",
+            "target.amplitude",
+            "target.file",
+        ),
         "within 1.05 lengths of the arm and the base's travel",
         _reach,
     ),

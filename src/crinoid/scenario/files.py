@@ -25,7 +25,7 @@ File = Annotated[
 def anchor(document: dict[str, Any], folder: Path) -> None:
     """Let the relative paths of a document start from a folder, in place."""
     for holder, key in _places(document):
-        holder[key] = str(folder / Path(holder[key]).expanduser())
+        holder[key] = str(folder / os.path.expanduser(holder[key]))
 
 
 def named_files(document: dict[str, Any]) -> list[str]:

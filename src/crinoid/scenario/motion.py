@@ -16,6 +16,7 @@ from crinoid.scenario.errors import Mistake
 from crinoid.scenario.files import File
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import (
+    LATEST,
     AsTuple,
     Degrees,
     Hertz,
@@ -91,7 +92,7 @@ class VelocityMotion(_Motion):
     velocity_deg: Annotated[float, Quantity("degrees/s")] | None = Field(
         default=None, description="Velocity of a turn."
     )
-    start: Seconds = Field(default=0.0, ge=0, description="When it sets in.")
+    start: Seconds = Field(default=0.0, ge=0, le=LATEST, description="When it sets in.")
     ramp_time: Seconds = Field(
         default=1.0, gt=0, description="How long it takes to reach its velocity."
     )

@@ -77,13 +77,31 @@ Velocity = Annotated[Vector, Quantity("m/s")]
 Force = Annotated[Vector, Quantity("N")]
 
 
+INTERVALS = (1e-6, 1e9)
+"""Times between two points of a record, a motion or a path (s)."""
+LATEST = 1e9
+"""Largest time of a point (s); later ones have too few digits left."""
+OPPOSITE = -1 + 1e-9
+"""Cosine of an angle between directions from which on no way between them is the shorter one."""
+
+
 def time_conflicts(time: tuple[float, ...]) -> Iterator[Mistake]:
     """Yield what is wrong with the times of a table: they are to be two or more, increasing."""
+    low, high = INTERVALS
     if len(time) < 2:
         yield Mistake("time", f"got {shown(time)}, takes 2 times or more")
     for index, (before, after) in enumerate(pairwise(time), start=1):
         if after <= before:
             yield Mistake(f"time.{index}", f"got {after}, takes a number above {before} (s)")
+            return
+        if not low <= after - before <= high:
+            text = f"got {after}, takes {low:g} to {high:g} s more than {before}, the one before"
+            yield Mistake(f"time.{index}", text)
+            return
+    for index, instant in enumerate(time):
+        if abs(instant) > LATEST:
+            text = f"got {instant}, takes a number from {-LATEST:g} to {LATEST:g} (s)"
+            yield Mistake(f"time.{index}", text)
             return
 
 
@@ -97,8 +115,11 @@ def length_conflicts(
 
 def unit_vector(vector: tuple[float, ...]) -> tuple[float, ...]:
     """Return a vector with the same direction and a length of one."""
-    length = math.hypot(*vector)
-    return tuple(component / length for component in vector)
+    # by a power of two, which rounds nothing: squares of very large or small numbers have no size
+    _, power = math.frexp(max(map(abs, vector)))
+    scaled = [math.ldexp(component, -power) for component in vector]
+    length = math.hypot(*scaled)
+    return tuple(component / length for component in scaled)
 
 
 def direction_conflicts(key: str, vector: tuple[float, ...]) -> Iterator[Mistake]:

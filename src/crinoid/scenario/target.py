@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -15,6 +14,9 @@ from crinoid.scenario.files import File
 from crinoid.scenario.model import Model
 from crinoid.scenario.path import key_conflicts
 from crinoid.scenario.quantity import (
+    INTERVALS,
+    LATEST,
+    OPPOSITE,
     PER_AXIS,
     AsTuple,
     Components,
@@ -57,9 +59,6 @@ Columns = Annotated[tuple[str, ...], AsTuple]
 _OF_TIP = ("[x, z]", "[x, y, z]")
 MaybePosition = Annotated[Components | None, Quantity("m", *_OF_TIP), PER_AXIS]
 MaybeVelocity = Annotated[Components | None, Quantity("m/s", *_OF_TIP), PER_AXIS]
-
-_OPPOSITE = -1 + 1e-9
-"""Cosine of an angle between directions from which on no way between them is the shorter one."""
 
 
 class Target(Model):
@@ -125,7 +124,8 @@ class Target(Model):
     to: MaybePosition = Field(default=None, description="Where a line ends.")
     travel_time: Seconds | None = Field(
         default=None,
-        gt=0,
+        ge=INTERVALS[0],
+        le=INTERVALS[1],
         description="How long a line takes to its end, from rest to rest with the least jerk.",
     )
     velocity: MaybeVelocity = Field(
@@ -134,6 +134,7 @@ class Target(Model):
     start: Seconds | None = Field(
         default=None,
         ge=0,
+        le=LATEST,
         description="When a circle, a sine or a line sets in; 0 if left out.",
     )
     ramp_time: Seconds | None = Field(
@@ -216,8 +217,10 @@ class Target(Model):
         for index, point in enumerate(points):
             yield from direction_conflicts(f"direction.{index}", point)
         for index, (before, after) in enumerate(pairwise(points), start=1):
-            product = sum(a * b for a, b in zip(before, after, strict=True))
-            if product < _OPPOSITE * math.hypot(*before) * math.hypot(*after):
+            if not (any(before) and any(after)):
+                continue
+            ways = zip(unit_vector(before), unit_vector(after), strict=True)
+            if sum(a * b for a, b in ways) < OPPOSITE:
                 text = f"got {shown(after)}, the opposite of the one before; takes one more between"
                 yield Mistake(f"direction.{index}", text)
 

@@ -9,6 +9,7 @@ from crinoid.dynamics import System
 from crinoid.onset import Onset
 from crinoid.scenario import Scenario
 from crinoid.scenario import Target as TargetTable
+from crinoid.scenario.quantity import unit_vector
 from crinoid.spline import PiecewisePolynomial, between, shape_preserving
 
 _RAMP_TIME = 1.0
@@ -104,8 +105,7 @@ def _plane_of(target: TargetTable, axes: int) -> Float[np.ndarray, "2 d"]:
     """Return unit vectors from a circle's centre to its beginning, and a quarter of a turn on."""
     if axes == 2:
         return np.eye(2)
-    normal = np.asarray(target.normal or (0.0, -1.0, 0.0))
-    normal = normal / np.linalg.norm(normal)
+    normal = np.asarray(unit_vector(target.normal or (0.0, -1.0, 0.0)))
     for axis in np.eye(3):  # x, or y where the normal is along x
         first = axis - (axis @ normal) * normal
         length = np.linalg.norm(first)

@@ -9,12 +9,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.scenario.errors import shown
+from crinoid.scenario.quantity import INTERVALS
 from crinoid.scenario.recording.opening import numbers_of
 from crinoid.scenario.recording.refusal import refusal
 from crinoid.scenario.recording.units import length_factor, time_factor
 
-_INTERVALS = (1e-6, 1e9)
-"""Times between two samples that a record may have (s)."""
 _FARTHEST = 1e5
 """No level is as far from the surface (m)."""
 _THINNEST = 1e-6
@@ -53,8 +52,8 @@ def seconds(
         raise refusal(key, f"{name} {word} at entry {after}, takes times that increase")
     with np.errstate(invalid="ignore"):
         steps = np.diff(time)
-    if not (steps.min() >= _INTERVALS[0] and steps.max() <= _INTERVALS[1]):
-        low, high = _INTERVALS
+    low, high = INTERVALS
+    if not (steps.min() >= low and steps.max() <= high):
         text = f"{name} goes on in steps of {steps.min():.3g} to {steps.max():.3g} s"
         raise refusal(key, f"{text}, takes {low:g} to {high:g} s")
     return time

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from crinoid.scenario.errors import shown
 from crinoid.scenario.measured import Component, MeasuredFlow
 from crinoid.scenario.recording.coordinates import factor_to, heights, only_dimension, seconds
+from crinoid.scenario.recording.marks import check_marks
 from crinoid.scenario.recording.opening import check_count, find, opened
 from crinoid.scenario.recording.refusal import listed, refusal
 from crinoid.scenario.recording.selection import component_of, labelled_by_text
@@ -79,6 +80,7 @@ def cut_out(flow: MeasuredFlow, bed: float | None) -> Cutting:
                 factor = component.sign * factor_to(variable, velocity_factor, key, "m/s", remarks)
                 velocity[:, :, index] = factor * part
                 _check_speed(velocity[:, :, index], key, component)
+                check_marks(part, key, component.name)
         for dimension in flow.select:
             if dimension not in used:
                 raise refusal(f"select.{dimension}", _unused(dataset, flow, along, upright))

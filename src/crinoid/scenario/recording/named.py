@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crinoid.scenario.motion import FileMotion
+from crinoid.scenario.quantity import OPPOSITE
 from crinoid.scenario.recording.refusal import refusal
 from crinoid.scenario.recording.series import Column, Series, read_series
 from crinoid.scenario.recording.units import angle_factor, length_factor
@@ -17,8 +19,9 @@ if TYPE_CHECKING:
     from crinoid.scenario.scenario import Scenario
     from crinoid.scenario.target import Target
 
-_SHIFT, _DEPTHS, _TURNS = 1e3, 2e4, 100.0
-"""No motion goes as far (m), nothing in the sea lies as deep (m), nothing turns as often (rad)."""
+_SHIFT, _DEPTHS, _TURNS, _LONG = 1e3, 2e4, 100.0, 1e15
+"""No motion goes as far (m), nothing in the sea lies as deep (m), nothing turns as often (rad), no
+vector that only points is as long."""
 
 
 def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
@@ -30,7 +33,7 @@ def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
         if isinstance(motion, FileMotion)
     }
     if scenario.target.path == "file":
-        readers["target"] = lambda: _path(scenario.target, axes)
+        readers["target"] = lambda: _path(scenario.target, axes, duration)
     return readers
 
 
@@ -53,7 +56,7 @@ def _motion(motion: FileMotion, duration: float) -> Series:
     return series
 
 
-def _path(target: Target, axes: tuple[str, ...]) -> Series:
+def _path(target: Target, axes: tuple[str, ...], duration: float) -> Series:
     columns = [
         Column(f"tip_columns.{index}", name, length_factor, "m", _DEPTHS)
         for index, name in enumerate(target.tip_columns or axes)
@@ -61,15 +64,33 @@ def _path(target: Target, axes: tuple[str, ...]) -> Series:
     if target.angle_column is not None:
         columns.append(Column("angle_column", target.angle_column, angle_factor, "degrees", _TURNS))
     for index, name in enumerate(target.direction_columns or ()):
-        columns.append(Column(f"direction_columns.{index}", name, _plain, "1", np.inf))
+        columns.append(Column(f"direction_columns.{index}", name, _plain, "1", _LONG))
     assert target.file is not None
     series = read_series(target.file, target.time_column or "time", columns, target.skip or 0.0)
     if series.time[-1] <= 0:
         text = f"leaves nothing: the path ends at {series.time[-1]:.6g} s of the run"
         raise refusal("skip", f"{text}, takes less, or a file that ends after 0")
-    if target.direction_columns is not None and not series.values[:, -3:].any(axis=1).all():
+    if series.time[0] >= duration:
+        text = f"got {target.skip or 0.0}, with which the path begins at {series.time[0]:.6g} s of "
+        text += f"a run of {duration:g} s; takes the time of the file when the run begins (s)"
+        raise refusal("skip", text)
+    return series if target.direction_columns is None else _pointed(series)
+
+
+def _pointed(series: Series) -> Series:
+    """Return the series with the vectors in its last three columns made unit vectors."""
+    values = series.values.copy()
+    vectors = values[:, -3:]
+    largest = np.abs(vectors).max(axis=1, keepdims=True)
+    if not largest.all():
         raise refusal("direction_columns", "hold a vector that is 0, which has no direction")
-    return series
+    vectors /= largest  # squares of very small numbers are 0
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    opposite = np.flatnonzero((vectors[1:] * vectors[:-1]).sum(axis=1) < OPPOSITE)
+    if opposite.size:
+        text = f"turn to the opposite at {series.time[opposite[0] + 1]:.6g} s of the run"
+        raise refusal("direction_columns", f"{text}; take one more direction between")
+    return replace(series, values=values)
 
 
 def _plain(units: str) -> float | None:

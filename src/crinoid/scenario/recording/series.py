@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crinoid.scenario.recording.coordinates import factor_to, only_dimension, seconds
+from crinoid.scenario.recording.marks import check_marks
 from crinoid.scenario.recording.opening import check_count, find, numbers_of, opened, short
 from crinoid.scenario.recording.refusal import refusal
 from crinoid.scenario.recording.units import time_factor
@@ -39,6 +40,14 @@ class Series:
     values: Float[np.ndarray, "time column"]
     notes: tuple[str, ...]
     """Notes on what was assumed and left out."""
+
+    def during(
+        self, duration: float
+    ) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, "part column"]]:
+        """Return times and values from the last before a run to the first after it."""
+        first = max(int(np.searchsorted(self.time, 0.0, side="right")) - 1, 0)
+        last = int(np.searchsorted(self.time, duration)) + 1
+        return self.time[first:last], self.values[first:last]
 
 
 def read_series(file: str, time_column: str, columns: list[Column], skip: float) -> Series:
@@ -74,6 +83,7 @@ def read_series(file: str, time_column: str, columns: list[Column], skip: float)
             if most > limit / factor:
                 text = f"{name} reaches {most:g}, takes up to {limit / factor:.4g}; missing values "
                 raise refusal(key, text + "take an empty cell, or in a netCDF file a _FillValue")
+            check_marks(numbers, key, name)
     there = np.isfinite(values).all(axis=1)
     if there.sum() < 2:
         text = f"{short(file)} has {there.sum()} rows without a missing value, takes 2 or more"
