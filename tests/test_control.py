@@ -26,7 +26,7 @@ from crinoid.control.sensor import SensorState
 from crinoid.control.target import pose_error
 from crinoid.onset import Onset
 from crinoid.scenario import Target as TargetTable
-from crinoid.simulation.build_target import _formula
+from crinoid.simulation.build_target import _formula, _plane_of
 from crinoid.space import ANGLES, CHANNELS
 from crinoid.spline import PiecewisePolynomial
 
@@ -623,3 +623,10 @@ def test_a_damped_inverse_asks_little_for_what_hardly_any_command_undoes(size):
 
 def test_a_jacobian_of_nothing_asks_for_nothing():
     np.testing.assert_array_equal(damped_inverse(np.zeros((3, 2))), np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("size", [5e-324, 1e-200, 1e200])
+def test_the_plane_of_a_circle_does_not_ask_how_long_its_normal_is(size):
+    circle = {"path": "circle", "radius": 0.1, "period": 5.0}
+    plane = _plane_of(TargetTable(**circle, normal=(size, 0.0, 0.0)), 3)
+    np.testing.assert_allclose(plane, [[0, 1, 0], [0, 0, 1]], atol=1e-15)
