@@ -21,9 +21,11 @@ import xarray as xr
 from typer.testing import CliRunner
 from typer.testing import Result as Ended
 
+from crinoid.cli import study
 from crinoid.cli.app import app
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted, Interruption
+from crinoid.replacement import remove_unfinished, replacing
 from crinoid.result import Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from made_results import Player, made_result
@@ -104,6 +106,38 @@ def test_a_full_disk_costs_nothing_that_was_computed(here, small_disk, monkeypat
 
 def no_space(*_: object, **__: object) -> None:
     raise RuntimeError("NetCDF: HDF error")
+
+
+def test_half_a_pair_that_is_saved_is_said_to_be_so(here, player, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(here))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setenv("HOME", str(here / "home"))
+    (here / "home").mkdir()
+
+    def half(result: Result, folder: Path) -> list[Path]:
+        if folder.name.startswith("crinoid-") and folder.parent not in room:
+            folder.joinpath("uncontrolled.nc").write_bytes(whole)
+        if folder.parent in room:
+            return save(result, folder)
+        raise OSError(errno.ENOSPC, "No space left on device", str(folder))
+
+    save = Result.save
+    room: list[Path] = []
+    made_result(Scenario.from_toml(SMALL)).save(here / "other")
+    whole = (here / "other" / "result.nc").read_bytes()
+    monkeypatch.setattr(Result, "save", half)
+    line = one_line(call("run", "small.toml", "--out", "out"), 3)
+    parts = [next(folder.glob("crinoid-*/*.nc")) for folder in (here, here / "home")]
+    assert f"only {parts[0]} and {parts[1]} could be saved, the rest is lost" in line
+    # nothing of a half is left where another folder takes the whole
+    for part in parts:
+        part.unlink()
+        part.parent.rmdir()
+    room.append(here / "home")
+    line = one_line(call("run", "small.toml", "--out", "out"), 3)
+    (saved,) = (here / "home").iterdir()
+    assert f"what was computed is saved in {saved} instead" in line
+    assert not list(here.glob("crinoid-*"))
 
 
 def test_what_cannot_be_saved_anywhere_is_said_to_be_lost(here, monkeypatch):
@@ -191,10 +225,21 @@ def test_file_systems_without_locks_and_without_writing(here, monkeypatch, raise
 
 def test_what_a_killed_program_left_unfinished_goes(here):
     (here / "out").mkdir()
-    (here / "out" / ".result.nc.abcd1234").write_text("half a result")
-    (here / "out" / ".result.nc.mine").write_text("no name that crinoid gives")
+    (here / "out" / ".result.nc.abcd1234.unfinished").write_text("half a result")
+    (here / "out" / ".result.nc.dcba4321.unfinished").mkdir()
+    (here / "out" / ".result.nc.20260101").write_text("no name that crinoid gives")
     assert call("run", "small.toml", "--out", "out").exit_code == 0
-    assert names(here / "out") == [".result.nc.mine", "result.nc"]
+    kept = [".result.nc.20260101", ".result.nc.dcba4321.unfinished", "result.nc"]
+    assert names(here / "out") == kept
+
+
+def test_what_a_killed_program_left_has_the_name_that_is_looked_for(tmp_path):
+    with replacing(tmp_path / "result.nc") as temporary:
+        assert names(tmp_path) == [temporary.name]
+        remove_unfinished(tmp_path / "result.nc")
+        assert names(tmp_path) == []
+        temporary.write_text("whole")
+    assert names(tmp_path) == ["result.nc"]
 
 
 def test_a_finished_result_of_another_scenario_is_not_replaced(here, player):
@@ -214,6 +259,72 @@ def test_a_finished_result_of_another_scenario_is_not_replaced(here, player):
     assert "--resume would go on with it" in call("run", "small.toml", "--out", "out").stdout
     interrupted.save(here / "out")
     assert call(*other).exit_code == 0
+
+
+@pytest.mark.parametrize("status", ["interrupted at t = 0.5 s", "failed at t = 0.5 s: a hit"])
+def test_a_finished_result_is_not_lost_to_a_run_that_ends_early(here, monkeypatch, status):
+    assert call("run", "small.toml", "--out", "out").exit_code == 0
+    assert call("report", "out").exit_code == 0
+    before = {path.name: path.read_bytes() for path in (here / "out").iterdir()}
+
+    def ends(*_: object, **__: object) -> Result:
+        return made_result(Scenario.from_toml(SMALL), 0.5, status)
+
+    code = 130 if status.startswith("interrupted") else 3
+    with monkeypatch.context() as patched:
+        patched.setattr("crinoid.cli.attempt.play", ends)
+        for folder in ("out-unfinished", "out-unfinished-2"):
+            line = one_line(call("run", "small.toml", "--out", "out"), code)
+            text = f"{status}; saved in {folder}, the finished result in out stays"
+            assert line == f"crinoid: {text}\n"
+            assert Result.load(here / folder).status == status
+        assert {path.name: path.read_bytes() for path in (here / "out").iterdir()} == before
+        # also in the current folder
+        monkeypatch.chdir(here / "out")
+        assert "out-unfinished-3" in one_line(call("run", "../small.toml", "--out", "."), code)
+        assert {path.name: path.read_bytes() for path in (here / "out").iterdir()} == before
+        # but a run that is prolonged has it in itself
+        monkeypatch.chdir(here)
+        longer = ("--set", "simulation.duration=2.0")
+        long = made_result(Scenario.from_toml(SMALL.replace("1.0", "2.0")), 1.5, status)
+        patched.setattr("crinoid.cli.attempt.play", lambda *_, **__: long)
+        one_line(call("run", "small.toml", *longer, "--out", "out", "--resume"), code)
+    assert Result.load(here / "out").status == status
+    assert not (here / "out-unfinished-4").exists()
+
+
+def test_a_finished_case_is_not_lost_to_one_that_ends_early(here, player):
+    def stop(number: int) -> None:
+        if number == 5:
+            signal.raise_signal(signal.SIGTERM)
+
+    player.between = stop
+    assert call("run", "study.toml", "--out", "out").exit_code == 0
+    line = one_line(call("run", "study.toml", "--out", "out"), 130)
+    assert "interrupted in case-02; --resume goes on from there" in line
+    assert "is in out/case-02-unfinished, its finished result stays" in line
+    assert Result.load(here / "out" / "case-02").status == "ok"
+    assert Result.load(here / "out" / "case-02-unfinished").status == "interrupted at t = 0.5 s"
+    with (here / "out" / "cases.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["directory"] for row in rows] == ["case-01", "case-02-unfinished"]
+    assert call("run", "study.toml", "--out", "out", "--resume").exit_code == 0
+    assert len(player.played) == 5
+
+
+@pytest.mark.parametrize("name", ["result.nc", "uncontrolled.nc"])
+def test_a_file_of_the_users_is_not_replaced_unless_forced(here, player, name):
+    (here / "out").mkdir()
+    (here / "out" / name).write_text("mine")
+    for arguments in (("run", "small.toml"), ("equilibrium", "small.toml")):
+        line = one_line(call(*arguments, "--out", "out"), 2)
+        assert f"out/{name} was not written by crinoid, or cannot be read" in line
+        assert "--force" in line
+    assert names(here / "out") == [name]
+    assert not player.played
+    assert call("run", "small.toml", "--out", "out", "--force").exit_code == 0
+    assert names(here / "out") == ["result.nc"]
+    assert call("report", "out").exit_code == 0
 
 
 def test_a_run_leaves_nothing_of_another_and_all_of_the_users(here):
@@ -255,7 +366,10 @@ def test_links_are_replaced_and_not_followed(here):
     for name in ("cases.csv", "result.nc", "shape.png"):
         (precious.with_name(name)).write_text("precious")
         (out / name).symlink_to(here / name)
-    assert call("run", "study.toml", "--out", out).exit_code == 0
+    assert "out/cases.csv was not written by crinoid" in one_line(
+        call("run", "study.toml", "--out", "out"), 2
+    )
+    assert call("run", "study.toml", "--out", out, "--force").exit_code == 0
     assert call("report", out / "case-01", "--out", out).exit_code == 0
     for name in ("cases.csv", "result.nc", "shape.png"):
         assert (here / name).read_text() == "precious"
@@ -305,6 +419,16 @@ def test_a_broken_result_is_not_gone_on_with_and_stays(here, player, tamper, rea
     assert reason in line
     assert not player.played
     assert (here / "out" / "result.nc").read_bytes() == before
+
+
+def test_a_longer_table_of_motion_is_another_scenario(here):
+    table = '[[base.motion]]\nkind = "table"\nchannel = "slide"\n'
+    text = f"{SMALL}{table}time = [0.0, 1.0]\nvalue = [0.0, 0.1]\n"
+    made_result(Scenario.from_toml(text)).save(here / "out")
+    longer = text.replace("0.0, 1.0]", "0.0, 2.0]").replace("duration = 1.0", "duration = 2.0")
+    (here / "longer.toml").write_text(longer)
+    line = one_line(call("run", "longer.toml", "--out", "out", "--resume"), 2)
+    assert "the run in out is of another scenario; only its duration may be changed" in line
 
 
 @pytest.mark.parametrize("size", [0, 1000, 20_000])
@@ -392,6 +516,35 @@ def test_a_signal_while_saving_lets_the_result_be_saved(here, monkeypatch):
     # of a study the cases that are left wait
     line = one_line(call("run", "study.toml", "--out", "cases"), 130)
     assert "interrupted before case-02; --resume goes on from there" in line
+
+
+def test_a_signal_while_the_table_is_written_waits_until_it_is(here, monkeypatch):
+    assert call("run", "study.toml", "--out", "out").exit_code == 0
+    write = study._write_cases
+
+    def interrupted(path: Path, rows: list[dict[str, object]]) -> None:
+        if len(rows) == 2:
+            signal.raise_signal(signal.SIGINT)
+        write(path, rows)
+
+    monkeypatch.setattr(study, "_write_cases", interrupted)
+    ended = call("run", "study.toml", "--out", "out", "--resume")
+    assert "interrupted before case-03; --resume goes on from there" in one_line(ended, 130)
+    assert "wrote out/cases.csv" in ended.stdout
+    with (here / "out" / "cases.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 2
+
+
+def test_an_empty_name_of_a_folder_is_a_mistake(here):
+    line = one_line(call("run", "small.toml", "--out", ""), 2)
+    assert line == "crinoid: --out: got an empty name, takes a folder\n"
+    assert names(here) == ["small.toml", "study.toml"]
+
+
+def test_a_copy_of_a_scenario_follows_no_link(here):
+    (here / "still-water.toml").symlink_to(here / "elsewhere")
+    assert "already there" in one_line(call("scenarios", "--copy", "still-water"), 2)
+    assert not (here / "elsewhere").exists()
 
 
 def test_a_signal_before_there_is_anything_to_save_stops_at_once(here, monkeypatch):

@@ -510,6 +510,10 @@ ONE_MISTAKE = {
         "target.time = [0, 1]",
         "target.time: goes with a path; takes tip or angle_deg as a list as long",
     ),
+    "feed-forward without a controller": (
+        'target = {path = "circle", radius = 0.1, period = 5, feed_forward = true}',
+        'target.feed_forward: got true, goes with a controller; control.kind takes "pid" with it',
+    ),
     "path too short": (
         "target = {time = [0, 1, 2], angle_deg = [0, 1]}",
         "target.angle_deg: has 2 entries, takes 3, as time has",

@@ -15,7 +15,7 @@ from crinoid.dynamics import Outcome
 from crinoid.metrics import tip_error
 from crinoid.result import Result, ResultError
 from crinoid.scenario import ScenarioError
-from crinoid.simulation import LoopState, SimulationError, play
+from crinoid.simulation import LoopState, SimulationError, at_rest, play
 from crinoid.simulation import run as running
 from crinoid.simulation.continuation import restored
 from crinoid.simulation.setup import _sensor, set_up
@@ -634,3 +634,11 @@ def test_a_target_that_the_submarine_carries_is_held_however_late_the_readings()
     data = crinoid.simulate(scenario).dataset
     assert float(data["tip_target"].sel(axis="z")[-1] - data["tip_target"].sel(axis="z")[0]) > 0.9
     assert float(data["tip_error"].sel(time=slice(2.0, None)).max()) < 1e-3
+
+
+def test_the_equilibrium_of_a_scenario_that_feeds_forward_needs_no_controller():
+    circle = {"path": "circle", "radius": 0.1, "period": 5.0, "feed_forward": True}
+    scenario = crinoid.Scenario.from_toml(SCENARIO).with_values({"target": circle})
+    still = at_rest(scenario)
+    assert still.control.kind == "none"
+    assert not still.target.feeds_forward

@@ -72,6 +72,17 @@ def cells(text):
     return {row[0]: row[1:] for row in rows if row}
 
 
+@pytest.mark.parametrize(
+    ("frame", "moving", "shown"),
+    [("world", True, True), ("base", False, True), ("base", True, False)],
+)
+def test_no_fluctuation_about_a_mean_where_the_target_travels(frame, moving, shown):
+    motion = {"kind": "velocity", "channel": "slide", "velocity": 0.1}
+    keys = {"target.frame": frame} | ({"base.motion": [motion]} if moving else {})
+    table = run_table(made(0.02, scenario=crinoid.Scenario().with_values(keys)))
+    assert ("tip fluctuation, RMS" in cells(said(table))) is shown
+
+
 def test_settling_and_deflection_of_a_known_error():
     run = made(np.where(TIME < 3.95, 0.5, 0.01))
     run.uncontrolled = made(np.where(TIME < 1.0, 0.0, 1.0))

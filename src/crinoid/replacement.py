@@ -11,6 +11,9 @@ from pathlib import Path
 
 __all__ = ["remove_unfinished", "replacing"]
 
+_UNFINISHED = ".unfinished"
+"""How names of temporary files end."""
+
 _PROBE = 1 << 24
 """Bytes that are more than is left where a file did not fit."""
 
@@ -28,7 +31,7 @@ def replacing(path: Path) -> Iterator[Path]:
         If the file cannot be written, with the system's reason and the folder.
     """
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        handle, name = tempfile.mkstemp(_UNFINISHED, f".{path.name}.", path.parent)
         os.close(handle)
     except OSError as error:
         raise _reason(error, path.parent) from error
@@ -48,8 +51,9 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def remove_unfinished(path: Path) -> None:
     """Remove what a program that was killed left of a successor to ``path``."""
-    for temporary in path.parent.glob(f".{path.name}.????????"):
-        temporary.unlink(missing_ok=True)
+    for temporary in path.parent.glob(f".{path.name}.????????{_UNFINISHED}"):
+        with suppress(OSError):
+            temporary.unlink()
 
 
 def _reason(error: Exception, folder: Path) -> OSError:

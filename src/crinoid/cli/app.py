@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -63,12 +64,23 @@ Settings = Annotated[
     ),
 ]
 Force = Annotated[
-    bool, typer.Option("--force", help="Replace the finished result of another scenario.")
+    bool,
+    typer.Option(
+        "--force", help="Replace the finished result of another scenario, or files of others."
+    ),
 ]
 
 
 def _out(folder: str) -> Any:
-    return typer.Option("--out", metavar="DIR", help="Where to write.", show_default=folder)
+    return typer.Option(
+        "--out", metavar="DIR", help="Where to write.", show_default=folder, parser=_named
+    )
+
+
+def _named(folder: str) -> Path:
+    if not folder:
+        _stop("--out: got an empty name, takes a folder")
+    return Path(folder)
 
 
 @app.callback(invoke_without_command=True)
@@ -209,10 +221,11 @@ def _copy(name: str) -> None:
     contents = {Path(f"{name}.toml"): builtin_text(name).encode()}
     contents |= {Path(file.name): file.read_bytes() for file in builtin_files(name)}
     for path in contents:
-        if path.exists():
+        if os.path.lexists(path):
             _stop(f"{path}: already there; move it away first")
     for path, content in contents.items():
-        path.write_bytes(content)
+        with path.open("xb") as file:  # not through a link that came in between
+            file.write(content)
         console.print(f"wrote {path}")
 
 

@@ -30,7 +30,11 @@ def find_earlier(scenario: Scenario, folder: Path) -> Result | None:
         raise ScenarioError([Mistake("--resume", text)]) from error
     duration = scenario.simulation.duration
     for each in described:
-        if each.with_values({"simulation.duration": duration}) != scenario:
+        try:
+            same = each.with_values({"simulation.duration": duration}) == scenario
+        except ScenarioError:  # such as a table of motion that ends before that
+            same = False
+        if not same:
             text = f"the run in {folder} is of another scenario; only its duration may be changed"
             raise ScenarioError([Mistake("--resume", text)])
         if duration < each.simulation.duration:
@@ -71,12 +75,17 @@ def attempt(
         raise ScenarioError([Mistake("--resume", f"the run in {folder}: {error}")]) from error
 
 
-def trouble(result: Result) -> str:
-    """Say what went wrong; nothing where all is well."""
+def trouble(result: Result, folder: Path, paths: list[Path]) -> str:
+    """Say what went wrong, and which other folder it is in; nothing where all is well."""
+    aside = ""
+    if paths and paths[0].parent != folder:
+        aside = f"saved in {paths[0].parent}, the finished result in {folder} stays"
     if result.failure:
-        return result.failure
+        return f"{result.failure}; {aside}" if aside else result.failure
     if result.interrupted:
         stopped = result if result.status.startswith("interrupted") else result.uncontrolled
         assert stopped is not None
+        if aside:
+            return f"{stopped.status}; {aside}"
         return f"{stopped.status}; what there is has been saved, --resume goes on from there"
     return ""

@@ -7,6 +7,7 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 import filelock
@@ -27,10 +28,10 @@ Wanted = Mapping[str, Scenario]
 """Scenarios to run, by the folder below the one given; "" for that one itself."""
 
 
-def case_names(count: int) -> list[str]:
+def case_names(cases: int) -> list[str]:
     """Return the names of a study's cases, which are those of their folders."""
-    digits = max(2, len(str(count)))
-    return [f"case-{number:0{digits}d}" for number in range(1, count + 1)]
+    digits = max(2, len(str(cases)))
+    return [f"case-{number:0{digits}d}" for number in range(1, cases + 1)]
 
 
 @contextmanager
@@ -82,7 +83,7 @@ def _open(folder: Path, lock: filelock.BaseFileLock) -> None:
 def check_replaced(
     folder: Path, wanted: Wanted, *, resume: bool = False, still: bool = False
 ) -> None:
-    """Refuse to replace a finished result of another scenario.
+    """Refuse to replace a finished result of another scenario, and what crinoid did not write.
 
     Parameters
     ----------
@@ -98,6 +99,9 @@ def check_replaced(
     ScenarioError
         If there is one.
     """
+    for path in _foreign(folder, wanted, resume=resume):
+        text = f"{path} was not written by crinoid, or cannot be read; takes another folder, or "
+        raise ScenarioError([Mistake("--out", f"{text}--force to replace it")])
     for place in ("", *(each.name for each in _case_folders(folder))):
         path = folder / place / RESULT
         found = attributes(path)
@@ -108,14 +112,33 @@ def check_replaced(
             raise ScenarioError([Mistake("--out", f"{text}--force to replace it")])
 
 
+def _foreign(folder: Path, wanted: Wanted, *, resume: bool) -> Iterator[Path]:
+    """Yield files that are not crinoid's and have the name of one that it would write or read."""
+    for place in wanted:
+        if resume and (folder / place / RESULT).exists():
+            continue  # the two are looked at more closely
+        for path in (folder / place / RESULT, folder / place / UNCONTROLLED):
+            if path.exists() and not attributes(path):
+                yield path
+    if "" not in wanted and (folder / CASES).exists() and not _is_table(folder / CASES):
+        yield folder / CASES
+
+
 def interrupted(folder: Path, scenario: Scenario) -> bool:
     """Tell whether a folder holds an interrupted run of a scenario."""
     found = attributes(folder / RESULT)
     return str(found.get("status")).startswith("interrupted") and _same(found, scenario)
 
 
-def clear(folder: Path, wanted: Wanted, *, resume: bool = False) -> None:
-    """Remove what crinoid wrote here of anything but the results of ``wanted``."""
+def clear(folder: Path, wanted: Wanted, *, resume: bool = False, force: bool = False) -> None:
+    """Remove what crinoid wrote here of anything but the results of ``wanted``.
+
+    With ``force`` no file of others is left that would be read as the comparison of such a result.
+    """
+    for place in wanted if force else ():
+        path = folder / place / UNCONTROLLED
+        if path.is_file() and not attributes(path):
+            path.unlink()
     for place in ("", *(each.name for each in _case_folders(folder))):
         found = attributes(folder / place / RESULT)
         if place in wanted and (resume or _same(found, wanted[place])):
@@ -134,11 +157,17 @@ def clear(folder: Path, wanted: Wanted, *, resume: bool = False) -> None:
 
 def remove_table(folder: Path) -> None:
     """Remove the table of an earlier study."""
-    table = folder / CASES
-    with suppress(OSError, UnicodeDecodeError):
-        first = table.read_text(encoding="utf-8").partition("\n")[0].strip()
-        if first.startswith("case,") and first.endswith(",directory"):
-            table.unlink()
+    if _is_table(folder / CASES):
+        with suppress(OSError):
+            (folder / CASES).unlink()
+
+
+def _is_table(path: Path) -> bool:
+    try:
+        first = path.read_text(encoding="utf-8").partition("\n")[0].strip()
+    except (OSError, UnicodeDecodeError):
+        return False
+    return first.startswith("case,") and first.endswith(",directory")
 
 
 def clear_figures(folder: Path) -> None:
@@ -153,6 +182,9 @@ def clear_figures(folder: Path) -> None:
 def save(result: Result, folder: Path) -> tuple[list[Path], str]:
     """Save a result, elsewhere if it cannot be in its folder.
 
+    One that failed or was interrupted does not replace a finished one of the same scenario: it is
+    saved beside it, in a new folder.
+
     Returns
     -------
     paths
@@ -160,15 +192,51 @@ def save(result: Result, folder: Path) -> tuple[list[Path], str]:
     trouble
         What went wrong, if anything did.
     """
+    aside = bool(result.failure or result.interrupted) and _finished(folder, result.scenario)
+    place = folder
     try:
-        paths = result.save(folder)
+        place = _beside(folder) if aside else folder
+        paths = result.save(place)
     except OSError as error:
-        return _rescue(result, f"{error.filename or folder}: {error.strerror or error}")
-    clear_figures(folder)
+        if place != folder:
+            _remove_made(place)
+        return _rescue(result, f"{error.filename or place}: {error.strerror or error}")
+    if not aside:
+        clear_figures(folder)
     return paths, ""
 
 
+def _finished(folder: Path, scenario: Scenario) -> bool:
+    """Tell whether a folder holds all that a scenario is to give."""
+    names = [RESULT]
+    if scenario.control.kind != "none" and scenario.control.compare:
+        names.append(UNCONTROLLED)
+    found = [attributes(folder / name) for name in names]
+    return all(each.get("status") == "ok" and _same(each, scenario) for each in found)
+
+
+def _beside(folder: Path) -> Path:
+    """Make a new folder beside another."""
+    folder = folder.resolve() if folder.name in ("", "..") else folder
+    for number in count(1):
+        place = folder.parent / f"{folder.name}-unfinished{'' if number == 1 else f'-{number}'}"
+        with suppress(FileExistsError):
+            place.mkdir()
+            break
+    return place
+
+
+def _remove_made(folder: Path) -> None:
+    """Remove a new folder in which a result could not be saved, with what there is of it."""
+    for name in (RESULT, UNCONTROLLED):
+        with suppress(OSError):
+            (folder / name).unlink()
+    with suppress(OSError):
+        folder.rmdir()
+
+
 def _rescue(result: Result, reason: str) -> tuple[list[Path], str]:
+    parts: list[Path] = []
     for parent in (tempfile.gettempdir(), Path.home()):
         try:
             folder = Path(tempfile.mkdtemp(prefix="crinoid-", dir=parent))
@@ -177,10 +245,16 @@ def _rescue(result: Result, reason: str) -> tuple[list[Path], str]:
         try:
             paths = result.save(folder)
         except OSError:
+            parts += (folder / name for name in (RESULT, UNCONTROLLED) if attributes(folder / name))
             with suppress(OSError):
-                folder.rmdir()
+                folder.rmdir()  # empty, unless one of two files could be saved
             continue
+        for part in parts:
+            _remove_made(part.parent)
         return paths, f"{reason}; what was computed is saved in {folder} instead"
+    if parts:
+        text = f"of what was computed only {' and '.join(map(str, parts))} could be saved"
+        return [], f"{reason}; {text}, the rest is lost"
     return [], f"{reason}; what was computed could be saved nowhere and is lost"
 
 

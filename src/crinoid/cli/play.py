@@ -70,10 +70,10 @@ def _run_case(
             result = attempt(scenario, earlier, folder, report, stop, tell)
             paths, unsaved = save(result, folder)
         if not unsaved:
-            clear(folder, wanted, resume=resume)
+            clear(folder, wanted, resume=resume, force=force)
         _say_run(console, result, told)
         say_where(console, paths)
-    return unsaved or trouble(result)
+    return unsaved or trouble(result, folder, paths)
 
 
 def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool, console: Console) -> str:
@@ -96,11 +96,11 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool, console: 
             interruption.stop()
             paths, unsaved = save(result, folder)
             if not unsaved:
-                clear(folder, wanted)
+                clear(folder, wanted, force=force)
             console.print(equilibrium_table(result))
             say_notes(console, [note for note in result.notes if note not in doubted])
             say_where(console, paths)
-    return unsaved or trouble(result)
+    return unsaved or trouble(result, folder, paths)
 
 
 def keep_compiled_code() -> None:

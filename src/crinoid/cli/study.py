@@ -59,6 +59,7 @@ def run_study(
                 report = reporter(bar, f"{number}/{len(cases)} ")
                 run = _Run(case.model_copy(), folder / name, resume)  # it keeps what it reads
                 result, wrong = run.play(report, interruption.stop)
+                interruption.stop()  # from here on the case has its row in the table
             except Interrupted:
                 if not rows:
                     raise
@@ -67,7 +68,7 @@ def run_study(
             if not run.saved:
                 ended = f"{name}: {wrong}"
                 break
-            rows.append(_row(name, values, result, wrong))
+            rows.append(_row(name, values, result, wrong) | {"directory": run.directory})
             told[name] = [note for note in (result.notes if result else []) if note not in doubted]
             if wrong:
                 failures.append(f"{name}: {wrong}")
@@ -78,9 +79,12 @@ def run_study(
                 ended = f"{text}; the cases are saved, --resume goes on and writes their table"
                 break
             if number == 1:
-                clear(folder, wanted, resume=resume)
+                clear(folder, wanted, resume=resume, force=force)
             if result is not None and result.interrupted:
                 ended = f"interrupted in {name}; --resume goes on from there"
+                if run.directory != name:
+                    ended += f"; what there is of it is in {folder / run.directory}, "
+                    ended += "its finished result stays"
                 break
             if _crowded():
                 jax.clear_caches()
@@ -98,6 +102,7 @@ class _Run:
     def __init__(self, case: Scenario, folder: Path, resume: bool) -> None:
         self.case, self.folder, self.resume = case, folder, resume
         self.saved = True
+        self.directory = folder.name
 
     def play(
         self, report: Callable[[Progress], None], stop: Callable[[], bool]
@@ -105,14 +110,16 @@ class _Run:
         """Return its result, none if it is refused, and what went wrong."""
         earlier = find_earlier(self.case, self.folder) if self.resume else None
         if earlier is not None and (earlier.failure or is_complete(earlier, self.case)):
-            return earlier, trouble(earlier)
+            return earlier, trouble(earlier, self.folder, [])
         try:
             result = attempt(self.case, earlier, self.folder, report, stop)
         except ScenarioError as error:
             return None, f"refused: {'; '.join(error.lines)}"
-        _, wrong = save(result, self.folder)
+        paths, wrong = save(result, self.folder)
         self.saved = not wrong
-        return result, wrong or trouble(result)
+        if self.saved:
+            self.directory = paths[0].parent.name
+        return result, wrong or trouble(result, self.folder, paths)
 
 
 def _row(name: str, values: dict[str, Any], result: Result | None, wrong: str) -> dict[str, Any]:
@@ -127,7 +134,7 @@ def _row(name: str, values: dict[str, Any], result: Result | None, wrong: str) -
             "settling_time": settling_time(result),
         }
         measures |= {name: value for name, value in found.items() if value is not None}
-    return {"case": name, **values, **measures, "status": wrong or "ok", "directory": name}
+    return {"case": name, **values, **measures, "status": wrong or "ok"}
 
 
 def _write_cases(path: Path, rows: list[dict[str, Any]]) -> None:

@@ -47,7 +47,7 @@ def run_table(result: Result) -> Table:
         add(f"{name} error, RMS", [error.rms for error in errors], unit, nothing)
         add(f"{name} error, maximum", [error.maximum for error in errors], unit, nothing)
         add(f"{name} error, last tenth", [error.steady for error in errors], unit, nothing)
-        if scenario.target.moves:
+        if scenario.target.moves or (scenario.target.frame == "base" and scenario.base.motion):
             return  # the tip is to go away from its mean
         fluctuations = [error.fluctuation for error in errors]
         add(f"{name} fluctuation, RMS", fluctuations, unit, nothing)

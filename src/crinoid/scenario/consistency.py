@@ -13,6 +13,7 @@ from crinoid.scenario.flow import Flow, GaussMarkovFlow, MeasuredFlow, ShearFlow
 from crinoid.scenario.motion import TableMotion
 from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle
 from crinoid.scenario.simulation import Output, Simulation, not_whole, whole_steps
+from crinoid.scenario.target import Target
 from crinoid.scenario.water import Water
 from crinoid.space import AXES, CHANNELS
 
@@ -180,8 +181,11 @@ def channel_conflicts(control: Control, base: Base) -> Iterator[Mistake]:
             yield Mistake(f"control.pid.{name}", text)
 
 
-def control_conflicts(control: Control, dimension: int) -> Iterator[Mistake]:
-    """Yield coordinates that the tip does not have, and what does not go with the mapping."""
+def control_conflicts(control: Control, target: Target, dimension: int) -> Iterator[Mistake]:
+    """Yield coordinates that the tip does not have, and what does not go with the controller."""
+    if target.feed_forward and control.kind == "none":
+        text = 'got true, goes with a controller; control.kind takes "pid" with it'
+        yield Mistake("target.feed_forward", text)
     takes = f"takes {one_of(COORDINATES[dimension])}"
     if dimension == 3:
         takes += ": arm.dimension = 3"

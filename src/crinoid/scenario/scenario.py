@@ -320,7 +320,7 @@ class Scenario(Model):
         yield from record_conflicts(self.flow, self.simulation)
         yield from motion_conflicts(self.base, self.simulation, dimension)
         yield from channel_conflicts(self.control, self.base)
-        yield from control_conflicts(self.control, dimension)
+        yield from control_conflicts(self.control, self.target, dimension)
         yield from rate_conflicts(self.sensor, self.sensor_rate_hz, self.control, self.simulation)
         yield from contact_conflicts(self.arm, self.obstacle)
         yield from output_conflicts(self.output, self.simulation)

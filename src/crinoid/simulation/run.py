@@ -161,7 +161,10 @@ def equilibrium(scenario: Scenario) -> Result:
 
 def at_rest(scenario: Scenario) -> Scenario:
     """Return the scenario of which the result of `equilibrium` tells."""
-    return scenario.with_values({"simulation.start": "equilibrium", "control.kind": "none"})
+    still: dict[str, object] = {"simulation.start": "equilibrium", "control.kind": "none"}
+    if scenario.target.feed_forward:
+        still["target.feed_forward"] = False
+    return scenario.with_values(still)
 
 
 def _one_case(scenario: Scenario) -> None:
