@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from crinoid.plausibility.usual import _ANGLES
 from crinoid.plausibility.vibration import bending_frequencies
 from crinoid.scenario import builtin_names
 
-TURBULENT = "station-keeping"
+TURBULENT = str(Path(__file__).resolve().parents[1] / "benchmarks" / "planar.toml")
 UNIFORM = 'flow=[{kind="uniform", velocity=[0.1, 0.0]}]'
 DISTRIBUTED = "load=[{{kind='distributed', direction={}, magnitude={}}}]"
 TIP = "load=[{{kind='tip', force={}, follower={}}}]"
