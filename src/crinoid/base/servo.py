@@ -17,8 +17,15 @@ class ServoState(eqx.Module):
     position: Channels
     velocity: Channels
     acceleration: Channels
-    """Mean over the last step. Each new command makes it jump: taken at the ends of the steps alone
-    it would push the arm by more, or less, than the servo's velocity changes by."""
+    """At the end of the last step, carried on from the means of the last two steps.
+
+    Each new command makes it jump: taken as it is at the ends of the steps alone, it would push the
+    arm by more, or less, than the servo's velocity changes by.
+    """
+    mean: Channels
+    """Mean acceleration over the last step."""
+    span: Float[Array, ""]
+    """Length of the last step (s)."""
 
 
 class Servo(eqx.Module):
@@ -40,7 +47,7 @@ class Servo(eqx.Module):
     def at_rest(self) -> ServoState:
         """Return the servos at zero, not moving."""
         zero = jnp.zeros_like(self.lower)
-        return ServoState(zero, zero, zero)
+        return ServoState(zero, zero, zero, zero, jnp.zeros(()))
 
     def advance(self, state: ServoState, command: Channels, step: Array) -> ServoState:
         """Follow ``command``, held for ``step`` seconds.
@@ -84,7 +91,10 @@ class Servo(eqx.Module):
             0.5 * (start + velocity) * step, -jnp.maximum(down, braking), jnp.maximum(up, braking)
         )
         position = self._within(jnp.where(free, free_position, limited_position))  # round-off
-        return ServoState(position, velocity, (velocity - start) / step)
+        mean = (velocity - start) / step
+        ahead = mean + (mean - state.mean) * step / (step + state.span)
+        acceleration = jnp.clip(ahead, -self.max_acceleration, self.max_acceleration)
+        return ServoState(position, velocity, acceleration, mean, step)
 
     def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f channel"]:
         """Return position over command at frequencies (Hz), as long as no limit is met."""
