@@ -404,7 +404,7 @@ def test_servos_that_turn_the_base_do_the_work_that_the_arm_gains():
         end = at(run(system, start, until=1.0, steps=steps, command=command), -1)
         defects.append(float(jnp.sum(end.energy - start.energy) - jnp.sum(end.work)))
     assert float(end.work[WORKS.index("actuation")]) > 0.0
-    # of second order, or better: what is left of the command's jump falls faster
+    # on these steps the defect nears a change of sign, so it falls faster than second order
     assert (order(np.abs(defects)) > 1.8).all()
     assert abs(defects[-1]) < 1e-3 * float(end.work[WORKS.index("actuation")])
 
