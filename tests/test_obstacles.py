@@ -198,23 +198,31 @@ def test_the_table_sums_up_the_contacts(here, result):
     assert rows["smallest gap"] == f"obstacle {gap.argmin()}: {1e3 * gap.min():.3g} mm"
 
 
-def test_an_arm_without_room_gets_a_note():
-    # a wall goes its way, past the root that the base holds
-    press = {
-        "obstacle.0.position": [0.3, -8.0],
-        "obstacle.1": {
-            "kind": "plane",
-            "position": [0.0, -9.97],
-            "normal": [0.0, -1.0],
-            "velocity": [0.0, -0.2],
-        },
+def pressed(speed: float) -> crinoid.Scenario:
+    """Return the scenario with a wall that goes its way, past the root that the base holds."""
+    wall = {
+        "kind": "plane",
+        "position": [0.0, -9.97],
+        "normal": [0.0, -1.0],
+        "velocity": [0.0, -speed],
     }
-    run = crinoid.simulate(scenario(press))
+    return scenario({"obstacle.0.position": [0.3, -8.0], "obstacle.1": wall})
+
+
+def test_an_arm_without_room_gets_a_note():
+    run = crinoid.simulate(pressed(0.04))
     depth = -1e3 * float(run.dataset["contact_closest"].values[-1, 1])
     assert depth > 0.2
     noted = [note for note in run.notes if "pressed" in note]
     assert len(noted) == 1
     assert noted[0].startswith(f"obstacle 1 pressed {depth:.2g} mm into the arm")
+
+
+def test_an_arm_that_is_crushed_fails_and_tells_of_the_wall():
+    run = play(pressed(0.2))
+    assert run.failure
+    assert "the largest energy or work" in run.failure
+    assert any(note.startswith("obstacle 1 pressed 50 mm") for note in run.notes)
 
 
 def test_a_run_with_room_gets_no_note(result):
