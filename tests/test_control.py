@@ -420,15 +420,15 @@ def pid(
     kd: float = 0.0,
     filter_time: float = 0.0,
     limit: float = 100.0,
+    take_up: float = 0.0,
     mapping: ArrayLike | None = None,
 ) -> Pid:
     """One channel that moves x, unless a mapping says otherwise."""
     mapping = jnp.asarray([[1.0, 0.0, 0.0]] if mapping is None else mapping)
     channels = mapping.shape[0]
     gains = (jnp.full(channels, x) for x in (kp, ki, kd, filter_time))
-    return Pid(
-        *gains, mapping, jnp.full(channels, -limit), jnp.full(channels, limit), jnp.asarray(PERIOD)
-    )
+    low, high = jnp.full(channels, -limit), jnp.full(channels, limit)
+    return Pid(*gains, mapping, low, high, jnp.asarray(PERIOD), jnp.asarray(take_up))
 
 
 @eqx.filter_jit
@@ -534,6 +534,22 @@ def test_a_tip_that_moves_as_asked_for_is_not_held_back_nor_wound_up():
     forward = np.where(np.arange(60) < 40, 3.0, 0.5)
     given = commands(pid(ki=2.0, limit=1.0), np.minimum(forward, 1.0), forward, forward)
     assert given == pytest.approx(np.minimum(forward, 1.0), abs=1e-14)
+
+
+def test_what_is_there_at_the_first_call_is_taken_up_along_half_a_cosine():
+    terms = {"kp": 1.5, "ki": 0.8, "kd": 0.4, "filter_time": 0.2}
+    x, wanted = np.array([0.2, 0.2, 0.25, 0.4]), np.array([1.0, 1.1, 1.2, 1.3])
+    forward = np.array([0.3, 0.4, 0.5, 0.6])
+    given = commands(pid(**terms, take_up=0.2), x, wanted, forward)
+    assert given[0] == 0.0
+    # half of it is left at the second call, and nothing from the third on
+    left = np.array([1.0, 0.5, 0.0, 0.0])
+    eased = commands(pid(**terms), x, wanted - 0.8 * left, forward - 0.3 * left)
+    assert given == pytest.approx(eased, abs=1e-14)
+    # where nothing is there, nothing changes
+    rest = (x, wanted - 0.8, forward - 0.3)
+    at_once = commands(pid(**terms), *rest)
+    assert commands(pid(**terms, take_up=9.0), *rest) == pytest.approx(at_once, abs=1e-14)
 
 
 def _closed_loop(controller: Pid, *, anti_windup: bool) -> np.ndarray:

@@ -2,10 +2,11 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from crinoid.control.controller import Channels, Controller, Pose
 from crinoid.control.target import pose_error
+from crinoid.onset import Onset
 
 
 class PidMemory(eqx.Module):
@@ -19,6 +20,12 @@ class PidMemory(eqx.Module):
     measured: Pose
     forward: Channels
     """Command that was known beforehand (m, rad)."""
+    calls: Int[Array, ""]
+    """Commands given so far."""
+    found: Channels
+    """Error at the first call, as seen by each channel (m, rad)."""
+    found_forward: Channels
+    """Command that was known beforehand at the first call (m, rad)."""
 
 
 class Pid(Controller):
@@ -33,6 +40,9 @@ class Pid(Controller):
     What is known beforehand of the command is added within the limits, and the derivative leaves
     out the motion that it asks for. So the PID corrects what the feed-forward leaves over, and does
     not work against it.
+
+    The error and the known command that are there at the first call are taken up along half a
+    cosine over ``take_up``, so that the base is not jolted (bumpless transfer, section 10.5 there).
     """
 
     kp: Channels
@@ -46,15 +56,22 @@ class Pid(Controller):
     lower: Channels
     upper: Channels
     period: Float[Array, ""]
+    take_up: Float[Array, ""]
+    """How long it takes to answer in full to what is there when it is switched on (s)."""
 
     def start(self, measured: Pose) -> PidMemory:
         zero = jnp.zeros_like(self.kp)
-        return PidMemory(zero, zero, measured, zero)
+        return PidMemory(zero, zero, measured, zero, jnp.asarray(0), zero, zero)
 
     def command(
         self, memory: PidMemory, measured: Pose, wanted: Pose, forward: Channels
     ) -> tuple[Channels, PidMemory]:
         error = self.mapping @ pose_error(wanted, measured)
+        first = memory.calls == 0
+        found = jnp.where(first, error, memory.found)
+        found_forward = jnp.where(first, forward, memory.found_forward)
+        left = 1 - Onset.of(0.0, self.take_up)(memory.calls * self.period)
+        error, forward = error - left * found, forward - left * found_forward
         moved = self.mapping @ pose_error(measured, memory.measured) - (forward - memory.forward)
         slope = (self.filter_time * memory.slope + moved) / (self.filter_time + self.period)
         integral = memory.integral + self.ki * self.period * error
@@ -62,4 +79,5 @@ class Pid(Controller):
         held = jnp.clip(free, self.lower, self.upper)
         winding = (free - held) * self.ki * error > 0
         integral = jnp.where(winding, memory.integral, integral)
-        return held, PidMemory(integral, slope, measured, forward)
+        calls = memory.calls + 1
+        return held, PidMemory(integral, slope, measured, forward, calls, found, found_forward)

@@ -87,7 +87,10 @@ class Control(Model):
         default=None, gt=0, description=f"Commands a second; {_DEFAULT_RATE}."
     )
     start: Seconds = Field(
-        default=0.0, ge=0, description="When it is switched on; the base rests until then."
+        default=0.0,
+        ge=0,
+        description="When it is switched on; the base rests until then. During a run it takes up the "
+        "error that it finds over 1 s, without a jolt.",
     )
     controlled: Annotated[
         tuple[Coordinate, ...],

@@ -30,6 +30,8 @@ _ROUND_OFF = 1e-9
 """Movement of the tip over that of a channel, turns at the arm's length, that is none."""
 _UNUSED = 1e-6
 """Answer of a channel to an error, over that of the channel that answers most: none at all."""
+_TAKE_UP = 1.0
+"""How long a controller takes to answer in full to what is there when it is switched on (s)."""
 
 
 class Setup(NamedTuple):
@@ -213,6 +215,8 @@ def _pid(scenario: Scenario, jacobian: Array | None) -> Pid:
     def per_channel(values: dict[str, float]) -> Float[Array, " channel"]:
         return jnp.asarray([values.get(name, 0.0) for name in channels])
 
+    # at t = 0 the arm has been left alone for no time yet: there an error is acted on at once
+    bumps = scenario.control.start > 0 or scenario.target.feeds_forward
     filter_time = {name: 0.5 / (np.pi * g.derivative_filter_hz) for name, g in driven.items()}
     return Pid(
         kp=per_channel({name: gains.kp for name, gains in driven.items()}),
@@ -223,6 +227,7 @@ def _pid(scenario: Scenario, jacobian: Array | None) -> Pid:
         lower=per_channel({name: limit.low for name, limit in limits.items()}),
         upper=per_channel({name: limit.high for name, limit in limits.items()}),
         period=jnp.asarray(1.0 / scenario.control_rate_hz),
+        take_up=jnp.asarray(_TAKE_UP if bumps else 0.0),
     )
 
 
