@@ -251,7 +251,7 @@ def test_rows_that_lack_a_value_are_left_out_and_said(tmp_path):
     case = moved(tmp_path / "a.csv")
     np.testing.assert_allclose(case.series["base.motion.0"].time, [0, 6, 20])
     assert case.notes() == [
-        "base.motion.0: 1 of 4 rows lack a value and are left out, the longest gap 14 s"
+        "base.motion.0: 1 of 4 rows lacks a value and is left out, the longest gap 14 s"
     ]
 
 
@@ -281,7 +281,7 @@ MOTIONS = {
     "all missing": (
         "time (s),heave (m)\n0,\n20,1\n",
         {},
-        "file: a.csv has 1 rows without a missing value, takes 2 or more",
+        "file: a.csv has 1 row without a missing value, takes 2 or more",
     ),
 }
 

@@ -671,7 +671,7 @@ REFUSED = {
     "one instant": (
         lambda path: constant(time=[0.0], u=[0.3])(path),
         ONE,
-        "flow.0.time: time holds 1 instants, takes 2 or more",
+        "flow.0.time: time holds 1 instant, takes 2 or more",
     ),
     "no instant": (
         lambda path: constant(time=np.zeros(0), u=np.zeros(0))(path),

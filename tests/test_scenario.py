@@ -425,6 +425,10 @@ ONE_MISTAKE = {
         'base.motion = [{kind = "table", channel = "heave", time = [0, 1, 20], value = [0, 0]}]',
         "base.motion.0.value: has 2 entries, takes 3, as time has",
     ),
+    "motion of one value": (
+        'base.motion = [{kind = "table", channel = "heave", time = [0, 20], value = [0]}]',
+        "base.motion.0.value: has 1 entry, takes 2, as time has",
+    ),
     "tilt of a pin": (
         'base = {mount = "pinned", channels = {tilt = {}}}',
         'base.channels.tilt: moves nothing: with base.mount = "pinned" the root turns freely',

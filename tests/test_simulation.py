@@ -345,6 +345,10 @@ TAMPERED = {
     ),
     "another count of steps": (_state("steps", lambda x: x + 30), "do not go together"),
     "another count since": (_state("tally.steps", lambda x: x + 1), "do not go together"),
+    "counts of one": (
+        _state("steps", lambda x: 0 * x + 1),
+        "it holds 36 instants and a state after 1 time step, ",
+    ),
     "another time": (_state("state.motion.time", lambda x: x + 0.1), "last instant: time is"),
     "velocity for position": (
         _swapped("state.motion.velocity", "state.motion.position"),

@@ -149,7 +149,7 @@ def _write_cases(path: Path, rows: list[dict[str, Any]]) -> None:
 
 def _listed(failures: list[str]) -> str:
     left = len(failures) - _MOST_FAILURES
-    more = [f"{left} more are in {CASES}"] if left > 0 else []
+    more = [f"{left} more {'is' if left == 1 else 'are'} in {CASES}"] if left > 0 else []
     return "; ".join([*failures[:_MOST_FAILURES], *more])
 
 

@@ -18,7 +18,7 @@ from crinoid.scenario.channel import (
     LinearChannel,
 )
 from crinoid.scenario.control import Control, Coordinate, Pid, PidGains, Sensor
-from crinoid.scenario.errors import Mistake, ScenarioError, shown
+from crinoid.scenario.errors import Mistake, ScenarioError, counted, shown
 from crinoid.scenario.flow import (
     Flow,
     GaussMarkovFlow,
@@ -86,6 +86,7 @@ __all__ = [
     "builtin_files",
     "builtin_names",
     "builtin_text",
+    "counted",
     "json_schema",
     "load",
     "shown",

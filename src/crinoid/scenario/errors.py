@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-__all__ = ["Mistake", "ScenarioError", "gathered", "join", "one_of", "shown"]
+__all__ = ["Mistake", "ScenarioError", "counted", "gathered", "join", "one_of", "shown"]
 
 _Read = TypeVar("_Read")
 
@@ -106,6 +106,11 @@ def shown(value: Any) -> str:
     else:
         text = " ".join(str(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def counted(number: int, one: str, more: str = "") -> str:
+    """Return a number with what it counts, such as 1 row and 2 rows."""
+    return f"{number} {one if number == 1 else more or f'{one}s'}"
 
 
 def one_of(values: Iterable[Any], last_word: str = "or") -> str:

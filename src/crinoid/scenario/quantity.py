@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
 from pydantic_core import CoreSchema
 
 from crinoid.scenario.dimension import Count
-from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.errors import Mistake, counted, shown
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,8 @@ def length_conflicts(
 ) -> Iterator[Mistake]:
     """Yield what is wrong with the length of a list that goes with times."""
     if len(values) != len(time):
-        yield Mistake(key, f"has {len(values)} entries, takes {len(time)}, as time has")
+        has = counted(len(values), "entry", "entries")
+        yield Mistake(key, f"has {has}, takes {len(time)}, as time has")
 
 
 def unit_vector(vector: tuple[float, ...]) -> tuple[float, ...]:

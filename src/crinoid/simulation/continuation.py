@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from crinoid.result import Result, ResultError
+from crinoid.scenario import counted
 from crinoid.simulation.loop import LoopState
 
 _SAME = 1e-9
@@ -96,6 +97,6 @@ def _check_steps(kept: xr.Dataset, carry: LoopState, stride: int) -> None:
     whole, left = divmod(steps, stride)
     instants = 1 + whole + (since > 0)
     if steps < 0 or since < left or kept.sizes["time"] != instants:
-        counted = f"{steps} time steps, {since} of them since the last kept instant"
-        text = f"it holds {kept.sizes['time']} instants and a state after {counted}"
-        raise ResultError(f"{text}: they do not go together")
+        after = f"{counted(steps, 'time step')}, {since} of them since the last kept instant"
+        held = counted(kept.sizes["time"], "instant")
+        raise ResultError(f"it holds {held} and a state after {after}: they do not go together")

@@ -7,7 +7,7 @@ import xarray as xr
 
 from crinoid.dynamics import Outcome, State, System
 from crinoid.ledger import Defect, shorter, turned
-from crinoid.scenario import Scenario
+from crinoid.scenario import Scenario, counted
 
 _LATELY = 5
 """Saved instants before a failure that tell how the arm moved into it."""
@@ -36,7 +36,7 @@ def step_failure(
     """Say why no step was found that goes on from ``state``, the end of ``dataset``."""
     simulation, touch = scenario.simulation, state.touch
     when = f"failed at t = {float(state.time):.6g} s"
-    halvings = f"even after {simulation.max_halvings} halvings"
+    halvings = f"even after {counted(simulation.max_halvings, 'halving')}"
     what, remedy = _trouble(scenario, system, state, outcome, halvings)
     if defect is not None and defect.gained:
         return f"{when}: {defect.told}; {defect.cause}, until {what}; try {defect.remedy}"

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.scenario.errors import shown
+from crinoid.scenario.errors import counted, shown
 from crinoid.scenario.quantity import INTERVALS
 from crinoid.scenario.recording.opening import numbers_of
 from crinoid.scenario.recording.refusal import refusal
@@ -36,7 +36,7 @@ def seconds(
     """Return the times of a record (s) since its first sample."""
     name, takes = variable.name, "numbers that increase, or ISO dates"
     if variable.size < 2:
-        raise refusal(key, f"{name} holds {variable.size} instants, takes 2 or more")
+        raise refusal(key, f"{name} holds {counted(variable.size, 'instant')}, takes 2 or more")
     values = numbers_of(variable, key, takes)
     if not np.isfinite(values).all():
         raise refusal(key, f"{name} has an entry that is missing or infinite, takes {takes}")

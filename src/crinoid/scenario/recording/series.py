@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from crinoid.scenario.errors import counted
 from crinoid.scenario.recording.coordinates import factor_to, only_dimension, seconds
 from crinoid.scenario.recording.marks import check_marks
 from crinoid.scenario.recording.opening import check_count, find, numbers_of, opened, short
@@ -86,12 +87,14 @@ def read_series(file: str, time_column: str, columns: list[Column], skip: float)
             check_marks(numbers, key, name)
     there = np.isfinite(values).all(axis=1)
     if there.sum() < 2:
-        text = f"{short(file)} has {there.sum()} rows without a missing value, takes 2 or more"
+        rows = counted(int(there.sum()), "row")
+        text = f"{short(file)} has {rows} without a missing value, takes 2 or more"
         raise refusal("file", text)
     if not there.all():
-        gap = np.diff(time[there]).max()
+        gap, lacking = np.diff(time[there]).max(), int((~there).sum())
+        lack, are = ("lacks", "is") if lacking == 1 else ("lack", "are")
         remarks.append(
-            f"{(~there).sum()} of {there.size} rows lack a value and are left out, the longest gap "
+            f"{lacking} of {there.size} rows {lack} a value and {are} left out, the longest gap "
             f"{gap:.4g} s"
         )
     return Series(time[there] - skip, values[there], tuple(remarks))
