@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.stretch import stretch
 
@@ -115,7 +116,7 @@ def crinoid_case(nodes: int, time_step: float) -> Case:
 
 def crinoid_tips(scenario: crinoid.Scenario, interval: float) -> Callable[[], np.ndarray]:
     """Return a run of crinoid from rest; a step that it would have to halve counts as failed."""
-    setup = set_up(scenario)
+    setup = set_up(Prepared(scenario))
     carry = setup.loop.start(setup.state)
     steps = round(interval / scenario.simulation.time_step)
     samples = scenario.simulation.steps // steps

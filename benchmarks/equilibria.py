@@ -67,7 +67,7 @@ def draw(dimension: int, kind: tuple[float, float, float], tilt: float, seed: in
     scenario = crinoid.Scenario(
         arm={"dimension": dimension}, base={"tilt_deg": tilt}, flow=[flow], seed=seed
     )
-    return scenario.system()
+    return crinoid.system(scenario)
 
 
 if __name__ == "__main__":

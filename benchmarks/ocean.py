@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.stretch import stretch
 from step import PLANAR, RESULTS, instants
@@ -115,7 +116,7 @@ def prepare(nodes: int, values: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     """Compile a case; return what runs it and what its Newton iterations are."""
     base = crinoid.load(PLANAR, [f"arm.nodes={nodes}"])
     scenario = base.with_values({"control.compare": False, **values})
-    setup = set_up(scenario)
+    setup = set_up(Prepared(scenario))
     carry = setup.loop.start(setup.state)
     stride, count = scenario.output_steps, instants(scenario)
     total = count * stride

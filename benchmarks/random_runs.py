@@ -22,6 +22,7 @@ import numpy as np
 import xarray as xr
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.elements import ENERGIES
 from crinoid.simulation import Progress, play
 
@@ -84,7 +85,7 @@ def run(number: int, seed: int, structure: dict[str, Any], changes: list[str]) -
             pairs = (change.split("=", 1) for change in changes)
             values = {key: tomllib.loads(f"value = {text}")["value"] for key, text in pairs}
             scenario = scenario.with_values(values)
-        result = play(scenario, report=report)
+        result = play(Prepared(scenario), report=report)
     except crinoid.ScenarioError as error:
         return "refused", f"{head}: refused: {' '.join(str(error).split())}"
     except TimeoutError as error:

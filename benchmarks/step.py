@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.stretch import stretch
@@ -97,7 +98,7 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
     """Compile and time everything at one number of nodes."""
     scenario = crinoid.load(PLANAR, [f"arm.nodes={nodes}", *SOFT, STEADY])
     begun = time.perf_counter()
-    setup = jax.block_until_ready(set_up(scenario))
+    setup = jax.block_until_ready(set_up(Prepared(scenario)))
     ready = time.perf_counter()
     compile_stretch(scenario, setup)
     compiled = time.perf_counter()
@@ -105,7 +106,7 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
     quiet = setup.loop
     noise = jnp.array([NOISE, NOISE, 0.0])
     spatial = crinoid.load(IN_SPACE, [f"arm.nodes={nodes}", *SOFT, STEADY_IN_SPACE])
-    in_space = set_up(spatial)
+    in_space = set_up(Prepared(spatial))
     loops = [
         closed_loop(CONTROLLED, scenario, setup.state, quiet),
         closed_loop(
@@ -220,11 +221,11 @@ def bare_steps(name: str, scenario: crinoid.Scenario, setup: Setup) -> Contestan
 def held_table(nodes: int, repeats: int) -> Table:
     """Show what it costs to hold steps to an error: one program, whatever the value."""
     base = crinoid.load("station-keeping", [f"arm.nodes={nodes}", *SOFT, STEADY])
-    setup = set_up(base)
+    setup = set_up(Prepared(base))
     contestants, rows = [], []
     for error in HELD:
         scenario = base if error is None else base.with_values({"simulation.error": error})
-        loop = eqx.tree_at(lambda x: x.system, setup.loop, scenario.system())
+        loop = eqx.tree_at(lambda x: x.system, setup.loop, crinoid.system(scenario))
         each, iterations = closed_loop(
             "off" if error is None else f"{error:g}", base, setup.state, loop
         )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.dataset import describe
 from crinoid.result import Result
 from crinoid.scenario import Scenario
@@ -64,13 +65,14 @@ class Player:
 
     def __call__(
         self,
-        scenario: Scenario,
+        prepared: Prepared,
         *,
         report: Callable[[Progress], None],
         resume: Result | None,
         stop: Callable[[], bool],
         tell: Callable[[list[str]], None] | None = None,
     ) -> Result:
+        scenario = prepared.scenario
         self.played.append(scenario)
         duration = scenario.simulation.duration
         stop()

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics import Outcome, System
 from crinoid.ledger import find_defect
 from crinoid.result import Result
@@ -29,7 +30,7 @@ PENDULUM = {
 
 def swing(time_step: float, integrator: str = "newmark", **values: object) -> Result:
     own = {"simulation.time_step": time_step, "simulation.integrator": integrator}
-    return play(crinoid.Scenario().with_values(PENDULUM | own | values))
+    return play(Prepared(crinoid.Scenario().with_values(PENDULUM | own | values)))
 
 
 def told(result: Result) -> list[str]:
@@ -73,14 +74,14 @@ def test_a_run_that_goes_on_is_judged_as_a_whole():
     begun = swing(0.02, **{"simulation.duration": 1.0})
     assert begun.status == "ok"
     whole = swing(0.02)
-    resumed = play(whole.scenario, resume=begun)
+    resumed = play(Prepared(whole.scenario), resume=begun)
     assert resumed.status == whole.status
     assert resumed.notes == whole.notes
 
 
 def test_a_step_that_fails_after_a_gain_of_energy_is_not_blamed_on_the_nodes():
     result = swing(0.02)
-    scenario, system = result.scenario, result.scenario.system()
+    scenario, system = result.scenario, crinoid.system(result.scenario)
     state = eqx.filter_jit(System.rest)(system)
     folded = eqx.tree_at(lambda o: o.folded, Outcome.of_nothing(converged=False), jnp.asarray(True))
     data = result.dataset

@@ -372,13 +372,15 @@ def hit(place, velocity, *, axes=3, friction=0.0):
         "mass": 0.2,
         "friction": friction,
     }
-    return crinoid.Scenario(
-        arm={"dimension": axes, "nodes": 8, "youngs_modulus": 5e5, "damping_time": 0.0},
-        base={"position": [0.0] * axes},
-        water={"density": 0.0, "gravity": 0.0},
-        obstacle=[ball],
-        simulation={"time_step": 2e-3, "max_halvings": 10},
-    ).system()
+    return crinoid.system(
+        crinoid.Scenario(
+            arm={"dimension": axes, "nodes": 8, "youngs_modulus": 5e5, "damping_time": 0.0},
+            base={"position": [0.0] * axes},
+            water={"density": 0.0, "gravity": 0.0},
+            obstacle=[ball],
+            simulation={"time_step": 2e-3, "max_halvings": 10},
+        )
+    )
 
 
 def march(system, steps):

@@ -9,6 +9,7 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from crinoid.assembly.target import _formula, _plane_of
 from crinoid.base import Base, Servo, SineMotion
 from crinoid.control import (
     Carrier,
@@ -26,7 +27,6 @@ from crinoid.control.sensor import SensorState
 from crinoid.control.target import pose_error
 from crinoid.onset import Onset
 from crinoid.scenario import Target as TargetTable
-from crinoid.simulation.build_target import _formula, _plane_of
 from crinoid.space import ANGLES, CHANNELS
 from crinoid.spline import PiecewisePolynomial
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.scenario import Scenario, ScenarioError, load
 
 TIME = np.arange(80) * 0.5
@@ -32,7 +33,7 @@ def scenario(path, **keys):
 
 def refusal(case):
     with pytest.raises(ScenarioError) as caught:
-        case.notes()
+        Prepared(case).notes()
     (line,) = caught.value.lines
     assert "\n" not in line
     return line
@@ -64,17 +65,17 @@ def test_a_record_is_read_however_it_is_written(tmp_path, text):
     path = tmp_path / "a.csv"
     path.write_bytes(text.encode())
     case = scenario(path)
-    (recording,) = case.recordings.values()
+    (recording,) = Prepared(case).recordings.values()
     np.testing.assert_allclose(recording.time, TIME, atol=1e-9)
     np.testing.assert_allclose(recording.velocity[:, 0], np.stack([U, W], axis=1), atol=1e-11)
-    assert case.notes() == []
+    assert Prepared(case).notes() == []
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "cp1252", "utf-8-sig"])
 def test_a_record_may_be_in_any_of_the_usual_encodings(tmp_path, encoding):
     text = f"# 20 \N{DEGREE SIGN}C\n{HEADER}{rows()}"
     (tmp_path / "a.txt").write_bytes(text.encode(encoding))
-    (recording,) = scenario(tmp_path / "a.txt").recordings.values()
+    (recording,) = Prepared(scenario(tmp_path / "a.txt")).recordings.values()
     np.testing.assert_allclose(recording.velocity[:, 0, 0], U, atol=1e-11)
 
 
@@ -85,11 +86,11 @@ def test_a_csv_file_is_the_netcdf_file_of_the_same_numbers(tmp_path):
     time = ("time", 1e3 * TIME, {"units": "ms"})
     xr.Dataset(variables, {"time": time}).to_netcdf(tmp_path / "a.nc")
     cases = [scenario(tmp_path / name, velocity_scale=3.0) for name in ("a.csv", "a.nc")]
-    one, other = (case.recordings[0] for case in cases)
+    one, other = (Prepared(case).recordings[0] for case in cases)
     np.testing.assert_array_equal(one.velocity, other.velocity)
     np.testing.assert_array_equal(one.time, other.time)
-    assert cases[0].notes() == cases[1].notes()
-    assert cases[0].notes()[0] == "flow.0: w names no unit and is taken to be in m/s"
+    assert Prepared(cases[0]).notes() == Prepared(cases[1]).notes()
+    assert Prepared(cases[0]).notes()[0] == "flow.0: w names no unit and is taken to be in m/s"
 
 
 def test_cells_that_are_missing_are_filled_and_said(tmp_path):
@@ -98,7 +99,7 @@ def test_cells_that_are_missing_are_filled_and_said(tmp_path):
         time, _, w = lines[row + 1].split(",")
         lines[row + 1] = f"{time},{word},{w}"
     (tmp_path / "a.csv").write_text("\n".join(lines))
-    assert scenario(tmp_path / "a.csv").notes() == [
+    assert Prepared(scenario(tmp_path / "a.csv")).notes() == [
         "flow.0: 5.00% of u is missing and was filled by straight lines, the longest gap 1.5 s"
     ]
 
@@ -114,7 +115,7 @@ def test_a_profile_has_a_row_for_each_time_and_level_in_any_order(tmp_path):
     head = "time (s),z (m),u (m/s),w (m/s)\n"
     (tmp_path / "a.csv").write_text(head + "".join(lines))
     case = scenario(tmp_path / "a.csv", vertical="z", origin=-20.0)
-    (recording,) = case.recordings.values()
+    (recording,) = Prepared(case).recordings.values()
     np.testing.assert_allclose(recording.levels, levels - 20.0)
     np.testing.assert_allclose(recording.velocity[..., 0], U[:, None] + 0.1 * levels)
     again = scenario(tmp_path / "b.csv", vertical="z", origin=-20.0)
@@ -133,15 +134,19 @@ def test_the_record_of_the_page_is_played_as_the_page_says(tmp_path):
     )
     (tmp_path / "mine.toml").write_text(text)
     case = load(tmp_path / "mine.toml")
-    assert case.notes() == [
+    assert Prepared(case).notes() == [
         "flow.0: 10.00% of w is missing and was filled by straight lines, the longest gap 2 s"
     ]
-    np.testing.assert_allclose(case.recordings[0].velocity[:3, 0], [[0.21, 0.012], [0.235, 0.008],
-                               [0.221, 0.0015]])  # fmt: skip
+    np.testing.assert_allclose(
+        Prepared(case).recordings[0].velocity[:3, 0],
+        [[0.21, 0.012], [0.235, 0.008], [0.221, 0.0015]],
+    )
     (tmp_path / "a.csv").write_text(levels)
     case = scenario(tmp_path / "a.csv", vertical="z", origin=-20.0)
     case = case.with_values({"simulation.duration": 1.0})
-    np.testing.assert_allclose(case.recordings[0].velocity[1], [[0.30, 0.01], [0.36, 0.0]])
+    np.testing.assert_allclose(
+        Prepared(case).recordings[0].velocity[1], [[0.30, 0.01], [0.36, 0.0]]
+    )
 
 
 BAD = {
@@ -204,7 +209,7 @@ def test_a_csv_file_that_does_not_fit_is_refused_in_one_line(tmp_path, text, lin
 
 def test_a_csv_file_that_is_too_large_is_refused_before_it_is_read(tmp_path, monkeypatch):
     (tmp_path / "a.csv").write_text(HEADER + rows())
-    monkeypatch.setattr("crinoid.scenario.recording.table._MAX_BYTES", 1000)
+    monkeypatch.setattr("crinoid.recording.table._MAX_BYTES", 1000)
     assert "takes up to 0 MB of CSV" in refusal(scenario(tmp_path / "a.csv"))
 
 
@@ -220,16 +225,16 @@ def moved(path, channel="heave", **keys):
 
 def test_a_motion_comes_from_a_file_in_its_units(tmp_path):
     (tmp_path / "a.csv").write_text(HEAVE)
-    heave = moved(tmp_path / "a.csv").series["base.motion.0"]
+    heave = Prepared(moved(tmp_path / "a.csv")).series["base.motion.0"]
     np.testing.assert_allclose(heave.time, [0, 10, 20])
     np.testing.assert_allclose(heave.values, [[0], [0.2], [-0.1]])
-    tilt = moved(tmp_path / "a.csv", "tilt").series["base.motion.0"]
+    tilt = Prepared(moved(tmp_path / "a.csv", "tilt")).series["base.motion.0"]
     np.testing.assert_allclose(tilt.values, np.deg2rad([[0], [-90], [45]]))
     plain = "time,heave,tilt\n" + HEAVE.partition("\n")[2]
     (tmp_path / "b.csv").write_text(plain)
     case = moved(tmp_path / "b.csv", "tilt")
-    np.testing.assert_allclose(case.series["base.motion.0"].values, tilt.values)
-    assert case.notes() == [
+    np.testing.assert_allclose(Prepared(case).series["base.motion.0"].values, tilt.values)
+    assert Prepared(case).notes() == [
         "base.motion.0: time names no unit and is taken to be in seconds",
         "base.motion.0: tilt names no unit and is taken to be in degrees",
     ]
@@ -239,18 +244,18 @@ def test_dates_count_from_the_first_and_numbers_are_times_of_the_run(tmp_path):
     table = {"2024-03-01T06:00": 0, "2024-03-01T06:00:10": 20, "2024-03-01T06:00:30": 5}
     text = "when,heave (cm)\n" + "".join(f"{date},{cm}\n" for date, cm in table.items())
     (tmp_path / "a.csv").write_text(text)
-    found = moved(tmp_path / "a.csv", time_column="when").series["base.motion.0"]
+    found = Prepared(moved(tmp_path / "a.csv", time_column="when")).series["base.motion.0"]
     np.testing.assert_allclose(found.time, [0, 10, 30])
     (tmp_path / "a.csv").write_text("time (s),heave (m)\n-5,0\n3,1\n40,2\n")
-    found = moved(tmp_path / "a.csv", skip=2.0).series["base.motion.0"]
+    found = Prepared(moved(tmp_path / "a.csv", skip=2.0)).series["base.motion.0"]
     np.testing.assert_allclose(found.time, [-7, 1, 38])
 
 
 def test_rows_that_lack_a_value_are_left_out_and_said(tmp_path):
     (tmp_path / "a.csv").write_text("time (s),heave (m)\n0,0\n4,\n6,1\n20,2\n")
     case = moved(tmp_path / "a.csv")
-    np.testing.assert_allclose(case.series["base.motion.0"].time, [0, 6, 20])
-    assert case.notes() == [
+    np.testing.assert_allclose(Prepared(case).series["base.motion.0"].time, [0, 6, 20])
+    assert Prepared(case).notes() == [
         "base.motion.0: 1 of 4 rows lacks a value and is left out, the longest gap 14 s"
     ]
 
@@ -296,7 +301,7 @@ def test_a_path_comes_from_a_csv_or_netcdf_file(tmp_path):
     text = "time (s);x (m);z (mm);angle (rad)\n0;0,5;-10000;0\n5;0,4;-9900;0,1\n"
     (tmp_path / "a.csv").write_text(text)
     target = {"path": "file", "file": str(tmp_path / "a.csv"), "angle_column": "angle"}
-    series = Scenario(target=target).series["target"]
+    series = Prepared(Scenario(target=target)).series["target"]
     np.testing.assert_allclose(series.values, [[0.5, -10.0, 0.0], [0.4, -9.9, 0.1]])
     names = ("x", "y", "z", "ex", "ey", "ez")
     values = dict(zip(names, np.arange(1.0, 13.0).reshape(6, 2), strict=True))
@@ -306,7 +311,7 @@ def test_a_path_comes_from_a_csv_or_netcdf_file(tmp_path):
     ).to_netcdf(tmp_path / "a.nc")  # fmt: skip
     target = {"path": "file", "file": str(tmp_path / "a.nc"), "time_column": "t"}
     target["direction_columns"] = ["ex", "ey", "ez"]
-    series = Scenario(arm={"dimension": 3}, target=target).series["target"]
+    series = Prepared(Scenario(arm={"dimension": 3}, target=target)).series["target"]
     np.testing.assert_allclose(series.values[:, :3].T, [values[name] for name in "xyz"])
     given = np.array([values[name] for name in ("ex", "ey", "ez")]).T
     lengths = np.linalg.norm(given, axis=1, keepdims=True)
@@ -322,7 +327,7 @@ def pointed(path, *rows):
 
 
 def test_directions_of_any_length_are_those_of_unit_vectors(tmp_path):
-    series = pointed(tmp_path / "a.csv", "1e-300,0,1e-300", "0,1e12,0").series["target"]
+    series = Prepared(pointed(tmp_path / "a.csv", "1e-300,0,1e-300", "0,1e12,0")).series["target"]
     exact = [[0.5**0.5, 0, 0.5**0.5], [0, 1, 0]]
     np.testing.assert_allclose(series.values[:, 3:], exact, rtol=1e-15)
 
@@ -356,9 +361,9 @@ def test_a_path_that_begins_after_the_run_is_refused(tmp_path):
         "the time of the file when the run begins (s)"
     )
     case = followed(tmp_path / "a.csv", *stamps, skip=1709272800.0)
-    np.testing.assert_array_equal(case.series["target"].time, [0, 10])
+    np.testing.assert_array_equal(Prepared(case).series["target"].time, [0, 10])
     late = followed(tmp_path / "a.csv", "19,0.5,-10", "25,0.4,-10")
-    np.testing.assert_array_equal(late.series["target"].time, [19, 25])
+    np.testing.assert_array_equal(Prepared(late).series["target"].time, [19, 25])
 
 
 @pytest.mark.parametrize("mark", ["-999", "-9999", "999.9", "-999.99", "9999", "-9999.0"])
@@ -377,7 +382,7 @@ def test_numbers_that_mark_missing_values_are_refused_in_paths_and_motions(tmp_p
 def test_numbers_that_mark_missing_values_are_refused_in_currents_in_small_units(tmp_path, mark):
     lines = (HEADER + rows()).replace("u (m/s)", "u (mm/s)").splitlines(keepends=True)
     (tmp_path / "a.csv").write_text("".join(lines))
-    assert scenario(tmp_path / "a.csv").recordings[0].time.size == TIME.size
+    assert Prepared(scenario(tmp_path / "a.csv")).recordings[0].time.size == TIME.size
     lines[5] = f"2.0,{mark},0.01\n"
     (tmp_path / "a.csv").write_text("".join(lines))
     line = refusal(scenario(tmp_path / "a.csv"))
@@ -386,12 +391,12 @@ def test_numbers_that_mark_missing_values_are_refused_in_currents_in_small_units
 
 def test_numbers_of_nines_among_their_like_are_numbers(tmp_path):
     case = followed(tmp_path / "a.csv", "0,500,-10000", "5,400,-9999", "9,400,-9900", units="mm")
-    np.testing.assert_allclose(case.series["target"].values[:, 1], [-10, -9.999, -9.9])
+    np.testing.assert_allclose(Prepared(case).series["target"].values[:, 1], [-10, -9.999, -9.9])
 
 
 def test_the_part_of_a_series_that_a_run_meets(tmp_path):
     path = [f"{time},0.5,-10" for time in (-9, -4, 3, 18, 24, 40)]
-    series = followed(tmp_path / "a.csv", *path).series["target"]
+    series = Prepared(followed(tmp_path / "a.csv", *path)).series["target"]
     assert series.during(20.0)[0].tolist() == [-4, 3, 18, 24]
     assert series.during(18.0)[0].tolist() == [-4, 3, 18]
 
@@ -420,7 +425,7 @@ def test_files_of_motions_and_paths_start_from_the_scenario_and_come_along(tmp_p
 
 def _lines(case):
     with pytest.raises(ScenarioError) as caught:
-        case.notes()
+        Prepared(case).notes()
     return caught.value.lines
 
 
@@ -525,7 +530,7 @@ def test_files_cut_short_or_with_bytes_changed_are_read_or_refused_in_one_line(
             damaged[rng.randrange(rng.choice([300, len(sound)]))] = rng.randrange(256)
         path.write_bytes(damaged)
         try:
-            scenario(path).notes()
+            Prepared(scenario(path)).notes()
         except ScenarioError as error:
             (line,) = error.lines
             assert line.startswith("flow.0.")

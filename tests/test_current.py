@@ -10,6 +10,7 @@ from matplotlib.image import imread
 from scipy.integrate import quad
 from scipy.signal import lfilter, welch
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.current import sample_current, statistics
 from crinoid.current.spectrum import spectrum, von_karman
 from crinoid.current.statistics import integral_time
@@ -133,7 +134,7 @@ def test_a_current_is_sampled_where_the_arm_is():
         ],
         simulation={"duration": 10.0},
     )
-    dataset = sample_current(scenario)
+    dataset = sample_current(Prepared(scenario))
     np.testing.assert_allclose(dataset["position"].sel(place="tip"), [1.0, -8.6], atol=1e-12)
     time, velocity = dataset["time"].values, dataset["flow_velocity"]
     sheared = 0.5 * np.sqrt(np.array([12.0, 11.4]) / 16.0)  # by height above the bed
@@ -163,7 +164,7 @@ def test_a_spatial_current_is_sampled_along_three_axes():
         ],
         simulation={"duration": 40.0},
     )
-    dataset = sample_current(scenario)
+    dataset = sample_current(Prepared(scenario))
     assert list(dataset["axis"].values) == ["x", "y", "z"]
     down, level = 0.6 * np.sin(np.pi / 6), 0.6 * np.cos(np.pi / 6)
     tip = [1.0 + 0.5 * level, 0.5 + np.sqrt(0.75) * level, -8.0 - down]
@@ -190,7 +191,7 @@ def test_a_spatial_current_is_sampled_along_three_axes():
 )  # fmt: skip
 def test_statistics_leave_out_ramps_or_say_that_they_do_not(ramp_time, settled, note):
     keys = {"kind": "uniform", "velocity": [0.2, 0.0], "ramp_time": ramp_time}
-    dataset = sample_current(Scenario(flow=[keys], simulation={"duration": 20.0}))
+    dataset = sample_current(Prepared(Scenario(flow=[keys], simulation={"duration": 20.0})))
     assert dataset.attrs["settled"] == settled
     assert dataset.attrs["notes"] == note
     deviation = float(dataset["profile_standard_deviation"].max())
@@ -199,7 +200,7 @@ def test_statistics_leave_out_ramps_or_say_that_they_do_not(ramp_time, settled, 
 
 def test_a_short_run_without_a_ramp_has_nothing_to_say_of_one():
     keys = {"kind": "uniform", "velocity": [0.2, 0.0]}
-    dataset = sample_current(Scenario(flow=[keys], simulation={"duration": 0.5}))
+    dataset = sample_current(Prepared(Scenario(flow=[keys], simulation={"duration": 0.5})))
     assert dataset.attrs["settled"] == 0.0
     assert dataset.attrs["notes"] == ""
 
@@ -356,7 +357,7 @@ def test_the_record_that_comes_along_is_the_one_its_script_makes():
         for name, series in made.items():
             np.testing.assert_allclose(stored[name], series, atol=1e-6)
     played = Scenario(flow=[{"kind": "measured", "file": str(script.RECORD)}])
-    assert played.notes() == []
+    assert Prepared(played).notes() == []
 
 
 def test_a_built_in_scenario_brings_its_file_along(here, monkeypatch):

@@ -18,7 +18,6 @@ from crinoid.record import Record
 from crinoid.report.run import Run
 from crinoid.report.sheet import draw_sheet
 from crinoid.result import Result
-from crinoid.scenario.build import build_system
 
 NODES, RECORDS = 5, 4
 ORIGIN = np.array([1.0, -2.0, -10.0])
@@ -28,7 +27,7 @@ SCENARIO = crinoid.Scenario.from_toml(f"[arm]\nnodes = {NODES}\nlength = 0.4\n")
 @pytest.fixture(scope="module")
 def system():
     """A planar arm's, moved out of the plane: of the rod only what the plane shares is asked."""
-    planar = build_system(SCENARIO)
+    planar = crinoid.system(SCENARIO)
     slide = jnp.eye(6)[0]
     servo = Servo(-slide, slide, *jnp.ones((3, 6)))
     return eqx.tree_at(

@@ -80,6 +80,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.control import Integral
 from crinoid.simulation.setup import set_up
 
@@ -91,7 +92,7 @@ scenario = crinoid.Scenario.from_dict({
     "flow": [{"kind": "wash", "velocity": [0.5, 0.0], "centre": -10.0, "width": 0.2}],
     "control": {"kind": "integral", "integral": {"rate": 0.5}},
 })
-loop, state, outcome, *_ = set_up(scenario)
+loop, state, outcome, *_ = set_up(Prepared(scenario))
 assert outcome.converged
 # the spring lifts a cantilever: k h / (k + 3 EI / L^3)
 rise = float(state.position[-1, 1])

@@ -142,7 +142,7 @@ def test_a_scenario_draws_each_flow_from_its_seed_and_never_from_the_time_step()
             seed=seed, flow=[table, table], simulation={"duration": 2.0, "time_step": time_step}
         )
         times = np.linspace(0.0, 2.0, 50)
-        return [velocities(flow, times) for flow in scenario.system().forces.water.flows]
+        return [velocities(flow, times) for flow in crinoid.system(scenario).forces.water.flows]
 
     first, second = drawn(0, 0.01)
     for again, flow in zip(drawn(0, 0.04), (first, second), strict=True):

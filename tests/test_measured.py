@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import crinoid
+from crinoid.assembly.flow import build_flow
+from crinoid.assembly.prepared import Prepared
 from crinoid.flow import Water
+from crinoid.recording import Stage
 from crinoid.scenario import Scenario, ScenarioError, load
-from crinoid.scenario.build_flow import build_flow
-from crinoid.scenario.recording import Stage
 from physics import order
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -110,13 +112,13 @@ def _moves(water: Water, points: jax.Array, times: jax.Array):
 def moves(case, points, times):
     """Return velocities and material accelerations at points and times, one each."""
     points, times = np.broadcast_arrays(points, np.asarray(times, float)[..., None])
-    water = case.system().forces.water
+    water = crinoid.system(case).forces.water
     return jax.tree.map(np.asarray, _moves(water, jnp.asarray(points), jnp.asarray(times[..., 0])))
 
 
 def refusal(case):
     with pytest.raises(ScenarioError) as caught:
-        case.system()
+        crinoid.system(case)
     assert len(caught.value.lines) == 1, caught.value.lines
     return caught.value.lines[0]
 
@@ -140,7 +142,7 @@ def test_units_are_turned_into_si(tmp_path, units, time_units, factor, per_secon
         {"u": ("time", factor * wave(time), {"units": units})},
         {"time": ("time", 1e4 + time * per_second, {"units": time_units})},
     ).to_netcdf(tmp_path / "a.nc")
-    (recording,) = scenario(tmp_path / "a.nc", velocity=["u", "0"]).recordings.values()
+    (recording,) = Prepared(scenario(tmp_path / "a.nc", velocity=["u", "0"])).recordings.values()
     np.testing.assert_allclose(recording.time, time, atol=1e-5)  # days: round-off of the file
     np.testing.assert_allclose(recording.velocity[:, 0, 0], wave(time), rtol=1e-12)
     assert not recording.velocity[:, 0, 1].any()
@@ -151,7 +153,7 @@ def test_a_point_record_is_met_later_downstream(tmp_path):
     # dx and dz along the mean current: later by distance over mean speed
     time = point(tmp_path / "a.nc", interval=0.05)
     case = scenario(tmp_path / "a.nc")
-    recording = case.recordings[0]
+    recording = Prepared(case).recordings[0]
     mean = np.array([wave(time).mean(), swell(time).mean()])
     np.testing.assert_allclose(recording.slowness, mean / (mean @ mean), rtol=1e-9)
     away = np.array([[0.0, 0.0], [0.3, 0.0], [-0.2, 0.4]])
@@ -164,7 +166,7 @@ def test_a_frozen_pattern_accelerates_the_water_by_its_fluctuation_only(tmp_path
     # Du/Dt = u_t + (u . grad) u = R' (1 - u . U / |U|^2): none where the water drifts along
     time = point(tmp_path / "a.nc", interval=0.05)
     case = scenario(tmp_path / "a.nc")
-    recording, at = case.recordings[0], 4.3
+    recording, at = Prepared(case).recordings[0], 4.3
     velocity, acceleration = moves(case, [[0.1, -10.1]], [at])
     delayed = recording.begins + at - recording.slowness @ [0.1, -0.1]
     rate = np.array(
@@ -185,7 +187,7 @@ def test_interpolation_in_time_is_of_fourth_order(tmp_path):
         point(tmp_path / "a.nc", interval=interval)
         case = scenario(tmp_path / "a.nc")
         velocity, _ = moves(case, [0.0, -10.0], times)
-        at = case.recordings[0].begins + times
+        at = Prepared(case).recordings[0].begins + times
         errors.append(np.abs(velocity - np.stack([wave(at), swell(at)], axis=1)).max())
     assert order(errors) == pytest.approx(4.0, abs=0.5)
 
@@ -194,12 +196,12 @@ def test_the_arm_is_covered_from_the_first_moment_to_the_last(tmp_path):
     # nowhere within reach, at no time of the run, is the record's end held on to
     point(tmp_path / "a.nc", length=14.0)
     case = scenario(tmp_path / "a.nc", base=(1.0, -3.0))
-    record = case.system().forces.water.flows[0].record
-    slowness = case.recordings[0].slowness
+    record = crinoid.system(case).forces.water.flows[0].record
+    slowness = Prepared(case).recordings[0].slowness
     farthest = 1.1 * 0.5 * np.linalg.norm(slowness)
     assert float(record.knots[0]) <= -farthest
     assert float(record.knots[-1]) >= 10.0 + farthest
-    assert case.recordings[0].begins == pytest.approx(farthest)
+    assert Prepared(case).recordings[0].begins == pytest.approx(farthest)
     # the same run, prolonged, plays the same current
     longer = scenario(tmp_path / "a.nc", base=(1.0, -3.0), duration=10.5)
     times = np.linspace(0, 10, 37)
@@ -216,13 +218,15 @@ def test_skip_and_scales(tmp_path):
     at = 12.0 + times / 0.25
     np.testing.assert_allclose(velocity, 0.5 * np.stack([wave(at), swell(at)], axis=1), atol=1e-6)
     # half as fast, a quarter of the time: carried past the arm at half the mean velocity
-    assert 1 / np.linalg.norm(case.recordings[0].slowness) == pytest.approx(0.2, rel=0.05)
+    assert 1 / np.linalg.norm(Prepared(case).recordings[0].slowness) == pytest.approx(0.2, rel=0.05)
 
 
 def test_names_may_be_standard_ones_and_turned_round(tmp_path):
     time = point(tmp_path / "a.nc")
     case = scenario(tmp_path / "a.nc", velocity=["-sea_water_x", "w"])
-    np.testing.assert_allclose(case.recordings[0].velocity[:, 0, 0], -wave(time), rtol=1e-12)
+    np.testing.assert_allclose(
+        Prepared(case).recordings[0].velocity[:, 0, 0], -wave(time), rtol=1e-12
+    )
 
 
 def test_where_the_mean_is_small_the_water_moves_as_one_and_it_is_said(tmp_path):
@@ -234,7 +238,7 @@ def test_where_the_mean_is_small_the_water_moves_as_one_and_it_is_said(tmp_path)
     case = scenario(tmp_path / "a.nc", velocity=["u", "0"])
     velocity, _ = moves(case, [[0.0, -10.0], [0.5, -10.0]], 3.0)
     np.testing.assert_array_equal(velocity[0], velocity[1])
-    (note,) = case.notes()
+    (note,) = Prepared(case).notes()
     assert note.startswith(
         "flow.0: fluctuations of 0.05 m/s about a mean of 0.01 m/s are no frozen"
     )
@@ -248,7 +252,7 @@ def test_a_low_pass_takes_the_fast_away_and_delays_nothing(tmp_path):
         {"time": ("time", time, {"units": "s"})},
     ).to_netcdf(tmp_path / "a.nc")
     keys = {"velocity": ["u", "0"], "low_pass_hz": 1.0}
-    (recording,) = scenario(tmp_path / "a.nc", **keys).recordings.values()
+    (recording,) = Prepared(scenario(tmp_path / "a.nc", **keys)).recordings.values()
     inner = slice(50, -50)
     expected = (1.0 + 0.2 * slow)[inner]
     np.testing.assert_allclose(recording.velocity[inner, 0, 0], expected, atol=1e-4)
@@ -273,8 +277,8 @@ def test_gaps_are_filled_by_straight_lines_and_said(tmp_path):
     )
     dataset.to_netcdf(tmp_path / "a.nc")
     case = scenario(tmp_path / "a.nc")
-    np.testing.assert_allclose(case.recordings[0].velocity[:, 0, 0], values, rtol=1e-12)
-    assert case.notes() == [
+    np.testing.assert_allclose(Prepared(case).recordings[0].velocity[:, 0, 0], values, rtol=1e-12)
+    assert Prepared(case).notes() == [
         "flow.0: 6.25% of u is missing and was filled by straight lines, the longest gap 2.5 s"
     ]
 
@@ -286,18 +290,18 @@ def test_samples_that_the_file_leaves_out_are_gaps_too(tmp_path):
         {"u": ("time", values, M_PER_S)}, {"time": ("time", time, {"units": "s"})}
     ).to_netcdf(tmp_path / "a.nc")
     case = scenario(tmp_path / "a.nc", velocity=["u", "0"])
-    (recording,) = case.recordings.values()
+    (recording,) = Prepared(case).recordings.values()
     np.testing.assert_allclose(recording.time, np.arange(0, 40, 0.5), atol=1e-12)
     np.testing.assert_allclose(recording.velocity[:, 0, 0], 0.5 + 0.01 * recording.time)
-    assert "12.50% of u is missing" in case.notes()[0]
-    assert case.notes()[0].endswith("the longest gap 5.5 s")
+    assert "12.50% of u is missing" in Prepared(case).notes()[0]
+    assert Prepared(case).notes()[0].endswith("the longest gap 5.5 s")
 
 
 def test_units_that_a_file_does_not_name_are_assumed_and_said(tmp_path):
     time = np.arange(0, 40, 0.1)
     xr.Dataset({"u": ("time", wave(time))}, {"time": time}).to_netcdf(tmp_path / "a.nc")
     case = scenario(tmp_path / "a.nc", velocity=["u", "0"])
-    assert case.notes() == [
+    assert Prepared(case).notes() == [
         "flow.0: time names no unit and is taken to be in seconds",
         "flow.0: u names no unit and is taken to be in m/s",
     ]
@@ -311,13 +315,13 @@ PROFILE = {"velocity": ["vel[E]", "vel[U1]"], "vertical": "range"}
 def test_a_profile_is_played_at_its_heights(tmp_path):
     time, height = profile(tmp_path / "a.nc", interval=0.1)
     case = scenario(tmp_path / "a.nc", **PROFILE)
-    (recording,) = case.recordings.values()
+    (recording,) = Prepared(case).recordings.values()
     np.testing.assert_allclose(recording.levels, height - 20.0)
     points = np.stack([np.linspace(-3, 3, 19), -20.0 + height[:-1]], axis=1)  # the same along x
     velocity, _ = moves(case, points, 3.3)
     expected = np.stack([wave(3.3, height[:-1]), swell(3.3, height[:-1])], axis=1)
     np.testing.assert_allclose(velocity, expected, atol=1e-6)
-    assert case.notes() == []
+    assert Prepared(case).notes() == []
     assert time[-1] == 40.0
 
 
@@ -334,7 +338,7 @@ def test_interpolation_in_height_is_of_fourth_order_inside(tmp_path):
 def test_a_profile_is_constant_beyond_its_levels_and_has_no_kink(tmp_path):
     _, height = profile(tmp_path / "a.nc", levels=6)
     case = scenario(tmp_path / "a.nc", base=(0.0, -19.0), **PROFILE)
-    flow = case.system().forces.water.flows[0]
+    flow = crinoid.system(case).forces.water.flows[0]
     ends = height[[0, -1]] - 20.0
     for end, out in zip(ends, (-1.0, 1.0), strict=True):
         velocity, _ = moves(case, [[0.0, end], [0.0, end + 0.3 * out], [0.0, end + 9.0 * out]], 2.0)
@@ -372,8 +376,8 @@ def test_levels_that_are_mostly_missing_go_and_are_named(tmp_path):
 
     _, height = profile(tmp_path / "a.nc", change=holes)
     case = scenario(tmp_path / "a.nc", **PROFILE)
-    np.testing.assert_allclose(case.recordings[0].levels, np.delete(height, 3) - 20.0)
-    dropped, filled = case.notes()
+    np.testing.assert_allclose(Prepared(case).recordings[0].levels, np.delete(height, 3) - 20.0)
+    dropped, filled = Prepared(case).notes()
     assert dropped == "flow.0: most is missing at z = -18 m: left out"
     assert filled.startswith("flow.0: 0.06% of vel[U1] is missing")
     assert filled.endswith("the longest gap 1 s")
@@ -381,7 +385,7 @@ def test_levels_that_are_mostly_missing_go_and_are_named(tmp_path):
 
 def test_an_arm_outside_the_levels_is_told(tmp_path):
     profile(tmp_path / "a.nc", levels=5)
-    (note,) = scenario(tmp_path / "a.nc", **PROFILE).notes()
+    (note,) = Prepared(scenario(tmp_path / "a.nc", **PROFILE)).notes()
     assert note == (
         "flow.0: the arm at rest lies at z = -10 m and the levels at -19.5 to -17.5 m: "
         "outside, the current of the nearest level is taken"
@@ -390,12 +394,15 @@ def test_an_arm_outside_the_levels_is_told(tmp_path):
 
 def test_levels_may_count_from_anywhere_and_downward(tmp_path):
     _, height = profile(tmp_path / "a.nc")
-    up = scenario(tmp_path / "a.nc", depth=None, origin=-12.0, **PROFILE)
-    np.testing.assert_allclose(up.recordings[0].levels, height - 12.0)
-    down = scenario(tmp_path / "a.nc", origin=-2.0, **(PROFILE | {"vertical": "-range"}))
-    np.testing.assert_allclose(down.recordings[0].levels, (-2.0 - height)[::-1])
+    up = Prepared(scenario(tmp_path / "a.nc", depth=None, origin=-12.0, **PROFILE)).recordings[0]
+    np.testing.assert_allclose(up.levels, height - 12.0)
+    case = scenario(tmp_path / "a.nc", origin=-2.0, **(PROFILE | {"vertical": "-range"}))
+    down = Prepared(case).recordings[0]
+    np.testing.assert_allclose(down.levels, (-2.0 - height)[::-1])
     np.testing.assert_allclose(
-        down.recordings[0].velocity, up.recordings[0].velocity[:, ::-1], rtol=1e-12
+        down.velocity,
+        up.velocity[:, ::-1],
+        rtol=1e-12,
     )
 
 
@@ -407,7 +414,7 @@ def test_slopes_are_the_same_forth_and_back_and_those_of_differences(tmp_path, k
     else:
         profile(tmp_path / "a.nc")
         case = scenario(tmp_path / "a.nc", **PROFILE)
-    water = case.system().forces.water
+    water = crinoid.system(case).forces.water
     place = jnp.array([0.13, -10.21])
 
     @eqx.filter_jit
@@ -442,7 +449,7 @@ def test_an_ocean_model_is_met_at_the_nearest_place_by_depth_and_heading(tmp_pat
         heading_deg=90.0,
         select={"lat": 48.4, "lon": -123.4},
     )
-    (recording,) = case.recordings.values()
+    (recording,) = Prepared(case).recordings.values()
     np.testing.assert_allclose(recording.levels, [-20.0, -10.0, -5.0, -2.0, 0.0])
     # latitude 48.5 and longitude 236.5, in m/s
     seconds = np.arange(20) * 10.0
@@ -450,7 +457,7 @@ def test_an_ocean_model_is_met_at_the_nearest_place_by_depth_and_heading(tmp_pat
     np.testing.assert_allclose(recording.time, seconds, atol=1e-6)
     np.testing.assert_allclose(recording.velocity[..., 0], expected, rtol=1e-6)
     assert not recording.velocity[..., 1].any()
-    assert "cross the plane that the arm moves in" in case.notes()[0]
+    assert "cross the plane that the arm moves in" in Prepared(case).notes()[0]
 
 
 @pytest.mark.parametrize(
@@ -468,7 +475,9 @@ def test_a_compass_heading_turns_east_and_north_into_x(tmp_path, heading, along)
     )
     dataset.to_netcdf(tmp_path / "a.nc")
     case = scenario(tmp_path / "a.nc", velocity=["e", "n", "up"], heading_deg=heading)
-    np.testing.assert_allclose(case.recordings[0].velocity[:, 0], [[along, 0.1]] * time.size)
+    np.testing.assert_allclose(
+        Prepared(case).recordings[0].velocity[:, 0], [[along, 0.1]] * time.size
+    )
 
 
 # --- in space ----------------------------------------------------------------------------------
@@ -513,19 +522,19 @@ def turned(east, north, up):
 
 
 def played(case):
-    return Water((build_flow(case, 0, case.flow[0]),))
+    return Water((build_flow(case, 0, case.flow[0], Prepared(case).recordings[0]),))
 
 
 def test_a_point_record_is_carried_past_a_spatial_arm_whichever_way_it_goes(tmp_path):
     time = three(tmp_path / "a.nc")
     case = spatial(scenario(tmp_path / "a.nc", **COMPASS))
-    (recording,) = case.recordings.values()
+    (recording,) = Prepared(case).recordings.values()
     known = turned(*enu(time))
     np.testing.assert_allclose(recording.velocity[:, 0], known, atol=1e-12)
     mean = known.mean(axis=0)
     assert abs(mean[1]) > 0.01
     np.testing.assert_allclose(recording.slowness, mean / (mean @ mean), rtol=1e-9)
-    assert case.notes() == []  # nothing crosses an arm that moves in space
+    assert Prepared(case).notes() == []  # nothing crosses an arm that moves in space
     away = np.array([[0.0, 0.0, 0.0], [0.3, -0.2, 0.1], [-0.1, 0.4, 0.2]])
     at = recording.begins + 3.0 - away @ recording.slowness
     water, places = played(case), jnp.asarray(away + np.array([0.0, 0.4, -10.0]))
@@ -563,10 +572,10 @@ def test_the_plane_of_a_spatial_record_is_the_planar_one(tmp_path):
     three(tmp_path / "a.nc")
     flat = scenario(tmp_path / "a.nc", **COMPASS)
     full = spatial(scenario(tmp_path / "a.nc", **COMPASS))
-    planar, whole = flat.recordings[0], full.recordings[0]
+    planar, whole = Prepared(flat).recordings[0], Prepared(full).recordings[0]
     np.testing.assert_array_equal(planar.velocity, whole.velocity[..., [0, 2]])
     np.testing.assert_array_equal(planar.slowness, whole.slowness[[0, 2]])
-    assert "cross the plane" in flat.notes()[0]
+    assert "cross the plane" in Prepared(flat).notes()[0]
 
 
 def test_a_spatial_arm_reaches_as_far_as_its_base_travels(tmp_path):
@@ -575,13 +584,13 @@ def test_a_spatial_arm_reaches_as_far_as_its_base_travels(tmp_path):
     motion = [{"kind": "sine", "channel": "heave", "amplitude": 0.8, "frequency_hz": 1.0}]
     base = {"channels": {name: {"range": ends} for name, ends in shifts.items()}, "motion": motion}
     moved = Scenario(arm={"length": 0.5}, base=base)
-    assert Stage.of(moved).reach == pytest.approx(1.1 * 0.5 + np.hypot(0.3, 1.2))
+    assert Stage.of(moved, {}).reach == pytest.approx(1.1 * 0.5 + np.hypot(0.3, 1.2))
     (heaving,) = moved.base.motion
     swaying = heaving.model_copy(update={"channel": "sway"})
     update = {"channels": moved.base.channels, "motion": (heaving, swaying)}
     whole = case.model_copy(update={"base": case.base.model_copy(update=update)})
-    assert Stage.of(whole).reach == pytest.approx(1.1 * 0.5 + np.linalg.norm([0.3, 0.8, 1.2]))
-    assert Stage.of(whole).heights == (-10.0, -10.0)
+    assert Stage.of(whole, {}).reach == pytest.approx(1.1 * 0.5 + np.linalg.norm([0.3, 0.8, 1.2]))
+    assert Stage.of(whole, {}).heights == (-10.0, -10.0)
 
 
 # --- what is refused ---------------------------------------------------------------------------
@@ -794,7 +803,7 @@ def test_what_a_file_does_not_give_is_refused_in_one_line(tmp_path, write, keys,
 
 def test_a_large_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
     point(tmp_path / "a.nc")
-    monkeypatch.setattr("crinoid.scenario.recording.opening.MAX_VALUES", 500)
+    monkeypatch.setattr("crinoid.recording.opening.MAX_VALUES", 500)
     line = refusal(scenario(tmp_path / "a.nc"))
     assert line == (
         "flow.0.file: a.nc holds 802 values of this current, takes up to 500; cut out the part "
@@ -805,7 +814,7 @@ def test_a_large_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
 def test_two_files_at_fault_give_a_line_each(tmp_path):
     flows = [{"kind": "measured", "file": str(tmp_path / name)} for name in ("a.nc", "b.nc")]
     with pytest.raises(ScenarioError) as caught:
-        Scenario(flow=[{"kind": "uniform", "velocity": [0, 0]}, *flows]).notes()
+        Prepared(Scenario(flow=[{"kind": "uniform", "velocity": [0, 0]}, *flows])).notes()
     assert [line.split(":")[0] for line in caught.value.lines] == ["flow.1.file", "flow.2.file"]
 
 
@@ -837,12 +846,12 @@ def test_paths_start_from_the_scenario_file_or_from_here(tmp_path, monkeypatch):
 @real_data
 def test_the_velocimeter_of_admiralty_inlet():
     case = scenario(DATA / "admiralty_inlet_adv.nc", velocity=["u", "w"], duration=590.0)
-    (recording,) = case.recordings.values()
+    (recording,) = Prepared(case).recordings.values()
     with xr.open_dataset(DATA / "admiralty_inlet_adv.nc") as stored:
         for axis, name in enumerate("uw"):
             np.testing.assert_array_equal(recording.velocity[:, 0, axis], stored[name])
     assert recording.interval == 0.125
-    assert case.notes() == []
+    assert Prepared(case).notes() == []
     # at the samples' own times
     velocity, _ = moves(case, [0.0, -10.0], recording.run_time[10:200])
     np.testing.assert_allclose(velocity, recording.velocity[10:200, 0], atol=1e-12)
@@ -851,7 +860,7 @@ def test_the_velocimeter_of_admiralty_inlet():
 @real_data
 def test_the_profile_of_a_tidal_current():
     case = scenario(DATA / "tidal_adcp_profile.nc", duration=90.0, **PROFILE)
-    (recording,) = case.recordings.values()
+    (recording,) = Prepared(case).recordings.values()
     assert recording.levels.size == 28
     with xr.open_dataset(DATA / "tidal_adcp_profile.nc", decode_times=False) as stored:
         east = stored["vel"].sel(dir="E").transpose("time", "range").values

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from typer.testing import Result as Ended
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.cli.app import app
 from crinoid.dynamics import Outcome
 from crinoid.result import Result
@@ -115,7 +116,7 @@ def test_the_ledger_closes_with_the_work_of_the_contacts():
 
 def test_a_run_with_a_free_obstacle_goes_on_as_if_it_had_not_stopped(result, tmp_path):
     crinoid.simulate(scenario({"simulation.duration": 0.14})).save(tmp_path)
-    whole = play(scenario(), resume=Result.load(tmp_path))
+    whole = play(Prepared(scenario()), resume=Result.load(tmp_path))
     assert set(whole.dataset.variables) == set(result.dataset.variables)
     for name in result.dataset.variables:
         np.testing.assert_array_equal(whole.dataset[name], result.dataset[name], str(name))
@@ -219,7 +220,7 @@ def test_an_arm_without_room_gets_a_note():
 
 
 def test_an_arm_that_is_crushed_fails_and_tells_of_the_wall():
-    run = play(pressed(0.2))
+    run = play(Prepared(pressed(0.2)))
     assert run.failure
     assert "the largest energy or work" in run.failure
     assert any(note.startswith("obstacle 1 pressed 50 mm") for note in run.notes)
@@ -248,7 +249,7 @@ def test_a_hit_that_no_step_resolves_ends_the_run_and_says_so():
 
 
 def test_an_imbalance_past_the_tip_is_that_of_a_free_obstacle():
-    system = scenario().system()
+    system = crinoid.system(scenario())
 
     def worst(row: int) -> str:
         nothing = Outcome.of_nothing(converged=False)

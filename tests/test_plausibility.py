@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.plausibility import AT_REST, IN_THE_WATER, RULES, Rule, doubts
 from crinoid.plausibility.facts import Facts
 from crinoid.plausibility.usual import _ANGLES
@@ -308,7 +309,7 @@ EVERY = {name(rule): rule for rule in RULES}
 
 
 def described(settings: list[str], built_in: str) -> Facts:
-    return Facts(crinoid.load(built_in, settings))
+    return Facts(Prepared(crinoid.load(built_in, settings)))
 
 
 def test_every_rule_is_tried():
@@ -337,20 +338,20 @@ def test_a_rule_tells_what_is_odd_and_nothing_else(which):
 @pytest.mark.parametrize("built_in", builtin_names())
 def test_nothing_is_odd_about_the_built_in_scenarios(built_in):
     for _, case in crinoid.load(built_in).cases():
-        assert doubts(case) == []
+        assert doubts(Prepared(case)) == []
 
 
 def test_the_defaults_are_plausible_in_the_plane_and_in_space():
-    assert doubts(crinoid.Scenario()) == []
-    assert doubts(crinoid.Scenario(arm={"dimension": 3})) == []
+    assert doubts(Prepared(crinoid.Scenario())) == []
+    assert doubts(Prepared(crinoid.Scenario(arm={"dimension": 3}))) == []
     pinned = crinoid.Scenario(base={"mount": "pinned", "tilt_deg": -90.0})
-    assert doubts(pinned) == []
+    assert doubts(Prepared(pinned)) == []
     nothing = crinoid.Scenario(water={"density": 0.0, "gravity": 0.0})
-    assert doubts(nothing) == []
+    assert doubts(Prepared(nothing)) == []
 
 
 def test_a_note_says_key_value_and_likely_cause():
-    (note,) = doubts(crinoid.load(TURBULENT, ["arm.radius=15"]))
+    (note,) = doubts(Prepared(crinoid.load(TURBULENT, ["arm.radius=15"])))
     assert note == (
         "arm.radius: got 15.0 m on an arm of 0.5 m; a slender rod has a radius below a tenth of "
         "its length; is it in mm?"
@@ -361,7 +362,8 @@ def test_commands_hear_of_what_they_use_only():
     odd = crinoid.load(
         TURBULENT, ["sensor.delay=10", "base.tilt_deg=0.785", "flow.0.mean=[6.0, 0.0]"]
     )
-    told = {"run": doubts(odd), "still": doubts(odd, AT_REST), "flow": doubts(odd, IN_THE_WATER)}
+    which = {"run": (), "still": AT_REST, "flow": IN_THE_WATER}
+    told = {name: doubts(Prepared(odd), tables) for name, tables in which.items()}
     tables = {name: {note.split(".")[0] for note in notes} for name, notes in told.items()}
     assert tables["run"] == {"flow", "base", "sensor"}
     assert tables["still"] == {"flow", "base"}
@@ -382,7 +384,7 @@ def test_a_circle_in_space_reaches_as_far_as_its_plane_lets_it(normal, far):
     points = np.array([0.2, 0.0, 0.3]) + 0.25 * circle
     farthest = np.linalg.norm(points, axis=1).max()
     arm = {"dimension": 3, "length": 0.5}
-    found = doubts(crinoid.Scenario(arm=arm, target={**ROUND, "normal": normal}))
+    found = doubts(Prepared(crinoid.Scenario(arm=arm, target={**ROUND, "normal": normal})))
     assert [note.split(":")[0] for note in found] == ["target.radius"] * far
     assert not far or f"a target {farthest:.4g} m from the base" in found[0]
 
@@ -390,8 +392,8 @@ def test_a_circle_in_space_reaches_as_far_as_its_plane_lets_it(normal, far):
 def test_series_from_files_are_held_against_the_arm_as_lists_are(tmp_path):
     (tmp_path / "path.csv").write_text("time,x,z\n-9,900,0\n0,0.3,-10\n10,0.3,-9.8\n99,800,0\n")
     path = {"path": "file", "file": str(tmp_path / "path.csv")}
-    assert doubts(crinoid.Scenario(target=path, simulation={"duration": 10.0})) == []
-    (note,) = doubts(crinoid.Scenario(target=path, simulation={"duration": 50.0}))
+    assert doubts(Prepared(crinoid.Scenario(target=path, simulation={"duration": 10.0}))) == []
+    (note,) = doubts(Prepared(crinoid.Scenario(target=path, simulation={"duration": 50.0})))
     assert note.startswith("target.file: got ")
     assert "a target 800.1 m from the base" in note
     points = {"time": [0.0, 1.0, 2.0, 30.0], "value": [0.0, 0.0, 200.0, 200.0]}
@@ -402,7 +404,9 @@ def test_series_from_files_are_held_against_the_arm_as_lists_are(tmp_path):
     notes = []
     for motion in ({"kind": "table", **points}, given):
         base = {"motion": [{"channel": "heave", **motion}]}
-        notes += [note for note in doubts(crinoid.Scenario(base=base)) if "shakes" in note]
+        notes += [
+            note for note in doubts(Prepared(crinoid.Scenario(base=base))) if "shakes" in note
+        ]
     assert [note.split(":")[0] for note in notes] == ["base.motion.0.value", "base.motion.0.file"]
     table, file = (note.split(", which")[1] for note in notes)
     assert table == file
@@ -433,19 +437,21 @@ def test_numbers_beyond_what_can_be_computed_are_told_and_do_not_stop_the_rules(
         odd = crinoid.load(built_in, [f"{key}={size}"])
     except crinoid.ScenarioError:  # refused before
         return
-    found = doubts(odd)
+    found = doubts(Prepared(odd))
     assert all(re.match(r"[a-z_0-9.*]+: ", note) and "\n" not in note for note in found)
     if size > 1:
         assert found
 
 
 def test_a_rule_that_cannot_be_computed_names_its_keys():
-    found = doubts(crinoid.load("debris-strike", ["obstacle.0.radius=1e-160"]))
+    found = doubts(Prepared(crinoid.load("debris-strike", ["obstacle.0.radius=1e-160"])))
     assert any("go beyond what can be computed" in note for note in found)
 
 
 def test_what_follows_from_an_odd_arm_goes_without_saying():
-    both = doubts(crinoid.load(TURBULENT, ["arm.youngs_modulus=0.004", "sensor.delay=10"]))
+    both = doubts(
+        Prepared(crinoid.load(TURBULENT, ["arm.youngs_modulus=0.004", "sensor.delay=10"]))
+    )
     assert [note.split(":")[0] for note in both] == ["arm.youngs_modulus"]
 
 

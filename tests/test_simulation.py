@@ -10,6 +10,8 @@ import xarray as xr
 from scipy.sparse.linalg import ArpackNoConvergence
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.sensor import build_sensor
 from crinoid.dataset import build_dataset
 from crinoid.dynamics import Outcome
 from crinoid.metrics import tip_error
@@ -18,7 +20,7 @@ from crinoid.scenario import ScenarioError
 from crinoid.simulation import LoopState, SimulationError, at_rest, play
 from crinoid.simulation import run as running
 from crinoid.simulation.continuation import restored
-from crinoid.simulation.setup import _sensor, set_up
+from crinoid.simulation.setup import set_up
 
 # one shape of arm, flows and controller for all tests: they share their compiled code
 SCENARIO = """
@@ -119,7 +121,7 @@ def test_derived_variables_follow_from_the_motion(result):
     pose = dataset["base_pose"].values
     np.testing.assert_allclose(position[:, 0] - [0.0, -10.0], pose[:, :2], atol=1e-15)
     # the moment in the clamp is what bends the arm there: EI (kappa - kappa_rest)
-    arm = result.scenario.system().rod
+    arm = crinoid.system(result.scenario).rod
     still = crinoid.equilibrium(scenario()).dataset
     bend = float(arm.EI[0]) * still["curvature"].values[0, 0]
     # strain 2 tan(turn / 2) of half an edge: moment and curvature differ at second order
@@ -127,7 +129,7 @@ def test_derived_variables_follow_from_the_motion(result):
 
 
 def test_frequencies_are_those_of_the_state_at_the_start(result):
-    system = scenario().system()
+    system = crinoid.system(scenario())
     expected = system.natural_frequencies(system.equilibrium(), count=3)
     for run in (result, result.uncontrolled):
         found = run.dataset["natural_frequency"].sel(mode=[1, 2, 3])
@@ -251,7 +253,7 @@ def test_files_that_are_no_results_are_refused(tmp_path):
 def test_a_run_goes_on_from_where_it_stopped_as_if_it_had_not(result, tmp_path):
     part = crinoid.simulate(scenario(simulation__duration=0.7))
     part.save(tmp_path)
-    whole = play(scenario(), resume=Result.load(tmp_path))
+    whole = play(Prepared(scenario()), resume=Result.load(tmp_path))
     for mine, other in ((whole, result), (whole.uncontrolled, result.uncontrolled)):
         assert set(mine.dataset.variables) == set(other.dataset.variables)
         for name in other.dataset.variables:
@@ -263,12 +265,12 @@ def test_a_run_that_stopped_between_two_kept_instants_counts_on():
     apart = {"output__interval": 0.3, "control__compare": False}
     part = crinoid.simulate(scenario(**apart, simulation__duration=0.7))
     np.testing.assert_allclose(part.dataset["time"], [0.0, 0.3, 0.6, 0.7])
-    whole = play(scenario(**apart), resume=part).dataset
+    whole = play(Prepared(scenario(**apart)), resume=part).dataset
     unbroken = crinoid.simulate(scenario(**apart)).dataset
     for name in unbroken.variables:
         np.testing.assert_array_equal(whole[name], unbroken[name], str(name))
     # a run that is complete has nothing to add
-    again = play(scenario(**apart, simulation__duration=0.7), resume=part).dataset
+    again = play(Prepared(scenario(**apart, simulation__duration=0.7)), resume=part).dataset
     for name in part.dataset.variables:
         np.testing.assert_array_equal(again[name], part.dataset[name], str(name))
 
@@ -359,7 +361,7 @@ TAMPERED = {
 
 @pytest.fixture(scope="module")
 def begun() -> tuple[LoopState, xr.Dataset]:
-    setup = set_up(scenario())
+    setup = set_up(Prepared(scenario()))
     carry, first = running._begin(setup.loop, setup.state)
     return carry, build_dataset(setup.loop.system, running._one(first))
 
@@ -382,7 +384,7 @@ def test_what_is_not_whole_is_not_gone_on_with(part, begun, tmp_path, tamper, re
 def test_a_delay_longer_than_the_run_does_not_keep_it_from_being_prolonged():
     # the readings under way are part of the state: as many in the short run as in the long one
     short, long = (
-        _sensor(scenario(sensor__delay=0.9, simulation__duration=duration))
+        build_sensor(scenario(sensor__delay=0.9, simulation__duration=duration))
         for duration in (0.3, 1.2)
     )
     assert short.kept == long.kept == 92
@@ -392,7 +394,7 @@ def test_a_run_off_the_main_thread_is_not_stopped_by_ctrl_c(result):
     short = scenario(simulation__duration=0.1, control__compare=False)
     handler = signal.getsignal(signal.SIGINT)
     with ThreadPoolExecutor(1) as pool:
-        found = pool.submit(play, short).result()
+        found = pool.submit(play, Prepared(short)).result()
     assert found.status == "ok"
     assert signal.getsignal(signal.SIGINT) == handler
     np.testing.assert_array_equal(
@@ -402,11 +404,11 @@ def test_a_run_off_the_main_thread_is_not_stopped_by_ctrl_c(result):
 
 def test_ctrl_c_stops_a_run_once_and_a_second_one_at_once():
     short = scenario(simulation__duration=0.5, control__compare=False)
-    found = play(short, report=lambda reached: signal.raise_signal(signal.SIGINT))
+    found = play(Prepared(short), report=lambda reached: signal.raise_signal(signal.SIGINT))
     assert found.status.startswith("interrupted at t = 0.")
     again = lambda reached: [signal.raise_signal(signal.SIGINT) for _ in range(2)]  # noqa: E731
     with pytest.raises(KeyboardInterrupt):
-        play(short, report=again)
+        play(Prepared(short), report=again)
 
 
 def test_a_start_that_failed_compiles_no_time_steps(monkeypatch):
@@ -415,9 +417,9 @@ def test_a_start_that_failed_compiles_no_time_steps(monkeypatch):
 
     monkeypatch.setattr(running, "stretch", stretch)
     never = Outcome.of_nothing(converged=False)
-    setup = set_up(scenario())._replace(outcome=never)
+    setup = set_up(Prepared(scenario()))._replace(outcome=never)
     monkeypatch.setattr(running, "set_up", lambda scenario: setup)
-    failed = play(scenario())
+    failed = play(Prepared(scenario()))
     assert failed.failure.startswith("failed at t = 0 s")
     assert failed.uncontrolled.failure.startswith("failed at t = 0 s")
 
@@ -455,12 +457,16 @@ LEVEL = {"base__tilt_deg": 0.0, "arm__density": 1025.0}
 
 def test_gains_of_a_channel_that_moves_nothing_of_what_is_controlled_are_refused():
     with pytest.raises(ScenarioError, match=r"control\.pid\.slide: does nothing"):
-        set_up(scenario(**LEVEL, control__controlled=["z", "angle"]))
+        set_up(Prepared(scenario(**LEVEL, control__controlled=["z", "angle"])))
     # nor can one be the best of those that do nothing
     with pytest.raises(ScenarioError, match=r"control\.pid\.slide: does nothing"):
-        set_up(scenario(**LEVEL, control__controlled=["z"], control__pid={"slide": {"kp": 0.3}}))
+        set_up(
+            Prepared(
+                scenario(**LEVEL, control__controlled=["z"], control__pid={"slide": {"kp": 0.3}})
+            )
+        )
     # tilt moves both of them, and slide what is along it
-    set_up(scenario(**LEVEL, control__controlled=["x", "z", "angle"]))
+    set_up(Prepared(scenario(**LEVEL, control__controlled=["x", "z", "angle"])))
 
 
 def test_a_mapping_of_an_arm_that_nothing_holds_in_place_is_refused():
@@ -474,7 +480,7 @@ def test_a_mapping_of_an_arm_that_nothing_holds_in_place_is_refused():
         simulation__start="rest",
     )
     with pytest.raises(ScenarioError, match=r"control\.mapping: .* nothing brings this arm back"):
-        set_up(free)
+        set_up(Prepared(free))
 
 
 def test_identity_pairs_each_coordinate_of_the_tip_with_its_channel():
@@ -528,7 +534,7 @@ def test_a_joint_does_not_let_an_arm_hang_against_its_base():
             "control": {"kind": "pid", "pid": {"pan": {"kp": 1.0}}},
         }
     )
-    assert reason in play(held).failure
+    assert reason in play(Prepared(held)).failure
 
 
 def test_several_cases_are_not_one_run():
@@ -539,7 +545,7 @@ def test_several_cases_are_not_one_run():
 
 
 def test_the_public_core_steps_and_differentiates():
-    system = scenario().system()
+    system = crinoid.system(scenario())
     state = system.equilibrium()
     stepped, outcome = jax.jit(lambda s, c: system.step(s, c))(state, jnp.zeros(3))
     assert bool(outcome.converged)
@@ -596,7 +602,7 @@ def test_a_long_interval_between_kept_instants_changes_nothing(result):
 def test_a_checkpoint_of_another_loop_is_refused(result):
     still = crinoid.equilibrium(scenario())
     with pytest.raises(ResultError, match="no state that this scenario can go on from"):
-        play(scenario(), resume=still)
+        play(Prepared(scenario()), resume=still)
 
 
 def test_the_gain_margin_is_where_a_run_begins_to_swing_by_itself():
@@ -608,7 +614,7 @@ def test_the_gain_margin_is_where_a_run_begins_to_swing_by_itself():
         control__compare=False,
         simulation__duration=10.0,
     )
-    most = set_up(still).open_loop.margin().gain
+    most = set_up(Prepared(still)).open_loop.margin().gain
     late = {}
     for share in (0.9, 1.1):
         gains = {

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+import crinoid
 from crinoid import Scenario
 from crinoid.dynamics.statics import still
 from crinoid.dynamics.tangent import HELD
@@ -60,7 +61,7 @@ def arm(kinds, tilt, seed=0, *, pinned=False, mean=0.2, intensity=0.2, scale=0.3
         jnp.zeros(2),
         jnp.asarray(past / (past @ past)),
     )
-    system = scenario.system()
+    system = crinoid.system(scenario)
     flows = (*system.forces.water.flows, record)
     return eqx.tree_at(lambda s: s.forces.water.flows, system, flows)
 

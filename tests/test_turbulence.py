@@ -192,7 +192,7 @@ def test_a_scenario_draws_each_flow_from_its_seed():
     table = {"kind": "turbulence", "mean": [0.3, 0.0], "intensity": 0.2, "length_scale": 0.5}
 
     def waves(seed):
-        system = crinoid.Scenario(seed=seed, flow=[table, table]).system()
+        system = crinoid.system(crinoid.Scenario(seed=seed, flow=[table, table]))
         return [np.asarray(flow.wave_vectors) for flow in system.forces.water.flows]
 
     first, second = waves(0)

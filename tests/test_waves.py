@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import crinoid
+from crinoid.assembly.flow import build_flow
 from crinoid.flow import Jet, Waves
 from crinoid.flow.waves import jonswap, wave_number
 from crinoid.onset import Onset
-from crinoid.scenario.build_flow import build_flow
 
 GRAVITY = 9.81
 OBLIQUE = np.array([np.cos(0.7), np.sin(0.7)])

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from crinoid.version import __version__
 
 if TYPE_CHECKING:
+    from crinoid.assembly.prepared import system
     from crinoid.result import Result
     from crinoid.scenario import Scenario, ScenarioError
     from crinoid.scenario.library import load
@@ -21,6 +22,7 @@ _HOMES = {
     "equilibrium": "crinoid.simulation",
     "load": "crinoid.scenario",
     "simulate": "crinoid.simulation",
+    "system": "crinoid.assembly.prepared",
 }
 """The module of each public name, loaded when the name is used first."""
 
@@ -33,6 +35,7 @@ __all__ = [
     "equilibrium",
     "load",
     "simulate",
+    "system",
 ]
 
 # Round-off of 32 bits would drown the stretch of a stiff arm. JAX reads the variable when it is

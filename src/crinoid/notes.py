@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.dimensionless import across, normal_velocity, spinning
 from crinoid.plausibility.facts import Facts
 from crinoid.scenario import Scenario
@@ -90,7 +91,7 @@ def _round_off(dataset: xr.Dataset, scenario: Scenario) -> str:
     Positions on an arm of length L are known to about eps L, the strain of an edge l to
     eps L / l, and the forces on both ends of it add up.
     """
-    facts = Facts(scenario)
+    facts = Facts(Prepared(scenario))
     noise = 2 * np.finfo(float).eps * facts.stretching * facts.length / facts.edge
     largest = np.linalg.norm(dataset["base_force"].values, axis=1).max()
     if noise <= max(_KNOWN * largest, _BENDS * facts.bending.min() / facts.length**2):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.result import RESULT, Result, ResultError
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import Progress, Tell, play
@@ -55,7 +56,7 @@ def is_complete(earlier: Result, scenario: Scenario) -> bool:
 
 
 def attempt(
-    scenario: Scenario,
+    prepared: Prepared,
     earlier: Result | None,
     folder: Path,
     report: Callable[[Progress], None],
@@ -70,7 +71,7 @@ def attempt(
         If it cannot be run, or not gone on with.
     """
     try:
-        return play(scenario, report=report, resume=earlier, stop=stop, tell=tell)
+        return play(prepared, report=report, resume=earlier, stop=stop, tell=tell)
     except ResultError as error:
         raise ScenarioError([Mistake("--resume", f"the run in {folder}: {error}")]) from error
 

@@ -8,15 +8,16 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.cli.folder import claimed
 from crinoid.cli.notes import say_doubts, say_notes
-from crinoid.cli.play import check, keep_compiled_code
+from crinoid.cli.play import keep_compiled_code
 from crinoid.current import FLOW, Statistics, sample_current, statistics
 from crinoid.plausibility import IN_THE_WATER
+from crinoid.recording import Recording
 from crinoid.replacement import replacing
 from crinoid.report import write_report
 from crinoid.scenario import Mistake, Scenario, ScenarioError
-from crinoid.scenario.recording import Recording
 
 
 def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
@@ -28,10 +29,11 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
         console.print("still water: the scenario has no [[flow]]")
         return
     keep_compiled_code()
-    check(scenario, Scenario.notes)
+    prepared = Prepared(scenario)
+    prepared.notes()  # which reads the files
     with claimed(folder):
-        say_doubts(console, scenario, IN_THE_WATER)
-        dataset = sample_current(scenario)
+        say_doubts(console, prepared, IN_THE_WATER)
+        dataset = sample_current(prepared)
         with replacing(folder / FLOW) as temporary:
             dataset.to_netcdf(temporary, engine="netcdf4")
         figures = write_report(folder / FLOW)
@@ -43,7 +45,7 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
     ]
     axes = ", ".join(dataset["axis"].values)
     console.print(_table(dataset.attrs["title"], axes, time[late], *found))
-    for index, recording in scenario.recordings.items():
+    for index, recording in prepared.recordings.items():
         console.print(f"flow.{index}: {_described(recording)}", soft_wrap=True)
     say_notes(console, dataset.attrs["notes"].splitlines())
     for path in (folder / FLOW, *figures):

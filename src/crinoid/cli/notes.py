@@ -8,9 +8,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from rich.console import Console
 
-from crinoid.cli.folder import case_names
+from crinoid.assembly.prepared import Prepared
 from crinoid.plausibility import doubts
-from crinoid.scenario import Scenario
 
 _MOST = 6
 _NUMBER = re.compile(r"\d[\d.]*(?:e[+-]?\d+)?")
@@ -22,18 +21,10 @@ def say_notes(console: Console, notes: Iterable[str]) -> None:
         console.print(f"note: {note}", soft_wrap=True)
 
 
-def say_doubts(console: Console, scenario: Scenario, tables: Collection[str] = ()) -> list[str]:
-    """Show what is odd about a scenario before it is run, about its cases each thing once.
-
-    Returns what was told of any case.
-    """
-    cases = scenario.cases()
-    told: dict[str, list[str]] = {}
-    for name in case_names(len(cases)):
-        _, case = cases.pop(0)  # a case keeps what it has read
-        told[name] = doubts(case, tables)
-    found = list(dict.fromkeys(doubt for each in told.values() for doubt in each))
-    say_notes(console, notes_of_cases(told) if scenario.vary else found)
+def say_doubts(console: Console, prepared: Prepared, tables: Collection[str] = ()) -> list[str]:
+    """Show what is odd about a scenario before it is run; return it."""
+    found = doubts(prepared, tables)
+    say_notes(console, found)
     return found
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from pathlib import Path
 
 import jax
 import platformdirs
 from rich.console import Console
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.cli.attempt import attempt, find_earlier, is_complete, trouble
 from crinoid.cli.folder import check_replaced, claimed, clear, interrupted, save, say_where
 from crinoid.cli.interruption import Interruption
@@ -19,8 +20,8 @@ from crinoid.cli.study import run_study
 from crinoid.cli.tables import equilibrium_table, run_table
 from crinoid.plausibility import AT_REST
 from crinoid.result import Result
-from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
-from crinoid.simulation import SimulationError, at_rest, check_room, equilibrium
+from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.simulation import SimulationError, at_rest, settle
 
 
 def run_scenario(
@@ -28,15 +29,17 @@ def run_scenario(
 ) -> str:
     """Run a scenario, save it and show what came of it; return what went wrong, if anything."""
     keep_compiled_code()
-    check(scenario, Scenario.notes, check_room)
+    if scenario.vary:
+        return run_study(scenario, folder, resume=resume, force=force, console=console)
+    prepared = Prepared(scenario)
+    prepared.check()
     with claimed(folder):
-        doubted = say_doubts(console, scenario)
-        run = run_study if scenario.vary else _run_case
-        return run(scenario, folder, doubted, resume=resume, force=force, console=console)
+        doubted = say_doubts(console, prepared)
+        return _run_case(prepared, folder, doubted, resume=resume, force=force, console=console)
 
 
 def _run_case(
-    scenario: Scenario,
+    prepared: Prepared,
     folder: Path,
     doubted: Collection[str],
     *,
@@ -44,6 +47,7 @@ def _run_case(
     force: bool,
     console: Console,
 ) -> str:
+    scenario = prepared.scenario
     wanted = {"": scenario}
     if not force:
         check_replaced(folder, wanted, resume=resume)
@@ -67,7 +71,7 @@ def _run_case(
     with Interruption() as interruption:
         with progress_bar(console) as bar:
             report, stop = reporter(bar, ""), interruption.stop
-            result = attempt(scenario, earlier, folder, report, stop, tell)
+            result = attempt(prepared, earlier, folder, report, stop, tell)
             paths, unsaved = save(result, folder)
         if not unsaved:
             clear(folder, wanted, resume=resume, force=force)
@@ -82,15 +86,16 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool, console: 
     if scenario.vary:
         text = "an equilibrium is that of one case; give its values with --set and leave out vary"
         raise ScenarioError([Mistake("vary", text)])
-    check(scenario, Scenario.notes, check_room)
+    prepared = Prepared(at_rest(scenario))
+    prepared.check()
     with claimed(folder):
-        wanted = {"": at_rest(scenario)}
+        wanted = {"": prepared.scenario}
         if not force:
             check_replaced(folder, wanted, still=True)
-        doubted = say_doubts(console, scenario, AT_REST)
+        doubted = say_doubts(console, prepared, AT_REST)
         with Interruption() as interruption:
             try:
-                result = equilibrium(scenario)
+                result = settle(prepared)
             except SimulationError as error:
                 result = error.result
             interruption.stop()
@@ -120,22 +125,6 @@ def keep_compiled_code() -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     jax.config.update("jax_compilation_cache_max_size", 500_000_000)
-
-
-def check(scenario: Scenario, *checks: Callable[[Scenario], object]) -> None:
-    """Check every case of a scenario (its files, its room), before anything is written or run."""
-    cases = scenario.cases()
-    while cases:
-        values, case = cases.pop(0)  # a case keeps what it has read
-        try:
-            for look in checks:
-                look(case)
-        except ScenarioError as error:
-            if not values:
-                raise
-            told = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
-            mistakes = [Mistake("vary", f"case {told}: {mistake}") for mistake in error.mistakes]
-            raise ScenarioError(mistakes) from error
 
 
 def _say_run(console: Console, result: Result, doubted: Collection[str]) -> None:

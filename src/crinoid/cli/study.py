@@ -11,16 +11,18 @@ from typing import Any
 import jax
 from rich.console import Console
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.cli.attempt import attempt, find_earlier, is_complete, trouble
-from crinoid.cli.folder import CASES, case_names, check_replaced, clear, save, say_where
+from crinoid.cli.folder import CASES, case_names, check_replaced, claimed, clear, save, say_where
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.cli.notes import notes_of_cases, say_notes
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.cli.tables import cases_table
 from crinoid.metrics import deflection, settling_time, tip_error
+from crinoid.plausibility import doubts
 from crinoid.replacement import replacing
 from crinoid.result import Result
-from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import Progress
 
 _MEASURES = ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time")
@@ -28,7 +30,39 @@ _MOST_FAILURES = 4
 
 
 def run_study(
+    scenario: Scenario, folder: Path, *, resume: bool, force: bool, console: Console
+) -> str:
+    """Run the cases of a scenario, save and compare them; return what went wrong, if anything.
+
+    All are checked before anything is written. A case that fails or is refused then does not keep
+    the others from being run.
+    """
+    cases = scenario.cases()
+    names = case_names(len(cases))
+    odd = {name: _checked(*case) for name, case in zip(names, cases, strict=True)}
+    with claimed(folder):
+        say_notes(console, notes_of_cases(odd))
+        doubted = {doubt for each in odd.values() for doubt in each}
+        return _run_cases(
+            scenario, cases, folder, doubted, resume=resume, force=force, console=console
+        )
+
+
+def _checked(values: dict[str, Any], case: Scenario) -> list[str]:
+    """Check the files and the room of a case; return what is odd about it."""
+    try:
+        prepared = Prepared(case)  # what it reads goes with it: all cases would fill the memory
+        prepared.check()
+        return doubts(prepared)
+    except ScenarioError as error:
+        told = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
+        mistakes = [Mistake("vary", f"case {told}: {mistake}") for mistake in error.mistakes]
+        raise ScenarioError(mistakes) from error
+
+
+def _run_cases(
     scenario: Scenario,
+    cases: list[tuple[dict[str, Any], Scenario]],
     folder: Path,
     doubted: Collection[str],
     *,
@@ -36,12 +70,6 @@ def run_study(
     force: bool,
     console: Console,
 ) -> str:
-    """Run the cases of a scenario, save and compare them; return what went wrong, if anything.
-
-    ``doubted`` has been told before. A case that fails or is refused does not keep the others from
-    being run.
-    """
-    cases = scenario.cases()
     names = case_names(len(cases))
     wanted = {name: case for name, (_, case) in zip(names, cases, strict=True)}
     if not force:
@@ -57,7 +85,7 @@ def run_study(
                 if interruption.release():
                     raise Interrupted
                 report = reporter(bar, f"{number}/{len(cases)} ")
-                run = _Run(case.model_copy(), folder / name, resume)  # it keeps what it reads
+                run = _Run(case, folder / name, resume)
                 result, wrong = run.play(report, interruption.stop)
                 interruption.stop()  # from here on the case has its row in the table
             except Interrupted:
@@ -112,7 +140,7 @@ class _Run:
         if earlier is not None and (earlier.failure or is_complete(earlier, self.case)):
             return earlier, trouble(earlier, self.folder, [])
         try:
-            result = attempt(self.case, earlier, self.folder, report, stop)
+            result = attempt(Prepared(self.case), earlier, self.folder, report, stop)
         except ScenarioError as error:
             return None, f"refused: {'; '.join(error.lines)}"
         paths, wrong = save(result, self.folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -11,10 +12,12 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.current.spectrum import spectrum, von_karman
 from crinoid.current.statistics import statistics
 from crinoid.dataset import describe
 from crinoid.dynamics import System
+from crinoid.recording import Recording
 from crinoid.scenario import Scenario
 from crinoid.space import AXES
 
@@ -33,7 +36,7 @@ _RANDOM = {"gauss-markov", "measured", "turbulence"}
 """Kinds of flow that have a spectrum worth comparing with that of turbulence."""
 
 
-def sample_current(scenario: Scenario) -> xr.Dataset:
+def sample_current(prepared: Prepared) -> xr.Dataset:
     """Sample the current of a scenario at the arm at rest, without simulating anything.
 
     Returns
@@ -50,11 +53,11 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
     ScenarioError
         If a file that the scenario names is not what it takes.
     """
-    system = scenario.system()
+    scenario, system = prepared.scenario, prepared.system
     times, interval = _times(scenario)
     settled, notes = _settled(scenario, times)
     root, tip = np.asarray(_ends(system))
-    heights = _heights(scenario, min(root[-1], tip[-1]), max(root[-1], tip[-1]))
+    heights = _heights(prepared, min(root[-1], tip[-1]), max(root[-1], tip[-1]))
     column = np.tile(root, (heights.size, 1))
     column[:, -1] = heights
 
@@ -63,7 +66,7 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
     stride = max(1, late.sum() // _INSTANTS)
     profile = _velocity(system, column, times[late][::stride])
     holes = np.zeros(times.size, bool)
-    for recording in scenario.recordings.values():
+    for recording in prepared.recordings.values():
         holes |= recording.holes(times, min(root[-1], tip[-1]), max(root[-1], tip[-1]))
     frequency, density, sound, windows = spectrum(velocity[late], interval, holes[late])
     if sound < windows:
@@ -96,7 +99,7 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
     model, words = _model(scenario, frequency, velocity[late, 1], interval)
     if model is not None:
         quantities["model_spectrum"] = (("frequency", "axis"), model, "m2 s-1", words)
-    quantities |= _records(scenario, float(times[-1]))
+    quantities |= _records(prepared.recordings, float(times[-1]))
     dataset = xr.Dataset(
         {
             name: (dims, values, {"units": units, "long_name": meaning})
@@ -122,11 +125,11 @@ def sample_current(scenario: Scenario) -> xr.Dataset:
     dataset.attrs = describe(scenario) | {
         "title": scenario.title or "current",
         "settled": settled,
-        "notes": "\n".join([*scenario.notes(), *notes]),
+        "notes": "\n".join([*prepared.notes(), *notes]),
     }
     if model is not None:
         dataset["model_spectrum"].attrs["comment"] = "as asked" if "asks" in words else "fitted"
-    rates = [1 / record.interval / record.time_scale for record in scenario.recordings.values()]
+    rates = [1 / record.interval / record.time_scale for record in prepared.recordings.values()]
     if rates:
         dataset["flow_spectrum"].attrs["record_rate_hz"] = min(rates)
     if scenario.water.depth is not None:
@@ -175,13 +178,14 @@ def _settled(scenario: Scenario, times: Float[np.ndarray, " time"]) -> tuple[flo
     return settled, []
 
 
-def _heights(scenario: Scenario, low: float, high: float) -> Float[np.ndarray, " height"]:
+def _heights(prepared: Prepared, low: float, high: float) -> Float[np.ndarray, " height"]:
     """Return heights that hold the arm, the levels of profiles, and all of the water if known."""
+    scenario = prepared.scenario
     if scenario.water.depth is not None:
         low, high = min(low, -scenario.water.depth), max(high, 0.0)
     else:
         low, high = low - 0.5 * scenario.arm.length, high + 0.5 * scenario.arm.length
-    for recording in scenario.recordings.values():
+    for recording in prepared.recordings.values():
         if recording.levels is not None:
             low, high = min(low, recording.levels[0]), max(high, recording.levels[-1])
     return np.linspace(low, high, _HEIGHTS)
@@ -227,11 +231,11 @@ def _model(
 
 
 def _records(
-    scenario: Scenario, duration: float
+    recordings: Mapping[int, Recording], duration: float
 ) -> dict[str, tuple[tuple[str, ...], Any, str, str]]:
     """Return what measured profiles are in the mean at their levels, during the run."""
     found: dict[str, tuple[tuple[str, ...], Any, str, str]] = {}
-    for index, recording in scenario.recordings.items():
+    for index, recording in recordings.items():
         if recording.levels is None:
             continue
         name, level = f"record_{index}", f"level_{index}"

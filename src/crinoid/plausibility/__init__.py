@@ -10,6 +10,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.plausibility.arm import ARM
 from crinoid.plausibility.base import BASE
 from crinoid.plausibility.current import CURRENT
@@ -20,7 +21,6 @@ from crinoid.plausibility.obstacle import OBSTACLE
 from crinoid.plausibility.rule import Rule
 from crinoid.plausibility.time import TIME
 from crinoid.plausibility.usual import USUAL
-from crinoid.scenario import Scenario
 
 __all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
 
@@ -36,12 +36,12 @@ IN_THE_WATER = ("water", "flow")
 """Tables that a current depends on."""
 
 
-def doubts(scenario: Scenario, tables: Collection[str] = ()) -> list[str]:
+def doubts(prepared: Prepared, tables: Collection[str] = ()) -> list[str]:
     """Return a sentence for each number of a scenario that is not plausible; one case.
 
     Parameters
     ----------
-    scenario
+    prepared
         What is to be run.
     tables
         The tables that matter; all if none is named.
@@ -51,7 +51,7 @@ def doubts(scenario: Scenario, tables: Collection[str] = ()) -> list[str]:
     ScenarioError
         If a file that the scenario names is not what it takes.
     """
-    facts = Facts(scenario)
+    facts = Facts(prepared)
     found = [doubt for rule in _FIRST for doubt in _told(rule, facts)]
     if not any(doubt.startswith(("arm.", "water.")) for doubt in found):
         found += [doubt for rule in _THEN for doubt in _told(rule, facts)]

@@ -88,7 +88,7 @@ def _motion(facts: Facts) -> Iterator[str]:
             value = "velocity_deg" if motion.channel in ANGLES else "velocity"
             got = f"{key}.{value}: got {getattr(motion, value):g}"
         elif isinstance(motion, FileMotion):
-            time, values = facts.scenario.series[key].during(facts.scenario.simulation.duration)
+            time, values = facts.prepared.series[key].during(facts.scenario.simulation.duration)
             speed, hard = _fastest(time, lever * values[:, 0])
             got = f"{key}.file: got {shown(motion.file)}"
         where = "the base" if lever == 1.0 else "the tip of a stiff arm"

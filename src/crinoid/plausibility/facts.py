@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.plausibility.vibration import bending_frequencies
 from crinoid.scenario import (
     GaussMarkovFlow,
     GustFlow,
     MeasuredFlow,
-    Scenario,
     ShearFlow,
     SineFlow,
     TurbulenceFlow,
@@ -32,8 +32,9 @@ _RARE = 2.0
 class Facts:
     """Numbers that several rules look at, each worked out once. SI units and radians."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario = scenario
+    def __init__(self, prepared: Prepared) -> None:
+        self.prepared, self.scenario = prepared, prepared.scenario
+        scenario = self.scenario
         arm, water = scenario.arm, scenario.water
         self.length = arm.length
         self.edge = arm.length / (arm.nodes - 1)
@@ -146,7 +147,7 @@ class Facts:
                 case GaussMarkovFlow() | TurbulenceFlow():
                     total += flow.mean
                 case MeasuredFlow():
-                    total += np.nanmean(self.scenario.recordings[index].velocity, axis=(0, 1))
+                    total += np.nanmean(self.prepared.recordings[index].velocity, axis=(0, 1))
         return tuple(map(float, total))
 
     def fastest(self, index: int, flow: Flow) -> float:
@@ -168,7 +169,7 @@ class Facts:
                 number = rate**2 / max(self.scenario.water.gravity, 1e-9)
                 return flow.significant_height / 2 * rate * math.exp(-number * depth)
             case MeasuredFlow():
-                velocity = self.scenario.recordings[index].velocity
+                velocity = self.prepared.recordings[index].velocity
                 return float(np.nanmax(np.linalg.norm(velocity, axis=-1)))
         return 0.0
 

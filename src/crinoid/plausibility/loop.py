@@ -55,7 +55,7 @@ def _wanted(facts: Facts, root: _Point) -> dict[str, _Points]:
         middle = np.zeros((1, axes)) if centre is None else centre
         found["amplitude"] = middle + np.multiply.outer([-1, 1], target.amplitude)
     if target.path == "file":
-        _, points = facts.scenario.series["target"].during(facts.scenario.simulation.duration)
+        _, points = facts.prepared.series["target"].during(facts.scenario.simulation.duration)
         found["file"] = points[:, :axes] - root
     return found
 

@@ -52,7 +52,7 @@ def _radians(facts: Facts) -> Iterator[str]:
 
 
 def _speeds(facts: Facts) -> Iterator[str]:
-    for index in facts.scenario.recordings if facts.scenario.flow else ():
+    for index in facts.prepared.recordings:
         speed = facts.fastest(index, facts.scenario.flow[index])
         if speed > _CURRENT:
             yield (

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property
 from itertools import product
 from math import prod
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tomli_w
 from pydantic import BeforeValidator, Field
@@ -32,21 +31,16 @@ from crinoid.scenario.consistency import (
 from crinoid.scenario.control import Control, Sensor
 from crinoid.scenario.dimension import dimension_conflicts, fitted, unwritten
 from crinoid.scenario.document import assign, parse
-from crinoid.scenario.errors import Mistake, ScenarioError, gathered, shown
+from crinoid.scenario.errors import Mistake, ScenarioError, shown
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.keys import all_keys
 from crinoid.scenario.load import Load
-from crinoid.scenario.measured import MeasuredFlow
 from crinoid.scenario.model import Model
 from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import AsTuple, Quantity
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
 from crinoid.scenario.water import Water
-
-if TYPE_CHECKING:
-    from crinoid.dynamics import System
-    from crinoid.scenario.recording import Recording, Series
 
 __all__ = ["Scenario"]
 
@@ -210,71 +204,6 @@ class Scenario(Model):
         """Return all tables but ``vary``, plain, without what is empty or follows the dimension."""
         excluded = unwritten(self, self.arm.dimension, left_open) | {"vary": True}
         return _without_empty(self.model_dump(mode="json", exclude_none=True, exclude=excluded))
-
-    @cached_property
-    def recordings(self) -> dict[int, Recording]:
-        """The measured currents by their index in ``flow``, read from their files once.
-
-        Raises
-        ------
-        ScenarioError
-            If a file is not what the flow takes.
-        """
-        measured = {
-            index: flow for index, flow in enumerate(self.flow) if isinstance(flow, MeasuredFlow)
-        }
-        if not measured:
-            return {}
-        from crinoid.scenario.recording import Stage, read_recording  # xarray, which few need
-
-        stage = Stage.of(self)
-        found = gathered(
-            {
-                f"flow.{index}": lambda flow=flow: read_recording(flow, stage)
-                for index, flow in measured.items()
-            }
-        )
-        return dict(zip(measured, found.values(), strict=True))
-
-    @cached_property
-    def series(self) -> dict[str, Series]:
-        """The series in the files of prescribed motions and of the target, by the key of the table.
-
-        Raises
-        ------
-        ScenarioError
-            If a file is not what the table takes.
-        """
-        if self.target.file is None and all(m.kind != "file" for m in self.base.motion):
-            return {}
-        from crinoid.scenario.recording import series_readers  # xarray, which few need
-
-        return gathered(series_readers(self))
-
-    def notes(self) -> list[str]:
-        """Return what a user should know of what the scenario is made from, a sentence each.
-
-        Raises
-        ------
-        ScenarioError
-            If a file that the scenario names is not what it takes.
-        """
-        read = {f"flow.{index}": recording for index, recording in self.recordings.items()}
-        return [
-            f"{key}: {note}" for key, found in (read | self.series).items() for note in found.notes
-        ]
-
-    def system(self) -> System:
-        """Assemble the arm, its base and the water: the differentiable core.
-
-        Raises
-        ------
-        ScenarioError
-            If a file that the scenario names is not what it takes.
-        """
-        from crinoid.scenario.build import build_system  # JAX, which a description does not need
-
-        return build_system(self)
 
     @property
     def sensor_rate_hz(self) -> float:

@@ -8,5 +8,5 @@ from crinoid.simulation.run import Tell as Tell
 from crinoid.simulation.run import at_rest as at_rest
 from crinoid.simulation.run import equilibrium as equilibrium
 from crinoid.simulation.run import play as play
+from crinoid.simulation.run import settle as settle
 from crinoid.simulation.run import simulate as simulate
-from crinoid.simulation.setup import check_room as check_room

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.dataset import build_dataset, describe, join
 from crinoid.dimensionless import with_dimensionless
 from crinoid.dynamics import Outcome, State, System
@@ -78,14 +79,14 @@ def simulate(scenario: Scenario, *, report: Report | None = None) -> Result:
     ValueError
         If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
-    result = play(scenario, report=report)
+    result = play(Prepared(scenario), report=report)
     if result.failure:
         raise SimulationError(result)
     return result
 
 
 def play(
-    scenario: Scenario,
+    prepared: Prepared,
     *,
     report: Report | None = None,
     resume: Result | None = None,
@@ -96,8 +97,8 @@ def play(
 
     Parameters
     ----------
-    scenario
-        What to run.
+    prepared
+        The scenario to run.
     report
         Called between chunks of the run.
     resume
@@ -117,21 +118,22 @@ def play(
     ValueError
         If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
+    scenario = prepared.scenario
     _one_case(scenario)
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
     with _CtrlC() if stop is None else nullcontext(stop) as asked:
-        setup = set_up(scenario)
+        setup = set_up(prepared)
         if tell is not None and setup.loop_doubts:
             tell(setup.loop_doubts)
-        result = _run(scenario, setup, label, report, resume, asked)
+        result = _run(prepared, setup, label, report, resume, asked)
         if controlled and scenario.control.compare:
             idle = setup._replace(
                 loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False)),
                 loop_doubts=[],
             )
             earlier = resume.uncontrolled if resume is not None else None
-            result.uncontrolled = _run(scenario, idle, "uncontrolled", report, earlier, asked)
+            result.uncontrolled = _run(prepared, idle, "uncontrolled", report, earlier, asked)
     result.dataset.attrs["notes"] = "\n".join([*result.notes, *loop_notes(result)])
     return result
 
@@ -143,17 +145,31 @@ def equilibrium(scenario: Scenario) -> Result:
     ------
     SimulationError
         If none was found.
+    ScenarioError
+        If a file that the scenario names is not what it takes.
     ValueError
         If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
     _one_case(scenario)
+    return settle(Prepared(at_rest(scenario)))
+
+
+def settle(prepared: Prepared) -> Result:
+    """Find the static equilibrium of a scenario that `at_rest` gave.
+
+    Raises
+    ------
+    SimulationError
+        If none was found.
+    ScenarioError
+        If a file that the scenario names is not what it takes.
+    """
     begun = time.perf_counter()
-    still = at_rest(scenario)
-    setup = set_up(still)._replace(doubts=doubts(scenario, AT_REST))
+    setup = set_up(prepared)._replace(doubts=doubts(prepared, AT_REST))
     carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
-    trouble = start_failure(still, setup.loop.system, setup.outcome)
-    result = _result(still, setup, carry, [_one(first)], trouble, None, wall_time, None)
+    trouble = start_failure(prepared.scenario, setup.loop.system, setup.outcome)
+    result = _result(prepared, setup, carry, [_one(first)], trouble, None, wall_time, None)
     if result.failure:
         raise SimulationError(result)
     return result
@@ -173,14 +189,15 @@ def _one_case(scenario: Scenario) -> None:
 
 
 def _run(
-    scenario: Scenario,
+    prepared: Prepared,
     setup: Setup,
     label: str,
     report: Report | None,
     earlier: Result | None,
     stop: Callable[[], bool],
 ) -> Result:
-    loop, stride = setup.loop, scenario.output_steps
+    scenario, loop = prepared.scenario, setup.loop
+    stride = scenario.output_steps
     duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = _begin(loop, setup.state)
     records, kept_earlier = [_one(first)], None
@@ -215,7 +232,7 @@ def _run(
         records.append(_one(_keep(loop, carry)))
     if done < total and not (trouble or failed):
         trouble = f"interrupted at t = {float(carry.state.time):.6g} s"
-    return _result(scenario, setup, carry, records, trouble, failed, wall_time, kept_earlier)
+    return _result(prepared, setup, carry, records, trouble, failed, wall_time, kept_earlier)
 
 
 class _CtrlC:
@@ -261,7 +278,7 @@ def _one(record: Record) -> Record:
 
 
 def _result(
-    scenario: Scenario,
+    prepared: Prepared,
     setup: Setup,
     carry: LoopState,
     records: list[Record],
@@ -270,6 +287,7 @@ def _result(
     wall_time: float,
     earlier: xr.Dataset | None,
 ) -> Result:
+    scenario = prepared.scenario
     parts = [] if earlier is None else [earlier]
     if records:
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
@@ -281,7 +299,7 @@ def _result(
         trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
     elif not trouble and defect is not None and defect.failed is not None:
         trouble = defect.failure
-    told = [*scenario.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
+    told = [*prepared.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
     if defect is not None and defect.told not in trouble:
         told.append(defect.note)
     dataset.attrs = describe(scenario) | {

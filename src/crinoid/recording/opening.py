@@ -15,9 +15,9 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
+from crinoid.recording.refusal import listed, refusal
+from crinoid.recording.table import SUFFIXES, read_table
 from crinoid.scenario.errors import ScenarioError, shown
-from crinoid.scenario.recording.refusal import listed, refusal
-from crinoid.scenario.recording.table import SUFFIXES, read_table
 
 MAX_VALUES = 20_000_000
 """More than that, splines included, takes gigabytes."""

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from crinoid.assembly.measured import measured
+from crinoid.assembly.numbers import array
 from crinoid.flow import (
     Flow,
     GaussMarkov,
@@ -19,15 +21,17 @@ from crinoid.flow import (
     Waves,
 )
 from crinoid.onset import Onset
+from crinoid.scenario import Scenario
 from crinoid.scenario import flow as flows
-from crinoid.scenario.numbers import array
 
 if TYPE_CHECKING:
-    from crinoid.scenario.scenario import Scenario
+    from crinoid.recording import Recording  # xarray, slow to load
 
 
-def build_flow(scenario: Scenario, index: int, flow: flows.Flow) -> Flow:
-    """Return the flow that stands at ``index`` in a scenario."""
+def build_flow(
+    scenario: Scenario, index: int, flow: flows.Flow, recording: Recording | None = None
+) -> Flow:
+    """Return the flow that stands at ``index`` in a scenario; a measured one from its recording."""
     onset = Onset(*map(array, (flow.start, flow.ramp_time, np.inf)))
     # two random flows of one scenario are not the same
     seed = np.random.SeedSequence(scenario.seed, spawn_key=(index,))
@@ -88,10 +92,8 @@ def build_flow(scenario: Scenario, index: int, flow: flows.Flow) -> Flow:
                 generator=np.random.default_rng(seed),
             )
         case flows.MeasuredFlow():
-            from crinoid.scenario.build_measured import measured  # xarray, which few need
-
-            recording = scenario.recordings[index]
-            return measured(onset, recording, scenario)
+            assert recording is not None
+            return measured(onset, recording, scenario.base.position)
 
 
 def _heading(scenario: Scenario, direction: float) -> Float[np.ndarray, " level"]:

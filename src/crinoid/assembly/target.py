@@ -1,5 +1,9 @@
 """From the description of a target to where the tip should be at any time."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,6 +16,9 @@ from crinoid.scenario import Target as TargetTable
 from crinoid.scenario.quantity import unit_vector
 from crinoid.spline import PiecewisePolynomial, between, shape_preserving
 
+if TYPE_CHECKING:
+    from crinoid.recording import Series  # xarray, slow to load
+
 _RAMP_TIME = 1.0
 _ALONG = 1e-6
 """Sine of an angle below which two directions are one."""
@@ -19,8 +26,13 @@ _ALONG = 1e-6
 Vector = Float[np.ndarray, " d"]
 
 
-def build_target(scenario: Scenario, system: System, tip: Float[Array, " pose"]) -> Target:
-    """Return the target of a scenario for an arm whose tip has a pose at t = 0."""
+def build_target(
+    scenario: Scenario, path: Series | None, system: System, tip: Float[Array, " pose"]
+) -> Target:
+    """Return the target of a scenario for an arm whose tip has a pose at t = 0.
+
+    ``path`` is what its file holds, if it names one.
+    """
     target, axes = scenario.target, scenario.arm.dimension
     carrier = None
     if target.frame == "base":
@@ -35,9 +47,8 @@ def build_target(scenario: Scenario, system: System, tip: Float[Array, " pose"])
     places, pointing = tuple(range(axes)), tuple(range(axes, fixed.size))
     if target.path in ("circle", "sine", "line"):
         return Target(jnp.asarray(fixed), _formula(target, fixed[:axes]), places, carrier)
-    if target.path == "file":
-        series = scenario.series["target"]
-        times, points = series.time, series.values
+    if path is not None:
+        times, points = path.time, path.values
         moving = (places + pointing)[: points.shape[1]]
     else:
         given = [(places, target.tip_path), (pointing, turns)]

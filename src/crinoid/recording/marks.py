@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crinoid.scenario.recording.refusal import refusal
+from crinoid.recording.refusal import refusal
 
 _MARKS = (999, 999.9, 999.99, 9999, 9999.9, 9999.99, 99999, 99999.9, 999999, 32767, 32768)
 """Sizes of the usual ones: nines, and the ends of a 16-bit counter."""

@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.recording.opening import numbers_of
+from crinoid.recording.refusal import refusal
+from crinoid.recording.units import length_factor, time_factor
 from crinoid.scenario.errors import counted, shown
 from crinoid.scenario.quantity import INTERVALS
-from crinoid.scenario.recording.opening import numbers_of
-from crinoid.scenario.recording.refusal import refusal
-from crinoid.scenario.recording.units import length_factor, time_factor
 
 _FARTHEST = 1e5
 """No level is as far from the surface (m)."""

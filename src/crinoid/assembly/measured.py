@@ -10,20 +10,19 @@ from jaxtyping import Float
 
 from crinoid.flow import MeasuredPoint, MeasuredProfile
 from crinoid.onset import Onset
-from crinoid.scenario.recording import Recording, Stage
 from crinoid.spline import PiecewisePolynomial, between
 
 if TYPE_CHECKING:
-    from crinoid.scenario.scenario import Scenario
+    from crinoid.recording import Recording  # xarray, slow to load
 
 
 def measured(
-    onset: Onset, recording: Recording, scenario: Scenario
+    onset: Onset, recording: Recording, origin: tuple[float, ...]
 ) -> MeasuredPoint | MeasuredProfile:
-    """Return the flow of a recording."""
+    """Return the flow of a recording; that of one place is met at ``origin`` (m)."""
     from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
 
-    stage = Stage.of(scenario)
+    stage = recording.stage
     delay = stage.reach * float(np.linalg.norm(recording.slowness))
 
     def played(values: Float[np.ndarray, "time column"]) -> PiecewisePolynomial:
@@ -34,7 +33,7 @@ def measured(
         return MeasuredPoint(
             onset,
             played(recording.velocity[:, 0]),
-            jnp.asarray(np.array(scenario.base.position)),
+            jnp.asarray(np.array(origin)),
             jnp.asarray(recording.slowness),
         )
     values = recording.velocity

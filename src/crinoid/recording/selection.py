@@ -6,10 +6,10 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.recording.opening import numbers_of
+from crinoid.recording.refusal import listed, refusal
 from crinoid.scenario.errors import shown
 from crinoid.scenario.measured import Component, MeasuredFlow
-from crinoid.scenario.recording.opening import numbers_of
-from crinoid.scenario.recording.refusal import listed, refusal
 
 
 def component_of(

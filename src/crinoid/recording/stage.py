@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crinoid.scenario.motion import FileMotion
+from crinoid.recording.series import Series
+from crinoid.scenario import FileMotion, Scenario
 from crinoid.space import ANGLES, CHANNELS
-
-if TYPE_CHECKING:
-    from crinoid.scenario.scenario import Scenario
 
 _STRETCH = 1.1
 """More than an arm gets longer in a current."""
@@ -33,8 +31,8 @@ class Stage:
     """Height z of the bed (m), if it is known."""
 
     @staticmethod
-    def of(scenario: Scenario) -> Stage:
-        """Return the stage that a scenario sets."""
+    def of(scenario: Scenario, series: Mapping[str, Series]) -> Stage:
+        """Return the stage that a scenario sets with the series from its files, by table."""
         base, depth = scenario.base, scenario.water.depth
         dimension = scenario.arm.dimension
         travel = dict.fromkeys(CHANNELS[dimension], 0.0)
@@ -42,8 +40,8 @@ class Stage:
             travel[name] += max(-channel.limits.low, channel.limits.high)
         for index, motion in enumerate(base.motion):
             if isinstance(motion, FileMotion):
-                series = scenario.series[f"base.motion.{index}"]
-                travel[motion.channel] += float(np.abs(series.values).max())
+                values = series[f"base.motion.{index}"].values
+                travel[motion.channel] += float(np.abs(values).max())
             else:
                 travel[motion.channel] += motion.farthest(scenario.simulation.duration)
         root = base.position[-1]

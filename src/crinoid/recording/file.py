@@ -8,14 +8,14 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.recording.coordinates import factor_to, heights, only_dimension, seconds
+from crinoid.recording.marks import check_marks
+from crinoid.recording.opening import check_count, find, opened
+from crinoid.recording.refusal import listed, refusal
+from crinoid.recording.selection import component_of, labelled_by_text
+from crinoid.recording.units import velocity_factor
 from crinoid.scenario.errors import shown
 from crinoid.scenario.measured import Component, MeasuredFlow
-from crinoid.scenario.recording.coordinates import factor_to, heights, only_dimension, seconds
-from crinoid.scenario.recording.marks import check_marks
-from crinoid.scenario.recording.opening import check_count, find, opened
-from crinoid.scenario.recording.refusal import listed, refusal
-from crinoid.scenario.recording.selection import component_of, labelled_by_text
-from crinoid.scenario.recording.units import velocity_factor
 
 _FASTEST = 50.0
 """No current is as fast (m/s): such a number stands for a missing one."""

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from crinoid.assembly.numbers import Numbers, array
 from crinoid.dynamics import Obstacles
 from crinoid.elements import Body, Contact
-from crinoid.scenario.numbers import Numbers, array
-from crinoid.scenario.obstacle import Sphere
-
-if TYPE_CHECKING:
-    from crinoid.scenario.scenario import Scenario
+from crinoid.scenario import Scenario, Sphere
 
 
 def contact_numbers(scenario: Scenario) -> Numbers | None:

@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from crinoid.recording.refusal import listed, refusal
+from crinoid.recording.units import is_unit
 from crinoid.scenario.errors import shown
 from crinoid.scenario.measured import Component
-from crinoid.scenario.recording.refusal import listed, refusal
-from crinoid.scenario.recording.units import is_unit
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 _MAX_BYTES = 500_000_000

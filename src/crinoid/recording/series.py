@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from crinoid.recording.coordinates import factor_to, only_dimension, seconds
+from crinoid.recording.marks import check_marks
+from crinoid.recording.opening import check_count, find, numbers_of, opened, short
+from crinoid.recording.refusal import refusal
+from crinoid.recording.units import time_factor
 from crinoid.scenario.errors import counted
-from crinoid.scenario.recording.coordinates import factor_to, only_dimension, seconds
-from crinoid.scenario.recording.marks import check_marks
-from crinoid.scenario.recording.opening import check_count, find, numbers_of, opened, short
-from crinoid.scenario.recording.refusal import refusal
-from crinoid.scenario.recording.units import time_factor
 
 
 class Column(NamedTuple):

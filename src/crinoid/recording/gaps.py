@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crinoid.scenario.recording.refusal import refusal
+from crinoid.recording.refusal import refusal
 
 _MOST = 0.5
 """Of a level more than this part must have been measured."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import equinox as eqx
@@ -10,6 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from crinoid.assembly.flow import build_flow
+from crinoid.assembly.numbers import Numbers, array
+from crinoid.assembly.obstacle import body_numbers, build_obstacles, contact_numbers
 from crinoid.base import Base, BaseMotion, Servo, SineMotion, TableMotion, VelocityMotion
 from crinoid.dynamics import Forces, Integrator, Settings, System
 from crinoid.elements import (
@@ -29,19 +32,14 @@ from crinoid.elements import (
 from crinoid.flow import Water
 from crinoid.onset import Onset
 from crinoid.rod import Rod
+from crinoid.scenario import Arm, Load, Scenario
 from crinoid.scenario import motion as motions
-from crinoid.scenario.build_flow import build_flow
-from crinoid.scenario.build_obstacle import body_numbers, build_obstacles, contact_numbers
 from crinoid.scenario.load import TipLoad as TipTable
-from crinoid.scenario.numbers import Numbers, array
 from crinoid.space import CHANNELS
 from crinoid.spline import PiecewisePolynomial, between, shape_preserving
 
 if TYPE_CHECKING:
-    from crinoid.scenario.arm import Arm
-    from crinoid.scenario.load import Load
-    from crinoid.scenario.recording import Series
-    from crinoid.scenario.scenario import Scenario
+    from crinoid.recording import Recording, Series  # xarray, slow to load
 
 _LoadElement = DistributedLoad | TipLoad
 _INTEGRATORS: dict[str, Callable[..., Integrator]] = {
@@ -51,7 +49,9 @@ _INTEGRATORS: dict[str, Callable[..., Integrator]] = {
 }
 
 
-def build_system(scenario: Scenario) -> System:
+def build_system(
+    scenario: Scenario, recordings: Mapping[int, Recording], series: Mapping[str, Series]
+) -> System:
     """Assemble the arm, its base and the water of a scenario."""
     simulation, water = scenario.simulation, scenario.water
     rod, elements, settings, contact, bodies = _assemble(
@@ -81,11 +81,16 @@ def build_system(scenario: Scenario) -> System:
         rod=rod,
         forces=Forces(
             elements,
-            Water(tuple(build_flow(scenario, *numbered) for numbered in enumerate(scenario.flow))),
+            Water(
+                tuple(
+                    build_flow(scenario, index, flow, recordings.get(index))
+                    for index, flow in enumerate(scenario.flow)
+                )
+            ),
             array(scenario.base.position),
             build_obstacles(scenario, contact, bodies),
         ),
-        base=_base(scenario, rod),
+        base=_base(scenario, rod, series),
         integrator=_INTEGRATORS[simulation.integrator](**simulation.integrator_options),
         settings=settings,
         time_step=array(simulation.time_step),
@@ -163,7 +168,7 @@ def _load(load: Load, scenario: Scenario) -> tuple[type[_LoadElement], Numbers]:
     }
 
 
-def _base(scenario: Scenario, rod: Rod) -> Base:
+def _base(scenario: Scenario, rod: Rod, series: Mapping[str, Series]) -> Base:
     # a channel that nobody drives has no room to move and any limits
     axes, duration = scenario.arm.dimension, scenario.simulation.duration
     channels = CHANNELS[axes]
@@ -181,7 +186,7 @@ def _base(scenario: Scenario, rod: Rod) -> Base:
         ghost_length=array(np.asarray(rod.rest_length)[0]),
         servo=Servo(*map(array, (lower, upper, speed, acceleration, bandwidth))),
         motions=tuple(
-            _motion(motion, channels, scenario.series.get(f"base.motion.{index}"), duration)
+            _motion(motion, channels, series.get(f"base.motion.{index}"), duration)
             for index, motion in enumerate(scenario.base.motion)
         ),
     )

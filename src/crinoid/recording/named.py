@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crinoid.scenario.motion import FileMotion
+from crinoid.recording.refusal import refusal
+from crinoid.recording.series import Column, Series, read_series
+from crinoid.recording.units import angle_factor, length_factor
+from crinoid.scenario import FileMotion, Scenario, Target
 from crinoid.scenario.quantity import OPPOSITE
-from crinoid.scenario.recording.refusal import refusal
-from crinoid.scenario.recording.series import Column, Series, read_series
-from crinoid.scenario.recording.units import angle_factor, length_factor
 from crinoid.space import ANGLES, AXES
-
-if TYPE_CHECKING:
-    from crinoid.scenario.scenario import Scenario
-    from crinoid.scenario.target import Target
 
 _SHIFT, _DEPTHS, _TURNS, _LONG = 1e3, 2e4, 100.0, 1e15
 """No motion goes as far (m), nothing in the sea lies as deep (m), nothing turns as often (rad), no

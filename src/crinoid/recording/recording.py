@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
+from crinoid.recording.file import cut_out
+from crinoid.recording.gaps import fill
+from crinoid.recording.refusal import refusal
+from crinoid.recording.stage import Stage
 from crinoid.scenario.measured import MeasuredFlow
-from crinoid.scenario.recording.file import cut_out
-from crinoid.scenario.recording.gaps import fill
-from crinoid.scenario.recording.refusal import refusal
-from crinoid.scenario.recording.stage import Stage
 
 _MEAN_OVER = 600.0
 """Time (s) over which the current that carries a record past the arm is the mean."""
@@ -42,6 +42,8 @@ class Recording:
     """Time of the record (s) when the run begins."""
     time_scale: float
     """Time of the run over time of the record."""
+    stage: Stage
+    """The run that it is laid over."""
     notes: tuple[str, ...]
     """What was assumed, filled and left out."""
 
@@ -128,6 +130,7 @@ def read_recording(flow: MeasuredFlow, stage: Stage) -> Recording:
         slowness=slowness,
         begins=begins,
         time_scale=flow.time_scale,
+        stage=stage,
         notes=tuple(notes),
     )
 

@@ -1,0 +1,133 @@
+"""From the description of a controller to what commands the base: gains, limits and mapping."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.control import Controller, FeedForward, Idle, Pid, damped_inverse
+from crinoid.dynamics import System
+from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.space import CHANNELS, POSE
+
+_ROUND_OFF = 1e-9
+"""Movement of the tip over that of a channel, turns at the arm's length, that is none."""
+_UNUSED = 1e-6
+"""Answer of a channel to an error, over that of the channel that answers most: none at all."""
+_TAKE_UP = 1.0
+"""How long a controller takes to answer in full to what is there when it is switched on (s)."""
+
+
+def build_controller(scenario: Scenario, jacobian: Array | None) -> Controller:
+    """Return the controller of a scenario.
+
+    Parameters
+    ----------
+    scenario
+        What to control, and how.
+    jacobian
+        Of the tip's pose by the channels, where the scenario maps errors by it.
+
+    Raises
+    ------
+    ScenarioError
+        If a channel that is to be driven does not move what is controlled.
+    """
+    match scenario.control.kind:
+        case "none":
+            return Idle(len(CHANNELS[scenario.arm.dimension]))
+        case "pid":
+            return _pid(scenario, jacobian)
+
+
+def build_feed_forward(
+    scenario: Scenario, system: System, jacobian: Array | None
+) -> FeedForward | None:
+    """Return what the base does beforehand where the target moves, if the scenario asks for it.
+
+    Raises
+    ------
+    ScenarioError
+        As `build_controller` does.
+    """
+    control = scenario.control
+    if control.kind == "none" or not scenario.target.feeds_forward:
+        return None
+    mapping = _mapping(scenario, jacobian, list(control.pid.present))
+    held = 0.5 / scenario.control_rate_hz
+    return FeedForward(
+        jnp.asarray(mapping), system.base.servo.lag + held, jnp.asarray(control.start)
+    )
+
+
+def _pid(scenario: Scenario, jacobian: Array | None) -> Pid:
+    channels, driven = CHANNELS[scenario.arm.dimension], scenario.control.pid.present
+    limits = {name: channel.limits for name, channel in scenario.base.channels.present.items()}
+
+    def per_channel(values: dict[str, float]) -> Float[Array, " channel"]:
+        return jnp.asarray([values.get(name, 0.0) for name in channels])
+
+    # at t = 0 the arm has been left alone for no time yet: there an error is acted on at once
+    bumps = scenario.control.start > 0 or scenario.target.feeds_forward
+    filter_time = {name: 0.5 / (np.pi * g.derivative_filter_hz) for name, g in driven.items()}
+    return Pid(
+        kp=per_channel({name: gains.kp for name, gains in driven.items()}),
+        ki=per_channel({name: gains.ki for name, gains in driven.items()}),
+        kd=per_channel({name: gains.kd for name, gains in driven.items()}),
+        filter_time=per_channel(filter_time),
+        mapping=jnp.asarray(_mapping(scenario, jacobian, list(driven))),
+        lower=per_channel({name: limit.low for name, limit in limits.items()}),
+        upper=per_channel({name: limit.high for name, limit in limits.items()}),
+        period=jnp.asarray(1.0 / scenario.control_rate_hz),
+        take_up=jnp.asarray(_TAKE_UP if bumps else 0.0),
+    )
+
+
+def _mapping(
+    scenario: Scenario, jacobian: Array | None, driven: list[str]
+) -> Float[np.ndarray, "channel pose"]:
+    """Return the errors of the driven channels per error of the tip's pose."""
+    control, axes = scenario.control, scenario.arm.dimension
+    channels, coordinates = CHANNELS[axes], POSE[axes]
+    mapping = np.zeros((len(channels), len(coordinates)))
+    rows = [channels.index(name) for name in driven]
+    if jacobian is None:
+        # x with slide, z with heave, angle with tilt; in space x, y, z with slide, sway, heave
+        mapping[rows, rows] = 1.0
+        return mapping
+    # a direction in space has three coordinates
+    columns = [
+        column
+        for name in control.controlled
+        for column, coordinate in enumerate(coordinates)
+        if coordinate == name or coordinate.startswith(f"{name}_")
+    ]
+    needed = np.asarray(jacobian)[np.ix_(columns, rows)]
+    if not np.isfinite(needed).all():
+        text = (
+            'got "static-jacobian", but nothing brings this arm back to where it is at rest, so '
+            'its tip does not follow the base; takes "identity", or an arm with a clamp or a weight'
+        )
+        raise ScenarioError([Mistake("control.mapping", text)])
+    weights = np.where(np.asarray(columns) < axes, 1.0, scenario.arm.length)
+    weighed = weights[:, None] * needed
+    weighed[np.abs(weighed) < _ROUND_OFF] = 0.0
+    inverse = damped_inverse(weighed) * weights
+    _check_use(driven, inverse)
+    mapping[np.ix_(rows, columns)] = inverse
+    return mapping
+
+
+def _check_use(names: list[str], inverse: Float[np.ndarray, "channel coordinate"]) -> None:
+    """Refuse gains of channels that do nothing for what is controlled."""
+    most = np.abs(inverse).max(axis=1)
+    mistakes = [
+        Mistake(
+            f"control.pid.{name}",
+            f"does nothing: nothing of the tip that is controlled follows {name} from the start; "
+            "takes a channel that moves it",
+        )
+        for name, share in zip(names, most, strict=True)
+        if share <= _UNUSED * most.max()
+    ]
+    if mistakes:
+        raise ScenarioError(mistakes)

@@ -1,0 +1,113 @@
+"""One case of a scenario, ready to be computed: every file read once, every part built once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from crinoid.scenario import MeasuredFlow, Scenario
+from crinoid.scenario.errors import gathered
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
+
+    from crinoid.dynamics import System
+    from crinoid.recording import Recording, Series
+
+
+class Prepared:
+    """A scenario with what it is made from, each part read or built when it is first asked for.
+
+    Every attribute and method raises `crinoid.ScenarioError` if a file that the scenario names is
+    not what it takes.
+
+    Parameters
+    ----------
+    scenario
+        One case; see `crinoid.Scenario.cases`.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+
+    @cached_property
+    def recordings(self) -> dict[int, Recording]:
+        """The measured currents by their index in ``flow``."""
+        measured = {
+            index: flow
+            for index, flow in enumerate(self.scenario.flow)
+            if isinstance(flow, MeasuredFlow)
+        }
+        if not measured:
+            return {}
+        from crinoid.recording import Stage, read_recording  # xarray, slow to load; few need it
+
+        stage = Stage.of(self.scenario, self.series)
+        found = gathered(
+            {
+                f"flow.{index}": lambda flow=flow: read_recording(flow, stage)
+                for index, flow in measured.items()
+            }
+        )
+        return dict(zip(measured, found.values(), strict=True))
+
+    @cached_property
+    def series(self) -> dict[str, Series]:
+        """The series in the files of prescribed motions and of the target, by table."""
+        scenario = self.scenario
+        if scenario.target.file is None and all(m.kind != "file" for m in scenario.base.motion):
+            return {}
+        from crinoid.recording import series_readers  # xarray, slow to load; few need it
+
+        return gathered(series_readers(scenario))
+
+    def notes(self) -> list[str]:
+        """Return what a user should know of the files that were read, a sentence each."""
+        read = {f"flow.{index}": recording for index, recording in self.recordings.items()}
+        return [
+            f"{key}: {note}" for key, found in (read | self.series).items() for note in found.notes
+        ]
+
+    @cached_property
+    def system(self) -> System:
+        """The arm, its base and the water as arrays: the differentiable core."""
+        from crinoid.assembly.system import build_system  # JAX: slow to load, not for reading
+
+        return build_system(self.scenario, self.recordings, self.series)
+
+    @cached_property
+    def room(self) -> Float[np.ndarray, " m"]:
+        """How far each obstacle is from the arm without load (m).
+
+        Raises
+        ------
+        ScenarioError
+            If any lies within the arm.
+        """
+        from crinoid.assembly.room import find_room  # JAX: slow to load, not for reading
+
+        return find_room(self.system)
+
+    def check(self) -> None:
+        """Refuse files that are not what the scenario takes, and obstacles inside the arm.
+
+        Raises
+        ------
+        ScenarioError
+            If there are any.
+        """
+        self.notes()
+        if self.scenario.obstacle:
+            _ = self.room
+
+
+def system(scenario: Scenario) -> System:
+    """Assemble the arm, its base and the water of a scenario: the differentiable core.
+
+    Raises
+    ------
+    ScenarioError
+        If a file that the scenario names is not what it takes.
+    """
+    return Prepared(scenario).system

@@ -1,0 +1,32 @@
+"""Whether the arm has room among the obstacles."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.dynamics import System
+from crinoid.scenario import Mistake, ScenarioError
+
+_clearance = eqx.filter_jit(System.clearance)
+
+
+def find_room(system: System) -> Float[np.ndarray, " m"]:
+    """Return how far each obstacle is from the arm without load (m).
+
+    Raises
+    ------
+    ScenarioError
+        If any lies within the arm.
+    """
+    room = np.asarray(_clearance(system))
+    mistakes = [
+        Mistake(
+            f"obstacle.{index}.position",
+            f"lies {-1e3 * gap:.3g} mm inside the arm without load, takes a place clear of it",
+        )
+        for index, gap in enumerate(room)
+        if gap < 0
+    ]
+    if mistakes:
+        raise ScenarioError(mistakes)
+    return room
