@@ -163,6 +163,7 @@ def draw_structure(draw: Draw, records: dict[str, str]) -> dict[str, Any]:
         "control": bool(draw.random() < 0.35),
         "time_step": float(10 ** draw.uniform(-4, -1)),  # of flows drawn for a duration
         "length": None,
+        "record": "",
     }
     if "measured" in structure["flows"]:
         # how far a drifting record reaches ahead and back, and so its size, goes by the arm's reach

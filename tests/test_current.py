@@ -263,6 +263,20 @@ def test_a_measured_current_is_described_with_what_was_mended(here):
         assert dataset.attrs["notes"].startswith("flow.0: 1.67% of u is missing")
 
 
+def test_a_current_of_others_is_not_replaced_unless_forced(here):
+    write(here, "uniform")
+    (here / "out").mkdir()
+    (here / "out" / "flow.nc").write_text("mine")
+    refused = call("flow", "mine.toml", "--out", "out")
+    assert refused.exit_code == 2
+    (line,) = refused.stderr.strip().splitlines()
+    assert line.startswith("crinoid: --out: out/flow.nc was not written by crinoid")
+    assert [path.name for path in (here / "out").iterdir()] == ["flow.nc"]
+    assert (here / "out" / "flow.nc").read_text() == "mine"
+    for again in (("--force",), ()):  # what it wrote itself it replaces
+        assert call("flow", "mine.toml", "--out", "out", *again).exit_code == 0
+
+
 def test_still_water_is_said_and_a_study_refused(here):
     write(here, "")
     still = call("flow", "mine.toml")

@@ -490,6 +490,16 @@ def test_a_broken_table_of_cases_is_refused(row, words, tmp_path):
         write_report(tmp_path)
 
 
+def test_a_table_of_others_does_not_hide_a_result(tmp_path):
+    (tmp_path / "cases.csv").write_text("case,age\n1,34\n", encoding="utf-8")
+    text = "cases.csv: not the table of a study of crinoid's, it lacks the column 'deflection'"
+    for path in (tmp_path, tmp_path / "cases.csv"):
+        with pytest.raises(ReportError, match=text):
+            write_report(path)
+    save(swaying_arm(), tmp_path / "result.nc")
+    assert_report(tmp_path)
+
+
 def test_an_empty_table_of_cases_is_refused(tmp_path):
     (tmp_path / "cases.csv").write_text(",".join(study_row(1)) + "\n", encoding="utf-8")
     with pytest.raises(ReportError, match="holds no case"):

@@ -307,9 +307,30 @@ def test_a_finished_case_is_not_lost_to_one_that_ends_early(here, player):
     assert Result.load(here / "out" / "case-02-unfinished").status == "interrupted at t = 0.5 s"
     with (here / "out" / "cases.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [row["directory"] for row in rows] == ["case-01", "case-02-unfinished"]
+    # the table still has what the folders hold
+    assert [row["directory"] for row in rows] == ["case-01", "case-02", "case-03"]
+    assert [row["status"] for row in rows] == ["ok"] * 3
     assert call("run", "study.toml", "--out", "out", "--resume").exit_code == 0
     assert len(player.played) == 5
+
+
+def test_the_table_keeps_the_rows_of_cases_that_are_not_run_again_yet(here, player):
+    table = here / "out" / "cases.csv"
+    assert call("run", "study.toml", "--out", "out").exit_code == 0
+    whole = table.read_text()
+    # what is not of the same case, or gone, is no row of this study
+    rows = whole.splitlines()
+    table.write_text("\n".join([*rows[:3], rows[3].replace("case-03", "case-04")]) + "\n")
+    (here / "out" / "case-02" / "result.nc").unlink()
+    player.played.clear()
+    player.between = lambda number: number == 1 or signal.raise_signal(signal.SIGTERM)
+    assert call("run", "study.toml", "--out", "out").exit_code == 130
+    with table.open() as file:
+        found = [(row["case"], row["status"][:11]) for row in csv.DictReader(file)]
+    assert found == [("case-01", "ok"), ("case-02", "interrupted")]
+    player.between = lambda _: None
+    assert call("run", "study.toml", "--out", "out").exit_code == 0
+    assert table.read_text() == whole
 
 
 @pytest.mark.parametrize("name", ["result.nc", "uncontrolled.nc"])
@@ -520,19 +541,21 @@ def test_a_signal_while_saving_lets_the_result_be_saved(here, monkeypatch):
 
 def test_a_signal_while_the_table_is_written_waits_until_it_is(here, monkeypatch):
     assert call("run", "study.toml", "--out", "out").exit_code == 0
-    write = study._write_cases
+    write, written = study.write_rows, []
 
     def interrupted(path: Path, rows: list[dict[str, object]]) -> None:
-        if len(rows) == 2:
+        written.append(len(rows))
+        if len(written) == 2:
             signal.raise_signal(signal.SIGINT)
         write(path, rows)
 
-    monkeypatch.setattr(study, "_write_cases", interrupted)
+    monkeypatch.setattr(study, "write_rows", interrupted)
     ended = call("run", "study.toml", "--out", "out", "--resume")
     assert "interrupted before case-03; --resume goes on from there" in one_line(ended, 130)
     assert "wrote out/cases.csv" in ended.stdout
     with (here / "out" / "cases.csv").open() as file:
-        assert len(list(csv.DictReader(file))) == 2
+        assert [row["status"] for row in csv.DictReader(file)] == ["ok"] * 3
+    assert written == [3, 3]
 
 
 def test_an_empty_name_of_a_folder_is_a_mistake(here):

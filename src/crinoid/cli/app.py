@@ -153,6 +153,7 @@ def flow(
     scenario: ScenarioName,
     settings: Settings = None,
     out: Annotated[Path | None, _out("results/SCENARIO-flow")] = None,
+    force: Force = False,
 ) -> None:
     """Draw and sum up the current of a scenario at its arm, without simulating the arm."""
     described, folder = _load(scenario, settings), _folder(out, scenario, "-flow")
@@ -161,7 +162,7 @@ def flow(
         from crinoid.report import ReportError
 
     try:
-        show_current(described, folder, console=console)
+        show_current(described, folder, force=force, console=console)
     except ReportError as error:
         _stop(str(error))
 

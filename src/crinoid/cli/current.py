@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.cli.folder import claimed
+from crinoid.cli.folder import check_own, claimed
 from crinoid.cli.notes import say_doubts, say_notes
 from crinoid.cli.play import keep_compiled_code
 from crinoid.current import FLOW, Statistics, sample_current, statistics
@@ -20,7 +20,7 @@ from crinoid.report import write_report
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 
 
-def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
+def show_current(scenario: Scenario, folder: Path, *, force: bool, console: Console) -> None:
     """Sample the current of a scenario at its arm, save and draw it, and sum it up."""
     if scenario.vary:
         text = "a current is that of one case; give its values with --set and leave out vary"
@@ -32,6 +32,8 @@ def show_current(scenario: Scenario, folder: Path, *, console: Console) -> None:
     prepared = Prepared(scenario)
     prepared.notes()  # which reads the files
     with claimed(folder):
+        if not force:
+            check_own(folder / FLOW)
         say_doubts(console, prepared, IN_THE_WATER)
         dataset = sample_current(prepared)
         with replacing(folder / FLOW) as temporary:

@@ -9,17 +9,18 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
+from typing import NoReturn
 
 import filelock
 import netCDF4
 from rich.console import Console
 
+from crinoid.cases import CASES, is_table
 from crinoid.current import FLOW
 from crinoid.replacement import remove_unfinished
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 
-CASES = "cases.csv"
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
@@ -100,8 +101,7 @@ def check_replaced(
         If there is one.
     """
     for path in _foreign(folder, wanted, resume=resume):
-        text = f"{path} was not written by crinoid, or cannot be read; takes another folder, or "
-        raise ScenarioError([Mistake("--out", f"{text}--force to replace it")])
+        _refuse(path)
     for place in ("", *(each.name for each in _case_folders(folder))):
         path = folder / place / RESULT
         found = attributes(path)
@@ -112,6 +112,23 @@ def check_replaced(
             raise ScenarioError([Mistake("--out", f"{text}--force to replace it")])
 
 
+def check_own(path: Path) -> None:
+    """Refuse to replace a netCDF file that crinoid did not write.
+
+    Raises
+    ------
+    ScenarioError
+        If it is one.
+    """
+    if path.exists() and not attributes(path):
+        _refuse(path)
+
+
+def _refuse(path: Path) -> NoReturn:
+    text = f"{path} was not written by crinoid, or cannot be read; takes another folder, or "
+    raise ScenarioError([Mistake("--out", f"{text}--force to replace it")])
+
+
 def _foreign(folder: Path, wanted: Wanted, *, resume: bool) -> Iterator[Path]:
     """Yield files that are not crinoid's and have the name of one that it would write or read."""
     for place in wanted:
@@ -120,7 +137,7 @@ def _foreign(folder: Path, wanted: Wanted, *, resume: bool) -> Iterator[Path]:
         for path in (folder / place / RESULT, folder / place / UNCONTROLLED):
             if path.exists() and not attributes(path):
                 yield path
-    if "" not in wanted and (folder / CASES).exists() and not _is_table(folder / CASES):
+    if "" not in wanted and (folder / CASES).exists() and not is_table(folder / CASES):
         yield folder / CASES
 
 
@@ -128,6 +145,11 @@ def interrupted(folder: Path, scenario: Scenario) -> bool:
     """Tell whether a folder holds an interrupted run of a scenario."""
     found = attributes(folder / RESULT)
     return str(found.get("status")).startswith("interrupted") and _same(found, scenario)
+
+
+def holds(folder: Path, scenario: Scenario) -> bool:
+    """Tell whether a folder holds a result of a scenario, whatever became of it."""
+    return _same(attributes(folder / RESULT), scenario)
 
 
 def clear(folder: Path, wanted: Wanted, *, resume: bool = False, force: bool = False) -> None:
@@ -157,17 +179,9 @@ def clear(folder: Path, wanted: Wanted, *, resume: bool = False, force: bool = F
 
 def remove_table(folder: Path) -> None:
     """Remove the table of an earlier study."""
-    if _is_table(folder / CASES):
+    if is_table(folder / CASES):
         with suppress(OSError):
             (folder / CASES).unlink()
-
-
-def _is_table(path: Path) -> bool:
-    try:
-        first = path.read_text(encoding="utf-8").partition("\n")[0].strip()
-    except (OSError, UnicodeDecodeError):
-        return False
-    return first.startswith("case,") and first.endswith(",directory")
 
 
 def clear_figures(folder: Path) -> None:

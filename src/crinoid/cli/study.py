@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import gc
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +13,19 @@ import jax
 from rich.console import Console
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.cases import CASES, COLUMNS, MEASURES, is_table, read_rows, write_rows
 from crinoid.cli.attempt import attempt, find_earlier, is_complete, trouble
-from crinoid.cli.folder import CASES, case_names, check_replaced, claimed, clear, save, say_where
+from crinoid.cli.folder import case_names, check_replaced, claimed, clear, holds, save, say_where
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.cli.notes import notes_of_cases, say_notes
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.cli.tables import cases_table
 from crinoid.metrics import deflection, settling_time, tip_error
 from crinoid.plausibility import doubts
-from crinoid.replacement import replacing
 from crinoid.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import Progress
 
-_MEASURES = ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time")
 _MOST_FAILURES = 4
 
 
@@ -74,7 +74,9 @@ def _run_cases(
     wanted = {name: case for name, (_, case) in zip(names, cases, strict=True)}
     if not force:
         check_replaced(folder, wanted, resume=resume)
-    rows: list[dict[str, Any]] = []
+    # until a case is run again, what is known of it stays
+    rows = _earlier_rows(folder, wanted, {n: v for n, (v, _) in zip(names, cases, strict=True)})
+    done: set[str] = set()
     told: dict[str, list[str]] = {}
     failures: list[str] = []
     ended = ""
@@ -89,19 +91,22 @@ def _run_cases(
                 result, wrong = run.play(report, interruption.stop)
                 interruption.stop()  # from here on the case has its row in the table
             except Interrupted:
-                if not rows:
+                if not done:
                     raise
                 ended = f"interrupted before {name}; --resume goes on from there"
                 break
             if not run.saved:
                 ended = f"{name}: {wrong}"
                 break
-            rows.append(_row(name, values, result, wrong) | {"directory": run.directory})
+            if run.directory == name or name not in rows:
+                rows[name] = _row(name, values, result, wrong) | {"directory": run.directory}
+            done.add(name)
+            table = [rows[each] for each in names if each in rows]
             told[name] = [note for note in (result.notes if result else []) if note not in doubted]
             if wrong:
                 failures.append(f"{name}: {wrong}")
             try:
-                _write_cases(folder / CASES, rows)
+                write_rows(folder / CASES, table)
             except OSError as error:
                 text = f"{folder / CASES}: {error.strerror or error}"
                 ended = f"{text}; the cases are saved, --resume goes on and writes their table"
@@ -117,8 +122,8 @@ def _run_cases(
             if _crowded():
                 jax.clear_caches()
                 gc.collect()
-    if rows:
-        console.print(cases_table(scenario, rows))
+    if done:
+        console.print(cases_table(scenario, table))
         say_notes(console, notes_of_cases(told))
         say_where(console, [folder / CASES])
     return ended or _listed(failures)
@@ -151,7 +156,7 @@ class _Run:
 
 
 def _row(name: str, values: dict[str, Any], result: Result | None, wrong: str) -> dict[str, Any]:
-    measures: dict[str, Any] = dict.fromkeys(_MEASURES, "")
+    measures: dict[str, Any] = dict.fromkeys(MEASURES, "")
     if result is not None:
         other = result.uncontrolled
         found = {
@@ -165,14 +170,27 @@ def _row(name: str, values: dict[str, Any], result: Result | None, wrong: str) -
     return {"case": name, **values, **measures, "status": wrong or "ok"}
 
 
-def _write_cases(path: Path, rows: list[dict[str, Any]]) -> None:
-    with (
-        replacing(path) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+def _earlier_rows(
+    folder: Path, wanted: Mapping[str, Scenario], values: Mapping[str, dict[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return the rows of an earlier table whose results are there and of the same cases."""
+    found: dict[str, dict[str, Any]] = {}
+    if not is_table(folder / CASES):
+        return found
+    try:
+        _, rows = read_rows(folder / CASES)
+    except (OSError, ValueError, csv.Error):  # a table that somebody changed
+        return found
+    for row in rows:
+        name, directory = row["case"], row["directory"]
+        if name not in wanted or directory != name or set(row) != {*COLUMNS, *values[name]}:
+            continue
+        if row["status"].startswith("interrupted") or not holds(folder / name, wanted[name]):
+            continue
+        with suppress(ValueError):
+            measures = {key: float(row[key]) if row[key] else "" for key in MEASURES}
+            found[name] = row | values[name] | measures
+    return found
 
 
 def _listed(failures: list[str]) -> str:

@@ -9,9 +9,10 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from crinoid.cases import CASES, is_table
 from crinoid.replacement import replacing
 from crinoid.report.bending import draw_bending
-from crinoid.report.cases import CASES, draw_cases, read_cases
+from crinoid.report.cases import draw_cases, read_cases
 from crinoid.report.closeup import draw_close_up
 from crinoid.report.commands import draw_commands
 from crinoid.report.contact import draw_contact, has_contact
@@ -57,11 +58,13 @@ def write_book(path: Path, out: Path | None) -> list[Path]:
         return _write_run(path, out or path.parent)
     folder = path if path.is_dir() else path.parent
     written = []
-    if (folder / CASES).is_file():
+    run, flow = ((folder / name).is_file() and path.is_dir() for name in (RESULT, FLOW))
+    # beside a result of ours a table of others is none of our business
+    if is_table(folder / CASES) or ((folder / CASES).is_file() and not (run or flow)):
         written += _write_study(folder, out or folder)
-    if (folder / RESULT).is_file() and path.is_dir():
+    if run:
         written += _write_run(folder / RESULT, out or folder)
-    if (folder / FLOW).is_file() and path.is_dir():
+    if flow:
         written += _write_flow(folder / FLOW, out or folder)
     if not written:
         raise ReportError(f"{path}: no result here, neither {RESULT} nor {CASES} nor {FLOW}")

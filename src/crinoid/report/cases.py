@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpecBase
 
+from crinoid.cases import COLUMNS, MEASURES, read_rows
 from crinoid.report.finals import draw_finals, draw_finals_in_space, lay_out
 from crinoid.report.run import RESULT, ReportError, open_result
 from crinoid.report.style import (
@@ -31,11 +32,7 @@ from crinoid.report.sweep import draw_errors, draw_settling, find_sweep
 from crinoid.report.units import Unit, largest, length_unit
 from crinoid.report.view import is_spatial
 
-CASES = "cases.csv"
-
 _WIDTHS = [1.0, 1.5, 1.0]  # of the panels of measures
-_MEASURES = ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time")
-_KNOWN = ("case", *_MEASURES, "status", "directory")
 
 
 @dataclass(frozen=True)
@@ -59,15 +56,13 @@ def read_cases(path: Path) -> list[Case]:
         If the table is unreadable, lacks a column, holds no case, or points out of its folder.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            table = csv.DictReader(stream)
-            columns = list(table.fieldnames or [])
-            rows = list(table)
+        columns, rows = read_rows(path)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ReportError(f"{path}: not a readable table ({error})") from error
-    missing = [name for name in _KNOWN if name not in columns]
+    missing = [name for name in COLUMNS if name not in columns]
     if missing:
-        raise ReportError(f"{path}: the table lacks the column {missing[0]!r}")
+        text = f"not the table of a study of crinoid's, it lacks the column {missing[0]!r}"
+        raise ReportError(f"{path}: {text}")
     if not rows:
         raise ReportError(f"{path}: the table holds no case")
     return [_read_case(path, row) for row in rows]
@@ -76,7 +71,7 @@ def read_cases(path: Path) -> list[Case]:
 def _read_case(path: Path, row: dict[str, str | None]) -> Case:
     texts = {name: (value or "").strip() for name, value in row.items() if name is not None}
     measures = {}
-    for name in _MEASURES:
+    for name in MEASURES:
         try:
             measures[name] = float(texts[name]) if texts[name] else math.nan
         except ValueError as error:
@@ -90,7 +85,7 @@ def _read_case(path: Path, row: dict[str, str | None]) -> Case:
     result = path.parent / folder / RESULT
     return Case(
         name=texts["case"],
-        varied={name: text for name, text in texts.items() if name not in _KNOWN},
+        varied={name: text for name, text in texts.items() if name not in COLUMNS},
         measures=measures,
         status=texts["status"] or "ok",
         directory=str(folder),
@@ -157,7 +152,7 @@ def _sweep(
 ) -> None:
     """Draw the measures of a study of one number over that number."""
     name, values = sweep
-    measures = {measure: _values(cases, measure) for measure in _MEASURES}
+    measures = {measure: _values(cases, measure) for measure in MEASURES}
     draw_errors(figure.add_subplot(columns[:2]), name, values, measures, colours)
     times = measures["settling_time"]
     draw_settling(figure.add_subplot(columns[2]), name, values, times, colours)

@@ -1,0 +1,56 @@
+"""The table of a study: one row for each case."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+from crinoid.replacement import replacing
+
+__all__ = ["CASES", "COLUMNS", "MEASURES", "is_table", "read_rows", "write_rows"]
+
+CASES = "cases.csv"
+MEASURES = ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time")
+COLUMNS = ("case", *MEASURES, "status", "directory")
+"""Columns that every table has; those of the keys that vary stand after the first."""
+
+
+def is_table(path: Path) -> bool:
+    """Tell whether a file is the table of a study, by its header."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            header = next(csv.reader(file), [])
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return False
+    return header[:1] == [COLUMNS[0]] and header[-1:] == [COLUMNS[-1]]
+
+
+def read_rows(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
+    """Return the columns of a table and its rows.
+
+    Raises
+    ------
+    OSError, UnicodeDecodeError, csv.Error
+        If it cannot be read.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        table = csv.DictReader(file)
+        return list(table.fieldnames or []), list(table)
+
+
+def write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write a table of at least one row, whole or not at all.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    with (
+        replacing(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
