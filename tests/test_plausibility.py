@@ -448,6 +448,34 @@ def test_a_rule_that_cannot_be_computed_names_its_keys():
     assert any("go beyond what can be computed" in note for note in found)
 
 
+@pytest.mark.parametrize("error", [OverflowError, FloatingPointError, ValueError])
+def test_what_a_rule_found_is_kept_where_it_cannot_go_on(error, monkeypatch):
+    def breaks(facts):
+        yield "flow.0.velocity: odd"
+        raise error("math range error")
+
+    def goes_on(facts):
+        yield "flow.1.velocity: odd too"
+
+    rules = (Rule(("flow.*.velocity",), "", breaks, "the arm"), Rule(("flow.*",), "", goes_on))
+    monkeypatch.setattr("crinoid.plausibility._FIRST", ())
+    monkeypatch.setattr("crinoid.plausibility._THEN", rules)
+    assert doubts(Prepared(crinoid.Scenario())) == [
+        "flow.0.velocity: odd",
+        "flow.*.velocity: cannot be judged against the arm; numbers go beyond what can be computed",
+        "flow.1.velocity: odd too",
+    ]
+    # what is wrong with a file is no note
+
+    def refuses(facts):
+        raise crinoid.ScenarioError([])
+        yield
+
+    monkeypatch.setattr("crinoid.plausibility._THEN", (Rule(("flow.*",), "", refuses),))
+    with pytest.raises(crinoid.ScenarioError):
+        doubts(Prepared(crinoid.Scenario()))
+
+
 def test_what_follows_from_an_odd_arm_goes_without_saying():
     both = doubts(
         Prepared(crinoid.load(TURBULENT, ["arm.youngs_modulus=0.004", "sensor.delay=10"]))

@@ -21,6 +21,7 @@ from crinoid.plausibility.obstacle import OBSTACLE
 from crinoid.plausibility.rule import Rule
 from crinoid.plausibility.time import TIME
 from crinoid.plausibility.usual import USUAL
+from crinoid.scenario import ScenarioError
 
 __all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
 
@@ -59,11 +60,24 @@ def doubts(prepared: Prepared, tables: Collection[str] = ()) -> list[str]:
 
 
 def _told(rule: Rule, facts: Facts) -> list[str]:
-    """Return what a rule says, or that its numbers are too large or too small to tell."""
+    """Return what a rule says; where numbers are too large or too small, also that it says no more.
+
+    Raises
+    ------
+    ScenarioError
+        If a file that the scenario names is not what it takes.
+    """
+    found: list[str] = []
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            return list(rule.doubts(facts))
-    except ArithmeticError:
+            for doubt in rule.doubts(facts):
+                found.append(doubt)  # noqa: PERF402 - what was found before it raises is kept
+    except ScenarioError:
+        raise
+    except (ArithmeticError, ValueError):
         first, *more = rule.keys
         along = f" (with {', '.join(more)})" if more else ""
-        return [f"{first}: cannot be judged{along}; numbers go beyond what can be computed"]
+        against = f" against {rule.against}" if rule.against else ""
+        text = f"cannot be judged{along}{against}; numbers go beyond what can be computed"
+        found.append(f"{first}: {text}")
+    return found
