@@ -71,7 +71,7 @@ def _told(rule: Rule, facts: Facts) -> list[str]:
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             for doubt in rule.doubts(facts):
-                found.append(doubt)  # noqa: PERF402 - what was found before it raises is kept
+                found.append(doubt)
     except ScenarioError:
         raise
     except (ArithmeticError, ValueError):
