@@ -1,5 +1,6 @@
 """A scenario's current by itself: its numbers against theory, and `crinoid flow`."""
 
+import hashlib
 import importlib.util
 from pathlib import Path
 
@@ -328,6 +329,16 @@ def test_notes_are_shown_and_kept_and_a_run_is_resumed_from_elsewhere(here, monk
     assert whole.exit_code == 0, whole.output
     one, other = (Result.load(folder).dataset for folder in (here / "out", Path("whole")))
     np.testing.assert_array_equal(one["position"], other["position"])
+    # nor is a file that has changed since passed over
+    with (here / "a.nc").open("ab") as file:
+        file.write(b"\0")
+    digest = hashlib.sha256((here / "a.nc").read_bytes()).hexdigest()
+    assert result.digests[str(here / "a.nc")] != digest
+    refused = call("run", "../mine.toml", "--out", "../out", *longer)
+    assert refused.exit_code == 2
+    (line,) = refused.stderr.strip().splitlines()
+    text = f"crinoid: --resume: since the run in ../out was begun {here / 'a.nc'} changed"
+    assert line.startswith(text)
 
 
 def test_a_current_of_three_components_is_drawn(here):

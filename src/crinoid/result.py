@@ -88,6 +88,12 @@ class Result:
         return str(self.dataset.attrs.get("notes", "")).splitlines()
 
     @property
+    def digests(self) -> dict[str, str]:
+        """The SHA-256 digest of each file that the run was made from."""
+        lines = str(self.dataset.attrs.get("files", "")).splitlines()
+        return {file: digest for digest, _, file in (line.partition("  ") for line in lines)}
+
+    @property
     def failure(self) -> str:
         """What went wrong in this run or in the one without control; empty if nothing did."""
         other = self.uncontrolled.failure if self.uncontrolled is not None else ""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from crinoid.scenario import MeasuredFlow, Scenario
 from crinoid.scenario.errors import gathered
+from crinoid.scenario.files import digests
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,6 +33,11 @@ class Prepared:
         self.scenario = scenario
 
     @cached_property
+    def digests(self) -> dict[str, str]:
+        """The SHA-256 digest of each file that the scenario names, as it is when first read."""
+        return digests(self.scenario.to_dict())
+
+    @cached_property
     def recordings(self) -> dict[int, Recording]:
         """The measured currents by their index in ``flow``."""
         measured = {
@@ -41,6 +47,7 @@ class Prepared:
         }
         if not measured:
             return {}
+        _ = self.digests
         from crinoid.recording import Stage, read_recording  # xarray, slow to load; few need it
 
         stage = Stage.of(self.scenario, self.series)
@@ -58,6 +65,7 @@ class Prepared:
         scenario = self.scenario
         if scenario.target.file is None and all(m.kind != "file" for m in scenario.base.motion):
             return {}
+        _ = self.digests
         from crinoid.recording import series_readers  # xarray, slow to load; few need it
 
         return gathered(series_readers(scenario))

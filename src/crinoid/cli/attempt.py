@@ -11,14 +11,16 @@ from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import Progress, Tell, play
 
 
-def find_earlier(scenario: Scenario, folder: Path) -> Result | None:
+def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
     """Find the result to go on from; none where there is nothing yet.
 
     Raises
     ------
     ScenarioError
-        If what there is is no result of this scenario, or of a longer run.
+        If what there is is no result of this scenario, or of a longer run, or if a file that the
+        scenario names has changed since.
     """
+    scenario = prepared.scenario
     if not (folder / RESULT).exists():
         return None
     try:
@@ -41,6 +43,15 @@ def find_earlier(scenario: Scenario, folder: Path) -> Result | None:
         if duration < each.simulation.duration:
             text = f"the run in {folder} is of {each.simulation.duration} s already"
             raise ScenarioError([Mistake("--resume", text)])
+    changed = [
+        file
+        for file, digest in earlier.digests.items()
+        if prepared.digests.get(file, digest) != digest
+    ]
+    if changed:
+        text = f"since the run in {folder} was begun {' and '.join(changed)} changed; takes what "
+        text += "there was then, or a run from the start"
+        raise ScenarioError([Mistake("--resume", text)])
     return earlier
 
 

@@ -51,7 +51,7 @@ def _run_case(
     wanted = {"": scenario}
     if not force:
         check_replaced(folder, wanted, resume=resume)
-    earlier = find_earlier(scenario, folder) if resume else None
+    earlier = find_earlier(prepared, folder) if resume else None
     if earlier is not None and earlier.failure:
         text = f"the run in {folder} {earlier.failure.split(';')[0]}: it would fail there again"
         raise ScenarioError([Mistake("--resume", text)])

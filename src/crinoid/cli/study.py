@@ -141,11 +141,12 @@ class _Run:
         self, report: Callable[[Progress], None], stop: Callable[[], bool]
     ) -> tuple[Result | None, str]:
         """Return its result, none if it is refused, and what went wrong."""
-        earlier = find_earlier(self.case, self.folder) if self.resume else None
+        prepared = Prepared(self.case)
+        earlier = find_earlier(prepared, self.folder) if self.resume else None
         if earlier is not None and (earlier.failure or is_complete(earlier, self.case)):
             return earlier, trouble(earlier, self.folder, [])
         try:
-            result = attempt(Prepared(self.case), earlier, self.folder, report, stop)
+            result = attempt(prepared, earlier, self.folder, report, stop)
         except ScenarioError as error:
             return None, f"refused: {'; '.join(error.lines)}"
         paths, wrong = save(result, self.folder)

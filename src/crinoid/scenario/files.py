@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +13,7 @@ from pydantic import AfterValidator, Field
 
 from crinoid.scenario.quantity import Quantity
 
-__all__ = ["File", "anchor", "named_files"]
+__all__ = ["File", "anchor", "digests", "named_files"]
 
 # absolute, so that a scenario that is stored means the same file wherever it is read again
 File = Annotated[
@@ -31,6 +33,17 @@ def anchor(document: dict[str, Any], folder: Path) -> None:
 def named_files(document: dict[str, Any]) -> list[str]:
     """Return the files that a document names, each once."""
     return list(dict.fromkeys(holder[key] for holder, key in _places(document)))
+
+
+def digests(document: dict[str, Any]) -> dict[str, str]:
+    """Return the SHA-256 digest of each file that a document names and that can be read."""
+    found = {}
+    for name in named_files(document):
+        with suppress(OSError, ValueError):  # ValueError: a name that no file can have
+            if Path(name).is_file():  # a pipe would never end
+                with Path(name).open("rb") as file:
+                    found[name] = hashlib.file_digest(file, "sha256").hexdigest()
+    return found
 
 
 def _places(document: dict[str, Any]) -> Iterator[tuple[Any, Any]]:

@@ -306,5 +306,7 @@ def _result(
         "status": trouble or "ok",
         "wall_time": wall_time,
         "notes": "\n".join(told),
+        # as sha256sum writes and checks it
+        "files": "\n".join(f"{digest}  {file}" for file, digest in prepared.digests.items()),
     }
     return Result(dataset, named_leaves(carry))
