@@ -27,5 +27,8 @@ def _forget_compiled_code() -> Iterator[None]:
     yield
     import jax
 
+    from crinoid.programs.store import STORE
+
+    STORE.set(None)  # which a command has set
     jax.clear_caches()
     gc.collect()

@@ -8,14 +8,12 @@ import sys
 import warnings
 from pathlib import Path
 
-import jax
 import pytest
 import typer.testing
 
 import crinoid
 from crinoid.cli.app import _keys, _names, app
 from crinoid.cli.notes import notes_of_cases
-from crinoid.cli.play import keep_compiled_code
 from crinoid.cli.study import _crowded
 from crinoid.report import ReportError, write_report
 from crinoid.scenario import Scenario
@@ -125,24 +123,6 @@ def test_notes_of_cases_stand_once_with_their_cases():
     assert notes_of_cases(many)[6:] == ["2 more in the cases' results"]
 
 
-def test_compiled_code_is_kept_for_the_user_alone(tmp_path, monkeypatch):
-    kept: dict[str, object] = {}
-    monkeypatch.setattr(jax.config, "update", kept.__setitem__)
-    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "elsewhere")
-    keep_compiled_code()
-    assert kept == {}  # the user's own choice
-    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
-    keep_compiled_code()
-    folder = Path(str(kept["jax_compilation_cache_dir"]))
-    assert folder == tmp_path / "crinoid" / "compiled"
-    assert folder.stat().st_mode & 0o777 == 0o700
-    kept.clear()
-    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: Path(os.devnull) / name)
-    keep_compiled_code()  # a home that cannot be written to
-    assert kept == {}
-
-
 def test_compiled_code_is_let_go_when_it_fills_the_memory_maps(monkeypatch):
     if not Path("/proc/self/maps").exists():
         assert not _crowded()
@@ -153,6 +133,25 @@ def test_compiled_code_is_let_go_when_it_fills_the_memory_maps(monkeypatch):
     monkeypatch.setattr(Path, "read_bytes", full)
     monkeypatch.setattr(Path, "read_text", lambda path: "65530\n")
     assert _crowded()
+
+
+def test_what_computes_nothing_loads_nothing_that_computes():
+    code = (
+        "import contextlib, io, sys\n"
+        "from crinoid.cli.app import _keys, _names, app\n"
+        "for arguments in (['--help'], ['--version'], ['scenarios'], ['run', 'nowhere'],\n"
+        "                  ['run', 'still-water', '--set', 'arm.nodes=two'], ['run', '--help']):\n"
+        "    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
+        "        app(arguments)\n"
+        "assert _names('still') and _keys('arm.')\n"
+        "print(*{'jax', 'equinox', 'xarray', 'pandas', 'scipy', 'matplotlib'} & {*sys.modules})\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert ended.stdout == "\n"
+    assert "nowhere: no such file" in ended.stderr
+    assert 'arm.nodes: got "two"' in ended.stderr
 
 
 def test_the_package_is_there_at_once_and_computes_in_64_bits():

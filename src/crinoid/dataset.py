@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from crinoid.base import Servo
 from crinoid.dynamics import System, Touch
 from crinoid.elements import ENERGIES, WORKS
+from crinoid.programs import ONCE, compiled
 from crinoid.record import Record
+from crinoid.rod import Rod
 from crinoid.scenario import Scenario
 from crinoid.space import ANGLES, AXES, CHANNELS
 from crinoid.version import __version__
@@ -55,7 +58,8 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
     lengths = np.linalg.norm(edges, axis=2, keepdims=True)
     tangent = edges / lengths
     stretching = np.sum(tangent * np.diff(kept.velocity, axis=1), axis=2)
-    rest_length, EA = np.asarray(rod.chord_length), np.asarray(rod.EA)
+    rest_length, arc_length = map(np.asarray, _lengths(rod))
+    EA = np.asarray(rod.EA)
     strain = lengths[..., 0] / rest_length - 1
     tension = EA * (strain + float(rod.damping_time) * stretching / rest_length)
     count = kept.position.shape[-1]
@@ -162,7 +166,7 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
             "kind": ("kind", [*ENERGIES, *WORKS], {"long_name": "kind of energy or work"}),
             "arc_length": (
                 "node",
-                np.asarray(rod.arc_length),
+                arc_length,
                 {"units": "m", "long_name": "distance from the root along the arm at rest"},
             ),
             "diameter": (
@@ -196,6 +200,12 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
 
 def _listed(names: Sequence[str]) -> str:
     return " and ".join(", ".join(names).rsplit(", ", 1))
+
+
+@compiled(**ONCE)
+def _lengths(rod: Rod) -> tuple[Float[Array, " e"], Float[Array, " n"]]:
+    """Return the lengths of the edges and the distances of the nodes from the root (m)."""
+    return rod.chord_length, rod.arc_length
 
 
 def _limits(servo: Servo) -> _Quantities:

@@ -19,11 +19,11 @@ _PROBE = 1 << 24
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, *, private: bool = False) -> Iterator[Path]:
     """Give a temporary file to write, which takes the name ``path`` at the end.
 
     If anything is raised in between, ``path`` stays as it was. A link of that name is replaced and
-    not followed.
+    not followed. A ``private`` file is closed to other users.
 
     Raises
     ------
@@ -38,7 +38,8 @@ def replacing(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o666 & ~_umask())
+        if not private:
+            temporary.chmod(0o666 & ~_umask())
         with temporary.open("rb") as written:
             os.fsync(written.fileno())  # else a power cut could leave the name with nothing in it
         temporary.replace(path)

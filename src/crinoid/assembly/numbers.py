@@ -2,7 +2,7 @@
 
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -10,5 +10,5 @@ Numbers = dict[str, Any]
 
 
 def array(value: object) -> Array:
-    """Return an array of floats; made by NumPy, for which nothing need be compiled."""
-    return jnp.asarray(np.asarray(value, float))
+    """Return an array of floats, for which nothing need be compiled."""
+    return jax.device_put(np.asarray(value, float))

@@ -1,13 +1,13 @@
 """Whether the arm has room among the obstacles."""
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from crinoid.dynamics import System
+from crinoid.programs import ONCE, compiled
 from crinoid.scenario import Mistake, ScenarioError
 
-_clearance = eqx.filter_jit(System.clearance)
+_clearance = compiled(**ONCE)(System.clearance)
 
 
 def find_room(system: System) -> Float[np.ndarray, " m"]:

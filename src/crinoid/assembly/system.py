@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -31,6 +30,7 @@ from crinoid.elements import (
 )
 from crinoid.flow import Water
 from crinoid.onset import Onset
+from crinoid.programs import ONCE, compiled
 from crinoid.rod import Rod
 from crinoid.scenario import Arm, Load, Scenario
 from crinoid.scenario import motion as motions
@@ -99,7 +99,7 @@ def build_system(
     )
 
 
-@eqx.filter_jit  # one small program instead of many, and none of its own for each value
+@compiled(**ONCE)  # one small program instead of many, and none of its own for each value
 def _assemble(
     nodes: int,
     axes: int,

@@ -1,14 +1,19 @@
 """The command line: commands, progress, exit codes; no physics."""
 
 import contextlib
+import gc
 import os
 import sys
 
 from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading, heed, ignore
 
+_ALLOCATIONS = 50_000
+"""New objects after which Python looks for garbage: libraries make many and leave hardly any."""
+
 
 def main() -> None:
     """Run the command line."""
+    gc.set_threshold(_ALLOCATIONS)
     try:
         heed()
         with Loading():
@@ -24,6 +29,7 @@ def main() -> None:
         raise
     finally:
         ignore()
+        gc.freeze()  # the system takes back the memory of all that JAX made, and much faster
 
 
 def _leave() -> None:

@@ -11,9 +11,9 @@ from rich.table import Table
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.folder import check_own, claimed
 from crinoid.cli.notes import say_doubts, say_notes
-from crinoid.cli.play import keep_compiled_code
 from crinoid.current import FLOW, Statistics, sample_current, statistics
 from crinoid.plausibility import IN_THE_WATER
+from crinoid.programs import keep_programs
 from crinoid.recording import Recording
 from crinoid.replacement import replacing
 from crinoid.report import write_report
@@ -28,7 +28,7 @@ def show_current(scenario: Scenario, folder: Path, *, force: bool, console: Cons
     if not scenario.flow:
         console.print("still water: the scenario has no [[flow]]")
         return
-    keep_compiled_code()
+    keep_programs()
     prepared = Prepared(scenario)
     prepared.notes()  # which reads the files
     with claimed(folder):

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection
 from pathlib import Path
 
-import jax
-import platformdirs
 from rich.console import Console
 
 from crinoid.assembly.prepared import Prepared
@@ -19,6 +16,7 @@ from crinoid.cli.progress import progress_bar, reporter
 from crinoid.cli.study import run_study
 from crinoid.cli.tables import equilibrium_table, run_table
 from crinoid.plausibility import AT_REST
+from crinoid.programs import keep_programs
 from crinoid.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import SimulationError, at_rest, settle
@@ -28,7 +26,7 @@ def run_scenario(
     scenario: Scenario, folder: Path, *, resume: bool, force: bool, console: Console
 ) -> str:
     """Run a scenario, save it and show what came of it; return what went wrong, if anything."""
-    keep_compiled_code()
+    keep_programs()
     if scenario.vary:
         return run_study(scenario, folder, resume=resume, force=force, console=console)
     prepared = Prepared(scenario)
@@ -82,7 +80,7 @@ def _run_case(
 
 def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool, console: Console) -> str:
     """Find the equilibrium of a scenario, save and show it; return what went wrong, if anything."""
-    keep_compiled_code()
+    keep_programs()
     if scenario.vary:
         text = "an equilibrium is that of one case; give its values with --set and leave out vary"
         raise ScenarioError([Mistake("vary", text)])
@@ -106,25 +104,6 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool, console: 
             say_notes(console, [note for note in result.notes if note not in doubted])
             say_where(console, paths)
     return unsaved or trouble(result, folder, paths)
-
-
-def keep_compiled_code() -> None:
-    """Keep compiled code in the user's own cache folder, so that the next start is faster.
-
-    Programs are read back and run from there: nobody else may write to it.
-    """
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
-        return
-    folder = platformdirs.user_cache_path("crinoid") / "compiled"
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        folder.chmod(0o700)
-    except OSError:
-        return  # a read-only home: compile anew every time
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    jax.config.update("jax_compilation_cache_max_size", 500_000_000)
 
 
 def _say_run(console: Console, result: Result, doubted: Collection[str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +16,7 @@ from crinoid.current.spectrum import spectrum, von_karman
 from crinoid.current.statistics import statistics
 from crinoid.dataset import describe
 from crinoid.dynamics import System
+from crinoid.programs import ONCE, compiled
 from crinoid.recording import Recording
 from crinoid.scenario import Scenario
 from crinoid.space import AXES
@@ -137,7 +137,7 @@ def sample_current(prepared: Prepared) -> xr.Dataset:
     return dataset
 
 
-@eqx.filter_jit
+@compiled(**ONCE)
 def _ends(system: System) -> Float[Array, "place axis"]:
     shape = system.rest().position
     return system.forces.origin + shape[jnp.array([1, -1])]
@@ -149,7 +149,7 @@ def _velocity(
     return np.asarray(_over_time(system, jnp.asarray(points), jnp.asarray(times)))
 
 
-@eqx.filter_jit
+@compiled(**ONCE)
 def _over_time(system: System, points: Array, times: Array) -> Array:
     return jax.lax.map(
         lambda time: jax.vmap(system.forces.water.velocity, (0, None))(points, time), times

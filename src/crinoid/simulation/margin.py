@@ -16,6 +16,7 @@ angles are in radians or degrees, the eigenvalues do not.
 from __future__ import annotations
 
 import math
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -136,12 +137,11 @@ def _crossings(
 
 def _followed(values: Complex[np.ndarray, "f channel"]) -> Complex[np.ndarray, "f channel"]:
     """Order the eigenvalues at each frequency so that each goes on from where it was."""
-    from scipy.optimize import linear_sum_assignment
-
-    ordered = values.copy()
+    ordered, one = values.copy(), np.arange(values.shape[1])
+    orders = np.array(list(permutations(one)))  # 720 of six channels
     for index in range(1, values.shape[0]):
         away = np.abs(ordered[index - 1][:, None] - values[index][None, :])
-        ordered[index] = values[index][linear_sum_assignment(away)[1]]
+        ordered[index] = values[index][orders[np.argmin(away[one, orders].sum(axis=1))]]
     return ordered
 
 

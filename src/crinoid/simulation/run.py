@@ -23,6 +23,7 @@ from crinoid.ledger import find_defect
 from crinoid.loop_health import loop_notes
 from crinoid.notes import notes
 from crinoid.plausibility import AT_REST, doubts
+from crinoid.programs import ONCE, compiled
 from crinoid.record import Record
 from crinoid.result import Result, named_leaves
 from crinoid.scenario import Scenario
@@ -259,18 +260,18 @@ class _CtrlC:
         signal.signal(signal.SIGINT, self._earlier)  # a second one stops at once
 
 
-@eqx.filter_jit
+@compiled(**ONCE)
 def _stand(system: System, state: State) -> State:
     return system.stand(state)
 
 
-@eqx.filter_jit
+@compiled(**ONCE)
 def _begin(loop: Loop, state: State) -> tuple[LoopState, Record]:
     carry = loop.start(state)
     return carry, record(loop, carry)
 
 
-_keep = eqx.filter_jit(record)
+_keep = compiled(**ONCE)(record)
 
 
 def _one(record: Record) -> Record:

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -14,6 +13,7 @@ from crinoid.assembly.target import build_target
 from crinoid.control import Clock, Pid
 from crinoid.dynamics import Modes, ModesError, Outcome, SmallMotions, State, System, find_modes
 from crinoid.plausibility import Facts, doubts
+from crinoid.programs import ONCE, compiled
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.margin import OpenLoop, loop_doubts
 from crinoid.simulation.response import Plant
@@ -96,7 +96,8 @@ def _open_loop(
     )
 
 
-def _find_start(
+@compiled(**ONCE)
+def _start(
     system: System, current: Float[Array, " d"], loaded: bool, mapped: bool
 ) -> tuple[
     State,
@@ -118,11 +119,3 @@ def _find_start(
         system.static_jacobian(state, small.stiffness) if mapped else None,
         (system.held(state), system.tip_follows(state)),
     )
-
-
-# Runs once: less time to compile is worth more than milliseconds of running. (The type of
-# `filter_jit` leaves out the options that it hands on to JAX.)
-_start = eqx.filter_jit(
-    _find_start,
-    compiler_options={"xla_backend_optimization_level": 0},  # type: ignore[call-overload]
-)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from crinoid.dynamics import Outcome
+from crinoid.programs import compiled
 from crinoid.record import Record
 from crinoid.simulation.loop import Loop, LoopState, Tally
 
@@ -43,7 +44,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
     )
 
 
-@eqx.filter_jit
+@compiled()
 def stretch(
     loop: Loop, carry: LoopState, end: Int[Array, ""], stride: Int[Array, ""], capacity: int
 ) -> tuple[LoopState, Record, Int[Array, ""], Outcome]:

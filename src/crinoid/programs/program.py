@@ -1,0 +1,160 @@
+"""Functions that are compiled once for all processes."""
+
+from __future__ import annotations
+
+import pickle
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.experimental import serialize_executable
+from jax.experimental.compilation_cache import compilation_cache
+
+from crinoid.programs.key import Slot, UnkeepableError, key_of, setting
+from crinoid.programs.store import STORE
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+ONCE = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+"""Options for what runs once: less time to compile is worth more than milliseconds of running."""
+_MOST_LOADED = 4
+"""Forms of one function that stay loaded: a study may go through thousands."""
+
+
+def compiled(**compiler_options: Any) -> Callable[[Callable[P, R]], Program[P, R]]:
+    """Compile a function as `equinox.filter_jit` does, and keep it where programs are kept.
+
+    Parameters
+    ----------
+    compiler_options
+        Options of XLA.
+    """
+    return lambda function: Program(function, compiler_options)
+
+
+class _Loaded(NamedTuple):
+    run: Callable[..., Any]
+    """From the arrays among the arguments to those of the result."""
+    result: Any
+    """The result, with slots where its arrays are."""
+
+
+class Program(Generic[P, R]):
+    """A function of arrays and of what never changes, compiled when it is first called for them.
+
+    Once `keep_programs` was called the compiled code is kept. It is not where arguments are traced,
+    were put on a device on purpose, or are of classes from outside of crinoid.
+    """
+
+    def __init__(self, function: Callable[P, R], options: dict[str, Any]) -> None:
+        self._function, self._options = function, options
+        passed = {"compiler_options": options} if options else {}
+        self._unkept = eqx.filter_jit(function, **passed)  # type: ignore[call-overload]
+        self._loaded: OrderedDict[bytes, _Loaded] = OrderedDict()
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the function."""
+        leaves, tree = jax.tree.flatten((args, kwargs))
+        arrays = [leaf for leaf in leaves if _is_array(leaf)]
+        if STORE.get() is None or _is_observed() or any(map(_is_placed, arrays)):
+            return self._unkept(*args, **kwargs)
+        form = [Slot(_kind(leaf)) if _is_array(leaf) else leaf for leaf in leaves]
+        try:
+            key = key_of(self._function, self._options, jax.tree.unflatten(tree, form))
+        except UnkeepableError:
+            return self._unkept(*args, **kwargs)
+        if key not in self._loaded:
+            self._loaded[key] = self._load(key, len(arrays)) or self._compile(key, leaves, tree)
+            if len(self._loaded) > _MOST_LOADED:
+                self._loaded.popitem(last=False)
+        self._loaded.move_to_end(key)
+        loaded = self._loaded[key]
+        found = loaded.run(*arrays)
+        return jax.tree.map(
+            lambda leaf: found[leaf.array] if isinstance(leaf, Slot) else leaf, loaded.result
+        )
+
+    def _load(self, key: bytes, count: int) -> _Loaded | None:
+        store = STORE.get()
+        assert store is not None
+        content = store.read(key)
+        if content is None:
+            return None
+        try:
+            code, result = pickle.loads(content)
+            returned = sum(isinstance(leaf, Slot) for leaf in jax.tree.leaves(result))
+            run = serialize_executable.deserialize_and_load(
+                code,
+                jax.tree.structure(((0,) * count, {})),
+                jax.tree.structure((0,) * returned),
+                execution_devices=jax.devices()[:1],
+            )
+        except Exception:  # of whatever kind: it is of no use
+            store.remove(key)
+            return None
+        return _Loaded(run, result)
+
+    def _compile(self, key: bytes, leaves: list[Any], tree: Any) -> _Loaded:
+        store = STORE.get()
+        assert store is not None
+        results = []
+
+        def flat(*arrays: Any) -> tuple[Any, ...]:
+            given = iter(arrays)
+            filled = [next(given) if _is_array(leaf) else leaf for leaf in leaves]
+            args, kwargs = jax.tree.unflatten(tree, filled)
+            found, form = jax.tree.flatten(self._function(*args, **kwargs))
+            returned = tuple(filter(_is_array, found))
+            number = iter(range(len(returned)))
+            slots = [Slot(next(number)) if _is_array(leaf) else leaf for leaf in found]
+            results.append(jax.tree.unflatten(form, slots))
+            return returned
+
+        flat.__name__ = self._function.__name__  # which profiles show
+        lowered = jax.jit(flat).lower(*filter(_is_array, leaves))
+        with _compiled_anew():
+            run = lowered.compile(compiler_options=self._options)
+        result = results[-1]
+        try:
+            code, _, _ = serialize_executable.serialize(run)
+            store.write(key, pickle.dumps((code, result)))
+        except (AttributeError, NotImplementedError, TypeError, ValueError, pickle.PicklingError):
+            pass  # it serves this process
+        return _Loaded(run, result)
+
+
+def _is_array(leaf: Any) -> bool:
+    return isinstance(leaf, (jax.Array, np.ndarray, np.generic))
+
+
+def _is_placed(array: Any) -> bool:
+    """Tell whether an array is traced, or bound to a device."""
+    return isinstance(array, jax.core.Tracer) or getattr(array, "committed", False)
+
+
+def _kind(array: Any) -> str:
+    kind = jax.typeof(array)
+    return f"{kind.dtype}{kind.shape}{'*' if kind.weak_type else ''}"
+
+
+def _is_observed() -> bool:
+    """Tell whether JAX is asked to look into what is run."""
+    return any(map(setting, ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs")))
+
+
+@contextmanager
+def _compiled_anew() -> Iterator[None]:
+    """Compile without the cache of JAX: code that was read from there cannot be written again."""
+    enabled = setting("jax_enable_compilation_cache")
+    jax.config.update("jax_enable_compilation_cache", False)
+    compilation_cache.reset_cache()  # else it goes on as it began
+    try:
+        yield
+    finally:
+        jax.config.update("jax_enable_compilation_cache", enabled)
+        compilation_cache.reset_cache()

@@ -1,0 +1,273 @@
+"""Compiled programs between processes: the same results, and nothing run that cannot be trusted."""
+
+import os
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from crinoid.programs import Store, compiled, keep_programs
+from crinoid.programs import key as keys
+from crinoid.programs.store import STORE
+
+KEY = b"key"
+traces: list[int] = []
+
+
+class Spring(eqx.Module):
+    """A tree with arrays, a static field, something that is missing and a random key."""
+
+    stiffness: jax.Array
+    seed: jax.Array
+    power: int = eqx.field(static=True)
+    damping: jax.Array | None = None
+
+
+Spring.__module__ = "crinoid.made_up"  # as if it were crinoid's own
+
+
+def spring(power: int = 2, **changes: jax.Array) -> Spring:
+    fields = {"stiffness": jnp.linspace(1.0, 2.0, 5), "seed": jax.random.key(3)} | changes
+    return Spring(power=power, **fields)
+
+
+def pulled(spring, by, repeats):
+    traces.append(repeats)
+    noise = jax.random.normal(spring.seed, by.shape)
+    force = sum(spring.stiffness * by**spring.power + noise for _ in range(repeats))
+    return eqx.tree_at(lambda s: s.stiffness, spring, force), repeats, None, {"mean": force.mean()}
+
+
+pulled.__module__ = "crinoid.made_up"
+
+
+@pytest.fixture
+def store(tmp_path, monkeypatch):
+    """Keep programs in a new folder for the time of a test."""
+    monkeypatch.setitem(sys.modules, "crinoid.made_up", sys.modules[__name__])
+    # this tree is edited while its tests are run
+    monkeypatch.setattr(keys, "_BEGUN", time.time() + 60)
+    traces.clear()
+    store = Store(tmp_path / "programs")
+    token = STORE.set(store)
+    yield store
+    STORE.reset(token)
+
+
+def in_a_new_process(function=pulled, **options):
+    """Return the function as a process has it that has compiled nothing yet."""
+    return compiled(**options)(function)
+
+
+def test_a_kept_program_gives_the_same_bits_and_is_not_traced_again(store):
+    by = jnp.linspace(0.0, 1.0, 5) ** 0.5
+    expected = eqx.filter_jit(pulled)(spring(), by, 3)
+    traces.clear()
+    for repeat in range(2):
+        found = in_a_new_process()(spring(), by, 3)
+        assert traces == [3]
+        assert jax.tree.structure(found) == jax.tree.structure(expected), repeat
+        for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            if isinstance(one, jax.Array) and jnp.issubdtype(one.dtype, jax.dtypes.prng_key):
+                one, other = jax.random.key_data(one), jax.random.key_data(other)
+            np.testing.assert_array_equal(one, other)
+    # what came out goes in again
+    again, *_ = in_a_new_process()(found[0], by, 3)
+    assert traces == [3]
+    assert not np.array_equal(again.stiffness, found[0].stiffness)
+
+
+def test_what_a_program_depends_on_is_told_apart(store, monkeypatch):
+    by = jnp.ones(5)
+    run = in_a_new_process()
+    for change in (
+        lambda: run(spring(), by, 1),
+        lambda: run(spring(), by, 2),  # what is no array
+        lambda: run(spring(power=3), by, 2),  # a static field
+        lambda: run(spring(damping=jnp.ones(())), by, 2),  # the structure
+        lambda: run(spring(stiffness=jnp.ones(1)), by, 2),  # a shape
+        lambda: run(spring(), jnp.ones(5, int), 2),  # a type
+        lambda: in_a_new_process(xla_backend_optimization_level=0)(spring(), by, 2),
+    ):
+        before = len(traces)
+        change()
+        assert len(traces) == before + 1
+        change()
+        assert len(traces) == before + 1
+    assert len(list(store.folder.iterdir())) == len(traces)
+
+    others = {"crinoid.version.__version__": "0.0.0", "crinoid.programs.key._processor": list}
+    for name, value in others.items():
+        before = len(traces)
+        with monkeypatch.context() as other:
+            other.setattr(name, value)
+            keys._surroundings.cache_clear()
+            in_a_new_process()(spring(), by, 1)
+        keys._surroundings.cache_clear()
+        assert len(traces) == before + 1, name
+    with jax.default_matmul_precision("float32"):
+        in_a_new_process()(spring(), by, 1)
+    assert len(traces) == before + 2
+
+
+def test_a_changed_source_is_another_program(store, monkeypatch, tmp_path):
+    source = tmp_path / "crinoid" / "__init__.py"
+    source.parent.mkdir()
+    source.write_text("a = 1\n")
+    monkeypatch.setattr("crinoid.version.__file__", str(source))
+    found = set()
+    for text in ("a = 1\n", "a = 2\n"):
+        source.write_text(text)
+        keys._surroundings.cache_clear()
+        found.add(keys._surroundings())
+    assert len(found) == 2
+    monkeypatch.setattr(keys, "_BEGUN", time.time() - 3600)  # it was loaded before it was changed
+    keys._surroundings.cache_clear()
+    in_a_new_process()(spring(), jnp.ones(5), 1)
+    keys._surroundings.cache_clear()
+    assert not store.folder.exists()
+
+
+def test_what_is_not_crinoids_own_is_not_kept(store, monkeypatch):
+    by = jnp.ones(5)
+
+    def of_a_user(by):
+        return 2 * by
+
+    np.testing.assert_array_equal(in_a_new_process(of_a_user)(by), 2.0)
+    monkeypatch.setattr(Spring, "__module__", "an_element_of_a_user")
+    in_a_new_process()(spring(), by, 1)
+    assert not store.folder.exists()
+
+
+def test_arrays_that_were_put_on_a_device_stay_with_jax(store):
+    placed = jax.device_put(jnp.ones(5), jax.devices()[0])
+    in_a_new_process()(spring(), placed, 1)
+    assert not store.folder.exists()
+
+
+def test_a_program_can_be_traced(store):
+    program = in_a_new_process()
+
+    def total(by):
+        return jnp.sum(program(spring(), by, 2)[0].stiffness)
+
+    by = jnp.linspace(0.0, 1.0, 5)
+    np.testing.assert_allclose(jax.grad(total)(by), 4 * by * spring().stiffness, rtol=1e-14)
+    assert not store.folder.exists()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda file: file.write_bytes(b""),
+        lambda file: file.write_bytes(file.read_bytes()[:-1]),
+        lambda file: file.write_bytes(file.read_bytes()[:50]),
+        lambda file: file.write_bytes(b"x" + file.read_bytes()[1:]),
+        lambda file: file.write_bytes(file.read_bytes()[:-9] + b"123456789"),
+        lambda file: file.chmod(0o644),
+        lambda file: file.parent.chmod(0o755),
+        lambda file: file.replace(file.with_suffix(".x")) and file.symlink_to(f"{file.stem}.x"),
+        lambda file: file.unlink() or file.mkdir(),
+    ],
+    ids=["empty", "short", "head", "mark", "end", "open", "folder", "link", "no file"],
+)
+def test_a_file_that_cannot_be_trusted_is_not_run(store, damage):
+    store.write(KEY, b"content")
+    assert store.read(KEY) == b"content"
+    damage(store._path(KEY))
+    assert store.read(KEY) is None
+    if store.folder.stat().st_mode & 0o077:
+        store.write(b"another", b"content")
+        assert not store._path(b"another").exists()
+
+
+def test_a_file_of_another_key_or_owner_is_none(store, monkeypatch):
+    store.write(KEY, b"content")
+    store._path(KEY).rename(store._path(b"another"))
+    assert store.read(b"another") is None
+    store.write(KEY, b"content")
+    if hasattr(os, "geteuid"):
+        monkeypatch.setattr(os, "geteuid", lambda: 12345)
+        assert store.read(KEY) is None
+    mode = store._path(KEY).stat().st_mode
+    assert stat.S_IMODE(mode) == 0o600
+
+
+@pytest.mark.parametrize("content", [b"no pickle", b"\x80\x05N."], ids=["garbage", "nothing"])
+def test_a_program_that_cannot_be_loaded_is_compiled_again(store, content):
+    by = jnp.ones(5)
+    in_a_new_process()(spring(), by, 1)
+    (file,) = store.folder.iterdir()
+    store.write(bytes.fromhex(file.stem), content)  # sound as a file, but no program
+    in_a_new_process()(spring(), by, 1)
+    assert traces == [1, 1]
+    in_a_new_process()(spring(), by, 1)
+    assert traces == [1, 1]
+
+
+def test_the_oldest_go_first_and_what_is_used_stays(tmp_path):
+    store = Store(tmp_path / "programs", most_bytes=2500)
+    for number in range(3):
+        store.write(bytes([number]), bytes(900))
+        os.utime(store._path(bytes([number])), (number, number))
+        if number == 1:
+            assert store.read(b"\0") is not None  # used now
+    assert [store.read(bytes([number])) is not None for number in range(3)] == [True, False, True]
+    store.write(b"large", bytes(10_000))
+    assert store.read(b"large") is not None
+    assert len(list(store.folder.iterdir())) == 1
+
+
+def test_a_folder_that_cannot_be_written_to_is_done_without(tmp_path):
+    (tmp_path / "file").write_text("")
+    store = Store(tmp_path / "file" / "programs")
+    store.write(KEY, b"content")
+    assert store.read(KEY) is None
+
+
+def test_processes_at_once_agree(tmp_path):
+    code = (
+        "import sys, numpy as np, crinoid, jax.numpy as jnp\n"
+        "from crinoid.programs import keep_programs\n"
+        "from crinoid.dataset import _lengths\n"
+        "from crinoid.rod import Rod\n"
+        "keep_programs()\n"
+        "rod = Rod.round(length=1.0, nodes=5, radius=0.1, density=1e3, youngs_modulus=1e6)\n"
+        "print(np.asarray(_lengths(rod)[0]).tobytes().hex())\n"
+    )
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
+    each = [
+        subprocess.Popen(
+            [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
+    ]
+    told = [process.communicate(timeout=120)[0] for process in each]
+    assert [process.returncode for process in each] == [0, 0]
+    assert told[0] == told[1] == np.full(4, 0.25).tobytes().hex() + "\n"
+    kept = list((tmp_path / "crinoid" / "programs").iterdir())
+    assert [file.suffix for file in kept] == [".program"]
+
+
+def test_programs_are_kept_where_the_user_wants_it(tmp_path, monkeypatch):
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
+    before = STORE.set(None)
+    settings = {"jax_compilation_cache_dir": None, "jax_enable_compilation_cache": True}
+    for change, folder in (
+        ({}, tmp_path / "crinoid" / "programs"),
+        ({"jax_compilation_cache_dir": "chosen"}, Path("chosen/crinoid/programs")),
+        ({"jax_enable_compilation_cache": False}, None),
+    ):
+        monkeypatch.setattr(type(jax.config), "values", property(lambda _, s=settings | change: s))
+        keep_programs()
+        store = STORE.get()
+        assert (store and store.folder) == folder
+    STORE.reset(before)
