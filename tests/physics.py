@@ -122,7 +122,7 @@ def arm(
     if floor is not None:
         settings = eqx.tree_at(lambda s: s.floor, settings, jnp.asarray(floor, float))
     return System(
-        rod=rod,
+        reference=rod.reference,
         forces=Forces(
             tuple(elements),
             Water(tuple(flows)),

@@ -84,7 +84,7 @@ def kept(touch=None, **changes):
 
 def test_every_variable_in_space_has_its_dimensions_and_units(system):
     record = kept()
-    dataset = build_dataset(system, record)
+    dataset = build_dataset(system, SCENARIO.arm.diameters, record)
     expected = {
         "position": ("time", "node", "axis"),
         "tangent": ("time", "edge", "axis"),
@@ -129,7 +129,7 @@ def test_every_variable_in_space_has_its_dimensions_and_units(system):
 
 def test_values_in_space_are_those_kept(system):
     record = kept()
-    dataset = build_dataset(system, record)
+    dataset = build_dataset(system, SCENARIO.arm.diameters, record)
     np.testing.assert_array_equal(dataset["curvature"], record.curvature)
     np.testing.assert_array_equal(dataset["director"], record.director)
     np.testing.assert_array_equal(dataset["base_moment"], record.base_moment)
@@ -155,7 +155,7 @@ def test_values_in_space_are_those_kept(system):
 )
 def test_the_angle_of_the_tip_is_that_above_the_level_plane(system, direction, angle):
     tip = np.tile(np.concatenate([ORIGIN, direction]), (RECORDS, 1))
-    dataset = build_dataset(system, kept(tip=tip))
+    dataset = build_dataset(system, SCENARIO.arm.diameters, kept(tip=tip))
     np.testing.assert_allclose(dataset["tip_angle"], angle, atol=1e-12)
 
 
@@ -174,7 +174,7 @@ def test_obstacles_in_space_have_three_axes(system):
     )
     place = np.zeros((RECORDS, 2, 3))
     record = kept(touch, obstacle_position=place, obstacle_velocity=place)
-    dataset = build_dataset(system, record)
+    dataset = build_dataset(system, SCENARIO.arm.diameters, record)
     assert dataset["contact_force"].dims == ("time", "obstacle", "axis")
     np.testing.assert_allclose(dataset["obstacle_position"].values[0], np.tile(ORIGIN, (2, 1)))
 
@@ -198,7 +198,9 @@ def test_joined_stretches_leave_the_angle_above_the_level_as_it_is():
 
 
 def test_measures_tables_and_figures_read_a_run_in_space(system):
-    dataset = build_dataset(system, kept()).assign_attrs(title="in space", scenario="", status="ok")
+    dataset = build_dataset(system, SCENARIO.arm.diameters, kept()).assign_attrs(
+        title="in space", scenario="", status="ok"
+    )
     result = Result(dataset)
     errors = tip_error(result)
     assert errors.rms == pytest.approx(0.13)

@@ -213,7 +213,7 @@ def ring_down(system: System, mode: int, step: float) -> complex:
     velocity = np.zeros((shapes.shape[1] + 2, 2))
     velocity[2:, 1] = 1e-3 * shapes[mode]  # so slow that the nonlinear terms are 1e-6 of the linear
     # Kelvin-Voigt damping of a mode is damping_time omega^2 times its velocity
-    slowing = -float(system.rod.damping_time) * frequency[mode] ** 2 * velocity
+    slowing = -float(system.forces.bend.damping_time[0]) * frequency[mode] ** 2 * velocity
     state = eqx.tree_at(
         lambda s: (s.motion.velocity, s.motion.acceleration),
         rest(system),
@@ -346,7 +346,7 @@ def test_at_rest_the_base_carries_the_weight_and_its_lever():
     assert outcome.converged
     weight = (0.7 - 0.2) * 9.81  # in water; L = 1
     assert np.asarray(state.base_force) == pytest.approx([0.0, -weight], abs=1e-8)
-    share = np.asarray(system.rod.voronoi_length) * weight
+    share = np.asarray(system.reference.voronoi_length) * weight
     lever = np.asarray(state.position[1:, 0])
     # positive from +x toward +z: weight on an arm along +x turns the base the other way
     assert float(state.base_moment) == pytest.approx(-np.sum(share * lever), abs=1e-8)

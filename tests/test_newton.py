@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from crinoid import chain
-from crinoid.dynamics import Settings
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.tangent import HELD
 from crinoid.elements import (
@@ -240,13 +239,12 @@ def test_a_command_that_is_not_a_number_is_never_accepted(system, state):
 
 
 def test_floor_is_the_round_off_of_the_elastic_forces(system):
-    rod = system.rod
-    settings = Settings.for_rod(rod, 1e-10, 30)
-    stiffness = 50.0 / EDGE + 4 * float(rod.EI.max()) / EDGE**3
-    expected = 16 * 2.0**-52 * stiffness * float(rod.length)
+    settings, EI = system.settings, 0.05
+    stiffness = 50.0 / EDGE + 4 * EI / EDGE**3
+    expected = 16 * 2.0**-52 * stiffness * float(system.reference.length)
     np.testing.assert_allclose(settings.floor, expected, rtol=1e-12)
     # of the order of what the elastic forces of a straight arm amount to by round-off alone
-    straight = arm(nodes=NODES, EA=50.0, EI=float(rod.EI.max()), tilt=0.3)
+    straight = arm(nodes=NODES, EA=50.0, EI=EI, tilt=0.3)
     state = straight.rest()
     zero = jnp.zeros_like(state.position)
     still = Stage(jnp.zeros(()), state.position, zero, zero, *[jnp.ones(())] * 3)

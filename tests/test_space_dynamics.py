@@ -209,7 +209,7 @@ def ring_down(system, column, mode, step=0.2):
     frequency, shapes = vibrations(system, column)
     frequency, shape = frequency[mode], shapes[mode]
     velocity = np.concatenate([np.zeros((1, 4)), 1e-3 * shape])
-    slowing = -float(system.rod.damping_time) * frequency**2 * velocity
+    slowing = -float(system.forces.bend.damping_time[0]) * frequency**2 * velocity
     state = eqx.tree_at(
         lambda s: (s.motion.velocity, s.motion.acceleration),
         rest(system),

@@ -227,7 +227,7 @@ def test_an_arm_of_even_curvature_and_twist_is_a_helix():
             nodes, pan=0.5, tilt=-0.4, roll=1.1, rest_curvature=(*kappa, tau),
             EA=1e3, floor=None, GJ=0.8, EI=(1.0, 1.6),
         )  # fmt: skip
-        shape, _ = system.rod.rest_frames(system.base.frame(jnp.zeros(6)))
+        shape, _ = system.reference.rest_frames(system.base.frame(jnp.zeros(6)))
         radius, pitch, off = helix(np.asarray(shape))
         assert off < 1e-12
         np.testing.assert_allclose([radius, pitch], exact, rtol=1e-12)  # on any mesh

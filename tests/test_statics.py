@@ -200,7 +200,9 @@ def test_curved_arm_without_load_keeps_its_shape():
     # a soft arm, whose round-off is small
     system = loaded(11, tilt=tilt, rest_curvature=curvature, EA=1e3, floor=1e-11)
     state = equilibrium(system)
-    np.testing.assert_allclose(state.position[1:], system.rod.rest_shape(tilt), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        state.position[1:], system.reference.rest_shape(tilt), rtol=0, atol=1e-10
+    )
     # it turns by its curvature, whatever the mesh
     np.testing.assert_allclose(system.tip(state)[2], tilt + 2, rtol=0, atol=1e-9)
 

@@ -7,15 +7,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from crinoid.base import Servo
 from crinoid.dynamics import System, Touch
 from crinoid.elements import ENERGIES, WORKS
-from crinoid.programs import ONCE, compiled
 from crinoid.record import Record
-from crinoid.rod import Rod
 from crinoid.scenario import Scenario
 from crinoid.space import ANGLES, AXES, CHANNELS
 from crinoid.version import __version__
@@ -50,18 +47,22 @@ def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     return whole
 
 
-def build_dataset(system: System, kept: Record) -> xr.Dataset:
-    """Turn saved instants into a dataset with names, units and what follows from the motion."""
-    rod = system.rod
+def build_dataset(system: System, diameters: Sequence[float], kept: Record) -> xr.Dataset:
+    """Turn saved instants into a dataset with names, units and what follows from the motion.
+
+    ``diameters`` (m) are those that the water sees, one a node.
+    """
+    stretch = system.forces.stretch
+    if stretch is None:
+        raise ValueError("nothing resists stretching: elements takes a Stretch")
     origin = np.asarray(system.forces.origin)
     edges = np.diff(kept.position, axis=1)
     lengths = np.linalg.norm(edges, axis=2, keepdims=True)
     tangent = edges / lengths
     stretching = np.sum(tangent * np.diff(kept.velocity, axis=1), axis=2)
-    rest_length, arc_length = map(np.asarray, _lengths(rod))
-    EA = np.asarray(rod.EA)
+    rest_length, EA = np.asarray(stretch.rest_length), np.asarray(stretch.EA)
     strain = lengths[..., 0] / rest_length - 1
-    tension = EA * (strain + float(rod.damping_time) * stretching / rest_length)
+    tension = EA * (strain + np.asarray(stretch.damping_time) * stretching / rest_length)
     count = kept.position.shape[-1]
     axes, channels = AXES[count], CHANNELS[count]
     tip, target = kept.tip[:, :count], kept.wanted[:, :count]
@@ -166,12 +167,12 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
             "kind": ("kind", [*ENERGIES, *WORKS], {"long_name": "kind of energy or work"}),
             "arc_length": (
                 "node",
-                arc_length,
+                np.concatenate([np.zeros(1), np.cumsum(system.reference.rest_length)]),
                 {"units": "m", "long_name": "distance from the root along the arm at rest"},
             ),
             "diameter": (
                 "node",
-                np.asarray(rod.diameter),
+                np.asarray(diameters),
                 {"units": "m", "long_name": "diameter that the water sees"},
             ),
             "channel_unit": (
@@ -200,12 +201,6 @@ def build_dataset(system: System, kept: Record) -> xr.Dataset:
 
 def _listed(names: Sequence[str]) -> str:
     return " and ".join(", ".join(names).rsplit(", ", 1))
-
-
-@compiled(**ONCE)
-def _lengths(rod: Rod) -> tuple[Float[Array, " e"], Float[Array, " n"]]:
-    """Return the lengths of the edges and the distances of the nodes from the root (m)."""
-    return rod.chord_length, rod.arc_length
 
 
 def _limits(servo: Servo) -> _Quantities:

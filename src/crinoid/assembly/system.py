@@ -78,7 +78,7 @@ def build_system(
         jnp.asarray(simulation.max_iterations),
     )
     return System(
-        rod=rod,
+        reference=rod.reference,
         forces=Forces(
             elements,
             Water(

@@ -7,27 +7,27 @@ from jaxtyping import Array, Float
 from crinoid.base import Base, Prescribed
 from crinoid.dynamics.forces import Forces
 from crinoid.frames import Frames, Orientation, cross, dot, tangents
-from crinoid.rod import Rod
+from crinoid.reference import Reference
 
 Rows = Float[Array, "rows b"]
 
 
 def undeformed(
-    rod: Rod, base: Base, forces: Forces, time: Float[Array, ""]
+    reference: Reference, base: Base, forces: Forces, time: Float[Array, ""]
 ) -> tuple[Rows, Frames | None]:
     """Return everything where it is without load (m), and in space the frames."""
     pose, _, _ = base.pose(time, base.servo.at_rest())
     held = base.hold(pose)
     if forces.axes == 2:
-        shape, frames = rod.rest_shape(base.angles[0] + pose[2]), None
+        shape, frames = reference.rest_shape(base.angles[0] + pose[2]), None
         rows = jnp.concatenate([held[:1], held[1] + shape])
     else:
-        assert rod.rest_twist is not None
+        assert reference.rest_twist is not None
         clamp = base.frame(pose)
-        shape, directors = rod.rest_frames(clamp)
+        shape, directors = reference.rest_frames(clamp)
         rows = as_rows(jnp.concatenate([held[:1], held[1] + shape]), 4)
         directors = jnp.concatenate([clamp[1:2], clamp[1:2], directors])
-        twists = jnp.pad(rod.rest_twist * rod.voronoi_length, (1, 0))
+        twists = jnp.pad(reference.rest_twist * reference.voronoi_length, (1, 0))
         twists = twists.at[-1].set(0.0)  # nothing twists at the tip
         known = Frames.of(rows, Orientation(directors, twists, jnp.zeros_like(directors)))
         frames = Frames.of(rows, known.at(rows))

@@ -12,7 +12,7 @@ from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.newton import Outcome, Settings, constant, imbalance, implied, solve
 from crinoid.dynamics.surroundings import Surroundings
 from crinoid.frames import Frames
-from crinoid.rod import Rod
+from crinoid.reference import Reference
 
 Rows = Float[Array, "rows b"]
 
@@ -51,21 +51,21 @@ def still(
 
 
 def find(
-    rod: Rod,
+    reference: Reference,
     forces: Forces,
     settings: Settings,
     time: Float[Array, ""],
     start: Rows,
     frames: Frames | None,
 ) -> tuple[Rows, Frames | None, Outcome]:
-    """Find a stable `equilibrium` of a rod, searching as far and as finely as its sections ask.
+    """Find a stable `equilibrium` of an arm, searching as far and as finely as its sections ask.
 
     ``settings`` are those of a time step.
     """
     # bending over length, and loads over mass: the squared rates at which an arm leaves a
     # shape that does not hold lie between the first, the softer way, and the sum of both
-    mass = jnp.sum(rod.mass_per_length * rod.voronoi_length)
-    bending = jnp.mean(rod.EI, axis=0) / (mass * rod.length**3)
+    mass, length = forces.mass, reference.length
+    bending = forces.bending_stiffness(reference) / (mass * length**3)
     stage, none = still(time, start, frames), jnp.zeros_like(start)
     _, loads = forces.residual(forces.motion(stage, none, forces.surroundings(stage, none)))
     load = jnp.max(settings.weights * loads)
@@ -83,7 +83,7 @@ def find(
         frames,
         careful,
         1e-3 * jnp.min(bending),
-        1e3 * (jnp.max(bending) + load * rod.nodes / (mass * rod.length)),
+        1e3 * (jnp.max(bending) + load * reference.nodes / (mass * length)),
     )
 
 

@@ -19,7 +19,7 @@ from crinoid.dynamics.tangent import HELD
 from crinoid.dynamics.tip import tip_pose
 from crinoid.elements import WORKS, Motion
 from crinoid.frames import Frames
-from crinoid.rod import Rod
+from crinoid.reference import Reference
 
 Channels = Float[Array, " channel"]
 Rows = Float[Array, "rows b"]
@@ -30,11 +30,11 @@ _ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
 class System(eqx.Module):
     """A soft arm on its base in the water, as arrays: `jax.jit`, `grad` and `vmap` apply.
 
-    Built by `crinoid.Scenario.system`. To compile a method, use `equinox.filter_jit(system.step)`
+    Built by `crinoid.system`. To compile a method, use `equinox.filter_jit(system.step)`
     or pass the system as an argument of a function under `jax.jit`.
     """
 
-    rod: Rod
+    reference: Reference
     forces: Forces
     base: Base
     integrator: Integrator
@@ -52,14 +52,14 @@ class System(eqx.Module):
     def rest(self, time: float | Array = 0.0) -> State:
         """Return the arm without load, as the base holds it at ``time``."""
         time = jnp.asarray(time, float)
-        return self._begin(time, *start.undeformed(self.rod, self.base, self.forces, time))
+        return self._begin(time, *start.undeformed(self.reference, self.base, self.forces, time))
 
     def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
         """Return how far each obstacle is from the arm without load (m)."""
         if self.forces.obstacles is None:
             return jnp.zeros(0)
         time = jnp.asarray(time, float)
-        rows, _ = start.undeformed(self.rod, self.base, self.forces, time)
+        rows, _ = start.undeformed(self.reference, self.base, self.forces, time)
         return jnp.min(self.forces.obstacles.gaps(rows), axis=1)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
@@ -88,9 +88,9 @@ class System(eqx.Module):
         See `crinoid.dynamics.statics` for how.
         """
         time = jnp.asarray(time, float)
-        rows, frames = start.undeformed(self.rod, self.base, self.forces, time)
+        rows, frames = start.undeformed(self.reference, self.base, self.forces, time)
         position, frames, outcome = statics.find(
-            self.rod,
+            self.reference,
             self.forces.frozen(time),
             self.settings,
             time,
@@ -224,7 +224,7 @@ class System(eqx.Module):
 
         The tip's are carried on from the two nodes before, as nothing bends round the tip.
         """
-        rest, length = self.rod.rest_strain[:-1], self.rod.strain_length[:-1]
+        rest, length = self.reference.rest_strain[:-1], self.reference.strain_length[:-1]
         inner = rest + self.forces.strains(state.motion) / length
         return jnp.concatenate([inner, 2 * inner[-1:] - inner[-2:-1]])
 

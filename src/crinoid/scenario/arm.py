@@ -107,3 +107,11 @@ class Arm(Model):
         default=Section(),
         description="Section properties given directly; each replaces a derived one.",
     )
+
+    @property
+    def diameters(self) -> tuple[float, ...]:
+        """Diameter that the water sees at each node (m)."""
+        if self.section.diameter is not None:
+            return (self.section.diameter,) * self.nodes
+        root, tip = self.radius if isinstance(self.radius, tuple) else (self.radius, self.radius)
+        return tuple(2 * (root + (tip - root) * i / (self.nodes - 1)) for i in range(self.nodes))

@@ -98,7 +98,7 @@ def imbalance(system: System, outcome: Outcome) -> str:
     """Say which node or obstacle is out of balance, and by how much."""
     if not np.isfinite(outcome.residual):
         return "forces grew without bound"
-    worst, nodes = int(outcome.worst_node), system.rod.nodes
+    worst, nodes = int(outcome.worst_node), system.reference.nodes
     name = f"node {worst}" if worst < nodes else f"obstacle {system.forces.free[worst - nodes]}"
     return (
         f"{name} is out of balance by {float(outcome.residual):.3g} N "

@@ -203,7 +203,7 @@ def _run(
     carry, first = _begin(loop, setup.state)
     records, kept_earlier = [_one(first)], None
     if earlier is not None:
-        start = build_dataset(loop.system, records.pop())
+        start = build_dataset(loop.system, scenario.arm.diameters, records.pop())
         carry, kept_earlier = restored(earlier, carry, start, stride)
     done, chunk = int(carry.steps), 16
     trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
@@ -293,7 +293,7 @@ def _result(
     if records:
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
         records.clear()  # a long run fills the memory
-        parts.append(build_dataset(setup.loop.system, whole))
+        parts.append(build_dataset(setup.loop.system, scenario.arm.diameters, whole))
     dataset, system = with_dimensionless(join(parts), scenario, setup.modes), setup.loop.system
     defect = find_defect(dataset, scenario, float(system.settings.floor))
     if failed is not None:
