@@ -1,5 +1,6 @@
 """Compiled programs, and where they are kept between runs; knows no physics."""
 
+from crinoid.programs.program import OFTEN as OFTEN
 from crinoid.programs.program import ONCE as ONCE
 from crinoid.programs.program import Program as Program
 from crinoid.programs.program import compiled as compiled

@@ -20,7 +20,10 @@ from crinoid.programs.store import STORE
 P = ParamSpec("P")
 R = TypeVar("R")
 
-ONCE = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+OFTEN = {"xla_cpu_use_fusion_emitters": False}
+"""Options for what runs often: emitting what is fused by MLIR takes a third longer to compile, and what
+comes out is slower on arrays as small as those of an arm."""
+ONCE = OFTEN | {"xla_backend_optimization_level": 0}
 """Options for what runs once: less time to compile is worth more than milliseconds of running."""
 _MOST_LOADED = 4
 """Forms of one function that stay loaded: a study may go through thousands."""

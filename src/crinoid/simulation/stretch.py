@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from crinoid.dynamics import Outcome
-from crinoid.programs import compiled
+from crinoid.programs import OFTEN, compiled
 from crinoid.record import Record
 from crinoid.simulation.loop import Loop, LoopState, Tally
 
@@ -44,7 +44,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
     )
 
 
-@compiled()
+@compiled(**OFTEN)
 def stretch(
     loop: Loop, carry: LoopState, end: Int[Array, ""], stride: Int[Array, ""], capacity: int
 ) -> tuple[LoopState, Record, Int[Array, ""], Outcome]:
