@@ -235,12 +235,12 @@ def test_a_folder_that_cannot_be_written_to_is_done_without(tmp_path):
 
 def test_processes_at_once_agree(tmp_path):
     code = (
-        "import sys, numpy as np, crinoid, jax.numpy as jnp\n"
-        "from crinoid.frames import cross\n"
-        "from crinoid.programs import compiled, keep_programs\n"
+        "import crinoid, numpy as np\n"
+        "from crinoid.assembly.prepared import system\n"
+        "from crinoid.programs import keep_programs\n"
         "keep_programs()\n"
-        "x, y = np.eye(3)[:2]\n"
-        "print(np.asarray(compiled()(cross)(x, y)).tobytes().hex())\n"
+        "built = system(crinoid.load('still-water'))\n"
+        "print(np.asarray(built.reference.rest_length).tobytes().hex())\n"
     )
     environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
     each = [
@@ -251,7 +251,7 @@ def test_processes_at_once_agree(tmp_path):
     ]
     told = [process.communicate(timeout=120)[0] for process in each]
     assert [process.returncode for process in each] == [0, 0]
-    assert told[0] == told[1] == np.eye(3)[2].tobytes().hex() + "\n"
+    assert told[0] == told[1] != ""
     kept = list((tmp_path / "crinoid" / "programs").iterdir())
     assert [file.suffix for file in kept] == [".program"]
 

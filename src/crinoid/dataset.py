@@ -167,7 +167,7 @@ def build_dataset(system: System, diameters: Sequence[float], kept: Record) -> x
             "kind": ("kind", [*ENERGIES, *WORKS], {"long_name": "kind of energy or work"}),
             "arc_length": (
                 "node",
-                np.concatenate([np.zeros(1), np.cumsum(system.reference.rest_length)]),
+                np.concatenate([np.zeros(1), np.cumsum(np.asarray(system.reference.rest_length))]),
                 {"units": "m", "long_name": "distance from the root along the arm at rest"},
             ),
             "diameter": (

@@ -1,9 +1,9 @@
 """From the description of a controller to what commands the base: gains, limits and mapping."""
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from crinoid.assembly.numbers import array
 from crinoid.control import Controller, FeedForward, Idle, Pid, damped_inverse
 from crinoid.dynamics import System
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -54,9 +54,7 @@ def build_feed_forward(
         return None
     mapping = _mapping(scenario, jacobian, list(control.pid.present))
     held = 0.5 / scenario.control_rate_hz
-    return FeedForward(
-        jnp.asarray(mapping), system.base.servo.lag + held, jnp.asarray(control.start)
-    )
+    return FeedForward(array(mapping), system.base.servo.lag + held, array(control.start))
 
 
 def _pid(scenario: Scenario, jacobian: Array | None) -> Pid:
@@ -64,7 +62,7 @@ def _pid(scenario: Scenario, jacobian: Array | None) -> Pid:
     limits = {name: channel.limits for name, channel in scenario.base.channels.present.items()}
 
     def per_channel(values: dict[str, float]) -> Float[Array, " channel"]:
-        return jnp.asarray([values.get(name, 0.0) for name in channels])
+        return array([values.get(name, 0.0) for name in channels])
 
     # at t = 0 the arm has been left alone for no time yet: there an error is acted on at once
     bumps = scenario.control.start > 0 or scenario.target.feeds_forward
@@ -74,11 +72,11 @@ def _pid(scenario: Scenario, jacobian: Array | None) -> Pid:
         ki=per_channel({name: gains.ki for name, gains in driven.items()}),
         kd=per_channel({name: gains.kd for name, gains in driven.items()}),
         filter_time=per_channel(filter_time),
-        mapping=jnp.asarray(_mapping(scenario, jacobian, list(driven))),
+        mapping=array(_mapping(scenario, jacobian, list(driven))),
         lower=per_channel({name: limit.low for name, limit in limits.items()}),
         upper=per_channel({name: limit.high for name, limit in limits.items()}),
-        period=jnp.asarray(1.0 / scenario.control_rate_hz),
-        take_up=jnp.asarray(_TAKE_UP if bumps else 0.0),
+        period=array(1.0 / scenario.control_rate_hz),
+        take_up=array(_TAKE_UP if bumps else 0.0),
     )
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from crinoid.assembly.numbers import array
 from crinoid.flow import MeasuredPoint, MeasuredProfile
 from crinoid.onset import Onset
 from crinoid.spline import PiecewisePolynomial, between
@@ -33,12 +33,12 @@ def measured(
         return MeasuredPoint(
             onset,
             played(recording.velocity[:, 0]),
-            jnp.asarray(np.array(origin)),
-            jnp.asarray(recording.slowness),
+            array(origin),
+            array(recording.slowness),
         )
     values = recording.velocity
     slopes = CubicSpline(recording.levels, values, axis=1)(recording.levels, 1)
     # beyond the outermost levels nothing changes with height: so it ends there without a kink
     slopes[:, [0, -1]] = 0.0
     columns = np.stack([values, slopes], axis=2).reshape(len(values), -1)
-    return MeasuredProfile(onset, played(columns), jnp.asarray(recording.levels))
+    return MeasuredProfile(onset, played(columns), array(recording.levels))

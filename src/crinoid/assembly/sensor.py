@@ -1,9 +1,9 @@
 """From the description of a sensor to what the controller sees of the tip."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from crinoid.assembly.numbers import array
 from crinoid.control import Clock, Sensor
 from crinoid.scenario import Scenario
 from crinoid.space import POSE
@@ -17,9 +17,9 @@ def build_sensor(scenario: Scenario) -> Sensor:
     turns = len(POSE[axes]) - axes
     noise = [sensor.noise_position] * axes + [np.deg2rad(sensor.noise_angle_deg)] * turns
     return Sensor(
-        clock=Clock(jnp.asarray(1.0 / rate)),
-        delay=jnp.asarray(sensor.delay),
-        noise=jnp.asarray(noise),
+        clock=Clock(array(1.0 / rate)),
+        delay=array(sensor.delay),
+        noise=array(noise),
         key=jax.random.key(scenario.seed),
         # where the rate does not divide the time step samples may bunch: one more is under way
         kept=int(np.ceil(sensor.delay * rate)) + 2,

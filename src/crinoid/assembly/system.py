@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -75,7 +75,7 @@ def build_system(
         contact_numbers(scenario),
         body_numbers(scenario),
         array(simulation.tolerance),
-        jnp.asarray(simulation.max_iterations),
+        jax.device_put(np.asarray(simulation.max_iterations)),
     )
     return System(
         reference=rod.reference,

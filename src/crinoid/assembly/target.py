@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from crinoid.assembly.numbers import array
 from crinoid.control import Carrier, Line, Orbit, Target
 from crinoid.dynamics import System
 from crinoid.onset import Onset
@@ -46,7 +47,7 @@ def build_target(
         fixed[axes:] = steady
     places, pointing = tuple(range(axes)), tuple(range(axes, fixed.size))
     if target.path in ("circle", "sine", "line"):
-        return Target(jnp.asarray(fixed), _formula(target, fixed[:axes]), places, carrier)
+        return Target(array(fixed), _formula(target, fixed[:axes]), places, carrier)
     if path is not None:
         times, points = path.time, path.values
         moving = (places + pointing)[: points.shape[1]]
@@ -54,13 +55,13 @@ def build_target(
         given = [(places, target.tip_path), (pointing, turns)]
         listed = [(where, points) for where, points in given if points is not None]
         if not listed:
-            return Target(jnp.asarray(fixed), None, (), carrier)
+            return Target(array(fixed), None, (), carrier)
         moving = tuple(index for where, _ in listed for index in where)
         times = np.asarray(target.time)
         points = np.concatenate([points for _, points in listed], axis=1)
     # whole at its end: the feed-forward looks ahead
     curve = between(shape_preserving(times, points), 0.0, np.inf)
-    return Target(jnp.asarray(fixed), PiecewisePolynomial(curve), moving, carrier)
+    return Target(array(fixed), PiecewisePolynomial(curve), moving, carrier)
 
 
 def _pointing(
@@ -91,7 +92,7 @@ def _formula(target: TargetTable, begin: Vector) -> PiecewisePolynomial | Orbit 
         return PiecewisePolynomial(PPoly.from_bernstein_basis(BPoly.from_derivatives(times, ends)))
     onset = Onset.of(start, _RAMP_TIME if target.ramp_time is None else target.ramp_time)
     if target.velocity is not None:
-        return Line(jnp.asarray(begin), jnp.asarray(target.velocity), onset)
+        return Line(array(begin), array(target.velocity), onset)
     if target.amplitude is not None:
         cosine, sine = np.zeros_like(begin), np.asarray(target.amplitude)
         rate = 2 * np.pi * (target.frequency_hz or 0.0)
@@ -103,11 +104,11 @@ def _formula(target: TargetTable, begin: Vector) -> PiecewisePolynomial | Orbit 
     if target.centre is not None:
         centre = np.asarray(target.centre)
     return Orbit(
-        jnp.asarray(centre),
-        jnp.asarray(cosine),
-        jnp.asarray(sine),
-        jnp.asarray(rate),
-        jnp.asarray(phase),
+        array(centre),
+        array(cosine),
+        array(sine),
+        array(rate),
+        array(phase),
         onset,
     )
 

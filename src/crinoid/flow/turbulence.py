@@ -1,5 +1,6 @@
 """Turbulence that a mean flow carries along."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -82,10 +83,10 @@ class Turbulence(Flow):
         axes = [0, 2] if mean.size == 2 else [0, 1, 2]
         return Turbulence(
             onset,
-            jnp.asarray(mean),
-            jnp.asarray(wave_number[:, None] * direction[:, axes]),
-            jnp.asarray(amplitude[:, None] * normal[:, axes]),
-            jnp.asarray(generator.random(modes)),
+            jax.device_put(mean),
+            jax.device_put(wave_number[:, None] * direction[:, axes]),
+            jax.device_put(amplitude[:, None] * normal[:, axes]),
+            jax.device_put(generator.random(modes)),
         )
 
     def fully_on(self, point: Point, time: Time) -> Point:

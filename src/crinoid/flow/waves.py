@@ -1,5 +1,6 @@
 """Surface waves."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -63,12 +64,12 @@ class Waves(Flow):
         amplitude = significant_height / 4 * np.sqrt(2 / components)
         return Waves(
             onset,
-            jnp.asarray(float(depth)),
-            jnp.asarray(heading),
-            jnp.asarray(np.full(components, amplitude)),
-            jnp.asarray(frequencies),
-            jnp.asarray(wave_number(frequencies, depth, gravity)),
-            jnp.asarray(generator.random(components)),
+            jax.device_put(np.asarray(depth, float)),
+            jax.device_put(heading),
+            jax.device_put(np.full(components, amplitude)),
+            jax.device_put(frequencies),
+            jax.device_put(wave_number(frequencies, depth, gravity)),
+            jax.device_put(generator.random(components)),
         )
 
     def elevation(self, point: Point, time: Time) -> Float[Array, ""]:

@@ -21,8 +21,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 OFTEN = {"xla_cpu_use_fusion_emitters": False}
-"""Options for what runs often: emitting what is fused by MLIR takes a third longer to compile, and what
-comes out is slower on arrays as small as those of an arm."""
+"""Options for what runs often. XLA's newer emitters of fused loops take a third longer to compile,
+and what they make is slower on arrays as small as an arm's."""
 ONCE = OFTEN | {"xla_backend_optimization_level": 0}
 """Options for what runs once: less time to compile is worth more than milliseconds of running."""
 _MOST_LOADED = 4

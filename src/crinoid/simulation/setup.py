@@ -2,11 +2,13 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.assembly.controller import build_controller, build_feed_forward
+from crinoid.assembly.numbers import array
 from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.sensor import build_sensor
 from crinoid.assembly.target import build_target
@@ -43,7 +45,7 @@ def set_up(prepared: Prepared) -> Setup:
     control = scenario.control
     mapped = control.kind != "none" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
-    current = jnp.asarray(Facts(prepared).mean_current)
+    current = array(Facts(prepared).mean_current)
     state, outcome, tip, small, jacobian, ends = _start(system, current, loaded, mapped)
     modes, told = None, doubts(prepared)
     if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
@@ -61,11 +63,11 @@ def set_up(prepared: Prepared) -> Setup:
         system=system,
         sensor=build_sensor(scenario),
         controller=build_controller(scenario, jacobian),
-        clock=Clock(jnp.asarray(1.0 / scenario.control_rate_hz)),
-        switched_on=jnp.asarray(scenario.control.start),
+        clock=Clock(array(1.0 / scenario.control_rate_hz)),
+        switched_on=array(scenario.control.start),
         target=build_target(scenario, prepared.series.get("target"), system, tip),
         feed_forward=build_feed_forward(scenario, system, jacobian),
-        enabled=jnp.asarray(True),
+        enabled=jax.device_put(np.asarray(True)),
     )
     open_loop = None
     # an arm that does not swing back by itself has no response to speak of
