@@ -11,7 +11,7 @@ from crinoid.report.run import Run
 from crinoid.report.shape import draw_shape
 from crinoid.report.sweep import draw_errors, draw_settling, find_sweep
 from crinoid.report.tip import off_direction
-from test_report import among_obstacles, swaying_arm
+from test_report import OBSTACLES, among_obstacles, swaying_arm
 
 
 def test_the_spectrum_of_an_error_holds_its_variance_at_its_frequency():
@@ -31,7 +31,9 @@ def test_the_spectrum_of_an_error_holds_its_variance_at_its_frequency():
 
 def test_the_close_up_shows_each_run_at_its_own_scale_and_one_window_in_the_other():
     run = Run(swaying_arm(sway=0.005), swaying_arm(driven=False, sway=0.12))
-    near, far, spectra = draw_close_up(run).axes
+    figure = draw_close_up(run)
+    near, far, bar, spectra = figure.axes
+    assert bar.get_ylabel() == "time (s)"
     assert far.get_xlim()[1] > 5 * near.get_xlim()[1]
     window = far.patches[0].get_bbox()
     assert (window.x0, window.x1) == pytest.approx(near.get_xlim())
@@ -122,3 +124,29 @@ def test_the_direction_of_a_planar_tip_is_off_by_the_short_way():
     found = off_direction(made.assign(tip_angle_target=target))
     np.testing.assert_allclose(found, [0.1, 0.2, 0.0, 0.0, 0.3], atol=1e-12)
     assert off_direction(made.drop_vars("tip_angle")) is None
+
+
+def test_the_key_of_the_close_up_lies_on_no_panel():
+    figure = draw_close_up(Run(swaying_arm(sway=0.005), swaying_arm(driven=False, sway=0.12)))
+    figure.draw_without_rendering()
+    (key,) = figure.legends
+    place = key.get_window_extent()
+    assert not any(place.overlaps(axes.get_tightbbox()) for axes in figure.axes)
+    assert all(axes.get_legend() is None for axes in figure.axes[:2])
+
+
+@pytest.mark.parametrize(
+    ("drift", "shown"),
+    [
+        (1e-3, {"obstacle at the end", "obstacle over time", "path of an obstacle"}),
+        (9.0, {"obstacle over time", "path of an obstacle"}),
+        (0.0, {"obstacle"}),
+    ],
+    ids=["in sight", "drifted away", "standing"],
+)
+def test_the_key_names_the_obstacles_that_are_in_sight(drift, shown):
+    sphere = among_obstacles(drift=drift).isel(obstacle=[0])
+    text = "[[obstacle]]".join(OBSTACLES.split("[[obstacle]]")[:2])
+    figure = draw_shape(Run(sphere.assign_attrs(scenario=text)))
+    named = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {name for name in named if "obstacle" in name} == shown

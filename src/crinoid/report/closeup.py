@@ -6,9 +6,11 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from crinoid.current.spectrum import spectrum
 from crinoid.report.run import Run
@@ -20,6 +22,7 @@ from crinoid.report.style import (
     WIDTH,
     head,
     key,
+    key_below,
     note,
     time_map,
     time_norm,
@@ -38,7 +41,7 @@ def draw_close_up(run: Run) -> Figure:
     # planar runs beside each other, those in space below each other
     shape = (len(members), len(views)) if len(views) > 1 else (1, len(members))
     high = 2.5 * shape[0] if max(shape) > 1 else 4.2
-    figure = Figure(figsize=(WIDTH, 3.4 + high), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.7 + high), layout="constrained")
     rows = figure.add_gridspec(2, 1, height_ratios=[high, 2.6])
     panels = rows[0].subgridspec(*shape).subplots(squeeze=False).reshape(len(members), len(views))
     misses = [miss(data) for _, data in members]
@@ -55,8 +58,13 @@ def draw_close_up(run: Run) -> Figure:
                 axes.add_patch(window)
         words = f"{label}: RMS {_rms_text(off, half)}" if label else f"RMS {_rms_text(off, half)}"
         some[0].set_title(words, loc="left")
-    panels[-1, -1].legend(loc="lower right", fontsize=7.0, borderpad=0.1)
+    time = run.result["time"].values
+    if time[-1] > time[0]:
+        times = ScalarMappable(time_norm(run.result), time_map())
+        bar = figure.colorbar(times, ax=panels, label="time (s)", aspect=25)
+        bar.ax.grid(visible=False)
     _spectra(figure.add_subplot(rows[1]), run, misses)
+    key_below(figure, panels.flat, "outside lower center")
     head(figure, run.title, run.status)
     return figure
 
@@ -126,6 +134,10 @@ def _spectra(axes: Axes, run: Run, misses: list[Float[np.ndarray, "time axis=3"]
     squares = length_unit(top**0.5)
     unit = Unit(squares.factor**2, f"{squares.name}²/Hz")
     axes.set(xscale="log", yscale="log")
+    # plain numbers, wide enough apart over one decade and over four
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     for order, ((label, _), each, colour) in enumerate(
         zip(run.members, found, (BLUE, VERMILLION), strict=False)
     ):

@@ -30,6 +30,7 @@ def draw_bodies(
     colours = time_map()(time_norm(data)(data["time"].values[chosen]))
     round_too = any(body.solid.kind != "plane" for body in bodies)  # rather in the key than a wall
     label = "obstacle at the end" if any(body.moves for body in bodies) else "obstacle"
+    window = view.paper(np.stack([low, high]))
     for body in bodies:
         if not body.is_in(low, high, view):
             continue
@@ -40,15 +41,17 @@ def draw_bodies(
             order = 0.2
         elif not wall and body.is_behind(arm, view):
             order = 0.95
+        outline = body.outline(-1, low, high, view)
+        shows = outline.size and np.all((outline.min(0) < window[1]) & (outline.max(0) > window[0]))
         solid = Polygon(
-            body.outline(-1, low, high, view),
+            outline,
             closed=True,
             facecolor=WALL if wall else SOLID,
             edgecolor=GREY if wall else INK,
             hatch="////" if edge_on else None,
             linewidth=0.8,
             zorder=order,
-            label=None if wall and round_too else label,
+            label=None if (wall and round_too) or not shows else label,
         )
         axes.add_patch(solid)
         if body.moves and (edge_on or not wall):
@@ -71,7 +74,13 @@ def draw_earlier(
 ) -> None:
     """Draw where an obstacle was before, in the colours of the times."""
     shapes = PolyCollection(
-        outlines, facecolors="none", edgecolors=colours, linewidths=0.6, alpha=0.55, zorder=1.4
+        outlines,
+        facecolors="none",
+        edgecolors=colours,
+        linewidths=0.6,
+        alpha=0.55,
+        zorder=1.4,
+        label="obstacle over time",
     )
     axes.add_collection(shapes, autolim=False)
 

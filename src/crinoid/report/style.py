@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -97,15 +97,17 @@ def colour_bar(figure: Figure, data: xr.Dataset, left: float, foot: float, high:
         bar.grid(visible=False)
 
 
-def key_below(figure: Figure, panels: Iterable[Axes]) -> None:
-    """Put one legend of all panels at the foot of the page."""
+def key_below(
+    figure: Figure,
+    panels: Iterable[Axes],
+    where: Literal["lower center", "outside lower center"] = "lower center",
+) -> None:
+    """Put one legend of all panels at the foot of the page; outside: panels make room for it."""
     entries: dict[str, Artist] = {}
     for axes in panels:
         handles, labels = axes.get_legend_handles_labels()
         entries |= dict(zip(labels, handles, strict=True))
-    figure.legend(
-        list(entries.values()), list(entries), loc="lower center", ncols=4, borderaxespad=0.3
-    )
+    figure.legend(list(entries.values()), list(entries), loc=where, ncols=4, borderaxespad=0.3)
 
 
 def head(figure: Figure, title: str, status: str) -> None:
@@ -133,7 +135,7 @@ def head_height(title: str, status: str, wide: float) -> float:
 
 
 def _head_lines(title: str, status: str, wide: float) -> tuple[list[str], list[str]]:
-    lines = textwrap.wrap(title, int(10.0 * wide), max_lines=2, placeholder=" ...") or [" "]
+    lines = textwrap.wrap(title, int(10.5 * wide), max_lines=2, placeholder=" ...") or [" "]
     if status == "ok":
         return lines, []
     return lines, textwrap.wrap(status, int(11.5 * wide), max_lines=3, placeholder=" ...")
