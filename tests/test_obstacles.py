@@ -16,7 +16,7 @@ from crinoid.cli.app import app
 from crinoid.dynamics import Outcome
 from crinoid.result import Result
 from crinoid.simulation import SimulationError, play
-from crinoid.simulation.failure import imbalance
+from crinoid.simulation.failure import imbalance, nearness
 
 # a heavy arm that leans on the bed, and a ball that falls on it; one number of nodes, one free and
 # one led obstacle in all tests, which share their compiled code
@@ -246,6 +246,11 @@ def test_a_hit_that_no_step_resolves_ends_the_run_and_says_so():
     assert "obstacle 0 is nearest to the arm" in told or "obstacle 1 is nearest" in told
     for remedy in ("simulation.time_step", "simulation.max_halvings", "slower obstacles"):
         assert remedy in told
+
+
+def test_no_distance_that_is_told_is_negative():
+    assert nearness(2, 0.0123) == "obstacle 2 is nearest to the arm with 12.3 mm between them"
+    assert nearness(2, -0.0123) == "obstacle 2 is pressed 12.3 mm into the arm"
 
 
 def test_an_imbalance_past_the_tip_is_that_of_a_free_obstacle():

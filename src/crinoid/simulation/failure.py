@@ -64,8 +64,8 @@ def _trouble(
         gaps = np.min(np.asarray(state.touch.gap), axis=1)
         near = int(np.argmin(gaps))
         return (
-            f"a hit is too hard or too fast for a time step {halvings}, obstacle {near} is "
-            f"nearest to the arm with {1e3 * gaps[near]:.3g} mm between them",
+            f"a hit is too hard or too fast for a time step {halvings}, "
+            f"{nearness(near, float(gaps[near]))}",
             f"{smaller}, more simulation.max_halvings, or slower obstacles",
         )
     if outcome.folded:
@@ -86,6 +86,13 @@ def _trouble(
         f"a time step could not be solved {halvings}, {imbalance(system, outcome)}",
         f"{smaller}, loads that come on with ramp_time, or more simulation.max_halvings",
     )
+
+
+def nearness(obstacle: int, gap: float) -> str:
+    """Say how far the obstacle that is nearest is from the arm's surface (m)."""
+    if gap < 0:
+        return f"obstacle {obstacle} is pressed {-1e3 * gap:.3g} mm into the arm"
+    return f"obstacle {obstacle} is nearest to the arm with {1e3 * gap:.3g} mm between them"
 
 
 def _other_base(scenario: Scenario) -> str:

@@ -1,0 +1,53 @@
+"""The scenarios that `benchmarks/random_runs.py` draws."""
+
+import importlib.util
+import itertools
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+
+import crinoid
+
+PATH = Path(__file__).parents[1] / "benchmarks" / "random_runs.py"
+
+
+@pytest.fixture(scope="module")
+def drawing():
+    spec = importlib.util.spec_from_file_location("random_runs", PATH)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("kind", ["drifting", "swinging"])
+def test_runs_of_one_structure_share_their_programs_whatever_the_current(drawing, kind, tmp_path):
+    records = drawing.write_records(tmp_path)
+    structures = (
+        drawing.draw_structure(np.random.default_rng([1, number]), records)
+        for number in itertools.count()
+    )
+    structure = next(each for each in structures if each["record"] == records[kind])
+    shapes = set()
+    for number in range(4):
+        draw = np.random.default_rng([2, number])
+        scenario = crinoid.Scenario.from_dict(drawing.draw_numbers(draw, structure))
+        flows = crinoid.system(scenario).forces.water.flows
+        shapes.add(tuple(leaf.shape for leaf in jax.tree.leaves(flows)))
+    assert len(shapes) == 1
+
+
+def test_an_arm_without_energy_does_not_pass_in_silence(drawing, monkeypatch):
+    still = SimpleNamespace(
+        dataset=SimpleNamespace(data_vars=()), notes=[], failure="", status="ok"
+    )
+    monkeypatch.setattr(drawing, "draw_numbers", lambda *_: {})
+    monkeypatch.setattr(drawing, "play", lambda *_, **__: still)
+    monkeypatch.setattr(drawing, "moves", lambda data: True)
+    ends = []
+    for scale in (1e-16, 1e-14):
+        monkeypatch.setattr(drawing, "ledger", lambda data, scale=scale: (1.0, scale))
+        ends.append(drawing.run(0, 1, {"name": "still"}, [])[0])
+    assert ends == ["ok, without energy", "SILENT"]
