@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ OFTEN = {"xla_cpu_use_fusion_emitters": False}
 and what they make is slower on arrays as small as an arm's."""
 ONCE = OFTEN | {"xla_backend_optimization_level": 0}
 """Options for what runs once: less time to compile is worth more than milliseconds of running."""
+_ONE_AT_A_TIME = threading.Lock()
 _MOST_LOADED = 4
 """Forms of one function that stay loaded: a study may go through thousands."""
 
@@ -71,12 +73,12 @@ class Program(Generic[P, R]):
             key = key_of(self._function, self._options, jax.tree.unflatten(tree, form))
         except UnkeepableError:
             return self._unkept(*args, **kwargs)
-        if key not in self._loaded:
-            self._loaded[key] = self._load(key, len(arrays)) or self._compile(key, leaves, tree)
-            if len(self._loaded) > _MOST_LOADED:
-                self._loaded.popitem(last=False)
-        self._loaded.move_to_end(key)
-        loaded = self._loaded[key]
+        loaded = self._loaded.pop(key, None) or self._load(key, len(arrays))
+        if loaded is None:
+            loaded = self._compile(key, leaves, tree)
+        self._loaded[key] = loaded  # the last to go
+        if len(self._loaded) > _MOST_LOADED:
+            self._loaded.popitem(last=False)
         found = loaded.run(*arrays)
         return jax.tree.map(
             lambda leaf: found[leaf.array] if isinstance(leaf, Slot) else leaf, loaded.result
@@ -153,11 +155,12 @@ def _is_observed() -> bool:
 @contextmanager
 def _compiled_anew() -> Iterator[None]:
     """Compile without the cache of JAX: code that was read from there cannot be written again."""
-    enabled = setting("jax_enable_compilation_cache")
-    jax.config.update("jax_enable_compilation_cache", False)
-    compilation_cache.reset_cache()  # else it goes on as it began
-    try:
-        yield
-    finally:
-        jax.config.update("jax_enable_compilation_cache", enabled)
-        compilation_cache.reset_cache()
+    with _ONE_AT_A_TIME:
+        enabled = setting("jax_enable_compilation_cache")
+        jax.config.update("jax_enable_compilation_cache", False)
+        compilation_cache.reset_cache()  # else it goes on as it began
+        try:
+            yield
+        finally:
+            jax.config.update("jax_enable_compilation_cache", enabled)
+            compilation_cache.reset_cache()
