@@ -67,7 +67,11 @@ def test_tests_in_the_text_exist(page):
         assert name in {node.name for node in defined if isinstance(node, ast.FunctionDef)}, name
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "extending.md"], ids=["README", "ext"])
+@pytest.mark.parametrize(
+    "page",
+    [ROOT / "README.md", DOCS / "extending.md", DOCS / "parameters.md"],
+    ids=lambda page: page.stem,
+)
 def test_examples_run(page):
     # under a name of their own: the shapes of their classes are not checked, as a user's are not
     names = {"__name__": "example"}

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from crinoid.version import __version__
 
 if TYPE_CHECKING:
-    from crinoid.assembly.prepared import system
+    from crinoid.assembly.prepared import parameters, system
+    from crinoid.assembly.system import assemble
     from crinoid.result import Result
     from crinoid.scenario import Scenario, ScenarioError
     from crinoid.scenario.library import load
@@ -23,6 +24,8 @@ _HOMES = {
     "load": "crinoid.scenario",
     "simulate": "crinoid.simulation",
     "system": "crinoid.assembly.prepared",
+    "assemble": "crinoid.assembly.system",
+    "parameters": "crinoid.assembly.prepared",
 }
 """The module of each public name, loaded when the name is used first."""
 
@@ -32,8 +35,10 @@ __all__ = [
     "ScenarioError",
     "SimulationError",
     "__version__",
+    "assemble",
     "equilibrium",
     "load",
+    "parameters",
     "simulate",
     "system",
 ]

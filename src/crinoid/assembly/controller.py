@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.assembly.numbers import array
+from crinoid.assembly.parameters import Parameters
 from crinoid.control import Controller, FeedForward, Idle, Pid, damped_inverse
 from crinoid.dynamics import System
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -17,13 +18,17 @@ _TAKE_UP = 1.0
 """How long a controller takes to answer in full to what is there when it is switched on (s)."""
 
 
-def build_controller(scenario: Scenario, jacobian: Array | None) -> Controller:
+def build_controller(
+    scenario: Scenario, parameters: Parameters, jacobian: Array | None
+) -> Controller:
     """Return the controller of a scenario.
 
     Parameters
     ----------
     scenario
         What to control, and how.
+    parameters
+        Its numbers.
     jacobian
         Of the tip's pose by the channels, where the scenario maps errors by it.
 
@@ -36,7 +41,7 @@ def build_controller(scenario: Scenario, jacobian: Array | None) -> Controller:
         case "none":
             return Idle(len(CHANNELS[scenario.arm.dimension]))
         case "pid":
-            return _pid(scenario, jacobian)
+            return _pid(scenario, parameters, jacobian)
 
 
 def build_feed_forward(
@@ -57,24 +62,15 @@ def build_feed_forward(
     return FeedForward(array(mapping), system.base.servo.lag + held, array(control.start))
 
 
-def _pid(scenario: Scenario, jacobian: Array | None) -> Pid:
-    channels, driven = CHANNELS[scenario.arm.dimension], scenario.control.pid.present
-    limits = {name: channel.limits for name, channel in scenario.base.channels.present.items()}
-
-    def per_channel(values: dict[str, float]) -> Float[Array, " channel"]:
-        return array([values.get(name, 0.0) for name in channels])
-
+def _pid(scenario: Scenario, parameters: Parameters, jacobian: Array | None) -> Pid:
+    servo = parameters.base.servo
     # at t = 0 the arm has been left alone for no time yet: there an error is acted on at once
     bumps = scenario.control.start > 0 or scenario.target.feeds_forward
-    filter_time = {name: 0.5 / (np.pi * g.derivative_filter_hz) for name, g in driven.items()}
     return Pid(
-        kp=per_channel({name: gains.kp for name, gains in driven.items()}),
-        ki=per_channel({name: gains.ki for name, gains in driven.items()}),
-        kd=per_channel({name: gains.kd for name, gains in driven.items()}),
-        filter_time=per_channel(filter_time),
-        mapping=array(_mapping(scenario, jacobian, list(driven))),
-        lower=per_channel({name: limit.low for name, limit in limits.items()}),
-        upper=per_channel({name: limit.high for name, limit in limits.items()}),
+        **parameters.pid.gains(),
+        mapping=array(_mapping(scenario, jacobian, list(scenario.control.pid.present))),
+        lower=servo.lower,
+        upper=servo.upper,
         period=array(1.0 / scenario.control_rate_hz),
         take_up=array(_TAKE_UP if bumps else 0.0),
     )

@@ -2,61 +2,75 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from crinoid.assembly.numbers import Numbers, array
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.assembly.numbers import array
 from crinoid.dynamics import Obstacles
 from crinoid.elements import Body, Contact
-from crinoid.scenario import Scenario, Sphere
+from crinoid.rod import Rod
+from crinoid.scenario import Obstacle, Sphere
 
 
-def contact_numbers(scenario: Scenario) -> Numbers | None:
-    """Return what `Contact.of` takes of the obstacles, if there are any."""
-    obstacles = scenario.obstacle
-    if not obstacles:
-        return None
-    return {
-        "radius": array([getattr(o, "radius", 0.0) for o in obstacles]),
-        "half_axis": array([o.half_axis for o in obstacles]),
-        "normal": array([o.out for o in obstacles]),
-        "friction": array([o.friction for o in obstacles]),
-        "mass": array([getattr(o, "mass", None) or np.inf for o in obstacles]),
-    }
+class ObstacleParameters(eqx.Module):
+    """The numbers of all ``[[obstacle]]``; of a shape that lacks one it is without effect."""
 
+    position: Float[Array, "m d"]
+    """Where each one is at t = 0, in the world (m)."""
+    velocity: Float[Array, "m d"]
+    """How each one drifts; of one that the flow carries 0 (m/s)."""
+    radius: Float[Array, " m"]
+    half_axis: Float[Array, "m d"]
+    normal: Float[Array, "m d"]
+    friction: Float[Array, " m"]
+    mass: Float[Array, " m"]
+    """Infinite for one that the arm cannot push away (kg)."""
+    free: tuple[int, ...] = eqx.field(static=True)
+    carried: tuple[int, ...] = eqx.field(static=True)
 
-def body_numbers(scenario: Scenario) -> Numbers | None:
-    """Return what `Body.of` takes of those that the arm can push away."""
-    if not scenario.obstacle:
-        return None
-    free = [scenario.obstacle[index] for index in _free(scenario)]
-    return {
-        "mass": array([getattr(body, "mass", None) for body in free]),
-        "radius": array([getattr(body, "radius", None) for body in free]),
-    }
+    @staticmethod
+    def of(obstacles: Sequence[Obstacle]) -> ObstacleParameters:
+        """Return the numbers of obstacles, one or more."""
+        still = np.zeros(len(obstacles[0].position))
+        drifts = [obstacle.velocity for obstacle in obstacles]
+        return ObstacleParameters(
+            position=array([o.position for o in obstacles]),
+            velocity=array([still if drift == "flow" else drift for drift in drifts]),
+            radius=array([getattr(o, "radius", 0.0) for o in obstacles]),
+            half_axis=array([o.half_axis for o in obstacles]),
+            normal=array([o.out for o in obstacles]),
+            friction=array([o.friction for o in obstacles]),
+            mass=array([getattr(o, "mass", None) or np.inf for o in obstacles]),
+            free=tuple(
+                index
+                for index, obstacle in enumerate(obstacles)
+                if isinstance(obstacle, Sphere) and obstacle.mass is not None
+            ),
+            carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
+        )
 
-
-def _free(scenario: Scenario) -> tuple[int, ...]:
-    """Return which obstacles the arm can push away."""
-    return tuple(
-        index
-        for index, obstacle in enumerate(scenario.obstacle)
-        if isinstance(obstacle, Sphere) and obstacle.mass is not None
-    )
-
-
-def build_obstacles(
-    scenario: Scenario, contact: Contact | None, bodies: Body | None
-) -> Obstacles | None:
-    """Return all obstacles of a scenario, if there are any."""
-    if contact is None or bodies is None:
-        return None
-    drifts = [obstacle.velocity for obstacle in scenario.obstacle]
-    still = np.zeros(len(scenario.base.position))
-    return Obstacles(
-        contact=contact,
-        bodies=bodies,
-        place=array([np.subtract(o.position, scenario.base.position) for o in scenario.obstacle]),
-        drift=array([still if drift == "flow" else drift for drift in drifts]),
-        free=_free(scenario),
-        carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
-    )
+    def obstacles(
+        self, rod: Rod, origin: Float[Array, " d"], density: Array, gravity: Array
+    ) -> Obstacles:
+        """Build the obstacles beside a rod whose root is set at ``origin`` (m); traceable."""
+        free = np.asarray(self.free, int)
+        return Obstacles(
+            contact=Contact.of(
+                rod,
+                radius=self.radius,
+                half_axis=self.half_axis,
+                normal=self.normal,
+                friction=self.friction,
+                mass=self.mass,
+            ),
+            bodies=Body.of(
+                mass=self.mass[free], radius=self.radius[free], density=density, gravity=gravity
+            ),
+            place=self.position - origin,
+            drift=self.velocity,
+            free=self.free,
+            carried=self.carried,
+        )

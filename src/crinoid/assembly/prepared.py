@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import Float
 
+    from crinoid.assembly.parameters import Parameters
     from crinoid.dynamics import System
     from crinoid.recording import Recording, Series
 
@@ -78,11 +79,18 @@ class Prepared:
         ]
 
     @cached_property
+    def parameters(self) -> Parameters:
+        """The numbers of the scenario by name, as arrays."""
+        from crinoid.assembly.parameters import Parameters  # JAX: slow to load, not for reading
+
+        return Parameters.of(self.scenario, self.recordings, self.series)
+
+    @cached_property
     def system(self) -> System:
         """The arm, its base and the water as arrays: the differentiable core."""
-        from crinoid.assembly.system import build_system  # JAX: slow to load, not for reading
+        from crinoid.assembly.system import assemble_once  # JAX: slow to load, not for reading
 
-        return build_system(self.scenario, self.recordings, self.series)
+        return assemble_once(self.parameters)
 
     @cached_property
     def room(self) -> Float[np.ndarray, " m"]:
@@ -119,3 +127,14 @@ def system(scenario: Scenario) -> System:
         If a file that the scenario names is not what it takes.
     """
     return Prepared(scenario).system
+
+
+def parameters(scenario: Scenario) -> Parameters:
+    """Return the numbers of a scenario by name: what `crinoid.assemble` makes a system of.
+
+    Raises
+    ------
+    ScenarioError
+        If a file that the scenario names is not what it takes.
+    """
+    return Prepared(scenario).parameters

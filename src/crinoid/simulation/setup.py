@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,8 +10,10 @@ from jaxtyping import Array, Float
 
 from crinoid.assembly.controller import build_controller, build_feed_forward
 from crinoid.assembly.numbers import array
+from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.sensor import build_sensor
+from crinoid.assembly.system import assemble
 from crinoid.assembly.target import build_target
 from crinoid.control import Clock, Pid
 from crinoid.dynamics import Modes, ModesError, Outcome, SmallMotions, State, System, find_modes
@@ -62,7 +65,7 @@ def set_up(prepared: Prepared) -> Setup:
     loop = Loop(
         system=system,
         sensor=build_sensor(scenario),
-        controller=build_controller(scenario, jacobian),
+        controller=build_controller(scenario, prepared.parameters, jacobian),
         clock=Clock(array(1.0 / scenario.control_rate_hz)),
         switched_on=array(scenario.control.start),
         target=build_target(scenario, prepared.series.get("target"), system, tip),
@@ -120,4 +123,20 @@ def _start(
         small,
         system.static_jacobian(state, small.stiffness) if mapped else None,
         (system.held(state), system.tip_follows(state)),
+    )
+
+
+def with_parameters(loop: Loop, parameters: Parameters) -> Loop:
+    """Return a loop with the numbers of others: its system, and the gains of its PID; traceable.
+
+    Target, sensor, feed-forward and the mapping of errors stay those of the loop.
+    """
+    system = assemble(parameters)
+    if not isinstance(loop.controller, Pid):
+        return eqx.tree_at(lambda x: x.system, loop, system)
+    gains = parameters.pid.gains()
+    return eqx.tree_at(
+        lambda x: (x.system, *(getattr(x.controller, name) for name in gains)),
+        loop,
+        (system, *gains.values()),
     )

@@ -1,0 +1,219 @@
+"""The numbers of a scenario by name: what a gradient or a batch acts on. SI units and radians.
+
+Names are those of the scenario: `Parameters.arm.youngs_modulus`, `Parameters.water.density`. What
+decides on the shape of a program (numbers of nodes and axes, kinds of loads and flows, which
+obstacles are free) is static.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from crinoid.assembly.base import BaseParameters
+from crinoid.assembly.flow import build_flow
+from crinoid.assembly.load import LoadElement, load_numbers
+from crinoid.assembly.numbers import Numbers, array
+from crinoid.assembly.obstacle import ObstacleParameters
+from crinoid.dynamics import Integrator
+from crinoid.flow import Flow
+from crinoid.rod import Rod
+from crinoid.scenario import Arm, Control, Scenario, Simulation, Water
+from crinoid.space import CHANNELS
+
+if TYPE_CHECKING:
+    from crinoid.recording import Recording, Series  # xarray, slow to load
+
+_INTEGRATORS: dict[str, Callable[..., Integrator]] = {
+    "newmark": Integrator.newmark,
+    "generalized-alpha": Integrator.generalized_alpha,
+    "implicit-euler": Integrator.implicit_euler,
+}
+
+
+class SectionParameters(eqx.Module):
+    """Section properties that replace what radius, density and modulus give; None: they do not."""
+
+    EA: Float[Array, ""] | None
+    EI: Float[Array, ...] | None
+    GJ: Float[Array, ""] | None
+    mass_per_length: Float[Array, ""] | None
+    diameter: Float[Array, ""] | None
+    displaced_area: Float[Array, ""] | None
+
+
+class ArmParameters(eqx.Module):
+    """The numbers of ``[arm]``."""
+
+    length: Float[Array, ""]
+    radius: Float[Array, ...]
+    """At the root and at the tip, or one number for both (m)."""
+    density: Float[Array, ""]
+    youngs_modulus: Float[Array, ""]
+    poisson_ratio: Float[Array, ""]
+    damping_time: Float[Array, ""]
+    rest_curvature: Float[Array, ...]
+    section: SectionParameters
+    nodes: int = eqx.field(static=True)
+    dimension: int = eqx.field(static=True)
+
+    @staticmethod
+    def of(arm: Arm) -> ArmParameters:
+        """Return the numbers of an arm."""
+        section = dict(arm.section).items()
+        given = {name: None if value is None else array(value) for name, value in section}
+        return ArmParameters(
+            length=array(arm.length),
+            radius=array(arm.radius),
+            density=array(arm.density),
+            youngs_modulus=array(arm.youngs_modulus),
+            poisson_ratio=array(arm.poisson_ratio),
+            damping_time=array(arm.damping_time),
+            rest_curvature=array(arm.rest_curvature),
+            section=SectionParameters(**given),
+            nodes=arm.nodes,
+            dimension=arm.dimension,
+        )
+
+    def rod(self) -> Rod:
+        """Build the sections of the arm; traceable."""
+        return Rod.round(
+            length=self.length,
+            nodes=self.nodes,
+            radius=self.radius,
+            density=self.density,
+            youngs_modulus=self.youngs_modulus,
+            rest_curvature=self.rest_curvature,
+            damping_time=self.damping_time,
+            axes=self.dimension,
+            poisson_ratio=self.poisson_ratio,
+            EA=self.section.EA,
+            EI=self.section.EI,
+            GJ=self.section.GJ,
+            mass_per_length=self.section.mass_per_length,
+            diameter=self.section.diameter,
+            displaced_area=self.section.displaced_area,
+        )
+
+
+class WaterParameters(eqx.Module):
+    """The numbers of ``[water]`` that act on the arm."""
+
+    density: Float[Array, ""]
+    gravity: Float[Array, ""]
+    drag_normal: Float[Array, ""]
+    drag_tangential: Float[Array, ""]
+    linear_drag: Float[Array, ""]
+    added_mass_normal: Float[Array, ""]
+    added_mass_tangential: Float[Array, ""]
+
+    @staticmethod
+    def of(water: Water) -> WaterParameters:
+        """Return the numbers of the water."""
+        return WaterParameters(
+            density=array(water.density),
+            gravity=array(water.gravity),
+            drag_normal=array(water.drag_normal),
+            drag_tangential=array(water.drag_tangential),
+            linear_drag=array(water.linear_drag),
+            added_mass_normal=array(water.added_mass_normal),
+            added_mass_tangential=array(water.added_mass_tangential),
+        )
+
+
+class PidParameters(eqx.Module):
+    """The gains of ``[control.pid]``, one a channel (`crinoid.space.CHANNELS`); 0 of the others."""
+
+    kp: Float[Array, " channel"]
+    ki: Float[Array, " channel"]
+    """Per second."""
+    kd: Float[Array, " channel"]
+    """Seconds."""
+    filter_time: Float[Array, " channel"]
+    """Lag of the derivative (s), ``1 / (2 pi derivative_filter_hz)``."""
+
+    def gains(self) -> dict[str, Float[Array, " channel"]]:
+        """Return them by name, as `crinoid.control.Pid` takes them."""
+        return dict(vars(self))
+
+    @staticmethod
+    def of(control: Control, dimension: int) -> PidParameters:
+        """Return the gains of a controller."""
+        driven = control.pid.present
+        rows = [
+            (gains.kp, gains.ki, gains.kd, 0.5 / (np.pi * gains.derivative_filter_hz))
+            if (gains := driven.get(name)) is not None
+            else (0.0, 0.0, 0.0, 0.0)
+            for name in CHANNELS[dimension]
+        ]
+        return PidParameters(*map(array, zip(*rows, strict=True)))
+
+
+class SimulationParameters(eqx.Module):
+    """The numbers of ``[simulation]`` that a time step takes."""
+
+    time_step: Float[Array, ""]
+    error: Float[Array, ""]
+    """Largest estimated local error of a step, over the arm's length; infinite where any does."""
+    tolerance: Float[Array, ""]
+    max_iterations: Int[Array, ""]
+    integrator: Integrator
+    max_halvings: int = eqx.field(static=True)
+
+    @staticmethod
+    def of(simulation: Simulation) -> SimulationParameters:
+        """Return the numbers of a simulation."""
+        return SimulationParameters(
+            time_step=array(simulation.time_step),
+            error=array(simulation.error or np.inf),
+            tolerance=array(simulation.tolerance),
+            max_iterations=jax.device_put(np.asarray(simulation.max_iterations)),
+            integrator=_INTEGRATORS[simulation.integrator](**simulation.integrator_options),
+            max_halvings=simulation.max_halvings,
+        )
+
+
+class Parameters(eqx.Module):
+    """All numbers that a `System` is assembled from, and the gains; a pytree of arrays.
+
+    Made by `crinoid.parameters`, taken by `crinoid.assemble`.
+    """
+
+    arm: ArmParameters
+    base: BaseParameters
+    water: WaterParameters
+    flow: tuple[Flow, ...]
+    """Each flow as it is computed: speeds by the names of the scenario where it has them; of one
+    that is random what was drawn, of one that was measured its splines."""
+    load: tuple[Numbers, ...]
+    """What each load's element takes, by name."""
+    obstacle: ObstacleParameters | None
+    pid: PidParameters
+    simulation: SimulationParameters
+    load_kinds: tuple[type[LoadElement], ...] = eqx.field(static=True)
+
+    @staticmethod
+    def of(
+        scenario: Scenario, recordings: Mapping[int, Recording], series: Mapping[str, Series]
+    ) -> Parameters:
+        """Return the numbers of a scenario, with what was read from its files."""
+        loads = [load_numbers(load, scenario) for load in scenario.load]
+        return Parameters(
+            arm=ArmParameters.of(scenario.arm),
+            base=BaseParameters.of(scenario, series),
+            water=WaterParameters.of(scenario.water),
+            flow=tuple(
+                build_flow(scenario, index, flow, recordings.get(index))
+                for index, flow in enumerate(scenario.flow)
+            ),
+            load=tuple(numbers for _, numbers in loads),
+            obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
+            pid=PidParameters.of(scenario.control, scenario.arm.dimension),
+            simulation=SimulationParameters.of(scenario.simulation),
+            load_kinds=tuple(kind for kind, _ in loads),
+        )
