@@ -311,10 +311,31 @@ def test_a_case_with_a_file_that_does_not_fit_is_named_before_any_is_run(here):
     assert not (here / "out").exists()
 
 
+def counted(monkeypatch, name: str) -> list[None]:
+    """Count the calls of a function."""
+    module, _, function = name.rpartition(".")
+    original, calls = getattr(importlib.import_module(module), function), []
+
+    def counting(*args, **kwargs):
+        calls.append(None)
+        return original(*args, **kwargs)
+
+    monkeypatch.setattr(name, counting)
+    return calls
+
+
 def test_notes_are_shown_and_kept_and_a_run_is_resumed_from_elsewhere(here, monkeypatch):
     write(here, "measured", "arm.nodes = 5\ncontrol.compare = false")
+    done = [
+        counted(monkeypatch, name)
+        for name in (
+            "crinoid.recording.file.opened",
+            "crinoid.assembly.system.assemble_once",
+        )
+    ]
     ended = call("run", "mine.toml", "--out", "out")
     assert ended.exit_code == 0, ended.output
+    assert list(map(len, done)) == [1, 1]  # read once, built once
     assert "note: flow.0: 1.67% of u is missing" in ended.stdout
     result = Result.load(here / "out")
     assert result.notes == [

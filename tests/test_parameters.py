@@ -119,6 +119,19 @@ def test_an_edit_of_a_system_is_never_without_effect():
     assert set(vars(system.reference)) == {"rest_length", "rest_curvature", "rest_twist"}
 
 
+def test_what_was_built_to_look_for_room_is_what_is_run(monkeypatch):
+    ball = {"kind": "sphere", "position": [0.3, -9.5], "radius": 0.1}
+    prepared = Prepared(crinoid.Scenario(arm={"nodes": 5}, obstacle=[ball]))
+    prepared.check()
+    found = prepared.system, prepared.room
+    for part in ("system.assemble_once", "room.find_room"):
+        monkeypatch.setattr(f"crinoid.assembly.{part}", None)  # nothing is done again
+    prepared.check()
+    assert prepared.system is found[0]
+    assert prepared.room is found[1]
+    np.testing.assert_allclose(prepared.room, [0.5 - 0.1 - 0.02], rtol=1e-4)
+
+
 def test_gains_are_numbers_too():
     scenario = crinoid.Scenario(
         arm={"nodes": 5},
