@@ -18,6 +18,7 @@ from crinoid.current.statistics import integral_time
 from crinoid.report import ReportError, write_report
 from crinoid.result import Result
 from crinoid.scenario import Scenario, builtin_names, library, load
+from made_results import Player
 from test_cli import call
 from test_report import assert_shows_something
 
@@ -360,6 +361,24 @@ def test_notes_are_shown_and_kept_and_a_run_is_resumed_from_elsewhere(here, monk
     (line,) = refused.stderr.strip().splitlines()
     text = f"crinoid: --resume: since the run in ../out was begun {here / 'a.nc'} changed"
     assert line.startswith(text)
+
+
+@pytest.mark.parametrize(("most", "readings"), [(10**9, 2), (0, 4)])
+def test_cases_are_run_with_what_was_read_to_check_them_as_far_as_it_fits(
+    here, monkeypatch, most, readings
+):
+    class Reader(Player):
+        def __call__(self, prepared, **options):
+            assert list(prepared.recordings) == [0]
+            return super().__call__(prepared, **options)
+
+    write(here, "measured", '[vary]\n"arm.length" = [0.4, 0.5]')
+    opened = counted(monkeypatch, "crinoid.recording.file.opened")
+    monkeypatch.setattr("crinoid.cli.attempt.play", Reader())
+    monkeypatch.setattr("crinoid.cli.study._MOST_HELD", most)
+    ended = call("run", "mine.toml", "--out", "out")
+    assert ended.exit_code == 0, ended.output
+    assert len(opened) == readings
 
 
 def test_a_current_of_three_components_is_drawn(here):

@@ -71,6 +71,13 @@ class Prepared:
 
         return gathered(series_readers(scenario))
 
+    @property
+    def count(self) -> int:
+        """How many numbers its files hold."""
+        series = [values for each in self.series.values() for values in (each.time, each.values)]
+        records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
+        return sum(values.size for values in (*series, *records))
+
     def notes(self) -> list[str]:
         """Return what a user should know of the files that were read, a sentence each."""
         read = {f"flow.{index}": recording for index, recording in self.recordings.items()}

@@ -27,6 +27,10 @@ from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import Progress
 
 _MOST_FAILURES = 4
+_MOST_HELD = 20_000_000
+"""Numbers that cases hold at most from their check to their run."""
+_OF_A_SYSTEM = 10_000
+"""Numbers that take as much memory as a system."""
 
 
 def run_study(
@@ -39,19 +43,26 @@ def run_study(
     """
     cases = scenario.cases()
     names = case_names(len(cases))
-    odd = {name: _checked(*case) for name, case in zip(names, cases, strict=True)}
+    odd: dict[str, list[str]] = {}
+    ready: dict[str, Prepared] = {}
+    held = 0
+    for name, (values, case) in zip(names, cases, strict=True):
+        prepared = Prepared(case)
+        odd[name] = _checked(values, prepared)
+        held += _OF_A_SYSTEM + prepared.count
+        if held <= _MOST_HELD:  # what others read is read again: all would fill the memory
+            ready[name] = prepared
     with claimed(folder):
         say_notes(console, notes_of_cases(odd))
         doubted = {doubt for each in odd.values() for doubt in each}
         return _run_cases(
-            scenario, cases, folder, doubted, resume=resume, force=force, console=console
+            scenario, cases, ready, folder, doubted, resume=resume, force=force, console=console
         )
 
 
-def _checked(values: dict[str, Any], case: Scenario) -> list[str]:
+def _checked(values: dict[str, Any], prepared: Prepared) -> list[str]:
     """Check the files and the room of a case; return what is odd about it."""
     try:
-        prepared = Prepared(case)  # what it reads goes with it: all cases would fill the memory
         prepared.check()
         return doubts(prepared)
     except ScenarioError as error:
@@ -63,6 +74,7 @@ def _checked(values: dict[str, Any], case: Scenario) -> list[str]:
 def _run_cases(
     scenario: Scenario,
     cases: list[tuple[dict[str, Any], Scenario]],
+    ready: dict[str, Prepared],
     folder: Path,
     doubted: Collection[str],
     *,
@@ -87,7 +99,7 @@ def _run_cases(
                 if interruption.release():
                     raise Interrupted
                 report = reporter(bar, f"{number}/{len(cases)} ")
-                run = _Run(case, folder / name, resume)
+                run = _Run(ready.pop(name, Prepared(case)), folder / name, resume)
                 result, wrong = run.play(report, interruption.stop)
                 interruption.stop()  # from here on the case has its row in the table
             except Interrupted:
@@ -132,8 +144,8 @@ def _run_cases(
 class _Run:
     """One case, and whether all of it is in its folder."""
 
-    def __init__(self, case: Scenario, folder: Path, resume: bool) -> None:
-        self.case, self.folder, self.resume = case, folder, resume
+    def __init__(self, prepared: Prepared, folder: Path, resume: bool) -> None:
+        self.prepared, self.folder, self.resume = prepared, folder, resume
         self.saved = True
         self.directory = folder.name
 
@@ -141,9 +153,9 @@ class _Run:
         self, report: Callable[[Progress], None], stop: Callable[[], bool]
     ) -> tuple[Result | None, str]:
         """Return its result, none if it is refused, and what went wrong."""
-        prepared = Prepared(self.case)
+        prepared = self.prepared
         earlier = find_earlier(prepared, self.folder) if self.resume else None
-        if earlier is not None and (earlier.failure or is_complete(earlier, self.case)):
+        if earlier is not None and (earlier.failure or is_complete(earlier, prepared.scenario)):
             return earlier, trouble(earlier, self.folder, [])
         try:
             result = attempt(prepared, earlier, self.folder, report, stop)
