@@ -1,6 +1,7 @@
 """Arms for tests of the core, built straight from its parts."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,7 +11,18 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from crinoid.base import Base, BaseMotion, Servo
-from crinoid.dynamics import Forces, Integrator, Obstacles, Settings, State, System
+from crinoid.dynamics import (
+    Books,
+    Forces,
+    Integrator,
+    Obstacles,
+    Outcome,
+    Progress,
+    Settings,
+    State,
+    System,
+    Touch,
+)
 from crinoid.elements import (
     AddedMass,
     Bend,
@@ -234,11 +246,41 @@ def dense(bands: ArrayLike) -> np.ndarray:
     return matrix
 
 
-def bare(state: State) -> State:
-    """Leave out of a state what does not move the arm, whose derivatives take long to compile."""
-    books = [state.energy, state.working, state.work, state.reaction]
-    return eqx.tree_at(
-        lambda s: [s.energy, s.working, s.work, s.reaction, s.flow_velocity],
-        state,
-        [jnp.zeros_like(x) for x in [*books, state.flow_velocity]],
-    )
+class Kept(eqx.Module):
+    """A state with its books and energy; what is asked of it beyond these the state answers."""
+
+    state: State
+    books: Books
+    energy: Array
+
+    @staticmethod
+    def of(system: System, state: State) -> "Kept":
+        return Kept(state, system.open_books(state), system.energy(state))
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.state, name)
+
+    @property
+    def work(self) -> Array:
+        return self.books.work
+
+    @property
+    def working(self) -> Array:
+        return self.books.working
+
+    @property
+    def touch(self) -> Touch | None:
+        return self.books.touch
+
+    def step(self, system: System, command: Array, step: Array) -> tuple["Kept", Outcome]:
+        state, outcome = system.step(self.state, command, step)
+        books = system.account(self.books, self.state, state, step)
+        return Kept(state, books, system.energy(state)), outcome
+
+    def advance(
+        self, system: System, command: Array, step: Array | None = None
+    ) -> tuple["Kept", Progress]:
+        state, books, progress = system.advance_with_books(self.state, self.books, command, step)
+        return Kept(state, books, system.energy(state)), progress

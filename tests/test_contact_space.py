@@ -12,7 +12,7 @@ from crinoid.dynamics import Obstacles
 from crinoid.elements import Body, Contact, Motion
 from crinoid.elements.contact import _EASE
 from crinoid.rod import Rod
-from physics import order
+from physics import Kept, order
 
 RADIUS, CREEP = 0.01, 1e-3
 FRICTION = 0.4
@@ -322,14 +322,14 @@ def test_what_obstacles_do_to_the_rows_of_nodes_and_back():
     np.testing.assert_allclose(pushed, rows[:-3])
     np.testing.assert_allclose(pushed[:, :3].sum(0), touch.force.sum(0), atol=1e-12)
     assert touch.impulse.shape == (3, 3)
-    later = touch.after(touch, jnp.asarray(0.01))
+    later = touch.since(touch, jnp.asarray(0.01))
     np.testing.assert_allclose(later.impulse, 0.01 * touch.force)
     # what an edge spins does not count as having moved past something
     spun = motion.position.at[:7, 3].add(50.0)
     resolved = jax.jit(lambda *rows: obstacles.resolved(*rows))
-    assert resolved(motion.position, touch, spun, touch, jnp.asarray(0.01))
+    assert resolved(motion.position, gap, spun, gap, jnp.asarray(0.01))
     jumped = motion.position.at[-3, 1].add(0.2)
-    assert not resolved(motion.position, touch, jumped, touch, jnp.asarray(0.01))
+    assert not resolved(motion.position, gap, jumped, gap, jnp.asarray(0.01))
 
 
 def test_carried_obstacles_follow_the_water_in_space_at_order_two():
@@ -357,8 +357,8 @@ def test_carried_obstacles_follow_the_water_in_space_at_order_two():
 
 # --- in the chain ------------------------------------------------------------------------------
 
-advance = eqx.filter_jit(lambda system, state: system.advance(state, jnp.zeros(system.channels)))
-rest = eqx.filter_jit(lambda system: system.rest())
+advance = eqx.filter_jit(lambda system, state: state.advance(system, jnp.zeros(system.channels)))
+rest = eqx.filter_jit(lambda system: Kept.of(system, system.rest()))
 
 
 def hit(place, velocity, *, axes=3, friction=0.0):

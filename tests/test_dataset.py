@@ -69,6 +69,7 @@ def kept(touch=None, **changes):
         "error": some(),
         "obstacle_position": None,
         "obstacle_velocity": None,
+        "gap": None,
         "touch": touch,
         "director": some(NODES - 1, 3),
         "curvature": some(NODES, 2),
@@ -161,7 +162,6 @@ def test_the_angle_of_the_tip_is_that_above_the_level_plane(system, direction, a
 
 def test_obstacles_in_space_have_three_axes(system):
     arrays = {
-        "gap": np.full((RECORDS, 2, NODES - 1), 0.1),
         "force": np.ones((RECORDS, 2, 3)),
         "in_contact": np.zeros((RECORDS, 2), dtype=bool),
         "impulse": np.ones((RECORDS, 2, 3)),
@@ -173,7 +173,8 @@ def test_obstacles_in_space_have_three_axes(system):
         lambda t: [getattr(t, name) for name in arrays], one, [*map(jnp.asarray, arrays.values())]
     )
     place = np.zeros((RECORDS, 2, 3))
-    record = kept(touch, obstacle_position=place, obstacle_velocity=place)
+    gap = np.full((RECORDS, 2, NODES - 1), 0.1)
+    record = kept(touch, gap=gap, obstacle_position=place, obstacle_velocity=place)
     dataset = build_dataset(system, SCENARIO.arm.diameters, record)
     assert dataset["contact_force"].dims == ("time", "obstacle", "axis")
     np.testing.assert_allclose(dataset["obstacle_position"].values[0], np.tile(ORIGIN, (2, 1)))

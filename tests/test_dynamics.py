@@ -21,7 +21,7 @@ from crinoid.flow import Flow, PowerShear, Sine, Uniform
 from crinoid.onset import Onset
 from crinoid.rod import Rod
 from crinoid.spline import PiecewisePolynomial
-from physics import always, arm, order
+from physics import Kept, always, arm, order
 
 CANTILEVER = np.array([1.8751041, 4.6940911, 7.8547574])
 """beta L: roots of cos(x) cosh(x) = -1 (Blevins 1979, table 8-1)."""
@@ -33,11 +33,11 @@ CHUNK = 250
 
 
 @eqx.filter_jit
-def _rest(system: System, time: Array) -> State:
-    return system.rest(time)
+def _rest(system: System, time: Array) -> Kept:
+    return Kept.of(system, system.rest(time))
 
 
-def rest(system: System, time: float = 0.0) -> State:
+def rest(system: System, time: float = 0.0) -> Kept:
     return _rest(system, jnp.asarray(time))
 
 
@@ -47,23 +47,23 @@ def equilibrium(system: System) -> tuple[State, Outcome]:
 
 
 @eqx.filter_jit
-def advance(system: System, state: State, step: Array) -> tuple[State, Progress]:
-    return system.advance(state, jnp.zeros(3), step)
+def advance(system: System, state: Kept, step: Array) -> tuple[Kept, Progress]:
+    return state.advance(system, jnp.zeros(3), step)
 
 
 @eqx.filter_jit
-def _march(system: System, state: State, command: Array, steps: Array, step: Array):
+def _march(system: System, state: Kept, command: Array, steps: Array, step: Array):
     def once(_, carry):
         state, good = carry
-        state, outcome = system.step(state, command, step)
+        state, outcome = state.step(system, command, step)
         return state, good & outcome.converged
 
     return jax.lax.fori_loop(0, steps, once, (state, jnp.asarray(True)))
 
 
 def march(
-    system: System, state: State, *, until: float, steps: int, command: ArrayLike = STILL
-) -> State:
+    system: System, state: Kept, *, until: float, steps: int, command: ArrayLike = STILL
+) -> Kept:
     """Return the state after equal steps, none of which may fail."""
     step = (until - float(state.time)) / steps
     state, good = _march(system, state, jnp.asarray(command), jnp.asarray(steps), jnp.asarray(step))
@@ -73,15 +73,15 @@ def march(
 
 
 @eqx.filter_jit
-def _track(system: System, state: State, step: Array):
+def _track(system: System, state: Kept, step: Array):
     def once(state, _):
-        state, outcome = system.step(state, jnp.zeros(3), step)
+        state, outcome = state.step(system, jnp.zeros(3), step)
         return state, (state, outcome)
 
     return jax.lax.scan(once, state, None, length=CHUNK)[1]
 
 
-def track(system: System, state: State, step: float, chunks: int = 1) -> tuple[State, Outcome]:
+def track(system: System, state: Kept, step: float, chunks: int = 1) -> tuple[Kept, Outcome]:
     """Return the states after each of ``chunks * CHUNK`` steps, and how the steps went."""
     parts = []
     for _ in range(chunks):
@@ -430,10 +430,10 @@ def test_estimated_error_of_a_step_is_its_local_error(integrator, expected, with
 
 
 @eqx.filter_jit
-def _kept(system: System, states: State, step: Array) -> Array:
+def _kept(system: System, states: Kept, step: Array) -> Array:
     """Return what the trapezoid rule keeps: ``E + h^2 / 12 (a . M a + v . K v)``."""
 
-    def of_one(state: State) -> Array:
+    def of_one(state: Kept) -> Array:
         motion = state.motion
 
         def kinetic(velocity: Array) -> Array:
@@ -640,7 +640,7 @@ def pushed(tip_force: ArrayLike, max_iterations: int = 15) -> System:
     return bare(tip_force=tip_force, damping_time=0.02, max_iterations=max_iterations)
 
 
-def whole_step(system: System, state: State, step: float) -> tuple[State, bool]:
+def whole_step(system: System, state: Kept, step: float) -> tuple[Kept, bool]:
     """Return the state after one step that is not cut, and whether it is good."""
     return _march(system, state, jnp.zeros(3), jnp.asarray(1), jnp.asarray(step))
 

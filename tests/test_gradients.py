@@ -11,7 +11,7 @@ import pytest
 from crinoid.base import SineMotion
 from crinoid.elements import Bend, Drag, Weight
 from crinoid.flow import PowerShear
-from physics import QUICKLY, always, arm, bare
+from physics import QUICKLY, always, arm
 
 NODES = 11
 STEPS = 20
@@ -104,9 +104,9 @@ def start_and_end(parameters, commands):
 
     def step(state, command):
         state, outcome = system.step(state, command)
-        return bare(state), outcome.converged
+        return state, outcome.converged
 
-    end, converged = jax.lax.scan(step, bare(thrown), commands)
+    end, converged = jax.lax.scan(step, thrown, commands)
     tips = jnp.concatenate([system.tip(state), system.tip(end)])
     return tips, system.static_jacobian(state), found.converged & jnp.all(converged)
 

@@ -20,7 +20,7 @@ from crinoid.frames import tangents
 from crinoid.onset import Onset
 from crinoid.space import CHANNELS
 from crinoid.spline import PiecewisePolynomial
-from physics import always, arm, facing, order
+from physics import Kept, always, arm, facing, order
 
 NODES = 9
 CHUNK = 50
@@ -34,7 +34,7 @@ TURN = 2 * np.pi
 
 @eqx.filter_jit(compiler_options={"xla_backend_optimization_level": 0})
 def _rest(system, time):
-    return system.rest(time)
+    return Kept.of(system, system.rest(time))
 
 
 def rest(system, time=0.0):
@@ -44,7 +44,7 @@ def rest(system, time=0.0):
 @eqx.filter_jit
 def _run(system, state, command, step):
     def once(state, _):
-        state, outcome = system.step(state, command, step)
+        state, outcome = state.step(system, command, step)
         return state, (state, (state.base_force, state.base_moment), outcome)
 
     return jax.lax.scan(once, state, None, length=CHUNK)[1]
@@ -862,7 +862,7 @@ def test_turns_of_the_tip_and_the_base_become_twist_and_writhe():
 # --- folds -------------------------------------------------------------------------------------
 
 advance = eqx.filter_jit(
-    lambda system, state, step: system.advance(state, jnp.zeros(6), step),
+    lambda system, state, step: state.advance(system, jnp.zeros(6), step),
     compiler_options={"xla_backend_optimization_level": 0},
 )
 

@@ -15,7 +15,7 @@ from crinoid.base import SineMotion
 from crinoid.elements import TipLoad
 from crinoid.flow import Uniform
 from crinoid.space import CHANNELS
-from physics import QUICKLY, always, arm, bare
+from physics import QUICKLY, always, arm
 
 NODES = 7
 STEPS = 20
@@ -95,9 +95,9 @@ def start_and_end(parameters, commands):
 
     def step(state, command):
         state, outcome = system.step(state, command)
-        return bare(state), outcome.converged
+        return state, outcome.converged
 
-    end, converged = jax.lax.scan(step, bare(thrown), commands)
+    end, converged = jax.lax.scan(step, thrown, commands)
     tips = jnp.concatenate([system.tip(state), system.tip(end)])
     # not differentiated any further
     system, state = jax.lax.stop_gradient((system, state))

@@ -287,6 +287,7 @@ def _contact(kept: Record, touch: Touch, origin: np.ndarray) -> _Quantities:
     vectors, numbers = ("time", "obstacle", "axis"), ("time", "obstacle")
     assert kept.obstacle_position is not None
     assert kept.obstacle_velocity is not None
+    assert kept.gap is not None
     return {
         "obstacle_position": (
             vectors,
@@ -315,7 +316,7 @@ def _contact(kept: Record, touch: Touch, origin: np.ndarray) -> _Quantities:
         ),
         "contact_gap": (
             numbers,
-            touch.gap.min(axis=-1),
+            kept.gap.min(axis=-1),
             "m",
             "distance of the obstacles from the arm's surface",
         ),

@@ -35,6 +35,8 @@ class Record(eqx.Module):
     """Largest estimated local error of a step since the instant before (m)."""
     obstacle_position: Float[Array, "*t m d"] | None
     obstacle_velocity: Float[Array, "*t m d"] | None
+    gap: Float[Array, "*t m e"] | None
+    """Distance of each obstacle from the surface of each edge (m)."""
     touch: Touch | None
     director: Float[Array, "*t e 3"] | None
     """In space: the material director m_1 of the edges."""

@@ -1,5 +1,6 @@
 """The assembled arm, and how it is brought to rest and moved in time."""
 
+from crinoid.dynamics.books import Books as Books
 from crinoid.dynamics.forces import Forces as Forces
 from crinoid.dynamics.halving import Progress as Progress
 from crinoid.dynamics.integrator import Integrator as Integrator

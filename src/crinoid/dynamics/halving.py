@@ -1,6 +1,7 @@
 """A time step cut into shorter ones where it has to be."""
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,7 +9,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.newton import Outcome
-from crinoid.dynamics.state import State
 
 _GROWTH = 8.0
 """By how much the local error of a method of order 2 grows when a step is doubled."""
@@ -30,27 +30,27 @@ class Progress(eqx.Module):
 
 
 def halve(
-    step: Callable[[State, Array], tuple[State, Outcome]],
-    state: State,
+    step: Callable[[Any, Array], tuple[Any, Outcome]],
+    state: Any,
     length: Float[Array, ""],
     max_halvings: int,
     max_error: Float[Array, ""],
-) -> tuple[State, Progress]:
-    """Advance by ``length`` (s), in shorter steps where ``step`` does not converge.
+) -> tuple[Any, Progress]:
+    """Advance a state by ``length`` (s), in shorter steps where ``step`` does not converge.
 
-    Down to ``2**-max_halvings`` of it; past that the last good state comes back with a failed
-    outcome. A step is doubled again where the longer one would be expected to keep within
-    ``max_error`` (m).
+    The state may hold anything. The shortest step is ``2**-max_halvings`` of the length; past that
+    the last good state comes back with a failed outcome. A step is doubled again where the longer
+    one would be expected to keep within ``max_error`` (m).
     """
     whole = 2**max_halvings
 
-    def unfinished(carry: tuple[State, Progress, Array, Array]) -> Bool[Array, ""]:
+    def unfinished(carry: tuple[Any, Progress, Array, Array]) -> Bool[Array, ""]:
         _, _, done, part = carry
         return (done < whole) & (part > 0)
 
     def attempt(
-        carry: tuple[State, Progress, Array, Array],
-    ) -> tuple[State, Progress, Array, Array]:
+        carry: tuple[Any, Progress, Array, Array],
+    ) -> tuple[Any, Progress, Array, Array]:
         state, progress, done, part = carry
         new, outcome = step(state, length * (part / whole))
         good = outcome.converged

@@ -1,9 +1,10 @@
-"""Time integration: where in the step the forces are balanced, and how the motion follows."""
+"""Time integration: how the motion at the end of a step follows the accelerations there."""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.elements import Motion
 from crinoid.frames import Frames
 
 Nodes = Float[Array, "n b"]
@@ -31,10 +32,11 @@ class Stage(eqx.Module):
 class Integrator(eqx.Module):
     """One-step methods of the generalized-alpha family; all of them differ by numbers only.
 
-    With the correction ``d`` of the new positions,
-    ``q' = q + h v + lead h^2 a + d``, ``v' = v + lag h a + gamma / (beta h) d`` and
-    ``a' = d / (beta h^2)``; the forces are balanced at ``(1 - alpha_f) (q', v') + alpha_f (q, v)``
-    and ``(1 - alpha_m) a' + alpha_m a``.
+    The forces are balanced at the end of each step, at ``(q', v', acceleration')``. Positions and
+    velocities follow an auxiliary acceleration ``a`` (Arnold and Bruels 2007, equations 6 and 7):
+    ``q' = q + h v + h^2 (lead a + beta a')``, ``v' = v + h (lag a + gamma a')`` and
+    ``(1 - alpha_m) a' + alpha_m a = (1 - alpha_f) acceleration' + alpha_f acceleration``. The
+    correction ``d`` that Newton's method finds is ``beta h^2 a'``.
     """
 
     alpha_m: Float[Array, ""]
@@ -67,26 +69,45 @@ class Integrator(eqx.Module):
         """Backward Euler, to compare: order 1, damps strongly."""
         return _integrator(0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
 
-    def predict(
-        self, position: Nodes, velocity: Nodes, acceleration: Nodes, step: Array
-    ) -> tuple[Nodes, Nodes]:
-        """Return new positions and velocities for ``d = 0``, a new acceleration of zero."""
-        return (
-            position + step * velocity + self.lead * step**2 * acceleration,
-            velocity + self.lag * step * acceleration,
+    def stage(self, before: Motion, ahead: Nodes, step: Array, frames: Frames | None) -> Stage:
+        """Return the end of a step as a function of the correction.
+
+        ``ahead`` is the auxiliary acceleration at its start less the true one, over the length of
+        the step before (m/s3): as a rate it serves steps of any length.
+        """
+        auxiliary = before.acceleration + step * ahead
+        held = self.alpha_m * auxiliary - self.alpha_f * before.acceleration
+        per_step = self.beta * step
+        return Stage(
+            before.time + step,
+            before.position + step * before.velocity + self.lead * step**2 * auxiliary,
+            before.velocity + self.lag * step * auxiliary,
+            held / (1 - self.alpha_f),
+            jnp.ones(()),
+            self.gamma / per_step,
+            (1 - self.alpha_m) / ((1 - self.alpha_f) * per_step * step),
+            frames,
         )
 
-    def rates(self, step: Array) -> tuple[Array, Array]:
-        """Return d(velocity)/dd and d(acceleration)/dd."""
-        return self.gamma / (self.beta * step), 1.0 / (self.beta * step**2)
+    def correction(self, acceleration: Nodes, step: Array) -> Nodes:
+        """Return the correction that an auxiliary acceleration at the end of a step means (m)."""
+        return self.beta * step**2 * acceleration
+
+    def ahead(self, before: Nodes, ahead: Nodes, after: Nodes, step: Array) -> Nodes:
+        """Return the auxiliary acceleration less the true one after a step, over its length.
+
+        ``before`` and ``after`` are the true accelerations at its two ends.
+        """
+        change = self.alpha_f * (before - after) + self.alpha_m * (after - before - step * ahead)
+        return change / ((1 - self.alpha_m) * step)
 
     def error(self, before: Nodes, after: Nodes, step: Array) -> Nodes:
         """Estimate the local error of a step's positions (m) from the accelerations at both ends.
 
         The difference from the Taylor series with the rate of change of the acceleration:
         ``(beta - 1/6) h^2 (a' - a)`` of a Newmark method (Zienkiewicz and Xie 1991), less half of
-        the lag that generalized-alpha's accelerations have; implicit Euler leaves out
-        ``h^2 a / 2`` as well.
+        the time by which generalized-alpha's auxiliary acceleration lags; implicit Euler leaves
+        out ``h^2 a / 2`` as well.
         """
         by_change = self.beta - 0.5 * (self.alpha_f - self.alpha_m) - 1 / 6
         whole = self.lead + self.beta - 0.5

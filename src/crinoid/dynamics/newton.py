@@ -91,7 +91,7 @@ def solve(
     guess: Rows,
     settings: Settings,
     load_factor: Array | None,
-) -> tuple[Rows, Outcome]:
+) -> tuple[Rows, Rows, Outcome]:
     """Find the correction of what is free to move that balances the forces at a stage.
 
     The water is that of ``around``. Convergence is judged by the residual, relative to the
@@ -99,8 +99,9 @@ def solve(
     The derivative of the solution comes from the converged tangent, solved once (implicit
     function theorem), so iterations are never differentiated.
 
-    Returns the correction (m, zero on what is prescribed) and the outcome; a failure is an
-    outcome, never an exception.
+    Returns the correction (m, zero on what is prescribed), the residual that it leaves, which on
+    what is prescribed is the force that holds it there, and the outcome; a failure is an outcome,
+    never an exception.
     """
 
     def enough(outcome: Outcome) -> Bool[Array, ""]:
@@ -132,23 +133,27 @@ def solve(
         return correction, residual, counted, enough(outcome) | (outcome.converged & stalled)
 
     residual, outcome = evaluate(guess)
-    correction, _, outcome, _ = jax.lax.while_loop(
+    correction, residual, outcome, _ = jax.lax.while_loop(
         unfinished, iterate, (guess, residual, outcome, enough(outcome))
     )
-    return correction, outcome
+    return correction, residual, outcome
 
 
 @solve.def_jvp
 def _solve_jvp(primals: Any, tangents: Any) -> Any:
     forces, around, stage, _, _, load_factor = primals
     t_forces, t_around, t_stage, _, _, t_load_factor = tangents
-    correction, outcome = solve(*primals)
-    tangent = implied(
-        (forces, around, stage, load_factor),
-        (t_forces, t_around, t_stage, t_load_factor),
-        correction,
-    )
-    return (correction, outcome), (tangent, constant(outcome))
+    correction, residual, outcome = solve(*primals)
+    inputs = (forces, around, stage, load_factor)
+    by_inputs = (t_forces, t_around, t_stage, t_load_factor)
+    t_correction = implied(inputs, by_inputs, correction)
+
+    def balance(inputs: Any, correction: Rows) -> Rows:
+        forces, around, stage, factor = inputs
+        return forces.residual(forces.motion(stage, correction, around), factor)[0]
+
+    _, t_residual = eqx.filter_jvp(balance, (inputs, correction), (by_inputs, t_correction))
+    return (correction, residual, outcome), (t_correction, t_residual, constant(outcome))
 
 
 def imbalance(

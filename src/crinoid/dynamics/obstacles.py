@@ -23,22 +23,19 @@ _NEGLIGIBLE = 5e-7
 class Touch(eqx.Module):
     """What ``m`` obstacles do to the arm, and have done since the start. SI units."""
 
-    gap: Float[Array, "m e"]
-    """Distance of each obstacle from the surface of each edge (m)."""
     force: Float[Array, "m d"]
-    """Of each obstacle on the arm (N)."""
+    """Force of each obstacle on the arm (N)."""
     in_contact: Bool[Array, " m"]
     impulse: Float[Array, "m d"]
-    """Of each obstacle on the arm since the start (N s)."""
+    """Impulse of each obstacle on the arm since the start (N s)."""
     duration: Float[Array, " m"]
-    """How long each one has been in contact since the start (s)."""
+    """Time that each one has been in contact since the start (s)."""
     closest: Float[Array, " m"]
     """Smallest distance of each one from the arm since the start (m)."""
 
-    def after(self, before: "Touch", step: Array) -> "Touch":
-        """Return what is now, added to what was before a step."""
+    def since(self, before: "Touch", step: Array) -> "Touch":
+        """Return this with what was before a step added."""
         return Touch(
-            self.gap,
             self.force,
             self.in_contact,
             before.impulse + 0.5 * step * (before.force + self.force),
@@ -135,7 +132,7 @@ class Obstacles(eqx.Module):
         none = jnp.zeros(self.count)
         closest = jnp.min(gap, axis=1)
         touching = jnp.any(pressing.reshape(gap.shape) > 0, axis=1)
-        return Touch(gap, force, touching, 0.0 * force, none, closest), rows[: -self.count]
+        return Touch(force, touching, 0.0 * force, none, closest), rows[: -self.count]
 
     def windows(self, rows: Rows) -> Float[Array, "pairs 3 b"]:
         """Return each edge with each obstacle, obstacle by obstacle."""
@@ -165,9 +162,14 @@ class Obstacles(eqx.Module):
         return jnp.concatenate([nodes, jnp.sum(each[:, :, 2], axis=1)])
 
     def resolved(
-        self, before: Rows, was: Touch, after: Rows, now: Touch, step: Array
+        self,
+        before: Rows,
+        was: Float[Array, "m e"],
+        after: Rows,
+        now: Float[Array, "m e"],
+        step: Array,
     ) -> Bool[Array, ""]:
-        """Return whether a step was short enough for its contacts.
+        """Return whether a step was short enough for its contacts, of which the gaps are given (m).
 
         It was if the force at its two ends accounts for what the skin takes up in between, so
         that a hit gives back the energy that it took; and if no obstacle moved on further,
@@ -175,7 +177,7 @@ class Obstacles(eqx.Module):
         none can pass through unseen.
         """
         contact = self.contact
-        gap, gap_before = now.gap.reshape(-1), was.gap.reshape(-1)
+        gap, gap_before = now.reshape(-1), was.reshape(-1)
         (held, force), (held_before, force_before) = map(contact.press, (gap, gap_before))
         closed = gap_before - gap
         missed = 0.5 * (force + force_before) * closed - (held - held_before)

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.base import Base, ServoState
-from crinoid.dynamics.obstacles import Touch
 from crinoid.elements import Motion
 from crinoid.frames import Frames
 
@@ -15,25 +14,21 @@ Nodes = Any  # (n, d), of one state or of many at once, in JAX or NumPy
 
 
 class State(eqx.Module):
-    """How everything moves at one time. SI units; places are relative to the base's set position.
+    """How everything moves at one time. SI units; positions are relative to the base's set one.
 
-    Node 0 is the ghost behind the root, node 1 the root.
+    Node 0 is the ghost behind the root, node 1 the root. All that the next step needs is here; the
+    energy ledger and the impulses of contacts are `crinoid.dynamics.Books`.
     """
 
     motion: Motion
-    """Of the nodes, and in the rows after them of the obstacles; and of the water at them."""
+    """Motion of the nodes, in the rows after them of the obstacles, and of the water at them."""
+    ahead: Float[Array, "rows b"]
+    """Auxiliary acceleration of generalized-alpha less the true one, over the last step (m/s3)."""
     servo: ServoState
     reaction: Float[Array, "2 b"]
     """Force of the base on the ghost node and the root (N), torque about the ghost edge (N m)."""
-    energy: Float[Array, " energy"]
-    """Stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
-    working: Float[Array, "work n b"]
-    """Forces on the nodes whose work is not stored, in the order of `crinoid.elements.WORKS` (N),
-    torques about the edges (N m)."""
-    work: Float[Array, " work"]
-    """Work done on the arm since the start, in the same order (J)."""
-    touch: Touch | None
-    """What the obstacles do to the arm."""
+    gap: Float[Array, "m e"] | None
+    """Distance of each obstacle from the surface of each edge (m)."""
     earlier: Float[Array, "2 rows b"]
     """Accelerations of the two steps before, the last one first, to guess the next one by."""
 
@@ -44,7 +39,7 @@ class State(eqx.Module):
 
     @property
     def position(self) -> Nodes:
-        """Places of the nodes (m)."""
+        """Positions of the nodes (m)."""
         return self._nodes(self.motion.position)[..., : self._axes]
 
     @property
@@ -94,7 +89,7 @@ class State(eqx.Module):
 
     @property
     def obstacle_position(self) -> Any:
-        """Places of the obstacles (m), None where there are none."""
+        """Positions of the obstacles (m), None where there are none."""
         return self._obstacles(self.motion.position)
 
     @property
@@ -107,12 +102,12 @@ class State(eqx.Module):
         return int(self.motion.flow_velocity.shape[-1])
 
     def _obstacles(self, rows: Any) -> Any:
-        if self.touch is None:
+        if self.gap is None:
             return None
-        return rows[..., -self.touch.gap.shape[-2] :, : self._axes]
+        return rows[..., -self.gap.shape[-2] :, : self._axes]
 
     def _nodes(self, rows: Nodes) -> Nodes:
-        return rows if self.touch is None else rows[..., : -self.touch.gap.shape[-2], :]
+        return rows if self.gap is None else rows[..., : -self.gap.shape[-2], :]
 
 
 def _size(rows: Float[Array, "rows b"]) -> Float[Array, " b"]:

@@ -181,7 +181,7 @@ def equilibrium(
         def balance(around: Surroundings, correction: Rows) -> Outcome:
             return imbalance(forces, around, stage, correction, judged, load_factor)[1]
 
-        correction, solved = solve(forces, shape.around, stage, none, judged, load_factor)
+        correction, _, solved = solve(forces, shape.around, stage, none, judged, load_factor)
         there = forces.surroundings(stage, correction)
         both = jax.vmap(balance)(*_stacked((shape.around, none), (there, correction)))
         outcome = jax.tree.map(lambda x: x[1], both)

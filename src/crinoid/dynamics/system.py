@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from crinoid import chain
 from crinoid.base import Base, ServoState
 from crinoid.dynamics import modes, start, statics
+from crinoid.dynamics.books import Books
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.halving import Progress, halve
 from crinoid.dynamics.integrator import Integrator, Stage
@@ -105,7 +106,7 @@ class System(eqx.Module):
         stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
         forces = self.forces.frozen(state.time)
         motion = forces.motion(stage, none, forces.surroundings(stage, none))
-        return self._observe(forces, motion, state.servo)
+        return self._steady(forces, motion, state.servo)
 
     def step(
         self, state: State, command: Channels, step: float | Array | None = None
@@ -116,85 +117,27 @@ class System(eqx.Module):
         outcome that says so, and should not be used; `advance` recovers.
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
-        method = self.integrator
-        time = state.time + h
+        before, method = state.motion, self.integrator
         servo = self.base.servo.advance(state.servo, command, h)
-        before = state.motion
-        position, velocity = method.predict(
-            before.position, before.velocity, before.acceleration, h
-        )
-        position, velocity, acceleration = self._prescribe(
-            state, time, servo, h, (position, velocity, jnp.zeros_like(position))
-        )
-        frames, rates = state.frames, (jnp.ones(()), *method.rates(h))
-        new = Stage(time, position, velocity, acceleration, *rates, frames)
-
-        def blend(new: Array, old: Array, alpha: Array) -> Array:
-            return (1 - alpha) * new + alpha * old
-
-        # the accelerations that generalized-alpha solves for are those of (alpha_f - alpha_m) h ago
-        # (Arnold and Bruels 2007), but those that are prescribed are of the instant itself
-        blended = blend(new.acceleration, before.acceleration, method.alpha_m)
-        given = blend(new.acceleration, before.acceleration, method.alpha_f)
-        stage = Stage(
-            blend(new.time, state.time, method.alpha_f),
-            blend(new.position, before.position, method.alpha_f),
-            blend(new.velocity, before.velocity, method.alpha_f),
-            blended.at[:HELD].set(given[:HELD]),
-            (1 - method.alpha_f) * new.by_position,
-            (1 - method.alpha_f) * new.by_velocity,
-            (1 - method.alpha_m) * new.by_acceleration,
-            frames,
-        )
+        stage = self._prescribe(state, method.stage(before, state.ahead, h, state.frames), servo, h)
         # what is prescribed needs no guess
-        guess = (state.expected_acceleration / new.by_acceleration).at[:HELD].set(0.0)
+        guess = method.correction(state.expected_acceleration, h).at[:HELD].set(0.0)
         # the water is costly: looked at once, where the arm is expected, and expanded from there;
         # where the guess is wrong by O(h^3) the water is by O(h^6)
-        around = self.forces.surroundings(new, guess)
-        between = around.since(
-            stage.position + stage.by_position * guess,
-            before.flow_velocity,
-            before.flow_acceleration,
-            method.alpha_f,
+        around = self.forces.surroundings(stage, guess)
+        correction, residual, outcome = solve(
+            self.forces, around, stage, guess, self.settings, None
         )
-        correction, outcome = solve(self.forces, between, stage, guess, self.settings, None)
-
-        motion = self.forces.motion(new, correction, around)
-        # accelerations that lag are right for the next step, but the powers want those of now
-        lag = method.alpha_f - method.alpha_m
-        since = (motion.acceleration - before.acceleration)[HELD:]
-        now = motion.acceleration.at[HELD:].add(lag * since)
-        after = self._observe(
-            self.forces, eqx.tree_at(lambda m: m.acceleration, motion, now), servo
+        motion = self.forces.motion(stage, correction, around)
+        after = State(
+            motion,
+            method.ahead(before.acceleration, state.ahead, motion.acceleration, h),
+            servo,
+            residual[:HELD],
+            self._gap(self.forces, motion),
+            jnp.stack([before.acceleration, state.earlier[0]]),
         )
-        # forces along the path, which is known, and not powers over the time: a servo's speed, or
-        # that of an arm that is hit, may change much within a step
-        path = self.forces.nodes(motion.position - before.position)
-        work = state.work + 0.5 * jnp.sum((state.working + after.working) * path, axis=(1, 2))
-        earlier = jnp.stack([before.acceleration, state.earlier[0]])
-        after = eqx.tree_at(lambda s: (s.motion, s.work, s.earlier), after, (motion, work, earlier))
-        folded = self.forces.folded(motion.position)
-        error = jnp.where(outcome.converged, self._error(before, motion, h), 0.0)
-        good = outcome.converged & ~folded & (error <= self.max_error)
-        outcome = eqx.tree_at(
-            lambda o: (o.converged, o.folded, o.error), outcome, (good, folded, error)
-        )
-        obstacles = self.forces.obstacles
-        if obstacles is None:
-            return after, outcome
-        assert state.touch is not None
-        assert after.touch is not None
-        resolved = ~outcome.converged | obstacles.resolved(
-            before.position, state.touch, motion.position, after.touch, h
-        )
-        return (
-            eqx.tree_at(lambda s: s.touch, after, after.touch.after(state.touch, h)),
-            eqx.tree_at(
-                lambda o: (o.converged, o.resolved),
-                outcome,
-                (outcome.converged & resolved, resolved),
-            ),
-        )
+        return after, self._judged(state, after, outcome, h)
 
     def advance(
         self, state: State, command: Channels, step: float | Array | None = None
@@ -212,6 +155,47 @@ class System(eqx.Module):
             self.max_halvings,
             self.max_error,
         )
+
+    def advance_with_books(
+        self, state: State, books: Books, command: Channels, step: float | Array | None = None
+    ) -> tuple[State, Books, Progress]:
+        """Advance like `advance`, and keep the accounts of each part of the step."""
+
+        def once(carry: tuple[State, Books], part: Array) -> tuple[tuple[State, Books], Outcome]:
+            state, books = carry
+            after, outcome = self.step(state, command, part)
+            return (after, self.account(books, state, after, part)), outcome
+
+        h = self.time_step if step is None else jnp.asarray(step, float)
+        (state, books), progress = halve(once, (state, books), h, self.max_halvings, self.max_error)
+        return state, books, progress
+
+    def open_books(self, state: State) -> Books:
+        """Return the accounts of an arm that starts from ``state``."""
+        _, working = self.forces.audit(state.motion)
+        working = working.at[_ACTUATION, :HELD].add(state.reaction)
+        touch = None
+        if self.forces.obstacles is not None:
+            touch, pushed = self.forces.obstacles.touch(state.motion)
+            working = working.at[_CONTACT].set(pushed)
+        return Books(working, jnp.zeros(len(WORKS)), touch)
+
+    def account(self, books: Books, before: State, after: State, step: float | Array) -> Books:
+        """Return the accounts after a step of given length (s).
+
+        Works are forces along the path, which is known, and not powers over the time: a servo's
+        speed, or that of an arm that is hit, may change much within a step.
+        """
+        now = self.open_books(after)
+        path = self.forces.nodes(after.motion.position - before.motion.position)
+        work = books.work + 0.5 * jnp.sum((books.working + now.working) * path, axis=(1, 2))
+        if now.touch is None or books.touch is None:
+            return Books(now.working, work, None)
+        return Books(now.working, work, now.touch.since(books.touch, jnp.asarray(step)))
+
+    def energy(self, state: State) -> Float[Array, " energy"]:
+        """Return the stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
+        return self.forces.audit(state.motion)[0]
 
     def tip(self, state: State) -> Float[Array, " pose"]:
         """Return the tip's pose in the world, `crinoid.space.POSE`: its place (m) and direction."""
@@ -283,44 +267,63 @@ class System(eqx.Module):
         """Return how the tip's pose follows small moves of the last three nodes."""
         return jax.jacfwd(tip_pose)(state.position[-3:])
 
-    def _prescribe(
-        self,
-        state: State,
-        time: Array,
-        servo: ServoState,
-        step: Array,
-        rows: tuple[Rows, ...],
-    ) -> tuple[Rows, ...]:
-        """Return places, velocities and accelerations with those set that are not solved for."""
-        held = self.base.prescribe(time, servo)
+    def _prescribe(self, state: State, stage: Stage, servo: ServoState, step: Array) -> Stage:
+        """Return the stage with the motion set of what is not solved for."""
+        held = self.base.prescribe(stage.time, servo)
         position = held.position
         if held.frame is not None:
-            frames = state.frames
+            frames = stage.frames
             assert frames is not None
             spin = frames.spin_to(1, held.frame[0], held.frame[1])
             position = as_rows(position, 4).at[1, 3].set(spin)
-        values = (position, held.velocity, held.acceleration)
-        rows = tuple(row.at[:HELD].set(value) for row, value in zip(rows, values, strict=True))
-        obstacles = self.forces.obstacles
-        if obstacles is None:
-            return rows
-        count = obstacles.count
-        place, velocity = obstacles.lead(
-            state.motion.position[-count:, : self.forces.axes],
-            state.motion.flow_velocity[-count:],
-            lambda places: self.forces.flow_velocity(places, time),
-            step,
+        given = (position, held.velocity, held.acceleration)
+        rows = tuple(
+            row.at[:HELD].set(value)
+            for row, value in zip(
+                (stage.position, stage.velocity, stage.acceleration), given, strict=True
+            )
         )
-        values = (place, velocity, jnp.zeros_like(place))
-        at = obstacles.led - count  # rows counted from the end
-        width = position.shape[1]
-        return tuple(
-            row.at[at].set(as_rows(value[obstacles.led], width), unique_indices=True)
-            for row, value in zip(rows, values, strict=True)
+        obstacles = self.forces.obstacles
+        if obstacles is not None:
+            count = obstacles.count
+            place, velocity = obstacles.lead(
+                state.motion.position[-count:, : self.forces.axes],
+                state.motion.flow_velocity[-count:],
+                lambda places: self.forces.flow_velocity(places, stage.time),
+                step,
+            )
+            values = (place, velocity, jnp.zeros_like(place))
+            at = obstacles.led - count  # rows counted from the end
+            width = position.shape[1]
+            rows = tuple(
+                row.at[at].set(as_rows(value[obstacles.led], width), unique_indices=True)
+                for row, value in zip(rows, values, strict=True)
+            )
+        return eqx.tree_at(lambda s: (s.position, s.velocity, s.acceleration), stage, rows)
+
+    def _judged(self, state: State, after: State, outcome: Outcome, step: Array) -> Outcome:
+        """Return the outcome of a step, which counts only if neither folds, errors nor hits forbid.
+
+        Whether Newton's method converged the outcome says on entry.
+        """
+        before, now = state.motion, after.motion
+        folded = self.forces.folded(now.position)
+        error = jnp.where(outcome.converged, self._error(before, now, step), 0.0)
+        good, resolved = outcome.converged & ~folded & (error <= self.max_error), outcome.resolved
+        if self.forces.obstacles is not None:
+            assert state.gap is not None
+            assert after.gap is not None
+            resolved = ~good | self.forces.obstacles.resolved(
+                before.position, state.gap, now.position, after.gap, step
+            )
+        return eqx.tree_at(
+            lambda o: (o.converged, o.resolved, o.folded, o.error),
+            outcome,
+            (good & resolved, resolved, folded, error),
         )
 
     def _error(self, before: Motion, after: Motion, step: Array) -> Float[Array, ""]:
-        """Return the largest estimated local error of a place that a step solves for (m)."""
+        """Return the largest estimated local error of a position that a step solves for (m)."""
         error = self.integrator.error(before.acceleration, after.acceleration, step)
         error = jax.lax.stop_gradient(self.forces.unknown(error)[:, : self.forces.axes])
         return jnp.sqrt(jnp.max(jnp.sum(error**2, axis=1)))
@@ -352,17 +355,20 @@ class System(eqx.Module):
         residual, _ = self.forces.residual(self.forces.motion(stage, none, around))
         acceleration = newton_step(self.forces, around, stage, none, residual)
         motion = self.forces.motion(stage, acceleration, around)
-        return self._observe(self.forces, motion, servo)
+        return self._steady(self.forces, motion, servo)
 
-    def _observe(self, forces: Forces, motion: Motion, servo: ServoState) -> State:
-        energy, working = forces.audit(motion)
+    def _steady(self, forces: Forces, motion: Motion, servo: ServoState) -> State:
+        """Return the state of an arm whose motion is known, and steady."""
         residual, _ = forces.residual(motion)
-        reaction = residual[:HELD]
-        working = working.at[_ACTUATION, :HELD].add(reaction)
-        touch = None
-        if forces.obstacles is not None:
-            touch, pushed = forces.obstacles.touch(motion)
-            working = working.at[_CONTACT].set(pushed)
-        earlier = jnp.stack([motion.acceleration] * 2)
-        work = jnp.zeros(len(WORKS))
-        return State(motion, servo, reaction, energy, working, work, touch, earlier)
+        return State(
+            motion,
+            jnp.zeros_like(motion.position),
+            servo,
+            residual[:HELD],
+            self._gap(forces, motion),
+            jnp.stack([motion.acceleration] * 2),
+        )
+
+    @staticmethod
+    def _gap(forces: Forces, motion: Motion) -> Float[Array, "m e"] | None:
+        return None if forces.obstacles is None else forces.obstacles.gaps(motion.position)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from crinoid.elements import WORKS
 from crinoid.result import Result, ResultError
 from crinoid.scenario import counted
 from crinoid.simulation.loop import LoopState
@@ -79,10 +80,11 @@ def _check_last(kept: xr.Dataset, carry: LoopState) -> None:
         "velocity": state.velocity[1:],
         "acceleration": state.acceleration[1:],
         "base_command": carry.command,
-        "energy": np.concatenate([state.energy, state.work]),
     }
     last = {name: kept[name].values[-1] for name in [*saved, "position"]}
+    last["work"] = kept["energy"].sel(kind=list(WORKS)).values[-1]
     scales = {name: float(np.abs(value).max(initial=0.0)) for name, value in last.items()}
+    saved["work"] = carry.books.work
     # nodes are kept from the world's origin, and stepped from the base's
     saved["position"] = np.diff(state.position[1:], axis=0)
     last["position"] = np.diff(last["position"], axis=0)

@@ -34,7 +34,7 @@ def step_failure(
     defect: Defect | None,
 ) -> str:
     """Say why no step was found that goes on from ``state``, the end of ``dataset``."""
-    simulation, touch = scenario.simulation, state.touch
+    simulation, obstacles = scenario.simulation, system.forces.obstacles
     when = f"failed at t = {float(state.time):.6g} s"
     halvings = f"even after {counted(simulation.max_halvings, 'halving')}"
     what, remedy = _trouble(scenario, system, state, outcome, halvings)
@@ -47,7 +47,11 @@ def step_failure(
             "or loads that come on with ramp_time"
         )
         what = f"vibrations are too fast for time steps of {simulation.time_step:g} s, and {what}"
-    caught = touch is not None and bool(np.any(np.asarray(touch.in_contact)))
+    caught = False
+    if obstacles is not None:
+        assert state.gap is not None
+        _, pressing = obstacles.contact.press(state.gap.reshape(-1))
+        caught = bool(np.any(np.asarray(pressing) > 0))
     # what sticks and slips in turn within a step may be beyond Newton's method
     rubs = " or rub it less" * any(obstacle.friction > 0 for obstacle in scenario.obstacle)
     room = f", or obstacles that leave the arm room{rubs}" * (caught and bool(outcome.resolved))
@@ -60,8 +64,8 @@ def _trouble(
     """Return what is wrong with the step, and what helps where nothing else is known."""
     smaller = "a smaller simulation.time_step"
     if not outcome.resolved:
-        assert state.touch is not None
-        gaps = np.min(np.asarray(state.touch.gap), axis=1)
+        assert state.gap is not None
+        gaps = np.min(np.asarray(state.gap), axis=1)
         near = int(np.argmin(gaps))
         return (
             f"a hit is too hard or too fast for a time step {halvings}, "

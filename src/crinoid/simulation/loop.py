@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.control import Clock, Controller, FeedForward, Sensor, Target
 from crinoid.control.sensor import SensorState
-from crinoid.dynamics import Progress, State, System
+from crinoid.dynamics import Books, Progress, State, System
 
 
 class Tally(eqx.Module):
@@ -41,6 +41,7 @@ class LoopState(eqx.Module):
     """What one tick hands to the next."""
 
     state: State
+    books: Books
     sensor: SensorState
     memory: Any
     """Of the controller."""
@@ -74,6 +75,7 @@ class Loop(eqx.Module):
         pose = self.system.tip(state)
         return LoopState(
             state,
+            self.system.open_books(state),
             self.sensor.start(pose),
             self.controller.start(pose),
             jnp.asarray(0),
@@ -101,13 +103,14 @@ class Loop(eqx.Module):
         command, memory = self.controller.command(before, measured, wanted, forward)
         memory = _choose(due, memory, carry.memory)
         command = jnp.where(due, jnp.where(self.enabled, command, 0.0), carry.command)
-        state, progress = self.system.advance(carry.state, command)
+        state, books, progress = self.system.advance_with_books(carry.state, carry.books, command)
         steps = carry.steps + progress.outcome.converged
         # counted, not summed up: round-off of a sum would grow with the number of steps
         counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, state.time)
         state = eqx.tree_at(lambda s: s.motion.time, state, counted)
         tally = carry.tally.with_step(progress)
-        return LoopState(state, sensor, memory, carry.ticks + due, command, steps, tally), progress
+        ticks = carry.ticks + due
+        return LoopState(state, books, sensor, memory, ticks, command, steps, tally), progress
 
 
 def _choose(condition: Bool[Array, ""], new: Any, old: Any) -> Any:

@@ -13,7 +13,7 @@ from crinoid.simulation.loop import Loop, LoopState, Tally
 
 def record(loop: Loop, carry: LoopState) -> Record:
     """Keep the present instant."""
-    state, tally = carry.state, carry.tally
+    state, books, tally = carry.state, carry.books, carry.tally
     pose, _, _ = loop.system.base.pose(state.time, state.servo)
     strains = loop.system.strains(state)
     spatial = state.frames is not None
@@ -31,14 +31,15 @@ def record(loop: Loop, carry: LoopState) -> Record:
         pose,
         state.base_force,
         state.base_moment,
-        jnp.concatenate([state.energy, state.work]),
+        jnp.concatenate([loop.system.energy(state), books.work]),
         tally.steps,
         tally.iterations,
         tally.residual,
         tally.error,
         state.obstacle_position,
         state.obstacle_velocity,
-        state.touch,
+        state.gap,
+        books.touch,
         None if state.frames is None else state.frames.director[2:],
         strains[:, 2] if spatial else None,
     )
