@@ -135,11 +135,10 @@ def test_a_jet_is_the_flow_and_its_derivatives(kind):
             np.testing.assert_allclose(part, expected, rtol=1e-11, atol=1e-13)
 
 
-def test_jets_add_up_and_symmetry_of_second_derivatives():
+def test_jets_add_up():
     jet, _ = jets(EVERYTHING.flows[0], *numbers(PLACES[3], 1.7))
     for flow in EVERYTHING.flows[1:]:
         jet = jet + jets(flow, *numbers(PLACES[3], 1.7))[0]
-    np.testing.assert_allclose(jet.hessian, jnp.swapaxes(jet.hessian, 1, 2), atol=1e-14)
     together = current(EVERYTHING, *numbers(PLACES[3], 1.7))
     np.testing.assert_allclose(together.velocity, jet.velocity, atol=1e-15)
     np.testing.assert_allclose(together.velocity_slope, jet.gradient, atol=1e-15)
@@ -164,20 +163,18 @@ def test_acceleration_is_that_of_a_drifting_particle():
 
 
 @pytest.mark.parametrize("frozen", [False, True])
-def test_slopes_of_a_current_are_how_it_changes_with_the_place(frozen):
+def test_the_slope_of_a_current_is_how_it_changes_with_the_position(frozen):
     time = jnp.asarray(1.7)
     water = Water(EVERYTHING.flows, time) if frozen else EVERYTHING
     point = NEAR_BED if frozen else PLACES[3]
     now = current(water, jnp.asarray(point), time)
 
     def moved(point):
-        there = current(water, jnp.asarray(point), time)
-        return there.velocity, there.acceleration
+        return current(water, jnp.asarray(point), time).velocity
 
-    velocity_slope, acceleration_slope = differences(moved, point, 2e-4)
-    np.testing.assert_allclose(now.velocity_slope, velocity_slope, atol=1e-9)
-    np.testing.assert_allclose(now.acceleration_slope, acceleration_slope, atol=1e-9)
-    assert np.abs(now.acceleration_slope).max() > 1e-2
+    slope = differences(moved, point, 2e-4)
+    np.testing.assert_allclose(now.velocity_slope, slope, atol=1e-9)
+    assert np.abs(now.velocity_slope).max() > 1e-2
 
 
 def test_a_frozen_flow_keeps_its_velocity_and_the_acceleration_of_what_is_steady():

@@ -95,7 +95,6 @@ class Forces(eqx.Module):
             water.velocity,
             water.acceleration,
             water.velocity_slope,
-            water.acceleration_slope,
         )
 
     def motion(self, stage: Stage, correction: Rows, around: Surroundings) -> Motion:
@@ -151,17 +150,16 @@ class Forces(eqx.Module):
         """Return d(residual)/d(correction): each element's Jacobian along the stage's motion."""
         size = motion.position.shape[1]
         num_nodes = self.nodes(motion.position).shape[0]
-        slopes = (around.velocity_slope, around.acceleration_slope)
 
-        def jacobian(elements: Elements, window: Motion, slopes: list[Array]) -> Array:
-            return _jacobian(_course(stage, slopes), elements, window, load_factor)
+        def jacobian(elements: Elements, window: Motion, slope: Array) -> Array:
+            return _jacobian(_course(stage, slope), elements, window, load_factor)
 
         jacobians = jax.vmap(jacobian)
         # what does without spins is assembled on places only
         blocks: dict[int, list[tuple[int, Array]]] = {self.axes: [], size: []}
         for first, elements in self._groups():
             count, stencil = _count(elements[0]), elements[0].stencil
-            along = [chain.gather(s, first, count, stencil) for s in slopes]
+            along = chain.gather(around.velocity_slope, first, count, stencil)
             block = jacobians(elements, self._windows(elements[0], motion), along)
             blocks[block.shape[-1]].append((first, block))
         obstacles = self.obstacles
@@ -169,7 +167,7 @@ class Forces(eqx.Module):
             pairs = obstacles.motions(motion)
             # contact does not feel the water
             still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
-            touch = jacobians((obstacles.contact,), pairs, [still, still])
+            touch = jacobians((obstacles.contact,), pairs, still)
             touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
             blocks[size].append((obstacles.contact.first, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
         bands = sum(
@@ -185,7 +183,7 @@ class Forces(eqx.Module):
 
         free = jnp.asarray(self.free)
         touch = touch[free]
-        of_free = [slope[num_nodes + free][:, None] for slope in slopes]
+        of_free = around.velocity_slope[num_nodes + free][:, None]
         own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
         own = own + jnp.sum(touch[:, :, 2, :, 2], axis=1)
 
@@ -312,8 +310,8 @@ class Forces(eqx.Module):
         return motion.windows(lambda rows: rows[free][:, None], (len(self.free),), width)
 
 
-def _course(stage: Stage, slopes: list[Array]) -> Course:
-    return Course(stage.by_position, stage.by_velocity, stage.by_acceleration, *slopes)
+def _course(stage: Stage, slope: Array) -> Course:
+    return Course(stage.by_position, stage.by_velocity, stage.by_acceleration, slope)
 
 
 def _jacobian(

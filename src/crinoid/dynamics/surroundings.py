@@ -9,19 +9,16 @@ Places = Float[Array, "rows d"]
 
 
 class Surroundings(eqx.Module):
-    """The water around given places, expanded to first order from each."""
+    """The water around given positions: its velocity expanded to first order from each."""
 
     position: Places
     velocity: Places
     acceleration: Places
     """Material acceleration Du/Dt (m/s2)."""
     velocity_slope: Float[Array, "rows d d"]
-    acceleration_slope: Float[Array, "rows d d"]
 
     def at(self, position: Rows) -> tuple[Places, Places]:
         """Return velocity and material acceleration near the places."""
         moved = (position[:, : self.position.shape[1]] - self.position)[:, None, :]
-        return (
-            self.velocity + jnp.sum(self.velocity_slope * moved, axis=-1),
-            self.acceleration + jnp.sum(self.acceleration_slope * moved, axis=-1),
-        )
+        velocity = self.velocity + jnp.sum(self.velocity_slope * moved, axis=-1)
+        return velocity, self.acceleration

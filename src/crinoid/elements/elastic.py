@@ -4,13 +4,13 @@ A strain ``s`` of a window stores ``1/2 K (s - s_rest)^2``; its stress is
 ``K (s - s_rest + damping_time ds/dt)``, and the force is the stress times ``grad s``.
 """
 
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.element import Element, Motion
+from crinoid.elements.element import Course, Element, Linearised, Motion
 from crinoid.elements.geometry import bend_strain, turned, unit
 from crinoid.rod import Rod
 
@@ -52,7 +52,58 @@ class Stretch(Element):
         return length / self.rest_length - 1.0, speed / self.rest_length, direction
 
 
-class Bend(Element):
+class _Turn(NamedTuple):
+    """The turn at a node between two edges, with its derivatives by the positions of the nodes.
+
+    It changes by ``n_2 . de_2 / l_2 - n_1 . de_1 / l_1``, with the normals and lengths of the
+    edges.
+    """
+
+    strain: Float[Array, ""]
+    growth: Float[Array, ""]
+    """``d(strain)/d(turn)``."""
+    growth_slope: Float[Array, ""]
+    gradient: Float[Array, "3 2"]
+    """``d(turn)/d(positions)`` (1/m)."""
+    curved: Float[Array, "2 2 2"]
+    """Second derivatives of the turn by the vectors of both edges (1/m2); none are mixed."""
+
+    @staticmethod
+    def of(position: Float[Array, "3 2"]) -> "_Turn":
+        """Observe the turn of three nodes."""
+        edges = position[1:] - position[:-1]
+        lengths = jnp.sqrt(jnp.sum(edges**2, axis=1))[:, None]
+        directions = edges / lengths
+        normals = turned(directions)
+        before, after = directions
+        half = jnp.sum(normals[0] * after) / (1.0 + jnp.sum(before * after))  # its tangent
+        secant = jnp.sqrt(1.0 + half**2)
+        by_edge = normals / lengths
+        tilted = (directions / lengths)[:, :, None] * by_edge[:, None, :]
+        curved = tilted + tilted.swapaxes(1, 2)
+        return _Turn(
+            bend_strain(half, secant),
+            (secant**2 + 2.0 / secant) / 3.0,
+            half * (secant**2 - 1.0 / secant) / 3.0,
+            jnp.stack([by_edge[0], -by_edge[0] - by_edge[1], by_edge[1]]),
+            curved * jnp.array([1.0, -1.0])[:, None, None],
+        )
+
+    def along(self, moved: Float[Array, "3 2"]) -> Float[Array, "3 2"]:
+        """Return how the gradient changes where the nodes are moved."""
+        on_first, on_second = jnp.sum(self.curved * (moved[1:] - moved[:-1])[:, None], axis=-1)
+        return jnp.stack([-on_first, on_first - on_second, on_second])
+
+    @property
+    def hessian(self) -> Float[Array, "3 2 3 2"]:
+        """Second derivatives of the turn by the positions of the nodes (1/m2)."""
+        first, second = self.curved
+        none = jnp.zeros((2, 2))
+        rows = [[first, -first, none], [-first, first + second, -second], [none, -second, second]]
+        return jnp.stack([jnp.stack(row, axis=1) for row in rows])
+
+
+class Bend(Linearised):
     """Bend at a node between two edges: ``s`` is the turn (`bend_strain`), and ``K = EI / l``.
 
     ``l`` is the length over which the node gathers the bend (after Bergou et al. 2008, eq. 1; 2010,
@@ -83,31 +134,42 @@ class Bend(Element):
         return Bend(0, stiffness, rest, damping_time)
 
     def residual(self, motion: Motion) -> Float[Array, "3 2"]:
-        strain, rate, gradient = self._strain(motion)
-        return self.stiffness * (strain - self.rest_strain + self.damping_time * rate) * gradient
+        turn = _Turn.of(motion.position)
+        return self._moment(turn, motion) * turn.growth * turn.gradient
 
     def working(self, motion: Motion) -> Float[Array, "3 2"]:
-        _, rate, gradient = self._strain(motion)
-        return -self.stiffness * self.damping_time * rate * gradient
+        turn = _Turn.of(motion.position)
+        moment = self.stiffness * self.damping_time * self._rate(turn, motion)
+        return -moment * turn.growth * turn.gradient
+
+    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 2 3 2"]:
+        turn, viscous = _Turn.of(motion.position), self.stiffness * self.damping_time
+        moment, grows, by_position = self._moment(turn, motion), turn.growth, course.by_position
+        speed = jnp.sum(turn.gradient * motion.velocity)
+        by_turn = by_position * self.stiffness * grows + viscous * (
+            course.by_velocity * grows + by_position * turn.growth_slope * speed
+        )
+        of_moment = by_turn * turn.gradient + (
+            by_position * viscous * grows * turn.along(motion.velocity)
+        )
+        of_lever = by_position * turn.growth_slope * turn.gradient
+        steering = grows * of_moment + moment * of_lever
+        return turn.gradient[:, :, None, None] * steering + by_position * moment * grows * (
+            turn.hessian
+        )
 
     def strains(self, motion: Motion) -> Float[Array, "1"]:
         """Return the strain, as the one of a window."""
-        return self._strain(motion)[0][None]
+        return _Turn.of(motion.position).strain[None]
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
-        strain, _, _ = self._strain(motion)
-        return 0.5 * self.stiffness * (strain - self.rest_strain) ** 2
+        turn = _Turn.of(motion.position)
+        return 0.5 * self.stiffness * (turn.strain - self.rest_strain) ** 2
 
-    def _strain(self, motion: Motion) -> tuple[Array, Array, Array]:
-        before, length_before = unit(motion.position[1] - motion.position[0])
-        after, length_after = unit(motion.position[2] - motion.position[1])
-        normal = turned(before)
-        tangent = jnp.sum(normal * after) / (1.0 + jnp.sum(before * after))  # of half the turn
-        secant = jnp.sqrt(1.0 + tangent**2)
-        strain = bend_strain(tangent, secant)
-        # d(strain)/d(turn), and an edge turns by its normal over its length
-        growth = (secant**2 + 2.0 / secant) / 3.0
-        by_before = -growth * normal / length_before
-        by_after = growth * turned(after) / length_after
-        gradient = jnp.stack([-by_before, by_before - by_after, by_after])
-        return strain, jnp.sum(gradient * motion.velocity), gradient
+    def _moment(self, turn: _Turn, motion: Motion) -> Float[Array, ""]:
+        strained = turn.strain - self.rest_strain + self.damping_time * self._rate(turn, motion)
+        return self.stiffness * strained
+
+    @staticmethod
+    def _rate(turn: _Turn, motion: Motion) -> Float[Array, ""]:
+        return turn.growth * jnp.sum(turn.gradient * motion.velocity)

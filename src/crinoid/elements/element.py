@@ -66,23 +66,17 @@ class Course(eqx.Module):
     by_velocity: Float[Array, "*count"]
     by_acceleration: Float[Array, "*count"]
     velocity_slope: Float[Array, "*count k d d"]
-    """Of the water (1/s)."""
-    acceleration_slope: Float[Array, "*count k d d"]
-    """Likewise (1/s2)."""
+    """Derivative of the water's velocity along the axes of space, the last index (1/s)."""
 
     def tangent(self, motion: Motion, direction: Float[Array, "k b"]) -> Motion:
         """Return how the motion changes where the nodes are corrected along ``direction``."""
         places = direction[:, : motion.flow_velocity.shape[-1]]
-        velocity_slope, acceleration_slope = (
-            jnp.sum(slope * places[:, None], axis=-1)
-            for slope in (self.velocity_slope, self.acceleration_slope)
-        )
         return Motion(
             self.by_position * direction,
             self.by_velocity * direction,
             self.by_acceleration * direction,
-            self.by_position * velocity_slope,
-            self.by_position * acceleration_slope,
+            self.by_position * jnp.sum(self.velocity_slope * places[:, None], axis=-1),
+            jnp.zeros_like(motion.flow_acceleration),
             jnp.zeros_like(motion.time),
             _turning(motion, self.by_position * direction),
         )

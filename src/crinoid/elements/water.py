@@ -58,7 +58,7 @@ class Drag(Element):
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
         tangent, _ = unit(motion.position[1] - motion.position[0])
         relative = along(motion.flow_velocity - motion.velocity)
-        slip = relative @ tangent
+        slip = jnp.sum(relative * tangent, axis=1)  # `@` would call a routine for each edge
         across = relative - slip[:, None] * tangent
         across_speed = smooth_speed(jnp.sum(across**2, axis=1))
         return -shared(
@@ -101,7 +101,7 @@ class AddedMass(Element):
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
         tangent, _ = unit(motion.position[1] - motion.position[0])
         relative = motion.flow_acceleration - motion.acceleration
-        forward = (relative @ tangent)[:, None] * tangent
+        forward = jnp.sum(relative * tangent, axis=1)[:, None] * tangent
         pushed = self.normal * (relative - forward) + self.tangential * forward
         return -shared(along(self.displaced)[:, None] * along(pushed + motion.flow_acceleration))
 

@@ -1,4 +1,4 @@
-"""A flow at one place and time with the derivatives that its acceleration and slopes take."""
+"""A flow at one point and time with the derivatives that its acceleration takes."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 
 class Jet(eqx.Module):
-    """A velocity field ``u`` expanded about a place and a time. Derivatives come as last axes."""
+    """A velocity field ``u`` expanded about a point and a time. Derivatives come as last axes."""
 
     velocity: Float[Array, " b"]
     """``u`` (m/s)."""
@@ -17,35 +17,20 @@ class Jet(eqx.Module):
     """``grad u`` (1/s)."""
     rate: Float[Array, " b"]
     """``du/dt`` (m/s2)."""
-    hessian: Float[Array, "b b b"]
-    """``grad grad u`` (1/(m s))."""
-    gradient_rate: Float[Array, "b b"]
-    """``grad du/dt`` (1/s2)."""
 
     @staticmethod
     def of(
         field: Callable[[Array, Array], Array], point: Float[Array, " b"], time: Float[Array, ""]
     ) -> "Jet":
         """Expand a velocity field about a point (m) and a time (s), by differentiating it."""
-
-        def rate(point: Array) -> Array:
-            return jax.jvp(lambda t: field(point, t), (time,), (jnp.ones_like(time),))[1]
-
-        gradient = jax.jacfwd(field)
-        return Jet(
-            field(point, time),
-            gradient(point, time),
-            rate(point),
-            jax.jacfwd(gradient)(point, time),
-            jax.jacfwd(rate)(point),
-        )
+        velocity, rate = jax.jvp(lambda t: field(point, t), (time,), (jnp.ones_like(time),))
+        return Jet(velocity, jax.jacfwd(field)(point, time), rate)
 
     @staticmethod
     def everywhere(velocity: Float[Array, " b"], rate: Float[Array, " b"]) -> "Jet":
         """Return the jet of a velocity that is the same everywhere, and of its rate."""
         size = velocity.shape[0]
-        none = jnp.zeros((size, size))
-        return Jet(velocity, none, rate, jnp.zeros((size, size, size)), none)
+        return Jet(velocity, jnp.zeros((size, size)), rate)
 
     def __add__(self, other: "Jet") -> "Jet":
         return jax.tree.map(jnp.add, self, other)
@@ -56,6 +41,4 @@ class Jet(eqx.Module):
             factor * self.velocity,
             factor * self.gradient,
             factor * self.rate + rate * self.velocity,
-            factor * self.hessian,
-            factor * self.gradient_rate + rate * self.gradient,
         )

@@ -94,24 +94,18 @@ class Turbulence(Flow):
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         size = point.shape[0]
-        first = self.amplitudes[:, :, None] * self.wave_vectors[:, None, :]
-        second = first[:, :, :, None] * self.wave_vectors[:, None, None, :]
+        first = -self.amplitudes[:, :, None] * self.wave_vectors[:, None, :]
+        first = first.reshape(len(first), -1)
         turns = self._turns(point, time)
+        velocity, slopes = self.mean, jnp.zeros(first.shape[1])
         # two products with matrices are all that is done for each point
-        even = jnp.concatenate([self.amplitudes, -second.reshape(len(second), -1)], axis=1)
-        odd = -first.reshape(len(first), -1)
-        evens, odds = jnp.zeros(even.shape[1]), jnp.zeros(odd.shape[1])
         for begin in range(0, len(turns), _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
-            evens += cosine(turns[some]) @ even[some]
-            odds += sine(turns[some]) @ odd[some]
-        velocity, hessian = jnp.split(evens, [size])
-        gradient = odds.reshape(size, size)
-        hessian = hessian.reshape(size, size, size)
+            velocity += cosine(turns[some]) @ self.amplitudes[some]
+            slopes += sine(turns[some]) @ first[some]
+        gradient = slopes.reshape(size, size)
         # carried along: d/dt = -mean . grad
-        rate = -jnp.sum(gradient * self.mean, axis=-1)
-        gradient_rate = -jnp.sum(hessian * self.mean, axis=-1)
-        return Jet(self.mean + velocity, gradient, rate, hessian, gradient_rate)
+        return Jet(velocity, gradient, -jnp.sum(gradient * self.mean, axis=-1))
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
         return self.phases + self.wave_vectors @ (point - self.mean * time) / (2 * jnp.pi)

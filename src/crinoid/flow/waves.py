@@ -81,23 +81,14 @@ class Waves(Flow):
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         size = point.shape[0]
-        value = self._weights()
-        first = self._derived(value)
-        second = self._derived(first[..., :size])
-        weights = [part.reshape(value.shape[0], -1) for part in (value, first, second)]
-        together = self._shapes(point, time) @ jnp.concatenate(weights, axis=1)
-        velocity, first, second = jnp.split(together, [size, size + size * (size + 1)])
-        first, second = first.reshape(size, size + 1), second.reshape(size, size, size + 1)
+        weights = self._weights()
+        rates = self._rates(weights).reshape(weights.shape[0], -1)
+        together = self._shapes(point, time) @ jnp.concatenate([weights, rates], axis=1)
+        velocity, rates = together[:size], together[size:].reshape(size, size + 1)
         # where the height is held, it changes nothing
         held = (point[-1] > 0) | (point[-1] < -self.depth)
         moving = jnp.where(held, 1.0 - np.eye(size)[-1], 1.0)
-        return Jet(
-            velocity,
-            first[:, :size] * moving,
-            first[:, size],
-            second[..., :size] * moving[:, None] * moving,
-            second[..., size] * moving,
-        )
+        return Jet(velocity, rates[:, :size] * moving, rates[:, size])
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
         along = self.wave_numbers * (self.heading @ point[:-1])
@@ -122,10 +113,10 @@ class Waves(Flow):
         upward = speed[:, None] * jnp.append(0 * self.heading, 1.0)
         return jnp.concatenate([level, 0 * level, 0 * level, upward])
 
-    def _derived(self, weights: Array) -> Array:
+    def _rates(self, weights: Float[Array, "shapes b"]) -> Float[Array, "shapes b b+1"]:
         """Return the weights of the derivatives along space and time, as the last axis."""
         count = self.amplitudes.shape[0]
-        c_cos, c_sin, s_cos, s_sin = weights.reshape(4, count, *weights.shape[1:])
+        c_cos, c_sin, s_cos, s_sin = weights.reshape(4, count, -1)
         # along the level axes and time cos' = -k sin, sin' = k cos; upward C' = k S, S' = k C
         turned = jnp.stack([c_sin, -c_cos, s_sin, -s_cos])[..., None]
         lifted = jnp.stack([s_cos, s_sin, c_cos, c_sin])[..., None]
@@ -133,9 +124,8 @@ class Waves(Flow):
         none = jnp.zeros((count, 1))
         around = jnp.concatenate([level, none, -self.frequencies[:, None]], axis=1)
         up = jnp.concatenate([0 * level, self.wave_numbers[:, None], none], axis=1)
-        inner = (1,) * (weights.ndim - 1)
-        around, up = (rate.reshape(count, *inner, -1) for rate in (around, up))
-        return (turned * around + lifted * up).reshape(*weights.shape, -1)
+        derived = turned * around[:, None] + lifted * up[:, None]
+        return derived.reshape(*weights.shape, -1)
 
 
 def jonswap(relative: Float[np.ndarray, " f"], gamma: float) -> Float[np.ndarray, " f"]:
