@@ -10,13 +10,15 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.surroundings import Surroundings
-from crinoid.dynamics.tangent import HELD
+from crinoid.dynamics.tangent import HELD, Tangent
 from crinoid.rod import Rod
 
 Rows = Float[Array, "rows b"]
 
 _NOISE = 1 / 16
 """Share of the floor that round-off makes up in any case."""
+_MARGIN = 4.0
+"""Factor by which an iteration with an old tangent must be expected to suffice."""
 _STALLED = 0.5
 """Share of the imbalance from which on what an iteration leaves of it is no progress."""
 
@@ -83,6 +85,19 @@ class Settings(eqx.Module):
         return Settings(jnp.asarray(tolerance), floor, jnp.asarray(max_iterations), weights)
 
 
+class _Search(eqx.Module):
+    """How far Newton's method is."""
+
+    correction: Rows
+    residual: Rows
+    outcome: Outcome
+    tangent: Tangent
+    """The one of the last iteration."""
+    suffices: Bool[Array, ""]
+    """Whether that tangent, which costs most of an iteration, should do for the next one."""
+    done: Bool[Array, ""]
+
+
 @eqx.filter_custom_jvp
 def solve(
     forces: Forces,
@@ -96,6 +111,7 @@ def solve(
 
     The water is that of ``around``. Convergence is judged by the residual, relative to the
     largest force in it; where round-off may rule, iterations go on as long as they gain anything.
+    The tangent of one iteration serves the next one where that will do (chord method).
     The derivative of the solution comes from the converged tangent, solved once (implicit
     function theorem), so iterations are never differentiated.
 
@@ -110,17 +126,18 @@ def solve(
     def evaluate(correction: Rows) -> tuple[Rows, Outcome]:
         return imbalance(forces, around, stage, correction, settings, load_factor)
 
-    def unfinished(carry: tuple[Rows, Rows, Outcome, Array]) -> Bool[Array, ""]:
-        _, _, outcome, done = carry
-        return (
-            ~done & (outcome.iterations < settings.max_iterations) & jnp.isfinite(outcome.residual)
-        )
+    def unfinished(carry: _Search) -> Bool[Array, ""]:
+        left = carry.outcome.iterations < settings.max_iterations
+        return ~carry.done & left & jnp.isfinite(carry.outcome.residual)
 
-    def iterate(
-        carry: tuple[Rows, Rows, Outcome, Array],
-    ) -> tuple[Rows, Rows, Outcome, Array]:
-        correction, residual, before, _ = carry
-        change = newton_step(forces, around, stage, correction, residual, load_factor)
+    def iterate(carry: _Search) -> _Search:
+        correction, before = carry.correction, carry.outcome
+        tangent = jax.lax.cond(
+            carry.suffices,
+            lambda: carry.tangent,
+            lambda: tangent_at(forces, around, stage, correction, load_factor),
+        )
+        change = tangent.solve(-carry.residual)
         if settings.max_turn is not None:
             turn = _largest_turn(forces.nodes(stage.position), forces.nodes(change), forces.axes)
             change *= jnp.minimum(1.0, settings.max_turn / turn)
@@ -128,15 +145,22 @@ def solve(
             change *= jnp.minimum(1.0, settings.max_move / _largest(change[:, : forces.axes]))
         correction = correction + change
         residual, outcome = evaluate(correction)
+        # an iteration with the same tangent leaves about twice the share that this one left
+        share = outcome.residual / before.residual
+        allowed = settings.tolerance * outcome.scale + _NOISE * settings.floor
+        suffices = _MARGIN * share * outcome.residual <= allowed
         counted = eqx.tree_at(lambda o: o.iterations, outcome, before.iterations + 1)
-        stalled = outcome.residual > _STALLED * before.residual
-        return correction, residual, counted, enough(outcome) | (outcome.converged & stalled)
+        done = enough(outcome) | (outcome.converged & (share > _STALLED))
+        return _Search(correction, residual, counted, tangent, suffices, done)
 
     residual, outcome = evaluate(guess)
-    correction, residual, outcome, _ = jax.lax.while_loop(
-        unfinished, iterate, (guess, residual, outcome, enough(outcome))
+    blank = jax.tree.map(
+        lambda x: jnp.zeros(x.shape, x.dtype),
+        eqx.filter_eval_shape(tangent_at, forces, around, stage, guess, load_factor),
     )
-    return correction, residual, outcome
+    start = _Search(guess, residual, outcome, blank, jnp.asarray(False), enough(outcome))
+    end = jax.lax.while_loop(unfinished, iterate, start)
+    return end.correction, end.residual, end.outcome
 
 
 @solve.def_jvp
@@ -206,8 +230,18 @@ def newton_step(
     load_factor: Array | None = None,
 ) -> Rows:
     """Return the change of the correction that would cancel the residual, were it linear."""
-    motion = forces.motion(stage, correction, around)
-    return forces.tangent(stage, motion, around, load_factor).solve(-residual)
+    return tangent_at(forces, around, stage, correction, load_factor).solve(-residual)
+
+
+def tangent_at(
+    forces: Forces,
+    around: Surroundings,
+    stage: Stage,
+    correction: Rows,
+    load_factor: Array | None,
+) -> Tangent:
+    """Return d(residual)/d(correction) at a correction."""
+    return forces.tangent(stage, forces.motion(stage, correction, around), around, load_factor)
 
 
 def _largest_turn(position: Rows, change: Rows, axes: int) -> Float[Array, ""]:
