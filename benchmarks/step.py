@@ -23,6 +23,7 @@ from rich.table import Table
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
+from crinoid.programs import OFTEN
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.stretch import stretch
@@ -202,7 +203,7 @@ def bare_steps(name: str, scenario: crinoid.Scenario, setup: Setup) -> Contestan
     steps = scenario.simulation.steps
     command = jnp.zeros(setup.loop.system.channels)
 
-    @eqx.filter_jit
+    @eqx.filter_jit(compiler_options=OFTEN)
     def roll(system: Any, state: Any) -> Any:
         def step(state: Any, _: None) -> tuple[Any, None]:
             return system.step(state, command)[0], None

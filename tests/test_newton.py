@@ -91,8 +91,8 @@ def stage_of_a_step(turn=None, step=0.02):
 
 
 def imbalance(forces, stage, correction, load_factor=None):
-    """Return the imbalance of the nodes, in the water at the place where the correction is."""
-    current = forces.surroundings(stage, correction)
+    """Return the imbalance of the nodes, in the water as it is expanded about the guess, zero."""
+    current = forces.surroundings(stage, jnp.zeros_like(correction))
     return forces.residual(forces.motion(stage, correction, current), load_factor)[0]
 
 
@@ -104,7 +104,7 @@ def residuals(forces, stage, corrections, load_factor):
 
 @eqx.filter_jit
 def tangent(forces, stage, correction, load_factor):
-    current = forces.surroundings(stage, correction)
+    current = forces.surroundings(stage, jnp.zeros_like(correction))
     motion = forces.motion(stage, correction, current)
     return forces.tangent(stage, motion, current, load_factor).bands
 

@@ -132,7 +132,7 @@ def at_random(seed, *, bend=0.7, turns=0, turned=0.0, sharp=None, step=0.02):
 
 
 def motion_of(forces, stage, correction):
-    around = forces.surroundings(stage, correction)
+    around = forces.surroundings(stage, jnp.zeros_like(stage.position))
     return forces.motion(stage, correction, around), around
 
 

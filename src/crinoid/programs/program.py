@@ -21,9 +21,10 @@ from crinoid.programs.store import STORE
 P = ParamSpec("P")
 R = TypeVar("R")
 
-OFTEN = {"xla_cpu_use_fusion_emitters": False}
-"""Options for what runs often. XLA's newer emitters of fused loops take a third longer to compile,
-and what they make is slower on arrays as small as an arm's."""
+OFTEN = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_experimental_ynn_fusion_type": ""}
+"""Options for what runs often, one arm or many. XLA's newer emitters of fused loops take a third
+longer to compile, and what they make is slower on arrays as small as an arm's; the library that it
+hands reductions to is made for long ones, and costs a batch of arms three times its step."""
 ONCE = OFTEN | {"xla_backend_optimization_level": 0}
 """Options for what runs once: less time to compile is worth more than milliseconds of running."""
 _ONE_AT_A_TIME = threading.Lock()
