@@ -5,6 +5,7 @@ entries: the ``d`` coordinates of a place and, in space, the spin of the edge th
 """
 
 import math
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -28,12 +29,13 @@ from crinoid.elements import (
     Motion,
     Stretch,
 )
-from crinoid.flow import Water
+from crinoid.flow import Current, Water
 from crinoid.reference import Reference
 
 Rows = Float[Array, "rows b"]
 Places = Float[Array, "rows d"]
 Elements = tuple[Element, ...]
+Slopes = tuple[Array, Array | None]
 
 _SHARPEST = math.cos(math.radians(170.0))
 """Cosine of the largest angle between two edges that counts."""
@@ -88,13 +90,20 @@ class Forces(eqx.Module):
     def surroundings(self, stage: Stage, correction: Rows) -> Surroundings:
         """Return the water around the places at a stage of the step."""
         position = (stage.position + stage.by_position * correction)[:, : self.axes]
-        current = jax.vmap(lambda place: self.water.current(self.origin + place, stage.time))
-        water = current(position)
+
+        def current(place: Float[Array, " d"]) -> Current:
+            return self.water.current(self.origin + place, stage.time)
+
+        water, slope = jax.vmap(current)(position), None
+        # a time step does well without, an equilibrium moves by it
+        if self.water.frozen_at is not None:
+            slope = jax.vmap(jax.jacfwd(lambda place: current(place).acceleration))(position)
         return Surroundings(
             position,
             water.velocity,
             water.acceleration,
             water.velocity_slope,
+            slope,
         )
 
     def motion(self, stage: Stage, correction: Rows, around: Surroundings) -> Motion:
@@ -151,23 +160,28 @@ class Forces(eqx.Module):
         size = motion.position.shape[1]
         num_nodes = self.nodes(motion.position).shape[0]
 
-        def jacobian(elements: Elements, window: Motion, slope: Array) -> Array:
-            return _jacobian(_course(stage, slope), elements, window, load_factor)
+        slopes = (around.velocity_slope, around.acceleration_slope)
+
+        def jacobian(elements: Elements, window: Motion, slopes: Slopes) -> Array:
+            return _jacobian(_course(stage, slopes), elements, window, load_factor)
 
         jacobians = jax.vmap(jacobian)
         # what does without spins is assembled on places only
         blocks: dict[int, list[tuple[int, Array]]] = {self.axes: [], size: []}
         for first, elements in self._groups():
             count, stencil = _count(elements[0]), elements[0].stencil
-            along = chain.gather(around.velocity_slope, first, count, stencil)
-            block = jacobians(elements, self._windows(elements[0], motion), along)
+            window = self._windows(elements[0], motion)
+            along = jax.tree.map(
+                partial(chain.gather, first=first, count=count, stencil=stencil), slopes
+            )
+            block = jacobians(elements, window, along)
             blocks[block.shape[-1]].append((first, block))
         obstacles = self.obstacles
         if obstacles is not None:
             pairs = obstacles.motions(motion)
             # contact does not feel the water
             still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
-            touch = jacobians((obstacles.contact,), pairs, still)
+            touch = jacobians((obstacles.contact,), pairs, (still, None))
             touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
             blocks[size].append((obstacles.contact.first, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
         bands = sum(
@@ -183,7 +197,7 @@ class Forces(eqx.Module):
 
         free = jnp.asarray(self.free)
         touch = touch[free]
-        of_free = around.velocity_slope[num_nodes + free][:, None]
+        of_free = jax.tree.map(lambda slope: slope[num_nodes + free][:, None], slopes)
         own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
         own = own + jnp.sum(touch[:, :, 2, :, 2], axis=1)
 
@@ -310,8 +324,8 @@ class Forces(eqx.Module):
         return motion.windows(lambda rows: rows[free][:, None], (len(self.free),), width)
 
 
-def _course(stage: Stage, slope: Array) -> Course:
-    return Course(stage.by_position, stage.by_velocity, stage.by_acceleration, slope)
+def _course(stage: Stage, slopes: Slopes) -> Course:
+    return Course(stage.by_position, stage.by_velocity, stage.by_acceleration, *slopes)
 
 
 def _jacobian(

@@ -9,16 +9,22 @@ Places = Float[Array, "rows d"]
 
 
 class Surroundings(eqx.Module):
-    """The water around given positions: its velocity expanded to first order from each."""
+    """The water around given positions, expanded from each: the velocity to first order.
+
+    The acceleration is expanded where it has a slope, which statics takes along.
+    """
 
     position: Places
     velocity: Places
     acceleration: Places
     """Material acceleration Du/Dt (m/s2)."""
     velocity_slope: Float[Array, "rows d d"]
+    acceleration_slope: Float[Array, "rows d d"] | None = None
 
     def at(self, position: Rows) -> tuple[Places, Places]:
         """Return velocity and material acceleration near the places."""
         moved = (position[:, : self.position.shape[1]] - self.position)[:, None, :]
         velocity = self.velocity + jnp.sum(self.velocity_slope * moved, axis=-1)
-        return velocity, self.acceleration
+        if self.acceleration_slope is None:
+            return velocity, self.acceleration
+        return velocity, self.acceleration + jnp.sum(self.acceleration_slope * moved, axis=-1)

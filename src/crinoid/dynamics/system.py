@@ -120,11 +120,14 @@ class System(eqx.Module):
         before, method = state.motion, self.integrator
         servo = self.base.servo.advance(state.servo, command, h)
         stage = self._prescribe(state, method.stage(before, state.ahead, h, state.frames), servo, h)
-        # what is prescribed needs no guess
-        guess = method.correction(state.expected_acceleration, h).at[:HELD].set(0.0)
-        # the water is costly: looked at once, where the arm is expected, and expanded from there;
-        # where the guess is wrong by O(h^3) the water is by O(h^6)
-        around = self.forces.surroundings(stage, guess)
+
+        def moved(acceleration: Rows) -> Rows:
+            return method.correction(acceleration, h).at[:HELD].set(0.0)  # these are prescribed
+
+        # the water is costly: looked at once, where the arm gets to if its acceleration stays, and
+        # expanded from there. Not from Newton's guess, which is chosen: a step would jump with it
+        around = self.forces.surroundings(stage, moved(before.acceleration))
+        guess = moved(state.expected_acceleration)
         correction, residual, outcome = solve(
             self.forces, around, stage, guess, self.settings, None
         )

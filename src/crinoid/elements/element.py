@@ -67,16 +67,24 @@ class Course(eqx.Module):
     by_acceleration: Float[Array, "*count"]
     velocity_slope: Float[Array, "*count k d d"]
     """Derivative of the water's velocity along the axes of space, the last index (1/s)."""
+    acceleration_slope: Float[Array, "*count k d d"] | None = None
+    """Derivative of its material acceleration (1/s2); where it is left out, None."""
 
     def tangent(self, motion: Motion, direction: Float[Array, "k b"]) -> Motion:
         """Return how the motion changes where the nodes are corrected along ``direction``."""
         places = direction[:, : motion.flow_velocity.shape[-1]]
+
+        def along(slope: Array | None) -> Array:
+            if slope is None:
+                return jnp.zeros_like(places)
+            return self.by_position * jnp.sum(slope * places[:, None], axis=-1)
+
         return Motion(
             self.by_position * direction,
             self.by_velocity * direction,
             self.by_acceleration * direction,
-            self.by_position * jnp.sum(self.velocity_slope * places[:, None], axis=-1),
-            jnp.zeros_like(motion.flow_acceleration),
+            along(self.velocity_slope),
+            along(self.acceleration_slope),
             jnp.zeros_like(motion.time),
             _turning(motion, self.by_position * direction),
         )
