@@ -22,7 +22,7 @@ import equinox as eqx  # noqa: E402
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
-from jax.sharding import PartitionSpec  # noqa: E402
+from jax.sharding import AxisType, PartitionSpec  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
@@ -93,7 +93,7 @@ def measure(case: str, nodes: int, arms: int, repeats: int) -> list[dict[str, An
         def part(arrays: Any, commands: jax.Array) -> Any:
             return together(*eqx.combine(arrays, rest), commands)
 
-        mesh = jax.make_mesh((CORES,), ("arms",))
+        mesh = jax.make_mesh((CORES,), ("arms",), axis_types=(AxisType.Auto,))
         spread = PartitionSpec("arms")
         over = jax.shard_map(
             part,

@@ -106,7 +106,7 @@ def solve(
     guess: Rows,
     settings: Settings,
     load_factor: Array | None,
-) -> tuple[Rows, Rows, Outcome]:
+) -> tuple[Rows, Float[Array, "held b"], Outcome]:
     """Find the correction of what is free to move that balances the forces at a stage.
 
     The water is that of ``around``. Convergence is judged by the residual, relative to the
@@ -115,9 +115,9 @@ def solve(
     The derivative of the solution comes from the converged tangent, solved once (implicit
     function theorem), so iterations are never differentiated.
 
-    Returns the correction (m, zero on what is prescribed), the residual that it leaves, which on
-    what is prescribed is the force that holds it there, and the outcome; a failure is an outcome,
-    never an exception.
+    Returns the correction (m, zero on what is prescribed), the forces that hold the ghost node and
+    the root where they are prescribed to be (N), and the outcome; a failure is an outcome, never an
+    exception.
     """
 
     def enough(outcome: Outcome) -> Bool[Array, ""]:
@@ -160,24 +160,20 @@ def solve(
     )
     start = _Search(guess, residual, outcome, blank, jnp.asarray(False), enough(outcome))
     end = jax.lax.while_loop(unfinished, iterate, start)
-    return end.correction, end.residual, end.outcome
+    return end.correction, end.residual[:HELD], end.outcome
 
 
 @solve.def_jvp
 def _solve_jvp(primals: Any, tangents: Any) -> Any:
     forces, around, stage, _, _, load_factor = primals
     t_forces, t_around, t_stage, _, _, t_load_factor = tangents
-    correction, residual, outcome = solve(*primals)
-    inputs = (forces, around, stage, load_factor)
-    by_inputs = (t_forces, t_around, t_stage, t_load_factor)
-    t_correction = implied(inputs, by_inputs, correction)
-
-    def balance(inputs: Any, correction: Rows) -> Rows:
-        forces, around, stage, factor = inputs
-        return forces.residual(forces.motion(stage, correction, around), factor)[0]
-
-    _, t_residual = eqx.filter_jvp(balance, (inputs, correction), (by_inputs, t_correction))
-    return (correction, residual, outcome), (t_correction, t_residual, constant(outcome))
+    correction, held, outcome = solve(*primals)
+    t_correction, t_held = implied(
+        (forces, around, stage, load_factor),
+        (t_forces, t_around, t_stage, t_load_factor),
+        correction,
+    )
+    return (correction, held, outcome), (t_correction, t_held, constant(outcome))
 
 
 def imbalance(
@@ -205,15 +201,20 @@ def imbalance(
     )
 
 
-def implied(primals: Any, tangents: Any, correction: Rows) -> Rows:
-    """Return how a converged correction follows forces, water, stage and load factor."""
+def implied(primals: Any, tangents: Any, correction: Rows) -> tuple[Rows, Float[Array, "held b"]]:
+    """Return how a converged correction follows forces, water, stage and load factor.
+
+    And how the forces on what is prescribed do.
+    """
 
     def residual(forces: Forces, around: Surroundings, stage: Stage, factor: Array | None) -> Rows:
         return forces.residual(forces.motion(stage, correction, around), factor)[0]
 
     _, t_residual = eqx.filter_jvp(residual, primals, tangents)
     forces, around, stage, load_factor = primals
-    return newton_step(forces, around, stage, correction, t_residual, load_factor)
+    tangent = tangent_at(forces, around, stage, correction, load_factor)
+    followed = tangent.solve(-t_residual)
+    return followed, t_residual[:HELD] + tangent.on_held(followed)
 
 
 def constant(outcome: Outcome) -> Any:

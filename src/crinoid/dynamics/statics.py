@@ -276,7 +276,7 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
         begin, (forces, time, position), (t_forces, t_time, held)
     )
     full = jnp.ones(())
-    correction = implied(
+    correction, _ = implied(
         (forces, around, stage, full), (t_forces, t_around, t_stage, None), jnp.zeros_like(start)
     )
     t_frames = jax.tree.map(jnp.zeros_like, frames)

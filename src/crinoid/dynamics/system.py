@@ -128,7 +128,7 @@ class System(eqx.Module):
         # expanded from there. Not from Newton's guess, which is chosen: a step would jump with it
         around = self.forces.surroundings(stage, moved(before.acceleration))
         guess = moved(state.expected_acceleration)
-        correction, residual, outcome = solve(
+        correction, reaction, outcome = solve(
             self.forces, around, stage, guess, self.settings, None
         )
         motion = self.forces.motion(stage, correction, around)
@@ -136,7 +136,7 @@ class System(eqx.Module):
             motion,
             method.ahead(before.acceleration, state.ahead, motion.acceleration, h),
             servo,
-            residual[:HELD],
+            reaction,
             self._gap(self.forces, motion),
             jnp.stack([before.acceleration, state.earlier[0]]),
         )

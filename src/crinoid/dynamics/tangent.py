@@ -59,6 +59,15 @@ class Tangent(eqx.Module):
         )
         return answer.at[HELD:num_nodes].set(nodes).at[rows].set(bodies, unique_indices=True)
 
+    def on_held(self, change: Rows) -> Float[Array, "held b"]:
+        """Return how the forces on what is prescribed follow a change of the rest."""
+        near = 2 * HELD  # as far as elements reach
+        forces = chain.matvec(self.bands[:near], change[:near])[:HELD]
+        if self.border is None:
+            return forces
+        bodies = change[self.bands.shape[0] + jnp.asarray(self.free)]
+        return forces + jnp.einsum("icjd,jd->ic", self.border.of_nodes[:HELD], bodies)
+
 
 def _matvec(bands: chain.Bands, border: Border, nodes: Rows, bodies: Rows) -> tuple[Rows, Rows]:
     return (
