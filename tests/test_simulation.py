@@ -262,6 +262,23 @@ def test_a_run_goes_on_from_where_it_stopped_as_if_it_had_not(result, tmp_path):
         assert mine.notes == other.notes
 
 
+def test_a_run_that_goes_on_needs_no_program_of_its_own(result, part, monkeypatch):
+    kinds = []
+
+    def watched(*args: object) -> object:
+        kinds.append([jax.typeof(leaf) for leaf in jax.tree.leaves(args)])
+        return stretch(*args)
+
+    stretch = running.stretch
+    monkeypatch.setattr(running, "stretch", watched)
+    short = scenario(control__compare=False, simulation__duration=0.8)
+    play(Prepared(short))
+    fresh = len(kinds)
+    play(Prepared(short), resume=part)
+    assert len(kinds) >= fresh + 2 >= 4
+    assert all(kind == kinds[0] for kind in kinds)
+
+
 def test_a_run_that_stopped_between_two_kept_instants_counts_on():
     apart = {"output__interval": 0.3, "control__compare": False}
     part = crinoid.simulate(scenario(**apart, simulation__duration=0.7))
@@ -567,8 +584,9 @@ def test_the_public_core_steps_and_differentiates():
 
 def test_an_equilibrium_carries_no_load_of_a_flow_that_is_just_turning():
     # at t = 0 the water stands still everywhere, on its way to flow upward
-    swinging = {"kind": "sine", "amplitude": [0.0, 0.2], "frequency_hz": 1.0}
-    still = scenario(flow=[swinging, swinging], base__tilt_deg=0.0, arm__density=1025.0)
+    swinging = {"flow__1__amplitude": [0.0, 0.4], "flow__1__frequency_hz": 1.0}
+    calm = {"flow__0__velocity": [0.0, 0.0]}
+    still = scenario(**calm, **swinging, base__tilt_deg=0.0, arm__density=1025.0)
     found = crinoid.equilibrium(still).dataset
     np.testing.assert_allclose(found["tip_position"].values[0], [0.5, -10.0], atol=1e-9)
     np.testing.assert_allclose(found["base_force"].values[0], 0.0, atol=1e-8)

@@ -218,7 +218,7 @@ def _run(
         steps = min(chunk, total - done, stride * _CAPACITY)
         done += steps
         carry, kept, new, outcome = stretch(
-            loop, carry, jnp.asarray(done), jnp.asarray(stride), _CAPACITY
+            loop, carry, jnp.asarray(done, int), jnp.asarray(stride), _CAPACITY
         )
         records.append(jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept))  # noqa: B023
         took = time.perf_counter() - chunk_begun
@@ -268,6 +268,8 @@ def _stand(system: System, state: State) -> State:
 @compiled(**ONCE)
 def _begin(loop: Loop, state: State) -> tuple[LoopState, Record]:
     carry = loop.start(state)
+    # of no weak type, as what comes back from a file: both take the same compiled stretch
+    carry = jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), carry)
     return carry, record(loop, carry)
 
 
