@@ -14,8 +14,10 @@ _CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-# as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+# A third less to compile, as in crinoid's own programs (`crinoid.programs.OFTEN`); and quickly, as
+# most of what the tests compile runs for less time than XLA would spend on making it faster.
+_FLAGS = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_FLAGS}"
 
 from jaxtyping import install_import_hook  # noqa: E402
 
