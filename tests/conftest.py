@@ -14,10 +14,11 @@ _CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-# A third less to compile, as in crinoid's own programs (`crinoid.programs.OFTEN`); and quickly, as
-# most of what the tests compile runs for less time than XLA would spend on making it faster.
-_FLAGS = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_FLAGS}"
+# as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+# Most of what the tests compile runs for less time than XLA would spend on making it faster. A file
+# of which that is not true says `RUNS_LONG = True`.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
 
 from jaxtyping import install_import_hook  # noqa: E402
 
@@ -26,13 +27,17 @@ install_import_hook("crinoid", "beartype.beartype")
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _forget_compiled_code() -> Iterator[None]:
+def _compiled_code(request: pytest.FixtureRequest) -> Iterator[None]:
     """Let go of what a file compiled: thousands of programs in one process crash it."""
-    yield
     import jax
 
     from crinoid.programs.store import STORE
 
+    quickly = jax.config.read("jax_disable_most_optimizations")
+    if getattr(request.module, "RUNS_LONG", False):
+        jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", quickly)
     STORE.set(None)  # which a command has set
     jax.clear_caches()
     gc.collect()

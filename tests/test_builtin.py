@@ -11,6 +11,7 @@ from crinoid.metrics import angle_error, channel_use, settling_time, tip_error
 from crinoid.scenario import builtin_names
 from crinoid.simulation import equilibrium
 
+RUNS_LONG = True
 LARGER = {
     name: gains.model_dump() | {key: 1.5 * getattr(gains, key) for key in ("kp", "ki", "kd")}
     for name, gains in crinoid.load("station-keeping").control.pid.present.items()
