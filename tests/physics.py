@@ -255,7 +255,7 @@ class Kept(eqx.Module):
 
     @staticmethod
     def of(system: System, state: State) -> "Kept":
-        return Kept(state, system.open_books(state), system.energy(state))
+        return Kept(state, Books.of(system.forces, state), system.energy(state))
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -276,7 +276,7 @@ class Kept(eqx.Module):
 
     def step(self, system: System, command: Array, step: Array) -> tuple["Kept", Outcome]:
         state, outcome = system.step(self.state, command, step)
-        books = system.account(self.books, self.state, state, step)
+        books = self.books.after(system.forces, self.state, state, step)
         return Kept(state, books, system.energy(state)), outcome
 
     def advance(

@@ -1,4 +1,4 @@
-"""The plane and space: what their axes, the base's channels and the tip's coordinates are called.
+"""The plane and space: names of their axes, the base's channels and the tip's coordinates.
 
 By the number of axes, 2 or 3. A planar arm moves in x (forward) and z (up); y is to port.
 """
@@ -21,3 +21,6 @@ POSE = {
 }
 """What the tip's pose is made of: its place (m) and where it points, in the plane an angle (rad)
 and in space a unit vector."""
+
+LARGEST_TURN = 170.0
+"""Turn between two edges past which bending means nothing (degrees)."""

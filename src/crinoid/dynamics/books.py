@@ -1,9 +1,16 @@
-"""The running accounts of an arm: works of the energy ledger, and what contacts did."""
+"""The running accounts of an arm: works of the energy ledger, and impulses of contacts."""
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.obstacles import Touch
+from crinoid.dynamics.state import State
+from crinoid.dynamics.tangent import HELD
+from crinoid.elements import WORKS
+
+_ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
 
 
 class Books(eqx.Module):
@@ -16,3 +23,27 @@ class Books(eqx.Module):
     """Work done on the arm since the start, in the same order (J)."""
     touch: Touch | None
     """Forces, impulses and times of the obstacles on the arm."""
+
+    @staticmethod
+    def of(forces: Forces, state: State) -> "Books":
+        """Open the books of an arm that starts from ``state``."""
+        _, working = forces.audit(state.motion)
+        working = working.at[_ACTUATION, :HELD].add(state.reaction)
+        touch = None
+        if forces.obstacles is not None:
+            touch, pushed = forces.obstacles.touch(state.motion)
+            working = working.at[_CONTACT].set(pushed)
+        return Books(working, jnp.zeros(len(WORKS)), touch)
+
+    def after(self, forces: Forces, before: State, after: State, step: Array) -> "Books":
+        """Return the books after a step of given length (s).
+
+        Works are forces along the path, which is known, and not powers over the time: a servo's
+        speed, or that of an arm that is hit, may change much within a step.
+        """
+        now = Books.of(forces, after)
+        path = forces.nodes(after.motion.position - before.motion.position)
+        work = self.work + 0.5 * jnp.sum((self.working + now.working) * path, axis=(1, 2))
+        if now.touch is None or self.touch is None:
+            return Books(now.working, work, None)
+        return Books(now.working, work, now.touch.since(self.touch, step))

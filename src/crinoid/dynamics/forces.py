@@ -4,13 +4,12 @@ Whatever moves has a row in the arrays here: first the nodes, then the obstacles
 entries: the ``d`` coordinates of a place and, in space, the spin of the edge that ends at the node.
 """
 
-import math
 from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from crinoid import chain
 from crinoid.dynamics.integrator import Stage
@@ -36,9 +35,6 @@ Rows = Float[Array, "rows b"]
 Places = Float[Array, "rows d"]
 Elements = tuple[Element, ...]
 Slopes = tuple[Array, Array | None]
-
-_SHARPEST = math.cos(math.radians(170.0))
-"""Cosine of the largest angle between two edges that counts."""
 
 
 class Forces(eqx.Module):
@@ -214,12 +210,12 @@ class Forces(eqx.Module):
 
     @property
     def bend(self) -> Bend | BendTwist | None:
-        """What resists bending, and in space twisting."""
+        """Element that resists bending, and in space twisting."""
         return next((e for e in self.elements if isinstance(e, Bend | BendTwist)), None)
 
     @property
     def stretch(self) -> Stretch | None:
-        """What resists stretching."""
+        """Element that resists stretching."""
         return next((e for e in self.elements if isinstance(e, Stretch)), None)
 
     @property
@@ -240,7 +236,7 @@ class Forces(eqx.Module):
     def strains(self, motion: Motion) -> Float[Array, "bent strain"]:
         """Return by how much each node but the tip is bent beyond its rest, in space also twisted.
 
-        Of a root that turns freely zero.
+        Zero at a root that turns freely.
         """
         bend = self._known_bend()
         owned = self._windows(bend, motion)
@@ -254,29 +250,6 @@ class Forces(eqx.Module):
         if self.bend is None:
             raise ValueError("nothing resists bending: elements takes a Bend, in space a BendTwist")
         return self.bend
-
-    def folded(self, position: Rows) -> Bool[Array, ""]:
-        """Return whether two edges meet at an angle past which bending means nothing.
-
-        At half a turn the strains are infinite; a step can jump over it, and come out as if bent
-        the other way.
-        """
-        return jnp.any(self.facing(position) < _SHARPEST)
-
-    def facing(self, position: Rows) -> Float[Array, " bent"]:
-        """Return the cosine of the turn at each node but the tip.
-
-        It is 1 where nothing resists: a planar root that turns freely may point anywhere. One in
-        space is a joint that resists twist, which means nothing past half a turn either.
-        """
-        edges = jnp.diff(self.nodes(position)[:, : self.axes], axis=0)
-        tangent = edges / jnp.sqrt(jnp.sum(edges**2, axis=1))[:, None]
-        cosine = jnp.sum(tangent[1:] * tangent[:-1], axis=1)
-        bend = self.bend
-        if bend is None:
-            return jnp.ones_like(cosine)
-        resists = jnp.max(bend.stiffness.reshape(cosine.size, -1), axis=1) > 0
-        return jnp.where(resists, cosine, 1.0)
 
     def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, "work n b"]]:
         """Return the stored energies (J), and the forces on the nodes that are not stored (N, N m).

@@ -10,22 +10,22 @@ from crinoid import chain
 from crinoid.base import Base, ServoState
 from crinoid.dynamics import modes, start, statics
 from crinoid.dynamics.books import Books
+from crinoid.dynamics.fold import SHARPEST, facing
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.halving import Progress, halve
 from crinoid.dynamics.integrator import Integrator, Stage
 from crinoid.dynamics.newton import Outcome, Settings, newton_step, solve
+from crinoid.dynamics.prescribed import prescribed
 from crinoid.dynamics.start import as_rows
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import HELD
 from crinoid.dynamics.tip import tip_pose
-from crinoid.elements import WORKS, Motion
+from crinoid.elements import Motion
 from crinoid.frames import Frames
 from crinoid.reference import Reference
 
 Channels = Float[Array, " channel"]
 Rows = Float[Array, "rows b"]
-
-_ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
 
 
 class System(eqx.Module):
@@ -119,7 +119,8 @@ class System(eqx.Module):
         h = self.time_step if step is None else jnp.asarray(step, float)
         before, method = state.motion, self.integrator
         servo = self.base.servo.advance(state.servo, command, h)
-        stage = self._prescribe(state, method.stage(before, state.ahead, h, state.frames), servo, h)
+        stage = method.stage(before, state.ahead, h, state.frames)
+        stage = prescribed(self.forces, self.base, stage, state, servo, h)
 
         def moved(acceleration: Rows) -> Rows:
             return method.correction(acceleration, h).at[:HELD].set(0.0)  # these are prescribed
@@ -167,34 +168,11 @@ class System(eqx.Module):
         def once(carry: tuple[State, Books], part: Array) -> tuple[tuple[State, Books], Outcome]:
             state, books = carry
             after, outcome = self.step(state, command, part)
-            return (after, self.account(books, state, after, part)), outcome
+            return (after, books.after(self.forces, state, after, part)), outcome
 
         h = self.time_step if step is None else jnp.asarray(step, float)
         (state, books), progress = halve(once, (state, books), h, self.max_halvings, self.max_error)
         return state, books, progress
-
-    def open_books(self, state: State) -> Books:
-        """Return the accounts of an arm that starts from ``state``."""
-        _, working = self.forces.audit(state.motion)
-        working = working.at[_ACTUATION, :HELD].add(state.reaction)
-        touch = None
-        if self.forces.obstacles is not None:
-            touch, pushed = self.forces.obstacles.touch(state.motion)
-            working = working.at[_CONTACT].set(pushed)
-        return Books(working, jnp.zeros(len(WORKS)), touch)
-
-    def account(self, books: Books, before: State, after: State, step: float | Array) -> Books:
-        """Return the accounts after a step of given length (s).
-
-        Works are forces along the path, which is known, and not powers over the time: a servo's
-        speed, or that of an arm that is hit, may change much within a step.
-        """
-        now = self.open_books(after)
-        path = self.forces.nodes(after.motion.position - before.motion.position)
-        work = books.work + 0.5 * jnp.sum((books.working + now.working) * path, axis=(1, 2))
-        if now.touch is None or books.touch is None:
-            return Books(now.working, work, None)
-        return Books(now.working, work, now.touch.since(books.touch, jnp.asarray(step)))
 
     def energy(self, state: State) -> Float[Array, " energy"]:
         """Return the stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
@@ -270,47 +248,13 @@ class System(eqx.Module):
         """Return how the tip's pose follows small moves of the last three nodes."""
         return jax.jacfwd(tip_pose)(state.position[-3:])
 
-    def _prescribe(self, state: State, stage: Stage, servo: ServoState, step: Array) -> Stage:
-        """Return the stage with the motion set of what is not solved for."""
-        held = self.base.prescribe(stage.time, servo)
-        position = held.position
-        if held.frame is not None:
-            frames = stage.frames
-            assert frames is not None
-            spin = frames.spin_to(1, held.frame[0], held.frame[1])
-            position = as_rows(position, 4).at[1, 3].set(spin)
-        given = (position, held.velocity, held.acceleration)
-        rows = tuple(
-            row.at[:HELD].set(value)
-            for row, value in zip(
-                (stage.position, stage.velocity, stage.acceleration), given, strict=True
-            )
-        )
-        obstacles = self.forces.obstacles
-        if obstacles is not None:
-            count = obstacles.count
-            place, velocity = obstacles.lead(
-                state.motion.position[-count:, : self.forces.axes],
-                state.motion.flow_velocity[-count:],
-                lambda places: self.forces.flow_velocity(places, stage.time),
-                step,
-            )
-            values = (place, velocity, jnp.zeros_like(place))
-            at = obstacles.led - count  # rows counted from the end
-            width = position.shape[1]
-            rows = tuple(
-                row.at[at].set(as_rows(value[obstacles.led], width), unique_indices=True)
-                for row, value in zip(rows, values, strict=True)
-            )
-        return eqx.tree_at(lambda s: (s.position, s.velocity, s.acceleration), stage, rows)
-
     def _judged(self, state: State, after: State, outcome: Outcome, step: Array) -> Outcome:
         """Return the outcome of a step, which counts only if neither folds, errors nor hits forbid.
 
         Whether Newton's method converged the outcome says on entry.
         """
         before, now = state.motion, after.motion
-        folded = self.forces.folded(now.position)
+        folded = jnp.any(facing(self.forces, now.position) < SHARPEST)
         error = jnp.where(outcome.converged, self._error(before, now, step), 0.0)
         good, resolved = outcome.converged & ~folded & (error <= self.max_error), outcome.resolved
         if self.forces.obstacles is not None:

@@ -15,7 +15,7 @@ from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle
 from crinoid.scenario.simulation import Output, Simulation, not_whole, whole_steps
 from crinoid.scenario.target import Target
 from crinoid.scenario.water import Water
-from crinoid.space import AXES, CHANNELS
+from crinoid.space import AXES, CHANNELS, LARGEST_TURN
 
 __all__ = [
     "channel_conflicts",
@@ -40,8 +40,6 @@ _PARTNERS = {
     3: {"slide": "x", "sway": "y", "heave": "z"},
 }
 
-_SHARPEST = 170.0
-"""Turn between two edges past which bending means nothing (degrees)."""
 _MAX_BYTES = 8e9
 _BYTES_OF_A_RESULT = {2: 125, 3: 205}
 """Bytes of a node at an instant, by dimension; obstacles come on top."""
@@ -73,8 +71,8 @@ def shape_conflicts(arm: Arm) -> Iterator[Mistake]:
     given = arm.rest_curvature
     bend = math.hypot(*given[:2]) if isinstance(given, tuple) else abs(given)
     turn = math.degrees(bend * arm.length / (arm.nodes - 1))
-    if turn > _SHARPEST:
-        text = f"turns the arm by {turn:.0f} degrees at each node; takes up to {_SHARPEST:.0f}: "
+    if turn > LARGEST_TURN:
+        text = f"turns the arm by {turn:.0f} degrees at each node; takes up to {LARGEST_TURN:.0f}: "
         yield Mistake("arm.rest_curvature", text + "less, or more arm.nodes")
 
 

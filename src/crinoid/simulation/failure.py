@@ -6,8 +6,10 @@ import numpy as np
 import xarray as xr
 
 from crinoid.dynamics import Outcome, State, System
+from crinoid.dynamics.fold import facing
 from crinoid.ledger import Defect, shorter, turned
 from crinoid.scenario import Scenario, counted
+from crinoid.space import LARGEST_TURN
 
 _LATELY = 5
 """Saved instants before a failure that tell how the arm moved into it."""
@@ -73,11 +75,11 @@ def _trouble(
             f"{smaller}, more simulation.max_halvings, or slower obstacles",
         )
     if outcome.folded:
-        facing = np.asarray(system.forces.facing(state.motion.position))
-        node, angle = int(np.argmin(facing)), np.rad2deg(np.arccos(np.clip(facing.min(), -1, 1)))
+        cosine = np.asarray(facing(system.forces, state.motion.position))
+        node, angle = int(np.argmin(cosine)), np.rad2deg(np.arccos(np.clip(cosine.min(), -1, 1)))
         return (
-            f"the arm folds onto itself, two edges meet at more than 170 degrees {halvings}, and "
-            f"node {node} was bent by {angle:.0f} before",
+            f"the arm folds onto itself, two edges meet at more than {LARGEST_TURN:.0f} degrees "
+            f"{halvings}, and node {node} was bent by {angle:.0f} before",
             f"{_other_base(scenario)}more arm.nodes, weaker loads, a stiffer arm, or {smaller}",
         )
     if outcome.error > system.max_error:
@@ -102,7 +104,9 @@ def nearness(obstacle: int, gap: float) -> str:
 def _other_base(scenario: Scenario) -> str:
     """Say what to try first where a joint may be bent too far."""
     jointed = scenario.arm.dimension == 3 and scenario.base.mount == "pinned"
-    return "a base that points less than 170 degrees from where the arm hangs, " * jointed
+    if not jointed:
+        return ""
+    return f"a base that points less than {LARGEST_TURN:.0f} degrees from where the arm hangs, "
 
 
 def imbalance(system: System, outcome: Outcome) -> str:

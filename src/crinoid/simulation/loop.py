@@ -75,7 +75,7 @@ class Loop(eqx.Module):
         pose = self.system.tip(state)
         return LoopState(
             state,
-            self.system.open_books(state),
+            Books.of(self.system.forces, state),
             self.sensor.start(pose),
             self.controller.start(pose),
             jnp.asarray(0),

@@ -1,0 +1,52 @@
+"""Prescribed motion: the rows that a step does not solve for, held by the base or led."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from crinoid.base import Base, ServoState
+from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.start import as_rows
+from crinoid.dynamics.state import State
+from crinoid.dynamics.tangent import HELD
+
+
+def prescribed(
+    forces: Forces, base: Base, stage: Stage, state: State, servo: ServoState, step: Array
+) -> Stage:
+    """Return the stage with the motion of the held nodes and the led obstacles set.
+
+    The stage is that of a step of given length (s) from ``state``, with the servo at its end.
+    """
+    held = base.prescribe(stage.time, servo)
+    position = held.position
+    if held.frame is not None:
+        frames = stage.frames
+        assert frames is not None
+        spin = frames.spin_to(1, held.frame[0], held.frame[1])
+        position = as_rows(position, 4).at[1, 3].set(spin)
+    given = (position, held.velocity, held.acceleration)
+    rows = tuple(
+        row.at[:HELD].set(value)
+        for row, value in zip(
+            (stage.position, stage.velocity, stage.acceleration), given, strict=True
+        )
+    )
+    obstacles = forces.obstacles
+    if obstacles is not None:
+        count = obstacles.count
+        place, velocity = obstacles.lead(
+            state.motion.position[-count:, : forces.axes],
+            state.motion.flow_velocity[-count:],
+            lambda places: forces.flow_velocity(places, stage.time),
+            step,
+        )
+        values = (place, velocity, jnp.zeros_like(place))
+        at = obstacles.led - count  # rows counted from the end
+        width = position.shape[1]
+        rows = tuple(
+            row.at[at].set(as_rows(value[obstacles.led], width), unique_indices=True)
+            for row, value in zip(rows, values, strict=True)
+        )
+    return eqx.tree_at(lambda s: (s.position, s.velocity, s.acceleration), stage, rows)
