@@ -1,4 +1,4 @@
-"""What the theory of beams says of a straight clamped arm whose weight sets in: small motion."""
+"""Beam theory of a straight clamped arm whose weight sets in: small motion."""
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -7,7 +7,7 @@ from scipy.linalg import eigh
 from crinoid import Scenario
 
 SHEAR_COEFFICIENT = 27 / 28
-"""Of a round section, as PyElastica has it (Kaneko 1975, for Poisson's ratio 1/2)."""
+"""Shear coefficient of a round section in PyElastica (Kaneko 1975, Poisson's ratio 1/2)."""
 
 
 def beam_tip(scenario: Scenario, times: np.ndarray, *, shears: bool) -> np.ndarray:

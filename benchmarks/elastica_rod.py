@@ -13,7 +13,7 @@ from rest_shape import rest_shape
 
 
 class _World(elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing):
-    """What holds a rod and pulls at it."""
+    """A rod, its clamp and the forces on it, as PyElastica collects them."""
 
 
 class ElasticaRod:

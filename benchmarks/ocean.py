@@ -1,4 +1,4 @@
-"""What turbulence, waves, a measured current and obstacles cost, over a uniform current.
+"""Cost of turbulence, waves, a measured current and obstacles, over a uniform current.
 
 One time step of the closed loop of `planar.toml`, its current replaced, run by the same
 compiled program as `crinoid run`; and how often Newton's method iterates.
@@ -28,7 +28,7 @@ MEAN = [0.25, 0.0]
 UNIFORM = {"kind": "uniform", "velocity": MEAN, "ramp_time": 3.0}
 RECORD = Path(crinoid.__file__).parent / "scenario" / "library" / "tidal-channel.nc"
 RADIUS = 0.015
-"""Of a drifting body (m)."""
+"""Radius of a drifting body (m)."""
 
 
 def turbulence(modes: int) -> dict[str, Any]:

@@ -47,7 +47,7 @@ STEADY = 'flow=[{kind="uniform", velocity=[0.25, 0.0], ramp_time=3.0}]'
 STEADY_IN_SPACE = 'flow=[{kind="uniform", velocity=[0.25, -0.15, 0.05], ramp_time=3.0}]'
 
 COMPARED = (CONTROLLED, SPATIAL_BARE)
-"""What MuJoCo is held against."""
+"""Cases that MuJoCo is compared with."""
 
 HELD = (None, 1e-3, 1e-7, 1e-8)
 """Values of simulation.error to compare."""

@@ -1,4 +1,4 @@
-"""What every test runs under: compiled code kept between runs, and shapes checked at run time."""
+"""Settings of every test: compiled code kept between runs, and shapes checked at run time."""
 
 import gc
 import os

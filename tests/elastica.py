@@ -11,7 +11,7 @@ UPRIGHT = np.pi / 2
 
 
 class Shape(NamedTuple):
-    """What is compared of a shape of unit length."""
+    """Measures of a shape of unit length that tests compare."""
 
     x: float
     z: float

@@ -168,7 +168,7 @@ def crowd(**changes):
             gravity=9.81,
         )(rod)
         bodies = jax.tree.map(lambda x: x[:2], whole.bodies)
-        return Obstacles(whole.contact, bodies, whole.place, whole.drift, (0, 1), ())
+        return Obstacles(whole.contact, bodies, whole.position, whole.drift, (0, 1), ())
 
     wet = {"nodes": 8, "damping_time": 0.02, "water_density": 1000.0, "gravity": 9.81}
     return arm(

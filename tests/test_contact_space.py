@@ -341,7 +341,7 @@ def test_carried_obstacles_follow_the_water_in_space_at_order_two():
     obstacles, _ = crowd(free=())
     errors = []
     for steps in (5, 10, 20):
-        position = obstacles.place.at[1].set(jnp.asarray([1.0, 0.0, -2.0]))
+        position = obstacles.position.at[1].set(jnp.asarray([1.0, 0.0, -2.0]))
         velocity = obstacles.begin(position, water)
         np.testing.assert_allclose(velocity[1], [0.0, 1.0, 0.2])
         np.testing.assert_allclose(velocity[2], obstacles.drift[2])

@@ -351,7 +351,7 @@ def test_an_edge_that_moves_rigidly_has_the_kinetic_energy_of_a_tapered_rod():
 W = 0.7
 """A relative speed (m/s)."""
 THIRDS = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
-"""What falls to each end of an edge of what runs linearly along it."""
+"""Share that each end of an edge bears of a load that runs linearly along it."""
 
 
 @pytest.mark.parametrize("edge_angle", [0.0, 0.9, -2.0])

@@ -119,7 +119,7 @@ def test_a_loose_tolerance_is_the_cause_of_what_it_lets_pass():
 
 
 RINGING = 3.0 / 0.01
-"""Of a vibration that turns by 3 rad in a time step (1/s)."""
+"""Angular frequency of a vibration that turns by 3 rad in a time step (rad/s)."""
 
 
 @pytest.mark.parametrize(

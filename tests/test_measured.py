@@ -39,7 +39,7 @@ def swell(time, level=0.0):
 
 
 def point(path, *, interval=0.1, length=40.0, units="m s-1", time_units="s", since=0.0, scale=1.0):
-    """Write a record of one place, as of a velocimeter."""
+    """Write a record at one point, as of a velocimeter."""
     time = np.arange(round(length / interval) + 1) * interval
     xr.Dataset(
         {
@@ -123,7 +123,7 @@ def refusal(case):
     return caught.value.lines[0]
 
 
-# --- a record of one place ---------------------------------------------------------------------
+# --- a record at one point ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -149,10 +149,10 @@ def test_an_overlap_is_a_mistake_and_nothing_is_written(here):
         assert ended.exit_code == 2
         lines = ended.stderr.strip().splitlines()
         assert lines == [
-            "crinoid: obstacle.0.position: lies 50 mm inside the arm without load, takes a place "
-            "clear of it",
-            "crinoid: obstacle.1.position: lies 20 mm inside the arm without load, takes a place "
-            "clear of it",
+            "crinoid: obstacle.0.position: lies 50 mm inside the arm without load, takes a "
+            "position clear of it",
+            "crinoid: obstacle.1.position: lies 20 mm inside the arm without load, takes a "
+            "position clear of it",
         ]
     ended = call("run", "touched.toml", "--set", "vary.'obstacle.0.radius'=[0.03, 0.07]")
     assert ended.exit_code == 2

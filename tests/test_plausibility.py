@@ -1,4 +1,4 @@
-"""What is odd about a scenario is told before it is run: each rule, odd and plausible."""
+"""Odd numbers of a scenario are told before it is run: each rule, odd and plausible."""
 
 import math
 import re

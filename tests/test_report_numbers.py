@@ -1,4 +1,4 @@
-"""What the figures show, as numbers: spectra of errors, frames, sweeps, limits of forces."""
+"""Numbers in the figures: spectra of errors, frames, sweeps, limits of forces."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the command line saves, where it refuses to, and what becomes of what was there before.
+"""Saving by the command line: files, refusals, and the fate of files from before.
 
 No test here computes a motion: `Player` stands for the simulation.
 """

@@ -51,7 +51,7 @@ def arm(kinds, tilt, seed=0, *, pinned=False, mean=0.2, intensity=0.2, scale=0.3
         ],
         seed=seed,
     )
-    # a record of one place, drifting past
+    # a record at one point, drifting past
     past = np.array([0.25, 0.0])
     when = np.linspace(-20.0, 20.0, 81)
     wandering = 1 + 0.3 * np.sin(2.0 * when[:, None] + np.arange(2))

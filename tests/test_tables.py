@@ -1,4 +1,4 @@
-"""What sums up a run, and the tables that show it."""
+"""Metrics of a run, and the tables that show them."""
 
 import numpy as np
 import pytest

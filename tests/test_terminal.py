@@ -1,4 +1,4 @@
-"""What the command line shows, and how soon; no test here runs a simulation."""
+"""The command line: its output, and how soon it comes; no test here runs a simulation."""
 
 import json
 import os

@@ -15,7 +15,7 @@ from crinoid.flow import Turbulence, Water
 from crinoid.onset import Onset
 
 SPEED = 1.5
-"""Of the mean (m/s), along x."""
+"""Mean speed (m/s), along x."""
 INTENSITY = 0.2
 LENGTH = 0.8
 """Longitudinal integral scale (m)."""

@@ -68,7 +68,12 @@ def build_dataset(system: System, diameters: Sequence[float], kept: Record) -> x
     tip, target = kept.tip[:, :count], kept.wanted[:, :count]
 
     quantities: _Quantities = {
-        "position": (("time", "node", "axis"), kept.position + origin, "m", "place of the nodes"),
+        "position": (
+            ("time", "node", "axis"),
+            kept.position + origin,
+            "m",
+            "position of the nodes",
+        ),
         "velocity": (("time", "node", "axis"), kept.velocity, "m s-1", "velocity of the nodes"),
         "acceleration": (
             ("time", "node", "axis"),
@@ -79,7 +84,7 @@ def build_dataset(system: System, diameters: Sequence[float], kept: Record) -> x
         "tangent": (("time", "edge", "axis"), tangent, "1", "direction of the edges"),
         **_bending(kept),
         "tension": (("time", "edge"), tension, "N", "axial force in the edges, tension positive"),
-        "tip_position": (("time", "axis"), tip, "m", "place of the tip"),
+        "tip_position": (("time", "axis"), tip, "m", "position of the tip"),
         "tip_target": (("time", "axis"), target, "m", "where the tip should be"),
         **_pointing(kept),
         "tip_error": (
@@ -293,7 +298,7 @@ def _contact(kept: Record, touch: Touch, origin: np.ndarray) -> _Quantities:
             vectors,
             kept.obstacle_position + origin,
             "m",
-            "place of the obstacles",
+            "position of the obstacles",
         ),
         "obstacle_velocity": (
             vectors,

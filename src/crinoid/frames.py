@@ -3,7 +3,7 @@
 A frame is a tangent ``t`` and a director ``m_1`` normal to it; ``m_2 = t x m_1`` completes it.
 Frames are carried on by parallel transport, the rotation from one tangent to another that does
 not turn about either, plus a spin about the tangent (Bergou et al. 2008, section 4.2; 2010,
-section 4). So the spin of an edge is a coordinate of its own beside the places of its ends.
+section 4). So the spin of an edge is a coordinate of its own beside the positions of its ends.
 """
 
 import equinox as eqx
@@ -65,12 +65,13 @@ class Orientation(eqx.Module):
     director: Float[Array, "*count n 3"]
     """Material director m_1 of each edge."""
     twist: Float[Array, "*count n"]
-    """At each node, between the edges that end and begin there (rad)."""
+    """Twist at each node, between the edges that end and begin there (rad)."""
     lean: Float[Array, "*count n 3"]
-    """What drags the directors along where places change and spins do not.
+    """Spin of each director about its tangent, over a change ``dt`` of the tangent: ``lean . dt``.
 
-    Each spins about its tangent by ``lean . dt`` then: transport from the tangent of before is not
-    transport from the latest one (the area on the sphere between the two ways).
+    Directors spin by that much where positions change and spins do not, because transport from the
+    tangent at the start of a step is not transport from the latest one (they differ by the area on
+    the sphere between the two ways).
     """
 
 

@@ -1,4 +1,4 @@
-"""What a user should know of a run that its numbers do not say by themselves."""
+"""Notes on a run: facts that a user should know and its numbers alone do not say."""
 
 from __future__ import annotations
 

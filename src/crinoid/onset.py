@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 _SLACK = 1e-9
-"""What round-off may make a time step late (s)."""
+"""Time by which round-off may make a time step late (s)."""
 
 
 class Onset(eqx.Module):

@@ -1,4 +1,4 @@
-"""What of a run is kept."""
+"""The record of a run: the quantities saved at each instant."""
 
 import equinox as eqx
 from jaxtyping import Array, Float, Int
@@ -7,7 +7,7 @@ from crinoid.dynamics import Touch
 
 
 class Record(eqx.Module):
-    """One saved instant. SI units; places are relative to the base's set position."""
+    """One saved instant. SI units; positions are relative to the base's set position."""
 
     time: Float[Array, "*t"]
     position: Float[Array, "*t n d"]
@@ -20,7 +20,7 @@ class Record(eqx.Module):
     wanted: Float[Array, "*t pose"]
     command: Float[Array, "*t channel"]
     servo: Float[Array, "*t channel"]
-    """Where the servos are; the pose adds the prescribed motions to that."""
+    """Position of the servos; the pose adds the prescribed motions."""
     pose: Float[Array, "*t channel"]
     base_force: Float[Array, "*t d"]
     base_moment: Float[Array, "*t"] | Float[Array, "*t 3"]

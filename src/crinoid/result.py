@@ -1,4 +1,4 @@
-"""What a run gives: an `xarray.Dataset` with units, and the state to go on from."""
+"""The result of a run: an `xarray.Dataset` with units, and the state to go on from."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Result:
 
     @property
     def notes(self) -> list[str]:
-        """What should be known of the run besides its data, a sentence each."""
+        """Notes on the run that its data do not give, a sentence each."""
         return str(self.dataset.attrs.get("notes", "")).splitlines()
 
     @property
@@ -95,7 +95,7 @@ class Result:
 
     @property
     def failure(self) -> str:
-        """What went wrong in this run or in the one without control; empty if nothing did."""
+        """Failure of this run or of the one without control; empty if neither failed."""
         other = self.uncontrolled.failure if self.uncontrolled is not None else ""
         return self.status if self.status.startswith("failed") else other
 
@@ -187,7 +187,7 @@ class Result:
 
 
 def named_leaves(tree: Any) -> dict[str, np.ndarray]:
-    """Return the arrays of a tree by their place in it, such as ``state.motion.position``."""
+    """Return the arrays of a tree by their path in it, such as ``state.motion.position``."""
     return {
         jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf)
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def measured(
     onset: Onset, recording: Recording, origin: tuple[float, ...]
 ) -> MeasuredPoint | MeasuredProfile:
-    """Return the flow of a recording; that of one place is met at ``origin`` (m)."""
+    """Return the flow of a recording; that of one point is met at ``origin`` (m)."""
     from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
 
     stage = recording.stage

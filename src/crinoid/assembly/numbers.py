@@ -1,4 +1,4 @@
-"""What the builders hand over: numbers by name, and arrays."""
+"""Numbers by name, and arrays, which the builders hand over."""
 
 from typing import Any
 

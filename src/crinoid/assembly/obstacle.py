@@ -69,7 +69,7 @@ class ObstacleParameters(eqx.Module):
             bodies=Body.of(
                 mass=self.mass[free], radius=self.radius[free], density=density, gravity=gravity
             ),
-            place=self.position - origin,
+            position=self.position - origin,
             drift=self.velocity,
             free=self.free,
             carried=self.carried,

@@ -191,7 +191,7 @@ class Parameters(eqx.Module):
     """Each flow as it is computed: speeds by the names of the scenario where it has them; of one
     that is random what was drawn, of one that was measured its splines."""
     load: tuple[Numbers, ...]
-    """What each load's element takes, by name."""
+    """Arguments of each load's element, by name."""
     obstacle: ObstacleParameters | None
     pid: PidParameters
     simulation: SimulationParameters

@@ -22,7 +22,7 @@ def find_room(system: System) -> Float[np.ndarray, " m"]:
     mistakes = [
         Mistake(
             f"obstacle.{index}.position",
-            f"lies {-1e3 * gap:.3g} mm inside the arm without load, takes a place clear of it",
+            f"lies {-1e3 * gap:.3g} mm inside the arm without load, takes a position clear of it",
         )
         for index, gap in enumerate(room)
         if gap < 0

@@ -51,7 +51,7 @@ class Base(eqx.Module):
 
     @property
     def axes(self) -> int:
-        """Number of axes of a place."""
+        """Number of axes of a position."""
         return 2 if self.angles.shape[0] == 1 else 3
 
     def direction(self, pose: Channels) -> Float[Array, " d"]:
@@ -83,12 +83,12 @@ class Base(eqx.Module):
         return jnp.stack([jnp.stack([cosine, -sine]), jnp.stack([sine, cosine])])
 
     def hold(self, pose: Channels) -> Float[Array, "2 d"]:
-        """Return the places of the ghost node and the root for a pose."""
+        """Return the positions of the ghost node and the root for a pose."""
         root = pose[: self.axes]
         return jnp.stack([root - self.ghost_length * self.direction(pose), root])
 
     def moving(self, pose: Channels, rate: Channels) -> tuple[Array, Array]:
-        """Return the places held, and how they move: in space with the ghost edge's spin."""
+        """Return the positions held, and how they move: in space with the ghost edge's spin."""
         position, velocity = jax.jvp(self.hold, (pose,), (rate,))
         if self.axes == 2:
             return position, velocity

@@ -1,4 +1,4 @@
-"""What closes the loop: sensor, target and controllers."""
+"""Parts that close the loop: sensor, target and controllers."""
 
 from crinoid.control.clock import Clock as Clock
 from crinoid.control.controller import Controller as Controller

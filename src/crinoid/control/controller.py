@@ -1,4 +1,4 @@
-"""What a controller is."""
+"""The interface of all controllers, and the one that does nothing."""
 
 from abc import abstractmethod
 from typing import Any

@@ -10,7 +10,7 @@ from crinoid.onset import Onset
 
 
 class PidMemory(eqx.Module):
-    """What a PID carries from one call to the next, per channel."""
+    """Numbers that a PID carries from one call to the next, per channel."""
 
     integral: Channels
     """Command of the integral term (m, rad)."""

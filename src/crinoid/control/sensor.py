@@ -1,4 +1,4 @@
-"""What the controller knows of the tip."""
+"""The sensor of the tip: samples at a rate, with delay and noise."""
 
 import equinox as eqx
 import jax

@@ -112,7 +112,7 @@ def sample_current(prepared: Prepared) -> xr.Dataset:
             "position": (
                 ("place", "axis"),
                 np.stack([root, tip]),
-                {"units": "m", "long_name": "place of the ends"},
+                {"units": "m", "long_name": "position of the ends"},
             ),
             "frequency": ("frequency", frequency, {"units": "Hz", "long_name": "frequency"}),
             "height": (

@@ -75,7 +75,7 @@ def von_karman(
 ) -> Float[np.ndarray, " frequency"]:
     """Return von Karman's one-sided spectral density of a component (m2 s-2/Hz).
 
-    Of isotropic turbulence that is carried past a place (T. von Karman, Progress in the
+    Of isotropic turbulence that is carried past a point (T. von Karman, Progress in the
     statistical theory of turbulence, PNAS 34 (1948); ESDU 85020).
 
     Parameters

@@ -1,4 +1,4 @@
-"""What sums up a current at one place."""
+"""Statistics that sum up a current at one point."""
 
 from typing import NamedTuple
 
@@ -10,16 +10,16 @@ _STEADY = 1e-9
 
 
 class Statistics(NamedTuple):
-    """Of a velocity over time, by component; not a number where there is none."""
+    """Statistics of a velocity over time, by component; not a number where there is none."""
 
     mean: Float[np.ndarray, " axis"]
     """Mean velocity (m/s)."""
     mean_speed: float
     """Mean of the speed (m/s)."""
     greatest_speed: float
-    """In m/s."""
+    """Greatest speed (m/s)."""
     standard_deviation: Float[np.ndarray, " axis"]
-    """About the mean velocity (m/s)."""
+    """Standard deviation about the mean velocity (m/s)."""
     intensity: Float[np.ndarray, " axis"]
     """Standard deviation over the size of the mean velocity."""
     integral_time: Float[np.ndarray, " axis"]

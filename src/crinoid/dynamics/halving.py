@@ -18,7 +18,7 @@ class Progress(eqx.Module):
     """How a step went that was cut into shorter ones where it had to be."""
 
     outcome: Outcome
-    """Of the last solve."""
+    """Outcome of the last solve."""
     residual: Float[Array, ""]
     """Largest imbalance that one of the steps that succeeded ended with (N)."""
     error: Float[Array, ""]

@@ -39,7 +39,7 @@ class Outcome(eqx.Module):
     folded: Bool[Array, ""]
     """Whether a balanced step bent an edge back onto the one before; then it does not count."""
     error: Float[Array, ""]
-    """Estimated local error of the places after a balanced step (m)."""
+    """Estimated local error of the positions after a balanced step (m)."""
 
     @staticmethod
     def of_nothing(*, converged: bool) -> "Outcome":
@@ -57,7 +57,7 @@ class Settings(eqx.Module):
     """Imbalance below which round-off may rule (N): there an iteration need not gain anything."""
     max_iterations: Int[Array, ""]
     weights: Float[Array, " b"]
-    """What turns the imbalance of each coordinate into a force: 1, of a spin one over a length."""
+    """Factors from the imbalance of each coordinate to a force: 1, of a spin one over a length."""
     max_turn: Float[Array, ""] | None = None
     """Largest relative displacement of neighbours in one iteration, over their distance; in space
     also the largest spin (rad).

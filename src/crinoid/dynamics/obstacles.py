@@ -12,16 +12,16 @@ from crinoid import chain
 from crinoid.elements import Body, Contact, Motion
 
 Rows = Float[Array, "rows b"]
-Places = Float[Array, "m d"]
+Points = Float[Array, "m d"]
 
 _MISSED = 0.01
-"""What a step may miss of the work of a contact, over the energy of the hit."""
+"""Error that a step may make in the work of a contact, over the energy of the hit."""
 _NEGLIGIBLE = 5e-7
-"""Work that no hit is too gentle to miss, over the energy that the whole skin takes up."""
+"""Error in that work that does not matter, over the energy that the whole skin takes up."""
 
 
 class Touch(eqx.Module):
-    """What ``m`` obstacles do to the arm, and have done since the start. SI units."""
+    """Contact of ``m`` obstacles with the arm, now and summed up since the start. SI units."""
 
     force: Float[Array, "m d"]
     """Force of each obstacle on the arm (N)."""
@@ -53,21 +53,21 @@ class Obstacles(eqx.Module):
     """
 
     contact: Contact
-    """Of every obstacle with every edge, obstacle by obstacle."""
+    """Contact of every obstacle with every edge, obstacle by obstacle."""
     bodies: Body
-    """What the free ones are made of."""
-    place: Float[Array, "m d"]
-    """At the start (m)."""
+    """Inertia, weight and drag of the free ones."""
+    position: Float[Array, "m d"]
+    """Position at the start (m)."""
     drift: Float[Array, "m d"]
     """Velocity of the steady ones, and of the free ones at the start (m/s)."""
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
-    """Those that start with the water's velocity; they keep to it unless they are free."""
+    """Obstacles that start with the water's velocity; they keep to it unless they are free."""
 
     @property
     def count(self) -> int:
         """Number of obstacles."""
-        return self.place.shape[0]
+        return self.position.shape[0]
 
     @property
     def finest(self) -> Float[Array, ""]:
@@ -82,26 +82,26 @@ class Obstacles(eqx.Module):
     def held(self) -> "Obstacles":
         """Return the same obstacles, none of them free: what statics leans the arm against."""
         none = jax.tree.map(lambda x: x[:0], self.bodies)
-        return Obstacles(self.contact, none, self.place, self.drift, (), self.carried)
+        return Obstacles(self.contact, none, self.position, self.drift, (), self.carried)
 
-    def begin(self, places: Places, velocity: Callable[[Places], Places]) -> Places:
+    def begin(self, points: Points, velocity: Callable[[Points], Points]) -> Points:
         """Return the velocities that the obstacles start with; ``velocity`` is the water's."""
         if not self.carried:
             return self.drift
         carried = jnp.asarray(self.carried)
-        return self.drift.at[carried].set(velocity(places[carried]), unique_indices=True)
+        return self.drift.at[carried].set(velocity(points[carried]), unique_indices=True)
 
     def lead(
         self,
-        position: Places,
-        flow_velocity: Places,
-        velocity: Callable[[Places], Places],
+        position: Points,
+        flow_velocity: Points,
+        velocity: Callable[[Points], Points],
         step: Array,
-    ) -> tuple[Places, Places]:
+    ) -> tuple[Points, Points]:
         """Return where the obstacles that move as they are told get to, and how fast they then are.
 
         The carried ones drift with the mean of the water's velocities at both ends of the step
-        (Heun); ``velocity`` is that at given places at its end.
+        (Heun); ``velocity`` is that at given positions at its end.
         """
         told = position + step * self.drift
         carried = np.setdiff1d(self.carried, self.free).astype(int)
@@ -136,10 +136,10 @@ class Obstacles(eqx.Module):
 
     def windows(self, rows: Rows) -> Float[Array, "pairs 3 b"]:
         """Return each edge with each obstacle, obstacle by obstacle."""
-        nodes, places = rows[: -self.count], rows[-self.count :]
+        nodes, points = rows[: -self.count], rows[-self.count :]
         edges = chain.gather(nodes, 1, nodes.shape[0] - 2, 2)
         shape = (self.count, *edges.shape)
-        each = jnp.broadcast_to(places[:, None, None], (*shape[:2], 1, shape[-1]))
+        each = jnp.broadcast_to(points[:, None, None], (*shape[:2], 1, shape[-1]))
         pairs = jnp.concatenate([jnp.broadcast_to(edges, shape), each], axis=2)
         return pairs.reshape(-1, 3, shape[-1])
 

@@ -34,8 +34,8 @@ def undeformed(
     obstacles = forces.obstacles
     if obstacles is None:
         return rows, frames
-    place = as_rows(obstacles.place + time * obstacles.drift, rows.shape[1])
-    return jnp.concatenate([rows, place]), frames
+    position = as_rows(obstacles.position + time * obstacles.drift, rows.shape[1])
+    return jnp.concatenate([rows, position]), frames
 
 
 def clamped(base: Base, time: Float[Array, ""], rows: Rows, frames: Frames | None) -> Rows:
@@ -66,6 +66,6 @@ def carried(held: Prescribed, nodes: Float[Array, "n b"]) -> Float[Array, "n b"]
     return jnp.concatenate([velocity, dot(tangents(nodes), turning)[:, None]], axis=1)
 
 
-def as_rows(places: Float[Array, "count d"], width: int) -> Float[Array, "count b"]:
-    """Fill up with zeros what places do not have of a row."""
-    return jnp.pad(places, ((0, 0), (0, width - places.shape[1])))
+def as_rows(points: Float[Array, "count d"], width: int) -> Float[Array, "count b"]:
+    """Pad the coordinates of points to the width of a row with zeros."""
+    return jnp.pad(points, ((0, 0), (0, width - points.shape[1])))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Rows = Float[Array, "rows b"]
-Places = Float[Array, "rows d"]
+Points = Float[Array, "rows d"]
 
 
 class Surroundings(eqx.Module):
@@ -14,15 +14,15 @@ class Surroundings(eqx.Module):
     The acceleration is expanded where it has a slope, which statics takes along.
     """
 
-    position: Places
-    velocity: Places
-    acceleration: Places
+    position: Points
+    velocity: Points
+    acceleration: Points
     """Material acceleration Du/Dt (m/s2)."""
     velocity_slope: Float[Array, "rows d d"]
     acceleration_slope: Float[Array, "rows d d"] | None = None
 
-    def at(self, position: Rows) -> tuple[Places, Places]:
-        """Return velocity and material acceleration near the places."""
+    def at(self, position: Rows) -> tuple[Points, Points]:
+        """Return velocity and material acceleration near the positions."""
         moved = (position[:, : self.position.shape[1]] - self.position)[:, None, :]
         velocity = self.velocity + jnp.sum(self.velocity_slope * moved, axis=-1)
         if self.acceleration_slope is None:

@@ -14,7 +14,7 @@ Rows = Float[Array, "_ b"]
 
 
 class Border(eqx.Module):
-    """What couples ``f`` free bodies to the nodes and to themselves."""
+    """Blocks that couple ``f`` free bodies to the nodes and to themselves."""
 
     of_nodes: Float[Array, "n b f b"]
     """d(residual of the nodes) / d(correction of the bodies)."""

@@ -7,7 +7,7 @@ from crinoid.elements.geometry import beyond, unit
 
 
 def tip_pose(position: Float[Array, "n d"]) -> Float[Array, " pose"]:
-    """Return the tip's place (m) and direction, `crinoid.space.POSE`, in the arm's coordinates.
+    """Return the tip's position (m) and direction, `crinoid.space.POSE`, in the arm's coordinates.
 
     The last edge points where the arm does half an edge before the tip: its turn is carried on.
     """

@@ -1,4 +1,4 @@
-"""What acts on the arm: each effect is a force law on a short run of neighbouring nodes."""
+"""Force laws that act on the arm, each on a short run of neighbouring nodes."""
 
 from crinoid.elements.body import Body as Body
 from crinoid.elements.contact import Contact as Contact

@@ -24,9 +24,9 @@ _CREEP = 1e-3
 class Contact(Element):
     """Contact of an edge, a capsule as thick as the arm, with one obstacle.
 
-    A window holds the two nodes of the edge and the obstacle's place. The obstacle is a sphere, a
-    capsule whose core reaches ``half_axis`` to both sides of its place (a cylinder's core has no
-    end in sight), or the half space behind a plane.
+    A window holds the two nodes of the edge and the obstacle's position. The obstacle is a sphere,
+    a capsule whose core reaches ``half_axis`` to both sides of its position (a cylinder's core has
+    no end in sight), or the half space behind a plane.
 
     The gap ``g`` is the least distance of the surfaces. Within a skin ``d``, a twentieth of the
     radius outside the arm's surface, a force ``F (1 - g / d)^4`` keeps them apart, the gradient of
@@ -101,7 +101,7 @@ class Contact(Element):
 
     @property
     def axes(self) -> int:
-        """Number of axes that a place has: columns of a row past them are an edge's spin."""
+        """Number of axes that a position has: columns of a row past them are an edge's spin."""
         return self.half_axis.shape[-1]
 
     @property
@@ -153,7 +153,7 @@ class Contact(Element):
         return gap, forces
 
     def _closest(self, position: Float[Array, "3 d"]) -> tuple[Array, Array, Array]:
-        """Return the gap, its gradient by the three places, and where along the edge it is."""
+        """Return the gap, its gradient by the three positions, and where along the edge it is."""
         near, far, place = position
         edge, apart = far - near, near - place
         flat = jnp.any(self.normal != 0)
@@ -169,7 +169,7 @@ class Contact(Element):
         off = share - 0.5
         between = apart + share * edge - along * self.half_axis
         eased = _EASE * off**2 * edge
-        # what is flat has no distance from its place: keep the branch not taken finite
+        # what is flat has no distance from its position: keep the branch not taken finite
         distance = jnp.sqrt(between @ between + eased @ edge + jnp.finfo(float).tiny)
         slopes = jnp.stack([(1 - share) * between - eased, share * between + eased, -between])
 

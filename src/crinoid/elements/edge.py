@@ -1,6 +1,6 @@
-"""What is spread along an edge: Simpson's rule, and the share of it that falls to each end.
+"""Forces and masses spread along an edge: Simpson's rule, and the share that each end bears.
 
-Along an edge places, velocities and properties run linearly from end to end. A force per length
+Positions, velocities and properties run linearly from end to end of an edge. A force per length
 ``f`` loads an end by the integral of ``f`` times the share of that end, which falls linearly from
 one to none: the work of the forces on the ends is then that of the force along the edge. Simpson's
 rule is exact for what is linear times what is linear, so a mass is shared as that of linear

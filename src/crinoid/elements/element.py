@@ -20,8 +20,8 @@ WORKS = ("drag", "damping", "actuation", "loads", "added_mass", "contact")
 class Motion(eqx.Module):
     """How ``k`` nodes move, and how the water moves where they are. SI units.
 
-    Of all windows of an element together the arrays have a leading axis, ``count``. A node has
-    ``b`` coordinates: its place along ``d`` axes and, of a spatial arm that spins, the angle by
+    The arrays have a leading axis, ``count``, for all windows of an element together. A node has
+    ``b`` coordinates: its position along ``d`` axes and, of a spatial arm that spins, the angle by
     which the edge that ends at it has spun about itself (rad).
     """
 
@@ -34,7 +34,7 @@ class Motion(eqx.Module):
     """Material acceleration Du/Dt of the undisturbed water at the nodes (m/s2)."""
     time: Float[Array, "*count"]
     orientation: Orientation | None = None
-    """Of the edges in space; elements that see places only do without."""
+    """Orientation of the edges in space; None for elements that see positions only."""
 
     def windows(
         self,
@@ -44,9 +44,9 @@ class Motion(eqx.Module):
         *,
         turned: bool = False,
     ) -> "Motion":
-        """Return the motion of ``count`` windows, which ``take`` makes of the rows of everything.
+        """Return the motion of ``count`` windows, which ``take`` cuts from the rows of an array.
 
-        Of the first ``width`` coordinates, with the orientation of the edges if ``turned``.
+        They have the first ``width`` coordinates, and the orientation of the edges if ``turned``.
         """
         return Motion(
             take(self.position[:, :width]),
@@ -120,7 +120,7 @@ class Element(eqx.Module):
     stencil: ClassVar[int]
     """How many consecutive nodes one window holds (1 to 3)."""
     spins: ClassVar[bool] = False
-    """Whether this has to do with the spin of edges in space; if not it sees places only."""
+    """Whether this depends on the spin of edges in space; if not it sees positions only."""
     external: ClassVar[bool] = False
     """Whether this comes from outside, so that a static solve may bring it on step by step."""
     stored: ClassVar[str] = "potential"

@@ -87,7 +87,7 @@ class TipLoad(Element):
     moment: Float[Array, "*count turns"]
     """One number in the plane, a vector in space."""
     follower_moment: Float[Array, "*count turns"]
-    """Likewise; in the plane it is no other than a dead one."""
+    """Moment that turns with the tip; in the plane it does the same as ``moment``."""
     onset: Onset
 
     @staticmethod

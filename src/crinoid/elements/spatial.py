@@ -46,7 +46,7 @@ class _Edge(NamedTuple):
     director: Vector
     length: Float[Array, ""]
     rate: Vector
-    """Of the vector from end to end, over its length (1/s)."""
+    """Rate of the vector from end to end, over its length (1/s)."""
     spin_rate: Float[Array, ""]
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""What the water does to the arm: Morison forces on the relative velocity, weight and buoyancy.
+"""Forces of the water on the arm: Morison's on the relative velocity, weight and buoyancy.
 
 Forces per length are integrated along each edge (`crinoid.elements.edge`) with the edge's own
 tangent ``t`` all along it. The relative velocity ``w = u - v`` splits into ``w_t`` along the
@@ -32,9 +32,9 @@ class Drag(Element):
     normal: Float[Array, "*count 2"]
     """Force per length over ``|w_n| w_n`` at the ends of an edge, times its length (kg/m)."""
     tangential: Float[Array, "*count 2"]
-    """Likewise over ``|w_t| w_t`` (kg/m)."""
+    """Force per length over ``|w_t| w_t`` at the ends of an edge, times its length (kg/m)."""
     linear: Float[Array, "*count 2"]
-    """Likewise over ``w`` (kg/s)."""
+    """Force per length over ``w`` at the ends of an edge, times its length (kg/s)."""
 
     @staticmethod
     def of(

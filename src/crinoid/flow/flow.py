@@ -1,4 +1,4 @@
-"""What a flow is, and how flows add up."""
+"""The interface of all flows, and the water in which they add up."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -82,7 +82,7 @@ class Water(eqx.Module):
         return sum((flow.velocity(point, time) for flow in self.flows), jnp.zeros_like(point))
 
     def current(self, point: Point, time: Time) -> Current:
-        """Return velocity, material acceleration and how both change with the place, at once."""
+        """Return velocity, material acceleration and how both change with position, at once."""
         time = jnp.asarray(time if self.frozen_at is None else self.frozen_at, float)
         jets = [flow.jet(point, time) for flow in self.flows]
         nothing = Jet.everywhere(jnp.zeros_like(point), jnp.zeros_like(point))

@@ -9,7 +9,7 @@ from crinoid.spline import PiecewisePolynomial
 
 
 class MeasuredPoint(Flow):
-    """A record of one place, carried past the arm: ``u = record(t - slowness . (x - place))``.
+    """A record at one position, carried past the arm: ``u = record(t - slowness . (x - met))``.
 
     With ``slowness = U / |U|^2`` the pattern of the current drifts along unchanged at its mean
     velocity U: the frozen turbulence of G. I. Taylor, The spectrum of turbulence, Proc. R. Soc.
@@ -19,13 +19,13 @@ class MeasuredPoint(Flow):
     onset: Onset
     record: PiecewisePolynomial
     """Velocity (m/s) over the time of the run (s)."""
-    place: Float[Array, " b"]
-    """Where the record is met at its own time (m)."""
+    met: Float[Array, " b"]
+    """Position at which the record is met at its own time (m)."""
     slowness: Float[Array, " b"]
     """Delay of the record over distance (s/m)."""
 
     def fully_on(self, point: Point, time: Time) -> Point:
-        return self.record(time - jnp.dot(self.slowness, point - self.place))
+        return self.record(time - jnp.dot(self.slowness, point - self.met))
 
 
 class MeasuredProfile(Flow):

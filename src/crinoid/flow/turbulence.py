@@ -33,11 +33,11 @@ class Turbulence(Flow):
     onset: Onset
     mean: Float[Array, " b"]
     wave_vectors: Float[Array, "m b"]
-    """Of each mode the axes that there are (rad/m)."""
+    """Wave vector of each mode, along the axes of the arm (rad/m)."""
     amplitudes: Float[Array, "m b"]
-    """Likewise (m/s)."""
+    """Amplitude of each mode, along the axes of the arm (m/s)."""
     phases: Float[Array, " m"]
-    """In turns."""
+    """Phases, in turns."""
 
     @staticmethod
     def of(

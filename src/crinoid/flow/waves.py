@@ -27,15 +27,15 @@ class Waves(Flow):
     onset: Onset
     depth: Float[Array, ""]
     heading: Float[Array, " level"]
-    """What the level axes have of the unit vector along which the waves travel."""
+    """Level components of the unit vector along which the waves travel."""
     amplitudes: Float[Array, " m"]
-    """Of the elevation (m)."""
+    """Amplitudes of the elevation (m)."""
     frequencies: Float[Array, " m"]
     """Angular frequencies (rad/s)."""
     wave_numbers: Float[Array, " m"]
-    """Those that belong to them (rad/m)."""
+    """Wave numbers at these frequencies (rad/m)."""
     phases: Float[Array, " m"]
-    """In turns."""
+    """Phases, in turns."""
 
     @staticmethod
     def of(

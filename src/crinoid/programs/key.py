@@ -1,4 +1,4 @@
-"""What a compiled program depends on, as one short key."""
+"""The key of a compiled program: a digest of everything that the program depends on."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _CPU = ("vendor_id", "cpu family", "model", "flags", "CPU ", "Features")
 
 
 class UnkeepableError(Exception):
-    """A program that depends on what cannot be told by a key."""
+    """A program that depends on something that a key cannot describe."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,14 @@ class Slot:
 def key_of(function: Callable[..., Any], options: dict[str, Any], arguments: Any) -> bytes:
     """Return the key of a function compiled for arguments, with slots where their arrays are.
 
-    It tells of everything that the compiled code depends on: the source of crinoid, the versions of
-    what it is built on, the processor, the settings of JAX and XLA, the options, and the
+    It describes everything that the compiled code depends on: the source of crinoid, the versions
+    of the packages below it, the processor, the settings of JAX and XLA, the options, and the
     arguments but for the numbers in their arrays.
 
     Raises
     ------
     UnkeepableError
-        If the arguments hold what is not described by its name, such as a class of the user's.
+        If the arguments hold something that its name does not describe, such as a user's class.
     """
     if not _is_sound(function):
         raise UnkeepableError

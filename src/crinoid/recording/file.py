@@ -23,20 +23,20 @@ _FASTEST = 50.0
 
 @dataclass(frozen=True)
 class Cutting:
-    """What was found in a file."""
+    """Part of a file that a flow asks for, as it was read."""
 
     time: Float[np.ndarray, " time"]
     """Time (s) since the first sample, increasing."""
     levels: Float[np.ndarray, " level"] | None
-    """Heights z (m), in the order of the file; None for a record of one place."""
+    """Heights z (m), in the order of the file; None for a record at one point."""
     velocity: Float[np.ndarray, "time level component"]
     """Velocity (m/s), not a number where it is missing; zero for a component named ``0``."""
     remarks: list[str]
-    """What had to be assumed."""
+    """Assumptions that had to be made, a sentence each."""
 
 
 def cut_out(flow: MeasuredFlow, bed: float | None) -> Cutting:
-    """Read what a flow asks for from its file, and no more of it.
+    """Read the part of its file that a flow asks for, and no more.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a record lacks: levels that are mostly missing go, gaps in time are filled."""
+"""Gaps in a record: levels that are mostly missing are left out, gaps in time are filled."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from crinoid.recording.refusal import refusal
 
 _MOST = 0.5
-"""Of a level more than this part must have been measured."""
+"""Smallest share of a level that must have been measured."""
 _LATE = 1.5
 """A sample later than this, in usual intervals, comes after samples that are missing."""
 
@@ -25,7 +25,7 @@ class Whole(NamedTuple):
     filled: Bool[np.ndarray, "time kept"]
     """Whether anything was missing."""
     remarks: list[str]
-    """What was left out and what was filled."""
+    """Levels left out and gaps filled, a sentence each."""
 
 
 def fill(

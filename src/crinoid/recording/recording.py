@@ -27,11 +27,11 @@ class Recording:
     """A measured current, ready to be played."""
 
     name: str
-    """Of the file."""
+    """Name of the file."""
     time: Float[np.ndarray, " time"]
     """Time of the record (s) from its first sample."""
     levels: Float[np.ndarray, " level"] | None
-    """Heights z (m), increasing, two or more; None for the record of one place."""
+    """Heights z (m), increasing, two or more; None for a record at one point."""
     velocity: Float[np.ndarray, "time level axis"]
     """Velocity (m/s) along the axes of the arm, as large as in the run."""
     filled: Bool[np.ndarray, "time level"]
@@ -45,7 +45,7 @@ class Recording:
     stage: Stage
     """The run that it is laid over."""
     notes: tuple[str, ...]
-    """What was assumed, filled and left out."""
+    """Assumptions, filled gaps and levels left out, a sentence each."""
 
     @property
     def run_time(self) -> Float[np.ndarray, " time"]:

@@ -1,4 +1,4 @@
-"""What a record is to be laid over: the time of a run, and the room that an arm takes."""
+"""The run that a record is played in: its duration, and the space that the arm takes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from crinoid.scenario import FileMotion, Scenario
 from crinoid.space import ANGLES, CHANNELS
 
 _STRETCH = 1.1
-"""More than an arm gets longer in a current."""
+"""Factor on the length of an arm; none gets as long as that in a current."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Stage:
     reach: float
     """How far the arm gets from where its root is set (m)."""
     heights: tuple[float, float]
-    """Lowest and highest place of the straight arm, at rest (m)."""
+    """Lowest and highest position of the straight arm, at rest (m)."""
     bed: float | None
     """Height z of the bed (m), if it is known."""
 

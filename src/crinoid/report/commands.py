@@ -1,4 +1,4 @@
-"""What the base is told, what it does, and what the arm does to the submarine."""
+"""The base: its commands, its motion, and the load of the arm on the submarine."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ class Body:
 
 
 def name_of(index: int, data: xr.Dataset) -> str:
-    """Name an obstacle by its place in the scenario and its kind."""
+    """Name an obstacle by its index in the scenario and its kind."""
     return f"{index} {_solids(data)[index].kind}"
 
 

@@ -75,7 +75,7 @@ def time_map() -> Colormap:
 
 
 def time_norm(data: xr.Dataset) -> Normalize:
-    """From the time of a run to its place among the colours."""
+    """From the time of a run to its position among the colours."""
     time = data["time"].values
     return Normalize(float(time[0]), float(max(time[-1], time[0] + 1e-12)))
 

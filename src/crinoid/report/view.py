@@ -26,7 +26,7 @@ class View:
     across: tuple[float, float, float]
     up: tuple[float, float, float]
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """What the eye looks at, and where lengths across the view are true (m)."""
+    """Point that the eye looks at, where lengths across the view are true (m)."""
     far: float = math.inf
     """How far the eye is from there (m); from infinity the projection is parallel."""
 
@@ -37,7 +37,7 @@ class View:
 
     @property
     def labels(self) -> list[str]:
-        """What to write at the axes of the paper."""
+        """Labels of the axes of the paper."""
         return [f"{_AXES[axis]} (m)" for axis in self.axes]
 
     @property

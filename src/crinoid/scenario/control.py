@@ -20,7 +20,7 @@ __all__ = ["Control", "ControlKind", "Coordinate", "Pid", "PidGains", "Sensor"]
 
 ControlKind = Literal["none", "pid"]
 COORDINATES = {2: (*AXES[2], "angle"), 3: (*AXES[3], "direction")}
-"""What a controller can bring to the target, by the number of axes."""
+"""Coordinates of the tip that a controller can bring to the target, by the number of axes."""
 
 # spelled out for the type checker: those of the plane and of space
 Coordinate = Annotated[
@@ -32,7 +32,7 @@ _DEFAULT_RATE = "100 if left out, or once a time step where that is slower"
 
 
 class Sensor(Model):
-    """What the controller knows of the tip, and when."""
+    """Sensor of the tip: when it reads, how late and how noisy."""
 
     rate_hz: Hertz | None = Field(
         default=None, gt=0, description=f"Readings a second; {_DEFAULT_RATE}."

@@ -52,14 +52,14 @@ class InSpace:
 
 @dataclass(frozen=True)
 class Only:
-    """That there is a key in one dimension only.
+    """Mark of a key that exists in one dimension only.
 
     Parameters
     ----------
     dimension
         2 or 3.
     but
-        What to say of it in the other.
+        End of the message in the other dimension; left out, it tells which one the key needs.
     """
 
     dimension: int

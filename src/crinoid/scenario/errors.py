@@ -1,4 +1,4 @@
-"""What is wrong with a scenario, one line a mistake."""
+"""Mistakes in a scenario, one line each."""
 
 from __future__ import annotations
 

@@ -55,8 +55,8 @@ Name = Annotated[
 class MeasuredFlow(Onset):
     """A current as it was measured, from a CSV or netCDF file.
 
-    A record of one place is carried past the arm by its mean velocity; a profile (`vertical`) is
-    the same at all places of a height.
+    A record at one point is carried past the arm by its mean velocity; a profile (`vertical`) is
+    the same at all points of a height.
     """
 
     kind: Literal["measured"] = Field(

@@ -45,7 +45,8 @@ Interpolation = Annotated[
 class _Motion(Model):
     kind: str
     channel: ChannelName = Field(
-        description="What moves: slide (x), heave (z) or tilt; in space sway (y), pan or roll too."
+        description="Channel that moves: slide (x), heave (z) or tilt; in space also sway (y), pan "
+        "or roll."
     )
 
     def _unit_conflict(self, plain: str) -> Iterator[Mistake]:

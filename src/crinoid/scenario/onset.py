@@ -1,4 +1,4 @@
-"""What every flow has: a kind, and when and how it sets in."""
+"""Keys that every flow has: its kind, and when and how it sets in."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from crinoid.scenario.errors import Mistake, counted, shown
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a number stands for; kept in the JSON schema, from where error messages take it.
+    """Meaning of a number; kept in the JSON schema, from where error messages take it.
 
     Parameters
     ----------

@@ -132,10 +132,10 @@ class Scenario(Model):
         default=(), description="Rigid bodies that the arm meets."
     )
     target: Target = Field(default=Target(), description="Where the tip is wanted.")
-    sensor: Sensor = Field(default=Sensor(), description="What the controller knows of the tip.")
+    sensor: Sensor = Field(default=Sensor(), description="Sensor of the tip.")
     control: Control = Field(default=Control(), description="The controller.")
     simulation: Simulation = Field(default=Simulation(), description="How the motion is computed.")
-    output: Output = Field(default=Output(), description="What of the motion is kept.")
+    output: Output = Field(default=Output(), description="Instants of the motion that are saved.")
     vary: Variations = Field(
         default={},
         description="Dotted keys, each with a list of values to run; several keys: every "

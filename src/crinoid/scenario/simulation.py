@@ -40,14 +40,18 @@ class Simulation(Model):
     )
     time_step: Seconds = Field(default=0.01, gt=0, description="Time step.")
     integrator: Integrator = Field(default="newmark", description="Time integrator.")
-    beta: float | None = Field(default=None, gt=0, description="Of newmark; 0.25 if left out.")
-    gamma: Gamma | None = Field(default=None, description="Of newmark; 0.5 if left out.")
+    beta: float | None = Field(
+        default=None, gt=0, description="Parameter beta of newmark; 0.25 if left out."
+    )
+    gamma: Gamma | None = Field(
+        default=None, description="Parameter gamma of newmark; 0.5 if left out."
+    )
     spectral_radius: float | None = Field(
         default=None,
         ge=0,
         le=1,
-        description="Of generalized-alpha, for motion far too fast to resolve: 1 keeps it, "
-        "0 removes it; 0.8 if left out.",
+        description="Spectral radius of generalized-alpha, for motion far too fast to resolve: 1 "
+        "keeps it, 0 removes it; 0.8 if left out.",
     )
     tolerance: float = Field(
         default=1e-8, gt=0, le=1e-2, description="Relative residual at which a step has converged."
@@ -95,7 +99,7 @@ class Simulation(Model):
 
     @property
     def integrator_options(self) -> dict[str, float]:
-        """What the chosen integrator takes: beta and gamma, spectral_radius, or nothing."""
+        """Options of the chosen integrator: beta and gamma, spectral_radius, or none."""
         given = {key: getattr(self, key) for key in _OPTIONS[self.integrator]}
         options = _OPTIONS[self.integrator]
         return {key: options[key] if value is None else value for key, value in given.items()}
@@ -107,7 +111,7 @@ class Simulation(Model):
 
 
 class Output(Model):
-    """What is kept."""
+    """Instants of a run that are saved."""
 
     interval: Seconds | None = Field(
         default=None,

@@ -97,13 +97,13 @@ class Target(Model):
     )
     centre: MaybePosition = Field(
         default=None,
-        description="Of a circle or a sine; if left out, it begins at tip.",
+        description="Centre of a circle or a sine; if left out, it begins at tip.",
     )
-    radius: Metres | None = Field(default=None, gt=0, description="Of a circle.")
+    radius: Metres | None = Field(default=None, gt=0, description="Radius of a circle.")
     period: Seconds | None = Field(
         default=None,
-        description="Of a circle, from x towards z; in space about normal. Negative: the other "
-        "way round.",
+        description="Period of a circle, from x towards z; in space about normal. Negative: the "
+        "other way round.",
     )
     normal: Annotated[
         Triple | None,
@@ -111,11 +111,13 @@ class Target(Model):
         Only(3, "but a planar arm has its circle in its plane"),
     ] = Field(
         default=None,
-        description="About what a circle turns, by the right-hand rule; [0, -1, 0] if left out: "
-        "from x towards z.",
+        description="Axis that a circle turns about, by the right-hand rule; [0, -1, 0] if left "
+        "out: from x towards z.",
     )
-    amplitude: MaybePosition = Field(default=None, description="Of a sine, to either side.")
-    frequency_hz: Hertz | None = Field(default=None, gt=0, description="Of a sine.")
+    amplitude: MaybePosition = Field(
+        default=None, description="Amplitude of a sine, to either side."
+    )
+    frequency_hz: Hertz | None = Field(default=None, gt=0, description="Frequency of a sine.")
     phase_deg: Degrees | None = Field(
         default=None,
         description="Where a circle or a sine begins; 0 if left out: a circle on the side of x (or "
@@ -129,7 +131,7 @@ class Target(Model):
         description="How long a line takes to its end, from rest to rest with the least jerk.",
     )
     velocity: MaybeVelocity = Field(
-        default=None, description="Of a line that goes on and on, in place of its end."
+        default=None, description="Velocity of a line without end, instead of to and travel_time."
     )
     start: Seconds | None = Field(
         default=None,
@@ -173,7 +175,7 @@ class Target(Model):
 
     @property
     def tip_path(self) -> tuple[tuple[float, ...], ...] | None:
-        """The points of a path of the tip, in m; None if the tip is to stay in one place."""
+        """The points of a path of the tip, in m; None if the tip is to stay where it is."""
         return _points(self.tip) or None
 
     @property

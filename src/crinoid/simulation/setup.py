@@ -30,7 +30,7 @@ class Setup(NamedTuple):
     loop: Loop
     state: State
     outcome: Outcome
-    """Of the static solve; that of nothing to solve where the arm starts undeformed."""
+    """Outcome of the static solve; a converged one where the arm starts undeformed."""
     modes: Modes | None
     """Small vibrations about the state; none where no equilibrium was found."""
     doubts: list[str]
