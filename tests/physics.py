@@ -160,7 +160,7 @@ def _roomy(axes: int) -> ArrayLike:
 
 
 def obstacles(
-    places: ArrayLike,
+    positions: ArrayLike,
     *,
     radius: ArrayLike = 0.02,
     half_axis: ArrayLike = (0.0, 0.0),
@@ -173,8 +173,8 @@ def obstacles(
     gravity: float = 0.0,
 ) -> Callable[[Rod], Obstacles]:
     """Say which obstacles an arm has: all of them free if they have a mass (kg)."""
-    place = jnp.asarray(places, float)
-    count = place.shape[0]
+    position = jnp.asarray(positions, float)
+    count = position.shape[0]
     radii = jnp.broadcast_to(jnp.asarray(radius, float), count)
     free = tuple(range(count)) if mass is not None else ()
     masses = jnp.broadcast_to(jnp.asarray(0.0 if mass is None else mass, float), count)
@@ -184,8 +184,8 @@ def obstacles(
             Contact.of(
                 rod,
                 radius=radii,
-                half_axis=jnp.broadcast_to(jnp.asarray(half_axis, float), place.shape),
-                normal=jnp.broadcast_to(jnp.asarray(normal, float), place.shape),
+                half_axis=jnp.broadcast_to(jnp.asarray(half_axis, float), position.shape),
+                normal=jnp.broadcast_to(jnp.asarray(normal, float), position.shape),
                 friction=jnp.full(count, friction),
                 mass=masses if free else jnp.full(count, jnp.inf),
             ),
@@ -195,8 +195,8 @@ def obstacles(
                 density=density,
                 gravity=gravity,
             ),
-            place,
-            jnp.broadcast_to(jnp.asarray(velocity, float), place.shape),
+            position,
+            jnp.broadcast_to(jnp.asarray(velocity, float), position.shape),
             free,
             carried,
         )

@@ -19,8 +19,8 @@ POSE = {
     2: ("x", "z", "angle"),
     3: ("x", "y", "z", "direction_x", "direction_y", "direction_z"),
 }
-"""What the tip's pose is made of: its place (m) and where it points, in the plane an angle (rad)
-and in space a unit vector."""
+"""Components of the tip's pose: its position (m) and its direction, in the plane an angle (rad) and
+in space a unit vector."""
 
 LARGEST_TURN = 170.0
 """Turn between two edges past which bending means nothing (degrees)."""

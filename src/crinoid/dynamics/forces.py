@@ -1,7 +1,7 @@
 """All forces on the arm: their balance, its tangent matrix, and their energies.
 
 Whatever moves has a row in the arrays here: first the nodes, then the obstacles. A row has ``b``
-entries: the ``d`` coordinates of a place and, in space, the spin of the edge that ends at the node.
+entries: ``d`` coordinates and, in space, the spin of the edge that ends at the node.
 """
 
 from functools import partial
@@ -32,7 +32,7 @@ from crinoid.flow import Current, Water
 from crinoid.reference import Reference
 
 Rows = Float[Array, "rows b"]
-Places = Float[Array, "rows d"]
+Points = Float[Array, "rows d"]
 Elements = tuple[Element, ...]
 Slopes = tuple[Array, Array | None]
 
@@ -76,24 +76,24 @@ class Forces(eqx.Module):
 
     @property
     def axes(self) -> int:
-        """Number of axes of a place."""
+        """Number of axes of a position."""
         return self.origin.shape[0]
 
-    def flow_velocity(self, places: Places, time: Array) -> Places:
-        """Return the velocity of the water at places (m/s)."""
-        return jax.vmap(lambda place: self.water.velocity(self.origin + place, time))(places)
+    def flow_velocity(self, points: Points, time: Array) -> Points:
+        """Return the velocity of the water at points (m/s)."""
+        return jax.vmap(lambda point: self.water.velocity(self.origin + point, time))(points)
 
     def surroundings(self, stage: Stage, correction: Rows) -> Surroundings:
-        """Return the water around the places at a stage of the step."""
+        """Return the water around the rows at a stage of the step."""
         position = (stage.position + stage.by_position * correction)[:, : self.axes]
 
-        def current(place: Float[Array, " d"]) -> Current:
-            return self.water.current(self.origin + place, stage.time)
+        def current(point: Float[Array, " d"]) -> Current:
+            return self.water.current(self.origin + point, stage.time)
 
         water, slope = jax.vmap(current)(position), None
         # a time step does well without, an equilibrium moves by it
         if self.water.frozen_at is not None:
-            slope = jax.vmap(jax.jacfwd(lambda place: current(place).acceleration))(position)
+            slope = jax.vmap(jax.jacfwd(lambda point: current(point).acceleration))(position)
         return Surroundings(
             position,
             water.velocity,
@@ -162,7 +162,7 @@ class Forces(eqx.Module):
             return _jacobian(_course(stage, slopes), elements, window, load_factor)
 
         jacobians = jax.vmap(jacobian)
-        # what does without spins is assembled on places only
+        # elements that do without spins are assembled on positions only
         blocks: dict[int, list[tuple[int, Array]]] = {self.axes: [], size: []}
         for first, elements in self._groups():
             count, stencil = _count(elements[0]), elements[0].stencil

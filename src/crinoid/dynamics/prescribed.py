@@ -36,13 +36,13 @@ def prescribed(
     obstacles = forces.obstacles
     if obstacles is not None:
         count = obstacles.count
-        place, velocity = obstacles.lead(
+        led, velocity = obstacles.lead(
             state.motion.position[-count:, : forces.axes],
             state.motion.flow_velocity[-count:],
-            lambda places: forces.flow_velocity(places, stage.time),
+            lambda points: forces.flow_velocity(points, stage.time),
             step,
         )
-        values = (place, velocity, jnp.zeros_like(place))
+        values = (led, velocity, jnp.zeros_like(led))
         at = obstacles.led - count  # rows counted from the end
         width = position.shape[1]
         rows = tuple(

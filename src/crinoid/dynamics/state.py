@@ -67,11 +67,11 @@ class State(eqx.Module):
 
     @property
     def expected_acceleration(self) -> Float[Array, "rows b"]:
-        """What Newton's method starts the next step with: the acceleration will be what it was.
+        """First guess of Newton's method for the next acceleration: that it stays what it is.
 
-        What is stiff and strongly damped the trapezoid rule does not damp but lets alternate in
-        sign (Hairer and Wanner 1996, section IV.3). Where the acceleration has come back to that of
-        two steps ago rather than stayed, it will be that of one step ago.
+        The trapezoid rule does not damp stiff, strongly damped motion but lets its acceleration
+        alternate in sign (Hairer and Wanner 1996, section IV.3). Where the acceleration has come
+        back to that of two steps ago rather than stayed, the guess is that of one step ago.
         """
         now, (last, before) = self.motion.acceleration, self.earlier
         alternates = 4.0 * _size(now - before) < _size(now - last)

@@ -179,7 +179,7 @@ class System(eqx.Module):
         return self.forces.audit(state.motion)[0]
 
     def tip(self, state: State) -> Float[Array, " pose"]:
-        """Return the tip's pose in the world, `crinoid.space.POSE`: its place (m) and direction."""
+        """Return the tip's pose in the world (`crinoid.space.POSE`): position (m) and direction."""
         pose = tip_pose(state.position)
         axes = self.forces.axes
         return pose.at[:axes].add(self.forces.origin)
@@ -283,8 +283,8 @@ class System(eqx.Module):
         velocity = velocity.at[:HELD].set(held.velocity)
         obstacles = self.forces.obstacles
         if obstacles is not None:
-            places = position[-obstacles.count :, :axes]
-            started = obstacles.begin(places, lambda p: self.forces.flow_velocity(p, time))
+            points = position[-obstacles.count :, :axes]
+            started = obstacles.begin(points, lambda p: self.forces.flow_velocity(p, time))
             velocity = jnp.concatenate([velocity, as_rows(started, velocity.shape[1])])
         stage = Stage(
             time,

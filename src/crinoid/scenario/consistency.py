@@ -1,4 +1,4 @@
-"""What the tables of a scenario ask of one another."""
+"""Rules between the tables of a scenario."""
 
 from __future__ import annotations
 

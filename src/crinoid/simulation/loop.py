@@ -13,7 +13,7 @@ from crinoid.dynamics import Books, Progress, State, System
 
 
 class Tally(eqx.Module):
-    """What time steps cost."""
+    """Cost and errors of time steps, summed up."""
 
     steps: Int[Array, ""]
     iterations: Int[Array, ""]
@@ -38,20 +38,20 @@ class Tally(eqx.Module):
 
 
 class LoopState(eqx.Module):
-    """What one tick hands to the next."""
+    """State of the closed loop, which one tick hands to the next."""
 
     state: State
     books: Books
     sensor: SensorState
     memory: Any
-    """Of the controller."""
+    """Memory of the controller."""
     ticks: Int[Array, ""]
     """Commands given so far."""
     command: Float[Array, " channel"]
     steps: Int[Array, ""]
     """Time steps taken so far."""
     tally: Tally
-    """Of the time steps since the last instant that was kept."""
+    """Tally of the time steps since the last instant that was saved."""
 
 
 class Loop(eqx.Module):
@@ -61,12 +61,12 @@ class Loop(eqx.Module):
     sensor: Sensor
     controller: Controller
     clock: Clock
-    """Of the controller, from when it is switched on."""
+    """Clock of the controller, from when it is switched on."""
     switched_on: Float[Array, ""]
     """When the controller is switched on (s)."""
     target: Target
     feed_forward: FeedForward | None
-    """Nothing where the target stands still, or is not to be followed at once."""
+    """None where the target stands still, or is not to be followed at once."""
     enabled: Bool[Array, ""]
     """Where false the commands stay zero: the same compiled loop runs without control."""
 
