@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,12 @@ from crinoid.dataset import describe
 from crinoid.result import Result
 from crinoid.scenario import Scenario
 from crinoid.simulation import Progress
+
+
+def case_rows(folder: Path) -> list[dict[str, str]]:
+    """Return the rows of the table of cases in a folder."""
+    with (folder / "cases.csv").open() as file:
+        return list(csv.DictReader(file))
 
 
 def made_result(scenario: Scenario, end: float | None = None, status: str = "ok") -> Result:

@@ -284,3 +284,20 @@ class Kept(eqx.Module):
     ) -> tuple["Kept", Progress]:
         state, books, progress = system.advance_with_books(self.state, self.books, command, step)
         return Kept(state, books, system.energy(state)), progress
+
+
+def ways(
+    parameters: Sequence[str], commands: tuple[int, ...], *, seeds: int
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return directions to differentiate along, by name: changes of parameters and of commands.
+
+    Each parameter alone, then all commands at once, a way for each seed.
+    """
+    alone = np.eye(len(parameters))
+    return {name: (alone[i], np.zeros(commands)) for i, name in enumerate(parameters)} | {
+        f"commands-{seed}": (
+            np.zeros(len(parameters)),
+            0.3 * np.random.default_rng(seed).normal(size=commands),
+        )
+        for seed in range(seeds)
+    }

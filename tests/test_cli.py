@@ -1,4 +1,3 @@
-import csv
 import json
 import signal
 from pathlib import Path
@@ -9,6 +8,7 @@ import xarray as xr
 from typer.testing import CliRunner, Result
 
 from crinoid.cli.app import app
+from made_results import case_rows
 
 SMALL = """
 title = "small"
@@ -149,8 +149,7 @@ def test_cases_become_a_table_and_a_folder_each(here):
     )
     ended = call("run", "small.toml", "--out", "cases")
     assert ended.exit_code == 0, ended.output
-    with (here / "cases" / "cases.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = case_rows(here / "cases")
     assert [row["case"] for row in rows] == ["case-01", "case-02"]
     assert float(rows[1]["rms_error_uncontrolled"]) > float(rows[0]["rms_error_uncontrolled"])
     for row in rows:

@@ -11,7 +11,7 @@ import pytest
 from crinoid.base import SineMotion
 from crinoid.elements import Bend, Drag, Weight
 from crinoid.flow import PowerShear
-from physics import QUICKLY, always, arm
+from physics import QUICKLY, always, arm, ways
 
 NODES = 11
 STEPS = 20
@@ -111,16 +111,7 @@ def start_and_end(parameters, commands):
     return tips, system.static_jacobian(state), found.converged & jnp.all(converged)
 
 
-# every parameter alone, then ways of changing all commands at once
-DIRECTIONS = {
-    name: (np.eye(len(PARAMETERS))[i], np.zeros((STEPS, 3))) for i, name in enumerate(PARAMETERS)
-} | {
-    f"commands-{seed}": (
-        np.zeros(len(PARAMETERS)),
-        0.3 * np.random.default_rng(seed).normal(size=(STEPS, 3)),
-    )
-    for seed in range(3)
-}
+DIRECTIONS = ways(PARAMETERS, (STEPS, 3), seeds=3)
 DISPLACED = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 0.3, -0.2, 0.5, 0.0])
 SLACK = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 

@@ -1,6 +1,5 @@
 """Scenarios with obstacles, from the file to the result, the figures and the command line."""
 
-import csv
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -17,6 +16,7 @@ from crinoid.dynamics import Outcome
 from crinoid.result import Result
 from crinoid.simulation import SimulationError, play
 from crinoid.simulation.failure import imbalance, nearness
+from made_results import case_rows
 
 # a heavy arm that leans on the bed, and a ball that falls on it; one number of nodes, one free and
 # one led obstacle in all tests, which share their compiled code
@@ -166,8 +166,7 @@ def test_a_study_over_a_radius_is_run_told_and_drawn(here):
     (here / "touched.toml").write_text(TOUCHED + '[vary]\n"obstacle.0.radius" = [0.02, 0.04]\n')
     ended = call("run", "touched.toml", "--out", "cases")
     assert ended.exit_code == 0, ended.output
-    with (here / "cases" / "cases.csv").open() as file:
-        assert [row["obstacle.0.radius"] for row in csv.DictReader(file)] == ["0.02", "0.04"]
+    assert [row["obstacle.0.radius"] for row in case_rows(here / "cases")] == ["0.02", "0.04"]
     closest = []
     for case in ("case-01", "case-02"):
         with xr.open_dataset(here / "cases" / case / "result.nc") as data:

@@ -4,7 +4,6 @@ No test here computes a motion: `Player` stands for the simulation.
 """
 
 import contextlib
-import csv
 import errno
 import os
 import re
@@ -28,7 +27,7 @@ from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.replacement import remove_unfinished, replacing
 from crinoid.result import Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
-from made_results import Player, made_result
+from made_results import Player, case_rows, made_result
 
 SMALL = """
 title = "small"
@@ -171,8 +170,7 @@ def test_a_study_on_a_full_disk_ends_with_the_cases_that_are_saved(here, player,
     line = one_line(call("run", "study.toml", "--out", "out"), 3)
     assert "case-02: out/case-02: No space left on device; what was computed is saved in" in line
     assert len(player.played) == 2
-    with (here / "out" / "cases.csv").open() as file:
-        assert [row["case"] for row in csv.DictReader(file)] == ["case-01"]
+    assert [row["case"] for row in case_rows(here / "out")] == ["case-01"]
 
 
 def test_a_folder_in_use_is_refused_until_it_is_let_go(here):
@@ -294,19 +292,14 @@ def test_a_finished_result_is_not_lost_to_a_run_that_ends_early(here, monkeypatc
 
 
 def test_a_finished_case_is_not_lost_to_one_that_ends_early(here, player):
-    def stop(number: int) -> None:
-        if number == 5:
-            signal.raise_signal(signal.SIGTERM)
-
-    player.between = stop
+    player.between = lambda number: number != 5 or signal.raise_signal(signal.SIGTERM)
     assert call("run", "study.toml", "--out", "out").exit_code == 0
     line = one_line(call("run", "study.toml", "--out", "out"), 130)
     assert "interrupted in case-02; --resume goes on from there" in line
     assert "is in out/case-02-unfinished, its finished result stays" in line
     assert Result.load(here / "out" / "case-02").status == "ok"
     assert Result.load(here / "out" / "case-02-unfinished").status == "interrupted at t = 0.5 s"
-    with (here / "out" / "cases.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = case_rows(here / "out")
     # the table still has what the folders hold
     assert [row["directory"] for row in rows] == ["case-01", "case-02", "case-03"]
     assert [row["status"] for row in rows] == ["ok"] * 3
@@ -325,8 +318,7 @@ def test_the_table_keeps_the_rows_of_cases_that_are_not_run_again_yet(here, play
     player.played.clear()
     player.between = lambda number: number == 1 or signal.raise_signal(signal.SIGTERM)
     assert call("run", "study.toml", "--out", "out").exit_code == 130
-    with table.open() as file:
-        found = [(row["case"], row["status"][:11]) for row in csv.DictReader(file)]
+    found = [(row["case"], row["status"][:11]) for row in case_rows(here / "out")]
     assert found == [("case-01", "ok"), ("case-02", "interrupted")]
     player.between = lambda _: None
     assert call("run", "study.toml", "--out", "out").exit_code == 0
@@ -469,8 +461,7 @@ def test_a_case_that_is_refused_is_named_and_the_others_are_run(here, player, ca
     player.between = refuse
     line = one_line(call("run", "study.toml", "--out", "out"), 3)
     assert line == "crinoid: case-02: refused: control.pid.tilt: does nothing\n"
-    with (here / "out" / "cases.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = case_rows(here / "out")
     assert [row["status"] for row in rows] == [
         "ok",
         "refused: control.pid.tilt: does nothing",
@@ -487,19 +478,14 @@ def test_a_case_that_is_refused_is_named_and_the_others_are_run(here, player, ca
 
 
 def test_completed_cases_are_not_run_again(here, player):
-    def stop(number: int) -> None:
-        if number == 2:
-            signal.raise_signal(signal.SIGTERM)
-
-    player.between = stop
+    player.between = lambda number: number != 2 or signal.raise_signal(signal.SIGTERM)
     line = one_line(call("run", "study.toml", "--out", "out"), 130)
     assert line == "crinoid: interrupted in case-02; --resume goes on from there\n"
     assert len(player.played) == 2
     ended = call("run", "study.toml", "--out", "out", "--resume")
     assert ended.exit_code == 0, ended.output
     assert [each.arm.length for each in player.played[2:]] == [0.5, 0.6]
-    with (here / "out" / "cases.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = case_rows(here / "out")
     assert [row["status"] for row in rows] == ["ok"] * 3
     errors = [float(row["rms_error"]) for row in rows]
     assert errors == pytest.approx([errors[0]] * 3)
@@ -553,8 +539,7 @@ def test_a_signal_while_the_table_is_written_waits_until_it_is(here, monkeypatch
     ended = call("run", "study.toml", "--out", "out", "--resume")
     assert "interrupted before case-03; --resume goes on from there" in one_line(ended, 130)
     assert "wrote out/cases.csv" in ended.stdout
-    with (here / "out" / "cases.csv").open() as file:
-        assert [row["status"] for row in csv.DictReader(file)] == ["ok"] * 3
+    assert [row["status"] for row in case_rows(here / "out")] == ["ok"] * 3
     assert written == [3, 3]
 
 

@@ -15,7 +15,7 @@ from crinoid.base import SineMotion
 from crinoid.elements import TipLoad
 from crinoid.flow import Uniform
 from crinoid.space import CHANNELS
-from physics import QUICKLY, always, arm
+from physics import QUICKLY, always, arm, ways
 
 NODES = 7
 STEPS = 20
@@ -104,16 +104,7 @@ def start_and_end(parameters, commands):
     return tips, (system.static_jacobian(state), found.converged & jnp.all(converged))
 
 
-# every parameter alone, then ways of changing all commands at once
-DIRECTIONS = {
-    name: (np.eye(len(NAMES))[i], np.zeros((STEPS, 6))) for i, name in enumerate(NAMES)
-} | {
-    f"commands-{seed}": (
-        np.zeros(len(NAMES)),
-        0.3 * np.random.default_rng(seed).normal(size=(STEPS, 6)),
-    )
-    for seed in range(2)
-}
+DIRECTIONS = ways(NAMES, (STEPS, 6), seeds=2)
 AT = np.array(list(USUAL.values()))
 DISPLACED = AT + np.where(np.isin(NAMES, HELD_AT), np.arange(len(NAMES)) % 4 * 0.2 - 0.3, 0.0)
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 from crinoid.assembly.base import BaseParameters
 from crinoid.assembly.flow import build_flow
 from crinoid.assembly.load import LoadElement, load_numbers
-from crinoid.assembly.numbers import Numbers, array
+from crinoid.assembly.numbers import Numbers, array, from_table
 from crinoid.assembly.obstacle import ObstacleParameters
 from crinoid.dynamics import Integrator
 from crinoid.flow import Flow
@@ -65,17 +65,10 @@ class ArmParameters(eqx.Module):
     @staticmethod
     def of(arm: Arm) -> ArmParameters:
         """Return the numbers of an arm."""
-        section = dict(arm.section).items()
-        given = {name: None if value is None else array(value) for name, value in section}
-        return ArmParameters(
-            length=array(arm.length),
-            radius=array(arm.radius),
-            density=array(arm.density),
-            youngs_modulus=array(arm.youngs_modulus),
-            poisson_ratio=array(arm.poisson_ratio),
-            damping_time=array(arm.damping_time),
-            rest_curvature=array(arm.rest_curvature),
-            section=SectionParameters(**given),
+        return from_table(
+            ArmParameters,
+            arm,
+            section=from_table(SectionParameters, arm.section),
             nodes=arm.nodes,
             dimension=arm.dimension,
         )
@@ -92,12 +85,7 @@ class ArmParameters(eqx.Module):
             damping_time=self.damping_time,
             axes=self.dimension,
             poisson_ratio=self.poisson_ratio,
-            EA=self.section.EA,
-            EI=self.section.EI,
-            GJ=self.section.GJ,
-            mass_per_length=self.section.mass_per_length,
-            diameter=self.section.diameter,
-            displaced_area=self.section.displaced_area,
+            **vars(self.section),
         )
 
 
@@ -115,15 +103,7 @@ class WaterParameters(eqx.Module):
     @staticmethod
     def of(water: Water) -> WaterParameters:
         """Return the numbers of the water."""
-        return WaterParameters(
-            density=array(water.density),
-            gravity=array(water.gravity),
-            drag_normal=array(water.drag_normal),
-            drag_tangential=array(water.drag_tangential),
-            linear_drag=array(water.linear_drag),
-            added_mass_normal=array(water.added_mass_normal),
-            added_mass_tangential=array(water.added_mass_tangential),
-        )
+        return from_table(WaterParameters, water)
 
 
 class PidParameters(eqx.Module):
@@ -168,10 +148,10 @@ class SimulationParameters(eqx.Module):
     @staticmethod
     def of(simulation: Simulation) -> SimulationParameters:
         """Return the numbers of a simulation."""
-        return SimulationParameters(
-            time_step=array(simulation.time_step),
+        return from_table(
+            SimulationParameters,
+            simulation,
             error=array(simulation.error or np.inf),
-            tolerance=array(simulation.tolerance),
             max_iterations=jax.device_put(np.asarray(simulation.max_iterations)),
             integrator=_INTEGRATORS[simulation.integrator](**simulation.integrator_options),
             max_halvings=simulation.max_halvings,

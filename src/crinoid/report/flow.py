@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.report.run import ReportError
+from crinoid.report.run import ReportError, load
 
 FLOW = "flow.nc"
 
@@ -28,12 +28,7 @@ def open_flow(path: Path) -> xr.Dataset:
     ReportError
         If the file is broken, or not a current that crinoid sampled.
     """
-    try:
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
-            dataset = stored.load()
-    except (OSError, RuntimeError, ValueError, KeyError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
+    dataset = load(path)
     for name, dims in _REQUIRED.items():
         if name not in dataset or dataset[name].dims != dims:
             raise ReportError(f"{path}: not a current of crinoid, it has no {name} over {dims}")

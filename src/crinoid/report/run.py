@@ -72,6 +72,22 @@ def open_run(path: Path) -> Run:
     return Run(result, open_result(beside) if compared else None)
 
 
+def load(path: Path) -> xr.Dataset:
+    """Read a netCDF file into memory, times as plain seconds.
+
+    Raises
+    ------
+    ReportError
+        If the file is broken.
+    """
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+            return stored.load()
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
+
+
 def open_result(path: Path) -> xr.Dataset:
     """Read one result file into memory; records whose shape is not finite are left out.
 
@@ -84,14 +100,7 @@ def open_result(path: Path) -> xr.Dataset:
         raise ReportError(f"{path}: no such file")
     if path.stat().st_size == 0:
         raise ReportError(f"{path}: the file is empty")
-    try:
-        # Times are plain seconds; decoding would turn them into dates.
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
-            dataset = stored.load()
-    except (OSError, RuntimeError, ValueError, KeyError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
-
+    dataset = load(path)
     for name, dims in _REQUIRED.items():
         if name not in dataset:
             raise ReportError(f"{path}: not a crinoid result, it has no variable {name!r}")
