@@ -1,6 +1,7 @@
 """Settings of every test: compiled code kept between runs, and shapes checked at run time."""
 
 import gc
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,18 +27,50 @@ from jaxtyping import install_import_hook  # noqa: E402
 install_import_hook("crinoid", "beartype.beartype")
 
 
+_LONGEST = (
+    *("test_builtin", "test_builtin_long", "test_space_gradients", "test_space_dynamics"),
+    *("test_simulation", "test_builtin_space", "test_space_statics", "test_docs", "test_statics"),
+    *("test_contact", "test_current", "test_dynamics", "test_report", "test_gradients"),
+)
+"""Files that take longest, in that order: begun first, so that workers end at about one time."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of the longest files first."""
+    rank = {name: number for number, name in enumerate(_LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
+
+_MOST_MAPPED = 20_000
+"""Pieces of memory that a process may hold: each program takes five or six, Linux allows 65530."""
+
+
 @pytest.fixture(autouse=True, scope="module")
 def _compiled_code(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Let go of what a file compiled: thousands of programs in one process crash it."""
+    """Let go of compiled code where there is too much of it, or a file wants it of another kind."""
     import jax
 
     from crinoid.programs.store import STORE
 
+    def forget() -> None:
+        jax.clear_caches()
+        gc.collect()
+
     quickly = jax.config.read("jax_disable_most_optimizations")
-    if getattr(request.module, "RUNS_LONG", False):
+    runs_long = getattr(request.module, "RUNS_LONG", False)
+    if runs_long:
+        forget()
         jax.config.update("jax_disable_most_optimizations", False)
     yield
     jax.config.update("jax_disable_most_optimizations", quickly)
     STORE.set(None)  # which a command has set
-    jax.clear_caches()
-    gc.collect()
+    if runs_long or _mapped() > _MOST_MAPPED:
+        forget()
+
+
+def _mapped() -> float:
+    """Count the pieces of memory that this process holds; where no system tells, too many."""
+    try:
+        return len(Path("/proc/self/maps").read_bytes().splitlines())
+    except OSError:
+        return math.inf

@@ -11,14 +11,16 @@ import jax.numpy as jnp
 from crinoid.dynamics import State, System
 from crinoid.elements import DistributedLoad, TipLoad
 from crinoid.flow import Uniform
-from physics import QUICKLY, always, arm
+from physics import always, arm
 
 MESHES = (11, 21, 41)
 EA = 1e7
 FLOOR = 2e-7
 """A few times the round-off of the stretching forces (N)."""
 
-find = eqx.filter_jit(System.find_equilibrium, compiler_options=QUICKLY)
+find = eqx.filter_jit(System.find_equilibrium)
+energy = eqx.filter_jit(System.energy)
+tip_pose = eqx.filter_jit(System.tip)
 
 
 def equilibrium(system: System) -> State:

@@ -15,7 +15,7 @@ from crinoid.dynamics.statics import still
 from crinoid.dynamics.tangent import HELD
 from elastica import BLADES, CRITICAL, LIMP, MATTIASSON, OWN_WEIGHT, UPRIGHT, Shape, elastica
 from physics import QUICKLY, dense, facing, order
-from slender import EA, FLOOR, MESHES, equilibrium, find, loaded
+from slender import EA, FLOOR, MESHES, energy, equilibrium, find, loaded, tip_pose
 
 LEVEL = (np.eye(3), 0.0)
 """The plane x-z as it stands in space, and how far the arm is rolled in it."""
@@ -58,12 +58,12 @@ def solve(nodes, plane=None, **case):
     """Return the shape of an arm in equilibrium, which must stay in its plane."""
     system = loaded(nodes, **in_plane(plane, **case))
     state = equilibrium(system)
-    places, tip = np.asarray(state.position), np.asarray(system.tip(state))
+    places, end = np.asarray(state.position), np.asarray(tip_pose(system, state))
     if plane is None:
-        angle = tip[2]
+        angle = end[2]
     else:
         rotation, _ = plane
-        places, direction = places @ rotation, tip[3:] @ rotation
+        places, direction = places @ rotation, end[3:] @ rotation
         # but for the floor of the imbalance
         np.testing.assert_allclose(places[:, 1], 0, atol=2e-6)
         np.testing.assert_allclose(direction @ direction, 1, rtol=1e-13)
@@ -204,7 +204,7 @@ def test_curved_arm_without_load_keeps_its_shape():
         state.position[1:], system.reference.rest_shape(tilt), rtol=0, atol=1e-10
     )
     # it turns by its curvature, whatever the mesh
-    np.testing.assert_allclose(system.tip(state)[2], tilt + 2, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(tip_pose(system, state)[2], tilt + 2, rtol=0, atol=1e-9)
 
 
 @planes
@@ -271,7 +271,7 @@ def test_an_arm_confined_to_the_plane_is_the_planar_arm():
     assert np.abs(places[-1, 2]) > 0.3
     np.testing.assert_allclose(there.base_force[jnp.array([0, 2])], flat.base_force, atol=1e-9)
     np.testing.assert_allclose(there.base_moment, [0, -flat.base_moment, 0], atol=1e-9)
-    stored = [system.energy(state) for system, state in zip(systems, (flat, there), strict=True)]
+    stored = [energy(system, state) for system, state in zip(systems, (flat, there), strict=True)]
     np.testing.assert_allclose(stored[1], stored[0], rtol=0, atol=1e-9)
 
 
@@ -406,7 +406,7 @@ def test_push_almost_along_the_arm(inclination):
         system = loaded(nodes, dead=dead)
         state = equilibrium(system)
         assert lowest_stiffness(system, state.position) > 0
-        x, z, direction = np.asarray(system.tip(state))
+        x, z, direction = np.asarray(tip_pose(system, state))
         # over either side: both are stable
         side = np.sign(np.asarray(state.position)[nodes // 2, 1])
         exact = elastica(sorted((side * 2.0, side * np.pi + inclination - side * 1e-6)), dead=dead)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from crinoid.cases import CASES, is_table
@@ -103,7 +104,8 @@ def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with mpl.rc_context(STYLE), replacing(path) as temporary:
-            draw().savefig(temporary, format="png", facecolor="white", metadata=metadata)
+            # `Figure.savefig` would draw all of it twice, first for the layout
+            FigureCanvasAgg(draw()).print_png(temporary, metadata=metadata)
     except OSError as error:
         raise ReportError(f"{path}: cannot write the figure ({error.strerror})") from error
     return path
