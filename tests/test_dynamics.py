@@ -52,41 +52,51 @@ def advance(system: System, state: Kept, step: Array) -> tuple[Kept, Progress]:
 
 
 @eqx.filter_jit
-def _march(system: System, state: Kept, command: Array, steps: Array, step: Array):
-    def once(_, carry):
-        state, good = carry
-        state, outcome = state.step(system, command, step)
-        return state, good & outcome.converged
+def _steps(system: System, state: Kept, command: Array, steps: Array, step: Array):
+    """Return the state after at most CHUNK steps, those on the way, and how the steps went."""
 
-    return jax.lax.fori_loop(0, steps, once, (state, jnp.asarray(True)))
+    def once(index, carry):
+        state, kept = carry
+        now = state.step(system, command, step)
+        return now[0], jax.tree.map(lambda all_, one: all_.at[index].set(one), kept, now)
+
+    room = jax.tree.map(
+        lambda x: jnp.zeros((CHUNK, *x.shape), x.dtype),
+        (state, Outcome.of_nothing(converged=False)),
+    )
+    end, (states, outcomes) = jax.lax.fori_loop(0, steps, once, (state, room))
+    return end, states, outcomes
+
+
+def _march(
+    system: System, state: Kept, command: ArrayLike, steps: int, step: float
+) -> tuple[Kept, bool]:
+    good = True
+    for done in range(0, steps, CHUNK):
+        count = min(CHUNK, steps - done)
+        given = jnp.asarray(command, float), jnp.asarray(count), jnp.asarray(step)
+        state, _, outcomes = _steps(system, state, *given)
+        good &= bool(outcomes.converged[:count].all())
+    return state, good
 
 
 def march(
     system: System, state: Kept, *, until: float, steps: int, command: ArrayLike = STILL
 ) -> Kept:
     """Return the state after equal steps, none of which may fail."""
-    step = (until - float(state.time)) / steps
-    state, good = _march(system, state, jnp.asarray(command), jnp.asarray(steps), jnp.asarray(step))
+    state, good = _march(system, state, command, steps, (until - float(state.time)) / steps)
     assert good
     assert float(state.time) == pytest.approx(until, rel=1e-12)
     return state
 
 
-@eqx.filter_jit
-def _track(system: System, state: Kept, step: Array):
-    def once(state, _):
-        state, outcome = state.step(system, jnp.zeros(3), step)
-        return state, (state, outcome)
-
-    return jax.lax.scan(once, state, None, length=CHUNK)[1]
-
-
 def track(system: System, state: Kept, step: float, chunks: int = 1) -> tuple[Kept, Outcome]:
     """Return the states after each of ``chunks * CHUNK`` steps, and how the steps went."""
     parts = []
+    given = jnp.asarray(STILL), jnp.asarray(CHUNK), jnp.asarray(step)
     for _ in range(chunks):
-        parts.append(_track(system, state, jnp.asarray(step)))
-        state = jax.tree.map(lambda leaf: leaf[-1], parts[-1][0])
+        state, *kept = _steps(system, state, *given)
+        parts.append(kept)
     states, outcomes = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
     assert outcomes.converged.all()
     return states, outcomes
@@ -642,7 +652,7 @@ def pushed(tip_force: ArrayLike, max_iterations: int = 15) -> System:
 
 def whole_step(system: System, state: Kept, step: float) -> tuple[Kept, bool]:
     """Return the state after one step that is not cut, and whether it is good."""
-    return _march(system, state, jnp.zeros(3), jnp.asarray(1), jnp.asarray(step))
+    return _march(system, state, STILL, 1, step)
 
 
 def test_halving_recovers_a_step_that_newton_cannot_take():

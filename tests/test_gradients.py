@@ -136,22 +136,29 @@ def slope(runs, *name):
 
 
 @partial(jax.jit, compiler_options=QUICKLY)
-def both_modes(parameters, commands, parameters_dot, commands_dot):
+def both_modes(parameters, commands, parameters_dot, commands_dot, weights):
     tips, linear = jax.linearize(lambda *inputs: start_and_end(*inputs)[0], parameters, commands)
     backward = jax.linear_transpose(linear, parameters, commands)
-    return (
-        tips,
-        jax.vmap(linear)(parameters_dot, commands_dot),
-        jax.vmap(lambda tip: backward(tip))(jnp.eye(6)),
-    )
+    return tips, linear(parameters_dot, commands_dot), backward(weights)
 
 
 @pytest.fixture(scope="module")
 def alone():
     """Return the tips of one run, and their derivatives: along the directions, and in reverse."""
-    directions = (np.stack(d) for d in zip(*DIRECTIONS.values(), strict=True))
-    results = both_modes(*map(jnp.asarray, (USUAL, COMMANDS, *directions)))
-    return jax.tree.map(np.asarray, results)
+    nowhere = np.zeros(len(PARAMETERS)), np.zeros((STEPS, 3))
+    ahead = [(*direction, np.zeros(6)) for direction in DIRECTIONS.values()]
+    back = [(*nowhere, weights) for weights in np.eye(6)]
+    runs = [
+        jax.tree.map(np.asarray, both_modes(*map(jnp.asarray, (USUAL, COMMANDS, *given))))
+        for given in ahead + back
+    ]
+    tips, forward, reverse = zip(*runs, strict=True)
+    by_parameters, by_commands = zip(*reverse[len(ahead) :], strict=True)
+    return (
+        tips[0],
+        np.stack(forward[: len(ahead)]),
+        (np.stack(by_parameters), np.stack(by_commands)),
+    )
 
 
 @pytest.mark.parametrize("name", DIRECTIONS)
