@@ -247,20 +247,23 @@ def dense(bands: ArrayLike) -> np.ndarray:
 
 
 class Kept(eqx.Module):
-    """A state with its books and energy; what is asked of it beyond these the state answers."""
+    """A state with its books; what is asked of it beyond these the state answers."""
 
     state: State
     books: Books
-    energy: Array
 
     @staticmethod
     def of(system: System, state: State) -> "Kept":
-        return Kept(state, Books.of(system.forces, state), system.energy(state))
+        return Kept(state, Books.of(system.forces, state))
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self.state, name)
+
+    @property
+    def energy(self) -> Array:
+        return self.books.energy
 
     @property
     def work(self) -> Array:
@@ -277,13 +280,13 @@ class Kept(eqx.Module):
     def step(self, system: System, command: Array, step: Array) -> tuple["Kept", Outcome]:
         state, outcome = system.step(self.state, command, step)
         books = self.books.after(system.forces, self.state, state, step)
-        return Kept(state, books, system.energy(state)), outcome
+        return Kept(state, books), outcome
 
     def advance(
         self, system: System, command: Array, step: Array | None = None
     ) -> tuple["Kept", Progress]:
         state, books, progress = system.advance_with_books(self.state, self.books, command, step)
-        return Kept(state, books, system.energy(state)), progress
+        return Kept(state, books), progress
 
 
 def ways(

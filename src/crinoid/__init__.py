@@ -51,6 +51,14 @@ else:
     os.environ["JAX_ENABLE_X64"] = "1"
 
 
+# XLA runs a program on the CPU as a list of small functions, and calling these takes longer than
+# what they do for arrays as small as an arm's. Loops of up to so many bytes become one function.
+_LOOPS = "xla_cpu_small_while_loop_byte_threshold"
+_given = os.environ.get("XLA_FLAGS", "")
+if _LOOPS not in _given:
+    os.environ["XLA_FLAGS"] = f"{_given} --xla_backend_extra_options={_LOOPS}={1 << 24}".strip()
+
+
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'crinoid' has no attribute {name!r}")

@@ -18,6 +18,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.products import product
+
 Bands = Float[Array, "n 5 b b"]
 Blocks = Float[Array, "n m m"]
 Vectors = Float[Array, "n b"]
@@ -144,15 +146,15 @@ def _eliminate(
     def forward(before: Array, row: tuple[Array, ...]) -> tuple[Array, Array]:
         behind, here, ahead, known = row
         # x_here = reduced[..., size:] - reduced[..., :size] x_ahead
-        inflow = _product(behind, before)
-        reduced = _product(
+        inflow = product(behind, before)
+        reduced = product(
             _inverse(here - inflow[..., :size]),
             jnp.concatenate([ahead, known - inflow[..., size:]], axis=-1),
         )
         return reduced, reduced
 
     def backward(ahead: Array, reduced: Array) -> tuple[Array, Array]:
-        here = reduced[..., size:] - _product(reduced[..., :size], ahead)
+        here = reduced[..., size:] - product(reduced[..., :size], ahead)
         return here, here
 
     last, reduced = jax.lax.scan(
@@ -161,9 +163,9 @@ def _eliminate(
         (ends(lower, upper), ends(main, main), ends(upper, lower), ends(rhs, rhs)),
     )
     coupling, known = last[..., :size], last[..., size:]
-    meeting = _inverse(jnp.eye(size) - _product(coupling[0], coupling[1]))
-    near = _product(meeting, known[0] - _product(coupling[0], known[1]))
-    far = known[1] - _product(coupling[1], near)
+    meeting = _inverse(jnp.eye(size) - product(coupling[0], coupling[1]))
+    near = product(meeting, known[0] - product(coupling[0], known[1]))
+    far = known[1] - product(coupling[1], near)
     _, halves = jax.lax.scan(backward, jnp.stack([far, near]), reduced, reverse=True)
     return jnp.concatenate([halves[:, 0], halves[::-1, 1]])
 
@@ -177,19 +179,14 @@ def _inverse(block: Float[Array, "... m m"]) -> Float[Array, "... m m"]:
     a, b = block[..., :half, :half], block[..., :half, half:]
     c, d = block[..., half:, :half], block[..., half:, half:]
     a_inverse = _inverse(a)
-    a_b = _product(a_inverse, b)
-    c_a = _product(c, a_inverse)
-    schur = _inverse(d - _product(c, a_b))
-    corner = _product(a_b, schur)
+    a_b = product(a_inverse, b)
+    c_a = product(c, a_inverse)
+    schur = _inverse(d - product(c, a_b))
+    corner = product(a_b, schur)
     return jnp.concatenate(
         [
-            jnp.concatenate([a_inverse + _product(corner, c_a), -corner], axis=-1),
-            jnp.concatenate([-_product(schur, c_a), schur], axis=-1),
+            jnp.concatenate([a_inverse + product(corner, c_a), -corner], axis=-1),
+            jnp.concatenate([-product(schur, c_a), schur], axis=-1),
         ],
         axis=-2,
     )
-
-
-def _product(a: Float[Array, "... i j"], b: Float[Array, "... j k"]) -> Float[Array, "... i k"]:
-    # for blocks this small XLA fuses a sum of products but calls a routine for `@`
-    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from crinoid.base.motion import BaseMotion
 from crinoid.base.servo import Servo, ServoState
 from crinoid.frames import cross, dot
+from crinoid.products import product
 
 Channels = Float[Array, " channel"]
 
@@ -78,7 +79,7 @@ class Base(eqx.Module):
     def rotation(self, pose: Channels) -> Float[Array, "d d"]:
         """Return the matrix that turns what the base carries from its set pose into a pose."""
         if self.axes == 3:
-            return self.frame(pose).T @ self.frame(jnp.zeros_like(pose))
+            return product(self.frame(pose).T, self.frame(jnp.zeros_like(pose)))
         cosine, sine = jnp.cos(pose[2]), jnp.sin(pose[2])
         return jnp.stack([jnp.stack([cosine, -sine]), jnp.stack([sine, cosine])])
 

@@ -73,8 +73,9 @@ def attempt(
     report: Callable[[Progress], None],
     stop: Callable[[], bool],
     tell: Tell | None = None,
+    alike: int = 1,
 ) -> Result:
-    """Run a scenario, or the rest of it.
+    """Run a scenario, or the rest of it; one of as many as are ``alike``.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def attempt(
         If it cannot be run, or not gone on with.
     """
     try:
-        return play(prepared, report=report, resume=earlier, stop=stop, tell=tell)
+        return play(prepared, report=report, resume=earlier, stop=stop, tell=tell, alike=alike)
     except ResultError as error:
         raise ScenarioError([Mistake("--resume", f"the run in {folder}: {error}")]) from error
 

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, Int
 from crinoid.control.controller import Channels, Controller, Pose
 from crinoid.control.target import pose_error
 from crinoid.onset import Onset
+from crinoid.products import product
 
 
 class PidMemory(eqx.Module):
@@ -66,13 +67,15 @@ class Pid(Controller):
     def command(
         self, memory: PidMemory, measured: Pose, wanted: Pose, forward: Channels
     ) -> tuple[Channels, PidMemory]:
-        error = self.mapping @ pose_error(wanted, measured)
+        error = product(self.mapping, pose_error(wanted, measured))
         first = memory.calls == 0
         found = jnp.where(first, error, memory.found)
         found_forward = jnp.where(first, forward, memory.found_forward)
         left = 1 - Onset.of(0.0, self.take_up)(memory.calls * self.period)
         error, forward = error - left * found, forward - left * found_forward
-        moved = self.mapping @ pose_error(measured, memory.measured) - (forward - memory.forward)
+        moved = product(self.mapping, pose_error(measured, memory.measured)) - (
+            forward - memory.forward
+        )
         slope = (self.filter_time * memory.slope + moved) / (self.filter_time + self.period)
         integral = memory.integral + self.ki * self.period * error
         free = forward + self.kp * error + integral - self.kd * slope

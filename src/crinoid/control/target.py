@@ -6,6 +6,7 @@ from jaxtyping import Array, Float
 
 from crinoid.base import Base
 from crinoid.control.path import Line, Orbit
+from crinoid.products import product
 from crinoid.space import POSE
 from crinoid.spline import PiecewisePolynomial
 
@@ -24,15 +25,15 @@ class Carrier(eqx.Module):
         """Return in the world what is fixed to the submarine at ``time`` (s)."""
         shift, turn, angle = self._displacement(time)
         axes = shift.size
-        pointing = pose[axes:] + angle if axes == 2 else turn @ pose[axes:]
-        return jnp.concatenate([self.origin + shift + turn @ pose[:axes], pointing])
+        pointing = pose[axes:] + angle if axes == 2 else product(turn, pose[axes:])
+        return jnp.concatenate([self.origin + shift + product(turn, pose[:axes]), pointing])
 
     def seen(self, pose: Pose, time: Time) -> Pose:
         """Return from the submarine what is in the world at ``time`` (s)."""
         shift, turn, angle = self._displacement(time)
         axes = shift.size
-        pointing = pose[axes:] - angle if axes == 2 else turn.T @ pose[axes:]
-        return jnp.concatenate([turn.T @ (pose[:axes] - self.origin - shift), pointing])
+        pointing = pose[axes:] - angle if axes == 2 else product(turn.T, pose[axes:])
+        return jnp.concatenate([product(turn.T, pose[:axes] - self.origin - shift), pointing])
 
     def _displacement(
         self, time: Time

@@ -14,8 +14,10 @@ _ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
 
 
 class Books(eqx.Module):
-    """Sums since the start. No step needs them: only runs that ask keep them. SI units."""
+    """What an arm has stored, and sums since the start, which only runs that ask keep. SI units."""
 
+    energy: Float[Array, " energy"]
+    """Stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
     working: Float[Array, "work n b"]
     """Forces on the nodes whose work is not stored, in the order of `crinoid.elements.WORKS` (N),
     torques about the edges (N m)."""
@@ -27,13 +29,13 @@ class Books(eqx.Module):
     @staticmethod
     def of(forces: Forces, state: State) -> "Books":
         """Open the books of an arm that starts from ``state``."""
-        _, working = forces.audit(state.motion)
+        energy, working = forces.audit(state.motion)
         working = working.at[_ACTUATION, :HELD].add(state.reaction)
         touch = None
         if forces.obstacles is not None:
             touch, pushed = forces.obstacles.touch(state.motion)
             working = working.at[_CONTACT].set(pushed)
-        return Books(working, jnp.zeros(len(WORKS)), touch)
+        return Books(energy, working, jnp.zeros(len(WORKS)), touch)
 
     def after(self, forces: Forces, before: State, after: State, step: Array) -> "Books":
         """Return the books after a step of given length (s).
@@ -44,6 +46,7 @@ class Books(eqx.Module):
         now = Books.of(forces, after)
         path = forces.nodes(after.motion.position - before.motion.position)
         work = self.work + 0.5 * jnp.sum((self.working + now.working) * path, axis=(1, 2))
-        if now.touch is None or self.touch is None:
-            return Books(now.working, work, None)
-        return Books(now.working, work, now.touch.since(self.touch, step))
+        touch = None
+        if now.touch is not None and self.touch is not None:
+            touch = now.touch.since(self.touch, step)
+        return Books(now.energy, now.working, work, touch)

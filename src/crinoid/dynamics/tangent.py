@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid import chain
+from crinoid.products import product
 
 HELD = 2
 """The ghost node and the root: their motion is prescribed, not solved for."""
@@ -83,6 +84,20 @@ def _eliminate(bands: chain.Bands, border: Border, nodes: Rows, bodies: Rows) ->
     answers = chain.solve(bands, jnp.concatenate([nodes[..., None], moves], axis=-1))
     alone, followed = answers[..., 0], answers[..., 1:]
     back = border.of_bodies.reshape(bodies.size, -1)
-    schur = border.corner.reshape(bodies.size, -1) - back @ followed.reshape(-1, bodies.size)
-    moved = jnp.linalg.solve(schur, bodies.reshape(-1) - back @ alone.reshape(-1))
-    return alone - followed @ moved, moved.reshape(bodies.shape)
+    followed = followed.reshape(-1, bodies.size)
+    schur = border.corner.reshape(bodies.size, -1) - product(back, followed)
+    moved = _solve(schur, bodies.reshape(-1) - product(back, alone.reshape(-1)))
+    return alone - product(followed, moved).reshape(alone.shape), moved.reshape(bodies.shape)
+
+
+def _solve(matrix: Float[Array, "k k"], rhs: Float[Array, " k"]) -> Float[Array, " k"]:
+    """Solve by Gauss-Jordan elimination, without pivots: a body's inertia rules its own column.
+
+    In place of a routine for large matrices, see `crinoid.products`.
+    """
+
+    def clear(i: Array, rows: Array) -> Array:
+        pivot = rows[i] / rows[i, i]
+        return (rows - rows[:, i, None] * pivot).at[i].set(pivot)
+
+    return jax.lax.fori_loop(0, rhs.size, clear, jnp.c_[matrix, rhs])[:, -1]

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import unit
 from crinoid.frames import cross
+from crinoid.products import product
 from crinoid.rod import Rod
 
 SKIN = 0.05
@@ -135,20 +136,22 @@ class Contact(Element):
         at_axis = jnp.stack([1 - share, share])
         # the edge turns at the rate edge x change: (e x c) x l = c (e . l) - e (c . l)
         change = (velocity[1] - velocity[0]) / length
-        turning = change * (edge @ lever) - edge * (change @ lever)
-        sliding = at_axis @ velocity[:2] + turning - velocity[2]
+        turning = change * product(edge, lever) - edge * product(change, lever)
+        sliding = product(at_axis, velocity[:2]) + turning - velocity[2]
         spins = motion.position.shape[-1] > self.axes
         if spins:
             around = cross(edge, lever)
             sliding = sliding + motion.velocity[1, -1] * around
-        sliding = sliding - (sliding @ outward) * outward
-        rubbing = -self.friction * pressing * sliding / jnp.sqrt(sliding @ sliding + _CREEP**2)
+        sliding = sliding - product(sliding, outward) * outward
+        rubbing = (
+            -self.friction * pressing * sliding / jnp.sqrt(product(sliding, sliding) + _CREEP**2)
+        )
         # likewise the moment lever x rubbing, but for what of it is about the edge
-        couple = (rubbing * (edge @ lever) - lever * (edge @ rubbing)) / length
+        couple = (rubbing * product(edge, lever) - lever * product(edge, rubbing)) / length
         rubbed = jnp.stack([at_axis[0] * rubbing - couple, at_axis[1] * rubbing + couple, -rubbing])
         forces = pressing * slopes + rubbed
         if spins:
-            torque = jnp.stack([0 * gap, rubbing @ around, 0 * gap])
+            torque = jnp.stack([0 * gap, product(rubbing, around), 0 * gap])
             forces = jnp.concatenate([forces, torque[:, None]], axis=1)
         return gap, forces
 
@@ -158,10 +161,12 @@ class Contact(Element):
         edge, apart = far - near, near - place
         flat = jnp.any(self.normal != 0)
 
-        rise = self.normal @ edge
+        rise = product(self.normal, edge)
         pull = _EASE * self.rest_length
         share_flat = jnp.clip(0.5 - rise / pull, 0.0, 1.0)
-        height = self.normal @ apart + share_flat * rise + 0.5 * pull * (share_flat - 0.5) ** 2
+        height = (
+            product(self.normal, apart) + share_flat * rise + 0.5 * pull * (share_flat - 0.5) ** 2
+        )
         weights = jnp.stack([1 - share_flat, share_flat, -jnp.ones_like(share_flat)])
         slopes_flat = weights[:, None] * self.normal
 
@@ -170,7 +175,9 @@ class Contact(Element):
         between = apart + share * edge - along * self.half_axis
         eased = _EASE * off**2 * edge
         # what is flat has no distance from its position: keep the branch not taken finite
-        distance = jnp.sqrt(between @ between + eased @ edge + jnp.finfo(float).tiny)
+        distance = jnp.sqrt(
+            product(between, between) + product(eased, edge) + jnp.finfo(float).tiny
+        )
         slopes = jnp.stack([(1 - share) * between - eased, share * between + eased, -between])
 
         return (
@@ -186,8 +193,9 @@ class Contact(Element):
         2005, section 5.1.9).
         """
         core = self.half_axis
-        of_edge, of_core, mixed = (1 + _EASE) * edge @ edge, core @ core, edge @ core
-        on_edge, on_core = edge @ apart - 0.5 * _EASE * edge @ edge, core @ apart
+        squared, of_core, mixed = product(edge, edge), product(core, core), product(edge, core)
+        of_edge = (1 + _EASE) * squared
+        on_edge, on_core = product(edge, apart) - 0.5 * _EASE * squared, product(core, apart)
         long = of_core > 0
         whole = jnp.where(long, of_edge * of_core - mixed**2, 1.0)
         share = jnp.clip((mixed * on_core - of_core * on_edge) / whole, 0.0, 1.0)

@@ -5,6 +5,7 @@ from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Flow, Point, Time
 from crinoid.onset import Onset
+from crinoid.products import product
 from crinoid.spline import PiecewisePolynomial
 
 
@@ -25,7 +26,7 @@ class MeasuredPoint(Flow):
     """Delay of the record over distance (s/m)."""
 
     def fully_on(self, point: Point, time: Time) -> Point:
-        return self.record(time - jnp.dot(self.slowness, point - self.met))
+        return self.record(time - product(self.slowness, point - self.met))
 
 
 class MeasuredProfile(Flow):

@@ -9,6 +9,7 @@ from crinoid.flow.flow import Flow, Point, Time
 from crinoid.flow.jet import Jet
 from crinoid.flow.turns import cosine, sine
 from crinoid.onset import Onset
+from crinoid.products import product
 
 # The spectrum is cut where k L_e is below the first and above the second, and what is left is
 # raised to the full variance. Below lie 6e-5 of the variance. Above lie 3.2 %, in eddies shorter
@@ -18,8 +19,6 @@ _LEAST, _MOST = 0.2, 300.0
 # (1, 2, 3) powers of the root of g^4 = g + 1: multiples of these fill a cube evenly, any number
 # of them and from any one on (the generalised golden ratio; Roberts 2018)
 _EVENLY = 1.2207440846057596 ** -np.arange(1.0, 4.0)
-_AT_ONCE = 64
-"""Modes worked out together: more XLA spreads over threads, which costs more than it saves."""
 
 
 class Turbulence(Flow):
@@ -90,25 +89,22 @@ class Turbulence(Flow):
         )
 
     def fully_on(self, point: Point, time: Time) -> Point:
-        return self.mean + cosine(self._turns(point, time)) @ self.amplitudes
+        return self.mean + product(cosine(self._turns(point, time)), self.amplitudes)
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         size = point.shape[0]
         first = -self.amplitudes[:, :, None] * self.wave_vectors[:, None, :]
         first = first.reshape(len(first), -1)
         turns = self._turns(point, time)
-        velocity, slopes = self.mean, jnp.zeros(first.shape[1])
-        # two products with matrices are all that is done for each point
-        for begin in range(0, len(turns), _AT_ONCE):
-            some = slice(begin, begin + _AT_ONCE)
-            velocity += cosine(turns[some]) @ self.amplitudes[some]
-            slopes += sine(turns[some]) @ first[some]
-        gradient = slopes.reshape(size, size)
+        # two products are all that is done for each point
+        velocity = self.mean + product(cosine(turns), self.amplitudes)
+        gradient = product(sine(turns), first).reshape(size, size)
         # carried along: d/dt = -mean . grad
         return Jet(velocity, gradient, -jnp.sum(gradient * self.mean, axis=-1))
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
-        return self.phases + self.wave_vectors @ (point - self.mean * time) / (2 * jnp.pi)
+        carried = product(self.wave_vectors, point - self.mean * time)
+        return self.phases + carried / (2 * jnp.pi)
 
 
 def _spread(

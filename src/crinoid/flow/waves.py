@@ -9,6 +9,7 @@ from crinoid.flow.flow import Flow, Point, Time
 from crinoid.flow.jet import Jet
 from crinoid.flow.turns import cosine, sine
 from crinoid.onset import Onset
+from crinoid.products import product
 
 _LOWEST, _HIGHEST = 0.5, 4.0
 """Where the spectrum is cut, over its peak frequency: all but 0.5 % of it lie between."""
@@ -74,16 +75,16 @@ class Waves(Flow):
 
     def elevation(self, point: Point, time: Time) -> Float[Array, ""]:
         """Return the height of the surface over (or under) a point (m)."""
-        return self.onset(time) * (cosine(self._turns(point, time)) @ self.amplitudes)
+        return self.onset(time) * product(cosine(self._turns(point, time)), self.amplitudes)
 
     def fully_on(self, point: Point, time: Time) -> Point:
-        return self._shapes(point, time) @ self._weights()
+        return product(self._shapes(point, time), self._weights())
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         size = point.shape[0]
         weights = self._weights()
         rates = self._rates(weights).reshape(weights.shape[0], -1)
-        together = self._shapes(point, time) @ jnp.concatenate([weights, rates], axis=1)
+        together = product(self._shapes(point, time), jnp.concatenate([weights, rates], axis=1))
         velocity, rates = together[:size], together[size:].reshape(size, size + 1)
         # where the height is held, it changes nothing
         held = (point[-1] > 0) | (point[-1] < -self.depth)
@@ -91,7 +92,7 @@ class Waves(Flow):
         return Jet(velocity, rates[:, :size] * moving, rates[:, size])
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
-        along = self.wave_numbers * (self.heading @ point[:-1])
+        along = self.wave_numbers * product(self.heading, point[:-1])
         return self.phases + (along - self.frequencies * time) / (2 * jnp.pi)
 
     def _shapes(self, point: Point, time: Time) -> Float[Array, " shapes"]:

@@ -1,0 +1,17 @@
+"""Products of small arrays."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Return ``a @ b`` of vectors, matrices, or two stacks of matrices.
+
+    As a sum of products, which XLA compiles into what is around it. Of ``@`` it makes a call of a
+    routine for large matrices, and a loop that holds one is never compiled as a whole.
+    """
+    if b.ndim == 1:
+        return jnp.sum(a * b, axis=-1)
+    if a.ndim == 1:
+        return jnp.sum(a[:, None] * b, axis=0)
+    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
