@@ -58,8 +58,8 @@ def pytest_terminal_summary(
         terminalreporter.write_line(f"{seconds:7.1f}s {name}")
 
 
-_MOST_MAPPED = 20_000
-"""Pieces of memory that a process may hold: each program takes five or six, Linux allows 65530."""
+_MOST_BYTES = 2_000_000_000
+"""Memory from which on a process forgets what it compiled: some thousand programs."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -81,13 +81,14 @@ def _compiled_code(request: pytest.FixtureRequest) -> Iterator[None]:
     yield
     jax.config.update("jax_disable_most_optimizations", quickly)
     STORE.set(None)  # which a command has set
-    if runs_long or _mapped() > _MOST_MAPPED:
+    if runs_long or _resident() > _MOST_BYTES:
         forget()
 
 
-def _mapped() -> float:
-    """Count the pieces of memory that this process holds; where no system tells, too many."""
+def _resident() -> float:
+    """Return the memory that this process holds (bytes); where no system tells, too much."""
     try:
-        return len(Path("/proc/self/maps").read_bytes().splitlines())
+        pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
     except OSError:
         return math.inf
+    return pages * os.sysconf("SC_PAGE_SIZE")

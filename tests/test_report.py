@@ -181,7 +181,7 @@ def assert_shows_something(path: Path):
 def _coarse():
     """Draw with fewer dots: what is asserted does not depend on them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(STYLE, "figure.dpi", 80)
+        patch.setitem(STYLE, "savefig.dpi", 80)
         yield
 
 

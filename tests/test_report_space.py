@@ -39,7 +39,7 @@ def _no_warning():
 @pytest.fixture
 def _coarse(monkeypatch):
     """Draw with fewer dots: what is asserted does not depend on them."""
-    monkeypatch.setitem(STYLE, "figure.dpi", 80)
+    monkeypatch.setitem(STYLE, "savefig.dpi", 80)
 
 
 def panels(figure):

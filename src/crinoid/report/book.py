@@ -7,7 +7,6 @@ from pathlib import Path
 
 import matplotlib as mpl
 import xarray as xr
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from crinoid.cases import CASES, is_table
@@ -104,8 +103,7 @@ def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with mpl.rc_context(STYLE), replacing(path) as temporary:
-            # `Figure.savefig` would draw all of it twice, first for the layout
-            FigureCanvasAgg(draw()).print_png(temporary, metadata=metadata)
+            draw().savefig(temporary, format="png", facecolor="white", metadata=metadata)
     except OSError as error:
         raise ReportError(f"{path}: cannot write the figure ({error.strerror})") from error
     return path
