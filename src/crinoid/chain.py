@@ -73,6 +73,7 @@ def transpose(bands: Bands) -> Bands:
     return jnp.stack(rows, axis=1)
 
 
+@jax.jit
 def solve(bands: Bands, rhs: Float[Array, "n b *columns"]) -> Float[Array, "n b *columns"]:
     """Solve the banded system for one or several columns; differentiable in both modes.
 

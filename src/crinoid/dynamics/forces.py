@@ -40,6 +40,9 @@ Slopes = tuple[Array, Array | None]
 class Forces(eqx.Module):
     """The elements of an arm, the water that they stand in, and the obstacles in it.
 
+    Its larger methods are compiled functions: each is traced once, not at each place in a program
+    that calls it.
+
     ``origin`` (m) is where in the world the arm's coordinates start: keeping them small keeps
     their round-off small, however deep the arm works.
     """
@@ -83,6 +86,7 @@ class Forces(eqx.Module):
         """Return the velocity of the water at points (m/s)."""
         return jax.vmap(lambda point: self.water.velocity(self.origin + point, time))(points)
 
+    @eqx.filter_jit
     def surroundings(self, stage: Stage, correction: Rows) -> Surroundings:
         """Return the water around the rows at a stage of the step."""
         position = (stage.position + stage.by_position * correction)[:, : self.axes]
@@ -102,6 +106,7 @@ class Forces(eqx.Module):
             slope,
         )
 
+    @eqx.filter_jit
     def motion(self, stage: Stage, correction: Rows, around: Surroundings) -> Motion:
         """Return the motion of everything and of the water around it, at a stage of the step."""
         position = stage.position + stage.by_position * correction
@@ -115,6 +120,7 @@ class Forces(eqx.Module):
             None if frames is None else frames.at(self.nodes(position)),
         )
 
+    @eqx.filter_jit
     def residual(
         self, motion: Motion, load_factor: Array | None = None
     ) -> tuple[Rows, Float[Array, " b"]]:
@@ -251,6 +257,7 @@ class Forces(eqx.Module):
             raise ValueError("nothing resists bending: elements takes a Bend, in space a BendTwist")
         return self.bend
 
+    @eqx.filter_jit
     def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, "work n b"]]:
         """Return the stored energies (J), and the forces on the nodes that are not stored (N, N m).
 

@@ -176,6 +176,7 @@ def _solve_jvp(primals: Any, tangents: Any) -> Any:
     return (correction, held, outcome), (t_correction, t_held, constant(outcome))
 
 
+@eqx.filter_jit
 def imbalance(
     forces: Forces,
     around: Surroundings,
@@ -234,6 +235,7 @@ def newton_step(
     return tangent_at(forces, around, stage, correction, load_factor).solve(-residual)
 
 
+@eqx.filter_jit
 def tangent_at(
     forces: Forces,
     around: Surroundings,
