@@ -1,4 +1,4 @@
-"""Time arms that are stepped together under `vmap`, on one core and on all of them.
+"""Time many arms, together under `vmap` and in turn under `lax.map`, on one core and on all.
 
 Each arm of a batch has its own commands. Beside it stands one arm alone, and what XLA makes of the
 batch without the options of crinoid's own programs.
@@ -87,11 +87,14 @@ def measure(case: str, nodes: int, arms: int, repeats: int) -> list[dict[str, An
     def together(system: Any, state: Any, commands: jax.Array) -> Any:
         return jax.vmap(partial(roll, system, state))(commands)
 
-    def split(system: Any, state: Any, commands: jax.Array) -> Any:
+    def in_turn(system: Any, state: Any, commands: jax.Array) -> Any:
+        return jax.lax.map(partial(roll, system, state), commands)
+
+    def split(how: Callable[..., Any], system: Any, state: Any, commands: jax.Array) -> Any:
         arrays, rest = eqx.partition((system, state), eqx.is_array)
 
         def part(arrays: Any, commands: jax.Array) -> Any:
-            return together(*eqx.combine(arrays, rest), commands)
+            return how(*eqx.combine(arrays, rest), commands)
 
         mesh = jax.make_mesh((CORES,), ("arms",), axis_types=(AxisType.Auto,))
         spread = PartitionSpec("arms")
@@ -108,7 +111,9 @@ def measure(case: str, nodes: int, arms: int, repeats: int) -> list[dict[str, An
         ("one alone", 1, roll, OFTEN, commands[-1]),
         ("XLA's defaults", arms, together, {}, commands),
         ("together", arms, together, OFTEN, commands),
-        (f"together, over {CORES} cores", arms, split, OFTEN, commands),
+        (f"together, over {CORES} cores", arms, partial(split, together), OFTEN, commands),
+        ("in turn", arms, in_turn, OFTEN, commands),
+        (f"in turn, over {CORES} cores", arms, partial(split, in_turn), OFTEN, commands),
     ]
     rows, runs = [], []
     for name, count, function, options, command in contestants:
