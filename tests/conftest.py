@@ -63,26 +63,17 @@ _MOST_BYTES = 2_000_000_000
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _compiled_code(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Let go of compiled code where there is too much of it, or a file wants it of another kind."""
+def _compiled_code() -> Iterator[None]:
+    """Let go of compiled code where there is too much of it."""
     import jax
 
     from crinoid.programs.store import STORE
 
-    def forget() -> None:
+    yield
+    STORE.set(None)  # which a command has set
+    if _resident() > _MOST_BYTES:
         jax.clear_caches()
         gc.collect()
-
-    quickly = jax.config.read("jax_disable_most_optimizations")
-    runs_long = getattr(request.module, "RUNS_LONG", False)
-    if runs_long:
-        forget()
-        jax.config.update("jax_disable_most_optimizations", False)
-    yield
-    jax.config.update("jax_disable_most_optimizations", quickly)
-    STORE.set(None)  # which a command has set
-    if runs_long or _resident() > _MOST_BYTES:
-        forget()
 
 
 def _resident() -> float:

@@ -79,7 +79,6 @@ class Player:
         resume: Result | None,
         stop: Callable[[], bool],
         tell: Callable[[list[str]], None] | None = None,
-        alike: int = 1,
     ) -> Result:
         scenario = prepared.scenario
         self.played.append(scenario)

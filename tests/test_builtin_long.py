@@ -7,8 +7,6 @@ import crinoid
 from crinoid.simulation import equilibrium
 from test_builtin import imbalance
 
-RUNS_LONG = True
-
 
 @pytest.fixture(scope="module")
 def spiral():

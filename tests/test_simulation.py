@@ -269,8 +269,8 @@ def test_a_run_that_goes_on_needs_no_program_of_its_own(result, part, monkeypatc
         kinds.append([jax.typeof(leaf) for leaf in jax.tree.leaves(args)])
         return stretch(*args)
 
-    stretch = running.stretch_for(1)
-    monkeypatch.setattr(running, "stretch_for", lambda steps: watched)
+    stretch = running.stretch
+    monkeypatch.setattr(running, "stretch", watched)
     short = scenario(control__compare=False, simulation__duration=0.8)
     play(Prepared(short))
     fresh = len(kinds)
@@ -434,7 +434,7 @@ def test_a_start_that_failed_compiles_no_time_steps(monkeypatch):
     def stretch(*_: object) -> None:
         raise AssertionError("compiled")
 
-    monkeypatch.setattr(running, "stretch_for", lambda steps: stretch)
+    monkeypatch.setattr(running, "stretch", stretch)
     never = Outcome.of_nothing(converged=False)
     setup = set_up(Prepared(scenario()))._replace(outcome=never)
     monkeypatch.setattr(running, "set_up", lambda scenario: setup)

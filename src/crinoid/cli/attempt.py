@@ -73,9 +73,8 @@ def attempt(
     report: Callable[[Progress], None],
     stop: Callable[[], bool],
     tell: Tell | None = None,
-    alike: int = 1,
 ) -> Result:
-    """Run a scenario, or the rest of it; one of as many as are ``alike``.
+    """Run a scenario, or the rest of it.
 
     Raises
     ------
@@ -83,7 +82,7 @@ def attempt(
         If it cannot be run, or not gone on with.
     """
     try:
-        return play(prepared, report=report, resume=earlier, stop=stop, tell=tell, alike=alike)
+        return play(prepared, report=report, resume=earlier, stop=stop, tell=tell)
     except ResultError as error:
         raise ScenarioError([Mistake("--resume", f"the run in {folder}: {error}")]) from error
 

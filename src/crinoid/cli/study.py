@@ -99,7 +99,7 @@ def _run_cases(
                 if interruption.release():
                     raise Interrupted
                 report = reporter(bar, f"{number}/{len(cases)} ")
-                run = _Run(ready.pop(name, Prepared(case)), folder / name, resume, len(cases))
+                run = _Run(ready.pop(name, Prepared(case)), folder / name, resume)
                 result, wrong = run.play(report, interruption.stop)
                 interruption.stop()  # from here on the case has its row in the table
             except Interrupted:
@@ -144,8 +144,8 @@ def _run_cases(
 class _Run:
     """One case, and whether all of it is in its folder."""
 
-    def __init__(self, prepared: Prepared, folder: Path, resume: bool, alike: int) -> None:
-        self.prepared, self.folder, self.resume, self.alike = prepared, folder, resume, alike
+    def __init__(self, prepared: Prepared, folder: Path, resume: bool) -> None:
+        self.prepared, self.folder, self.resume = prepared, folder, resume
         self.saved = True
         self.directory = folder.name
 
@@ -158,7 +158,7 @@ class _Run:
         if earlier is not None and (earlier.failure or is_complete(earlier, prepared.scenario)):
             return earlier, trouble(earlier, self.folder, [])
         try:
-            result = attempt(prepared, earlier, self.folder, report, stop, alike=self.alike)
+            result = attempt(prepared, earlier, self.folder, report, stop)
         except ScenarioError as error:
             return None, f"refused: {'; '.join(error.lines)}"
         paths, wrong = save(result, self.folder)

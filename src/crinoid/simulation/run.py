@@ -31,7 +31,7 @@ from crinoid.simulation.continuation import restored
 from crinoid.simulation.failure import start_failure, step_failure
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up
-from crinoid.simulation.stretch import record, stretch_for
+from crinoid.simulation.stretch import record, stretch
 
 _CAPACITY = 256
 _CHUNK_SECONDS = 0.25
@@ -93,7 +93,6 @@ def play(
     resume: Result | None = None,
     stop: Callable[[], bool] | None = None,
     tell: Tell | None = None,
-    alike: int = 1,
 ) -> Result:
     """Run a scenario to its end, a failure or an interruption; `Result.status` says which.
 
@@ -110,9 +109,6 @@ def play(
         Asked before each chunk of the run whether to interrupt it; Ctrl-C does by default.
     tell
         Called before the run with notes on the loop, if it is unstable or nearly so.
-    alike
-        How many such runs there will be: of many steps in all, they take a program that is slower
-        to compile and faster to run.
 
     Raises
     ------
@@ -131,16 +127,14 @@ def play(
         setup = set_up(prepared)
         if tell is not None and setup.loop_doubts:
             tell(setup.loop_doubts)
-        result = _run(prepared, setup, label, report, resume, asked, alike)
+        result = _run(prepared, setup, label, report, resume, asked)
         if controlled and scenario.control.compare:
             idle = setup._replace(
                 loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False)),
                 loop_doubts=[],
             )
             earlier = resume.uncontrolled if resume is not None else None
-            result.uncontrolled = _run(
-                prepared, idle, "uncontrolled", report, earlier, asked, alike
-            )
+            result.uncontrolled = _run(prepared, idle, "uncontrolled", report, earlier, asked)
     result.dataset.attrs["notes"] = "\n".join([*result.notes, *loop_notes(result)])
     return result
 
@@ -202,7 +196,6 @@ def _run(
     report: Report | None,
     earlier: Result | None,
     stop: Callable[[], bool],
-    alike: int,
 ) -> Result:
     scenario, loop = prepared.scenario, setup.loop
     stride = scenario.output_steps
@@ -213,7 +206,6 @@ def _run(
         start = build_dataset(loop.system, scenario.arm.diameters, records.pop())
         carry, kept_earlier = restored(earlier, carry, start, stride)
     done, chunk = int(carry.steps), 16
-    stretch = stretch_for(total * alike)
     trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
     if done < total and not trouble:
         # a stretch of nothing: compiles, so that what follows is timed without it

@@ -6,12 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from crinoid.dynamics import Outcome
-from crinoid.programs import OFTEN, ONCE, Program, compiled
+from crinoid.programs import OFTEN, compiled
 from crinoid.record import Record
 from crinoid.simulation.loop import Loop, LoopState, Tally
-
-_MANY = 60_000
-"""Time steps from which on optimising takes less time than it saves."""
 
 
 def record(loop: Loop, carry: LoopState) -> Record:
@@ -48,7 +45,8 @@ def record(loop: Loop, carry: LoopState) -> Record:
     )
 
 
-def _stretch(
+@compiled(**OFTEN)
+def stretch(
     loop: Loop, carry: LoopState, end: Int[Array, ""], stride: Int[Array, ""], capacity: int
 ) -> tuple[LoopState, Record, Int[Array, ""], Outcome]:
     """Run on to the time step ``end``, or until one fails; keep every ``stride``-th instant.
@@ -92,15 +90,3 @@ def _stretch(
     )
     started = Outcome.of_nothing(converged=True)
     return jax.lax.while_loop(unfinished, run_to_next, (carry, room, jnp.asarray(0), started))
-
-
-stretch = compiled(**OFTEN)(_stretch)
-_quick_stretch = compiled(**ONCE)(_stretch)
-
-
-def stretch_for(steps: int) -> Program[..., tuple[LoopState, Record, Array, Outcome]]:
-    """Return the program for runs of so many steps: most are over before XLA would be optimising.
-
-    Both do the same; their results differ by round-off.
-    """
-    return stretch if steps >= _MANY else _quick_stretch
