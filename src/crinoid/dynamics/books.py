@@ -14,7 +14,7 @@ _ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
 
 
 class Books(eqx.Module):
-    """What an arm has stored, and sums since the start, which only runs that ask keep. SI units."""
+    """Stored energies, and sums since the start, which only runs that ask keep. SI units."""
 
     energy: Float[Array, " energy"]
     """Stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
