@@ -73,9 +73,8 @@ class Pid(Controller):
         found_forward = jnp.where(first, forward, memory.found_forward)
         left = 1 - Onset.of(0.0, self.take_up)(memory.calls * self.period)
         error, forward = error - left * found, forward - left * found_forward
-        moved = product(self.mapping, pose_error(measured, memory.measured)) - (
-            forward - memory.forward
-        )
+        moved = product(self.mapping, pose_error(measured, memory.measured))
+        moved -= forward - memory.forward
         slope = (self.filter_time * memory.slope + moved) / (self.filter_time + self.period)
         integral = memory.integral + self.ki * self.period * error
         free = forward + self.kp * error + integral - self.kd * slope
