@@ -41,7 +41,8 @@ def spring(power: int = 2, **changes: jax.Array) -> Spring:
 def pulled(spring, by, repeats):
     traces.append(repeats)
     noise = jax.random.normal(spring.seed, by.shape)
-    force = sum(spring.stiffness * by**spring.power + noise for _ in range(repeats))
+    count = repeats if isinstance(repeats, int) else len(repeats)
+    force = sum(spring.stiffness * by**spring.power + noise for _ in range(count))
     return eqx.tree_at(lambda s: s.stiffness, spring, force), repeats, None, {"mean": force.mean()}
 
 
@@ -115,6 +116,15 @@ def test_what_a_program_depends_on_is_told_apart(store, monkeypatch):
     with jax.default_matmul_precision("float32"):
         in_a_new_process()(spring(), by, 1)
     assert len(traces) == before + 2
+
+
+def test_parts_of_a_program_may_be_one_object_or_equal_ones(store):
+    by, run = jnp.ones(5), in_a_new_process()
+    one, other = {"a": "".join(["lon", "g"])}, {"a": "".join(["lon", "g"])}
+    assert one["a"] is not other["a"]
+    run(spring(), by, (one, one))
+    run(spring(), by, (one, other))
+    assert len(traces) == 1
 
 
 def test_a_changed_source_is_another_program(store, monkeypatch, tmp_path):

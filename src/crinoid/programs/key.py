@@ -60,8 +60,10 @@ def key_of(function: Callable[..., Any], options: dict[str, Any], arguments: Any
     text = io.BytesIO()
     try:
         name = f"{function.__module__}.{function.__qualname__}"
-        _Pickler(text).dump((name, options, arguments))
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        pickler = _Pickler(text)
+        pickler.fast = True  # equal parts give equal text, be they one object or several
+        pickler.dump((name, options, arguments))
+    except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
         raise UnkeepableError from error
     names = (name for name in jax.config.values if not any(part in name for part in _ELSEWHERE))
     settings = [f"{name}={setting(name)!r}" for name in sorted(names)]

@@ -209,7 +209,7 @@ def _run(
     trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
     if done < total and not trouble:
         # a stretch of nothing: compiles, so that what follows is timed without it
-        jax.block_until_ready(stretch(loop, carry, carry.steps, jnp.asarray(stride), _CAPACITY))
+        jax.block_until_ready(stretch(loop, carry, carry.steps, jnp.asarray(stride, int), _CAPACITY))
     begun = time.perf_counter()
     if earlier is not None:
         begun -= earlier.dataset.attrs["wall_time"]
@@ -218,7 +218,7 @@ def _run(
         steps = min(chunk, total - done, stride * _CAPACITY)
         done += steps
         carry, kept, new, outcome = stretch(
-            loop, carry, jnp.asarray(done, int), jnp.asarray(stride), _CAPACITY
+            loop, carry, jnp.asarray(done, int), jnp.asarray(stride, int), _CAPACITY
         )
         records.append(jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept))  # noqa: B023
         took = time.perf_counter() - chunk_begun
