@@ -74,7 +74,7 @@ def measure(case: str, nodes: int, arms: int, repeats: int) -> list[dict[str, An
     file, extra = CASES[case]
     system = crinoid.system(crinoid.load(file, [f"arm.nodes={nodes}", *SOFT, *extra]))
     state = system.rest()
-    commands = jnp.linspace(-0.03, 0.03, arms)[:, None] * jnp.ones(system.channels)
+    commands = jnp.linspace(-0.03, 0.03, arms)[:, None] * jnp.ones(len(system.inputs))
 
     def roll(system: Any, state: Any, command: jax.Array) -> Any:
         def step(state: Any, _: None) -> tuple[Any, jax.Array]:

@@ -29,7 +29,7 @@ def main() -> None:
         system = crinoid.assemble(parameters)
 
         def step(state, _):
-            state, outcome = system.step(state, jnp.zeros(system.channels))
+            state, outcome = system.step(state, jnp.zeros(len(system.inputs)))
             return state, outcome.converged
 
         end, converged = jax.lax.scan(step, system.rest(), length=options.steps)

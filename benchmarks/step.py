@@ -201,7 +201,7 @@ def closed_loop(
 def bare_steps(name: str, scenario: crinoid.Scenario, setup: Setup) -> Contestant:
     """Return time steps in a scan: no sensor, controller, records, halving or energy ledger."""
     steps = scenario.simulation.steps
-    command = jnp.zeros(setup.loop.system.channels)
+    command = jnp.zeros(len(setup.loop.system.inputs))
 
     @eqx.filter_jit(compiler_options=OFTEN)
     def roll(system: Any, state: Any) -> Any:

@@ -30,7 +30,7 @@ SOFT = {
     "tolerance": 1e-9,
 }
 
-advance = eqx.filter_jit(lambda system, state: state.advance(system, jnp.zeros(system.channels)))
+advance = eqx.filter_jit(lambda system, state: state.advance(system, jnp.zeros(len(system.inputs))))
 rest = eqx.filter_jit(lambda system: Kept.of(system, system.rest()))
 
 
@@ -232,7 +232,7 @@ def test_gradient_of_a_step_in_contact_agrees_with_differences():
     def after(shift):
         shifted = state.motion.position + shift
         moved = eqx.tree_at(lambda s: s.motion.position, state, shifted)
-        end, _ = system.step(moved.state, jnp.zeros(system.channels))
+        end, _ = system.step(moved.state, jnp.zeros(len(system.inputs)))
         return jnp.sum(end.motion.position * weights)
 
     @jax.jit
@@ -329,7 +329,7 @@ def test_nothing_passes_through_a_thin_arm(speed):
 
 def test_a_step_that_would_miss_a_hit_has_not_converged():
     system = hit((0.0, 2.0), 0.05, place=(0.4, -0.06))
-    _, outcome = eqx.filter_jit(system.step)(rest(system).state, jnp.zeros(system.channels))
+    _, outcome = eqx.filter_jit(system.step)(rest(system).state, jnp.zeros(len(system.inputs)))
     assert float(outcome.residual) < 1e-9  # the balance is solved, but that of a hit half seen
     assert not outcome.resolved
     assert not outcome.converged
@@ -337,7 +337,7 @@ def test_a_step_that_would_miss_a_hit_has_not_converged():
 
 def test_a_step_that_finds_no_balance_is_not_blamed_on_its_contacts():
     system = hit((0.0, 2.0), 0.05, place=(0.4, -0.0412))
-    _, outcome = eqx.filter_jit(system.step)(rest(system).state, jnp.zeros(system.channels))
+    _, outcome = eqx.filter_jit(system.step)(rest(system).state, jnp.zeros(len(system.inputs)))
     assert float(outcome.residual) > 1.0
     assert not outcome.converged
     assert outcome.resolved

@@ -357,7 +357,7 @@ def test_carried_obstacles_follow_the_water_in_space_at_order_two():
 
 # --- in the chain ------------------------------------------------------------------------------
 
-advance = eqx.filter_jit(lambda system, state: state.advance(system, jnp.zeros(system.channels)))
+advance = eqx.filter_jit(lambda system, state: state.advance(system, jnp.zeros(len(system.inputs))))
 rest = eqx.filter_jit(lambda system: Kept.of(system, system.rest()))
 
 

@@ -55,7 +55,7 @@ def landed(parameters):
     system = crinoid.assemble(parameters)
 
     def step(state, _):
-        state, outcome = system.step(state, jnp.zeros(system.channels))
+        state, outcome = system.step(state, jnp.zeros(len(system.inputs)))
         return state, outcome.converged
 
     end, converged = jax.lax.scan(step, system.rest(), length=300)

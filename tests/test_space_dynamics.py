@@ -533,7 +533,7 @@ def test_an_arm_confined_to_the_plane_moves_as_the_planar_arm():
         ],
     )  # fmt: skip
     (there, (force, moment)), (flat, (flat_force, flat_moment)) = (
-        felt(system, rest(system), until=1.5, steps=300, command=np.zeros(system.channels))
+        felt(system, rest(system), until=1.5, steps=300, command=np.zeros(len(system.inputs)))
         for system in (space, plane)
     )
     assert np.ptp(flat.position[:, -1], axis=0).min() > 0.2

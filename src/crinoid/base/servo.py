@@ -5,6 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from crinoid.actuation import Actuator, Input
+from crinoid.space import ANGLES, CHANNELS
+
 Channels = Float[Array, " channel"]
 
 _DAMPED_BANDWIDTH = (2.0**0.5 - 1.0) ** 0.5
@@ -28,7 +31,7 @@ class ServoState(eqx.Module):
     """Length of the last step (s)."""
 
 
-class Servo(eqx.Module):
+class Servo(Actuator):
     """Critically damped second-order followers with limits on range, speed and acceleration.
 
     A speed loop in a position loop: the distance ``d`` to the command wants a speed ``s(d)``, and
@@ -43,6 +46,23 @@ class Servo(eqx.Module):
     max_acceleration: Channels
     bandwidth: Channels
     """Frequency at which the response has fallen by 3 dB (Hz)."""
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        names = next(names for names in CHANNELS.values() if len(names) == self.lower.shape[-1])
+        return tuple(
+            Input(
+                name,
+                "rad" if name in ANGLES else "m",
+                "turn" if name in ANGLES else "shift",
+                self.lower[..., index],
+                self.upper[..., index],
+            )
+            for index, name in enumerate(names)
+        )
+
+    def drive(self, state: ServoState) -> Channels:
+        return state.position
 
     def at_rest(self) -> ServoState:
         """Return the servos at zero, not moving."""

@@ -51,6 +51,8 @@ class Forces(eqx.Module):
     water: Water
     origin: Float[Array, " d"]
     obstacles: Obstacles | None = None
+    drive: Float[Array, " drive"] | None = None
+    """Drives of the actuators, which elements find in a motion; None: there are no actuators."""
 
     def frozen(self, time: Float[Array, ""]) -> "Forces":
         """Return the forces in the flow as it is at ``time``, for good: what statics balances.
@@ -59,7 +61,11 @@ class Forces(eqx.Module):
         """
         water = Water(self.water.flows, time)
         held = None if self.obstacles is None else self.obstacles.held()
-        return Forces(self.elements, water, self.origin, held)
+        return Forces(self.elements, water, self.origin, held, self.drive)
+
+    def driven(self, drive: Float[Array, " drive"] | None) -> "Forces":
+        """Return the forces where the actuators drive the arm so."""
+        return Forces(self.elements, self.water, self.origin, self.obstacles, drive)
 
     def nodes(self, rows: Rows) -> Float[Array, "n b"]:
         """Return the rows of the nodes."""
@@ -118,6 +124,7 @@ class Forces(eqx.Module):
             *around.at(position),
             stage.time,
             None if frames is None else frames.at(self.nodes(position)),
+            self.drive,
         )
 
     @eqx.filter_jit

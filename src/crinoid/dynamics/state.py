@@ -25,6 +25,8 @@ class State(eqx.Module):
     ahead: Float[Array, "rows b"]
     """Auxiliary acceleration of generalized-alpha less the true one, over the last step (m/s3)."""
     servo: ServoState
+    actuators: tuple[Any, ...]
+    """States of the other actuators."""
     reaction: Float[Array, "2 b"]
     """Force of the base on the ghost node and the root (N), torque about the ghost edge (N m)."""
     gap: Float[Array, "m e"] | None

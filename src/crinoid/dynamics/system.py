@@ -1,5 +1,8 @@
 """The assembled arm: everything that a time step needs, and the step itself."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid import chain
-from crinoid.base import Base, ServoState
+from crinoid.actuation import Actuator, Input, drives, split
+from crinoid.base import Base
 from crinoid.dynamics import modes, start, statics
 from crinoid.dynamics.books import Books
 from crinoid.dynamics.fold import SHARPEST, facing
@@ -24,7 +28,7 @@ from crinoid.elements import Motion
 from crinoid.frames import Frames
 from crinoid.reference import Reference
 
-Channels = Float[Array, " channel"]
+Command = Float[Array, " input"]
 Rows = Float[Array, "rows b"]
 
 
@@ -44,11 +48,17 @@ class System(eqx.Module):
     max_error: Float[Array, ""]
     """Largest estimated local error of a step that counts (m); infinite where any does."""
     max_halvings: int = eqx.field(static=True)
+    actuators: tuple[Actuator, ...] = ()
+    """Actuators beside the servos of the base."""
 
     @property
-    def channels(self) -> int:
-        """Number of base channels, which is the length of a command."""
-        return self.base.servo.lower.shape[0]
+    def inputs(self) -> tuple[Input, ...]:
+        """The inputs that a command stands for: the base's channels, then those of actuators."""
+        return tuple(each for one in self._followers for each in one.inputs)
+
+    @property
+    def _followers(self) -> tuple[Actuator, ...]:
+        return (self.base.servo, *self.actuators)
 
     def rest(self, time: float | Array = 0.0) -> State:
         """Return the arm without load, as the base holds it at ``time``."""
@@ -89,10 +99,12 @@ class System(eqx.Module):
         See `crinoid.dynamics.statics` for how.
         """
         time = jnp.asarray(time, float)
-        rows, frames = start.undeformed(self.reference, self.base, self.forces, time)
+        at_rest = [one.at_rest() for one in self.actuators]
+        forces = self.forces.driven(drives(self.actuators, at_rest))
+        rows, frames = start.undeformed(self.reference, self.base, forces, time)
         position, frames, outcome = statics.find(
             self.reference,
-            self.forces.frozen(time),
+            forces.frozen(time),
             self.settings,
             time,
             start.clamped(self.base, time, rows, frames),
@@ -104,47 +116,55 @@ class System(eqx.Module):
         """Return the same shape without any motion, in water that flows on as it does: statics."""
         rows = state.motion.position
         stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
-        forces = self.forces.frozen(state.time)
+        forces = self._driven(state).frozen(state.time)
         motion = forces.motion(stage, none, forces.surroundings(stage, none))
-        return self._steady(forces, motion, state.servo)
+        return self._steady(forces, motion, (state.servo, *state.actuators))
 
     def step(
-        self, state: State, command: Channels, step: float | Array | None = None
+        self, state: State, command: Command, step: float | Array | None = None
     ) -> tuple[State, Outcome]:
-        """Advance by one time step, the base following ``command`` (m, rad).
+        """Advance by one time step, the actuators following ``command``, in units of `inputs`.
 
         Differentiable in both modes. Where Newton's method fails the state comes back with the
         outcome that says so, and should not be used; `advance` recovers.
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
         before, method = state.motion, self.integrator
-        servo = self.base.servo.advance(state.servo, command, h)
+        servo, *actuators = (
+            one.advance(of_one, part, h)
+            for one, of_one, part in zip(
+                self._followers,
+                (state.servo, *state.actuators),
+                split(command, self._followers),
+                strict=True,
+            )
+        )
+        forces = self.forces.driven(drives(self.actuators, actuators))
         stage = method.stage(before, state.ahead, h, state.frames)
-        stage = prescribed(self.forces, self.base, stage, state, servo, h)
+        stage = prescribed(forces, self.base, stage, state, servo, h)
 
         def moved(acceleration: Rows) -> Rows:
             return method.correction(acceleration, h).at[:HELD].set(0.0)  # these are prescribed
 
         # the water is costly: looked at once, where the arm gets to if its acceleration stays, and
         # expanded from there. Not from Newton's guess, which is chosen: a step would jump with it
-        around = self.forces.surroundings(stage, moved(before.acceleration))
+        around = forces.surroundings(stage, moved(before.acceleration))
         guess = moved(state.expected_acceleration)
-        correction, reaction, outcome = solve(
-            self.forces, around, stage, guess, self.settings, None
-        )
-        motion = self.forces.motion(stage, correction, around)
+        correction, reaction, outcome = solve(forces, around, stage, guess, self.settings, None)
+        motion = forces.motion(stage, correction, around)
         after = State(
-            motion,
-            method.ahead(before.acceleration, state.ahead, motion.acceleration, h),
-            servo,
-            reaction,
-            self._gap(self.forces, motion),
-            jnp.stack([before.acceleration, state.earlier[0]]),
+            motion=motion,
+            ahead=method.ahead(before.acceleration, state.ahead, motion.acceleration, h),
+            servo=servo,
+            actuators=tuple(actuators),
+            reaction=reaction,
+            gap=self._gap(forces, motion),
+            earlier=jnp.stack([before.acceleration, state.earlier[0]]),
         )
         return after, self._judged(state, after, outcome, h)
 
     def advance(
-        self, state: State, command: Channels, step: float | Array | None = None
+        self, state: State, command: Command, step: float | Array | None = None
     ) -> tuple[State, Progress]:
         """Advance by one time step, halving it where Newton's method fails or it errs too much.
 
@@ -161,7 +181,7 @@ class System(eqx.Module):
         )
 
     def advance_with_books(
-        self, state: State, books: Books, command: Channels, step: float | Array | None = None
+        self, state: State, books: Books, command: Command, step: float | Array | None = None
     ) -> tuple[State, Books, Progress]:
         """Advance like `advance`, and keep the accounts of each part of the step."""
 
@@ -205,7 +225,8 @@ class System(eqx.Module):
     def small_motions(self, state: State, current: Float[Array, " d"]) -> modes.SmallMotions:
         """Return what `linearise` does, and more, for a steady ``current`` (m/s)."""
         motion = state.motion
-        return modes.linearise(self.forces, state.time, motion.position, state.frames, current)
+        forces = self._driven(state)
+        return modes.linearise(forces, state.time, motion.position, state.frames, current)
 
     def natural_frequencies(
         self, state: State, *, count: int = modes.COUNT
@@ -241,7 +262,7 @@ class System(eqx.Module):
         """Return how the ghost node and the root follow small moves of the channels."""
         pose, _, _ = self.base.pose(state.time, state.servo)
         return jax.vmap(lambda rate: self.base.moving(pose, rate)[1], out_axes=-1)(
-            jnp.eye(self.channels)
+            jnp.eye(pose.size)
         )
 
     def tip_follows(self, state: State) -> Float[Array, "pose 3 d"]:
@@ -277,14 +298,15 @@ class System(eqx.Module):
 
     def _begin(self, time: Array, position: Rows, frames: Frames | None) -> State:
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
-        servo, axes = self.base.servo.at_rest(), self.forces.axes
+        servo, *actuators = (one.at_rest() for one in self._followers)
+        forces, axes = self.forces.driven(drives(self.actuators, actuators)), self.forces.axes
         held = self.base.prescribe(time, servo)
-        velocity = start.carried(held, self.forces.nodes(position))
+        velocity = start.carried(held, forces.nodes(position))
         velocity = velocity.at[:HELD].set(held.velocity)
-        obstacles = self.forces.obstacles
+        obstacles = forces.obstacles
         if obstacles is not None:
             points = position[-obstacles.count :, :axes]
-            started = obstacles.begin(points, lambda p: self.forces.flow_velocity(p, time))
+            started = obstacles.begin(points, lambda p: forces.flow_velocity(p, time))
             velocity = jnp.concatenate([velocity, as_rows(started, velocity.shape[1])])
         stage = Stage(
             time,
@@ -298,23 +320,29 @@ class System(eqx.Module):
         )
         # forces are affine in the acceleration: one Newton step is exact
         none = jnp.zeros_like(position)
-        around = self.forces.surroundings(stage, none)
-        residual, _ = self.forces.residual(self.forces.motion(stage, none, around))
-        acceleration = newton_step(self.forces, around, stage, none, residual)
-        motion = self.forces.motion(stage, acceleration, around)
-        return self._steady(self.forces, motion, servo)
+        around = forces.surroundings(stage, none)
+        residual, _ = forces.residual(forces.motion(stage, none, around))
+        acceleration = newton_step(forces, around, stage, none, residual)
+        motion = forces.motion(stage, acceleration, around)
+        return self._steady(forces, motion, (servo, *actuators))
 
-    def _steady(self, forces: Forces, motion: Motion, servo: ServoState) -> State:
+    def _steady(self, forces: Forces, motion: Motion, followers: Sequence[Any]) -> State:
         """Return the state of an arm whose motion is known, and steady."""
         residual, _ = forces.residual(motion)
+        servo, *actuators = followers
         return State(
-            motion,
-            jnp.zeros_like(motion.position),
-            servo,
-            residual[:HELD],
-            self._gap(forces, motion),
-            jnp.stack([motion.acceleration] * 2),
+            motion=motion,
+            ahead=jnp.zeros_like(motion.position),
+            servo=servo,
+            actuators=tuple(actuators),
+            reaction=residual[:HELD],
+            gap=self._gap(forces, motion),
+            earlier=jnp.stack([motion.acceleration] * 2),
         )
+
+    def _driven(self, state: State) -> Forces:
+        """Return the forces with the actuators as they are in a state."""
+        return self.forces.driven(drives(self.actuators, state.actuators))
 
     @staticmethod
     def _gap(forces: Forces, motion: Motion) -> Float[Array, "m e"] | None:

@@ -35,6 +35,8 @@ class Motion(eqx.Module):
     time: Float[Array, "*count"]
     orientation: Orientation | None = None
     """Orientation of the edges in space; None for elements that see positions only."""
+    drive: Float[Array, "*count drive"] | None = None
+    """Drives of the actuators (`crinoid.actuation.Actuator`), each in its own unit."""
 
     def windows(
         self,
@@ -56,6 +58,7 @@ class Motion(eqx.Module):
             take(self.flow_acceleration),
             jnp.broadcast_to(self.time, count),
             jax.tree.map(take, self.orientation) if turned else None,
+            None if self.drive is None else jnp.broadcast_to(self.drive, (*count, self.drive.size)),
         )
 
 
@@ -87,6 +90,7 @@ class Course(eqx.Module):
             along(self.acceleration_slope),
             jnp.zeros_like(motion.time),
             _turning(motion, self.by_position * direction),
+            jax.tree.map(jnp.zeros_like, motion.drive),
         )
 
 

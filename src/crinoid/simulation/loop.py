@@ -79,7 +79,7 @@ class Loop(eqx.Module):
             self.sensor.start(pose),
             self.controller.start(pose),
             jnp.asarray(0),
-            jnp.zeros(self.system.channels),
+            jnp.zeros(len(self.system.inputs)),
             jnp.asarray(0),
             Tally.of_nothing(),
         )
@@ -90,7 +90,7 @@ class Loop(eqx.Module):
         sensor = self.sensor.sample(carry.sensor, self.system.tip(carry.state), time)
         reading = self.sensor.reading(sensor, time)
         due = self.clock.due(carry.ticks, time - self.switched_on)
-        forward, compared = jnp.zeros(self.system.channels), time
+        forward, compared = jnp.zeros(len(self.system.inputs)), time
         if self.feed_forward is not None or self.target.carrier is not None:
             # the tip was not to be any farther yet when it was measured
             compared = self.sensor.taken(sensor, time)

@@ -209,7 +209,9 @@ def _run(
     trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
     if done < total and not trouble:
         # a stretch of nothing: compiles, so that what follows is timed without it
-        jax.block_until_ready(stretch(loop, carry, carry.steps, jnp.asarray(stride, int), _CAPACITY))
+        jax.block_until_ready(
+            stretch(loop, carry, carry.steps, jnp.asarray(stride, int), _CAPACITY)
+        )
     begun = time.perf_counter()
     if earlier is not None:
         begun -= earlier.dataset.attrs["wall_time"]

@@ -1,0 +1,6 @@
+"""Inputs that a controller commands, and the interface of the actuators that follow them."""
+
+from crinoid.actuation.actuator import Actuator as Actuator
+from crinoid.actuation.actuator import drives as drives
+from crinoid.actuation.actuator import split as split
+from crinoid.actuation.input import Input as Input

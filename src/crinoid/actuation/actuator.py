@@ -1,0 +1,57 @@
+"""The interface of all actuators: they follow commands in their own time."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from itertools import accumulate, pairwise
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.actuation.input import Input
+
+Command = Float[Array, " input"]
+Drive = Float[Array, " drive"]
+
+
+class Actuator(eqx.Module):
+    """Turns commands into what drives the arm: a pressure, a tension, a displacement.
+
+    Its state is a pytree of arrays. The time step asks for the drive at its end, where the forces
+    are balanced.
+    """
+
+    @property
+    @abstractmethod
+    def inputs(self) -> tuple[Input, ...]:
+        """The inputs that it follows, in the order of its part of a command."""
+
+    @abstractmethod
+    def at_rest(self) -> Any:
+        """Return its state before the first command."""
+
+    @abstractmethod
+    def advance(self, state: Any, command: Command, step: Float[Array, ""]) -> Any:
+        """Return the state after following ``command``, held for ``step`` seconds."""
+
+    @abstractmethod
+    def drive(self, state: Any) -> Drive:
+        """Return what it drives the arm with: an element finds it in `Motion.drive`.
+
+        The drives of all actuators but the base's servos stand there one behind the other.
+        """
+
+
+def split(command: Command, actuators: Sequence[Actuator]) -> list[Float[Array, " _"]]:
+    """Return the part of a command that each actuator follows."""
+    ends = accumulate((len(actuator.inputs) for actuator in actuators), initial=0)
+    return [command[first:last] for first, last in pairwise(ends)]
+
+
+def drives(actuators: Sequence[Actuator], states: Sequence[Any]) -> Drive | None:
+    """Return the drives of all actuators, one behind the other; None where there are none."""
+    if not actuators:
+        return None
+    found = [one.drive(state) for one, state in zip(actuators, states, strict=True)]
+    return jnp.concatenate(found)

@@ -1,0 +1,20 @@
+"""An input: one number that a controller commands."""
+
+from typing import Literal
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+InputKind = Literal["shift", "turn", "pressure", "tension", "share"]
+"""Kinds of input: shifts (m) and turns (rad) of the base, pressure (Pa), tension (N), a share."""
+
+
+class Input(eqx.Module):
+    """One entry of a command: its name, unit, kind and limits."""
+
+    name: str = eqx.field(static=True)
+    unit: str = eqx.field(static=True)
+    kind: InputKind = eqx.field(static=True)
+    lower: Float[Array, "*many"]
+    """Smallest value that the actuator follows, in ``unit``."""
+    upper: Float[Array, "*many"]
