@@ -229,6 +229,14 @@ RELATIONS = {
         ["arm.youngs_modulus=4e6", "base.tilt_deg=90"],
     ),
     "flow": ([["arm.youngs_modulus=4000", "flow.0.mean=[1.5, 0.0]"]], ["flow.0.mean=[1.0, 0.0]"]),
+    "tool.mass": ([["tool={mass=200.0}"]], ["tool={mass=0.2}"]),
+    "tool.volume": (
+        [["tool={mass=0.2, volume=0.05}"], ["tool={mass=0.2, volume=5e-9}"]],
+        ["tool={mass=0.2, volume=5e-5}"],
+    ),
+    "tool.offset": ([["tool={mass=0.2, offset=30.0}"]], ["tool={mass=0.2, offset=0.03}"]),
+    "tool.inertia": ([["tool={mass=0.2, inertia=4.0}"]], ["tool={mass=0.2, inertia=1e-3}"]),
+    "tool.from": ([["tool={mass=0.2, from=60.0}"]], ["tool={mass=0.2, from=6.0}"]),
     "obstacle.*.radius": (
         [
             [SPHERE.format("[0.4, -9.5]", 60.0, "[0, 0]")],

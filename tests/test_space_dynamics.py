@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from crinoid.base import SineMotion, TableMotion
 from crinoid.dynamics import Integrator, find_modes
-from crinoid.elements import ENERGIES, WORKS, DistributedLoad, TipLoad
+from crinoid.elements import ENERGIES, WORKS, DistributedLoad, TipLoad, Tool
 from crinoid.flow import Sine, Uniform
 from crinoid.frames import tangents
 from crinoid.onset import Onset
@@ -98,6 +98,14 @@ def channels(**given):
     return jnp.asarray([given.get(name, 0.0) for name in CHANNELS[3]], float)
 
 
+def body(rod, share, inertia):
+    """Build a share of a tool that has all that one may have."""
+    return Tool.of(
+        rod, mass=0.2 * share, inertia=share * inertia, density=1000.0 * share,
+        gravity=9.81 * share, volume=5e-5, added_mass=0.05 * share, drag_area=2e-3, offset=0.05,
+    )  # fmt: skip
+
+
 def spatial(
     *,
     swing=None,
@@ -114,12 +122,13 @@ def spatial(
     onset=0.0,
     current=(0.0, 0.0, 0.0),
     swaying=(0.0, 0.0, 0.0),
+    tool=0.0,
     **properties,
 ):
     """Build a spatial arm in water, on a base that swings in all channels and follows paths.
 
     In the water a current is steady and another a sine of 1.3 Hz. Loads come on within the time
-    ``onset`` (s).
+    ``onset`` (s). ``tool`` is the share of a `body` at the tip.
     """
     number = jnp.asarray
     amplitudes = channels(**swing or {})
@@ -147,6 +156,7 @@ def spatial(
                 follower_moment=number(follower_moment),
                 onset=ramp,
             ),
+            lambda rod: body(rod, tool, jnp.array([1e-3, 2e-3, 3e-3])),
         ),
         flows=(
             Uniform(always(), number(current, float)),
@@ -388,7 +398,8 @@ def test_energy_audit_closes_at_order_two(integrator):
     for steps in (200, 400, 800):
         end = at(run(system, start, until=1.0, steps=steps), -1)
         defects.append(float(jnp.sum(end.energy - start.energy) - jnp.sum(end.work)))
-    worked = np.delete(np.asarray(end.work), WORKS.index("contact"))
+    absent = [WORKS.index("contact"), WORKS.index("tool")]
+    worked = np.delete(np.asarray(end.work), absent)
     print(defects, order(np.abs(defects)), worked)
     assert np.abs(worked).min() > 0.01  # J: drag, damping, base, loads, added mass all work
     assert order(np.abs(defects)) == pytest.approx(2.0, abs=0.1)
@@ -509,7 +520,7 @@ def test_an_arm_confined_to_the_plane_moves_as_the_planar_arm():
     space = spatial(
         **PLANAR, swing=SWUNG, current=(0.3, 0.0, -0.2), swaying=(0.4, 0.0, 0.5), onset=0.3,
         tangential=0.1, normal=0.3, fixed=(0.2, 0.0, 0.3), dead=(0.2, 0.0, 0.6),
-        follower=(0.1, 0.0, 0.3), moment=(0.0, -0.1, 0.0), follower_moment=(0.0, -0.05, 0.0),
+        follower=(0.1, 0.0, 0.3), moment=(0.0, -0.1, 0.0), follower_moment=(0.0, -0.05, 0.0), tool=1.0,
     )  # fmt: skip
     number, ramp = jnp.asarray, Onset.of(0.0, 0.3)
     phases = {name: 0.3 * (CHANNELS[3].index(name) + 1) for name in SWUNG}
@@ -522,6 +533,7 @@ def test_an_arm_confined_to_the_plane_moves_as_the_planar_arm():
             lambda rod: TipLoad.of(
                 rod, dead_force=(0.2, 0.6), follower_force=(0.1, 0.3), moment=0.15, onset=ramp
             ),
+            lambda rod: body(rod, 1.0, 2e-3),
         ),
         flows=(
             Uniform(always(), number([0.3, -0.2])),

@@ -20,6 +20,7 @@ from crinoid.assembly.flow import build_flow
 from crinoid.assembly.load import LoadElement, load_numbers
 from crinoid.assembly.numbers import Numbers, array, from_table
 from crinoid.assembly.obstacle import ObstacleParameters
+from crinoid.assembly.tool import ToolParameters
 from crinoid.dynamics import Integrator
 from crinoid.flow import Flow
 from crinoid.rod import Rod
@@ -173,6 +174,7 @@ class Parameters(eqx.Module):
     load: tuple[Numbers, ...]
     """Arguments of each load's element, by name."""
     obstacle: ObstacleParameters | None
+    tool: ToolParameters | None
     pid: PidParameters
     simulation: SimulationParameters
     load_kinds: tuple[type[LoadElement], ...] = eqx.field(static=True)
@@ -193,6 +195,7 @@ class Parameters(eqx.Module):
             ),
             load=tuple(numbers for _, numbers in loads),
             obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
+            tool=None if scenario.tool is None else ToolParameters.of(scenario.tool),
             pid=PidParameters.of(scenario.control, scenario.arm.dimension),
             simulation=SimulationParameters.of(scenario.simulation),
             load_kinds=tuple(kind for kind, _ in loads),

@@ -45,6 +45,8 @@ def assemble(parameters: Parameters) -> System:
             for kind, numbers in zip(parameters.load_kinds, parameters.load, strict=True)
         ),
     )
+    if parameters.tool is not None:
+        elements += (parameters.tool.element(rod, water.density, water.gravity),)
     obstacles = None
     if obstacle is not None:
         obstacles = obstacle.obstacles(rod, base.position, water.density, water.gravity)

@@ -13,7 +13,7 @@ from crinoid.frames import Orientation, cross, dot
 
 ENERGIES = ("kinetic", "elastic", "potential")
 """Stored energies of the ledger."""
-WORKS = ("drag", "damping", "actuation", "loads", "added_mass", "contact")
+WORKS = ("drag", "damping", "actuation", "loads", "added_mass", "tool", "contact")
 """Running works of the ledger: together they equal the change of the stored energies."""
 
 

@@ -20,6 +20,7 @@ from crinoid.plausibility.loop import LOOP
 from crinoid.plausibility.obstacle import OBSTACLE
 from crinoid.plausibility.rule import Rule
 from crinoid.plausibility.time import TIME
+from crinoid.plausibility.tool import TOOL
 from crinoid.plausibility.usual import USUAL
 from crinoid.scenario import ScenarioError
 
@@ -28,10 +29,10 @@ __all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
 _FIRST = (*USUAL, *ARM)
 """Rules on single numbers. Where an arm or its water is odd, what follows from it is too,
 and goes without saying."""
-_THEN = (*BASE, *CURRENT, *LOAD, *OBSTACLE, *LOOP, *TIME)
+_THEN = (*BASE, *CURRENT, *LOAD, *TOOL, *OBSTACLE, *LOOP, *TIME)
 RULES = (*_FIRST, *_THEN)
 
-AT_REST = ("arm", "base", "water", "flow", "load", "obstacle")
+AT_REST = ("arm", "base", "water", "flow", "load", "tool", "obstacle")
 """Tables that an equilibrium depends on."""
 IN_THE_WATER = ("water", "flow")
 """Tables that a current depends on."""

@@ -92,8 +92,18 @@ class Facts:
         clamped = self.scenario.base.mount == "clamped"
         taper = self.radii[1] / self.radii[0]
         return bending_frequencies(
-            self.length, self.bending, self.swung, taper=taper, clamped=clamped
+            self.length, self.bending, self.swung, taper=taper, clamped=clamped, tip=self.tip
         )
+
+    @cached_property
+    def tip(self) -> Float[np.ndarray, "2 2"] | None:
+        """Inertia of the tool, with added mass, where the arm holds one from the start."""
+        tool = self.scenario.tool
+        if tool is None or tool.from_ > 0:
+            return None
+        mass, offset = tool.mass + tool.added_mass, tool.offset
+        about = tool.inertia[1] if isinstance(tool.inertia, tuple) else tool.inertia
+        return np.array([[mass, mass * offset], [mass * offset, about + mass * offset**2]])
 
     @cached_property
     def period(self) -> float:

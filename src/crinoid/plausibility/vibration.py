@@ -15,6 +15,7 @@ def bending_frequencies(
     *,
     taper: float = 1.0,
     clamped: bool = True,
+    tip: Float[np.ndarray, "2 2"] | None = None,
 ) -> Float[np.ndarray, " mode"]:
     """Return the natural frequencies of a straight cantilever, slowest first (Hz).
 
@@ -33,6 +34,8 @@ def bending_frequencies(
         fourth power of the radius, mass as the second, where root and tip differ in them.
     clamped
         Whether the root is held in its direction.
+    tip
+        Inertia of what the tip carries against shifts and turns: kg, kg m, kg m, kg m2.
     """
     size = length / _PARTS
     middle = (np.arange(_PARTS) + 0.5) / _PARTS
@@ -47,6 +50,9 @@ def bending_frequencies(
         at = slice(2 * part, 2 * part + 4)
         K[at, at] += EI[part] / size**3 * stiff
         M[at, at] += line[part] * size / 420 * heavy
+    if tip is not None:
+        lengths = np.array([1.0, size])
+        M[-2:, -2:] += tip / np.outer(lengths, lengths)
     held = 2 if clamped else 1
     half = np.linalg.inv(np.linalg.cholesky(M[held:, held:]))
     squared = np.linalg.eigvalsh(half @ K[held:, held:] @ half.T)[2 - held :]

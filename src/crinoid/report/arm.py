@@ -15,6 +15,8 @@ from crinoid.report.run import base_direction
 from crinoid.report.solids import Point, corners, find_bodies
 from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map, time_norm
 from crinoid.report.surface import Facets, perpendicular, tube, turned_body
+from crinoid.report.tool import draw_tool
+from crinoid.report.tool import points as points_of_tool
 from crinoid.report.view import View, convex_outline, in_space, is_spatial, outline
 
 _SHAPES = 25  # more would merge into a smear
@@ -39,6 +41,7 @@ def points_of(data: xr.Dataset) -> Float[np.ndarray, "point axis=3"]:
     places = in_space(data, "position").reshape(-1, 3)
     near = corners(find_bodies(data), places, arm_length(data))
     points = [places - thick / 2, places + thick / 2, in_space(data, "tip_target"), near]
+    points.append(points_of_tool(data))
     return np.concatenate(points)
 
 
@@ -73,6 +76,7 @@ def draw_arm(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View) 
         axes.plot([], [], color=time_map()(0.5), linewidth=1.0, label="arm over time")
     else:
         axes.plot([], [], color=time_map()(0.0), linewidth=1.0, label="arm")
+    draw_tool(axes, data, view)
     _draw_tip(axes, data, view)
 
 

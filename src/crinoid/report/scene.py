@@ -16,7 +16,7 @@ from crinoid.report.arm import chosen_records, hull, moves
 from crinoid.report.box import draw_box, draw_shadow
 from crinoid.report.obstacles import SOLID, WALL, draw_earlier
 from crinoid.report.solids import Body, Point, find_bodies
-from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map, time_norm
+from crinoid.report.style import GREY, INK, PALE, PURPLE, VERMILLION, time_map, time_norm
 from crinoid.report.surface import (
     AROUND,
     Facets,
@@ -26,6 +26,8 @@ from crinoid.report.surface import (
     turned_body,
     within_box,
 )
+from crinoid.report.tool import held
+from crinoid.report.tool import surface as tool_surface
 from crinoid.report.view import View, convex_outline, in_space
 
 Colour = str | tuple[float, float, float, float]
@@ -129,6 +131,9 @@ def add_arm(scene: Scene, data: xr.Dataset) -> None:
         around = np.arange(len(facets)) % AROUND
         colours[(around + AROUND // 4) % AROUND <= AROUND // 2] = to_rgba(DARK)
     scene.add_surface(facets, colours)
+    if held(data)[-1]:
+        tool = tool_surface(data)
+        scene.add_surface(tool, _colours(PURPLE, len(tool)))
 
 
 def _colours(colour: Colour, count: int) -> Float[np.ndarray, "piece 4"]:

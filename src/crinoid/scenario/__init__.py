@@ -38,6 +38,7 @@ from crinoid.scenario.quantity import unit_of
 from crinoid.scenario.scenario import Scenario
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
+from crinoid.scenario.tool import Tool
 from crinoid.scenario.water import Water
 
 __all__ = [
@@ -78,6 +79,7 @@ __all__ = [
     "TableMotion",
     "Target",
     "TipLoad",
+    "Tool",
     "TurbulenceFlow",
     "UniformFlow",
     "VelocityMotion",

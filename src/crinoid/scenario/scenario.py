@@ -40,6 +40,7 @@ from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import AsTuple, Quantity
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
+from crinoid.scenario.tool import Tool
 from crinoid.scenario.water import Water
 
 __all__ = ["Scenario"]
@@ -131,6 +132,7 @@ class Scenario(Model):
     obstacle: Annotated[tuple[Obstacle, ...], AsTuple] = Field(
         default=(), description="Rigid bodies that the arm meets."
     )
+    tool: Tool | None = Field(default=None, description="What the tip carries.")
     target: Target = Field(default=Target(), description="Where the tip is wanted.")
     sensor: Sensor = Field(default=Sensor(), description="Sensor of the tip.")
     control: Control = Field(default=Control(), description="The controller.")
@@ -203,7 +205,9 @@ class Scenario(Model):
     def _tables(self, left_open: Callable[[str], bool]) -> dict[str, Any]:
         """Return all tables but ``vary``, plain, without what is empty or follows the dimension."""
         excluded = unwritten(self, self.arm.dimension, left_open) | {"vary": True}
-        return _without_empty(self.model_dump(mode="json", exclude_none=True, exclude=excluded))
+        return _without_empty(
+            self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=excluded)
+        )
 
     @property
     def sensor_rate_hz(self) -> float:
