@@ -96,6 +96,28 @@ def test_moving_water_is_held_off(name, ratio, moved):
     assert result.notes == result.uncontrolled.notes == []
 
 
+def test_the_arm_takes_up_a_tool_holds_it_in_place_and_lets_it_go():
+    result = crinoid.simulate(crinoid.load("tool"))
+    data, free = result.dataset, result.uncontrolled.dataset
+    assert result.notes == []
+    time, error = data["time"].values, data["tip_error"].values
+    assert error[(time > 1.0) & (time < 4.0)].max() < 1e-3
+    assert error[(time >= 4.0) & (time < 6.0)].max() > 0.02  # it sags,
+    assert error[(time > 10.0) & (time < 14.0)].max() < 1e-3  # is brought back up,
+    assert error[(time >= 14.0) & (time < 16.0)].max() > 0.02  # springs up,
+    assert error[time > 18.5].max() < 1e-3  # and settles
+    sagged = free["tip_error"].values[(time > 13.5) & (time < 14.0)].mean()
+    assert sagged > 0.06
+    # the work of the tool on the arm that nobody corrects: that of its weight, which it sank by
+    work = free["energy"].sel(kind="tool").values
+    sunk = -10.0 - free["tip_position"].sel(axis="z").values
+    weight = (0.2 - 1025.0 * 5e-5) * 9.81
+    during = (time > 13.5) & (time < 14.0)
+    assert work[during].mean() == pytest.approx(weight * (sunk[during] - sunk[0]).mean(), rel=0.02)
+    assert np.ptp(work[time > 14.1]) == 0.0
+    assert imbalance(data) < 0.02
+
+
 @pytest.fixture(scope="module")
 def strike():
     """Debris hits the arm."""

@@ -16,6 +16,7 @@ from crinoid.report.scene import solid_outline, solid_surface
 from crinoid.report.sheet import fit_scene
 from crinoid.report.solids import find_bodies
 from crinoid.report.surface import box_corners, within_box
+from crinoid.report.tool import held, surface
 from crinoid.report.view import ABOVE, AHEAD, OBLIQUE, SIDE, convex_outline, perspective
 from spatial_arm import among_obstacles, curling_arm
 
@@ -213,6 +214,34 @@ def test_the_hull_in_the_plane_is_half_an_ellipse(tilt):
     np.testing.assert_allclose(level[round_part], 1.0)
     assert np.ptp(across) == pytest.approx(0.9 * long)
     assert along.min() == pytest.approx(-long)
+
+
+# ---------------------------------------------------------------- a tool
+
+
+@pytest.mark.parametrize("until", [None, 1.0])
+def test_a_tool_is_a_ball_of_its_volume_beyond_the_tip_where_it_was_last(until):
+    data = curling_arm(records=5, duration=2.0)
+    text = "[tool]\nmass = 1.0\nvolume = 4.2e-6\noffset = 0.03\nfrom = 0.2\n"
+    data.attrs["scenario"] += text + (f"until = {until}\n" if until else "")
+    np.testing.assert_array_equal(held(data), [False, True, *[until is None] * 3])
+    last = -1 if until is None else 1
+    before, tip = data["position"].values[last, -2:]
+    ahead = (tip - before) / np.linalg.norm(tip - before)
+    ball = surface(data).reshape(-1, 3) - (tip + 0.03 * ahead)
+    along, distance = ball @ ahead, np.linalg.norm(ball, axis=1)
+    np.testing.assert_allclose(distance[along > 0], (3 * 4.2e-6 / 4 / np.pi) ** (1 / 3))
+    assert along.min() == pytest.approx(-0.03)  # its stem begins at the tip
+    axes = Figure().add_subplot()
+    draw_arm(axes, data, LOW, HIGH, SIDE)
+    labels = [patch.get_label() for patch in axes.patches]
+    assert ("tool" if until is None else "tool, where it was let go") in labels
+
+
+def test_without_a_tool_none_is_drawn():
+    data = curling_arm(records=3)
+    assert not held(data).any()
+    assert len(surface(data)) == 0
 
 
 # ---------------------------------------------------------------- a study

@@ -520,7 +520,8 @@ def test_an_arm_confined_to_the_plane_moves_as_the_planar_arm():
     space = spatial(
         **PLANAR, swing=SWUNG, current=(0.3, 0.0, -0.2), swaying=(0.4, 0.0, 0.5), onset=0.3,
         tangential=0.1, normal=0.3, fixed=(0.2, 0.0, 0.3), dead=(0.2, 0.0, 0.6),
-        follower=(0.1, 0.0, 0.3), moment=(0.0, -0.1, 0.0), follower_moment=(0.0, -0.05, 0.0), tool=1.0,
+        follower=(0.1, 0.0, 0.3), moment=(0.0, -0.1, 0.0), follower_moment=(0.0, -0.05, 0.0),
+        tool=1.0,
     )  # fmt: skip
     number, ramp = jnp.asarray, Onset.of(0.0, 0.3)
     phases = {name: 0.3 * (CHANNELS[3].index(name) + 1) for name in SWUNG}

@@ -25,9 +25,9 @@ def _weight(facts: Facts) -> Iterator[str]:
     bent = force * facts.length**2 / float(facts.bending.max())
     if bent > _LIMP:
         yield (
-            f"tool.mass: got {tool.mass:g} kg, a weight in water of {force:.3g} N, {bent:.2g} times "
-            f"what EI and length of the arm stand against (up to {_LIMP:g} is usual); is it in g, "
-            "or arm.youngs_modulus in kPa or MPa?"
+            f"tool.mass: got {tool.mass:g} kg, a weight in water of {force:.3g} N, {bent:.2g} "
+            f"times what EI and length of the arm stand against (up to {_LIMP:g} is usual); is it in "
+            "g, or arm.youngs_modulus in kPa or MPa?"
         )
 
 

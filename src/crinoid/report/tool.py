@@ -40,10 +40,10 @@ def surface(data: xr.Dataset) -> Facets:
     ahead = (tip - before) / np.linalg.norm(tip - before)
     turn = np.linspace(0.0, np.pi, 25)
     along, around = offset - radius * np.cos(turn), radius * np.sin(turn)
-    stem = along > 0.0
     if offset > radius:
-        along = np.concatenate([[0.0], along[stem]])
-        around = np.concatenate([[_STEM * radius], np.maximum(around[stem], _STEM * radius)])
+        ball = (around > _STEM * radius) | (along > offset)
+        along = np.concatenate([[0.0], along[ball]])
+        around = np.concatenate([[_STEM * radius], around[ball]])
     return turned_body(tip, ahead, along, around, perpendicular(ahead))
 
 

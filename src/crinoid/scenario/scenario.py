@@ -84,8 +84,8 @@ def _placed(mistake: Mistake, scenario: type[Scenario]) -> Mistake:
         return mistake
     name = mistake.key.rpartition(".")[2]
     keys = all_keys(scenario.model_json_schema())
-    found = [key for key in keys if key.rpartition(".")[2] == name and key != mistake.key]
-    if not found:
+    found = [key for key in keys if key.rpartition(".")[2] == name]
+    if not found or mistake.key in found:  # another kind of the same table takes it
         return mistake
     near = [mistake.instead] if name in mistake.instead else []
     *others, last = dict.fromkeys([*near, *found[:_MOST_HINTS]])
