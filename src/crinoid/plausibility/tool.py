@@ -26,8 +26,8 @@ def _weight(facts: Facts) -> Iterator[str]:
     if bent > _LIMP:
         yield (
             f"tool.mass: got {tool.mass:g} kg, a weight in water of {force:.3g} N, {bent:.2g} "
-            f"times what EI and length of the arm stand against (up to {_LIMP:g} is usual); is it in "
-            "g, or arm.youngs_modulus in kPa or MPa?"
+            f"times what EI and length of the arm stand against (up to {_LIMP:g} is usual); is it "
+            "in g, or arm.youngs_modulus in kPa or MPa?"
         )
 
 
