@@ -79,6 +79,7 @@ class Player:
         resume: Result | None,
         stop: Callable[[], bool],
         tell: Callable[[list[str]], None] | None = None,
+        into: Path | None = None,
     ) -> Result:
         scenario = prepared.scenario
         self.played.append(scenario)

@@ -14,6 +14,7 @@ from crinoid.dataset import build_dataset, join
 from crinoid.dynamics import Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.metrics import tip_error
+from crinoid.pieces import turned_on
 from crinoid.record import Record
 from crinoid.report.run import Run
 from crinoid.report.sheet import draw_sheet
@@ -185,11 +186,18 @@ def angles(values, **more):
     return xr.Dataset({"tip_angle": ("time", values), **more}, coords={"time": time})
 
 
-def test_joined_stretches_carry_on_the_angle_of_a_planar_tip():
-    turned = np.array([3.0, 3.2, 3.4])
-    wrapped = np.array([3.6, 3.8]) - 2 * np.pi
-    whole = join([angles(turned), angles(wrapped)])
-    np.testing.assert_allclose(whole["tip_angle"], [3.0, 3.2, 3.4, 3.6, 3.8])
+def test_the_angle_of_a_planar_tip_turns_on_wherever_a_run_is_cut():
+    wide = np.cumsum(np.random.default_rng(2).uniform(-1.0, 2.5, 300))
+    wrapped = np.arctan2(np.sin(wide), np.cos(wide))
+    whole = turned_on(wrapped, None)
+    np.testing.assert_allclose(whole, wide - wide[0] + wrapped[0], rtol=1e-12)
+    assert whole[-1] > 20 * np.pi
+    for cut in (1, 7, 150, 299):
+        first = turned_on(wrapped[:cut], None)
+        rest = turned_on(wrapped[cut:], first[-1])
+        np.testing.assert_array_equal(np.concatenate([first, rest]), whole)
+        # what is without jumps stays as it is
+        np.testing.assert_array_equal(turned_on(whole[cut:], whole[cut - 1]), whole[cut:])
 
 
 def test_joined_stretches_leave_the_angle_above_the_level_as_it_is():

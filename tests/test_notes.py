@@ -7,14 +7,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 import crinoid
-from crinoid.dimensionless import (
-    keulegan_carpenter,
-    normal_velocity,
-    principal_part,
-    with_dimensionless,
-)
+import crinoid.pieces
+from crinoid.dimensionless import Swings, normal_velocity, with_dimensionless, with_swings
 from crinoid.dynamics import Modes
-from crinoid.notes import notes
+from crinoid.notes import Lasting, notes
 
 DIAMETER, LENGTH, NODES = 0.04, 0.5, 11
 FREQUENCY = np.array([0.5, 3.0, 3.2])
@@ -45,7 +41,11 @@ def held_still(
     shape[:2, :, 1] = np.linspace(0.0, 1.0, NODES) ** 2
     shape[2, :, 0] = np.linspace(0.0, 1.0, NODES)
     dataset = bare(time, position, still, flow, force, diameter)
-    return with_dimensionless(dataset, scenario, Modes(FREQUENCY, shape))
+    return numbered(dataset, scenario, Modes(FREQUENCY, shape))
+
+
+def numbered(dataset: xr.Dataset, scenario: crinoid.Scenario, modes: Modes) -> xr.Dataset:
+    return with_swings(with_dimensionless(dataset, scenario, modes))
 
 
 def bare(
@@ -109,14 +109,14 @@ def test_velocity_across_the_arm_is_positive_along_its_normal():
 def test_keulegan_carpenter_number_of_a_sine_is_u_t_over_d():
     time = np.arange(0.0, 40.001, 0.02)  # whole periods
     swing = 0.1 + np.outer(np.sin(2 * np.pi * 0.25 * time), [0.2, 0.1])
-    number = keulegan_carpenter(swing, time, np.array([0.04, 0.02]))
+    number = Swings.of(swing[..., None], time).keulegan_carpenter(np.array([0.04, 0.02]))
     np.testing.assert_allclose(number, 0.2 * 4.0 / 0.04, rtol=1e-4)
     # and of two sines what their spectral moments say
     low, high = 2 * np.pi * 0.25, 2 * np.pi * 0.75
     both = np.sin(low * time) + 0.5 * np.sin(high * time)
     m0, m2 = (1 + 0.25) / 2, (low**2 + 0.25 * high**2) / 2
     expected = np.sqrt(2 * m0) * 2 * np.pi * np.sqrt(m0 / m2) / 0.04
-    found = keulegan_carpenter(both[:, None], time, np.array([0.04]))
+    found = Swings.of(both[:, None, None], time).keulegan_carpenter(np.array([0.04]))
     np.testing.assert_allclose(found, expected, rtol=1e-3)
 
 
@@ -124,7 +124,8 @@ def test_keulegan_carpenter_number_weighs_samples_by_the_time_they_stand_for():
     even = np.linspace(0.0, 8.0, 1601)
     uneven = even[(even < 4.0) | (np.arange(even.size) % 2 == 0)]
     finely, coarsely = (
-        keulegan_carpenter(np.sin(3 * t)[:, None], t, np.ones(1))[0] for t in (even, uneven)
+        Swings.of(np.sin(3 * t)[:, None, None], t).keulegan_carpenter(np.ones(1))[0]
+        for t in (even, uneven)
     )
     assert coarsely == pytest.approx(finely, rel=1e-4)
 
@@ -152,7 +153,7 @@ def test_numbers_without_meaning_are_left_out():
     )
     assert "reduced_velocity" not in with_dimensionless(bare, WATER, None)
     loose = Modes(np.zeros(1), np.zeros((1, NODES, 2)))
-    assert flows - set(with_dimensionless(bare, WATER, loose)) == {"reduced_velocity"}
+    assert flows - set(numbered(bare, WATER, loose)) == {"reduced_velocity"}
 
 
 # --- in space ----------------------------------------------------------------------------------
@@ -167,9 +168,7 @@ def in_space(flow: ArrayLike, duration: float = 20.0, modes: Modes | None = None
     straight = np.linspace(0.0, LENGTH, NODES)[:, None] * ASLANT.apply([1.0, 0.0, 0.0])
     position = np.tile(straight, (time.size, 1, 1))
     water = np.tile(ASLANT.apply(flow)[:, None], (1, NODES, 1))
-    return with_dimensionless(
-        bare(time, position, 0 * position, water), WATER, modes or whipping(FREQUENCY)
-    )
+    return numbered(bare(time, position, 0 * position, water), WATER, modes or whipping(FREQUENCY))
 
 
 def whipping(frequency: np.ndarray, spun: tuple[int, ...] = ()) -> Modes:
@@ -203,9 +202,9 @@ def test_a_spatial_run_in_the_plane_has_the_numbers_of_the_planar_one():
     time = np.linspace(0.0, 3.0, 60)
     position, flow = np.tile(shape, (60, 1, 1)), np.stack([along, up], axis=2)
     motion = (position, 0 * position, flow)
-    planar = with_dimensionless(bare(time, *motion), WATER, whipped(2))
+    planar = numbered(bare(time, *motion), WATER, whipped(2))
     wide = (np.insert(rows, 1, 0.0, axis=2) for rows in motion)
-    spatial = with_dimensionless(bare(time, *wide), WATER, whipped(4))
+    spatial = numbered(bare(time, *wide), WATER, whipped(4))
     for name in ("reynolds_number", "reduced_velocity", "keulegan_carpenter"):
         np.testing.assert_allclose(spatial[name], planar[name], rtol=1e-12)
 
@@ -227,8 +226,8 @@ def test_swings_in_space_count_along_the_way_that_they_are_largest():
     np.testing.assert_allclose(run["keulegan_carpenter"], 0.2 * 4.0 / DIAMETER, rtol=1e-4)
     # whichever way round it is taken to be: of a swing to and fro all of it
     swing = np.outer(np.sin(phase), [0.0, -0.6, 0.8])[:, None]
-    part = principal_part(swing, time)
-    np.testing.assert_allclose(np.abs(part[:, 0]), np.abs(np.sin(phase)), atol=1e-12)
+    along = Swings.of(swing, time).principal()
+    np.testing.assert_allclose(np.abs(along), [[0.0, 0.6, 0.8]], atol=1e-12)
 
 
 def test_lock_in_in_space_is_that_of_modes_that_bend_the_arm_whichever_way():
@@ -341,3 +340,45 @@ def test_a_force_that_is_round_off_gets_a_note():
     assert len(told(1e-4, 1e9)) == 1
     # an arm without loads has forces of round-off alone, and nobody minds
     assert told(1e-13, 1e3) == []
+
+
+# --- in pieces ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_lasts_is_found_across_the_borders_of_pieces(seed):
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.01, 0.1, 200))
+    inside = rng.uniform(size=(200, 4)) < 0.85
+    weight, least = np.array([0.1, 0.2, 0.3, 0.4]), 0.3
+    expected = np.zeros(200)
+    for node in range(4):
+        begin = None
+        for instant in range(201):
+            true = instant < 200 and inside[instant, node]
+            if true and begin is None:
+                begin = instant
+            elif not true and begin is not None:
+                if time[instant - 1] - time[begin] >= least:
+                    expected[begin:instant] += weight[node]
+                begin = None
+    assert 0 < np.count_nonzero(expected) < 200
+    for length in (1, 7, 200):
+        lasting = Lasting(time, least)
+        for start in range(0, 200, length):
+            lasting.follow(inside[start : start + length])
+        np.testing.assert_allclose(lasting.share(weight), expected, atol=1e-12)
+
+
+def test_a_run_in_pieces_has_the_numbers_and_notes_of_the_whole(monkeypatch):
+    time = np.linspace(0.0, 20.0, 301)
+    swing = speed_at(6.0) * (1 + 0.2 * np.sin(3 * time)) * (1 + 1e-3 * time)
+    thick = WATER.with_values({"water.kinematic_viscosity": 1e-5})
+    whole = held_still(swing, scenario=thick)
+    told = notes(whole, thick)
+    assert len(told) == 2  # lock-in and drag
+    monkeypatch.setattr(crinoid.pieces, "_NUMBERS", 40 * NODES)
+    parts = held_still(swing, scenario=thick)
+    assert notes(parts, thick) == told
+    number = "keulegan_carpenter"
+    np.testing.assert_allclose(parts[number], whole[number], rtol=1e-12)

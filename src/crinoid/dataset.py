@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from crinoid.base import Servo
 from crinoid.dynamics import System, Touch
 from crinoid.elements import ENERGIES, WORKS
+from crinoid.pieces import turned_on
 from crinoid.record import Record
 from crinoid.scenario import Scenario
 from crinoid.space import ANGLES, AXES, CHANNELS
@@ -41,16 +42,25 @@ def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     if len(parts) == 1:
         return parts[0]
     parts = [part[list(parts[-1].data_vars)] for part in parts]
-    whole = xr.concat(parts, "time", data_vars="minimal", coords="minimal", compat="override")
-    if "tip_direction" not in whole:  # in the plane an angle may turn on and on
-        whole["tip_angle"].values = np.unwrap(whole["tip_angle"].values)
-    return whole
+    return xr.concat(parts, "time", data_vars="minimal", coords="minimal", compat="override")
 
 
-def build_dataset(system: System, diameters: Sequence[float], kept: Record) -> xr.Dataset:
+def build_dataset(
+    system: System, diameters: Sequence[float], kept: Record, before: float | None = None
+) -> xr.Dataset:
     """Turn saved instants into a dataset with names, units and what follows from the motion.
 
-    ``diameters`` (m) are those that the water sees, one a node.
+    Parameters
+    ----------
+    system
+        The arm.
+    diameters
+        Diameters that the water sees, one a node (m).
+    kept
+        What was saved.
+    before
+        Angle of the tip at the instant before these (rad), from which it turns on and on in the
+        plane.
     """
     stretch = system.forces.stretch
     if stretch is None:
@@ -86,7 +96,7 @@ def build_dataset(system: System, diameters: Sequence[float], kept: Record) -> x
         "tension": (("time", "edge"), tension, "N", "axial force in the edges, tension positive"),
         "tip_position": (("time", "axis"), tip, "m", "position of the tip"),
         "tip_target": (("time", "axis"), target, "m", "where the tip should be"),
-        **_pointing(kept),
+        **_pointing(kept, before),
         "tip_error": (
             ("time",),
             np.linalg.norm(tip - target, axis=1),
@@ -262,11 +272,12 @@ def _bending(kept: Record) -> _Quantities:
     }
 
 
-def _pointing(kept: Record) -> _Quantities:
+def _pointing(kept: Record, before: float | None) -> _Quantities:
     """Return where the tip points and where it should."""
     if kept.tip.shape[1] == 3:
+        angle = turned_on(np.asarray(kept.tip[:, 2]), before)
         return {
-            "tip_angle": (("time",), np.unwrap(kept.tip[:, 2]), "rad", "direction of the tip"),
+            "tip_angle": (("time",), angle, "rad", "direction of the tip"),
             "tip_angle_target": (
                 ("time",),
                 kept.wanted[:, 2],

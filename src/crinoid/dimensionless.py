@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float
 
 from crinoid.dynamics import Modes
+from crinoid.pieces import pieces
 from crinoid.scenario import Scenario
 
-Nodal = Float[np.ndarray, "time node"]
 Vectors = Float[np.ndarray, "time node axis"]
 Variables = dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]
 """Dimensions, values, units and meaning by name."""
 
+MOTION = ("flow_velocity", "velocity", "tangent")
+"""Variables that tell how the water moves past the arm."""
+
 
 def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | None) -> xr.Dataset:
-    """Add the numbers to a whole run; ``modes`` are those of the state that it starts from.
+    """Add the numbers to instants of a run; ``modes`` are those of the state that it starts from.
 
     What would have no meaning is left out: frequencies without modes, flow numbers without water
     or diameter, the reduced velocity of an arm that does not swing back.
@@ -29,7 +34,6 @@ def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | N
     diameter = dataset["diameter"].values
     if scenario.water.density == 0 or diameter.min() == 0:
         return dataset
-    time, normal = dataset["time"].values, normal_velocity(dataset)
     found: Variables = {
         "reynolds_number": (
             ("time", "node"),
@@ -43,17 +47,27 @@ def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | N
     if first > 0:
         found["reduced_velocity"] = (
             ("time", "node"),
-            np.linalg.norm(normal, axis=2) / (first * diameter),
+            np.linalg.norm(normal_velocity(dataset), axis=2) / (first * diameter),
             "1",
             "relative velocity across the arm over first natural frequency and diameter",
         )
-    found["keulegan_carpenter"] = (
+    return _with(dataset, found)
+
+
+def with_swings(dataset: xr.Dataset) -> xr.Dataset:
+    """Add the Keulegan-Carpenter number to a whole run, where it has a meaning."""
+    if "reynolds_number" not in dataset:
+        return dataset
+    swings = Swings.of_nothing()
+    for piece in pieces(dataset, MOTION, overlap=True):
+        swings = swings.followed_by(Swings.of(normal_velocity(piece), piece["time"].values))
+    number = (
         ("node",),
-        keulegan_carpenter(principal_part(normal, time), time, diameter),
+        swings.keulegan_carpenter(dataset["diameter"].values),
         "1",
         "Keulegan-Carpenter number of the swings of the relative velocity across the arm",
     )
-    return _with(dataset, found)
+    return _with(dataset, {"keulegan_carpenter": number})
 
 
 def _with_modes(dataset: xr.Dataset, modes: Modes) -> xr.Dataset:
@@ -129,41 +143,76 @@ def across(
     return vectors - np.sum(vectors * along, axis=2, keepdims=True) * along
 
 
-def principal_part(
-    velocity: Float[np.ndarray, "time node across"], time: Float[np.ndarray, " time"]
-) -> Nodal:
-    """Return the component of a velocity along which it swings most at each node (m/s).
+class Swings(NamedTuple):
+    """How a velocity swings at each node: its moments over time, by the trapezoid rule."""
 
-    That is the eigenvector of its covariance over time with the largest eigenvalue.
-    """
-    if time.size < 2:
-        return velocity[..., 0]
-    weight = np.convolve(np.diff(time), [0.5, 0.5]) / (time[-1] - time[0])
-    swing = velocity - np.einsum("t,tni->ni", weight, velocity)
-    covariance = np.einsum("t,tni,tnj->nij", weight, swing, swing)
-    _, directions = np.linalg.eigh(covariance)
-    return np.einsum("tni,ni->tn", velocity, directions[..., -1])
+    time: float
+    """Length of the time that they are of (s)."""
+    mean: Float[np.ndarray, "node across"]
+    """Mean velocity (m/s)."""
+    spread: Float[np.ndarray, "node across across"]
+    """Integral of the squares of what it is off its mean (m2/s)."""
+    rate: Float[np.ndarray, "node across across"]
+    """Integral of the squares of its rate of change (m2/s3)."""
 
+    @staticmethod
+    def of_nothing() -> Swings:
+        """Return the moments of no time."""
+        return Swings(0.0, np.zeros(()), np.zeros(()), np.zeros(()))
 
-def keulegan_carpenter(
-    velocity: Nodal, time: Float[np.ndarray, " time"], diameter: Float[np.ndarray, " node"]
-) -> Float[np.ndarray, " node"]:
-    """Return ``2 pi A / d``, with the amplitude ``A`` of the water's swings relative to the arm.
+    @staticmethod
+    def of(
+        velocity: Float[np.ndarray, "time node across"], time: Float[np.ndarray, " time"]
+    ) -> Swings:
+        """Return the moments of a velocity (m/s) at some times (s)."""
+        step = np.diff(time)
+        length = np.ptp(time)
+        weight = np.convolve(step, [0.5, 0.5]) if step.size else np.zeros(1)
+        mean = np.einsum("t,tni->ni", weight, velocity) / (length or 1.0)
+        swing, change = velocity - mean, np.diff(velocity, axis=0)
+        return Swings(
+            float(length),
+            mean,
+            np.einsum("t,tni,tnj->nij", weight, swing, swing),
+            np.einsum("t,tni,tnj->nij", 1 / step, change, change),
+        )
 
-    Of a velocity ``U sin(2 pi t / T)`` it is ``U T / d`` (Sumer and Fredsoe 2006, chapter 3). Of
-    any other, ``U`` is the root of twice the variance and ``T = 2 pi sqrt(m0 / m2)``, the mean
-    period between upward crossings of the mean (Rice 1945, of a Gaussian process), with the
-    spectral moments ``m0`` and ``m2``: the variances of the velocity and of its rate of change.
-    """
-    if time.size < 2:
-        return np.zeros_like(diameter)
-    step = np.diff(time)[:, None]
-    middle = 0.5 * (velocity[1:] + velocity[:-1])
-    mean = np.average(middle, axis=0, weights=step[:, 0])
-    # trapezoid rule: the last step may be a short one
-    squares = 0.5 * ((velocity[1:] - mean) ** 2 + (velocity[:-1] - mean) ** 2)
-    m0 = np.average(squares, axis=0, weights=step[:, 0])
-    m2 = np.average((np.diff(velocity, axis=0) / step) ** 2, axis=0, weights=step[:, 0])
-    swings = m2 > 0
-    period = 2 * np.pi * np.sqrt(np.divide(m0, m2, out=np.zeros_like(m0), where=swings))
-    return np.sqrt(2 * m0) * period / diameter
+    def followed_by(self, other: Swings) -> Swings:
+        """Return the moments of both (Chan, Golub and LeVeque 1983, of variances in parts)."""
+        if not self.time or not other.time:
+            return self if self.time else other
+        whole = self.time + other.time
+        apart = other.mean - self.mean
+        between = self.time * other.time / whole * np.einsum("ni,nj->nij", apart, apart)
+        return Swings(
+            whole,
+            self.mean + other.time / whole * apart,
+            self.spread + other.spread + between,
+            self.rate + other.rate,
+        )
+
+    def principal(self) -> Float[np.ndarray, "node across"]:
+        """Return the direction along which it swings most: of the largest variance."""
+        return np.linalg.eigh(self.spread)[1][..., -1]
+
+    def keulegan_carpenter(
+        self, diameter: Float[np.ndarray, " node"]
+    ) -> Float[np.ndarray, " node"]:
+        """Return ``2 pi A / d``, with the amplitude ``A`` of the water's swings past the arm.
+
+        Of a velocity ``U sin(2 pi t / T)`` it is ``U T / d`` (Sumer and Fredsoe 2006, chapter 3).
+        Of any other, ``U`` is the root of twice the variance and ``T = 2 pi sqrt(m0 / m2)``, the
+        mean period between upward crossings of the mean (Rice 1945, of a Gaussian process), with
+        the spectral moments ``m0`` and ``m2``: the variances of the velocity and of its rate of
+        change, along the principal direction.
+        """
+        if not self.time:
+            return np.zeros_like(diameter)
+        along = self.principal()
+        m0, m2 = (
+            np.einsum("ni,nij,nj->n", along, part, along) / self.time
+            for part in (self.spread, self.rate)
+        )
+        swings = m2 > 0
+        period = 2 * np.pi * np.sqrt(np.divide(m0, m2, out=np.zeros_like(m0), where=swings))
+        return np.asarray(np.sqrt(2 * m0) * period / diameter)

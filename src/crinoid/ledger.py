@@ -10,6 +10,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.elements import ENERGIES
+from crinoid.pieces import pieces
 from crinoid.scenario import Scenario
 from crinoid.scenario.simulation import Simulation
 
@@ -81,9 +82,8 @@ def find_defect(dataset: xr.Dataset, scenario: Scenario, floor: float) -> Defect
     defect = change[:, stored].sum(axis=1) - change[:, ~stored].sum(axis=1)
     largest = np.maximum.accumulate(np.abs(change).max(axis=1))
     scale, simulation = float(largest[-1]), scenario.simulation
-    slack, rounding = _slack(dataset, floor)
-    position, length = dataset["position"].values, float(dataset["arc_length"][-1])
-    still = np.abs(position - position[0]).max() <= _STILL * length
+    slack, rounding, moved = _slack(dataset, floor)
+    still = moved <= _STILL * float(dataset["arc_length"][-1])
     beyond = np.abs(defect) - still * slack - rounding
     if beyond.max() <= _NOTED * scale:
         return None
@@ -108,10 +108,11 @@ def turned(dataset: xr.Dataset, simulation: Simulation, since: int) -> float:
     That is ``h sqrt(sum a^2 / sum v^2)``: of one vibration ``h omega``, of many that of the mean of
     ``omega^2`` with the kinetic energy as its weight.
     """
-    lately = dataset[["acceleration", "velocity"]].isel(time=slice(since, None))
-    squares = (lately**2).sum()
-    moves = float(squares["velocity"]) > 0
-    ratio = float(squares["acceleration"] / squares["velocity"]) if moves else 0.0
+    lately = dataset.isel(time=slice(since, None))
+    squares = np.zeros(2)
+    for piece in pieces(lately, ["acceleration", "velocity"]):
+        squares += [np.sum(piece[name].values ** 2) for name in ("acceleration", "velocity")]
+    ratio = squares[0] / squares[1] if squares[1] > 0 else 0.0
     return simulation.time_step * math.sqrt(ratio)
 
 
@@ -146,17 +147,22 @@ def _reason(simulation: Simulation, share: float, gained: bool, angle: float) ->
     return cause, step + damped * (simulation.integrator == "newmark")
 
 
-def _slack(dataset: xr.Dataset, floor: float) -> tuple[Series, float]:
-    """Return the work that imbalances may have done, and by how much energies are rounded (J)."""
-    time, position = dataset["time"].values, dataset["position"].values
-    speed = np.abs(dataset["velocity"].values)
-    fastest = np.maximum(speed[1:], speed[:-1]) * np.diff(time)[:, None, None]
-    path = np.maximum(np.abs(np.diff(position, axis=0)), fastest).sum(axis=(1, 2))
-    slack = np.cumsum((dataset["residual"].values[1:] + floor) * path)
-    length, tension = (
-        float(dataset["arc_length"][-1]),
-        float(np.abs(dataset["tension"].values).max()),
-    )
+def _slack(dataset: xr.Dataset, floor: float) -> tuple[Series, float, float]:
+    """Return what tells a defect from what the solver lets pass.
+
+    That is the work that imbalances may have done, by how much energies are rounded (J), and how
+    far a node has moved along an axis (m).
+    """
+    first, paths, moved, tension = dataset["position"].isel(time=0).values, [], 0.0, 0.0
+    for piece in pieces(dataset, ["position", "velocity", "tension"], overlap=True):
+        position, speed = piece["position"].values, np.abs(piece["velocity"].values)
+        step = np.diff(piece["time"].values)[:, None, None]
+        fastest = np.maximum(speed[1:], speed[:-1]) * step
+        paths.append(np.maximum(np.abs(np.diff(position, axis=0)), fastest).sum(axis=(1, 2)))
+        moved = max(moved, float(np.abs(position - first).max()))
+        tension = max(tension, float(np.abs(piece["tension"].values).max()))
+    slack = np.cumsum((dataset["residual"].values[1:] + floor) * np.concatenate(paths))
     kept = float(np.abs(dataset["energy"].values).max(axis=0).sum())
-    rounding = position.shape[1] * np.finfo(float).eps * (kept + length * tension)
-    return np.concatenate([[0.0], slack]), rounding
+    rounded = kept + float(dataset["arc_length"][-1]) * tension
+    rounding = dataset.sizes["node"] * np.finfo(float).eps * rounded
+    return np.concatenate([[0.0], slack]), rounding, moved

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.dimensionless import across, normal_velocity, spinning
+from crinoid.dimensionless import MOTION, across, normal_velocity, spinning
+from crinoid.pieces import pieces
 from crinoid.plausibility.facts import Facts
 from crinoid.scenario import Scenario
 from crinoid.scenario.water import Water
@@ -74,9 +75,11 @@ def _unstable(dataset: xr.Dataset, scenario: Scenario) -> str:
 
 
 def _stretch(dataset: xr.Dataset) -> str:
-    edges = np.linalg.norm(np.diff(dataset["position"].values, axis=1), axis=2)
-    strain = edges / np.diff(dataset["arc_length"].values) - 1
-    longest, shortest = float(strain.max()), float(strain.min())
+    longest, shortest = -np.inf, np.inf
+    for piece in pieces(dataset, ["position"]):
+        edges = np.linalg.norm(np.diff(piece["position"].values, axis=1), axis=2)
+        strain = edges / np.diff(dataset["arc_length"].values) - 1
+        longest, shortest = max(longest, float(strain.max())), min(shortest, float(strain.min()))
     if max(longest, -shortest) <= _STRAIN:
         return ""
     how = f"stretched by up to {longest:.0%}"
@@ -107,19 +110,22 @@ def _vortices(dataset: xr.Dataset, scenario: Scenario) -> str:
     if "reduced_velocity" not in dataset:
         return ""
     time, diameter = dataset["time"].values, dataset["diameter"].values
-    speed = np.linalg.norm(normal_velocity(dataset), axis=2)
-    share = _length_share(dataset)
-    sheds = speed * diameter > _SHEDDING * scenario.water.kinematic_viscosity
+    modes = _bending(dataset)
+    frequency = dataset["natural_frequency"].sel(mode=modes).values
+    lasting = [Lasting(time, _CYCLES / each) for each in frequency]
+    for piece in pieces(dataset, MOTION):
+        speed = np.linalg.norm(normal_velocity(piece), axis=2)
+        sheds = speed * diameter > _SHEDDING * scenario.water.kinematic_viscosity
+        for each, its in zip(frequency, lasting, strict=True):
+            reduced = speed / (each * diameter)
+            its.follow(sheds & (reduced > _LOCK_IN[0]) & (reduced < _LOCK_IN[1]))
     struck = []
-    for mode in _bending(dataset):
-        frequency = float(dataset["natural_frequency"].sel(mode=mode))
-        reduced = speed / (frequency * diameter)
-        inside = sheds & (reduced > _LOCK_IN[0]) & (reduced < _LOCK_IN[1])
-        part = _lasting(inside, time, _CYCLES / frequency) @ share
+    for mode, each, its in zip(modes, frequency, lasting, strict=True):
+        part = its.share(_length_share(dataset))
         at = part > _WORTH
         if at.mean() > _WORTH:
             struck.append(
-                f"mode {mode} ({frequency:.2g} Hz) for {at.mean():.0%} of the time on "
+                f"mode {mode} ({each:.2g} Hz) for {at.mean():.0%} of the time on "
                 f"{part[at].mean():.0%} of the length"
             )
     if not struck:
@@ -136,23 +142,63 @@ def _vortices(dataset: xr.Dataset, scenario: Scenario) -> str:
 def _bending(dataset: xr.Dataset) -> list[int]:
     """Return the modes that move the arm across itself rather than along, or about, itself."""
     shape = dataset["mode_shape"].values
-    normal = across(shape, dataset["tangent"].values[:1])
+    normal = across(shape, dataset["tangent"].isel(time=[0]).values)
     bends = np.sum(normal**2, axis=(1, 2)) > 0.5 * np.sum(shape**2, axis=(1, 2))
     bends &= ~spinning(dataset)
     return [int(mode) for mode in dataset["mode"].values[bends]]
 
 
-def _lasting(
-    inside: Bool[np.ndarray, "time node"], time: Float[np.ndarray, " time"], least: float
-) -> Bool[np.ndarray, "time node"]:
-    """Keep what is true at a node for a time of ``least`` on end."""
-    edges = np.diff(np.pad(inside.T.astype(int), ((0, 0), (1, 1))), axis=1)
-    (node, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
-    long = time[end - 1] - time[begin] >= least
-    marks = np.zeros_like(edges)
-    marks[node[long], begin[long]] = 1
-    marks[node[long], end[long]] = -1
-    return np.cumsum(marks, axis=1)[:, :-1].T > 0
+class Lasting:
+    """What is true at nodes for some time on end, told of instants in pieces.
+
+    Parameters
+    ----------
+    time
+        All instants (s).
+    least
+        For how long it must be true to count (s).
+    """
+
+    def __init__(self, time: Float[np.ndarray, " time"], least: float) -> None:
+        self._time, self._least = time, least
+        self._told = 0
+        self._since: Int[np.ndarray, " node"] = np.zeros(0, int)
+        """From which instant on it has been true; -1 where it is not."""
+        self._spans: list[Int[np.ndarray, "span 3"]] = []
+        """Node, first instant and the one after the last."""
+
+    def follow(self, inside: Bool[np.ndarray, "time node"]) -> None:
+        """Go on with what is true at the instants that follow."""
+        if not self._told:
+            self._since = np.full(inside.shape[1], -1)
+        before = self._since >= 0
+        edges = np.diff(np.concatenate([before[None], inside]).astype(np.int8), axis=0).T
+        (node, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
+        # spans begin and end by turns at each node: put the open ones first
+        nodes = np.concatenate([np.flatnonzero(before), node])
+        begins = np.concatenate([self._since[before], begin + self._told])
+        order = np.lexsort((begins, nodes))
+        nodes, begins = nodes[order], begins[order]
+        last = np.append(nodes[1:] != nodes[:-1], True)[: nodes.size]
+        still = last & inside[-1, nodes]
+        self._since = np.full(inside.shape[1], -1)
+        self._since[nodes[still]] = begins[still]
+        self._add(nodes[~still], begins[~still], end + self._told)
+        self._told += inside.shape[0]
+
+    def share(self, of: Float[np.ndarray, " node"]) -> Float[np.ndarray, " time"]:
+        """Return the sum over the nodes where it is true for long enough, at each instant."""
+        open_ = np.flatnonzero(self._since >= 0)
+        self._add(open_, self._since[open_], np.full(open_.size, self._told))
+        node, begin, end = np.concatenate(self._spans).T
+        marks = np.zeros((2, self._told + 1))
+        np.add.at(marks[0], begin, of[node])
+        np.add.at(marks[1], end, of[node])
+        return np.cumsum(marks[0] - marks[1])[:-1]
+
+    def _add(self, node: np.ndarray, begin: np.ndarray, end: np.ndarray) -> None:
+        long = self._time[end - 1] - self._time[begin] >= self._least
+        self._spans.append(np.stack([node[long], begin[long], end[long]], axis=1))
 
 
 def _drag(dataset: xr.Dataset, scenario: Scenario) -> str:
@@ -160,18 +206,22 @@ def _drag(dataset: xr.Dataset, scenario: Scenario) -> str:
     if "reynolds_number" not in dataset or water.drag_normal != Water().drag_normal:
         return ""
     diameter = dataset["diameter"].values
-    speed = np.linalg.norm(normal_velocity(dataset), axis=2)
-    drag = diameter * speed**2 * _length_share(dataset)
+    total = most = reached = outside = 0.0
+    for piece in pieces(dataset, MOTION):
+        speed = np.linalg.norm(normal_velocity(piece), axis=2)
+        drag = diameter * speed**2 * _length_share(dataset)
+        reynolds = speed * diameter / water.kinematic_viscosity
+        beyond = (reynolds < _SUBCRITICAL[0]) | (reynolds > _SUBCRITICAL[1])
+        total, most = total + drag.sum(), max(most, drag.sum(axis=1).max())
+        reached, outside = reached + np.sum(reynolds * drag), outside + np.sum(drag[beyond])
     length = float(dataset["arc_length"][-1])
-    largest = 0.5 * water.density * water.drag_normal * length * drag.sum(axis=1).max()
+    largest = 0.5 * water.density * water.drag_normal * length * most
     if largest < _FELT * np.linalg.norm(dataset["base_force"].values, axis=1).max() or not largest:
         return ""
-    reynolds = speed * diameter / water.kinematic_viscosity
-    outside = (reynolds < _SUBCRITICAL[0]) | (reynolds > _SUBCRITICAL[1])
-    if np.average(outside, weights=drag) <= 0.5:
+    if outside <= 0.5 * total:
         return ""
     return (
-        f"most of the drag acts at Reynolds numbers near {np.average(reynolds, weights=drag):.2g}; "
+        f"most of the drag acts at Reynolds numbers near {reached / total:.2g}; "
         f"the default water.drag_normal = {water.drag_normal:g} is for 1e3 to 1e5"
     )
 

@@ -13,12 +13,16 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
+from crinoid.pieces import piece_length, pieces
 from crinoid.replacement import replacing
 from crinoid.scenario import Scenario
+from crinoid.stream import is_stream, open_lazily, read_checkpoint, remove_checkpoints
 from crinoid.version import __version__
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
+UNFINISHED = "unfinished: it is still run, or the program was killed; --resume goes on"
+"""Status in a file that grows."""
 _CHECKPOINT = "checkpoint"
 
 _REQUIRED = {
@@ -103,7 +107,7 @@ class Result:
     def interrupted(self) -> bool:
         """Whether this run or the one without control was stopped before its end."""
         other = self.uncontrolled is not None and self.uncontrolled.interrupted
-        return self.status.startswith("interrupted") or other
+        return self.status.startswith(("interrupted", "unfinished")) or other
 
     @property
     def scenario(self) -> Scenario:
@@ -153,28 +157,54 @@ class Result:
                 run._write(stack.enter_context(replacing(folder / name)))
         if self.uncontrolled is None and attributes(folder / UNCONTROLLED):  # of an earlier run
             (folder / UNCONTROLLED).unlink()
+        for name in (RESULT, UNCONTROLLED):
+            remove_checkpoints(folder / name)
         return [folder / name for name in runs]
 
     @staticmethod
-    def load(folder: Path) -> Result:
-        """Read what `save` wrote.
+    def load(folder: Path, *, lazily: bool = False) -> Result:
+        """Read what `save` wrote, or what a run has written so far that is not over.
+
+        Parameters
+        ----------
+        folder
+            Where.
+        lazily
+            Whether what is large stays in its file until it is asked for.
 
         Raises
         ------
         ResultError
             If there is no result in the folder, or none that this version can read.
         """
-        result = _read(folder / RESULT)
+        result = _read(folder / RESULT, lazily)
         if (folder / UNCONTROLLED).exists():
-            result.uncontrolled = _read(folder / UNCONTROLLED)
+            result.uncontrolled = _read(folder / UNCONTROLLED, lazily)
         return result
 
     def _write(self, path: Path) -> None:
+        """Write a file in pieces: a run that lies in a file may be larger than the memory."""
+        whole = self.dataset
+        over_time = [str(name) for name, data in whole.variables.items() if "time" in data.dims]
+        length = min(piece_length(whole), whole.sizes["time"])
         encoding = {
-            name: {"zlib": True, "complevel": 1}
-            for name, variable in self.dataset.data_vars.items()
-            if variable.ndim > 1
+            name: {
+                "chunksizes": (length, *whole[name].shape[1:]),
+                "zlib": whole[name].ndim > 1,
+                "complevel": 1,
+            }
+            for name in over_time
         }
+        first = whole.isel(time=slice(0, length)).load()
+        first.to_netcdf(path, engine="netcdf4", encoding=encoding, unlimited_dims=["time"])
+        if whole.sizes["time"] > length:
+            with netCDF4.Dataset(path, "a") as file:
+                for name in over_time:  # else it holds much of what has been written
+                    file[name].set_var_chunk_cache(0, 1, 0.0)
+                for start, piece in enumerate(pieces(whole, over_time)):
+                    for name in over_time if start else ():
+                        at = start * length
+                        file[name][at : at + piece.sizes["time"]] = piece[name].values
         leaves = xr.Dataset(
             {
                 name: ([f"d{number:03d}_{axis}" for axis in range(leaf.ndim)], leaf)
@@ -182,7 +212,6 @@ class Result:
             },
             attrs={"crinoid_version": __version__},
         )
-        self.dataset.to_netcdf(path, engine="netcdf4", encoding=encoding)
         leaves.to_netcdf(path, engine="netcdf4", mode="a", group=_CHECKPOINT)
 
 
@@ -204,12 +233,16 @@ def attributes(path: Path) -> dict[str, Any]:
     return found if "crinoid_version" in found else {}
 
 
-def _read(path: Path) -> Result:
+def _read(path: Path, lazily: bool) -> Result:
     try:
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
+        dataset = open_lazily(path)
+        if not lazily:
             dataset.load()
-        with xr.open_dataset(path, engine="netcdf4", group=_CHECKPOINT) as leaves:
-            checkpoint = {str(name): leaf.values for name, leaf in leaves.data_vars.items()}
+        if is_stream(path):
+            checkpoint = read_checkpoint(path, dataset)
+        else:
+            with xr.open_dataset(path, engine="netcdf4", group=_CHECKPOINT) as leaves:
+                checkpoint = {str(name): leaf.values for name, leaf in leaves.data_vars.items()}
     except FileNotFoundError:
         raise ResultError(f"{path}: no such result") from None
     except Exception as error:  # a file that is broken makes its readers raise anything

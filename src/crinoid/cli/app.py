@@ -97,7 +97,8 @@ def _version(
 @contextmanager
 def _told(interrupted: str = "interrupted before there was anything to save") -> Iterator[None]:
     """Turn what a user can mend into one line each, and no traceback."""
-    from crinoid.scenario import ScenarioError
+    with Loading():
+        from crinoid.scenario import ScenarioError
 
     try:
         yield

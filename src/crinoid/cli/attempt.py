@@ -24,7 +24,7 @@ def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
     if not (folder / RESULT).exists():
         return None
     try:
-        earlier = Result.load(folder)
+        earlier = Result.load(folder, lazily=True)
         described = [run.scenario for run in (earlier, earlier.uncontrolled) if run is not None]
     except ResultError as error:
         raise ScenarioError([Mistake("--resume", str(error))]) from error
@@ -73,16 +73,19 @@ def attempt(
     report: Callable[[Progress], None],
     stop: Callable[[], bool],
     tell: Tell | None = None,
+    into: Path | None = None,
 ) -> Result:
     """Run a scenario, or the rest of it.
 
     Raises
     ------
+    OSError
+        If it cannot be written ``into`` its folder.
     ScenarioError
         If it cannot be run, or not gone on with.
     """
     try:
-        return play(prepared, report=report, resume=earlier, stop=stop, tell=tell)
+        return play(prepared, report=report, resume=earlier, stop=stop, tell=tell, into=into)
     except ResultError as error:
         raise ScenarioError([Mistake("--resume", f"the run in {folder}: {error}")]) from error
 

@@ -20,6 +20,7 @@ from crinoid.current import FLOW
 from crinoid.replacement import remove_unfinished
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.stream import is_stream, remove_checkpoints
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
@@ -54,6 +55,8 @@ def claimed(folder: Path) -> Iterator[None]:
             for place in (folder, *_case_folders(folder)):
                 for name in (RESULT, UNCONTROLLED, CASES, FLOW):
                     remove_unfinished(place / name)
+                for name in (RESULT, UNCONTROLLED):
+                    remove_checkpoints(place / name)
             yield
         finally:
             if lock.is_locked:
@@ -144,7 +147,8 @@ def _foreign(folder: Path, wanted: Wanted, *, resume: bool) -> Iterator[Path]:
 def interrupted(folder: Path, scenario: Scenario) -> bool:
     """Tell whether a folder holds an interrupted run of a scenario."""
     found = attributes(folder / RESULT)
-    return str(found.get("status")).startswith("interrupted") and _same(found, scenario)
+    stopped = str(found.get("status")).startswith(("interrupted", "unfinished"))
+    return stopped and _same(found, scenario)
 
 
 def holds(folder: Path, scenario: Scenario) -> bool:
@@ -168,6 +172,7 @@ def clear(folder: Path, wanted: Wanted, *, resume: bool = False, force: bool = F
         for name in (RESULT, UNCONTROLLED):
             if attributes(folder / place / name):
                 (folder / place / name).unlink()
+                remove_checkpoints(folder / place / name)
         clear_figures(folder / place)
         if place:
             remove_table(folder / place)
@@ -193,11 +198,19 @@ def clear_figures(folder: Path) -> None:
                 path.unlink()
 
 
-def save(result: Result, folder: Path) -> tuple[list[Path], str]:
+def place_for(folder: Path, scenario: Scenario) -> Path:
+    """Return the folder in which a run is written while it lasts.
+
+    That is a new one beside a finished result of the same scenario, which a run that fails or is
+    interrupted does not replace.
+    """
+    return _beside(folder) if _finished(folder, scenario) else folder
+
+
+def save(result: Result, folder: Path, place: Path) -> tuple[list[Path], str]:
     """Save a result, elsewhere if it cannot be in its folder.
 
-    One that failed or was interrupted does not replace a finished one of the same scenario: it is
-    saved beside it, in a new folder.
+    One that failed or was interrupted stays in the ``place`` that `place_for` gave.
 
     Returns
     -------
@@ -206,18 +219,28 @@ def save(result: Result, folder: Path) -> tuple[list[Path], str]:
     trouble
         What went wrong, if anything did.
     """
-    aside = bool(result.failure or result.interrupted) and _finished(folder, result.scenario)
-    place = folder
+    aside = bool(result.failure or result.interrupted)
     try:
-        place = _beside(folder) if aside else folder
-        paths = result.save(place)
+        paths = result.save(place if aside else folder)
     except OSError as error:
+        if is_stream(place / RESULT):
+            return [], stopped(error, place)
         if place != folder:
             _remove_made(place)
         return _rescue(result, f"{error.filename or place}: {error.strerror or error}")
-    if not aside:
+    if not aside or place == folder:
         clear_figures(folder)
+    if not aside and place != folder:
+        _remove_made(place)
     return paths, ""
+
+
+def stopped(error: OSError, place: Path) -> str:
+    """Say that a run could not be written, and what there is of it."""
+    reason = f"{error.filename or place}: {error.strerror or error}"
+    if is_stream(place / RESULT):
+        return f"{reason}; what was written before is in {place}, --resume goes on from there"
+    return f"{reason}; nothing of the run could be written"
 
 
 def _finished(folder: Path, scenario: Scenario) -> bool:
@@ -230,21 +253,18 @@ def _finished(folder: Path, scenario: Scenario) -> bool:
 
 
 def _beside(folder: Path) -> Path:
-    """Make a new folder beside another."""
+    """Return a new folder beside another."""
     folder = folder.resolve() if folder.name in ("", "..") else folder
-    for number in count(1):
-        place = folder.parent / f"{folder.name}-unfinished{'' if number == 1 else f'-{number}'}"
-        with suppress(FileExistsError):
-            place.mkdir()
-            break
-    return place
+    names = (f"{folder.name}-unfinished{'' if n == 1 else f'-{n}'}" for n in count(1))
+    return next(place for name in names if not (place := folder.parent / name).exists())
 
 
 def _remove_made(folder: Path) -> None:
-    """Remove a new folder in which a result could not be saved, with what there is of it."""
+    """Remove a new folder in which no result is to stay, with what there is of it."""
     for name in (RESULT, UNCONTROLLED):
         with suppress(OSError):
             (folder / name).unlink()
+        remove_checkpoints(folder / name)
     with suppress(OSError):
         folder.rmdir()
 

@@ -9,7 +9,16 @@ from rich.console import Console
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.attempt import attempt, find_earlier, is_complete, trouble
-from crinoid.cli.folder import check_replaced, claimed, clear, interrupted, save, say_where
+from crinoid.cli.folder import (
+    check_replaced,
+    claimed,
+    clear,
+    interrupted,
+    place_for,
+    save,
+    say_where,
+    stopped,
+)
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.notes import say_doubts, say_notes
 from crinoid.cli.progress import progress_bar, reporter
@@ -68,9 +77,12 @@ def _run_case(
 
     with Interruption() as interruption:
         with progress_bar(console) as bar:
-            report, stop = reporter(bar, ""), interruption.stop
-            result = attempt(prepared, earlier, folder, report, stop, tell)
-            paths, unsaved = save(result, folder)
+            report, stop, place = reporter(bar, ""), interruption.stop, place_for(folder, scenario)
+            try:
+                result = attempt(prepared, earlier, folder, report, stop, tell, place)
+            except OSError as error:
+                return stopped(error, place)
+            paths, unsaved = save(result, folder, place)
         if not unsaved:
             clear(folder, wanted, resume=resume, force=force)
         _say_run(console, result, told)
@@ -97,7 +109,7 @@ def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool, console: 
             except SimulationError as error:
                 result = error.result
             interruption.stop()
-            paths, unsaved = save(result, folder)
+            paths, unsaved = save(result, folder, place_for(folder, prepared.scenario))
             if not unsaved:
                 clear(folder, wanted, force=force)
             console.print(equilibrium_table(result))

@@ -15,7 +15,17 @@ from rich.console import Console
 from crinoid.assembly.prepared import Prepared
 from crinoid.cases import CASES, COLUMNS, MEASURES, is_table, read_rows, write_rows
 from crinoid.cli.attempt import attempt, find_earlier, is_complete, trouble
-from crinoid.cli.folder import case_names, check_replaced, claimed, clear, holds, save, say_where
+from crinoid.cli.folder import (
+    case_names,
+    check_replaced,
+    claimed,
+    clear,
+    holds,
+    place_for,
+    save,
+    say_where,
+    stopped,
+)
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.cli.notes import notes_of_cases, say_notes
 from crinoid.cli.progress import progress_bar, reporter
@@ -157,11 +167,15 @@ class _Run:
         earlier = find_earlier(prepared, self.folder) if self.resume else None
         if earlier is not None and (earlier.failure or is_complete(earlier, prepared.scenario)):
             return earlier, trouble(earlier, self.folder, [])
+        place = place_for(self.folder, prepared.scenario)
         try:
-            result = attempt(prepared, earlier, self.folder, report, stop)
+            result = attempt(prepared, earlier, self.folder, report, stop, into=place)
         except ScenarioError as error:
             return None, f"refused: {'; '.join(error.lines)}"
-        paths, wrong = save(result, self.folder)
+        except OSError as error:
+            self.saved = False
+            return None, stopped(error, place)
+        paths, wrong = save(result, self.folder, place)
         self.saved = not wrong
         if self.saved:
             self.directory = paths[0].parent.name

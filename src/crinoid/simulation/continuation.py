@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from crinoid.elements import WORKS
-from crinoid.result import Result, ResultError
+from crinoid.result import UNFINISHED, Result, ResultError
 from crinoid.scenario import counted
 from crinoid.simulation.loop import LoopState
 
@@ -43,11 +43,15 @@ def restored(
     for name, leaf in earlier.checkpoint.items():
         if leaf.dtype.kind == "f" and np.isnan(leaf).any():
             raise ResultError(f"its state cannot be gone on from: {name} is not a number")
-    _check_last(kept, carry)
-    _check_steps(kept, carry, stride)
-    if int(carry.tally.steps):  # it stopped between two instants that are kept
-        kept = kept.isel(time=slice(None, -1))
-    return carry, kept
+    instants = 1 + int(carry.steps) // stride
+    cut = earlier.status == UNFINISHED
+    if cut:  # the file may be ahead of its checkpoint
+        kept = kept.isel(time=slice(instants))
+    if not (cut and int(carry.tally.steps)):  # else the state is later than any instant
+        _check_last(kept, carry)
+    _check_steps(kept, carry, stride, cut=cut)
+    # if it stopped between two instants that are kept, its last one is not among them
+    return carry, kept.isel(time=slice(instants))
 
 
 def _check_variables(kept: xr.Dataset, first: xr.Dataset) -> None:
@@ -93,11 +97,11 @@ def _check_last(kept: xr.Dataset, carry: LoopState) -> None:
             raise ResultError(f"its state is not that of its last instant: {name} is another")
 
 
-def _check_steps(kept: xr.Dataset, carry: LoopState, stride: int) -> None:
+def _check_steps(kept: xr.Dataset, carry: LoopState, stride: int, *, cut: bool) -> None:
     """Refuse counts that do not go with each other."""
     steps, since = int(carry.steps), int(carry.tally.steps)
     whole, left = divmod(steps, stride)
-    instants = 1 + whole + (since > 0)
+    instants = 1 + whole + (since > 0 and not cut)
     if steps < 0 or since < left or kept.sizes["time"] != instants:
         after = f"{counted(steps, 'time step')}, {since} of them since the last kept instant"
         held = counted(kept.sizes["time"], "instant")

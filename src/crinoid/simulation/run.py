@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
+from pathlib import Path
 from typing import NamedTuple
 
 import equinox as eqx
@@ -16,8 +17,8 @@ import numpy as np
 import xarray as xr
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.dataset import build_dataset, describe, join
-from crinoid.dimensionless import with_dimensionless
+from crinoid.dataset import build_dataset, describe
+from crinoid.dimensionless import with_dimensionless, with_swings
 from crinoid.dynamics import Outcome, State, System
 from crinoid.ledger import find_defect
 from crinoid.loop_health import loop_notes
@@ -25,12 +26,13 @@ from crinoid.notes import notes
 from crinoid.plausibility import AT_REST, doubts
 from crinoid.programs import ONCE, compiled
 from crinoid.record import Record
-from crinoid.result import Result, named_leaves
+from crinoid.result import RESULT, UNCONTROLLED, UNFINISHED, Result, named_leaves
 from crinoid.scenario import Scenario
 from crinoid.simulation.continuation import restored
 from crinoid.simulation.failure import start_failure, step_failure
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up
+from crinoid.simulation.sink import Build, Sink
 from crinoid.simulation.stretch import record, stretch
 
 _CAPACITY = 256
@@ -93,6 +95,7 @@ def play(
     resume: Result | None = None,
     stop: Callable[[], bool] | None = None,
     tell: Tell | None = None,
+    into: Path | None = None,
 ) -> Result:
     """Run a scenario to its end, a failure or an interruption; `Result.status` says which.
 
@@ -109,9 +112,15 @@ def play(
         Asked before each chunk of the run whether to interrupt it; Ctrl-C does by default.
     tell
         Called before the run with notes on the loop, if it is unstable or nearly so.
+    into
+        The folder of files that take the run while it lasts, so that it neither fills the memory
+        nor is lost; none to hold it in memory. What is large of the result stays there until
+        `Result.save` replaces these files.
 
     Raises
     ------
+    OSError
+        If such a file cannot be written.
     ResultError
         If ``resume`` is no result that this scenario can go on from.
     ScenarioError
@@ -127,14 +136,16 @@ def play(
         setup = set_up(prepared)
         if tell is not None and setup.loop_doubts:
             tell(setup.loop_doubts)
-        result = _run(prepared, setup, label, report, resume, asked)
+        path = None if into is None else into / RESULT
+        result = _run(prepared, setup, label, report, resume, asked, path)
         if controlled and scenario.control.compare:
             idle = setup._replace(
                 loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False)),
                 loop_doubts=[],
             )
             earlier = resume.uncontrolled if resume is not None else None
-            result.uncontrolled = _run(prepared, idle, "uncontrolled", report, earlier, asked)
+            path = None if into is None else into / UNCONTROLLED
+            result.uncontrolled = _run(prepared, idle, "uncontrolled", report, earlier, asked, path)
     result.dataset.attrs["notes"] = "\n".join([*result.notes, *loop_notes(result)])
     return result
 
@@ -170,7 +181,8 @@ def settle(prepared: Prepared) -> Result:
     carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
     trouble = start_failure(prepared.scenario, setup.loop.system, setup.outcome)
-    result = _result(prepared, setup, carry, [_one(first)], trouble, None, wall_time, None)
+    dataset = _builder(prepared, setup)(_one(first), None)
+    result = _result(prepared, setup, carry, dataset, trouble, None, wall_time)
     if result.failure:
         raise SimulationError(result)
     return result
@@ -196,15 +208,19 @@ def _run(
     report: Report | None,
     earlier: Result | None,
     stop: Callable[[], bool],
+    path: Path | None,
 ) -> Result:
     scenario, loop = prepared.scenario, setup.loop
     stride = scenario.output_steps
     duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = _begin(loop, setup.state)
-    records, kept_earlier = [_one(first)], None
+    build = _builder(prepared, setup)
+    sink = Sink(_one(first), build, path, _attributes(prepared, UNFINISHED, 0.0, []))
+    spent = 0.0
     if earlier is not None:
-        start = build_dataset(loop.system, scenario.arm.diameters, records.pop())
-        carry, kept_earlier = restored(earlier, carry, start, stride)
+        carry, held = restored(earlier, carry, build(_one(first), None), stride)
+        spent = earlier.dataset.attrs["wall_time"]
+        sink.go_on(held, carry, spent)
     done, chunk = int(carry.steps), 16
     trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
     if done < total and not trouble:
@@ -212,9 +228,7 @@ def _run(
         jax.block_until_ready(
             stretch(loop, carry, carry.steps, jnp.asarray(stride, int), _CAPACITY)
         )
-    begun = time.perf_counter()
-    if earlier is not None:
-        begun -= earlier.dataset.attrs["wall_time"]
+    begun = time.perf_counter() - spent
     while done < total and not (trouble or failed or stop()):
         chunk_begun = time.perf_counter()
         steps = min(chunk, total - done, stride * _CAPACITY)
@@ -222,20 +236,22 @@ def _run(
         carry, kept, new, outcome = stretch(
             loop, carry, jnp.asarray(done, int), jnp.asarray(stride, int), _CAPACITY
         )
-        records.append(jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept))  # noqa: B023
+        sink.append(jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept))  # noqa: B023
         took = time.perf_counter() - chunk_begun
-        chunk = max(16, int(min(steps * _CHUNK_SECONDS / took, 4 * chunk)))
+        chunk = max(1, int(min(steps * _CHUNK_SECONDS / took, 4 * chunk)))
         if not outcome.converged:
             failed = outcome
+        sink.look(carry, time.perf_counter() - begun)
         if report is not None:
             elapsed = time.perf_counter() - begun
             report(Progress(label, float(carry.state.time), duration, elapsed))
     wall_time = time.perf_counter() - begun
     if int(carry.tally.steps):  # steps that no kept instant tells of yet
-        records.append(_one(_keep(loop, carry)))
+        sink.append(_one(_keep(loop, carry)))
     if done < total and not (trouble or failed):
         trouble = f"interrupted at t = {float(carry.state.time):.6g} s"
-    return _result(prepared, setup, carry, records, trouble, failed, wall_time, kept_earlier)
+    dataset = sink.close(carry, wall_time)
+    return _result(prepared, setup, carry, dataset, trouble, failed, wall_time)
 
 
 class _CtrlC:
@@ -282,23 +298,27 @@ def _one(record: Record) -> Record:
     return jax.tree.map(lambda x: np.asarray(x)[None], record)
 
 
+def _builder(prepared: Prepared, setup: Setup) -> Build:
+    system, scenario = setup.loop.system, prepared.scenario
+
+    def build(kept: Record, before: float | None) -> xr.Dataset:
+        dataset = build_dataset(system, scenario.arm.diameters, kept, before)
+        return with_dimensionless(dataset, scenario, setup.modes)
+
+    return build
+
+
 def _result(
     prepared: Prepared,
     setup: Setup,
     carry: LoopState,
-    records: list[Record],
+    dataset: xr.Dataset,
     trouble: str,
     failed: Outcome | None,
     wall_time: float,
-    earlier: xr.Dataset | None,
 ) -> Result:
-    scenario = prepared.scenario
-    parts = [] if earlier is None else [earlier]
-    if records:
-        whole = jax.tree.map(lambda *parts: np.concatenate(parts), *records)
-        records.clear()  # a long run fills the memory
-        parts.append(build_dataset(setup.loop.system, scenario.arm.diameters, whole))
-    dataset, system = with_dimensionless(join(parts), scenario, setup.modes), setup.loop.system
+    scenario, system = prepared.scenario, setup.loop.system
+    dataset = with_swings(dataset)
     defect = find_defect(dataset, scenario, float(system.settings.floor))
     if failed is not None:
         trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
@@ -307,11 +327,17 @@ def _result(
     told = [*prepared.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
     if defect is not None and defect.told not in trouble:
         told.append(defect.note)
-    dataset.attrs = describe(scenario) | {
-        "status": trouble or "ok",
+    dataset.attrs = _attributes(prepared, trouble or "ok", wall_time, told)
+    return Result(dataset, named_leaves(carry))
+
+
+def _attributes(
+    prepared: Prepared, status: str, wall_time: float, told: list[str]
+) -> dict[str, object]:
+    return describe(prepared.scenario) | {
+        "status": status,
         "wall_time": wall_time,
         "notes": "\n".join(told),
         # as sha256sum writes and checks it
         "files": "\n".join(f"{digest}  {file}" for file, digest in prepared.digests.items()),
     }
-    return Result(dataset, named_leaves(carry))

@@ -1,0 +1,49 @@
+"""A run in pieces of time: what is worked out of a whole one need not hold all of it at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+__all__ = ["piece_length", "pieces", "turned_on"]
+
+_NUMBERS = 1 << 15
+"""Nodes times instants of a piece: a few megabytes of vectors."""
+
+
+def piece_length(dataset: xr.Dataset) -> int:
+    """Return how many instants a piece has: by the number of nodes alone, as sums depend on it."""
+    return max(1, _NUMBERS // max(1, dataset.sizes.get("node", 1)))
+
+
+def pieces(
+    dataset: xr.Dataset, names: Iterable[str], *, overlap: bool = False
+) -> Iterator[xr.Dataset]:
+    """Yield the instants of a run, one piece after the other, in memory.
+
+    Parameters
+    ----------
+    dataset
+        The run, which may lie in a file.
+    names
+        Variables to take.
+    overlap
+        Whether each piece but the first begins with the last instant of the one before.
+    """
+    part, length = dataset[list(names)], piece_length(dataset)
+    for start in range(0, dataset.sizes["time"], length):
+        begin = start - 1 if overlap and start else start
+        yield part.isel(time=slice(begin, start + length)).load()
+
+
+def turned_on(angle: Float[np.ndarray, " time"], before: float | None) -> np.ndarray:
+    """Return angles (rad) without jumps of whole turns, from the one before on.
+
+    Turns are counted, not summed up: so it does not matter to the bit where a run is cut.
+    """
+    start = angle[:1] if before is None else np.array([before])
+    turns = np.cumsum(np.round(np.diff(angle, prepend=start) / (2 * np.pi)))
+    return angle - 2 * np.pi * turns

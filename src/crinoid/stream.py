@@ -1,0 +1,259 @@
+"""A netCDF file that grows, and can be read at any instant, whatever becomes of the program.
+
+It is of the classic format: instants follow one another at its end, and a number in its head says
+how many there are. That number is raised only once they are on the disk. A checkpoint lies in a
+file beside it, which is replaced as a whole, and is never ahead of the instants. Its name holds a
+key that the head of the file holds too: so both are replaced at once by those of another run.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from crinoid.replacement import remove_unfinished, replacing
+
+__all__ = [
+    "Stream",
+    "is_stream",
+    "open_lazily",
+    "read_checkpoint",
+    "remove_checkpoints",
+]
+
+_MAGIC = b"CDF\x02"
+_KEY = "checkpoint_key"
+"""Attribute."""
+_LARGE = {"node", "edge"}
+"""Dimensions of what is left in a file until it is asked for, if it is over time."""
+
+
+class Stream:
+    """Instants of a run in a file that grows.
+
+    Parameters
+    ----------
+    path
+        The file. It is replaced once all that is given here is in its successor.
+    first
+        The first instant, with all that does not change.
+    more
+        Instants that follow it, in pieces.
+    leaves
+        The state after them, to go on from.
+    wall_time
+        What it took so far (s).
+
+    Raises
+    ------
+    OSError
+        If it cannot be written, here and later on.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        first: xr.Dataset,
+        more: Iterable[xr.Dataset],
+        leaves: Mapping[str, np.ndarray],
+        wall_time: float,
+    ) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._path, self._first, self._key = path, first, secrets.token_hex(4)
+        head = first.assign_attrs({_KEY: self._key})
+        with replacing(path) as temporary:
+            head.to_netcdf(
+                temporary, engine="netcdf4", format="NETCDF3_64BIT", unlimited_dims=["time"]
+            )
+            with netCDF4.Dataset(temporary) as file:
+                self._instant = np.dtype(
+                    [
+                        (name, variable.dtype.newbyteorder(">"), variable.shape[1:])
+                        for name, variable in file.variables.items()
+                        if variable.dimensions[:1] == ("time",)
+                    ]
+                )
+            self._begin = temporary.read_bytes().index(self._packed(first).tobytes())
+            self._count = 1
+            for piece in more:
+                self._grow(temporary, piece)
+            self._keep(leaves, wall_time)
+        remove_checkpoints(path)
+
+    def append(
+        self, piece: xr.Dataset | None, leaves: Mapping[str, np.ndarray], wall_time: float
+    ) -> None:
+        """Put instants at the end of the file, and replace the checkpoint."""
+        if piece is not None:
+            self._grow(self._path, piece)
+        self._keep(leaves, wall_time)
+
+    def dataset(self) -> xr.Dataset:
+        """Return all instants; what is large stays in the file until it is asked for."""
+        found: dict[str, Any] = {}
+        for name, variable in self._first.variables.items():
+            if "time" not in variable.dims:
+                found[str(name)] = variable
+                continue
+            lazy = _Lazy(
+                (self._count, *variable.shape[1:]), variable.dtype, self._reader(str(name))
+            )
+            data = indexing.LazilyIndexedArray(lazy)
+            found[str(name)] = xr.Variable(variable.dims, data, variable.attrs)
+        return _with_small_loaded(self._first, found)
+
+    def _packed(self, piece: xr.Dataset) -> np.ndarray:
+        """Return instants as they follow one another in the file."""
+        instants = np.empty(piece.sizes["time"], self._instant)
+        for name in self._instant.names or ():
+            instants[name] = piece[name].values
+        return instants
+
+    def _grow(self, path: Path, piece: xr.Dataset) -> None:
+        instants = self._packed(piece)
+        try:
+            with path.open("r+b") as file:
+                file.seek(self._begin + self._count * self._instant.itemsize)
+                file.write(instants.tobytes())
+                _onto_disk(file)
+                file.seek(len(_MAGIC))
+                file.write(struct.pack(">i", self._count + len(instants)))
+                _onto_disk(file)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path.parent)) from error
+        self._count += len(instants)
+
+    def _keep(self, leaves: Mapping[str, np.ndarray], wall_time: float) -> None:
+        path = _checkpoint_path(self._path, self._key)
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            named = {f"leaves/{name}": leaf for name, leaf in leaves.items()}
+            np.savez(file, allow_pickle=False, wall_time=np.asarray(wall_time), **named)
+
+    def _reader(self, name: str) -> Callable[[tuple[Any, ...]], np.ndarray]:
+        path, begin, instant, count = self._path, self._begin, self._instant, self._count
+        dtype = self._first[name].dtype
+
+        def read(key: tuple[Any, ...]) -> np.ndarray:
+            if not is_stream(path):
+                raise OSError(f"{path}: no longer there as it was written")
+            # mapped anew each time: pages that stay mapped count as memory
+            whole = np.memmap(path, instant, "r", offset=begin, shape=(count,))
+            return np.asarray(whole[name][key], dtype)
+
+        return read
+
+
+class _Lazy(BackendArray):
+    """An array that is read from a file when, and as far as, it is asked for."""
+
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
+        read: Callable[[tuple[Any, ...]], np.ndarray],
+    ) -> None:
+        self.shape, self.dtype, self._read = shape, dtype, read
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.BASIC, self._read
+        )
+
+
+def open_lazily(path: Path) -> xr.Dataset:
+    """Return the data of a file; what is large stays there, and the file is not kept open.
+
+    Raises
+    ------
+    Exception
+        Any, of a file that is broken.
+    """
+
+    def reader(name: str) -> Callable[[tuple[Any, ...]], np.ndarray]:
+        def read(key: tuple[Any, ...]) -> np.ndarray:
+            with netCDF4.Dataset(path) as file:
+                file.set_auto_mask(False)
+                return np.asarray(file[name][key])
+
+        return read
+
+    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+        found: dict[str, Any] = {}
+        for name, variable in stored.variables.items():
+            found[str(name)] = variable
+            if "time" in variable.dims and _LARGE & set(variable.dims):
+                lazy = _Lazy(variable.shape, variable.dtype, reader(str(name)))
+                data = indexing.LazilyIndexedArray(lazy)
+                found[str(name)] = xr.Variable(variable.dims, data, variable.attrs)
+        return _with_small_loaded(stored, found)
+
+
+def is_stream(path: Path) -> bool:
+    """Tell whether a file is one that grows, or was left when a program was killed."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except OSError:
+        return False
+
+
+def read_checkpoint(path: Path, dataset: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return the state that goes with a file that grows; none if none is there.
+
+    Its time is put into the attribute ``wall_time`` of the data.
+
+    Raises
+    ------
+    Exception
+        Any, of a checkpoint that is broken.
+    """
+    there = _checkpoint_path(path, str(dataset.attrs.pop(_KEY, "")))
+    if not there.exists():
+        return {}
+    with np.load(there, allow_pickle=False) as file:
+        found = {name: file[name] for name in file.files}
+    dataset.attrs["wall_time"] = float(found.pop("wall_time"))
+    return {name.removeprefix("leaves/"): leaf for name, leaf in found.items()}
+
+
+def remove_checkpoints(path: Path) -> None:
+    """Remove the checkpoints of other files that had this name, and what is left of any."""
+    key = ""
+    if is_stream(path):
+        with suppress(OSError, AttributeError), netCDF4.Dataset(path) as file:
+            key = file.getncattr(_KEY)
+    own = _checkpoint_path(path, key)
+    for each in path.parent.glob(_checkpoint_path(path, "*").name):
+        if each != own:
+            with suppress(OSError):
+                each.unlink()
+    remove_unfinished(_checkpoint_path(path, "*"))
+
+
+def _checkpoint_path(path: Path, key: str) -> Path:
+    return path.with_name(f"{path.stem}.{key}.checkpoint.npz")
+
+
+def _with_small_loaded(like: xr.Dataset, variables: Mapping[str, Any]) -> xr.Dataset:
+    for variable in variables.values():
+        if not ("time" in variable.dims and _LARGE & set(variable.dims)):
+            variable.load()
+    coords = {name: variables[str(name)] for name in like.coords}
+    data = {name: variables[str(name)] for name in like.data_vars}
+    return xr.Dataset(data, coords, like.attrs)
+
+
+def _onto_disk(file: Any) -> None:
+    file.flush()
+    os.fsync(file.fileno())

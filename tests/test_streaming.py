@@ -1,0 +1,292 @@
+"""Runs that are written while they last: whatever happens, what there is can be gone on with."""
+
+import contextlib
+import errno
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+import crinoid
+from crinoid.assembly.prepared import Prepared
+from crinoid.cli.app import app
+from crinoid.cli.folder import claimed
+from crinoid.result import Result, ResultError
+from crinoid.simulation import play
+from crinoid.simulation import run as running
+from crinoid.simulation import sink as sinking
+from crinoid.stream import Stream, is_stream, open_lazily, read_checkpoint
+from test_simulation import SCENARIO
+
+# --- the file ----------------------------------------------------------------------------------
+
+
+def instants(start: int, stop: int) -> xr.Dataset:
+    """Make instants whose numbers tell which they are."""
+    time = np.arange(start, stop, dtype=float)
+    position = time[:, None, None] + np.arange(8.0).reshape(4, 2) / 10
+    return xr.Dataset(
+        {
+            "position": (("time", "node", "axis"), position, {"units": "m"}),
+            "tip_angle": ("time", -time),
+            "steps": ("time", np.arange(start, stop)),
+            "channel_upper": ("channel", np.ones(3)),
+        },
+        {"time": time, "axis": ["x", "z"], "kind": ["kinetic"]},
+        {"scenario": "[arm]\n", "crinoid_version": "1", "status": "unfinished"},
+    )
+
+
+def state(number: int) -> dict[str, np.ndarray]:
+    return {"state.steps": np.asarray(number), "state.motion.position": np.full((3, 2), number)}
+
+
+def grown(path: Path, sizes: tuple[int, ...] = (1, 3, 200)) -> Stream:
+    stream = Stream(path, instants(0, 1), [instants(1, 5)], state(5), 0.5)
+    count = 5
+    for size in sizes:
+        stream.append(instants(count, count + size), state(count + size), count / 10)
+        count += size
+    return stream
+
+
+def test_a_file_that_grows_holds_all_instants_to_the_bit(tmp_path):
+    stream = grown(tmp_path / "result.nc")
+    whole = instants(0, 209)
+    for found in (stream.dataset(), open_lazily(tmp_path / "result.nc")):
+        for name, variable in whole.variables.items():
+            np.testing.assert_array_equal(found[name].values, variable.values, str(name))
+        assert found["position"].attrs == {"units": "m"}
+        piece = found.isel(time=slice(100, 103)).load()
+        np.testing.assert_array_equal(piece["position"], whole["position"][100:103])
+        np.testing.assert_array_equal(found["position"][-1, :, 1], whole["position"][-1, :, 1])
+    xr.testing.assert_identical(stream.dataset().load(), whole)  # kinds of numbers as well
+    with xr.open_dataset(tmp_path / "result.nc", engine="scipy") as read:  # any netCDF reader
+        np.testing.assert_array_equal(read["position"], whole["position"])
+
+
+def test_a_checkpoint_goes_with_its_file_and_tells_the_time(tmp_path):
+    path = tmp_path / "result.nc"
+    grown(path, (4,))
+    data = open_lazily(path)
+    found = read_checkpoint(path, data)
+    assert data.attrs["wall_time"] == 0.5
+    assert found.keys() == state(9).keys()
+    for name, leaf in state(9).items():
+        np.testing.assert_array_equal(found[name], leaf)
+        assert found[name].dtype == leaf.dtype
+    grown(path, ())  # another run takes its place, with its checkpoint
+    assert len(list(tmp_path.iterdir())) == 2
+    assert read_checkpoint(path, open_lazily(path))["state.steps"] == 5
+
+
+def test_what_was_not_written_to_its_end_does_not_count(tmp_path):
+    path = tmp_path / "result.nc"
+    stream = grown(path)
+    with path.open("ab") as file:
+        file.write(b"half an instant")
+    assert open_lazily(path).sizes["time"] == 209
+    stream.append(instants(209, 212), state(212), 1.0)
+    np.testing.assert_array_equal(open_lazily(path)["position"], instants(0, 212)["position"])
+
+
+def test_numbers_of_a_file_that_was_replaced_are_not_given(tmp_path):
+    path = tmp_path / "result.nc"
+    data = grown(path).dataset()
+    instants(0, 9).to_netcdf(path)
+    assert not is_stream(path)
+    with pytest.raises(OSError, match="no longer there"):
+        data["position"].load()
+    np.testing.assert_array_equal(data["tip_angle"], -np.arange(209.0))  # small: in memory
+
+
+# --- a run -------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def written_at_each_step() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sinking, "_EVERY", -1.0)
+        patch.setattr(running, "_CHUNK_SECONDS", 0.0)
+        yield
+
+
+def scenario(duration: float = 0.3) -> crinoid.Scenario:
+    values = {"simulation.duration": duration, "output.interval": 0.02}
+    return crinoid.Scenario.from_toml(SCENARIO).with_values(values)
+
+
+def same(mine: Result, other: Result) -> None:
+    for run, as_ in ((mine, other), (mine.uncontrolled, other.uncontrolled)):
+        assert set(run.dataset.variables) == set(as_.dataset.variables)
+        for name, variable in as_.dataset.variables.items():
+            found = run.dataset[name]
+            np.testing.assert_array_equal(found.values, variable.values, str(name))
+            assert found.dims == variable.dims
+            assert found.attrs == variable.attrs
+        for name, leaf in as_.checkpoint.items():
+            np.testing.assert_array_equal(run.checkpoint[name], leaf, name)
+        attributes = (each.dataset.attrs | {"wall_time": 0.0} for each in (run, as_))
+        assert next(attributes) == next(attributes)
+
+
+@pytest.fixture(scope="module")
+def whole() -> Result:
+    return crinoid.simulate(scenario())
+
+
+@pytest.fixture(scope="module")
+def snapshots(tmp_path_factory) -> list[dict[str, bytes]]:
+    """The files of a run at each instant at which a program that is killed leaves others."""
+    folder = tmp_path_factory.mktemp("run")
+    found: list[dict[str, bytes]] = []
+
+    def taken(*_: object) -> None:
+        files = {path.name: path.read_bytes() for path in folder.iterdir()}
+        if not found or files != found[-1]:
+            found.append(files)
+
+    def after(function):
+        def called(*arguments, **options):
+            taken()
+            result = function(*arguments, **options)
+            taken()
+            return result
+
+        return called
+
+    with pytest.MonkeyPatch.context() as patch, written_at_each_step():
+        for owner, name in ((os, "fsync"), (Path, "replace"), (Path, "unlink"), (Path, "chmod")):
+            patch.setattr(owner, name, after(getattr(owner, name)))
+        play(Prepared(scenario()), into=folder).save(folder)
+    taken()
+    return found
+
+
+def test_a_run_that_is_written_meanwhile_is_that_in_memory(whole, tmp_path):
+    with written_at_each_step():
+        run = play(Prepared(scenario()), into=tmp_path)
+    assert is_stream(tmp_path / "result.nc")
+    same(run, whole)
+    run.save(tmp_path)
+    same(Result.load(tmp_path), whole)
+    same(Result.load(tmp_path, lazily=True), whole)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result.nc", "uncontrolled.nc"]
+
+
+def test_a_run_that_is_killed_leaves_a_result_and_a_checkpoint_at_each_instant(
+    snapshots, whole, tmp_path
+):
+    assert len(snapshots) > 80
+    reached = 0
+    some = sorted(random.Random(5).sample(range(len(snapshots)), 40))
+    for files in [snapshots[0], *(snapshots[number] for number in some), snapshots[-1]]:
+        for path in tmp_path.iterdir():
+            path.unlink()
+        for name, content in files.items():
+            (tmp_path / name).write_bytes(content)
+        if "result.nc" not in files:
+            assert not reached
+            continue
+        result = Result.load(tmp_path)
+        for run, as_ in ((result, whole), (result.uncontrolled, whole.uncontrolled)):
+            if run is None:
+                continue
+            count = run.dataset.sizes["time"]
+            expected = as_.dataset.isel(time=slice(count))
+            for name in ("time", "position", "energy", "reynolds_number"):
+                np.testing.assert_array_equal(run.dataset[name], expected[name], name)
+            steps = int(run.checkpoint["steps"])
+            assert 0 <= steps // 2 <= count - 1 <= (steps + 2) // 2
+        steps = int(result.checkpoint["steps"])
+        assert steps >= reached
+        reached = steps
+    assert reached == 30
+
+
+def test_what_was_killed_at_any_instant_is_gone_on_with_as_if_nothing_had_been(
+    snapshots, whole, tmp_path
+):
+    begun = [files for files in snapshots if "result.nc" in files]
+    chosen = random.Random(4).sample(begun, 4)
+    # the one without control is in its final form and the other is not; then both are
+    kinds = [{name: file[:3] == b"CDF" for name, file in files.items()} for files in begun]
+    for grows in ({"result.nc": True, "uncontrolled.nc": False}, {"result.nc": False}):
+        chosen.append(next(f for f, k in zip(begun, kinds, strict=True) if k | grows == k))
+    assert any("checkpoint" in name for name in chosen[-1])
+    for number, files in enumerate(chosen):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        for name, content in files.items():
+            (folder / name).write_bytes(content)
+        with claimed(folder):
+            earlier = Result.load(folder, lazily=True)
+            result = play(Prepared(scenario()), resume=earlier, into=folder)
+            result.save(folder)
+        same(Result.load(folder), whole)
+        assert sorted(path.name for path in folder.iterdir()) == ["result.nc", "uncontrolled.nc"]
+
+
+def test_without_its_checkpoint_a_file_is_read_but_not_gone_on_with(snapshots, tmp_path):
+    files = snapshots[len(snapshots) // 3]
+    (tmp_path / "result.nc").write_bytes(files["result.nc"])
+    result = Result.load(tmp_path)
+    assert result.status.startswith("unfinished")
+    with pytest.raises(ResultError, match="holds no state"):
+        play(Prepared(scenario()), resume=result)
+
+
+def test_a_disk_that_fills_up_stops_a_run_and_loses_nothing_written(whole, tmp_path, monkeypatch):
+    written = 0
+
+    def fsync(handle: int) -> None:
+        nonlocal written
+        written += 1
+        if written == 20:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched, written_at_each_step():
+        patched.setattr(os, "fsync", fsync)
+        with pytest.raises(OSError, match="No space left on device"):
+            play(Prepared(scenario()), into=tmp_path)
+    earlier = Result.load(tmp_path, lazily=True)
+    assert 2 < earlier.dataset.sizes["time"] < 16
+    play(Prepared(scenario()), resume=earlier, into=tmp_path).save(tmp_path)
+    same(Result.load(tmp_path), whole)
+
+
+# --- the command -------------------------------------------------------------------------------
+
+
+def test_a_command_that_is_killed_is_resumed(tmp_path):
+    (tmp_path / "arm.toml").write_text(scenario(3.0).to_toml())
+    program = (
+        "import crinoid.simulation.sink as sink, crinoid.simulation.run as run\n"
+        "sink._EVERY, run._CHUNK_SECONDS = -1.0, 0.0\n"
+        "from crinoid.cli import main\n"
+        "main()"
+    )
+    arguments = ["run", str(tmp_path / "arm.toml"), "--out", str(tmp_path / "killed")]
+    with subprocess.Popen(
+        [sys.executable, "-c", program, *arguments], stdout=subprocess.DEVNULL
+    ) as command:
+        while command.poll() is None and not is_stream(tmp_path / "killed" / "result.nc"):
+            time.sleep(0.01)
+        time.sleep(0.3)
+        command.send_signal(signal.SIGKILL)
+    assert command.returncode == -signal.SIGKILL
+    assert 0 < open_lazily(tmp_path / "killed" / "result.nc").sizes["time"] < 151
+    ended = CliRunner().invoke(app, [*arguments, "--resume"])
+    assert ended.exit_code == 0, ended.output
+    same(Result.load(tmp_path / "killed"), crinoid.simulate(scenario(3.0)))
+    names = sorted(path.name for path in (tmp_path / "killed").iterdir())
+    assert names == ["result.nc", "uncontrolled.nc"]
