@@ -16,8 +16,12 @@ _CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-# as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+# as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile; in one piece, as
+# two workers use two cores anyway, which is a few percent less
+os.environ["XLA_FLAGS"] = (
+    f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+    " --xla_cpu_parallel_codegen_split_count=1"
+)
 # Most of what the tests compile runs for less time than XLA would spend on making it faster. A file
 # of which that is not true says `RUNS_LONG = True`.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")

@@ -6,6 +6,7 @@ Shapes that stay in a plane are in `test_statics.py`.
 from functools import cache, partial
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -362,6 +363,16 @@ def held_at_both_ends(places, twist, *, GJ, joint):
     matrix = matrix[free][:, free]
     np.testing.assert_allclose(matrix, matrix.T, rtol=0, atol=1e-9 * np.abs(matrix).max())
     return np.linalg.eigvalsh(matrix)
+
+
+def test_an_arm_with_other_numbers_is_built_without_compiling(caplog):
+    loaded(11)
+    with jax.log_compiles():
+        loaded(11, GJ=0.3, rest_curvature=(0.2, 0.1, -0.4))
+    assert "Compiling" not in caplog.text
+    with jax.log_compiles():
+        loaded(7)
+    assert "Compiling" in caplog.text  # which is how it would show
 
 
 @pytest.mark.parametrize("shape", ["ring", "straight"])

@@ -102,20 +102,27 @@ class Reference(eqx.Module):
         about an axis that it keeps; the edge has the director of its middle.
         """
 
-        def follow(frame: Array, edge: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-            length, (toward_1, toward_2, twist) = edge
-            rate = toward_1 * frame[2] - toward_2 * frame[1] + twist * frame[0]
-            middle = _turned(frame, 0.5 * length * rate)
-            share, rest = _of_arc(0.5 * length, jnp.sum(rate**2))
-            chord = length * (share * middle[0] + rest * twist * rate)
-            tangent = chord / jnp.sqrt(jnp.sum(chord**2))
-            director = transport(middle[1], middle[0], tangent)
-            return _turned(middle, 0.5 * length * rate), (chord, director)
-
         _, (chords, directors) = jax.lax.scan(
-            follow, frame, (self.rest_length, _between(self.rest_strain))
+            _follow, frame, (self.rest_length, _between(self.rest_strain))
         )
         return jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(chords, axis=0)]), directors
+
+
+def _follow(
+    frame: Float[Array, "3 3"], edge: tuple[Array, Array]
+) -> tuple[Array, tuple[Array, Array]]:
+    """Turn the frame along an edge, of which the length and the strains are given.
+
+    Returns also the edge's chord and director. Defined here, it is traced and compiled only once.
+    """
+    length, (toward_1, toward_2, twist) = edge
+    rate = toward_1 * frame[2] - toward_2 * frame[1] + twist * frame[0]
+    middle = _turned(frame, 0.5 * length * rate)
+    share, rest = _of_arc(0.5 * length, jnp.sum(rate**2))
+    chord = length * (share * middle[0] + rest * twist * rate)
+    tangent = chord / jnp.sqrt(jnp.sum(chord**2))
+    director = transport(middle[1], middle[0], tangent)
+    return _turned(middle, 0.5 * length * rate), (chord, director)
 
 
 def _between(nodal: Float[Array, "n ..."]) -> Float[Array, "n-1 ..."]:
