@@ -151,7 +151,7 @@ def arm(
         settings=settings,
         time_step=jnp.asarray(time_step, float),
         max_error=jnp.asarray(max_error, float),
-        max_halvings=max_halvings,
+        max_halvings=jnp.asarray(max_halvings),
     )
 
 

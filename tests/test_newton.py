@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from crinoid import chain
+from crinoid.dynamics import System
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.tangent import HELD
 from crinoid.elements import (
@@ -183,6 +184,7 @@ def test_newton_converges_quadratically(kinds):
 
 
 step = eqx.filter_jit(lambda system, state, command: system.step(state, command))
+rest = eqx.filter_jit(System.rest)
 STILL = jnp.zeros(3)
 
 
@@ -193,7 +195,7 @@ def system():
 
 @pytest.fixture(scope="module")
 def state(system):
-    return eqx.filter_jit(lambda s: s.rest())(system)
+    return rest(system)
 
 
 def test_convergence_is_told(system, state):
@@ -245,7 +247,7 @@ def test_floor_is_the_round_off_of_the_elastic_forces(system):
     np.testing.assert_allclose(settings.floor, expected, rtol=1e-12)
     # of the order of what the elastic forces of a straight arm amount to by round-off alone
     straight = arm(nodes=NODES, EA=50.0, EI=EI, tilt=0.3)
-    state = straight.rest()
+    state = rest(straight)
     zero = jnp.zeros_like(state.position)
     still = Stage(jnp.zeros(()), state.position, zero, zero, *[jnp.ones(())] * 3)
     residual = imbalance(straight.forces, still, zero)

@@ -144,6 +144,16 @@ def test_what_was_built_to_look_for_room_is_what_is_run(monkeypatch):
     np.testing.assert_allclose(prepared.room, [0.5 - 0.1 - 0.02], rtol=1e-4)
 
 
+def test_how_often_a_step_may_be_halved_is_a_number_too():
+    one, other = (
+        crinoid.system(crinoid.Scenario(**PLANE).with_values({"simulation.max_halvings": number}))
+        for number in (0, 12)
+    )
+    assert (one.max_halvings, other.max_halvings) == (0, 12)
+    # so that they take the same compiled programs
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+
+
 def test_gains_are_numbers_too():
     scenario = crinoid.Scenario(
         arm={"nodes": 5},

@@ -101,7 +101,6 @@ class Reference(eqx.Module):
         The clamp's ``frame`` has the rows ``t, m_1, m_2``. Along an edge the frame turns steadily
         about an axis that it keeps; the edge has the director of its middle.
         """
-
         _, (chords, directors) = jax.lax.scan(
             _follow, frame, (self.rest_length, _between(self.rest_strain))
         )

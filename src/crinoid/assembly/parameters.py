@@ -144,7 +144,7 @@ class SimulationParameters(eqx.Module):
     tolerance: Float[Array, ""]
     max_iterations: Int[Array, ""]
     integrator: Integrator
-    max_halvings: int = eqx.field(static=True)
+    max_halvings: Int[Array, ""]
 
     @staticmethod
     def of(simulation: Simulation) -> SimulationParameters:
@@ -155,7 +155,7 @@ class SimulationParameters(eqx.Module):
             error=array(simulation.error or np.inf),
             max_iterations=jax.device_put(np.asarray(simulation.max_iterations)),
             integrator=_INTEGRATORS[simulation.integrator](**simulation.integrator_options),
-            max_halvings=simulation.max_halvings,
+            max_halvings=jax.device_put(np.asarray(simulation.max_halvings)),
         )
 
 

@@ -33,7 +33,7 @@ def halve(
     step: Callable[[Any, Array], tuple[Any, Outcome]],
     state: Any,
     length: Float[Array, ""],
-    max_halvings: int,
+    max_halvings: Int[Array, ""],
     max_error: Float[Array, ""],
 ) -> tuple[Any, Progress]:
     """Advance a state by ``length`` (s), in shorter steps where ``step`` does not converge.
@@ -42,7 +42,7 @@ def halve(
     the last good state comes back with a failed outcome. A step is doubled again where the longer
     one would be expected to keep within ``max_error`` (m).
     """
-    whole = 2**max_halvings
+    whole = 2**max_halvings  # parts of a step, of which the shortest is one
 
     def unfinished(carry: tuple[Any, Progress, Array, Array]) -> Bool[Array, ""]:
         _, _, done, part = carry
@@ -78,6 +78,6 @@ def halve(
     state, progress, _, _ = jax.lax.while_loop(
         unfinished,
         attempt,
-        (state, Progress(unsolved, zero, zero, nothing, nothing), nothing, jnp.asarray(whole)),
+        (state, Progress(unsolved, zero, zero, nothing, nothing), nothing, whole),
     )
     return state, progress

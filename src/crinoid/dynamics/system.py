@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from crinoid import chain
 from crinoid.actuation import Actuator, Input, drives, split
@@ -47,7 +47,7 @@ class System(eqx.Module):
     time_step: Float[Array, ""]
     max_error: Float[Array, ""]
     """Largest estimated local error of a step that counts (m); infinite where any does."""
-    max_halvings: int = eqx.field(static=True)
+    max_halvings: Int[Array, ""]
     actuators: tuple[Actuator, ...] = ()
     """Actuators beside the servos of the base."""
 
