@@ -68,6 +68,8 @@ class Player:
 
     def __init__(self, between: Callable[[int], None] = lambda case: None) -> None:
         self.played: list[Scenario] = []
+        self.into: list[Path | None] = []
+        """The folder in which each run was to be written while it lasted."""
         self.between = between
         """Called where a chunk of a run would be computed, with the number of the run."""
 
@@ -83,6 +85,7 @@ class Player:
     ) -> Result:
         scenario = prepared.scenario
         self.played.append(scenario)
+        self.into.append(into)
         duration = scenario.simulation.duration
         stop()
         self.between(len(self.played))

@@ -27,7 +27,9 @@ from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.replacement import remove_unfinished, replacing
 from crinoid.result import Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.stream import open_lazily
 from made_results import Player, case_rows, made_result
+from test_streaming import grown
 
 SMALL = """
 title = "small"
@@ -101,6 +103,45 @@ def test_a_full_disk_costs_nothing_that_was_computed(here, small_disk, monkeypat
     assert f"what was computed is saved in {saved} instead" in line
     np.testing.assert_array_equal(Result.load(saved).dataset["rest"], rest)
     assert not list(small_disk.rglob("*.nc*"))
+
+
+def test_a_run_that_can_no_longer_be_written_says_what_there_is(here, player):
+    def fill(number: int) -> None:
+        if number == 2:  # it had been written before
+            grown(here / "out" / "result.nc")
+        raise OSError(errno.ENOSPC, "No space left on device", "out")
+
+    player.between = fill
+    line = one_line(call("run", "small.toml", "--out", "out"), 3)
+    assert line == "crinoid: out: No space left on device; nothing of the run could be written\n"
+    assert not (here / "out").exists()
+    line = one_line(call("run", "small.toml", "--out", "out"), 3)
+    assert "what was written before is in out, --resume goes on from there" in line
+    assert open_lazily(here / "out" / "result.nc").sizes["time"] == 209
+
+
+def test_a_study_ends_where_a_case_can_no_longer_be_written(here, player):
+    def fill(number: int) -> None:
+        if number == 2:
+            raise OSError(errno.ENOSPC, "No space left on device", "out/case-02")
+
+    player.between = fill
+    line = one_line(call("run", "study.toml", "--out", "out"), 3)
+    assert line.startswith("crinoid: case-02: out/case-02: No space left on device; nothing")
+    assert [row["case"] for row in case_rows(here / "out")] == ["case-01"]
+    assert len(player.played) == 2
+
+
+def test_a_run_is_written_beside_a_finished_result_until_it_is_finished_itself(here, player):
+    def grow(number: int) -> None:
+        grown(player.into[-1] / "result.nc")
+
+    player.between = grow
+    for _ in range(2):
+        assert call("run", "small.toml", "--out", "out").exit_code == 0
+    assert [path.name for path in player.into] == ["out", "out-unfinished"]
+    assert names(here) == ["out", "small.toml", "study.toml"]
+    assert names(here / "out") == ["result.nc"]
 
 
 def no_space(*_: object, **__: object) -> None:

@@ -35,6 +35,8 @@ __all__ = [
 _MAGIC = b"CDF\x02"
 _KEY = "checkpoint_key"
 """Attribute."""
+_MAPPED = 256
+"""Instants that are looked up at once."""
 _LARGE = {"node", "edge"}
 """Dimensions of what is left in a file until it is asked for, if it is over time."""
 
@@ -147,9 +149,19 @@ class Stream:
         def read(key: tuple[Any, ...]) -> np.ndarray:
             if not is_stream(path):
                 raise OSError(f"{path}: no longer there as it was written")
-            # mapped anew each time: pages that stay mapped count as memory
-            whole = np.memmap(path, instant, "r", offset=begin, shape=(count,))
-            return np.asarray(whole[name][key], dtype)
+            asked, *rest = key
+            if not isinstance(asked, slice):
+                return read((slice(asked % count, asked % count + 1), *rest))[0]
+            which = range(count)[asked]
+            low, high = min(which, default=0), max(which, default=-1) + 1
+            found = np.empty((high - low, *self._first[name].shape[1:]), dtype)
+            # mapped in parts: pages that stay mapped count as memory
+            for start in range(low, high, _MAPPED):
+                stop = min(start + _MAPPED, high)
+                there = begin + start * instant.itemsize
+                part = np.memmap(path, instant, "r", offset=there, shape=(stop - start,))
+                found[start - low : stop - low] = part[name]
+            return found[(slice(None, None, which.step), *rest)]
 
         return read
 
