@@ -111,7 +111,7 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
     loops = [
         closed_loop(CONTROLLED, scenario, setup.state, quiet),
         closed_loop(
-            NOISY, scenario, setup.state, eqx.tree_at(lambda x: x.sensor.noise, quiet, noise)
+            NOISY, scenario, setup.state, eqx.tree_at(lambda x: x.sensors[0].noise, quiet, noise)
         ),
         closed_loop(
             UNCONTROLLED,

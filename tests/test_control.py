@@ -18,12 +18,14 @@ from crinoid.control import (
     Idle,
     Line,
     Pid,
+    Seen,
     Sensor,
+    SensorState,
     Target,
+    TipPose,
     damped_inverse,
 )
 from crinoid.control.pid import PidMemory
-from crinoid.control.sensor import SensorState
 from crinoid.control.target import pose_error
 from crinoid.onset import Onset
 from crinoid.scenario import Target as TargetTable
@@ -81,13 +83,21 @@ def test_a_clock_faster_than_the_steps_ticks_at_every_step():
 
 
 def sensor(
-    *, period: float = 0.02, delay: float = 0.0, noise: ArrayLike = (0.0,) * 3, seed: int = 0
+    *,
+    period: float = 0.02,
+    delay: float = 0.0,
+    noise: ArrayLike = (0.0,) * 3,
+    seed: int = 0,
+    resolution: float = 0.0,
 ) -> Sensor:
     return Sensor(
-        Clock(jnp.asarray(period)),
-        jnp.asarray(delay),
-        jnp.asarray(noise, float),
-        jax.random.key(seed),
+        name="tip",
+        measurand=TipPose(),
+        clock=Clock(jnp.asarray(period)),
+        delay=jnp.asarray(delay),
+        noise=jnp.asarray(noise, float),
+        resolution=jnp.broadcast_to(resolution, 3),
+        key=jax.random.key(seed),
         kept=4,
     )
 
@@ -97,7 +107,7 @@ def _watch(sensor: Sensor, first: Array, poses: Array, times: Array) -> tuple[Se
     def once(state: SensorState, now: tuple[Array, Array]) -> tuple[SensorState, Array]:
         pose, time = now
         state = sensor.sample(state, pose, time)
-        return state, sensor.reading(state, time)
+        return state, sensor.reading(state, time).value
 
     return jax.lax.scan(once, sensor.start(first), (poses, times))
 
@@ -177,7 +187,7 @@ def test_a_sensor_can_be_stopped_and_taken_up_again():
 
     def once(state: SensorState, now: tuple[Array, Array]) -> tuple[SensorState, Array]:
         state = noisy.sample(state, *now)
-        return state, noisy.reading(state, now[1])
+        return state, noisy.reading(state, now[1]).value
 
     _, after = jax.lax.scan(once, state, (poses[100:], times[100:]))
     assert np.array_equal(np.concatenate([before, after]), np.asarray(whole))
@@ -368,11 +378,17 @@ def test_a_reading_knows_when_it_was_taken():
     state, taken = late.start(jnp.zeros(3)), []
     for time in map(jnp.asarray, times):
         state = late.sample(state, jnp.full(3, time), time)
-        taken.append(float(late.taken(state, time)))
         known = late.reading(state, time)
+        taken.append(float(known.taken))
         if time >= 0.05:
-            assert taken[-1] == float(known[0])
+            assert taken[-1] == float(known.value[0])
     assert taken[:5] == list(times[:5])  # that of the start
+
+
+def test_a_reading_is_rounded_to_the_resolution():
+    known = watch(sensor(period=0.01, resolution=0.5), moving(0.01), 0.01)
+    expected = 0.5 * np.round(moving(0.01) / 0.5)
+    np.testing.assert_array_equal(known, expected)
 
 
 @pytest.mark.parametrize(
@@ -419,7 +435,6 @@ def pid(
     ki: float = 0.0,
     kd: float = 0.0,
     filter_time: float = 0.0,
-    limit: float = 100.0,
     take_up: float = 0.0,
     mapping: ArrayLike | None = None,
 ) -> Pid:
@@ -427,27 +442,50 @@ def pid(
     mapping = jnp.asarray([[1.0, 0.0, 0.0]] if mapping is None else mapping)
     channels = mapping.shape[0]
     gains = (jnp.full(channels, x) for x in (kp, ki, kd, filter_time))
-    low, high = jnp.full(channels, -limit), jnp.full(channels, limit)
-    return Pid(*gains, mapping, low, high, jnp.asarray(PERIOD), jnp.asarray(take_up))
+    return Pid(*gains, mapping, jnp.asarray(PERIOD), jnp.asarray(take_up))
+
+
+def seen(measured: ArrayLike, wanted: ArrayLike, forward: ArrayLike, limit: float) -> Seen:
+    """Return what is seen of a tip, with limits of all inputs."""
+    now, none = jnp.zeros(()), jnp.zeros_like(forward)
+    return Seen(
+        time=now,
+        measured=jnp.asarray(measured),
+        taken=now,
+        wanted=jnp.asarray(wanted),
+        forward=jnp.asarray(forward),
+        target=Target(jnp.zeros(3), None, ()),
+        base=none,
+        command=none,
+        actuators=(),
+        lower=none - limit,
+        upper=none + limit,
+        readings={},
+    )
 
 
 @eqx.filter_jit
-def _command(pid: Pid, memory: PidMemory, measured: Array, wanted: Array, forward: Array):
-    return pid.command(memory, measured, wanted, forward)
+def _command(pid: Pid, memory: PidMemory, seen: Seen):
+    return pid.command(memory, seen)
 
 
 def commands(
-    pid: Pid, measured: ArrayLike, wanted: ArrayLike, forward: ArrayLike = 0.0
+    pid: Pid,
+    measured: ArrayLike,
+    wanted: ArrayLike,
+    forward: ArrayLike = 0.0,
+    limit: float = 100.0,
 ) -> np.ndarray:
     """Return the commands for tips whose x is given; one per call."""
     measured, wanted = np.broadcast_arrays(measured, wanted)
     poses, targets = (np.pad(np.asarray(x, float)[:, None], ((0, 0), (0, 2))) for x in
                       (measured, wanted))  # fmt: skip
-    memory = pid.start(jnp.asarray(poses[0]))
     ahead = np.broadcast_to(np.asarray(forward, float)[..., None], (len(poses), pid.kp.size))
     given = []
+    memory = pid.start(seen(poses[0], targets[0], ahead[0], limit))
     for pose, target, known in zip(poses, targets, ahead, strict=True):
-        command, memory = _command(pid, memory, *map(jnp.asarray, (pose, target, known)))
+        now = seen(pose, target, known, limit)
+        command, memory = _command(pid, memory, now)
         given.append(np.asarray(command))
     return np.squeeze(given, axis=1) if given[0].size == 1 else np.asarray(given)
 
@@ -507,8 +545,8 @@ def test_errors_are_mapped_to_channels():
     mapping = [[2.0, 0.0, 0.5], [0.0, -1.0, 0.0], [0.0, 0.0, 3.0]]
     controller = pid(kp=1.0, mapping=mapping)
     measured, wanted = jnp.asarray([0.1, 0.2, 3.0]), jnp.asarray([0.3, 0.5, -3.0])
-    start = controller.start(measured)
-    command, _ = _command(controller, start, measured, wanted, jnp.zeros(3))
+    now = seen(measured, wanted, jnp.zeros(3), 100.0)
+    command, _ = _command(controller, controller.start(now), now)
     short = 2 * np.pi - 6.0
     assert np.asarray(command) == pytest.approx(
         [2.0 * 0.2 + 0.5 * short, -0.3, 3.0 * short], abs=1e-14
@@ -517,12 +555,12 @@ def test_errors_are_mapped_to_channels():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_commands_stay_within_their_limits(sign):
-    given = commands(pid(kp=3.0, ki=5.0, limit=0.5), [0.0] * 20, sign)
+    given = commands(pid(kp=3.0, ki=5.0), [0.0] * 20, sign, limit=0.5)
     assert given == pytest.approx(sign * 0.5, abs=0.0)
 
 
 def test_what_is_known_beforehand_is_added_within_the_limits():
-    given = commands(pid(kp=2.0, limit=1.0), [0.0, 0.3, 1.2], [0.0, 0.4, 1.0], [0.1, 0.2, 3.0])
+    given = commands(pid(kp=2.0), [0.0, 0.3, 1.2], [0.0, 0.4, 1.0], [0.1, 0.2, 3.0], limit=1.0)
     assert given == pytest.approx([0.1, 0.4, 1.0], abs=1e-14)
 
 
@@ -532,7 +570,7 @@ def test_a_tip_that_moves_as_asked_for_is_not_held_back_nor_wound_up():
     assert given == pytest.approx(x, abs=1e-14)
     # and beyond a limit nothing is wound up that would delay the way back
     forward = np.where(np.arange(60) < 40, 3.0, 0.5)
-    given = commands(pid(ki=2.0, limit=1.0), np.minimum(forward, 1.0), forward, forward)
+    given = commands(pid(ki=2.0), np.minimum(forward, 1.0), forward, forward, limit=1.0)
     assert given == pytest.approx(np.minimum(forward, 1.0), abs=1e-14)
 
 
@@ -556,13 +594,14 @@ def _closed_loop(controller: Pid, *, anti_windup: bool) -> np.ndarray:
     """Return x of a plant that follows its command with a lag, sent out of reach and back."""
     lag, steps = 1.0, 400
     wanted = np.where(np.arange(steps) < 200, 2.0, 0.2)
-    limit = float(controller.upper[0])
-    x, integral, given = 0.0, 0.0, []
-    memory = controller.start(jnp.zeros(3))
+    limit, x, integral, given = 1.0, 0.0, 0.0, []
+    nowhere, still = jnp.zeros(3), jnp.zeros(1)
+    memory = controller.start(seen(nowhere, nowhere, still, limit))
     for target in wanted:
         if anti_windup:
             pose, goal = jnp.asarray([x, 0.0, 0.0]), jnp.asarray([target, 0.0, 0.0])
-            answer, memory = _command(controller, memory, pose, goal, jnp.zeros(1))
+            now = seen(pose, goal, still, limit)
+            answer, memory = _command(controller, memory, now)
             command = float(answer[0])
         else:
             integral += float(controller.ki[0]) * PERIOD * (target - x)
@@ -574,7 +613,7 @@ def _closed_loop(controller: Pid, *, anti_windup: bool) -> np.ndarray:
 
 
 def test_a_long_saturation_is_left_at_once():
-    controller = pid(kp=1.0, ki=0.8, limit=1.0)
+    controller = pid(kp=1.0, ki=0.8)
     guarded = _closed_loop(controller, anti_windup=True)
     naive = _closed_loop(controller, anti_windup=False)
     # both are stuck at the limit, out of reach of 2
@@ -594,17 +633,17 @@ def test_a_long_saturation_is_left_at_once():
 
 def test_integration_goes_on_where_it_leads_back_from_the_limit():
     # at the upper limit a negative error must unwind what is there
-    controller = pid(ki=1.0, limit=0.25)
-    given = commands(controller, [0.0] * 10 + [2.0] * 5, 1.0)
+    controller = pid(ki=1.0)
+    given = commands(controller, [0.0] * 10 + [2.0] * 5, 1.0, limit=0.25)
     assert given == pytest.approx(
         [0.1, 0.2] + [0.25] * 8 + [0.1, 0.0, -0.1, -0.2, -0.25], abs=1e-12
     )
 
 
 def test_idle_commands_nothing():
-    idle = Idle(3)
     pose = jnp.asarray([1.0, 2.0, 3.0])
-    command, memory = idle.command(idle.start(pose), pose, 0 * pose, pose)
+    now = seen(pose, 0 * pose, pose, 1.0)
+    command, memory = Idle().command(Idle().start(now), now)
     assert memory is None
     assert np.array_equal(command, np.zeros(3))
 

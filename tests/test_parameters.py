@@ -1,5 +1,7 @@
 """The numbers of a scenario by name, and what gradients and batches by them are."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,8 +10,9 @@ import pytest
 
 import crinoid
 from crinoid.assembly.controller import build_controller
+from crinoid.assembly.plan import Plan
 from crinoid.assembly.prepared import Prepared
-from crinoid.assembly.sensor import build_sensor
+from crinoid.assembly.sensor import build_sensors
 from crinoid.assembly.target import build_target
 from crinoid.control import Clock
 from crinoid.dynamics.start import undeformed
@@ -165,8 +168,8 @@ def test_gains_are_numbers_too():
     np.testing.assert_array_equal(parameters.pid.kp, [0.3, 0.0, 0.0])
     loop = Loop(
         system=system,
-        sensor=build_sensor(scenario),
-        controller=build_controller(scenario, parameters, jnp.eye(3)),
+        sensors=build_sensors(scenario),
+        controller=build_controller(Plan(scenario, parameters, system, system.rest(), jnp.eye(3))),
         clock=Clock(jnp.asarray(0.01)),
         switched_on=jnp.zeros(()),
         target=build_target(scenario, None, system, jnp.zeros(3)),
@@ -176,9 +179,11 @@ def test_gains_are_numbers_too():
 
     def command(parameters):
         pid = with_parameters(loop, parameters).controller
-        measured, wanted = jnp.zeros(3), jnp.array([0.02, 0.03, 0.0])
-        start = pid.start(measured)
-        return jnp.sum(pid.command(start, measured, wanted, jnp.zeros(3))[0])
+        state = system.rest()
+        seen = loop.seen(state, loop.start(state).sensors, jnp.zeros(3))
+        wanted = jnp.array([0.02, 0.03, 0.0])
+        seen = replace(seen, measured=jnp.zeros(3), wanted=wanted)
+        return jnp.sum(pid.command(pid.start(seen), seen)[0])
 
     found = eqx.filter_jit(eqx.filter_grad(command))(parameters).pid
     np.testing.assert_allclose(

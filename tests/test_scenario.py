@@ -336,7 +336,7 @@ ONE_MISTAKE = {
     ),
     "unknown controller": (
         'control.kind = "lqr"',
-        'control.kind: got "lqr", takes "none" or "pid"',
+        'control.kind: got "lqr", takes "none", "pid" or "custom"',
     ),
     "missing key": (
         'load = [{kind = "distributed", direction = "normal"}]',

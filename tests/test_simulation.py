@@ -12,7 +12,7 @@ from scipy.sparse.linalg import ArpackNoConvergence
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.assembly.sensor import build_sensor
+from crinoid.assembly.sensor import build_sensors
 from crinoid.dataset import build_dataset
 from crinoid.dynamics import Outcome
 from crinoid.metrics import tip_error
@@ -79,6 +79,7 @@ def test_every_variable_has_units_and_the_contract_s_dimensions(result):
         "tip_error": ("time",),
         "base_command": ("time", "channel"),
         "base_servo": ("time", "channel"),
+        "sensor_reading": ("time", "reading"),
         "base_pose": ("time", "channel"),
         "base_force": ("time", "axis"),
         "base_moment": ("time",),
@@ -95,7 +96,8 @@ def test_every_variable_has_units_and_the_contract_s_dimensions(result):
     for name, dims in expected.items():
         assert dataset[name].dims == dims, name
     for name, variable in dataset.data_vars.items():
-        mixed = "channel" in variable.dims  # m and rad: see channel_unit
+        # of several units: see channel_unit and reading_unit
+        mixed = not {"channel", "reading"}.isdisjoint(variable.dims)
         assert mixed == ("units" not in variable.attrs), name
         assert variable.attrs["long_name"], name
         assert np.isfinite(variable.values).all(), name
@@ -403,7 +405,7 @@ def test_what_is_not_whole_is_not_gone_on_with(part, begun, tmp_path, tamper, re
 def test_a_delay_longer_than_the_run_does_not_keep_it_from_being_prolonged():
     # the readings under way are part of the state: as many in the short run as in the long one
     short, long = (
-        build_sensor(scenario(sensor__delay=0.9, simulation__duration=duration))
+        build_sensors(scenario(sensor__delay=0.9, simulation__duration=duration))[0]
         for duration in (0.3, 1.2)
     )
     assert short.kept == long.kept == 92

@@ -8,14 +8,41 @@ from typing import TYPE_CHECKING, Any
 from crinoid.version import __version__
 
 if TYPE_CHECKING:
+    from crinoid.actuation import Actuator, Input
+    from crinoid.assembly.actuator import ActuatorParameters
+    from crinoid.assembly.flow import flow_onset
+    from crinoid.assembly.load import load_onset
+    from crinoid.assembly.plan import Plan
     from crinoid.assembly.prepared import parameters, system
     from crinoid.assembly.system import assemble
+    from crinoid.control import Controller, Measurand, Seen, Sensor
+    from crinoid.dynamics import Outcome, State, System
+    from crinoid.elements import Element, Motion
+    from crinoid.flow import Flow
+    from crinoid.onset import Onset
     from crinoid.result import Result
     from crinoid.scenario import Scenario, ScenarioError
     from crinoid.scenario.library import load
     from crinoid.simulation import SimulationError, equilibrium, simulate
 
 _HOMES = {
+    "Actuator": "crinoid.actuation",
+    "ActuatorParameters": "crinoid.assembly.actuator",
+    "Controller": "crinoid.control",
+    "Element": "crinoid.elements",
+    "Flow": "crinoid.flow",
+    "Input": "crinoid.actuation",
+    "Measurand": "crinoid.control",
+    "Motion": "crinoid.elements",
+    "Onset": "crinoid.onset",
+    "Outcome": "crinoid.dynamics",
+    "Plan": "crinoid.assembly.plan",
+    "Seen": "crinoid.control",
+    "Sensor": "crinoid.control",
+    "State": "crinoid.dynamics",
+    "System": "crinoid.dynamics",
+    "flow_onset": "crinoid.assembly.flow",
+    "load_onset": "crinoid.assembly.load",
     "Result": "crinoid.result",
     "Scenario": "crinoid.scenario",
     "ScenarioError": "crinoid.scenario",
@@ -30,14 +57,31 @@ _HOMES = {
 """The module of each public name, loaded when the name is used first."""
 
 __all__ = [
+    "Actuator",
+    "ActuatorParameters",
+    "Controller",
+    "Element",
+    "Flow",
+    "Input",
+    "Measurand",
+    "Motion",
+    "Onset",
+    "Outcome",
+    "Plan",
     "Result",
     "Scenario",
     "ScenarioError",
+    "Seen",
+    "Sensor",
     "SimulationError",
+    "State",
+    "System",
     "__version__",
     "assemble",
     "equilibrium",
+    "flow_onset",
     "load",
+    "load_onset",
     "parameters",
     "simulate",
     "system",

@@ -67,7 +67,7 @@ def limits_met(result: Result) -> dict[str, AtLimit]:
     if data.sizes["time"] < 3:
         return {}
     found = {}
-    for name in scenario.control.pid.present:
+    for name in scenario.driven:
         one = data.sel(channel=name)
         servo, time = one["base_servo"].values, one["time"].values
         lower, upper = float(one["channel_lower"]), float(one["channel_upper"])

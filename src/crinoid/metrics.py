@@ -79,11 +79,8 @@ def short_way(turn: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
 
 def channel_use(result: Result) -> dict[str, Use]:
     """Sum up what each servo did that a controller drives; empty without a controller."""
-    control = result.scenario.control
-    if control.kind == "none":
-        return {}
     servo = result.dataset["base_servo"]
-    found = {name: servo.sel(channel=name).values for name in control.pid.present}
+    found = {name: servo.sel(channel=name).values for name in result.scenario.driven}
     return {
         name: Use(_rms(values), float(values.min()), float(values.max()))
         for name, values in found.items()

@@ -149,7 +149,7 @@ def _bending(dataset: xr.Dataset) -> list[int]:
 
 
 class Lasting:
-    """What is true at nodes for some time on end, told of instants in pieces.
+    """A condition that holds at nodes for some time on end, told of instants in pieces.
 
     Parameters
     ----------

@@ -22,6 +22,12 @@ class Record(eqx.Module):
     servo: Float[Array, "*t channel"]
     """Position of the servos; the pose adds the prescribed motions."""
     pose: Float[Array, "*t channel"]
+    drive_command: Float[Array, "*t input"] | None
+    """Commands of the actuators beside the base's servos."""
+    drive: Float[Array, "*t input"] | None
+    """Drives with which they act on the arm."""
+    reading: Float[Array, "*t reading"]
+    """Newest known readings of all sensors, one behind the other."""
     base_force: Float[Array, "*t d"]
     base_moment: Float[Array, "*t"] | Float[Array, "*t 3"]
     energy: Float[Array, "*t kind"]

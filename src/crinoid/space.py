@@ -3,17 +3,53 @@
 By the number of axes, 2 or 3. A planar arm moves in x (forward) and z (up); y is to port.
 """
 
+from typing import NamedTuple
+
 AXES = {2: ("x", "z"), 3: ("x", "y", "z")}
 
-CHANNELS = {
-    2: ("slide", "heave", "tilt"),
-    3: ("slide", "sway", "heave", "pan", "tilt", "roll"),
-}
-"""Shifts of the base along x, y and z, and turns: pan from +x toward +y, tilt from +x toward +z,
-roll about the arm from +y toward +z."""
 
-ANGLES = ("pan", "tilt", "roll")
+class Channel(NamedTuple):
+    """A way in which the base moves."""
+
+    name: str
+    turns: bool
+    """Whether it turns the base (rad), rather than shifts it (m)."""
+    axis: str
+    """Along or about which it moves the base."""
+    dimensions: tuple[int, ...]
+    """Dimensions of the arms whose base has it."""
+    partner: dict[int, str]
+    """Coordinate of the tip that it moves by itself, one to one, on an arm that is rigid, by
+    dimension; in space no single turn does that to a direction."""
+    about: str
+    """Its motion in words."""
+
+
+CHANNEL_TABLE = (
+    Channel("slide", False, "x", (2, 3), {2: "x", 3: "x"}, "Moves the base along x."),
+    Channel("sway", False, "y", (3,), {3: "y"}, "Moves the base along y."),
+    Channel("heave", False, "z", (2, 3), {2: "z", 3: "z"}, "Moves the base along z."),
+    Channel("pan", True, "z", (3,), {}, "Turns the base from x towards y."),
+    Channel("tilt", True, "y", (2, 3), {2: "angle"}, "Turns the base from x to z."),
+    Channel("roll", True, "x", (3,), {}, "Turns the base about the arm's root."),
+)
+"""All channels, in the order in which a pose of the base has them (`crinoid.base.Base`)."""
+
+CHANNELS = {
+    axes: tuple(channel.name for channel in CHANNEL_TABLE if axes in channel.dimensions)
+    for axes in (2, 3)
+}
+"""Names of the channels by dimension: shifts, and turns: pan from +x toward +y, tilt from +x toward
++z, roll about the arm from +y toward +z."""
+
+ANGLES = tuple(channel.name for channel in CHANNEL_TABLE if channel.turns)
 """The channels that turn the base (rad); the others shift it (m)."""
+
+PARTNERS = {
+    axes: {row.name: row.partner[axes] for row in CHANNEL_TABLE if axes in row.partner}
+    for axes in (2, 3)
+}
+"""The coordinate that each channel moves by itself, by dimension."""
 
 POSE = {
     2: ("x", "z", "angle"),

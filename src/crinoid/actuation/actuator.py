@@ -37,9 +37,10 @@ class Actuator(eqx.Module):
 
     @abstractmethod
     def drive(self, state: Any) -> Drive:
-        """Return what it drives the arm with: an element finds it in `Motion.drive`.
+        """Return what it drives the arm with, a number for each input in its unit.
 
-        The drives of all actuators but the base's servos stand there one behind the other.
+        Elements find it in `crinoid.Motion.drive`, where the drives of all actuators but the base's
+        servos stand one behind the other.
         """
 
 

@@ -21,7 +21,7 @@ from crinoid.flow import (
     Waves,
 )
 from crinoid.onset import Onset
-from crinoid.scenario import Scenario
+from crinoid.scenario import FlowTable, Scenario
 from crinoid.scenario import flow as flows
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def build_flow(
     scenario: Scenario, index: int, flow: flows.Flow, recording: Recording | None = None
 ) -> Flow:
     """Return the flow that stands at ``index`` in a scenario; a measured one from its recording."""
-    onset = Onset(*map(array, (flow.start, flow.ramp_time, np.inf)))
+    onset = flow_onset(flow)
     # two random flows of one scenario are not the same
     seed = np.random.SeedSequence(scenario.seed, spawn_key=(index,))
     match flow:
@@ -94,6 +94,13 @@ def build_flow(
         case flows.MeasuredFlow():
             assert recording is not None
             return measured(onset, recording, scenario.base.position)
+        case _:  # of an installed package
+            return flow.build(scenario, np.random.default_rng(seed))
+
+
+def flow_onset(flow: FlowTable) -> Onset:
+    """Return when and how a flow sets in."""
+    return Onset(*map(array, (flow.start, flow.ramp_time, np.inf)))
 
 
 def _heading(scenario: Scenario, direction: float) -> Float[np.ndarray, " level"]:

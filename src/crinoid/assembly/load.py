@@ -1,30 +1,44 @@
 """From the description of a load to the element that it is, and the numbers that it takes."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from crinoid.assembly.numbers import Numbers, array
-from crinoid.elements import DistributedLoad, TipLoad
+from crinoid.elements import DistributedLoad, Element, TipLoad
 from crinoid.onset import Onset
 from crinoid.scenario import Load, Scenario
+from crinoid.scenario.load import DistributedLoad as DistributedTable
+from crinoid.scenario.load import LoadTable
 from crinoid.scenario.load import TipLoad as TipTable
 
-LoadElement = DistributedLoad | TipLoad
+Builder = Callable[..., Element]
+"""Builds an element from a rod and numbers by name."""
 
 
-def load_numbers(load: Load, scenario: Scenario) -> tuple[type[LoadElement], Numbers]:
-    """Return the element of a load, and what its ``of`` takes beside the rod."""
+def load_numbers(load: Load, scenario: Scenario) -> tuple[Builder, Numbers]:
+    """Return what builds the element of a load, and what that takes beside the rod."""
+    onset = {"onset": load_onset(load)}
+    match load:
+        case TipTable():
+            force, moment = array(load.force), array(load.moment)
+            if load.follower:
+                return TipLoad.of, onset | {"follower_force": force, "follower_moment": moment}
+            return TipLoad.of, onset | {"dead_force": force, "moment": moment}
+        case DistributedTable():
+            fixed = np.zeros(scenario.arm.dimension)
+            if not isinstance(load.direction, str):
+                fixed = np.asarray(load.direction) / np.linalg.norm(load.direction)
+            return DistributedLoad.of, onset | {
+                "tangential": array(load.magnitude * (load.direction == "tangential")),
+                "normal": array(load.magnitude * (load.direction == "normal")),
+                "fixed": array(load.magnitude * fixed),
+            }
+        case _:  # of an installed package
+            return load.build(scenario)
+
+
+def load_onset(load: LoadTable) -> Onset:
+    """Return when and how a load sets in, and when it is taken off."""
     stop = np.inf if load.stop is None else load.stop
-    onset = {"onset": Onset(*map(array, (load.start, load.ramp_time, stop)))}
-    if isinstance(load, TipTable):
-        force, moment = array(load.force), array(load.moment)
-        if load.follower:
-            return TipLoad, onset | {"follower_force": force, "follower_moment": moment}
-        return TipLoad, onset | {"dead_force": force, "moment": moment}
-    fixed = np.zeros(scenario.arm.dimension)
-    if not isinstance(load.direction, str):
-        fixed = np.asarray(load.direction) / np.linalg.norm(load.direction)
-    return DistributedLoad, onset | {
-        "tangential": array(load.magnitude * (load.direction == "tangential")),
-        "normal": array(load.magnitude * (load.direction == "normal")),
-        "fixed": array(load.magnitude * fixed),
-    }
+    return Onset(*map(array, (load.start, load.ramp_time, stop)))

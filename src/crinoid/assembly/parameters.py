@@ -15,9 +15,10 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from crinoid.assembly.actuator import ActuatorParameters
 from crinoid.assembly.base import BaseParameters
 from crinoid.assembly.flow import build_flow
-from crinoid.assembly.load import LoadElement, load_numbers
+from crinoid.assembly.load import Builder, load_numbers
 from crinoid.assembly.numbers import Numbers, array, from_table
 from crinoid.assembly.obstacle import ObstacleParameters
 from crinoid.assembly.tool import ToolParameters
@@ -175,9 +176,10 @@ class Parameters(eqx.Module):
     """Arguments of each load's element, by name."""
     obstacle: ObstacleParameters | None
     tool: ToolParameters | None
+    actuator: tuple[ActuatorParameters, ...]
     pid: PidParameters
     simulation: SimulationParameters
-    load_kinds: tuple[type[LoadElement], ...] = eqx.field(static=True)
+    load_builders: tuple[Builder, ...] = eqx.field(static=True)
 
     @staticmethod
     def of(
@@ -196,7 +198,8 @@ class Parameters(eqx.Module):
             load=tuple(numbers for _, numbers in loads),
             obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
             tool=None if scenario.tool is None else ToolParameters.of(scenario.tool),
+            actuator=tuple(each.build(scenario) for each in scenario.actuator),
             pid=PidParameters.of(scenario.control, scenario.arm.dimension),
             simulation=SimulationParameters.of(scenario.simulation),
-            load_kinds=tuple(kind for kind, _ in loads),
+            load_builders=tuple(builder for builder, _ in loads),
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
     from crinoid.assembly.parameters import Parameters
+    from crinoid.assembly.parts import Parts
     from crinoid.dynamics import System
     from crinoid.recording import Recording, Series
 
@@ -28,10 +30,12 @@ class Prepared:
     ----------
     scenario
         One case; see `crinoid.Scenario.cases`.
+    parts
+        Parts of a user's own, which no scenario describes.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario = scenario
+    def __init__(self, scenario: Scenario, parts: Parts | None = None) -> None:
+        self.scenario, self.parts = scenario, parts
 
     @cached_property
     def digests(self) -> dict[str, str]:
@@ -90,14 +94,18 @@ class Prepared:
         """The numbers of the scenario by name, as arrays."""
         from crinoid.assembly.parameters import Parameters  # JAX: slow to load, not for reading
 
-        return Parameters.of(self.scenario, self.recordings, self.series)
+        found = Parameters.of(self.scenario, self.recordings, self.series)
+        if self.parts is None:
+            return found
+        return replace(found, actuator=(*found.actuator, *self.parts.actuators))
 
     @cached_property
     def system(self) -> System:
         """The arm, its base and the water as arrays: the differentiable core."""
         from crinoid.assembly.system import assemble_once  # JAX: slow to load, not for reading
 
-        return assemble_once(self.parameters)
+        system = assemble_once(self.parameters)
+        return system if self.parts is None else self.parts.added(system)
 
     @cached_property
     def room(self) -> Float[np.ndarray, " m"]:

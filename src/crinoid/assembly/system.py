@@ -2,6 +2,7 @@
 
 import jax
 
+from crinoid.assembly.actuator import assemble_actuators
 from crinoid.assembly.parameters import Parameters
 from crinoid.dynamics import Forces, Settings, System
 from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
@@ -41,18 +42,19 @@ def assemble(parameters: Parameters) -> System:
             tangential=water.added_mass_tangential,
         ),
         *(
-            kind.of(rod, **numbers)
-            for kind, numbers in zip(parameters.load_kinds, parameters.load, strict=True)
+            build(rod, **numbers)
+            for build, numbers in zip(parameters.load_builders, parameters.load, strict=True)
         ),
     )
     if parameters.tool is not None:
         elements += (parameters.tool.element(rod, water.density, water.gravity),)
+    actuators, through = assemble_actuators(parameters.actuator, rod)
     obstacles = None
     if obstacle is not None:
         obstacles = obstacle.obstacles(rod, base.position, water.density, water.gravity)
     return System(
         reference=rod.reference,
-        forces=Forces(elements, Water(parameters.flow), base.position, obstacles),
+        forces=Forces((*elements, *through), Water(parameters.flow), base.position, obstacles),
         base=base.base(rod),
         integrator=simulation.integrator,
         settings=Settings.for_rod(rod, simulation.tolerance, simulation.max_iterations),
@@ -60,6 +62,7 @@ def assemble(parameters: Parameters) -> System:
         # infinite where it is not asked for, which has no slope
         max_error=jax.lax.stop_gradient(simulation.error * arm.length),
         max_halvings=simulation.max_halvings,
+        actuators=actuators,
     )
 
 

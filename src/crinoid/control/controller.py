@@ -5,43 +5,31 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
-Pose = Float[Array, " pose"]
-Channels = Float[Array, " channel"]
+from crinoid.control.seen import Command, Seen
 
 
 class Controller(eqx.Module):
-    """Turns what is measured and wanted of the tip into commands for the base's channels.
+    """Turns what is seen of the arm into commands for its inputs (`crinoid.System.inputs`).
 
-    Called once per control period; its command is held until the next call.
+    Called once per control period; its command is held until the next call. What goes beyond the
+    limits of an input is cut off.
     """
 
     @abstractmethod
-    def start(self, measured: Pose) -> Any:
-        """Return the controller's memory at the start."""
+    def start(self, seen: Seen) -> Any:
+        """Return the memory at the first call: a pytree of arrays."""
 
     @abstractmethod
-    def command(
-        self, memory: Any, measured: Pose, wanted: Pose, forward: Channels
-    ) -> tuple[Channels, Any]:
-        """Return the commands (m, rad) and the memory for the next call.
-
-        ``forward`` is what is known beforehand of the commands (`crinoid.control.FeedForward`): the
-        motion of the target. It is zero where the target stands still or nothing is fed forward.
-        Where something is, ``wanted`` is the target at the time that ``measured`` was measured.
-        """
+    def command(self, memory: Any, seen: Seen) -> tuple[Command, Any]:
+        """Return the command, in the units of the inputs, and the memory for the next call."""
 
 
 class Idle(Controller):
     """Commands nothing: the base stays where it is."""
 
-    channels: int = eqx.field(static=True)
-
-    def start(self, measured: Pose) -> None:
+    def start(self, seen: Seen) -> None:
         return None
 
-    def command(
-        self, memory: None, measured: Pose, wanted: Pose, forward: Channels
-    ) -> tuple[Channels, None]:
-        return jnp.zeros(self.channels), None
+    def command(self, memory: None, seen: Seen) -> tuple[Command, None]:
+        return jnp.zeros_like(seen.command), None

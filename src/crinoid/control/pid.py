@@ -4,28 +4,29 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from crinoid.control.controller import Channels, Controller, Pose
+from crinoid.control.controller import Controller
+from crinoid.control.seen import Command, Pose, Seen
 from crinoid.control.target import pose_error
 from crinoid.onset import Onset
 from crinoid.products import product
 
 
 class PidMemory(eqx.Module):
-    """Numbers that a PID carries from one call to the next, per channel."""
+    """Numbers that a PID carries from one call to the next, per input."""
 
-    integral: Channels
+    integral: Command
     """Command of the integral term (m, rad)."""
-    slope: Channels
+    slope: Command
     """Filtered rate at which the measured tip moves, as seen by each channel, less what is asked
     for beforehand (1/s)."""
     measured: Pose
-    forward: Channels
+    forward: Command
     """Command that was known beforehand (m, rad)."""
     calls: Int[Array, ""]
     """Commands given so far."""
-    found: Channels
+    found: Command
     """Error at the first call, as seen by each channel (m, rad)."""
-    found_forward: Channels
+    found_forward: Command
     """Command that was known beforehand at the first call (m, rad)."""
 
 
@@ -46,28 +47,25 @@ class Pid(Controller):
     cosine over ``take_up``, so that the base is not jolted (bumpless transfer, section 10.5 there).
     """
 
-    kp: Channels
-    ki: Channels
+    kp: Command
+    ki: Command
     """Per second."""
-    kd: Channels
+    kd: Command
     """Seconds."""
-    filter_time: Channels
+    filter_time: Command
     """Time constant of the derivative's filter (s)."""
-    mapping: Float[Array, "channel pose"]
-    lower: Channels
-    upper: Channels
+    mapping: Float[Array, "input pose"]
     period: Float[Array, ""]
     take_up: Float[Array, ""]
     """How long it takes to answer in full to what is there when it is switched on (s)."""
 
-    def start(self, measured: Pose) -> PidMemory:
+    def start(self, seen: Seen) -> PidMemory:
         zero = jnp.zeros_like(self.kp)
-        return PidMemory(zero, zero, measured, zero, jnp.asarray(0), zero, zero)
+        return PidMemory(zero, zero, seen.measured, zero, jnp.asarray(0), zero, zero)
 
-    def command(
-        self, memory: PidMemory, measured: Pose, wanted: Pose, forward: Channels
-    ) -> tuple[Channels, PidMemory]:
-        error = product(self.mapping, pose_error(wanted, measured))
+    def command(self, memory: PidMemory, seen: Seen) -> tuple[Command, PidMemory]:
+        measured, forward = seen.measured, seen.forward
+        error = product(self.mapping, pose_error(seen.wanted, measured))
         first = memory.calls == 0
         found = jnp.where(first, error, memory.found)
         found_forward = jnp.where(first, forward, memory.found_forward)
@@ -78,7 +76,7 @@ class Pid(Controller):
         slope = (self.filter_time * memory.slope + moved) / (self.filter_time + self.period)
         integral = memory.integral + self.ki * self.period * error
         free = forward + self.kp * error + integral - self.kd * slope
-        held = jnp.clip(free, self.lower, self.upper)
+        held = jnp.clip(free, seen.lower, seen.upper)
         winding = (free - held) * self.ki * error > 0
         integral = jnp.where(winding, memory.integral, integral)
         calls = memory.calls + 1

@@ -1,4 +1,4 @@
-"""The sensor of the tip: samples at a rate, with delay and noise."""
+"""A sensor: samples a measurand at a rate, with delay, noise and quantisation."""
 
 import equinox as eqx
 import jax
@@ -6,8 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from crinoid.control.clock import Clock
+from crinoid.control.measurand import Measurand
+from crinoid.control.seen import Reading
 
-Pose = Float[Array, " pose"]
+Values = Float[Array, " m"]
 
 
 class SensorState(eqx.Module):
@@ -16,49 +18,55 @@ class SensorState(eqx.Module):
     ticks: Int[Array, ""]
     times: Float[Array, " kept"]
     """When each kept sample was taken (s), newest last; minus infinity where there is none."""
-    samples: Float[Array, "kept pose"]
+    samples: Float[Array, "kept m"]
 
 
 class Sensor(eqx.Module):
-    """Measures the tip's pose at its own rate; a sample is known ``delay`` after it was taken.
+    """Measures at its own rate; a sample is known ``delay`` after it was taken.
 
     Noise is white and Gaussian, drawn anew for each sample from ``key`` and the sample's number, so
     that it depends on neither the time step nor where a run was interrupted.
     """
 
+    name: str = eqx.field(static=True)
+    measurand: Measurand
     clock: Clock
     delay: Float[Array, ""]
-    noise: Pose
-    """Standard deviation of each coordinate (m, and rad in the plane)."""
+    noise: Values
+    """Standard deviation of each value, in its unit."""
+    resolution: Values
+    """Each value is rounded to a multiple of this; 0: it is not."""
     key: PRNGKeyArray
     kept: int = eqx.field(static=True)
     """How many samples can be under way at once."""
 
-    def start(self, pose: Pose) -> SensorState:
-        """Begin with the tip known to be where it is."""
+    def start(self, values: Values) -> SensorState:
+        """Begin with the true values known."""
         times = jnp.full(self.kept, -jnp.inf)
-        return SensorState(jnp.asarray(0), times, jnp.broadcast_to(pose, (self.kept, pose.size)))
-
-    def sample(self, state: SensorState, pose: Pose, time: Float[Array, ""]) -> SensorState:
-        """Take a sample if one is due."""
-        due = self.clock.due(state.ticks, time)
-        noise = jax.random.normal(jax.random.fold_in(self.key, state.ticks), pose.shape)
-        samples = jnp.roll(state.samples, -1, axis=0).at[-1].set(pose + self.noise * noise)
-        times = jnp.roll(state.times, -1).at[-1].set(time)
         return SensorState(
-            state.ticks + due,
-            jnp.where(due, times, state.times),
-            jnp.where(due, samples, state.samples),
+            jnp.asarray(0), times, jnp.broadcast_to(values, (self.kept, values.size))
         )
 
-    def reading(self, state: SensorState, time: Float[Array, ""]) -> Pose:
-        """Return the newest sample that is known at ``time``."""
-        return state.samples[self._newest(state, time)]
+    def sample(self, before: SensorState, values: Values, time: Float[Array, ""]) -> SensorState:
+        """Take a sample of the true values if one is due."""
+        due = self.clock.due(before.ticks, time)
+        noise = jax.random.normal(jax.random.fold_in(self.key, before.ticks), values.shape)
+        noisy, coarse = values + self.noise * noise, self.resolution > 0
+        grain = jnp.where(coarse, self.resolution, 1.0)
+        noisy = jnp.where(coarse, grain * jnp.round(noisy / grain), noisy)
+        samples = jnp.roll(before.samples, -1, axis=0).at[-1].set(noisy)
+        times = jnp.roll(before.times, -1).at[-1].set(time)
+        return SensorState(
+            before.ticks + due,
+            jnp.where(due, times, before.times),
+            jnp.where(due, samples, before.samples),
+        )
 
-    def taken(self, state: SensorState, time: Float[Array, ""]) -> Float[Array, ""]:
-        """Return when the reading at ``time`` was taken; ``time`` where it is that of the start."""
-        taken = state.times[self._newest(state, time)]
-        return jnp.where(taken >= 0, taken, time)
+    def reading(self, state: SensorState, time: Float[Array, ""]) -> Reading:
+        """Return the newest sample that is known at ``time``; that of the start counts as new."""
+        newest = self._newest(state, time)
+        taken = state.times[newest]
+        return Reading(state.samples[newest], jnp.where(taken >= 0, taken, time))
 
     def _newest(self, state: SensorState, time: Float[Array, ""]) -> Int[Array, ""]:
         slack = 1e-6 * self.clock.period

@@ -22,6 +22,7 @@ from crinoid.scenario import (
 )
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.motion import FileMotion
+from crinoid.space import CHANNEL_TABLE
 
 _AIR = (1.1, 1.4)
 """Densities of air, from a hot day to a cold one (kg/m3)."""
@@ -184,4 +185,4 @@ class Facts:
         return 0.0
 
 
-_SHIFTS = ("slide", "sway", "heave")
+_SHIFTS = tuple(channel.name for channel in CHANNEL_TABLE if not channel.turns)

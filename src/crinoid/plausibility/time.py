@@ -35,10 +35,9 @@ def _courses(facts: Facts) -> Iterator[_Course]:
     second = float(facts.frequencies[1])
     yield _Course(f"the arm's second bending mode (about {second:.2g} Hz)", 1 / second, 8)
     channels = scenario.base.channels.present
-    if scenario.control.kind != "none":
-        for name in scenario.control.pid.present:
-            band = channels[name].bandwidth_hz
-            yield _Course(f"the servo of {name} ({band:g} Hz)", 1 / band, 4)
+    for name in scenario.driven:
+        band = channels[name].bandwidth_hz
+        yield _Course(f"the servo of {name} ({band:g} Hz)", 1 / band, 4)
     for index, motion in enumerate(scenario.base.motion):
         if isinstance(motion, SineMotion):
             yield _Course(f"base.motion.{index}", 1 / motion.frequency_hz, 8)

@@ -21,9 +21,9 @@ from crinoid.report.style import (
 )
 from crinoid.report.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.report.view import is_spatial
-from crinoid.space import ANGLES
+from crinoid.space import ANGLES, CHANNEL_TABLE
 
-_ABOUT = {"slide": "x", "sway": "y", "heave": "z", "roll": "x", "tilt": "y", "pan": "z"}
+_ABOUT = {channel.name: channel.axis for channel in CHANNEL_TABLE}
 """The axis that a channel moves along or turns about, which it has the colour of."""
 _STILL = 1e-9  # m or rad: less is no motion that anyone ordered
 _DASHED: Any = {"linestyle": (0, (4, 2)), "linewidth": 1.0, "alpha": 0.8}

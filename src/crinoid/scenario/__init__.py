@@ -6,8 +6,7 @@ key, what it got and what it takes.
 
 from __future__ import annotations
 
-from typing import Any
-
+from crinoid.scenario.actuator import Actuator, ActuatorTable
 from crinoid.scenario.arm import Arm, Section
 from crinoid.scenario.base import Base
 from crinoid.scenario.channel import (
@@ -17,7 +16,7 @@ from crinoid.scenario.channel import (
     Channels,
     LinearChannel,
 )
-from crinoid.scenario.control import Control, Coordinate, Pid, PidGains, Sensor
+from crinoid.scenario.control import Control, ControllerTable, Coordinate, Pid, PidGains
 from crinoid.scenario.errors import Mistake, ScenarioError, counted, shown
 from crinoid.scenario.flow import (
     Flow,
@@ -30,18 +29,30 @@ from crinoid.scenario.flow import (
     UniformFlow,
     WavesFlow,
 )
+from crinoid.scenario.flow_table import FlowTable
 from crinoid.scenario.library import builtin_files, builtin_names, builtin_text, load
-from crinoid.scenario.load import DistributedLoad, Load, TipLoad
+from crinoid.scenario.load import DistributedLoad, Load, LoadTable, TipLoad
 from crinoid.scenario.motion import FileMotion, Motion, SineMotion, TableMotion, VelocityMotion
 from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle, Plane, Sphere
-from crinoid.scenario.quantity import unit_of
 from crinoid.scenario.scenario import Scenario
+from crinoid.scenario.schema import json_schema
+from crinoid.scenario.sensor import (
+    CurrentSensor,
+    InclinationSensor,
+    Sensor,
+    Sensors,
+    SensorTable,
+    ShapeSensor,
+    WrenchSensor,
+)
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
 from crinoid.scenario.tool import Tool
 from crinoid.scenario.water import Water
 
 __all__ = [
+    "Actuator",
+    "ActuatorTable",
     "AngularChannel",
     "Arm",
     "Base",
@@ -50,15 +61,20 @@ __all__ = [
     "ChannelName",
     "Channels",
     "Control",
+    "ControllerTable",
     "Coordinate",
+    "CurrentSensor",
     "Cylinder",
     "DistributedLoad",
     "FileMotion",
     "Flow",
+    "FlowTable",
     "GaussMarkovFlow",
     "GustFlow",
+    "InclinationSensor",
     "LinearChannel",
     "Load",
+    "LoadTable",
     "MeasuredFlow",
     "Mistake",
     "Motion",
@@ -71,6 +87,9 @@ __all__ = [
     "ScenarioError",
     "Section",
     "Sensor",
+    "SensorTable",
+    "Sensors",
+    "ShapeSensor",
     "ShearFlow",
     "Simulation",
     "SineFlow",
@@ -85,6 +104,7 @@ __all__ = [
     "VelocityMotion",
     "Water",
     "WavesFlow",
+    "WrenchSensor",
     "builtin_files",
     "builtin_names",
     "builtin_text",
@@ -93,17 +113,3 @@ __all__ = [
     "load",
     "shown",
 ]
-
-
-def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario, for editors that check TOML files.
-
-    Editors show descriptions and no key of ours, so units stand in the descriptions as well.
-    """
-    schema = Scenario.model_json_schema()
-    for table in (schema, *schema["$defs"].values()):
-        for entry in table["properties"].values():
-            unit = unit_of(entry)
-            if unit and "description" in entry:
-                entry["description"] += f" Unit: {unit}."
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Annotated, Literal, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from crinoid.scenario.dimension import Only
 from crinoid.scenario.errors import Mistake, one_of, shown
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import Hertz, MetresPerSecond, Pair, Quantity
-from crinoid.space import CHANNELS
+from crinoid.space import CHANNEL_TABLE, CHANNELS, Channel
 
 __all__ = ["AngularChannel", "ChannelLimits", "ChannelName", "Channels", "LinearChannel"]
 
-# spelled out for the type checker; as in `crinoid.space`
-ChannelName = Annotated[
-    Literal["slide", "sway", "heave", "pan", "tilt", "roll"],
-    Quantity(takes=one_of(CHANNELS[2]), in_space=one_of(CHANNELS[3])),
-]
+if TYPE_CHECKING:
+    ChannelName = str
+else:
+    ChannelName = Annotated[
+        Literal[CHANNELS[3]], Quantity(takes=one_of(CHANNELS[2]), in_space=one_of(CHANNELS[3]))
+    ]
 
 
 class ChannelLimits(NamedTuple):
-    """Limits of a channel in SI units: m for slide, sway and heave, rad for pan, tilt and roll."""
+    """Limits of a channel in SI units: m for a shift, rad for a turn."""
 
     low: float
     high: float
@@ -42,7 +43,7 @@ def _range_conflict(key: str, limits: tuple[float, float]) -> Iterator[Mistake]:
 
 
 class LinearChannel(Model):
-    """A channel that shifts the base: slide along x, heave along z, in space sway along y."""
+    """A channel that shifts the base."""
 
     range: Annotated[Pair, Quantity("m", "[low, high]")] = Field(
         default=(-0.2, 0.2), description="Travel, measured from the base's position."
@@ -63,7 +64,7 @@ class LinearChannel(Model):
 
 
 class AngularChannel(Model):
-    """A channel that turns the base: tilt, in space pan and roll as well."""
+    """A channel that turns the base."""
 
     range_deg: Annotated[Pair, Quantity("degrees", "[low, high]")] = Field(
         default=(-60.0, 60.0), description="Travel, measured from the base's set angle."
@@ -87,21 +88,32 @@ class AngularChannel(Model):
         return ChannelLimits(low, high, speed, acceleration, self.bandwidth_hz)
 
 
-class Channels(Model):
-    """The channels a controller may drive; one left out stays put."""
+def by_channel(
+    of: Callable[[Channel], type[Model]], about: Callable[[Channel], str]
+) -> dict[str, Any]:
+    """Return a field of pydantic for each channel: a table that may be left out."""
 
-    slide: LinearChannel | None = Field(default=None, description="Moves the base along x.")
-    sway: Annotated[LinearChannel | None, Only(3)] = Field(
-        default=None, description="Moves the base along y."
-    )
-    heave: LinearChannel | None = Field(default=None, description="Moves the base along z.")
-    pan: Annotated[AngularChannel | None, Only(3)] = Field(
-        default=None, description="Turns the base from x towards y."
-    )
-    tilt: AngularChannel | None = Field(default=None, description="Turns the base from x to z.")
-    roll: Annotated[AngularChannel | None, Only(3)] = Field(
-        default=None, description="Turns the base about the arm's root."
-    )
+    def field(channel: Channel) -> tuple[Any, Any]:
+        table: Any = of(channel) | None
+        if 2 not in channel.dimensions:
+            table = Annotated[table, Only(3)]
+        return table, Field(default=None, description=about(channel))
+
+    return {channel.name: field(channel) for channel in CHANNEL_TABLE}
+
+
+_Fields: Any = create_model(
+    "_Fields",
+    __base__=Model,
+    **by_channel(
+        lambda channel: AngularChannel if channel.turns else LinearChannel,
+        lambda channel: channel.about,
+    ),
+)
+
+
+class Channels(_Fields):
+    """The channels a controller may drive; one left out stays put."""
 
     @property
     def present(self) -> dict[str, LinearChannel | AngularChannel]:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
-from crinoid.scenario.control import COORDINATES, Control, Sensor
+from crinoid.scenario.control import COORDINATES, Control
 from crinoid.scenario.errors import Mistake, one_of, shown
 from crinoid.scenario.flow import Flow, GaussMarkovFlow, MeasuredFlow, ShearFlow, WavesFlow
 from crinoid.scenario.motion import TableMotion
 from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle
+from crinoid.scenario.sensor import Reading
 from crinoid.scenario.simulation import Output, Simulation, not_whole, whole_steps
 from crinoid.scenario.target import Target
 from crinoid.scenario.water import Water
-from crinoid.space import AXES, CHANNELS, LARGEST_TURN
+from crinoid.space import AXES, CHANNELS, LARGEST_TURN, PARTNERS
 
 __all__ = [
     "channel_conflicts",
@@ -32,13 +33,6 @@ __all__ = [
     "size_conflicts",
     "wave_conflicts",
 ]
-
-# the coordinate that each channel moves by itself, one to one, on an arm that is rigid; in space no
-# single turn does that to a direction
-_PARTNERS = {
-    2: {"slide": "x", "heave": "z", "tilt": "angle"},
-    3: {"slide": "x", "sway": "y", "heave": "z"},
-}
 
 _MAX_BYTES = 8e9
 _BYTES_OF_A_RESULT = {2: 125, 3: 205}
@@ -193,7 +187,7 @@ def control_conflicts(control: Control, target: Target, dimension: int) -> Itera
     driven = control.pid.present
     if control.mapping != "identity" or not driven:
         return
-    partners = _PARTNERS[dimension]
+    partners = PARTNERS[dimension]
     for channel in driven:
         if channel not in partners:
             text = 'turns the base, which goes with no one coordinate; mapping = "identity" takes '
@@ -213,19 +207,22 @@ def control_conflicts(control: Control, target: Target, dimension: int) -> Itera
 
 
 def rate_conflicts(
-    sensor: Sensor, sensor_rate_hz: float, control: Control, simulation: Simulation
+    sensors: Mapping[str, Reading], default_rate: float, control: Control, simulation: Simulation
 ) -> Iterator[Mistake]:
     """Yield rates of more than once a time step, and readings too many to keep."""
     step = simulation.time_step
-    rates = {"sensor.rate_hz": sensor.rate_hz, "control.rate_hz": control.rate_hz}
+    rates = {f"{key}.rate_hz": sensor.rate_hz for key, sensor in sensors.items()}
+    rates["control.rate_hz"] = control.rate_hz
     for name, rate in rates.items():
         if rate is not None and rate * step > 1 + 1e-9:
             text = f"got {rate}, takes up to {1 / step:.6g} (Hz), once a time step"
             yield Mistake(name, f"{text} (simulation.time_step = {step})")
-    rate = sensor_rate_hz
-    if sensor.delay * rate > _MAX_READINGS:
-        text = f"got {sensor.delay}, takes up to {_MAX_READINGS / rate:.6g} (s): at {rate:g} Hz "
-        yield Mistake("sensor.delay", f"{text}{_MAX_READINGS} readings are under way then")
+    for key, sensor in sensors.items():
+        rate = sensor.rate_hz or default_rate
+        if sensor.delay * rate > _MAX_READINGS:
+            text = f"got {sensor.delay}, takes up to {_MAX_READINGS / rate:.6g} (s): at {rate:g} "
+            text += f"Hz {_MAX_READINGS} readings are under way then"
+            yield Mistake(f"{key}.delay", text)
 
 
 def contact_conflicts(arm: Arm, obstacles: tuple[Obstacle, ...]) -> Iterator[Mistake]:

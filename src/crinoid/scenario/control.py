@@ -1,24 +1,28 @@
-"""The controller and what it sees.
+"""The controller.
 
-A new kind is one class here, one field of `Control` and one entry in `ControlKind`.
+A new kind is a table of its own under the entry points ``crinoid.controllers``
+(`crinoid.scenario.kinds`); its settings stand in ``[control.KIND]``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Field, create_model
 
-from crinoid.scenario.dimension import InSpace, Only
-from crinoid.scenario.errors import Mistake, one_of, shown
-from crinoid.scenario.model import Model
-from crinoid.scenario.quantity import AsTuple, Degrees, Hertz, Metres, Quantity, Seconds
+from crinoid.scenario.channel import by_channel
+from crinoid.scenario.dimension import InSpace
+from crinoid.scenario.errors import Mistake, ScenarioError, one_of, shown
+from crinoid.scenario.kinds import installed, installed_table
+from crinoid.scenario.model import Model, unknown_key
+from crinoid.scenario.quantity import AsTuple, Hertz, Quantity, Seconds
+from crinoid.scenario.sensor import DEFAULT_RATE
 from crinoid.space import AXES, CHANNELS
 
-__all__ = ["Control", "ControlKind", "Coordinate", "Pid", "PidGains", "Sensor"]
+__all__ = ["Control", "ControllerTable", "Coordinate", "Pid", "PidGains"]
 
-ControlKind = Literal["none", "pid"]
+KINDS = ("none", "pid", "custom")
 COORDINATES = {2: (*AXES[2], "angle"), 3: (*AXES[3], "direction")}
 """Coordinates of the tip that a controller can bring to the target, by the number of axes."""
 
@@ -27,28 +31,6 @@ Coordinate = Annotated[
     Literal["x", "y", "z", "angle", "direction"],
     Quantity(takes=one_of(COORDINATES[2]), in_space=one_of(COORDINATES[3])),
 ]
-
-_DEFAULT_RATE = "100 if left out, or once a time step where that is slower"
-
-
-class Sensor(Model):
-    """Sensor of the tip: when it reads, how late and how noisy."""
-
-    rate_hz: Hertz | None = Field(
-        default=None, gt=0, description=f"Readings a second; {_DEFAULT_RATE}."
-    )
-    delay: Seconds = Field(default=0.0, ge=0, description="Age of a reading when it arrives.")
-    noise_position: Metres = Field(
-        default=0.0,
-        ge=0,
-        description="Standard deviation of the noise on each coordinate of the tip.",
-    )
-    noise_angle_deg: Degrees = Field(
-        default=0.0,
-        ge=0,
-        description="Standard deviation of the noise on the direction of the tip; in space, turned "
-        "into rad, on each component of the unit vector.",
-    )
 
 
 class PidGains(Model):
@@ -62,15 +44,15 @@ class PidGains(Model):
     )
 
 
-class Pid(Model):
-    """A PID controller: gains for each channel it drives."""
+_Fields: Any = create_model(
+    "_Fields",
+    __base__=Model,
+    **by_channel(lambda _: PidGains, lambda channel: f"Gains of {channel.name}."),
+)
 
-    slide: PidGains | None = Field(default=None, description="Gains of slide.")
-    sway: Annotated[PidGains | None, Only(3)] = Field(default=None, description="Gains of sway.")
-    heave: PidGains | None = Field(default=None, description="Gains of heave.")
-    pan: Annotated[PidGains | None, Only(3)] = Field(default=None, description="Gains of pan.")
-    tilt: PidGains | None = Field(default=None, description="Gains of tilt.")
-    roll: Annotated[PidGains | None, Only(3)] = Field(default=None, description="Gains of roll.")
+
+class Pid(_Fields):
+    """A PID controller: gains for each channel it drives."""
 
     @property
     def present(self) -> dict[str, PidGains]:
@@ -79,12 +61,29 @@ class Pid(Model):
         return {name: gains for name, gains in every.items() if gains is not None}
 
 
+class ControllerTable(Model):
+    """Settings of a kind of controller that an installed package brings."""
+
+    def build(self, plan: Any) -> Any:
+        """Return the `crinoid.control.Controller`.
+
+        ``plan`` is a `crinoid.assembly.plan.Plan`: the arm at its start, and what is wanted.
+        """
+        raise NotImplementedError
+
+
 class Control(Model):
     """The controller; the settings of a kind that is not chosen are kept but not used."""
 
-    kind: ControlKind = Field(default="none", description="Kind of controller.")
+    # settings of a kind that a package brings stand beside those of the kinds below
+    model_config = ConfigDict(extra="allow", json_schema_extra={"additionalProperties": False})
+
+    kind: Annotated[str, Quantity(takes=f"{one_of(KINDS)}, or the kind of a package")] = Field(
+        default="none",
+        description="Kind of controller; custom: one that is passed to crinoid.simulate.",
+    )
     rate_hz: Hertz | None = Field(
-        default=None, gt=0, description=f"Commands a second; {_DEFAULT_RATE}."
+        default=None, gt=0, description=f"Commands a second; {DEFAULT_RATE}."
     )
     start: Seconds = Field(
         default=0.0,
@@ -112,6 +111,40 @@ class Control(Model):
         default=True, description="Whether to run the same case with the controller off as well."
     )
     pid: Pid = Field(default=Pid(), description="Settings of kind pid: gains by channel.")
+
+    def __init__(self, /, **data: Any) -> None:
+        known, brought, mistakes = type(self).model_fields, installed("controllers"), []
+        kind = data.get("kind", "none")
+        if isinstance(kind, str) and kind not in KINDS:
+            if kind in brought:
+                data.setdefault(kind, {})
+            else:
+                text = f"got {shown(kind)}, takes {one_of((*KINDS, *brought))}"
+                mistakes.append(Mistake("kind", text))
+        for name in data.keys() - known:
+            if name not in brought:
+                if name == kind:
+                    continue  # it has been said
+                mistakes.append(unknown_key(type(self), name))
+                continue
+            try:
+                table = installed_table("controllers", name, ControllerTable)
+            except ScenarioError as error:
+                mistakes += error.mistakes
+                continue
+            try:
+                given = data[name]
+                data[name] = given if isinstance(given, table) else table(**given)
+            except ScenarioError as error:
+                mistakes += [mistake.under(name) for mistake in error.mistakes]
+        if mistakes:
+            raise ScenarioError(mistakes)
+        super().__init__(**data)
+
+    @property
+    def settings(self) -> Any:
+        """The table of the chosen kind."""
+        return getattr(self, self.kind)
 
     def _conflicts(self) -> Iterator[Mistake]:
         if len(set(self.controlled)) < len(self.controlled):

@@ -1,6 +1,7 @@
 """The flow: how the water moves; several flows add up.
 
-A new kind is one class here and one entry in `Flow`.
+A new kind is one class here and one entry in `Flow`; or a table of an installed package
+(`crinoid.scenario.kinds`).
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from pydantic import Field
 
 from crinoid.scenario.dimension import Count
 from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.flow_table import FlowTable
+from crinoid.scenario.kinds import KindOf
 from crinoid.scenario.measured import MeasuredFlow
-from crinoid.scenario.onset import Onset as _Flow
 from crinoid.scenario.quantity import (
     AsTuple,
     Degrees,
@@ -48,14 +50,14 @@ StandardDeviation = Annotated[
 ]
 
 
-class UniformFlow(_Flow):
+class UniformFlow(FlowTable):
     """The same velocity everywhere."""
 
     kind: Literal["uniform"] = Field(default="uniform", description="The same velocity everywhere.")
     velocity: Velocity = Field(description="Velocity.")
 
 
-class ShearFlow(_Flow):
+class ShearFlow(FlowTable):
     """A current that slows down towards the bed.
 
     At a height ``h`` above the bed, with ``h_ref = water.depth - reference_depth``, it is
@@ -89,7 +91,7 @@ class ShearFlow(_Flow):
         return 0.142857 if self.exponent is None else self.exponent
 
 
-class GustFlow(_Flow):
+class GustFlow(FlowTable):
     """One gust that rises and falls: ``velocity * (1 - cos(2 pi (t - start) / duration)) / 2``."""
 
     kind: Literal["gust"] = Field(default="gust", description="One gust that rises and falls.")
@@ -97,7 +99,7 @@ class GustFlow(_Flow):
     duration: Seconds = Field(gt=0, description="How long it blows, from start.")
 
 
-class SineFlow(_Flow):
+class SineFlow(FlowTable):
     """A velocity that swings: ``amplitude * sin(2 pi frequency_hz t + phase)``."""
 
     kind: Literal["sine"] = Field(default="sine", description="A velocity that swings.")
@@ -106,7 +108,7 @@ class SineFlow(_Flow):
     phase_deg: Degrees = Field(default=0.0, description="Phase at t = 0.")
 
 
-class GaussMarkovFlow(_Flow):
+class GaussMarkovFlow(FlowTable):
     """A velocity that wanders about its mean: a Gauss-Markov process for each axis.
 
     The same everywhere; drawn from `seed`.
@@ -124,7 +126,7 @@ class GaussMarkovFlow(_Flow):
     )
 
 
-class TurbulenceFlow(_Flow):
+class TurbulenceFlow(FlowTable):
     """Turbulence that a mean flow carries along: Fourier modes with a von Karman spectrum.
 
     Drawn from `seed`. A planar arm sees a cut through three-dimensional turbulence.
@@ -148,7 +150,7 @@ class TurbulenceFlow(_Flow):
             yield Mistake("mean", f"{text}intensity is a share of it")
 
 
-class WavesFlow(_Flow):
+class WavesFlow(FlowTable):
     """Surface waves: linear, with a JONSWAP spectrum, on a still surface at z = 0.
 
     Drawn from `seed`. They need `water.depth`.
@@ -178,4 +180,5 @@ Flow = Annotated[
     | WavesFlow
     | MeasuredFlow,
     Field(discriminator="kind"),
+    KindOf("flows", FlowTable),
 ]

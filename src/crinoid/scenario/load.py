@@ -1,17 +1,19 @@
 """Loads: forces on the arm that are not the water's.
 
-A new kind is one class here and one entry in `Load`.
+A new kind is one class here and one entry in `Load`; or a table of an installed package
+(`crinoid.scenario.kinds`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Annotated, Literal
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from crinoid.scenario.dimension import Count, InSpace
 from crinoid.scenario.errors import Mistake
+from crinoid.scenario.kinds import KindOf
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import (
     PER_AXIS,
@@ -23,7 +25,7 @@ from crinoid.scenario.quantity import (
     direction_conflicts,
 )
 
-__all__ = ["DistributedLoad", "Load", "TipLoad"]
+__all__ = ["DistributedLoad", "Load", "LoadTable", "TipLoad"]
 
 Direction = Annotated[
     Literal["tangential", "normal"] | Components,
@@ -40,7 +42,9 @@ Moment = Annotated[
 ]
 
 
-class _Load(Model):
+class LoadTable(Model):
+    """Keys that every load has: its kind, when and how it sets in, when it is taken off."""
+
     kind: str
     start: Seconds = Field(default=0.0, ge=0, description="When it sets in.")
     ramp_time: Seconds = Field(
@@ -54,8 +58,17 @@ class _Load(Model):
         if self.stop is not None and self.stop <= self.start:
             yield Mistake("stop", f"got {self.stop}, takes a time after start = {self.start} (s)")
 
+    def build(self, scenario: Any) -> tuple[Callable[..., Any], dict[str, Any]]:
+        """Return a function that builds the element, and what it takes beside the rod.
 
-class DistributedLoad(_Load):
+        For tables of installed packages; ``scenario`` is the `crinoid.Scenario` that holds it. The
+        second are arrays by name, on which gradients act; `crinoid.assembly.load.load_onset` gives
+        that of ``start``, ``ramp_time`` and ``stop``.
+        """
+        raise NotImplementedError
+
+
+class DistributedLoad(LoadTable):
     """A force along the whole arm."""
 
     kind: Literal["distributed"] = Field(
@@ -73,7 +86,7 @@ class DistributedLoad(_Load):
             yield from direction_conflicts("direction", self.direction)
 
 
-class TipLoad(_Load):
+class TipLoad(LoadTable):
     """A force and a moment at the tip."""
 
     kind: Literal["tip"] = Field(default="tip", description="A force and a moment at the tip.")
@@ -96,4 +109,4 @@ class TipLoad(_Load):
             yield Mistake("force", "missing, a tip load takes force, moment or both")
 
 
-Load = Annotated[DistributedLoad | TipLoad, Field(discriminator="kind")]
+Load = Annotated[DistributedLoad | TipLoad, Field(discriminator="kind"), KindOf("loads", LoadTable)]

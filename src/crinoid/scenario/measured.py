@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 from crinoid.scenario.dimension import InSpace
 from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.files import File
-from crinoid.scenario.onset import Onset
+from crinoid.scenario.flow_table import FlowTable
 from crinoid.scenario.quantity import AsTuple, Degrees, Hertz, Metres, Quantity, Seconds
 
 __all__ = ["Component", "MeasuredFlow"]
@@ -52,7 +52,7 @@ Name = Annotated[
 ]
 
 
-class MeasuredFlow(Onset):
+class MeasuredFlow(FlowTable):
     """A current as it was measured, from a CSV or netCDF file.
 
     A record at one point is carried past the arm by its mean velocity; a profile (`vertical`) is

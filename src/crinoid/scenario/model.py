@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from crinoid.scenario.errors import Mistake, ScenarioError, join, one_of, shown
 
-__all__ = ["Model"]
+__all__ = ["Model", "unknown_key"]
 
 
 class Model(BaseModel):
@@ -47,6 +47,11 @@ class Model(BaseModel):
     def _conflicts(self) -> Iterator[Mistake]:
         """Yield what is wrong between keys that are each fine alone."""
         yield from ()
+
+
+def unknown_key(table: type[Model], name: str) -> Mistake:
+    """Say that a table has no such key, and which it has."""
+    return _unknown(name, table.model_json_schema()["properties"])
 
 
 def _mistakes(model: type[Model], data: dict[str, Any], error: ValidationError) -> list[Mistake]:

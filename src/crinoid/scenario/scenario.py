@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import tomli_w
 from pydantic import BeforeValidator, Field
 
+from crinoid.scenario.actuator import Actuator, actuator_conflicts
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
 from crinoid.scenario.consistency import (
@@ -28,7 +29,7 @@ from crinoid.scenario.consistency import (
     size_conflicts,
     wave_conflicts,
 )
-from crinoid.scenario.control import Control, Sensor
+from crinoid.scenario.control import Control
 from crinoid.scenario.dimension import dimension_conflicts, fitted, unwritten
 from crinoid.scenario.document import assign, parse
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
@@ -38,6 +39,7 @@ from crinoid.scenario.load import Load
 from crinoid.scenario.model import Model
 from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import AsTuple, Quantity
+from crinoid.scenario.sensor import Sensor, Sensors, sensor_conflicts
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
 from crinoid.scenario.tool import Tool
@@ -133,8 +135,14 @@ class Scenario(Model):
         default=(), description="Rigid bodies that the arm meets."
     )
     tool: Tool | None = Field(default=None, description="What the tip carries.")
+    actuator: Annotated[tuple[Actuator, ...], AsTuple] = Field(
+        default=(), description="Actuators beside the base's channels."
+    )
     target: Target = Field(default=Target(), description="Where the tip is wanted.")
     sensor: Sensor = Field(default=Sensor(), description="Sensor of the tip.")
+    sensors: Annotated[tuple[Sensors, ...], AsTuple] = Field(
+        default=(), description="Further sensors, for controllers that use them."
+    )
     control: Control = Field(default=Control(), description="The controller.")
     simulation: Simulation = Field(default=Simulation(), description="How the motion is computed.")
     output: Output = Field(default=Output(), description="Instants of the motion that are saved.")
@@ -211,13 +219,28 @@ class Scenario(Model):
 
     @property
     def sensor_rate_hz(self) -> float:
-        """Readings a second."""
-        return self.sensor.rate_hz or self._default_rate_hz
+        """Readings of the tip a second."""
+        return self.rate_hz(self.sensor.rate_hz)
 
     @property
     def control_rate_hz(self) -> float:
         """Commands a second."""
-        return self.control.rate_hz or self._default_rate_hz
+        return self.rate_hz(self.control.rate_hz)
+
+    def rate_hz(self, given: float | None) -> float:
+        """Return a rate, or the default of one that is left out (Hz)."""
+        return given or min(_DEFAULT_RATE_HZ, 1 / self.simulation.time_step)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """The channels of the base that the controller drives."""
+        match self.control.kind:
+            case "none":
+                return ()
+            case "pid":
+                return tuple(self.control.pid.present)
+            case _:
+                return tuple(self.base.channels.present)
 
     @property
     def output_interval(self) -> float:
@@ -229,10 +252,6 @@ class Scenario(Model):
         """Number of time steps between saved states."""
         interval = self.output.interval or min(_DEFAULT_INTERVAL, self.simulation.duration)
         return max(1, round(interval / self.simulation.time_step))
-
-    @property
-    def _default_rate_hz(self) -> float:
-        return min(_DEFAULT_RATE_HZ, 1 / self.simulation.time_step)
 
     def _combinations(self) -> list[dict[str, Any]]:
         return [
@@ -254,7 +273,12 @@ class Scenario(Model):
         yield from motion_conflicts(self.base, self.simulation, dimension)
         yield from channel_conflicts(self.control, self.base)
         yield from control_conflicts(self.control, self.target, dimension)
-        yield from rate_conflicts(self.sensor, self.sensor_rate_hz, self.control, self.simulation)
+        rates = {"sensor": self.sensor} | {
+            f"sensors.{index}": sensor for index, sensor in enumerate(self.sensors)
+        }
+        yield from rate_conflicts(rates, self.rate_hz(None), self.control, self.simulation)
+        yield from sensor_conflicts(self.sensors)
+        yield from actuator_conflicts(self.actuator)
         yield from contact_conflicts(self.arm, self.obstacle)
         yield from output_conflicts(self.output, self.simulation)
         compared = self.control.kind != "none" and self.control.compare

@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.control import Clock, Controller, FeedForward, Sensor, Target
-from crinoid.control.sensor import SensorState
+from crinoid.control import Clock, Controller, FeedForward, Seen, Sensor, SensorState, Target
 from crinoid.dynamics import Books, Progress, State, System
 
 
@@ -42,12 +41,12 @@ class LoopState(eqx.Module):
 
     state: State
     books: Books
-    sensor: SensorState
+    sensors: tuple[SensorState, ...]
     memory: Any
     """Memory of the controller."""
     ticks: Int[Array, ""]
     """Commands given so far."""
-    command: Float[Array, " channel"]
+    command: Float[Array, " input"]
     steps: Int[Array, ""]
     """Time steps taken so far."""
     tally: Tally
@@ -58,7 +57,8 @@ class Loop(eqx.Module):
     """An arm with what controls it."""
 
     system: System
-    sensor: Sensor
+    sensors: tuple[Sensor, ...]
+    """The first one measures the tip's pose."""
     controller: Controller
     clock: Clock
     """Clock of the controller, from when it is switched on."""
@@ -72,45 +72,92 @@ class Loop(eqx.Module):
 
     def start(self, state: State) -> LoopState:
         """Close the loop around an arm."""
-        pose = self.system.tip(state)
+        sensors = tuple(
+            sensor.start(sensor.measurand.of(self.system, state)) for sensor in self.sensors
+        )
+        command = jnp.zeros(len(self.system.inputs))
         return LoopState(
             state,
             Books.of(self.system.forces, state),
-            self.sensor.start(pose),
-            self.controller.start(pose),
+            sensors,
+            self.controller.start(self.seen(state, sensors, command)),
             jnp.asarray(0),
-            jnp.zeros(len(self.system.inputs)),
+            command,
             jnp.asarray(0),
             Tally.of_nothing(),
         )
 
-    def tick(self, carry: LoopState) -> tuple[LoopState, Progress]:
-        """Advance by one time step; sensor and controller act if their time has come."""
-        time = carry.state.time
-        sensor = self.sensor.sample(carry.sensor, self.system.tip(carry.state), time)
-        reading = self.sensor.reading(sensor, time)
-        due = self.clock.due(carry.ticks, time - self.switched_on)
-        forward, compared = jnp.zeros(len(self.system.inputs)), time
+    @property
+    def readings(self) -> list[tuple[str, str]]:
+        """Name and unit of each value that the sensors give, one behind the other."""
+        axes = self.system.forces.axes
+        return [
+            (f"{sensor.name}.{name}", unit)
+            for sensor in self.sensors
+            for name, unit in sensor.measurand.names(axes)
+        ]
+
+    def seen(
+        self, state: State, sensors: tuple[SensorState, ...], command: Float[Array, " input"]
+    ) -> Seen:
+        """Return what the controller sees of a state."""
+        time, inputs = state.time, self.system.inputs
+        tip, *others = (
+            sensor.reading(samples, time)
+            for sensor, samples in zip(self.sensors, sensors, strict=True)
+        )
+        forward, compared = jnp.zeros_like(command), time
         if self.feed_forward is not None or self.target.carrier is not None:
             # the tip was not to be any farther yet when it was measured
-            compared = self.sensor.taken(sensor, time)
+            compared = tip.taken
         if self.feed_forward is not None:
             forward = self.feed_forward(self.target, time)
-        # where the submarine carries the target along, it carries the arm as well
-        measured, wanted = self.target.seen(reading, compared), self.target.in_frame(compared)
-        first = due & (carry.ticks == 0)
-        before = _choose(first, self.controller.start(measured), carry.memory)
-        command, memory = self.controller.command(before, measured, wanted, forward)
-        memory = _choose(due, memory, carry.memory)
-        command = jnp.where(due, jnp.where(self.enabled, command, 0.0), carry.command)
-        state, books, progress = self.system.advance_with_books(carry.state, carry.books, command)
+        base, _, _ = self.system.base.pose(time, state.servo)
+        return Seen(
+            time=time,
+            # where the submarine carries the target along, it carries the arm as well
+            measured=self.target.seen(tip.value, compared),
+            taken=tip.taken,
+            wanted=self.target.in_frame(compared),
+            forward=forward,
+            target=self.target,
+            base=base,
+            command=command,
+            actuators=(state.servo, *state.actuators),
+            lower=jnp.stack([each.lower for each in inputs]),
+            upper=jnp.stack([each.upper for each in inputs]),
+            readings={
+                sensor.name: reading
+                for sensor, reading in zip(self.sensors[1:], others, strict=True)
+            },
+        )
+
+    def tick(self, carry: LoopState) -> tuple[LoopState, Progress]:
+        """Advance by one time step; sensors and controller act if their time has come."""
+        before = carry.state
+        sensors = tuple(
+            sensor.sample(samples, sensor.measurand.of(self.system, before), before.time)
+            for sensor, samples in zip(self.sensors, carry.sensors, strict=True)
+        )
+        due = self.clock.due(carry.ticks, before.time - self.switched_on)
+
+        def act() -> tuple[Array, Any]:
+            seen = self.seen(before, sensors, carry.command)
+            memory = _choose(carry.ticks == 0, self.controller.start(seen), carry.memory)
+            command, memory = self.controller.command(memory, seen)
+            return jnp.clip(command, seen.lower, seen.upper), memory
+
+        command, memory = jax.lax.cond(
+            due & self.enabled, act, lambda: (carry.command, carry.memory)
+        )
+        state, books, progress = self.system.advance_with_books(before, carry.books, command)
         steps = carry.steps + progress.outcome.converged
         # counted, not summed up: round-off of a sum would grow with the number of steps
-        counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, state.time)
+        counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, before.time)
         state = eqx.tree_at(lambda s: s.motion.time, state, counted)
         tally = carry.tally.with_step(progress)
         ticks = carry.ticks + due
-        return LoopState(state, books, sensor, memory, ticks, command, steps, tally), progress
+        return LoopState(state, books, sensors, memory, ticks, command, steps, tally), progress
 
 
 def _choose(condition: Bool[Array, ""], new: Any, old: Any) -> Any:

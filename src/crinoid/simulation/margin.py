@@ -77,14 +77,16 @@ class OpenLoop(NamedTuple):
         """Build the open loop; ``time_step`` in s, ``resonances`` in Hz."""
         period = float(controller.period)
         grid = _frequencies(plant, resonances, 0.5 / period)
-        gains = _controller(controller, grid)
-        driven = np.flatnonzero(np.abs(np.asarray(controller.mapping)).max(axis=1) > 0)
+        channels = servo.lower.shape[0]  # other inputs come after them
+        gains = _controller(controller, grid)[:, :channels]
+        mapping = np.asarray(controller.mapping)[:channels]
+        driven = np.flatnonzero(np.abs(mapping).max(axis=1) > 0)
         rate = 2j * np.pi * grid
         hold = (1 - np.exp(-rate * period)) / (rate * period)
         old = np.exp(-rate * _age(sensor, period, time_step))
         response = np.asarray(servo.response(grid)) * (hold * old)[:, None]
-        loop = np.asarray(controller.mapping) @ plant.response(grid)
-        integrated = np.asarray(controller.ki)[:, None] * loop[0].real
+        loop = mapping @ plant.response(grid)
+        integrated = np.asarray(controller.ki)[:channels, None] * loop[0].real
         loop = gains[:, :, None] * loop * response[:, None, :]
         both = np.ix_(driven, driven)
         return OpenLoop(grid, loop[:, *both], integrated[both])

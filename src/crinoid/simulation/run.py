@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple
@@ -16,10 +14,16 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from crinoid.assembly.actuator import ActuatorParameters
+from crinoid.assembly.parts import Parts
+from crinoid.assembly.plan import Plan
 from crinoid.assembly.prepared import Prepared
+from crinoid.control import Controller, Sensor
 from crinoid.dataset import build_dataset, describe
 from crinoid.dimensionless import with_dimensionless, with_swings
 from crinoid.dynamics import Outcome, State, System
+from crinoid.elements import Element
+from crinoid.flow import Flow
 from crinoid.ledger import find_defect
 from crinoid.loop_health import loop_notes
 from crinoid.notes import notes
@@ -28,7 +32,9 @@ from crinoid.programs import ONCE, compiled
 from crinoid.record import Record
 from crinoid.result import RESULT, UNCONTROLLED, UNFINISHED, Result, named_leaves
 from crinoid.scenario import Scenario
+from crinoid.signals import with_signals
 from crinoid.simulation.continuation import restored
+from crinoid.simulation.ctrl_c import CtrlC
 from crinoid.simulation.failure import start_failure, step_failure
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up
@@ -63,13 +69,27 @@ class SimulationError(RuntimeError):
         self.result = result
 
 
-def simulate(scenario: Scenario, *, report: Report | None = None) -> Result:
+def simulate(
+    scenario: Scenario,
+    *,
+    controller: Controller | Callable[[Plan], Controller] | None = None,
+    elements: Iterable[Element] = (),
+    flows: Iterable[Flow] = (),
+    sensors: Iterable[Sensor] = (),
+    actuators: Iterable[ActuatorParameters] = (),
+    report: Report | None = None,
+) -> Result:
     """Run a scenario; with a controller and ``control.compare``, also the same case without it.
 
     Parameters
     ----------
     scenario
         What to run.
+    controller
+        One of your own in place of the scenario's, or a function that builds it from what is known
+        at the start. The result's scenario has ``control.kind = "custom"``.
+    elements, flows, sensors, actuators
+        Parts of your own that are added to those of the scenario.
     report
         Called between chunks of the run.
 
@@ -80,9 +100,13 @@ def simulate(scenario: Scenario, *, report: Report | None = None) -> Result:
     ScenarioError
         If a file that the scenario names is not what it takes.
     ValueError
-        If the scenario stands for several cases (`crinoid.Scenario.cases`).
+        If the scenario stands for several cases (`crinoid.Scenario.cases`), or an element has
+        windows that the arm has no nodes for.
     """
-    result = play(Prepared(scenario), report=report)
+    parts = Parts(controller, tuple(elements), tuple(flows), tuple(sensors), tuple(actuators))
+    if controller is not None:
+        scenario = scenario.with_values({"control.kind": "custom"})
+    result = play(Prepared(scenario, parts), report=report)
     if result.failure:
         raise SimulationError(result)
     return result
@@ -132,7 +156,7 @@ def play(
     _one_case(scenario)
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
-    with _CtrlC() if stop is None else nullcontext(stop) as asked:
+    with CtrlC() if stop is None else nullcontext(stop) as asked:
         setup = set_up(prepared)
         if tell is not None and setup.loop_doubts:
             tell(setup.loop_doubts)
@@ -254,30 +278,6 @@ def _run(
     return _result(prepared, setup, carry, dataset, trouble, failed, wall_time)
 
 
-class _CtrlC:
-    """Turns the first Ctrl-C into a request to stop after the chunk that is running."""
-
-    def __init__(self) -> None:
-        self._asked = False
-
-    def __call__(self) -> bool:
-        return self._asked
-
-    def __enter__(self) -> _CtrlC:
-        self._main = threading.current_thread() is threading.main_thread()
-        if self._main:  # where alone Python lets signals be handled
-            self._earlier = signal.signal(signal.SIGINT, self._ask)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._main:
-            signal.signal(signal.SIGINT, self._earlier)
-
-    def _ask(self, *_: object) -> None:
-        self._asked = True
-        signal.signal(signal.SIGINT, self._earlier)  # a second one stops at once
-
-
 @compiled(**ONCE)
 def _stand(system: System, state: State) -> State:
     return system.stand(state)
@@ -299,10 +299,11 @@ def _one(record: Record) -> Record:
 
 
 def _builder(prepared: Prepared, setup: Setup) -> Build:
-    system, scenario = setup.loop.system, prepared.scenario
+    loop, scenario = setup.loop, prepared.scenario
 
     def build(kept: Record, before: float | None) -> xr.Dataset:
-        dataset = build_dataset(system, scenario.arm.diameters, kept, before)
+        dataset = build_dataset(loop.system, scenario.arm.diameters, kept, before)
+        dataset = with_signals(dataset, kept, loop.system.inputs, loop.readings)
         return with_dimensionless(dataset, scenario, setup.modes)
 
     return build

@@ -8,14 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.assembly.controller import build_controller, build_feed_forward
+from crinoid.assembly.controller import build_controller, build_feed_forward, padded
 from crinoid.assembly.numbers import array
 from crinoid.assembly.parameters import Parameters
+from crinoid.assembly.parts import Parts
+from crinoid.assembly.plan import Plan
 from crinoid.assembly.prepared import Prepared
-from crinoid.assembly.sensor import build_sensor
+from crinoid.assembly.sensor import build_sensors
 from crinoid.assembly.system import assemble
 from crinoid.assembly.target import build_target
-from crinoid.control import Clock, Pid
+from crinoid.control import Clock, Controller, Pid
 from crinoid.dynamics import Modes, ModesError, Outcome, SmallMotions, State, System, find_modes
 from crinoid.plausibility import Facts, doubts
 from crinoid.programs import ONCE, compiled
@@ -44,7 +46,7 @@ class Setup(NamedTuple):
 def set_up(prepared: Prepared) -> Setup:
     """Assemble the loop of a scenario and find the arm's state at the start."""
     prepared.check()
-    scenario, system = prepared.scenario, prepared.system
+    scenario, system, parts = prepared.scenario, prepared.system, prepared.parts
     control = scenario.control
     mapped = control.kind != "none" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
@@ -62,14 +64,15 @@ def set_up(prepared: Prepared) -> Setup:
     if jacobian is not None and swings_free:
         # the stiffness is singular: what its inverse says is round-off
         jacobian = jnp.full_like(jacobian, jnp.nan)
+    plan = Plan(scenario, prepared.parameters, system, state, jacobian)
     loop = Loop(
         system=system,
-        sensor=build_sensor(scenario),
-        controller=build_controller(scenario, prepared.parameters, jacobian),
-        clock=Clock(array(1.0 / scenario.control_rate_hz)),
+        sensors=(*build_sensors(scenario), *(parts.sensors if parts is not None else ())),
+        controller=_controller(plan, parts),
+        clock=Clock(array(plan.period)),
         switched_on=array(scenario.control.start),
         target=build_target(scenario, prepared.series.get("target"), system, tip),
-        feed_forward=build_feed_forward(scenario, system, jacobian),
+        feed_forward=build_feed_forward(plan),
         enabled=jax.device_put(np.asarray(True)),
     )
     open_loop = None
@@ -78,6 +81,13 @@ def set_up(prepared: Prepared) -> Setup:
         open_loop = _open_loop(loop, small, ends, modes)
     found = loop_doubts(open_loop, control.pid.present) if open_loop is not None else []
     return Setup(loop, state, outcome, modes, told, open_loop, found)
+
+
+def _controller(plan: Plan, parts: Parts | None) -> Controller:
+    if parts is None or parts.controller is None:
+        return build_controller(plan)
+    given = parts.controller
+    return given if isinstance(given, Controller) else given(plan)
 
 
 def _open_loop(
@@ -94,7 +104,7 @@ def _open_loop(
             tip=np.asarray(ends[1]),
         ),
         loop.system.base.servo,
-        loop.sensor,
+        loop.sensors[0],
         loop.controller,
         time_step=float(loop.system.time_step),
         resonances=modes.frequency,
@@ -138,5 +148,5 @@ def with_parameters(loop: Loop, parameters: Parameters) -> Loop:
     return eqx.tree_at(
         lambda x: (x.system, *(getattr(x.controller, name) for name in gains)),
         loop,
-        (system, *gains.values()),
+        (system, *(padded(values, len(system.inputs)) for values in gains.values())),
     )

@@ -53,7 +53,7 @@ class Sink:
         self._stream: Stream | None = None
         self._angle: float | None = None
         self._written = 0.0
-        """What the run had taken when the file was last brought up to date (s)."""
+        """Wall time of the run when the file was last brought up to date (s)."""
 
     def go_on(self, kept: xr.Dataset, carry: LoopState, wall_time: float) -> None:
         """Begin with what an earlier run kept, the first instant included, up to a state.

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from crinoid.actuation import drives
 from crinoid.dynamics import Outcome
 from crinoid.programs import OFTEN, compiled
 from crinoid.record import Record
@@ -16,6 +17,12 @@ def record(loop: Loop, carry: LoopState) -> Record:
     state, books, tally = carry.state, carry.books, carry.tally
     pose, _, _ = loop.system.base.pose(state.time, state.servo)
     strains = loop.system.strains(state)
+    channels = state.servo.position.shape[0]
+    drive = drives(loop.system.actuators, state.actuators)
+    readings = [
+        sensor.reading(samples, state.time).value
+        for sensor, samples in zip(loop.sensors, carry.sensors, strict=True)
+    ]
     spatial = state.frames is not None
     return Record(
         state.time,
@@ -26,9 +33,12 @@ def record(loop: Loop, carry: LoopState) -> Record:
         strains[:, :2] if spatial else strains[:, 0],
         loop.system.tip(state),
         loop.target(state.time),
-        carry.command,
+        carry.command[:channels],
         state.servo.position,
         pose,
+        None if drive is None else carry.command[channels:],
+        drive,
+        jnp.concatenate(readings),
         state.base_force,
         state.base_moment,
         jnp.concatenate([books.energy, books.work]),

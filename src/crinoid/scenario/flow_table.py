@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic import Field
 
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import Seconds
 
-__all__ = ["Onset"]
+__all__ = ["FlowTable"]
 
 
-class Onset(Model):
+class FlowTable(Model):
     """A flow that sets in at a time, at once or along a ramp."""
 
     kind: str
@@ -18,3 +20,11 @@ class Onset(Model):
     ramp_time: Seconds = Field(
         default=0.0, ge=0, description="How long it takes to reach full strength."
     )
+
+    def build(self, scenario: Any, generator: Any) -> Any:
+        """Return the `crinoid.flow.Flow`.
+
+        For tables of installed packages; ``scenario`` is the `crinoid.Scenario` that holds it,
+        ``generator`` a `numpy.random.Generator` for what is random.
+        """
+        raise NotImplementedError

@@ -1,0 +1,1 @@
+"""A load, a current, a sensor, an actuator and a controller for crinoid."""

@@ -1,0 +1,41 @@
+"""Actuators beside the servos of the base: their numbers, and what they make of an arm."""
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+import equinox as eqx
+
+from crinoid.actuation import Actuator
+from crinoid.elements import Element
+from crinoid.rod import Rod
+
+
+class ActuatorParameters(eqx.Module):
+    """The numbers of an actuator: a pytree of arrays, as `crinoid.parameters` holds it."""
+
+    @abstractmethod
+    def assemble(self, rod: Rod, first: int) -> tuple[Actuator, tuple[Element, ...]]:
+        """Return the actuator, and the elements through which it acts; traceable.
+
+        Parameters
+        ----------
+        rod
+            The arm.
+        first
+            Where its drive begins in `crinoid.elements.Motion.drive`.
+        """
+
+
+def assemble_actuators(
+    parameters: Iterable[ActuatorParameters], rod: Rod
+) -> tuple[tuple[Actuator, ...], tuple[Element, ...]]:
+    """Return the actuators of an arm, and all elements through which they act."""
+    actuators: list[Actuator] = []
+    elements: list[Element] = []
+    first = 0
+    for each in parameters:
+        actuator, through = each.assemble(rod, first)
+        actuators.append(actuator)
+        elements.extend(through)
+        first += actuator.drive(actuator.at_rest()).shape[0]
+    return tuple(actuators), tuple(elements)

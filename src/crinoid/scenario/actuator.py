@@ -1,0 +1,49 @@
+"""Actuators beside the servos of the base: kinds that installed packages bring."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from crinoid.scenario.errors import Mistake, shown
+from crinoid.scenario.kinds import KindOf
+from crinoid.scenario.model import Model
+
+__all__ = ["Actuator", "ActuatorTable", "actuator_conflicts"]
+
+
+class ActuatorTable(Model):
+    """Keys that every actuator has."""
+
+    kind: str = Field(description="Kind of actuator, of an installed package.")
+    name: str | None = Field(
+        default=None,
+        pattern="^[a-z][a-z0-9_]*$",
+        description="Name of its inputs; that of its kind if left out.",
+    )
+
+    @property
+    def called(self) -> str:
+        """The name of its inputs."""
+        return self.name or self.kind
+
+    def build(self, scenario: Any) -> Any:
+        """Return the numbers of the actuator, `crinoid.assembly.actuator.ActuatorParameters`.
+
+        ``scenario`` is the `crinoid.Scenario` that holds it.
+        """
+        raise NotImplementedError
+
+
+Actuator = Annotated[ActuatorTable, KindOf("actuators", ActuatorTable)]
+
+
+def actuator_conflicts(actuators: tuple[ActuatorTable, ...]) -> Iterator[Mistake]:
+    """Yield names that two actuators share."""
+    names = [each.called for each in actuators]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            text = f"got {shown(name)}, as actuator.{names.index(name)} is called; takes another"
+            yield Mistake(f"actuator.{index}.name", text)
