@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
+from crinoid.actuation import Input
 from crinoid.dynamics import Outcome, State, System
 from crinoid.dynamics.fold import facing
 from crinoid.ledger import Defect, shorter, turned
@@ -25,6 +28,16 @@ def start_failure(scenario: Scenario, system: System, outcome: Outcome) -> str:
         f"try {_other_base(scenario)}"
         'simulation.start = "rest", loads that come on with ramp_time, or more arm.nodes'
     )
+
+
+def command_failure(inputs: Sequence[Input], command: Sequence[float], time: float) -> str:
+    """Say which inputs were commanded what is no number; empty if none was."""
+    given = {each.name: value for each, value in zip(inputs, command, strict=True)}
+    wrong = [name for name, value in given.items() if not np.isfinite(value)]
+    if not wrong:
+        return ""
+    words = " and ".join(f"{given[name]:g} for {name}" for name in wrong)
+    return f"failed at t = {time:.6g} s: the controller commanded {words}, which is no number"
 
 
 def step_failure(

@@ -35,7 +35,7 @@ from crinoid.scenario import Scenario
 from crinoid.signals import with_signals
 from crinoid.simulation.continuation import restored
 from crinoid.simulation.ctrl_c import CtrlC
-from crinoid.simulation.failure import start_failure, step_failure
+from crinoid.simulation.failure import command_failure, start_failure, step_failure
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.simulation.sink import Build, Sink
@@ -322,7 +322,10 @@ def _result(
     dataset = with_swings(dataset)
     defect = find_defect(dataset, scenario, float(system.settings.floor))
     if failed is not None:
-        trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
+        time = float(carry.state.time)
+        trouble = command_failure(system.inputs, np.asarray(carry.command).tolist(), time)
+        if not trouble:
+            trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
     elif not trouble and defect is not None and defect.failed is not None:
         trouble = defect.failure
     told = [*prepared.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
