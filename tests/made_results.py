@@ -5,16 +5,17 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.dataset import describe
+from crinoid.dataset import coordinates, describe
+from crinoid.elements import ENERGIES, WORKS
 from crinoid.result import Result
 from crinoid.scenario import Scenario
 from crinoid.simulation import Progress
+from crinoid.variables import quantity
 
 
 def case_rows(folder: Path) -> list[dict[str, str]]:
@@ -23,41 +24,51 @@ def case_rows(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def of_values(
+    dimension: int,
+    time: np.ndarray,
+    arc_length: np.ndarray,
+    diameter: np.ndarray,
+    **values: np.ndarray,
+) -> xr.Dataset:
+    """Return the values of variables with the dimensions and units that they have in results."""
+    return xr.Dataset(
+        {name: quantity(name, value, dimension) for name, value in values.items()},
+        coordinates(dimension, time, arc_length, diameter),
+    )
+
+
 def made_result(scenario: Scenario, end: float | None = None, status: str = "ok") -> Result:
     """Return a result of a planar scenario up to a time, of an arm that hardly moves."""
     duration = scenario.simulation.duration if end is None else end
     time = np.linspace(0.0, duration, 5)
     nodes, edges = scenario.arm.nodes, scenario.arm.nodes - 1
+    arc_length = np.linspace(0.0, scenario.arm.length, nodes)
     position = np.zeros((5, nodes, 2))
-    position[..., 0] = np.linspace(0.0, scenario.arm.length, nodes)
+    position[..., 0] = arc_length
     tip = position[:, -1] + 1e-3 * time[:, None]
-    shapes: dict[str, tuple[tuple[str, ...], Any]] = {
-        "position": (("time", "node", "axis"), position),
-        "velocity": (("time", "node", "axis"), 0 * position),
-        "acceleration": (("time", "node", "axis"), 0 * position),
-        "tip_position": (("time", "axis"), tip),
-        "tip_target": (("time", "axis"), position[:, -1]),
-        "tip_error": (("time",), np.linalg.norm(tip - position[:, -1], axis=1)),
-        "tip_angle": (("time",), 0 * time),
-        "tension": (("time", "edge"), np.zeros((5, edges))),
-        "curvature": (("time", "node"), np.zeros((5, nodes))),
-        "base_command": (("time", "channel"), np.zeros((5, 3))),
-        "base_servo": (("time", "channel"), np.zeros((5, 3))),
-        "base_force": (("time", "axis"), np.zeros((5, 2))),
-        "base_moment": (("time",), 0 * time),
-        "energy": (("time", "kind"), np.ones((5, 9))),
-        "steps": (("time",), np.full(5, 10)),
-        "newton_iterations": (("time",), np.full(5, 20)),
-        "residual": (("time",), 0 * time),
-    }
-    dataset = xr.Dataset(
-        {name: (dims, values, {"units": "1"}) for name, (dims, values) in shapes.items()},
-        coords={
-            "time": time,
-            "axis": ["x", "z"],
-            "channel": ["slide", "heave", "tilt"],
-            "kind": list("abcdefghi"),
-        },
+    dataset = of_values(
+        2,
+        time,
+        arc_length,
+        np.full(nodes, 0.04),
+        position=position,
+        velocity=0 * position,
+        acceleration=0 * position,
+        tip_position=tip,
+        tip_target=position[:, -1],
+        tip_error=np.linalg.norm(tip - position[:, -1], axis=1),
+        tip_angle=0 * time,
+        tension=np.zeros((5, edges)),
+        curvature=np.zeros((5, nodes)),
+        base_command=np.zeros((5, 3)),
+        base_servo=np.zeros((5, 3)),
+        base_force=np.zeros((5, 2)),
+        base_moment=0 * time,
+        energy=np.ones((5, len(ENERGIES) + len(WORKS))),
+        steps=np.full(5, 10),
+        newton_iterations=np.full(5, 20),
+        residual=0 * time,
     )
     dataset.attrs = describe(scenario) | {"status": status, "wall_time": 1.0, "notes": ""}
     return Result(dataset, {"state": np.ones(3)})

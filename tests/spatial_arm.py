@@ -1,11 +1,10 @@
 """Results in space that look like runs, for tests of what reads them."""
 
 import numpy as np
-import xarray as xr
 
-ENERGIES = ["kinetic", "elastic", "potential"]
-WORKS = ["drag", "damping", "actuation", "loads", "added_mass"]
-CHANNELS = ["slide", "sway", "heave", "pan", "tilt", "roll"]
+from crinoid.elements import WORKS
+from crinoid.variables import quantity
+from made_results import of_values
 
 
 def frame(pan, tilt, roll):
@@ -101,56 +100,42 @@ def curling_arm(
     works[:, 1] = -1e-4 * time
     works[:, 0] = total - total[0] - works.sum(axis=1) - 1e-6 * time
     force = np.stack([0.2 * unsteady, 0.5 + 0.1 * unsteady, -0.3 + 0.0 * time], axis=-1)
-    vectors = ("time", "node", "axis")
-    return xr.Dataset(
-        {
-            "position": (vectors, position),
-            "velocity": (vectors, velocity),
-            "acceleration": (vectors, rate(velocity)),
-            "tangent": (("time", "edge", "axis"), tangent),
-            "director": (("time", "edge", "axis"), director),
-            "curvature": (("time", "node", "bending"), kappa),
-            "twist": (("time", "edge"), (twists[:, 1:] + twists[:, :-1]) / 2),
-            "tension": (("time", "edge"), np.zeros((records, nodes - 1))),
-            "tip_position": (("time", "axis"), tip),
-            "tip_target": (("time", "axis"), target),
-            "tip_direction": (("time", "axis"), direction),
-            "tip_direction_target": (("time", "axis"), np.tile(direction[0], (records, 1))),
-            "tip_angle": ("time", np.arcsin(direction[:, 2])),
-            "tip_error": ("time", np.linalg.norm(tip - target, axis=-1)),
-            "base_command": (("time", "channel"), np.roll(pose, -1, axis=0)),
-            "base_pose": (("time", "channel"), pose),
-            "base_force": (("time", "axis"), force),
-            "base_moment": (("time", "axis"), 0.3 * np.roll(force, 1, axis=1)),
-            "flow_velocity": (vectors, water),
-            "flow_speed": (("time", "node"), np.linalg.norm(water, axis=-1)),
-            "energy": (
-                ("time", "kind"),
-                np.column_stack([kinetic, elastic, potential, works]),
-            ),
-            "newton_iterations": ("time", np.full(records, 2)),
-            "steps": ("time", np.arange(records)),
-            "residual": ("time", np.full(records, 1e-10)),
-        },
-        coords={
-            "time": ("time", time, {"units": "s"}),
-            "axis": ["x", "y", "z"],
-            "bending": ["kappa_1", "kappa_2"],
-            "channel": CHANNELS,
-            "channel_unit": ("channel", ["m", "m", "m", "rad", "rad", "rad"]),
-            "kind": ENERGIES + WORKS,
-            "arc_length": ("node", arc),
-            "diameter": ("node", np.linspace(0.04, 0.03, nodes)),
-        },
-        attrs={
-            "title": title,
-            "scenario": "[arm]\ndimension = 3\n"
-            f"[base]\ntilt_deg = {tilt_deg}\npan_deg = {pan_deg}\n",
-            "crinoid_version": "0.1.0",
-            "seed": 0,
-            "status": status,
-            "wall_time": 1.0,
-        },
+    return of_values(
+        3,
+        time,
+        arc,
+        np.linspace(0.04, 0.03, nodes),
+        position=position,
+        velocity=velocity,
+        acceleration=rate(velocity),
+        tangent=tangent,
+        director=director,
+        curvature=kappa,
+        twist=(twists[:, 1:] + twists[:, :-1]) / 2,
+        tension=np.zeros((records, nodes - 1)),
+        tip_position=tip,
+        tip_target=target,
+        tip_direction=direction,
+        tip_direction_target=np.tile(direction[0], (records, 1)),
+        tip_angle=np.arcsin(direction[:, 2]),
+        tip_error=np.linalg.norm(tip - target, axis=-1),
+        base_command=np.roll(pose, -1, axis=0),
+        base_pose=pose,
+        base_force=force,
+        base_moment=0.3 * np.roll(force, 1, axis=1),
+        flow_velocity=water,
+        flow_speed=np.linalg.norm(water, axis=-1),
+        energy=np.column_stack([kinetic, elastic, potential, works]),
+        newton_iterations=np.full(records, 2),
+        steps=np.arange(records),
+        residual=np.full(records, 1e-10),
+    ).assign_attrs(
+        title=title,
+        scenario=f"[arm]\ndimension = 3\n[base]\ntilt_deg = {tilt_deg}\npan_deg = {pan_deg}\n",
+        crinoid_version="0.1.0",
+        seed=0,
+        status=status,
+        wall_time=1.0,
     )
 
 
@@ -194,13 +179,15 @@ def among_obstacles(*, drift=0.004, obstacles=OBSTACLES, **changes):
     held = np.any(force != 0, axis=2)
     step = time[1] - time[0] if time.size > 1 else 0.0
     gap = np.where(held, 5e-4, 0.1) * np.ones(len(start))
-    vectors, numbers = ("time", "obstacle", "axis"), ("time", "obstacle")
-    return dataset.assign(
-        obstacle_position=(vectors, start + velocity * time[:, None, None]),
-        obstacle_velocity=(vectors, np.broadcast_to(velocity, (time.size, *velocity.shape))),
-        contact_force=(vectors, force),
-        contact_impulse=(vectors, step * np.cumsum(force, axis=0)),
-        contact_time=(numbers, step * np.cumsum(held, axis=0)),
-        contact_gap=(numbers, gap),
-        contact_closest=(numbers, np.minimum.accumulate(gap, axis=0)),
-    ).assign_attrs(scenario=dataset.attrs["scenario"] + obstacles)
+    found = {
+        "obstacle_position": start + velocity * time[:, None, None],
+        "obstacle_velocity": np.broadcast_to(velocity, (time.size, *velocity.shape)),
+        "contact_force": force,
+        "contact_impulse": step * np.cumsum(force, axis=0),
+        "contact_time": step * np.cumsum(held, axis=0),
+        "contact_gap": gap,
+        "contact_closest": np.minimum.accumulate(gap, axis=0),
+    }
+    found = {name: quantity(name, values, 3) for name, values in found.items()}
+    text = dataset.attrs["scenario"] + obstacles
+    return dataset.assign(found).assign_attrs(scenario=text)

@@ -31,7 +31,8 @@ def slugs(page: Path) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "name", ["make_scenario_reference", "make_notes_page", "make_extending_page"]
+    "name",
+    ["make_scenario_reference", "make_notes_page", "make_extending_page", "make_result_reference"],
 )
 def test_tables_that_are_made_are_up_to_date(name):
     path = DOCS / f"{name}.py"

@@ -7,6 +7,7 @@ import xarray as xr
 import crinoid
 from crinoid.loop_health import comparison, growth, limit_cycle, limits_met, loop_notes
 from crinoid.result import Result
+from crinoid.variables import quantity
 
 TIME = np.arange(0.0, 30.001, 0.02)
 SCENARIO = crinoid.Scenario.from_toml("""
@@ -32,17 +33,18 @@ def made(
     error = error if error.ndim == 2 else np.stack([error, 0 * error], axis=1)
     servo = np.zeros((TIME.size, 3))
     servo[:, 0] = 0.1 if slide is None else slide
+    values = {
+        "tip_position": np.add(error, [0.5, -10.0]),
+        "tip_target": np.add(0 * error, [0.5, -10.0]),
+        "tip_error": np.linalg.norm(error, axis=1),
+        "base_servo": servo,
+        "channel_lower": [0.0, 0.0, -1.0],
+        "channel_upper": [0.2, 0.0, 1.0],
+        "channel_max_speed": [0.1, 0.0, 1.0],
+        "channel_max_acceleration": [2.0, 0.0, 10.0],
+    }
     dataset = xr.Dataset(
-        {
-            "tip_position": (("time", "axis"), np.add(error, [0.5, -10.0])),
-            "tip_target": (("time", "axis"), np.add(0 * error, [0.5, -10.0])),
-            "tip_error": ("time", np.linalg.norm(error, axis=1)),
-            "base_servo": (("time", "channel"), servo),
-            "channel_lower": ("channel", [0.0, 0.0, -1.0]),
-            "channel_upper": ("channel", [0.2, 0.0, 1.0]),
-            "channel_max_speed": ("channel", [0.1, 0.0, 1.0]),
-            "channel_max_acceleration": ("channel", [2.0, 0.0, 10.0]),
-        },
+        {name: quantity(name, value, 2) for name, value in values.items()},
         {"time": TIME, "channel": ["slide", "heave", "tilt"]},
         {"scenario": scenario.to_toml(), "status": "ok", "notes": ""},
     )

@@ -10,18 +10,19 @@ import pytest
 import xarray as xr
 from PIL import Image, ImageChops
 
+from crinoid.elements import WORKS
 from crinoid.report import ReportError, write_report
 from crinoid.report.arm import hull
 from crinoid.report.commands import draw_commands
 from crinoid.report.run import Run
 from crinoid.report.style import STYLE
+from crinoid.variables import large_names, quantity
+from made_results import of_values
 
 FIGURES = [
     *("shape.png", "tip_error.png", "tip_path.png"),
     *("commands.png", "energy.png", "bending.png"),
 ]
-ENERGIES = ["kinetic", "elastic", "potential"]
-WORKS = ["drag", "damping", "actuation", "loads", "added_mass"]
 
 
 def swaying_arm(
@@ -93,45 +94,38 @@ def swaying_arm(
     pose = np.stack([slide, np.zeros_like(time), tilt], axis=-1)
     force = np.stack([0.2 + amplitude, -0.3 + 0.5 * amplitude], axis=-1)
 
-    return xr.Dataset(
-        {
-            "position": (("time", "node", "axis"), position),
-            "velocity": (("time", "node", "axis"), velocity),
-            "acceleration": (("time", "node", "axis"), rate(velocity)),
-            "tangent": (("time", "edge", "axis"), tangent),
-            "curvature": (("time", "node"), curvature),
-            "tension": (("time", "edge"), np.zeros((records, nodes - 1))),
-            "tip_position": (("time", "axis"), tip),
-            "tip_target": (("time", "axis"), target),
-            "tip_angle": ("time", angle[:, -1]),
-            "tip_angle_target": ("time", np.full(records, angle[0, -1])),
-            "tip_error": ("time", np.linalg.norm(tip - target, axis=-1)),
-            "base_command": (("time", "channel"), np.roll(pose, -2, axis=0)),
-            "base_pose": (("time", "channel"), pose),
-            "base_force": (("time", "axis"), force),
-            "base_moment": ("time", 0.05 * amplitude),
-            "flow_velocity": (("time", "node", "axis"), current),
-            "energy": (("time", "kind"), energy),
-            "newton_iterations": ("time", np.full(records, 2)),
-            "steps": ("time", np.arange(records)),
-            "residual": ("time", np.full(records, 1e-10)),
-        },
-        coords={
-            "time": ("time", time, {"units": "s"}),
-            "axis": ["x", "z"],
-            "channel": ["slide", "heave", "tilt"],
-            "kind": ENERGIES + WORKS,
-            "arc_length": ("node", arc),
-            "diameter": ("node", np.linspace(0.04, 0.03, nodes)),
-        },
-        attrs={
-            "title": "Station keeping in a turbulent current",
-            "scenario": f"[base]\ntilt_deg = {tilt_deg:.1f}\n",
-            "crinoid_version": "0.1.0",
-            "seed": seed,
-            "status": status,
-            "wall_time": 1.0,
-        },
+    return of_values(
+        2,
+        time,
+        arc,
+        np.linspace(0.04, 0.03, nodes),
+        position=position,
+        velocity=velocity,
+        acceleration=rate(velocity),
+        tangent=tangent,
+        curvature=curvature,
+        tension=np.zeros((records, nodes - 1)),
+        tip_position=tip,
+        tip_target=target,
+        tip_angle=angle[:, -1],
+        tip_angle_target=np.full(records, angle[0, -1]),
+        tip_error=np.linalg.norm(tip - target, axis=-1),
+        base_command=np.roll(pose, -2, axis=0),
+        base_pose=pose,
+        base_force=force,
+        base_moment=0.05 * amplitude,
+        flow_velocity=current,
+        energy=energy,
+        newton_iterations=np.full(records, 2),
+        steps=np.arange(records),
+        residual=np.full(records, 1e-10),
+    ).assign_attrs(
+        title="Station keeping in a turbulent current",
+        scenario=f"[base]\ntilt_deg = {tilt_deg:.1f}\n",
+        crinoid_version="0.1.0",
+        seed=seed,
+        status=status,
+        wall_time=1.0,
     )
 
 
@@ -288,16 +282,17 @@ def among_obstacles(*, drift=0.01, touching=True, **changes):
     held = np.any(force != 0, axis=2)
     step = time[1] - time[0] if time.size > 1 else 0.0
     gap = np.where(held, 5e-4, 0.1) * np.ones(count)
-    vectors, numbers = ("time", "obstacle", "axis"), ("time", "obstacle")
-    return dataset.assign(
-        obstacle_position=(vectors, place),
-        obstacle_velocity=(vectors, np.full_like(place, drift)),
-        contact_force=(vectors, force),
-        contact_impulse=(vectors, step * np.cumsum(force, axis=0)),
-        contact_time=(numbers, step * np.cumsum(held, axis=0)),
-        contact_gap=(numbers, gap),
-        contact_closest=(numbers, np.minimum.accumulate(gap, axis=0)),
-    ).assign_attrs(scenario=OBSTACLES)
+    found = {
+        "obstacle_position": place,
+        "obstacle_velocity": np.full_like(place, drift),
+        "contact_force": force,
+        "contact_impulse": step * np.cumsum(force, axis=0),
+        "contact_time": step * np.cumsum(held, axis=0),
+        "contact_gap": gap,
+        "contact_closest": np.minimum.accumulate(gap, axis=0),
+    }
+    found = {name: quantity(name, values, 2) for name, values in found.items()}
+    return dataset.assign(found).assign_attrs(scenario=OBSTACLES)
 
 
 @pytest.mark.parametrize(
@@ -392,6 +387,17 @@ def test_a_study_of_which_nothing_is_left_is_drawn(tmp_path):
 
 def spoil_missing(path):
     path.unlink()
+
+
+def test_variables_along_the_arm_may_be_left_out(tmp_path):
+    names = [name for name in large_names(2) if name != "position"]
+    bare = swaying_arm(records=21).drop_vars(names, errors="ignore")
+    save(bare, tmp_path / "result.nc")
+    assert_report(tmp_path)
+    save(bare.drop_vars("position"), tmp_path / "none" / "result.nc")
+    with pytest.raises(ReportError, match=r"output\.variables left out position") as caught:
+        write_report(tmp_path / "none")
+    assert "\n" not in str(caught.value)
 
 
 def spoil_empty(path):

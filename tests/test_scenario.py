@@ -670,16 +670,15 @@ ONE_MISTAKE = {
         "sensor.delay = 200.0",
         "sensor.delay: got 200.0, takes up to 100 (s): at 100 Hz 10000 readings are under way then",
     ),
-    "more than memory holds at the end": (
-        "arm.nodes = 101\nsimulation.duration = 5000.0",
-        "output.interval: keeps 250000 instants of 101 nodes, which need about 8 GB of memory; "
-        "takes a longer one, for 8 GB or less",
+    "variables that there are not": (
+        'output.variables = ["position", "twist"]',
+        'output.variables.1: got "twist", takes "position", "velocity", "acceleration", "tangent", '
+        '"curvature", "tension", "flow_velocity", "flow_speed", "reynolds_number" or '
+        '"reduced_velocity"',
     ),
-    "more than memory holds beside a comparison": (
-        "arm.nodes = 101\nsimulation.duration = 4000.0\nbase.channels.tilt = {}\n"
-        'control.kind = "pid"\ncontrol.pid.tilt.kp = 1.0',
-        "output.interval: keeps 200000 instants of 101 nodes, which need about 9 GB of memory; "
-        "takes a longer one, for 8 GB or less",
+    "no variables": (
+        "output.variables = []",
+        "output.variables: got [], takes a list of names of variables",
     ),
     "a key below the last table": (
         '[vary]\n"arm.length" = [0.4]\ntitle = "mine"',

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,11 +21,15 @@ import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.app import app
 from crinoid.cli.folder import claimed
+from crinoid.cli.tables import run_table
 from crinoid.result import Result, ResultError
+from crinoid.scenario import ScenarioError
 from crinoid.simulation import play
 from crinoid.simulation import run as running
 from crinoid.simulation import sink as sinking
+from crinoid.simulation.room import check_room
 from crinoid.stream import Stream, is_stream, open_lazily, read_checkpoint
+from crinoid.variables import large_names, numbers, of_dimension
 from test_simulation import SCENARIO
 
 # --- the file ----------------------------------------------------------------------------------
@@ -262,6 +267,70 @@ def test_a_disk_that_fills_up_stops_a_run_and_loses_nothing_written(whole, tmp_p
     assert 2 < earlier.dataset.sizes["time"] < 16
     play(Prepared(scenario()), resume=earlier, into=tmp_path).save(tmp_path)
     same(Result.load(tmp_path), whole)
+
+
+# --- its variables -----------------------------------------------------------------------------
+
+
+def test_a_result_has_the_variables_of_the_list_as_they_are_there(whole):
+    there = of_dimension(2, without=("obstacles", "actuators"))
+    assert set(there) == set(whole.dataset.data_vars)
+    for name, variable in there.items():
+        found = whole.dataset[name]
+        assert found.dims == variable.dims, name
+        assert found.attrs["long_name"] == variable.meaning
+        assert found.attrs.get("units", "") == variable.unit
+    sizes = whole.dataset.sizes
+    kept = sum(v.nbytes for v in whole.dataset.data_vars.values() if "time" in v.dims)
+    assert kept == 8 * sizes["time"] * numbers(there.values(), sizes)
+
+
+def test_variables_that_are_not_wanted_are_left_out_of_a_run_that_is_over(whole, tmp_path):
+    bare = scenario().with_values({"output.variables": ["curvature"]})
+    with written_at_each_step():
+        run = play(Prepared(bare), into=tmp_path)
+    run.save(tmp_path)
+    found = Result.load(tmp_path)
+    for one, all_ in ((found, whole), (found.uncontrolled, whole.uncontrolled)):
+        left = set(all_.dataset.data_vars) - set(one.dataset.data_vars)
+        assert left == set(large_names(2)) - {"curvature"}
+        for name in one.dataset.data_vars:
+            np.testing.assert_array_equal(one.dataset[name], all_.dataset[name], str(name))
+    assert found.notes == whole.notes
+    assert run_table(found).row_count == run_table(whole).row_count
+    longer = bare.with_values({"simulation.duration": 0.4})
+    with pytest.raises(
+        ResultError, match=r"no position, which output\.variables may have left out"
+    ):
+        play(Prepared(longer), resume=found)
+
+
+def test_a_run_that_is_interrupted_keeps_all_variables(whole):
+    bare = scenario().with_values({"output.variables": ["curvature"]})
+    wishes = iter([False, True, True, True])
+    with written_at_each_step():
+        part = play(Prepared(bare), stop=lambda: next(wishes))
+    assert part.interrupted
+    assert set(part.dataset.data_vars) >= set(large_names(2))
+    rest = play(Prepared(bare), resume=part)
+    assert set(rest.dataset.data_vars) & set(large_names(2)) == {"curvature"}
+    np.testing.assert_array_equal(rest.dataset["curvature"], whole.dataset["curvature"])
+
+
+def test_what_memory_or_the_disk_cannot_take_is_refused(tmp_path, monkeypatch):
+    large = scenario().with_values({"arm.nodes": 101, "simulation.duration": 5000.0})
+    line = r"output\.interval: keeps 250001 instants of 101 nodes, which need about "
+    with pytest.raises(ScenarioError, match=line + r"11\.\d GB of memory; .* for 8 GB or less"):
+        check_room(large, None)
+    alone = large.with_values({"control.compare": False, "simulation.duration": 4000.0})
+    check_room(alone, None)
+    check_room(large, tmp_path / "new")  # on the disk there is room
+    disk = shutil.disk_usage(tmp_path)._replace(free=10**9)
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: disk)
+    with pytest.raises(
+        ScenarioError, match=line + rf"6.\d* GB on the disk of {tmp_path}; .* 1 GB or"
+    ):
+        check_room(large, tmp_path / "new")
 
 
 # --- the command -------------------------------------------------------------------------------

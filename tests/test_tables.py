@@ -17,6 +17,7 @@ from crinoid.metrics import (
     tip_error,
 )
 from crinoid.result import Result
+from crinoid.variables import quantity
 
 TIME = np.linspace(0.0, 10.0, 101)
 DRIVEN = {
@@ -33,21 +34,21 @@ def made(error, angle=0.0, scenario=None, slide=0.0, force=1.0):
     """Make a planar result of a tip that is off along x, and off in angle."""
     zero = np.zeros_like(TIME)
     error, angle, slide, force = (zero + values for values in (error, angle, slide, force))
-    pairs, channels = ("time", "axis"), ("time", "channel")
     scenario = crinoid.Scenario() if scenario is None else scenario
+    values = {
+        "tip_error": np.abs(error),
+        "tip_position": np.stack([error, zero], axis=1),
+        "tip_angle": angle,
+        "tip_angle_target": zero,
+        "base_servo": np.stack([slide, zero, -10 * slide], axis=1),
+        "base_force": np.stack([3 * force, 4 * force], axis=1),
+        "base_moment": -0.1 * force,
+        "steps": np.ones(TIME.size, dtype=int),
+        "newton_iterations": np.full(TIME.size, 2),
+    }
     return Result(
         xr.Dataset(
-            {
-                "tip_error": ("time", np.abs(error)),
-                "tip_position": (pairs, np.stack([error, zero], axis=1)),
-                "tip_angle": ("time", angle),
-                "tip_angle_target": ("time", zero),
-                "base_servo": (channels, np.stack([slide, zero, -10 * slide], axis=1)),
-                "base_force": (pairs, np.stack([3 * force, 4 * force], axis=1)),
-                "base_moment": ("time", -0.1 * force),
-                "steps": ("time", np.ones(TIME.size, dtype=int)),
-                "newton_iterations": ("time", np.full(TIME.size, 2)),
-            },
+            {name: quantity(name, value, 2) for name, value in values.items()},
             {"time": TIME, "channel": ["slide", "heave", "tilt"]},
             {
                 "title": "made up",

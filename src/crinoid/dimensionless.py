@@ -11,10 +11,9 @@ from jaxtyping import Bool, Float
 from crinoid.dynamics import Modes
 from crinoid.pieces import pieces
 from crinoid.scenario import Scenario
+from crinoid.variables import quantity
 
 Vectors = Float[np.ndarray, "time node axis"]
-Variables = dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]
-"""Dimensions, values, units and meaning by name."""
 
 MOTION = ("flow_velocity", "velocity", "tangent")
 """Variables that tell how the water moves past the arm."""
@@ -34,23 +33,11 @@ def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | N
     diameter = dataset["diameter"].values
     if scenario.water.density == 0 or diameter.min() == 0:
         return dataset
-    found: Variables = {
-        "reynolds_number": (
-            ("time", "node"),
-            np.linalg.norm(_relative(dataset), axis=2)
-            * diameter
-            / scenario.water.kinematic_viscosity,
-            "1",
-            "Reynolds number of the water's velocity relative to the arm",
-        )
-    }
+    speed = np.linalg.norm(_relative(dataset), axis=2)
+    found = {"reynolds_number": speed * diameter / scenario.water.kinematic_viscosity}
     if first > 0:
-        found["reduced_velocity"] = (
-            ("time", "node"),
-            np.linalg.norm(normal_velocity(dataset), axis=2) / (first * diameter),
-            "1",
-            "relative velocity across the arm over first natural frequency and diameter",
-        )
+        across_it = np.linalg.norm(normal_velocity(dataset), axis=2)
+        found["reduced_velocity"] = across_it / (first * diameter)
     return _with(dataset, found)
 
 
@@ -61,49 +48,22 @@ def with_swings(dataset: xr.Dataset) -> xr.Dataset:
     swings = Swings.of_nothing()
     for piece in pieces(dataset, MOTION, overlap=True):
         swings = swings.followed_by(Swings.of(normal_velocity(piece), piece["time"].values))
-    number = (
-        ("node",),
-        swings.keulegan_carpenter(dataset["diameter"].values),
-        "1",
-        "Keulegan-Carpenter number of the swings of the relative velocity across the arm",
-    )
+    number = swings.keulegan_carpenter(dataset["diameter"].values)
     return _with(dataset, {"keulegan_carpenter": number})
 
 
 def _with_modes(dataset: xr.Dataset, modes: Modes) -> xr.Dataset:
     number = ("mode", np.arange(1, modes.frequency.size + 1), {"long_name": "slowest first"})
     axes = dataset.sizes["axis"]
-    found: Variables = {
-        "natural_frequency": (
-            ("mode",),
-            modes.frequency,
-            "Hz",
-            "natural frequencies of the arm as it starts",
-        ),
-        "mode_shape": (
-            ("mode", "node", "axis"),
-            modes.shape[..., :axes],
-            "1",
-            "how the nodes move in a mode, 1 at most",
-        ),
-    }
+    found = {"natural_frequency": modes.frequency, "mode_shape": modes.shape[..., :axes]}
     if modes.shape.shape[2] > axes:
-        found["mode_spin"] = (
-            ("mode", "edge"),
-            modes.shape[:, 1:, axes],
-            "rad m-1",
-            "how the edges spin about themselves in a mode, 1 at most",
-        )
+        found["mode_spin"] = modes.shape[:, 1:, axes]
     return _with(dataset.assign_coords(mode=number), found)
 
 
-def _with(dataset: xr.Dataset, found: Variables) -> xr.Dataset:
-    return dataset.assign(
-        {
-            name: (dims, values, {"units": units, "long_name": meaning})
-            for name, (dims, values, units, meaning) in found.items()
-        }
-    )
+def _with(dataset: xr.Dataset, found: dict[str, np.ndarray]) -> xr.Dataset:
+    axes = dataset.sizes["axis"]
+    return dataset.assign({name: quantity(name, found[name], axes) for name in found})
 
 
 def spinning(dataset: xr.Dataset) -> Bool[np.ndarray, " mode"]:

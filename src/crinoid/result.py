@@ -17,6 +17,7 @@ from crinoid.pieces import piece_length, pieces
 from crinoid.replacement import replacing
 from crinoid.scenario import Scenario
 from crinoid.stream import is_stream, open_lazily, read_checkpoint, remove_checkpoints
+from crinoid.variables import of_dimension
 from crinoid.version import __version__
 
 RESULT = "result.nc"
@@ -25,31 +26,12 @@ UNFINISHED = "unfinished: it is still run, or the program was killed; --resume g
 """Status in a file that grows."""
 _CHECKPOINT = "checkpoint"
 
-_REQUIRED = {
-    "time": ("time",),
-    "position": ("time", "node", "axis"),
-    "velocity": ("time", "node", "axis"),
-    "acceleration": ("time", "node", "axis"),
-    "tip_position": ("time", "axis"),
-    "tip_target": ("time", "axis"),
-    "tip_error": ("time",),
-    "base_command": ("time", "channel"),
-    "base_servo": ("time", "channel"),
-    "base_force": ("time", "axis"),
-    "energy": ("time", "kind"),
-    "steps": ("time",),
-    "newton_iterations": ("time",),
-    "residual": ("time",),
-}
-"""Numbers without which a file is no result; there are more."""
-_OVER = {
-    "axis": "axis",
-    "channel": "channel",
-    "kind": "kind",
-    "base_moment": "time",
-    "tip_angle": "time",
-}
-"""Labels, and numbers that may have other dimensions as well, by a dimension of theirs."""
+_REQUIRED = (
+    *("tip_position", "tip_target", "tip_error", "tip_angle"),
+    *("base_command", "base_servo", "base_force", "base_moment"),
+    *("energy", "steps", "newton_iterations", "residual"),
+)
+"""Variables without which a file is no result; there are more."""
 
 Tree = TypeVar("Tree")
 
@@ -248,15 +230,17 @@ def _read(path: Path, lazily: bool) -> Result:
     except Exception as error:  # a file that is broken makes its readers raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ResultError(f"{path}: not a result of crinoid ({reason})") from error
-    for name, dims in _REQUIRED.items():
+    for name in ("time", "axis", "channel", "kind"):
+        if name not in dataset.variables or dataset[name].dims != (name,):
+            raise ResultError(f"{path}: not a result of crinoid, it has no {name} over {name}")
+    for name in _REQUIRED:
         if name not in dataset.variables:
             raise ResultError(f"{path}: not a result of crinoid, it has no {name}")
-        if dataset[name].dims != dims or dataset[name].dtype.kind not in "fi":
+    for name, variable in of_dimension(dataset.sizes["axis"]).items():
+        found = dataset.variables.get(name)
+        if found is not None and (found.dims != variable.dims or found.dtype.kind not in "fi"):
             text = f"not a result of crinoid, its {name} is no array of numbers over "
-            raise ResultError(f"{path}: {text}{', '.join(dims)}")
-    for name, dim in _OVER.items():
-        if name not in dataset.variables or dim not in dataset[name].dims:
-            raise ResultError(f"{path}: not a result of crinoid, it has no {name} over {dim}")
+            raise ResultError(f"{path}: {text}{', '.join(variable.dims)}")
     if not dataset.sizes["time"]:
         raise ResultError(f"{path}: not a result of crinoid, it holds no instant")
     for name, kind in {"status": str, "scenario": str, "wall_time": float}.items():

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from crinoid.actuation import Input
 from crinoid.record import Record
 from crinoid.space import CHANNEL_TABLE
+from crinoid.variables import quantity
 
 _CHANNELS = {channel.name for channel in CHANNEL_TABLE}
 
@@ -36,9 +37,7 @@ def with_signals(
     """
     names, units = [name for name, _ in readings], [unit for _, unit in readings]
     dataset = dataset.assign(
-        sensor_reading=_signal(
-            "reading", kept.reading, "newest known readings of the sensors", "reading_unit"
-        )
+        sensor_reading=_signal("sensor_reading", kept.reading)
     ).assign_coords(
         reading=("reading", names, {"long_name": "sensor and value"}),
         reading_unit=("reading", units, {"long_name": "unit of sensor_reading"}),
@@ -47,8 +46,8 @@ def with_signals(
     if kept.drive is None or kept.drive_command is None:
         return dataset
     return dataset.assign(
-        actuator_command=_signal("input", kept.drive_command, "commands of the actuators"),
-        actuator_state=_signal("input", kept.drive, "what the actuators drive the arm with"),
+        actuator_command=_signal("actuator_command", kept.drive_command),
+        actuator_state=_signal("actuator_state", kept.drive),
     ).assign_coords(
         input=("input", [each.name for each in others], {"long_name": "input of an actuator"}),
         input_unit=(
@@ -62,7 +61,7 @@ def with_signals(
 
 
 def _signal(
-    dim: str, values: ArrayLike, meaning: str, unit: str = "input_unit"
-) -> tuple[tuple[str, str], np.ndarray, dict[str, str]]:
-    # CF has no unit for a mixture
-    return ("time", dim), np.asarray(values), {"long_name": meaning, "comment": f"in {unit}"}
+    name: str, values: ArrayLike
+) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
+    dims, values, about = quantity(name, np.asarray(values), 2)
+    return dims, values, about | {"comment": f"in {dims[-1]}_unit"}  # CF has none for a mixture

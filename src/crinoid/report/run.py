@@ -103,6 +103,9 @@ def open_result(path: Path) -> xr.Dataset:
     dataset = load(path)
     for name, dims in _REQUIRED.items():
         if name not in dataset:
+            if "crinoid_version" in dataset.attrs and name == "position":
+                text = "output.variables left out position, which all figures need"
+                raise ReportError(f"{path}: {text}")
             raise ReportError(f"{path}: not a crinoid result, it has no variable {name!r}")
         if dataset[name].dims != dims:
             raise ReportError(

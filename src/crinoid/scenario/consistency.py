@@ -17,6 +17,7 @@ from crinoid.scenario.simulation import Output, Simulation, not_whole, whole_ste
 from crinoid.scenario.target import Target
 from crinoid.scenario.water import Water
 from crinoid.space import AXES, CHANNELS, LARGEST_TURN, PARTNERS
+from crinoid.variables import large_names, of_dimension
 
 __all__ = [
     "channel_conflicts",
@@ -30,15 +31,9 @@ __all__ = [
     "rate_conflicts",
     "record_conflicts",
     "shape_conflicts",
-    "size_conflicts",
     "wave_conflicts",
 ]
 
-_MAX_BYTES = 8e9
-_BYTES_OF_A_RESULT = {2: 125, 3: 205}
-"""Bytes of a node at an instant, by dimension; obstacles come on top."""
-_BYTES_AT_THE_END = {2: 330, 3: 550}
-"""Bytes that the same takes, measured, where a result is put together from what a run kept."""
 _MAX_READINGS = 10_000
 """Readings under way at once: all are moved at each time step."""
 _MAX_CORRELATION_TIMES = 50_000
@@ -237,8 +232,13 @@ def contact_conflicts(arm: Arm, obstacles: tuple[Obstacle, ...]) -> Iterator[Mis
         yield Mistake("arm.section.diameter", text)
 
 
-def output_conflicts(output: Output, simulation: Simulation) -> Iterator[Mistake]:
-    """Yield an interval that no number of time steps fills."""
+def output_conflicts(output: Output, simulation: Simulation, dimension: int) -> Iterator[Mistake]:
+    """Yield variables that there are not, and an interval that no number of time steps fills."""
+    there = of_dimension(dimension)
+    for index, name in enumerate(output.variables or ()):
+        if name not in there:
+            text = f"got {shown(name)}, takes {one_of(large_names(dimension))}"
+            yield Mistake(f"output.variables.{index}", text)
     interval = output.interval
     if interval is None:
         return
@@ -248,13 +248,3 @@ def output_conflicts(output: Output, simulation: Simulation) -> Iterator[Mistake
     elif steps > simulation.steps:
         text = f"got {interval}, takes up to simulation.duration = {simulation.duration} (s)"
         yield Mistake("output.interval", text)
-
-
-def size_conflicts(arm: Arm, instants: int, *, compared: bool) -> Iterator[Mistake]:
-    """Yield a result that no memory holds: all of it is kept until the end of a run."""
-    each = _BYTES_AT_THE_END[arm.dimension] + compared * _BYTES_OF_A_RESULT[arm.dimension]
-    size = instants * arm.nodes * each
-    if size > _MAX_BYTES:
-        text = f"keeps {instants} instants of {arm.nodes} nodes, which need about "
-        text += f"{size / 1e9:.0f} GB of memory; takes a longer one, for {_MAX_BYTES / 1e9:.0f} GB "
-        yield Mistake("output.interval", f"{text}or less")

@@ -26,7 +26,6 @@ from crinoid.scenario.consistency import (
     rate_conflicts,
     record_conflicts,
     shape_conflicts,
-    size_conflicts,
     wave_conflicts,
 )
 from crinoid.scenario.control import Control
@@ -280,10 +279,7 @@ class Scenario(Model):
         yield from sensor_conflicts(self.sensors)
         yield from actuator_conflicts(self.actuator)
         yield from contact_conflicts(self.arm, self.obstacle)
-        yield from output_conflicts(self.output, self.simulation)
-        compared = self.control.kind != "none" and self.control.compare
-        instants = self.simulation.steps // self.output_steps
-        yield from size_conflicts(self.arm, instants, compared=compared)
+        yield from output_conflicts(self.output, self.simulation, dimension)
         if self.vary:
             yield from self._case_conflicts()
 

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from crinoid.scenario.errors import Mistake
 from crinoid.scenario.model import Model
-from crinoid.scenario.quantity import Quantity, Seconds
+from crinoid.scenario.quantity import AsTuple, Quantity, Seconds
 
 __all__ = ["Output", "Simulation", "not_whole", "whole_steps"]
 
@@ -111,13 +111,26 @@ class Simulation(Model):
 
 
 class Output(Model):
-    """Instants of a run that are saved."""
+    """Instants and variables of a run that are saved."""
 
     interval: Seconds | None = Field(
         default=None,
         gt=0,
         description="Time between saved states, a whole number of time steps; 0.02 s if left out, "
         "or the nearest that fits.",
+    )
+    variables: (
+        Annotated[
+            tuple[str, ...],
+            AsTuple,
+            Field(min_length=1),
+            Quantity(takes="a list of names of variables"),
+        ]
+        | None
+    ) = Field(
+        default=None,
+        description="Variables to save of those along the arm ([result.md](result.md#variables)); "
+        "all if left out. What has no number for each node or edge is always saved.",
     )
 
 

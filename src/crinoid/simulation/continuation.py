@@ -59,7 +59,7 @@ def _check_variables(kept: xr.Dataset, first: xr.Dataset) -> None:
     for name, wanted in first.variables.items():
         found = kept.variables.get(name)
         if found is None:
-            raise ResultError(f"it has no {name}")
+            raise ResultError(f"it has no {name}, which output.variables may have left out")
         shape = tuple(sizes[dim] for dim in wanted.dims)
         if (found.dims, found.shape) != (wanted.dims, shape):
             raise ResultError(f"its {name} has the shape {found.shape}, not {shape}")

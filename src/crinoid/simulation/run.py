@@ -12,33 +12,30 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 
 from crinoid.assembly.actuator import ActuatorParameters
 from crinoid.assembly.parts import Parts
 from crinoid.assembly.plan import Plan
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Controller, Sensor
-from crinoid.dataset import build_dataset, describe
-from crinoid.dimensionless import with_dimensionless, with_swings
-from crinoid.dynamics import Outcome, State, System
+from crinoid.dataset import chosen
+from crinoid.dynamics import State, System
 from crinoid.elements import Element
 from crinoid.flow import Flow
-from crinoid.ledger import find_defect
 from crinoid.loop_health import loop_notes
-from crinoid.notes import notes
 from crinoid.plausibility import AT_REST, doubts
 from crinoid.programs import ONCE, compiled
 from crinoid.record import Record
-from crinoid.result import RESULT, UNCONTROLLED, UNFINISHED, Result, named_leaves
+from crinoid.result import RESULT, UNCONTROLLED, UNFINISHED, Result
 from crinoid.scenario import Scenario
-from crinoid.signals import with_signals
+from crinoid.simulation.conclusion import attributes_of, builder, conclude
 from crinoid.simulation.continuation import restored
 from crinoid.simulation.ctrl_c import CtrlC
-from crinoid.simulation.failure import command_failure, start_failure, step_failure
+from crinoid.simulation.failure import start_failure
 from crinoid.simulation.loop import Loop, LoopState
+from crinoid.simulation.room import check_room
 from crinoid.simulation.setup import Setup, set_up
-from crinoid.simulation.sink import Build, Sink
+from crinoid.simulation.sink import Sink
 from crinoid.simulation.stretch import record, stretch
 
 _CAPACITY = 256
@@ -148,12 +145,14 @@ def play(
     ResultError
         If ``resume`` is no result that this scenario can go on from.
     ScenarioError
-        If a file that the scenario names is not what it takes, or the controller cannot work.
+        If a file that the scenario names is not what it takes, the controller cannot work, or
+        there is not the room for what is to be kept.
     ValueError
         If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
     scenario = prepared.scenario
     _one_case(scenario)
+    check_room(scenario, into)
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
     with CtrlC() if stop is None else nullcontext(stop) as asked:
@@ -171,6 +170,10 @@ def play(
             path = None if into is None else into / UNCONTROLLED
             result.uncontrolled = _run(prepared, idle, "uncontrolled", report, earlier, asked, path)
     result.dataset.attrs["notes"] = "\n".join([*result.notes, *loop_notes(result)])
+    if not result.interrupted:  # else what is to go on needs all
+        for run in (result, result.uncontrolled):
+            if run is not None:
+                run.dataset = chosen(run.dataset, scenario.output.variables)
     return result
 
 
@@ -205,8 +208,8 @@ def settle(prepared: Prepared) -> Result:
     carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
     trouble = start_failure(prepared.scenario, setup.loop.system, setup.outcome)
-    dataset = _builder(prepared, setup)(_one(first), None)
-    result = _result(prepared, setup, carry, dataset, trouble, None, wall_time)
+    dataset = builder(prepared, setup)(_one(first), None)
+    result = conclude(prepared, setup, carry, dataset, trouble, None, wall_time)
     if result.failure:
         raise SimulationError(result)
     return result
@@ -214,7 +217,11 @@ def settle(prepared: Prepared) -> Result:
 
 def at_rest(scenario: Scenario) -> Scenario:
     """Return the scenario of which the result of `equilibrium` tells."""
-    still: dict[str, object] = {"simulation.start": "equilibrium", "control.kind": "none"}
+    still: dict[str, object] = {
+        "simulation.start": "equilibrium",
+        "control.kind": "none",
+        "output.variables": None,  # of one instant all are saved
+    }
     if scenario.target.feed_forward:
         still["target.feed_forward"] = False
     return scenario.with_values(still)
@@ -238,8 +245,8 @@ def _run(
     stride = scenario.output_steps
     duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = _begin(loop, setup.state)
-    build = _builder(prepared, setup)
-    sink = Sink(_one(first), build, path, _attributes(prepared, UNFINISHED, 0.0, []))
+    build = builder(prepared, setup)
+    sink = Sink(_one(first), build, path, attributes_of(prepared, UNFINISHED, 0.0, []))
     spent = 0.0
     if earlier is not None:
         carry, held = restored(earlier, carry, build(_one(first), None), stride)
@@ -275,7 +282,7 @@ def _run(
     if done < total and not (trouble or failed):
         trouble = f"interrupted at t = {float(carry.state.time):.6g} s"
     dataset = sink.close(carry, wall_time)
-    return _result(prepared, setup, carry, dataset, trouble, failed, wall_time)
+    return conclude(prepared, setup, carry, dataset, trouble, failed, wall_time)
 
 
 @compiled(**ONCE)
@@ -296,52 +303,3 @@ _keep = compiled(**ONCE)(record)
 
 def _one(record: Record) -> Record:
     return jax.tree.map(lambda x: np.asarray(x)[None], record)
-
-
-def _builder(prepared: Prepared, setup: Setup) -> Build:
-    loop, scenario = setup.loop, prepared.scenario
-
-    def build(kept: Record, before: float | None) -> xr.Dataset:
-        dataset = build_dataset(loop.system, scenario.arm.diameters, kept, before)
-        dataset = with_signals(dataset, kept, loop.system.inputs, loop.readings)
-        return with_dimensionless(dataset, scenario, setup.modes)
-
-    return build
-
-
-def _result(
-    prepared: Prepared,
-    setup: Setup,
-    carry: LoopState,
-    dataset: xr.Dataset,
-    trouble: str,
-    failed: Outcome | None,
-    wall_time: float,
-) -> Result:
-    scenario, system = prepared.scenario, setup.loop.system
-    dataset = with_swings(dataset)
-    defect = find_defect(dataset, scenario, float(system.settings.floor))
-    if failed is not None:
-        time = float(carry.state.time)
-        trouble = command_failure(system.inputs, np.asarray(carry.command).tolist(), time)
-        if not trouble:
-            trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
-    elif not trouble and defect is not None and defect.failed is not None:
-        trouble = defect.failure
-    told = [*prepared.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
-    if defect is not None and defect.told not in trouble:
-        told.append(defect.note)
-    dataset.attrs = _attributes(prepared, trouble or "ok", wall_time, told)
-    return Result(dataset, named_leaves(carry))
-
-
-def _attributes(
-    prepared: Prepared, status: str, wall_time: float, told: list[str]
-) -> dict[str, object]:
-    return describe(prepared.scenario) | {
-        "status": status,
-        "wall_time": wall_time,
-        "notes": "\n".join(told),
-        # as sha256sum writes and checks it
-        "files": "\n".join(f"{digest}  {file}" for file, digest in prepared.digests.items()),
-    }

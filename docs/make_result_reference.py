@@ -1,0 +1,54 @@
+"""Write the tables of variables of `docs/result.md` from the list of them.
+
+    python docs/make_result_reference.py
+
+Run it after a change to `crinoid.variables`; `tests/test_docs.py` asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from crinoid.variables import VARIABLES, Variable
+
+PAGE = Path(__file__).with_name("result.md")
+BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
+
+_GROUPS = {
+    ("", "plane"): "",
+    ("space",): "With `arm.dimension = 3` every `axis` has three labels. There is no "
+    "`tip_angle_target`, and these variables are new or of another shape.",
+    ("obstacles",): "With `[[obstacle]]` there are also",
+    ("actuators",): "With actuators beside the base's channels there are also",
+}
+
+
+def reference() -> str:
+    """Return the tables, those of an arm in space and of obstacles apart."""
+    return "\n\n".join(
+        "\n\n".join(filter(None, [text, _table(each for each in VARIABLES if each.where in where)]))
+        for where, text in _GROUPS.items()
+    )
+
+
+def updated(text: str) -> str:
+    """Return a page with its tables renewed."""
+    before, rest = text.split(BEGIN)
+    _, after = rest.split(END)
+    return f"{before}{BEGIN}\n\n{reference()}\n\n{END}{after}"
+
+
+def _table(variables: Iterable[Variable]) -> str:
+    rows = ["| Name | Dimensions | Unit | Meaning |", "|---|---|---|---|", *map(_row, variables)]
+    return "\n".join(rows)
+
+
+def _row(variable: Variable) -> str:
+    unit = variable.unit or f"by `{variable.dims[-1]}_unit`"
+    meaning = f"{variable.meaning}; {variable.more}" if variable.more else variable.meaning
+    return f"| `{variable.name}` | {', '.join(variable.dims)} | {unit} | {meaning} |"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(updated(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
