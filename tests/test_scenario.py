@@ -226,7 +226,7 @@ ONE_MISTAKE = {
     ),
     "unknown key like no other": (
         "output.zzz = 1",
-        "output.zzz: unknown key, takes interval",
+        "output.zzz: unknown key, takes interval, variables",
     ),
     "unknown table": ("[watr]", "watr: unknown key; did you mean water?"),
     "wrong type": (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -31,7 +32,8 @@ _REQUIRED = (
     *("base_command", "base_servo", "base_force", "base_moment"),
     *("energy", "steps", "newton_iterations", "residual"),
 )
-"""Variables without which a file is no result; there are more."""
+_MOTION = ("position", "velocity", "acceleration")
+"""Variables without which a file is no result, and those that a scenario may leave out."""
 
 Tree = TypeVar("Tree")
 
@@ -233,20 +235,29 @@ def _read(path: Path, lazily: bool) -> Result:
     for name in ("time", "axis", "channel", "kind"):
         if name not in dataset.variables or dataset[name].dims != (name,):
             raise ResultError(f"{path}: not a result of crinoid, it has no {name} over {name}")
-    for name in _REQUIRED:
+    for name in (*_REQUIRED, *(() if _has_left_out(dataset) else _MOTION)):
         if name not in dataset.variables:
             raise ResultError(f"{path}: not a result of crinoid, it has no {name}")
-    for name, variable in of_dimension(dataset.sizes["axis"]).items():
+    expected = {name: each.dims for name, each in of_dimension(dataset.sizes["axis"]).items()}
+    for name, dims in {"time": ("time",), **expected}.items():
         found = dataset.variables.get(name)
-        if found is not None and (found.dims != variable.dims or found.dtype.kind not in "fi"):
+        if found is not None and (found.dims != dims or found.dtype.kind not in "fi"):
             text = f"not a result of crinoid, its {name} is no array of numbers over "
-            raise ResultError(f"{path}: {text}{', '.join(variable.dims)}")
+            raise ResultError(f"{path}: {text}{', '.join(dims)}")
     if not dataset.sizes["time"]:
         raise ResultError(f"{path}: not a result of crinoid, it holds no instant")
     for name, kind in {"status": str, "scenario": str, "wall_time": float}.items():
         if not isinstance(dataset.attrs.get(name), kind):
             raise ResultError(f"{path}: not a result of crinoid, it does not say its {name}")
     return Result(dataset, checkpoint)
+
+
+def _has_left_out(dataset: xr.Dataset) -> bool:
+    """Tell whether the scenario of a result leaves out variables."""
+    try:
+        return "variables" in tomllib.loads(str(dataset.attrs.get("scenario"))).get("output", {})
+    except tomllib.TOMLDecodeError:
+        return False
 
 
 def _kind(leaf: np.ndarray | None) -> str:
