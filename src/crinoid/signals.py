@@ -36,9 +36,7 @@ def with_signals(
         Name and unit of each value that the sensors give.
     """
     names, units = [name for name, _ in readings], [unit for _, unit in readings]
-    dataset = dataset.assign(
-        sensor_reading=_signal("sensor_reading", kept.reading)
-    ).assign_coords(
+    dataset = dataset.assign(sensor_reading=_signal("sensor_reading", kept.reading)).assign_coords(
         reading=("reading", names, {"long_name": "sensor and value"}),
         reading_unit=("reading", units, {"long_name": "unit of sensor_reading"}),
     )
@@ -60,8 +58,6 @@ def with_signals(
     )
 
 
-def _signal(
-    name: str, values: ArrayLike
-) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
-    dims, values, about = quantity(name, np.asarray(values), 2)
-    return dims, values, about | {"comment": f"in {dims[-1]}_unit"}  # CF has none for a mixture
+def _signal(name: str, values: ArrayLike) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
+    dims, found, about = quantity(name, np.asarray(values), 2)
+    return dims, found, about | {"comment": f"in {dims[-1]}_unit"}  # CF has none for a mixture

@@ -176,7 +176,10 @@ VARIABLES = (
 
 
 def of_dimension(dimension: int, *, without: Iterable[str] = ()) -> dict[str, Variable]:
-    """Return the variables of a planar (2) or spatial (3) arm by name, ``without`` obstacles, ..."""
+    """Return the variables of a planar (2) or spatial (3) arm by name.
+
+    ``without`` "obstacles" or "actuators" those of these are left out.
+    """
     left = {"space" if dimension == 2 else "plane", *without}
     return {each.name: each for each in VARIABLES if each.where not in left}
 
