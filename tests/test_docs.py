@@ -4,10 +4,12 @@ import ast
 import importlib.util
 import re
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import crinoid
+from crinoid import tables
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -66,6 +68,22 @@ def test_tests_in_the_text_exist(page):
     for file, name in re.findall(r"(tests/\w+\.py)::(\w+)", page.read_text("utf-8")):
         defined = ast.parse((ROOT / file).read_text("utf-8")).body
         assert name in {node.name for node in defined if isinstance(node, ast.FunctionDef)}, name
+
+
+@pytest.mark.parametrize("module", [crinoid, tables], ids=lambda module: module.__name__)
+def test_every_public_name_is_in_the_reference(module):
+    reference = "\n".join(page.read_text("utf-8") for page in (DOCS / "api").glob("*.rst"))
+    listed = set(re.findall(r"^(?: {3}|\.\. auto\w+:: |``)(\w+)(?:``.*)?$", reference, re.M))
+    held = {name for name, value in vars(module).items() if not isinstance(value, ModuleType)}
+    public = getattr(module, "__all__", {name for name in held if not name.startswith("_")})
+    assert set(public) <= listed
+
+
+def test_every_page_is_in_the_site():
+    written = {page.stem for page in DOCS.glob("*.md")} - {"index"}
+    written |= {f"api/{page.stem}" for page in (DOCS / "api").glob("*.rst")}
+    listed = re.findall(r"^[\w/]+$", (DOCS / "index.md").read_text("utf-8"), re.M)
+    assert sorted(listed) == sorted(written)
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,11 @@ class Onset(eqx.Module):
     """
 
     start: Float[Array, "*count"]
+    """When it begins (s)."""
     ramp_time: Float[Array, "*count"]
+    """How long it takes to reach 1 (s)."""
     stop: Float[Array, "*count"]
-    """Infinite for what stays."""
+    """When it ends (s); infinite for what stays."""
 
     @staticmethod
     def of(
@@ -28,7 +30,7 @@ class Onset(eqx.Module):
         *,
         shape: tuple[int, ...] = (),
     ) -> "Onset":
-        """Build the onset of ``shape`` windows that come on together."""
+        """Build the onset of ``shape`` windows that come on together; times in s."""
         times = (start, ramp_time, stop)
         return Onset(*(jnp.broadcast_to(jnp.asarray(time, float), shape) for time in times))
 

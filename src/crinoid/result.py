@@ -48,9 +48,10 @@ class Result:
     Parameters
     ----------
     dataset
-        Its data.
+        Its data, in SI units and rad: variables over time, with the scenario among the attributes.
     checkpoint
-        The state at the end, as `named_leaves` gives it; nothing where there is none to go on from.
+        The arrays of the state at the end by their path, such as ``state.motion.position``; nothing
+        where there is none to go on from.
     uncontrolled
         The same case without control.
     """

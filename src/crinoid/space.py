@@ -6,6 +6,7 @@ By the number of axes, 2 or 3. A planar arm moves in x (forward) and z (up); y i
 from typing import NamedTuple
 
 AXES = {2: ("x", "z"), 3: ("x", "y", "z")}
+"""Names of the axes: x forward, y to port, z up."""
 
 
 class Channel(NamedTuple):

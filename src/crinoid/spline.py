@@ -20,7 +20,7 @@ _EVEN = 1e-9
 class PiecewisePolynomial(eqx.Module):
     """A function of time with values of shape ``(c,)``; held constant outside its knots.
 
-    Built from any SciPy piecewise polynomial (`CubicSpline`, `shape_preserving`, ...), so how the
+    Built from any SciPy piecewise polynomial (``CubicSpline``, `shape_preserving`, ...), so how the
     points are joined is the caller's choice.
     """
 

@@ -20,9 +20,9 @@ class ActuatorParameters(eqx.Module):
         Parameters
         ----------
         rod
-            The arm.
+            The arm: its reference shape and its sections.
         first
-            Where its drive begins in `crinoid.elements.Motion.drive`.
+            Where its drive begins in `crinoid.Motion.drive`.
         """
 
 

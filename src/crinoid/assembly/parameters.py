@@ -161,7 +161,7 @@ class SimulationParameters(eqx.Module):
 
 
 class Parameters(eqx.Module):
-    """All numbers that a `System` is assembled from, and the gains; a pytree of arrays.
+    """All numbers that a `crinoid.System` is assembled from, and the gains; a pytree of arrays.
 
     Made by `crinoid.parameters`, taken by `crinoid.assemble`.
     """

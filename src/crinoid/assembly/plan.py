@@ -28,9 +28,11 @@ class Plan:
     """An arm at its start, and what is wanted of its controller."""
 
     scenario: Scenario
+    """The scenario that is run."""
     parameters: Parameters
     """The numbers of the scenario."""
     system: System
+    """The arm, its base and the water as arrays."""
     state: State
     """The arm at the start."""
     jacobian: Float[Array, "pose channel"] | None
@@ -48,10 +50,11 @@ class Plan:
         return 1.0 / self.scenario.control_rate_hz
 
     def mapping(self, driven: Iterable[str]) -> Mapping:
-        """Return what each input has to do per error of the tip's pose.
+        """Return the displacement of each input per error of the tip's pose.
 
-        The damped inverse of the static Jacobian for the inputs named in ``driven``, or one to one
-        with ``control.mapping = "identity"``; the others do nothing.
+        In the unit of the input over m, rad or, of a direction in space, 1. The damped inverse of
+        the static Jacobian for the inputs named in ``driven``, or one to one with
+        ``control.mapping = "identity"``; the others do nothing.
 
         Raises
         ------

@@ -13,7 +13,7 @@ from crinoid.programs import ONCE, compiled
 def assemble(parameters: Parameters) -> System:
     """Assemble the arm, its base and the water.
 
-    Pure: under `jax.jit`, `grad` and `vmap` these act on the numbers of a scenario.
+    Pure: under `jax.jit`, `jax.grad` and `jax.vmap` these act on the numbers of a scenario.
 
     Parameters
     ----------

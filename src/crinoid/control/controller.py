@@ -22,7 +22,7 @@ class Controller(eqx.Module):
 
     @abstractmethod
     def command(self, memory: Any, seen: Seen) -> tuple[Command, Any]:
-        """Return the command, in the units of the inputs, and the memory for the next call."""
+        """Return the command, a number for each input in its unit, and the memory for the next."""
 
 
 class Idle(Controller):

@@ -13,11 +13,11 @@ Values = Float[Array, " m"]
 
 
 class Measurand(eqx.Module):
-    """Numbers that follow from the state of an arm."""
+    """A quantity that follows from the state of an arm: one or more numbers."""
 
     @abstractmethod
     def of(self, system: System, state: State) -> Values:
-        """Return the true values."""
+        """Return the true values, in the units that `names` gives."""
 
     @abstractmethod
     def names(self, axes: int) -> tuple[tuple[str, str], ...]:

@@ -15,6 +15,7 @@ class Reading(eqx.Module):
     """The newest reading of a sensor that is known."""
 
     value: Float[Array, " m"]
+    """Its values, in the units of `crinoid.Measurand.names`."""
     taken: Float[Array, ""]
     """When it was taken (s)."""
 
@@ -23,6 +24,7 @@ class Seen(eqx.Module):
     """Everything known at one instant. SI units; poses are in the frame of the target."""
 
     time: Float[Array, ""]
+    """Time (s)."""
     measured: Pose
     """Newest known pose of the tip (`crinoid.space.POSE`)."""
     taken: Float[Array, ""]
@@ -42,8 +44,9 @@ class Seen(eqx.Module):
     actuators: tuple[Any, ...]
     """States of the actuators: the base's servos (`crinoid.base.ServoState`), then the others."""
     lower: Command
-    """Smallest commands that the actuators follow."""
+    """Smallest commands that the actuators follow, in the units of the inputs."""
     upper: Command
+    """Largest commands that the actuators follow."""
     readings: dict[str, Reading]
     """Readings of the sensors beside that of the tip, by name."""
 

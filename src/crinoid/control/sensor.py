@@ -29,14 +29,19 @@ class Sensor(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
+    """Its name in `crinoid.Seen.readings` and in results."""
     measurand: Measurand
+    """Quantity that it measures."""
     clock: Clock
+    """When samples are taken."""
     delay: Float[Array, ""]
+    """Age of a sample when it is known (s)."""
     noise: Values
     """Standard deviation of each value, in its unit."""
     resolution: Values
     """Each value is rounded to a multiple of this; 0: it is not."""
     key: PRNGKeyArray
+    """From which the noise is drawn."""
     kept: int = eqx.field(static=True)
     """How many samples can be under way at once."""
 

@@ -94,7 +94,7 @@ def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) ->
     Parameters
     ----------
     stiffness, mass
-        Of all nodes, as `linearise` returns them.
+        Of all nodes (N/m, kg), as `crinoid.System.linearise` returns them.
     count
         How many modes; fewer than the free nodes have coordinates.
 

@@ -27,7 +27,9 @@ class Outcome(eqx.Module):
     """How a solve ended."""
 
     converged: Bool[Array, ""]
+    """Whether the result counts; if not, do not use it."""
     iterations: Int[Array, ""]
+    """Iterations of Newton's method."""
     residual: Float[Array, ""]
     """Largest imbalance of a node or a free obstacle (N; a torque as a couple on an edge)."""
     scale: Float[Array, ""]

@@ -25,6 +25,7 @@ class State(eqx.Module):
     ahead: Float[Array, "rows b"]
     """Auxiliary acceleration of generalized-alpha less the true one, over the last step (m/s3)."""
     servo: ServoState
+    """State of the base's servos: its channels (m or rad) and how they move."""
     actuators: tuple[Any, ...]
     """States of the other actuators."""
     reaction: Float[Array, "2 b"]

@@ -33,9 +33,9 @@ Rows = Float[Array, "rows b"]
 
 
 class System(eqx.Module):
-    """A soft arm on its base in the water, as arrays: `jax.jit`, `grad` and `vmap` apply.
+    """A soft arm on its base in the water, as arrays: `jax.jit`, `jax.grad` and `jax.vmap` apply.
 
-    Built by `crinoid.system`. To compile a method, use `equinox.filter_jit(system.step)`
+    Built by `crinoid.system`. To compile a method, use ``equinox.filter_jit(system.step)``
     or pass the system as an argument of a function under `jax.jit`.
     """
 
@@ -96,7 +96,7 @@ class System(eqx.Module):
 
         The water flows on as it does at that time: what it is just gaining or losing in speed
         would be no lasting load. Of its acceleration that of the steady flows counts.
-        See `crinoid.dynamics.statics` for how.
+        See ``crinoid.dynamics.statics`` for how.
         """
         time = jnp.asarray(time, float)
         at_rest = [one.at_rest() for one in self.actuators]
@@ -235,7 +235,7 @@ class System(eqx.Module):
 
         The base is held and damping left out; 0 stands for a motion that does not swing back.
         Computed on the host: not for use under a JAX transformation.
-        See `crinoid.dynamics.modes.find_modes` for how, and for the shapes.
+        See `crinoid.dynamics.find_modes` for how, and for the shapes.
         """
         return modes.find_modes(*eqx.filter_jit(System.linearise)(self, state), count).frequency
 

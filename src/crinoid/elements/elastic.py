@@ -104,7 +104,7 @@ class _Turn(NamedTuple):
 
 
 class Bend(Linearised):
-    """Bend at a node between two edges: ``s`` is the turn (`bend_strain`), and ``K = EI / l``.
+    """Bend at a node between two edges: ``s`` is the turn (``bend_strain``), and ``K = EI / l``.
 
     ``l`` is the length over which the node gathers the bend (after Bergou et al. 2008, eq. 1; 2010,
     section 4.1.1). The strain grows without bound as the edges fold onto each other, so an arm does

@@ -26,17 +26,21 @@ class Motion(eqx.Module):
     """
 
     position: Float[Array, "*count k b"]
+    """Positions (m), relative to the base's set position, and spins (rad)."""
     velocity: Float[Array, "*count k b"]
+    """Velocities (m/s, rad/s)."""
     acceleration: Float[Array, "*count k b"]
+    """Accelerations (m/s2, rad/s2)."""
     flow_velocity: Float[Array, "*count k d"]
     """Velocity of the undisturbed water at the nodes (m/s)."""
     flow_acceleration: Float[Array, "*count k d"]
     """Material acceleration Du/Dt of the undisturbed water at the nodes (m/s2)."""
     time: Float[Array, "*count"]
+    """Time (s)."""
     orientation: Orientation | None = None
     """Orientation of the edges in space; None for elements that see positions only."""
     drive: Float[Array, "*count drive"] | None = None
-    """Drives of the actuators (`crinoid.actuation.Actuator`), each in its own unit."""
+    """Drives of the actuators (`crinoid.Actuator`), each in its own unit."""
 
     def windows(
         self,
@@ -128,9 +132,9 @@ class Element(eqx.Module):
     external: ClassVar[bool] = False
     """Whether this comes from outside, so that a static solve may bring it on step by step."""
     stored: ClassVar[str] = "potential"
-    """Which of `ENERGIES` receives ``energy``."""
+    """Which of `crinoid.elements.ENERGIES` receives ``energy``."""
     worked: ClassVar[str] = "loads"
-    """Which of `WORKS` receives what ``working`` does."""
+    """Which of `crinoid.elements.WORKS` receives what ``working`` does."""
 
     first: eqx.AbstractVar[int]
     """The node at which the first window starts; node 0 is the ghost behind the root."""

@@ -30,7 +30,7 @@ class ActuatorTable(Model):
         return self.name or self.kind
 
     def build(self, scenario: Any) -> Any:
-        """Return the numbers of the actuator, `crinoid.assembly.actuator.ActuatorParameters`.
+        """Return the numbers of the actuator, `crinoid.ActuatorParameters`.
 
         ``scenario`` is the `crinoid.Scenario` that holds it.
         """

@@ -65,9 +65,9 @@ class ControllerTable(Model):
     """Settings of a kind of controller that an installed package brings."""
 
     def build(self, plan: Any) -> Any:
-        """Return the `crinoid.control.Controller`.
+        """Return the `crinoid.Controller`.
 
-        ``plan`` is a `crinoid.assembly.plan.Plan`: the arm at its start, and what is wanted.
+        ``plan`` is a `crinoid.Plan`: the arm at its start, and what is wanted.
         """
         raise NotImplementedError
 

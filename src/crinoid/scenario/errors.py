@@ -50,12 +50,12 @@ class Mistake:
 
 
 class ScenarioError(ValueError):
-    """A scenario that cannot be used; ``str()`` gives one line a mistake.
+    """A scenario that cannot be used; ``str()`` gives one line per mistake.
 
     Parameters
     ----------
     mistakes
-        At least one.
+        What is wrong, one or more; kept as a tuple in ``mistakes``.
     """
 
     def __init__(self, mistakes: Iterable[Mistake]) -> None:
@@ -64,7 +64,7 @@ class ScenarioError(ValueError):
 
     @property
     def lines(self) -> list[str]:
-        """One line a mistake."""
+        """The mistakes, one line each."""
         return [str(mistake) for mistake in self.mistakes]
 
     def __str__(self) -> str:

@@ -22,7 +22,7 @@ class FlowTable(Model):
     )
 
     def build(self, scenario: Any, generator: Any) -> Any:
-        """Return the `crinoid.flow.Flow`.
+        """Return the `crinoid.Flow`.
 
         For tables of installed packages; ``scenario`` is the `crinoid.Scenario` that holds it,
         ``generator`` a `numpy.random.Generator` for what is random.

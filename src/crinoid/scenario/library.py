@@ -22,6 +22,9 @@ _FOLDER = Path(str(_LIBRARY))
 def load(name_or_path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scenario:
     """Load a scenario.
 
+    The relative path of a file starts from the folder of the TOML file that names it, that of an
+    override from the working directory; the scenario holds it absolute.
+
     Parameters
     ----------
     name_or_path
@@ -31,13 +34,10 @@ def load(name_or_path: str | os.PathLike[str], overrides: Sequence[str] = ()) ->
         Changes ``key=value``, as ``--set`` of the command line takes them: the key dotted, with
         indexes into lists (``load.0.magnitude``), the value TOML; words need no quotes.
 
-    The relative path of a file starts from the folder of the TOML file that names it, that of an
-    override from the working directory; the scenario holds it absolute.
-
     Raises
     ------
     ScenarioError
-        If there is no such scenario or anything in it is wrong, with one line a mistake.
+        If there is no such scenario or anything in it is wrong, with one line per mistake.
     """
     name = os.fspath(name_or_path)
     built_in = name in builtin_names()

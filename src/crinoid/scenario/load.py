@@ -62,8 +62,8 @@ class LoadTable(Model):
         """Return a function that builds the element, and what it takes beside the rod.
 
         For tables of installed packages; ``scenario`` is the `crinoid.Scenario` that holds it. The
-        second are arrays by name, on which gradients act; `crinoid.assembly.load.load_onset` gives
-        that of ``start``, ``ramp_time`` and ``stop``.
+        second are arrays by name, on which gradients act; `crinoid.load_onset` gives that of
+        ``start``, ``ramp_time`` and ``stop``.
         """
         raise NotImplementedError
 

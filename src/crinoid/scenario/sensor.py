@@ -97,7 +97,7 @@ class SensorTable(Reading):
         return self.name or self.kind
 
     def build(self, scenario: Any) -> tuple[Any, Any, Any]:
-        """Return the `crinoid.control.Measurand`, and noise and resolution of its values (SI).
+        """Return the `crinoid.Measurand`, and noise and resolution of its values (SI).
 
         For tables of installed packages; ``scenario`` is the `crinoid.Scenario` that holds it.
         """

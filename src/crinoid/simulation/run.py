@@ -46,6 +46,7 @@ class Progress(NamedTuple):
     """How far a run is."""
 
     label: str
+    """Which run: controlled, uncontrolled or, where nothing is controlled, simulated."""
     time: float
     """Simulated time so far (s)."""
     duration: float
@@ -88,7 +89,7 @@ def simulate(
     elements, flows, sensors, actuators
         Parts of your own that are added to those of the scenario.
     report
-        Called between chunks of the run.
+        Called between chunks of the run with a `crinoid.simulation.Progress`.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def play(
     prepared
         The scenario to run.
     report
-        Called between chunks of the run.
+        Called between chunks of the run with a `crinoid.simulation.Progress`.
     resume
         An earlier result of the same scenario, to continue from where it stopped; its duration may
         have grown.
