@@ -32,7 +32,7 @@ class Variable(NamedTuple):
     where: Literal["", "plane", "space", "obstacles", "actuators"] = ""
     """Which results have it; empty for all."""
     more: str = ""
-    """What the documentation adds to the meaning."""
+    """Words that the documentation adds to the meaning."""
     extra: Mapping[str, str] = {}
     """Attributes beside unit and meaning."""
 

@@ -113,9 +113,9 @@ class PidParameters(eqx.Module):
 
     kp: Float[Array, " channel"]
     ki: Float[Array, " channel"]
-    """Per second."""
+    """Integral gain (1/s)."""
     kd: Float[Array, " channel"]
-    """Seconds."""
+    """Derivative gain (s)."""
     filter_time: Float[Array, " channel"]
     """Lag of the derivative (s), ``1 / (2 pi derivative_filter_hz)``."""
 

@@ -17,9 +17,11 @@ class Prescribed(eqx.Module):
     """How the ghost node and the root move. SI units."""
 
     position: Float[Array, "2 d"]
+    """Positions (m)."""
     velocity: Float[Array, "2 b"]
-    """In space with the rate at which the ghost edge spins (rad/s)."""
+    """Velocities (m/s); in space with the rate at which the ghost edge spins (rad/s)."""
     acceleration: Float[Array, "2 b"]
+    """Their rates (m/s2, rad/s2)."""
     frame: Float[Array, "3 3"] | None
     """In space the frame of the clamp: rows t, m_1, m_2."""
 
@@ -35,8 +37,11 @@ class Base(eqx.Module):
     angles: Float[Array, " angle"]
     """Set angles of the channels that turn: tilt, in space pan, tilt and roll (rad)."""
     ghost_length: Float[Array, ""]
+    """Distance of the ghost node behind the root (m)."""
     servo: Servo
+    """The servos of the channels."""
     motions: tuple[BaseMotion, ...]
+    """Prescribed motions, which add up."""
 
     def pose(
         self, time: Float[Array, ""], servo: ServoState

@@ -37,8 +37,11 @@ class SineMotion(BaseMotion):
 
     channel: int = eqx.field(static=True)
     amplitude: Float[Array, ""]
+    """Amplitude (m or rad)."""
     frequency: Float[Array, ""]
+    """Cycles per second (Hz)."""
     phase: Float[Array, ""]
+    """Phase at time zero (rad)."""
 
     def displacement(self, time: Time) -> Float[Array, ""]:
         return self.amplitude * jnp.sin(2 * jnp.pi * self.frequency * time + self.phase)
@@ -50,6 +53,7 @@ class VelocityMotion(BaseMotion):
     channel: int = eqx.field(static=True)
     onset: Onset
     velocity: Float[Array, ""]
+    """Velocity once it is up to speed (m/s or rad/s)."""
 
     def displacement(self, time: Time) -> Float[Array, ""]:
         return self.velocity * self.onset.elapsed(time)
@@ -60,6 +64,7 @@ class TableMotion(BaseMotion):
 
     channel: int = eqx.field(static=True)
     table: PiecewisePolynomial
+    """Displacement (m or rad) over time (s)."""
 
     def displacement(self, time: Time) -> Float[Array, ""]:
         return self.table(time)[0]

@@ -18,7 +18,9 @@ class ServoState(eqx.Module):
     """Where the channels are and how they move (m or rad, s)."""
 
     position: Channels
+    """Displacement (m or rad)."""
     velocity: Channels
+    """Velocity (m/s or rad/s)."""
     acceleration: Channels
     """At the end of the last step, carried on from the means of the last two steps.
 
@@ -41,9 +43,13 @@ class Servo(Actuator):
     """
 
     lower: Channels
+    """Smallest displacement (m or rad)."""
     upper: Channels
+    """Largest displacement (m or rad)."""
     max_speed: Channels
+    """Largest speed (m/s or rad/s)."""
     max_acceleration: Channels
+    """Largest acceleration (m/s2 or rad/s2)."""
     bandwidth: Channels
     """Frequency at which the response has fallen by 3 dB (Hz)."""
 

@@ -8,6 +8,7 @@ class Clock(eqx.Module):
     """Ticks every ``period`` seconds, at the first time step that begins at or after a tick."""
 
     period: Float[Array, ""]
+    """Time between two ticks (s)."""
 
     def due(self, ticks: Int[Array, ""], time: Float[Array, ""]) -> Bool[Array, ""]:
         """Return whether the tick that follows ``ticks`` earlier ones has come.

@@ -74,7 +74,7 @@ class WaterVelocity(Measurand):
     """Velocity of the water at points that the submarine carries along: a meter, or an ADCP."""
 
     points: Float[Array, "p d"]
-    """From the base's set position (m)."""
+    """Positions of the points from the base's set position (m)."""
 
     def of(self, system: System, state: State) -> Values:
         pose, _, _ = system.base.pose(state.time, system.base.servo.at_rest())

@@ -48,14 +48,17 @@ class Pid(Controller):
     """
 
     kp: Command
+    """Proportional gain (1)."""
     ki: Command
-    """Per second."""
+    """Integral gain (1/s)."""
     kd: Command
-    """Seconds."""
+    """Derivative gain (s)."""
     filter_time: Command
     """Time constant of the derivative's filter (s)."""
     mapping: Float[Array, "input pose"]
+    """Command per error of the tip's pose, in the units of both."""
     period: Float[Array, ""]
+    """Time between two commands (s)."""
     take_up: Float[Array, ""]
     """How long it takes to answer in full to what is there when it is switched on (s)."""
 

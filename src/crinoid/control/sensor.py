@@ -16,9 +16,11 @@ class SensorState(eqx.Module):
     """Samples taken so far, and the latest of them."""
 
     ticks: Int[Array, ""]
+    """Number of samples taken."""
     times: Float[Array, " kept"]
     """When each kept sample was taken (s), newest last; minus infinity where there is none."""
     samples: Float[Array, "kept m"]
+    """Values of the kept samples, with their errors."""
 
 
 class Sensor(eqx.Module):

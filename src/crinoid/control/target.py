@@ -18,6 +18,7 @@ class Carrier(eqx.Module):
     """The submarine as a frame of reference: it moves as prescribed, whatever the servos do."""
 
     base: Base
+    """The base whose prescribed motion it follows."""
     origin: Float[Array, " d"]
     """Set position of the base (m)."""
 
@@ -47,9 +48,11 @@ class Target(eqx.Module):
     """The wanted pose of the tip (`crinoid.space.POSE`): fixed parts and parts on a path."""
 
     fixed: Pose
+    """Pose that the target has where it does not move (m, rad)."""
     path: PiecewisePolynomial | Orbit | Line | None
     """Values of the coordinates in ``moving`` over time."""
     moving: tuple[int, ...] = eqx.field(static=True)
+    """Coordinates of the pose that follow the path, by index."""
     carrier: Carrier | None = None
     """Frame that the target moves with; none: the world."""
 

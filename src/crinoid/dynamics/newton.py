@@ -58,6 +58,7 @@ class Settings(eqx.Module):
     floor: Float[Array, ""]
     """Imbalance below which round-off may rule (N): there an iteration need not gain anything."""
     max_iterations: Int[Array, ""]
+    """Iterations after which a solve has failed."""
     weights: Float[Array, " b"]
     """Factors from the imbalance of each coordinate to a force: 1, of a spin one over a length."""
     max_turn: Float[Array, ""] | None = None

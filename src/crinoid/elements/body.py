@@ -26,6 +26,7 @@ class Body(Element):
     spins: ClassVar[bool] = True
     first: int = eqx.field(static=True)
     mass: Float[Array, "*count"]
+    """Mass (kg)."""
     displaced: Float[Array, "*count"]
     """Mass of the water that it displaces (kg)."""
     drag: Float[Array, "*count"]

@@ -23,8 +23,11 @@ class Stretch(Element):
     worked: ClassVar[str] = "damping"
     first: int = eqx.field(static=True)
     EA: Float[Array, "*count"]
+    """Stretching stiffness (N)."""
     rest_length: Float[Array, "*count"]
+    """Length of the edge at rest (m)."""
     damping_time: Float[Array, "*count"]
+    """Viscosity over modulus (s)."""
 
     @staticmethod
     def of(rod: Rod) -> "Stretch":
@@ -120,7 +123,9 @@ class Bend(Linearised):
     stiffness: Float[Array, "*count"]
     """``EI / l`` (N m)."""
     rest_strain: Float[Array, "*count"]
+    """Strain without load (rad)."""
     damping_time: Float[Array, "*count"]
+    """Viscosity over modulus (s)."""
 
     @staticmethod
     def of(rod: Rod, *, pinned: bool = False) -> "Bend":

@@ -70,8 +70,11 @@ class Course(eqx.Module):
     """How the motion of a window follows a correction of its nodes."""
 
     by_position: Float[Array, "*count"]
+    """Change of the positions over the correction (1)."""
     by_velocity: Float[Array, "*count"]
+    """Change of the velocities over the correction (1/s)."""
     by_acceleration: Float[Array, "*count"]
+    """Change of the accelerations over the correction (1/s2)."""
     velocity_slope: Float[Array, "*count k d d"]
     """Derivative of the water's velocity along the axes of space, the last index (1/s)."""
     acceleration_slope: Float[Array, "*count k d d"] | None = None

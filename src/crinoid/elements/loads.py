@@ -83,7 +83,9 @@ class TipLoad(Element):
     worked: ClassVar[str] = "loads"
     first: int = eqx.field(static=True)
     dead_force: Float[Array, "*count d"]
+    """Force that keeps its direction (N)."""
     follower_force: Float[Array, "*count d"]
+    """Force that turns with the tip (N)."""
     moment: Float[Array, "*count turns"]
     """One number in the plane, a vector in space."""
     follower_moment: Float[Array, "*count turns"]

@@ -177,7 +177,9 @@ class BendTwist(Linearised):
     stiffness: Float[Array, "*count 3"]
     """``EI_1 / l, EI_2 / l, GJ / l`` (N m)."""
     rest_strain: Float[Array, "*count 3"]
+    """Strains without load (rad)."""
     damping_time: Float[Array, "*count"]
+    """Viscosity over modulus (s)."""
 
     @staticmethod
     def of(rod: Rod, *, pinned: bool = False) -> "BendTwist":

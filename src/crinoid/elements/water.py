@@ -82,7 +82,9 @@ class AddedMass(Element):
     displaced: Float[Array, "*count 2"]
     """Mass of water displaced per length at the ends of an edge, times its length (kg)."""
     normal: Float[Array, "*count"]
+    """Added-mass coefficient across the arm (1)."""
     tangential: Float[Array, "*count"]
+    """Added-mass coefficient along the arm (1)."""
 
     @staticmethod
     def of(

@@ -26,13 +26,14 @@ class Flow(eqx.Module):
     velocity of the moment.
     """
     onset: eqx.AbstractVar[Onset]
+    """When and how it sets in: a factor on its velocity."""
 
     @abstractmethod
     def fully_on(self, point: Point, time: Time) -> Point:
-        """Return the velocity (m/s) at a point (m) and a time (s), its onset aside."""
+        """Return the velocity (m/s) at a point in the world (m) and a time (s), its onset aside."""
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
-        """Return the same with its derivatives; a flow may know them in a cheaper form."""
+        """Return it with its derivatives; a flow may override this where it has cheaper ones."""
         return Jet.of(self.fully_on, point, time)
 
     def velocity(self, point: Point, time: Time) -> Point:
@@ -68,6 +69,7 @@ class Water(eqx.Module):
     """
 
     flows: tuple[Flow, ...]
+    """The flows that add up."""
     frozen_at: Time | None = None
     """A time (s) at which the flow stands still, for statics.
 

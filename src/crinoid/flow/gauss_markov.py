@@ -25,6 +25,7 @@ class GaussMarkov(Everywhere):
 
     onset: Onset
     record: PiecewisePolynomial
+    """Velocity (m/s) over time (s)."""
 
     @staticmethod
     def of(

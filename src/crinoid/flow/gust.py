@@ -15,7 +15,9 @@ class Gust(Everywhere):
 
     onset: Onset
     peak: Float[Array, " b"]
+    """Velocity at the middle of the gust (m/s)."""
     duration: Float[Array, ""]
+    """Length of the gust (s)."""
 
     def at(self, time: Time) -> Point:
         share = jnp.clip((time - self.onset.start) / self.duration, 0.0, 1.0)

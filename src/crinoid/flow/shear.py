@@ -15,11 +15,13 @@ class PowerShear(Flow):
     steady: ClassVar[bool] = True
     onset: Onset
     reference_velocity: Float[Array, " b"]
+    """Velocity at the reference height (m/s)."""
     reference_height: Float[Array, ""]
     """Height above the bed at which the reference velocity is reached (m)."""
     bed: Float[Array, ""]
     """Upward coordinate of the sea bed (m)."""
     exponent: Float[Array, ""]
+    """Exponent of the height (1)."""
 
     def fully_on(self, point: Point, time: Time) -> Point:
         height = point[-1] - self.bed
@@ -35,11 +37,13 @@ class LogarithmicShear(Flow):
     steady: ClassVar[bool] = True
     onset: Onset
     reference_velocity: Float[Array, " b"]
+    """Velocity at the reference height (m/s)."""
     reference_height: Float[Array, ""]
     """Height above the bed at which the reference velocity is reached (m)."""
     bed: Float[Array, ""]
     """Upward coordinate of the sea bed (m)."""
     roughness_length: Float[Array, ""]
+    """Roughness length of the bed (m)."""
 
     def fully_on(self, point: Point, time: Time) -> Point:
         relative = jnp.maximum((point[-1] - self.bed) / self.roughness_length, 1.0)

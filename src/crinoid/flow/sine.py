@@ -12,6 +12,7 @@ class Sine(Everywhere):
 
     onset: Onset
     amplitude: Float[Array, " b"]
+    """Amplitude of the velocity (m/s)."""
     frequency: Float[Array, ""]
     """Cycles per second (Hz)."""
     phase: Float[Array, ""]

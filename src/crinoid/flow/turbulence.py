@@ -31,6 +31,7 @@ class Turbulence(Flow):
 
     onset: Onset
     mean: Float[Array, " b"]
+    """Mean velocity (m/s)."""
     wave_vectors: Float[Array, "m b"]
     """Wave vector of each mode, along the axes of the arm (rad/m)."""
     amplitudes: Float[Array, "m b"]

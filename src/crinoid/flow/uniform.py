@@ -14,6 +14,7 @@ class Uniform(Everywhere):
     steady: ClassVar[bool] = True
     onset: Onset
     uniform_velocity: Float[Array, " b"]
+    """Velocity (m/s)."""
 
     def at(self, time: Time) -> Point:
         return self.uniform_velocity

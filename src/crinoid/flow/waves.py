@@ -27,6 +27,7 @@ class Waves(Flow):
 
     onset: Onset
     depth: Float[Array, ""]
+    """Depth of the water (m)."""
     heading: Float[Array, " level"]
     """Level components of the unit vector along which the waves travel."""
     amplitudes: Float[Array, " m"]
