@@ -1,6 +1,6 @@
 """Settings of Sphinx for the pages of the documentation.
 
-sphinx-build -W -n --keep-going -b html docs docs/_build/html
+sphinx-build -E -W -n --keep-going -b html docs docs/_build/html
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ html_title = f"crinoid {version}"
 html_show_sphinx = False
 highlight_language = "none"
 toc_object_entries_show_parents = "hide"
-pygments_style = "tango"
 
 myst_enable_extensions = ["dollarmath"]
 myst_fence_as_directive = ["math"]

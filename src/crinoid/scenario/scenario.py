@@ -169,12 +169,24 @@ class Scenario(Model):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scenario:
-        """Make a scenario from tables, as ``tomllib`` gives them."""
+        """Make a scenario from tables, as ``tomllib`` gives them.
+
+        Raises
+        ------
+        ScenarioError
+            If anything is wrong, with one line per mistake.
+        """
         return cls(**data)
 
     @classmethod
     def from_toml(cls, text: str) -> Scenario:
-        """Make a scenario from the text of a TOML file."""
+        """Make a scenario from the text of a TOML file.
+
+        Raises
+        ------
+        ScenarioError
+            If anything is wrong, with one line per mistake.
+        """
         return cls(**parse(text))
 
     def to_dict(self) -> dict[str, Any]:
@@ -202,7 +214,13 @@ class Scenario(Model):
         return [(values, self.with_values(values)) for values in self._combinations()]
 
     def with_values(self, values: Mapping[str, Any]) -> Scenario:
-        """Return this scenario with other values, given by dotted key, and without ``vary``."""
+        """Return this scenario with other values, given by dotted key, and without ``vary``.
+
+        Raises
+        ------
+        ScenarioError
+            If anything is wrong, with one line per mistake.
+        """
         # what follows the dimension goes on following it, but for what is changed in part
         document = self._tables(lambda key: not any(part.startswith(f"{key}.") for part in values))
         for key, value in values.items():
