@@ -23,6 +23,7 @@ from crinoid.dynamics import (
     System,
     Touch,
 )
+from crinoid.dynamics.vehicle import Thrusters, Vehicle
 from crinoid.elements import (
     AddedMass,
     Bend,
@@ -83,6 +84,7 @@ def arm(
     max_error: float = np.inf,
     origin: ArrayLike | None = None,
     obstacles: Callable[[Rod], Obstacles] | None = None,
+    vehicle: Vehicle | None = None,
 ) -> System:
     """Build an arm; without further words a light, nearly inextensible one in a vacuum.
 
@@ -140,6 +142,7 @@ def arm(
             Water(tuple(flows)),
             jnp.zeros(axes) if origin is None else jnp.asarray(origin, float),
             obstacles(rod) if obstacles is not None else None,
+            vehicle=vehicle,
         ),
         base=Base(
             jnp.asarray([tilt] if axes == 2 else [pan, tilt, roll], float),
@@ -202,6 +205,55 @@ def obstacles(
         )
 
     return of
+
+
+def vehicle(
+    axes: int,
+    *,
+    mass: float = 3.0,
+    inertia: ArrayLike = 0.4,
+    offset: ArrayLike | None = None,
+    displaced: float | None = None,
+    added_mass: ArrayLike = 0.0,
+    added_inertia: ArrayLike = 0.0,
+    drag: ArrayLike = 0.0,
+    angular_drag: ArrayLike = 0.0,
+    metacentric_height: float = 0.0,
+    gravity: float = 0.0,
+    bandwidth: float = 0.0,
+    max_force: float = np.inf,
+    max_moment: float = np.inf,
+) -> Vehicle:
+    """Build a submarine that floats; without further words a neutral one that nothing holds."""
+    turns = 1 if axes == 2 else 3
+
+    def many(values: ArrayLike, count: int) -> Array:
+        return jnp.broadcast_to(jnp.asarray(values, float), (count,))
+
+    carried, spun = many(added_mass, axes), many(added_inertia, turns)
+    rate, moments = 2 * jnp.pi * bandwidth, many(inertia, turns)
+    numbers = (mass, mass if displaced is None else displaced, metacentric_height, gravity)
+    own, water, height, pull = (jnp.asarray(number, float) for number in numbers)
+    return Vehicle(
+        mass=own,
+        inertia=moments,
+        displaced=water,
+        added_mass=carried,
+        added_inertia=spun,
+        drag=many(drag, axes),
+        angular_drag=many(angular_drag, turns),
+        metacentric_height=height,
+        gravity=pull,
+        offset=many((-0.3,) + (0.0,) * (axes - 1) if offset is None else offset, axes),
+        thrusters=Thrusters(
+            rate**2 * (own + carried),
+            2 * rate * (own + carried),
+            rate**2 * (moments + spun),
+            2 * rate * (moments + spun),
+            jnp.asarray(max_force, float),
+            jnp.asarray(max_moment, float),
+        ),
+    )
 
 
 def facing(rotation: ArrayLike) -> dict[str, float]:

@@ -42,6 +42,22 @@ def spun(director: Vectors, tangent: Vectors, angle: Numbers) -> Vectors:
     return cos * director + sin * cross(tangent, director)
 
 
+def sinc(squared: Array) -> Array:
+    """Return ``sin(a) / a`` of a squared angle, with derivatives at zero."""
+    small = squared < 1e-3
+    angle = jnp.sqrt(jnp.where(small, 1.0, squared))
+    series = 1.0 - squared / 6 * (1.0 - squared / 20 * (1.0 - squared / 42))
+    return jnp.where(small, series, jnp.sin(angle) / angle)
+
+
+def rotated(frame: Float[Array, "3 3"], rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Turn a frame by a rotation vector (Rodrigues's formula)."""
+    squared = jnp.sum(rotation**2)
+    swung = cross(rotation, frame)
+    versine = 0.5 * sinc(0.25 * squared) ** 2
+    return frame + sinc(squared) * swung + versine * cross(rotation, swung)
+
+
 def angle_between(before: Vectors, after: Vectors, tangent: Vectors) -> Numbers:
     """Return the angle about a tangent from one director to another (rad, up to half a turn)."""
     return jnp.arctan2(dot(tangent, cross(before, after)), dot(before, after))

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.frames import cross, transport
+from crinoid.frames import rotated, sinc, transport
 
 
 class Reference(eqx.Module):
@@ -116,38 +116,22 @@ def _follow(
     """
     length, (toward_1, toward_2, twist) = edge
     rate = toward_1 * frame[2] - toward_2 * frame[1] + twist * frame[0]
-    middle = _turned(frame, 0.5 * length * rate)
+    middle = rotated(frame, 0.5 * length * rate)
     share, rest = _of_arc(0.5 * length, jnp.sum(rate**2))
     chord = length * (share * middle[0] + rest * twist * rate)
     tangent = chord / jnp.sqrt(jnp.sum(chord**2))
     director = transport(middle[1], middle[0], tangent)
-    return _turned(middle, 0.5 * length * rate), (chord, director)
+    return rotated(middle, 0.5 * length * rate), (chord, director)
 
 
 def _between(nodal: Float[Array, "n ..."]) -> Float[Array, "n-1 ..."]:
     return 0.5 * (nodal[:-1] + nodal[1:])
 
 
-def _sinc(squared: Array) -> Array:
-    """Return ``sin(a) / a`` of a squared angle, with derivatives at zero."""
-    small = squared < 1e-3
-    angle = jnp.sqrt(jnp.where(small, 1.0, squared))
-    series = 1.0 - squared / 6 * (1.0 - squared / 20 * (1.0 - squared / 42))
-    return jnp.where(small, series, jnp.sin(angle) / angle)
-
-
 def _of_arc(half: Array, squared_rate: Array) -> tuple[Array, Array]:
     """Return ``q = sin(a) / a`` of half the angle ``a`` of an arc, and ``(1 - q) / rate^2``."""
     squared = squared_rate * half**2
-    share, small = _sinc(squared), squared < 1e-3
+    share, small = sinc(squared), squared < 1e-3
     series = (1.0 - squared / 20 * (1.0 - squared / 42 * (1.0 - squared / 72))) / 6
     rest = (1.0 - share) / jnp.where(small, 1.0, squared)
     return share, half**2 * jnp.where(small, series, rest)
-
-
-def _turned(frame: Float[Array, "3 3"], rotation: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """Turn a frame by a rotation vector (Rodrigues's formula)."""
-    squared = jnp.sum(rotation**2)
-    swung = cross(rotation, frame)
-    versine = 0.5 * _sinc(0.25 * squared) ** 2
-    return frame + _sinc(squared) * swung + versine * cross(rotation, swung)

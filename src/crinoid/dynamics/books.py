@@ -33,7 +33,7 @@ class Books(eqx.Module):
         working = working.at[_ACTUATION, :HELD].add(state.reaction)
         touch = None
         if forces.obstacles is not None:
-            touch, pushed = forces.obstacles.touch(state.motion)
+            touch, pushed = forces.obstacles.touch(forces.beside(state.motion))
             working = working.at[_CONTACT].set(pushed)
         return Books(energy, working, jnp.zeros(len(WORKS)), touch)
 

@@ -1,43 +1,35 @@
 """All forces on the arm: their balance, its tangent matrix, and their energies.
 
-Whatever moves has a row in the arrays here: first the nodes, then the obstacles. A row has ``b``
-entries: ``d`` coordinates and, in space, the spin of the edge that ends at the node.
+Whatever moves has a row in the arrays here: first the nodes, then the obstacles, then a vehicle's
+two (`crinoid.dynamics.vehicle`). A row has ``b`` entries: ``d`` coordinates and, in space, the spin
+of the edge that ends at the node.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid import chain
+from crinoid.dynamics import windows
+from crinoid.dynamics.arm import Arm
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.obstacles import Obstacles
 from crinoid.dynamics.surroundings import Surroundings
-from crinoid.dynamics.tangent import HELD, Border, Tangent
-from crinoid.elements import (
-    ENERGIES,
-    WORKS,
-    Bend,
-    BendTwist,
-    Course,
-    Element,
-    Inertia,
-    Linearised,
-    Motion,
-    Stretch,
-)
+from crinoid.dynamics.tangent import HELD, Tangent
+from crinoid.dynamics.vehicle import ROWS, Mount, Vehicle, paired, unknowns
+from crinoid.elements import ENERGIES, WORKS, Motion
 from crinoid.flow import Current, Water
-from crinoid.reference import Reference
 
 Rows = Float[Array, "rows b"]
 Points = Float[Array, "rows d"]
-Elements = tuple[Element, ...]
-Slopes = tuple[Array, Array | None]
 
 
-class Forces(eqx.Module):
+class Forces(Arm):
     """The elements of an arm, the water that they stand in, and the obstacles in it.
 
     Its larger methods are compiled functions: each is traced once, not at each place in a program
@@ -47,36 +39,59 @@ class Forces(eqx.Module):
     their round-off small, however deep the arm works.
     """
 
-    elements: Elements
     water: Water
     origin: Float[Array, " d"]
     obstacles: Obstacles | None = None
     drive: Float[Array, " drive"] | None = None
     """Drives of the actuators, which elements find in a motion; None: there are no actuators."""
+    vehicle: Vehicle | None = None
+    """The submarine where it floats; None where the base goes where it is told."""
+    mount: Mount | None = None
+    """Where the vehicle holds the arm; None where it stays, and what it holds with it."""
 
     def frozen(self, time: Float[Array, ""]) -> "Forces":
         """Return the forces in the flow as it is at ``time``, for good: what statics balances.
 
-        Obstacles stay where they are.
+        Obstacles stay where they are, and so does a vehicle.
         """
         water = Water(self.water.flows, time)
         held = None if self.obstacles is None else self.obstacles.held()
-        return Forces(self.elements, water, self.origin, held, self.drive)
+        return replace(self, water=water, obstacles=held, mount=None)
 
     def driven(self, drive: Float[Array, " drive"] | None) -> "Forces":
         """Return the forces where the actuators drive the arm so."""
-        return Forces(self.elements, self.water, self.origin, self.obstacles, drive)
+        return replace(self, drive=drive)
+
+    def mounted(self, mount: Mount | None) -> "Forces":
+        """Return the forces where the vehicle holds the arm so."""
+        return replace(self, mount=mount)
 
     def nodes(self, rows: Rows) -> Float[Array, "n b"]:
         """Return the rows of the nodes."""
+        rows = self.without_vehicle(rows)
         return rows if self.obstacles is None else rows[: -self.obstacles.count]
 
-    def unknown(self, rows: Rows) -> Float[Array, "unknown b"]:
-        """Return the rows that a step solves for: the free nodes, then the free obstacles."""
+    def without_vehicle(self, rows: Rows) -> Rows:
+        """Return the rows of nodes and obstacles."""
+        return rows if self.vehicle is None else rows[:-ROWS]
+
+    def unknown(self, rows: Rows, turn: Array | float = 1.0) -> Float[Array, "unknown b"]:
+        """Return the rows that a step solves for: free nodes, free obstacles, a vehicle's rows.
+
+        Entries of its turn are multiplied by ``turn``.
+        """
         nodes = self.nodes(rows)
-        if not self.free:
-            return nodes[HELD:]
-        return jnp.concatenate([nodes[HELD:], rows[nodes.shape[0] + jnp.asarray(self.free)]])
+        parts = [nodes[HELD:]]
+        if self.free:
+            parts.append(rows[nodes.shape[0] + jnp.asarray(self.free)])
+        if self.mount is not None:
+            parts += [rows[-2:-1], turn * rows[-1:]]
+        return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+
+    @property
+    def reach(self) -> Float[Array, ""]:
+        """How far a turn of the vehicle moves it (m); 1 where there is none."""
+        return jnp.ones(()) if self.vehicle is None else self.vehicle.reach
 
     @property
     def free(self) -> tuple[int, ...]:
@@ -95,7 +110,7 @@ class Forces(eqx.Module):
     @eqx.filter_jit
     def surroundings(self, stage: Stage, correction: Rows) -> Surroundings:
         """Return the water around the rows at a stage of the step."""
-        position = (stage.position + stage.by_position * correction)[:, : self.axes]
+        position = self._points(stage.position + stage.by_position * correction)
 
         def current(point: Float[Array, " d"]) -> Current:
             return self.water.current(self.origin + point, stage.time)
@@ -115,13 +130,27 @@ class Forces(eqx.Module):
     @eqx.filter_jit
     def motion(self, stage: Stage, correction: Rows, around: Surroundings) -> Motion:
         """Return the motion of everything and of the water around it, at a stage of the step."""
-        position = stage.position + stage.by_position * correction
-        frames = stage.frames
-        return Motion(
-            position,
+        rows = (
+            stage.position + stage.by_position * correction,
             stage.velocity + stage.by_velocity * correction,
             stage.acceleration + stage.by_acceleration * correction,
-            *around.at(position),
+        )
+        return self._moving(stage, rows, around)
+
+    def _moving(self, stage: Stage, rows: tuple[Rows, ...], around: Surroundings) -> Motion:
+        """Return the motion where all but what a vehicle holds moves so."""
+        position, velocity, acceleration = rows
+        frames = stage.frames
+        if self.mount is not None:
+            held = self.mount.ride(*rows).carried(self.mount.held, frames)
+            position, velocity, acceleration = (
+                row.at[:HELD].set(carried) for row, carried in zip(rows, held, strict=True)
+            )
+        return Motion(
+            position,
+            velocity,
+            acceleration,
+            *around.at(self._points(position)),
             stage.time,
             None if frames is None else frames.at(self.nodes(position)),
             self.drive,
@@ -138,25 +167,30 @@ class Forces(eqx.Module):
         size = motion.position.shape[1]
         num_nodes = self.nodes(motion.position).shape[0]
         total, largest = jnp.zeros((num_nodes, size)), jnp.zeros(size)
-        for first, elements in self._groups():
-            local = jax.vmap(lambda e, m: _residuals(e, m, load_factor))
-            forces = local(elements, self._windows(elements[0], motion))
+        for first, elements in windows.groups(self.elements, self.axes):
+            local = jax.vmap(lambda e, m: windows.residuals(e, m, load_factor))
+            forces = local(elements, windows.gathered(elements[0], motion))
             width = forces.shape[-1]
             nodal = chain.scatter(jnp.sum(forces, axis=1), first, num_nodes)
             total = total.at[:, :width].add(nodal)
             largest = largest.at[:width].max(jnp.max(jnp.abs(forces), axis=(0, 1, 2)))
-        if self.obstacles is None:
-            return total, largest
-        _, pushed = self.obstacles.push(motion)
-        largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed), axis=0))
-        rows = (-pushed).at[:num_nodes].add(total)
-        if self.free:
-            own = jax.vmap(lambda e, m: _residuals((e,), m, None)[0])
-            bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]
-            free = num_nodes + jnp.asarray(self.free)
-            rows = rows.at[free].add(bodies, unique_indices=True)
-            largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies), axis=0))
-        return rows, largest
+        rows = total
+        if self.obstacles is not None:
+            _, pushed = self.obstacles.push(self.beside(motion))
+            largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed), axis=0))
+            rows = (-pushed).at[:num_nodes].add(total)
+            if self.free:
+                own = jax.vmap(lambda e, m: windows.residuals((e,), m, None)[0])
+                bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]
+                free = num_nodes + jnp.asarray(self.free)
+                rows = rows.at[free].add(bodies, unique_indices=True)
+                largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies), axis=0))
+        if self.vehicle is None:
+            return rows, largest
+        pushed = jnp.zeros((ROWS, size))
+        if self.mount is not None:
+            pushed = self._on_vehicle(motion, rows[:HELD])
+        return jnp.concatenate([rows, pushed]), largest
 
     def tangent(
         self,
@@ -171,15 +205,15 @@ class Forces(eqx.Module):
 
         slopes = (around.velocity_slope, around.acceleration_slope)
 
-        def jacobian(elements: Elements, window: Motion, slopes: Slopes) -> Array:
-            return _jacobian(_course(stage, slopes), elements, window, load_factor)
+        def jacobian(elements: windows.Elements, window: Motion, slopes: windows.Slopes) -> Array:
+            return windows.jacobian(windows.course(stage, slopes), elements, window, load_factor)
 
         jacobians = jax.vmap(jacobian)
         # elements that do without spins are assembled on positions only
         blocks: dict[int, list[tuple[int, Array]]] = {self.axes: [], size: []}
-        for first, elements in self._groups():
-            count, stencil = _count(elements[0]), elements[0].stencil
-            window = self._windows(elements[0], motion)
+        for first, elements in windows.groups(self.elements, self.axes):
+            count, stencil = windows.count(elements[0]), elements[0].stencil
+            window = windows.gathered(elements[0], motion)
             along = jax.tree.map(
                 partial(chain.gather, first=first, count=count, stencil=stencil), slopes
             )
@@ -187,7 +221,7 @@ class Forces(eqx.Module):
             blocks[block.shape[-1]].append((first, block))
         obstacles = self.obstacles
         if obstacles is not None:
-            pairs = obstacles.motions(motion)
+            pairs = obstacles.motions(self.beside(motion))
             # contact does not feel the water
             still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
             touch = jacobians((obstacles.contact,), pairs, (still, None))
@@ -201,68 +235,44 @@ class Forces(eqx.Module):
             ),
             start=jnp.zeros((num_nodes, 5, size, size)),
         )
-        if obstacles is None or not self.free:
-            return Tangent(bands, None, ())
+        border, extra = None, tuple(size * body + i for body in self.free for i in range(size))
+        if obstacles is not None and self.free:
+            free = jnp.asarray(self.free)
+            of_free = jax.tree.map(lambda slope: slope[num_nodes + free][:, None], slopes)
+            own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
+            border = obstacles.border(touch, own, num_nodes)
+        tangent = Tangent(bands, border, extra)
+        if self.mount is None:
+            return tangent
+        return self._with_vehicle(tangent, stage, motion, around, load_factor)
 
-        free = jnp.asarray(self.free)
-        touch = touch[free]
-        of_free = jax.tree.map(lambda slope: slope[num_nodes + free][:, None], slopes)
-        own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
-        own = own + jnp.sum(touch[:, :, 2, :, 2], axis=1)
+    def _with_vehicle(
+        self,
+        tangent: Tangent,
+        stage: Stage,
+        motion: Motion,
+        around: Surroundings,
+        load_factor: Array | None,
+    ) -> Tangent:
+        """Border a tangent by the unknowns of the vehicle, which move what it holds."""
+        rows, size = motion.position.shape
+        first = rows - ROWS - self.nodes(motion.position).shape[0]
+        own = np.array(unknowns(self.axes, size))
+        rates = (stage.by_position, stage.by_velocity, stage.by_acceleration)
 
-        def scatter(edges: Float[Array, "edges 2 b"]) -> Float[Array, "n b"]:
-            return chain.scatter(edges, obstacles.contact.first, num_nodes)
+        def along(way: Float[Array, "rows b"]) -> Rows:
+            def residual(*moving: Rows) -> Rows:
+                return self.residual(self._moving(stage, moving, around), load_factor)[0]
 
-        by_column, by_row = jax.vmap(scatter, -1, -1), jax.vmap(scatter, 1, 0)
-        border = Border(
-            of_nodes=jax.vmap(by_column, 0, 2)(touch[:, :, :2, :, 2]),
-            of_bodies=jax.vmap(by_row)(touch[:, :, 2, :, :2]),
-            corner=jnp.einsum("fij,fg->figj", own, jnp.eye(len(self.free))),
-        )
-        return Tangent(bands, border, self.free)
+            return jax.jvp(residual, _rows(motion), tuple(rate * way for rate in rates))[1]
 
-    @property
-    def bend(self) -> Bend | BendTwist | None:
-        """Element that resists bending, and in space twisting."""
-        return next((e for e in self.elements if isinstance(e, Bend | BendTwist)), None)
+        def push(held: Float[Array, "held b"]) -> Float[Array, " p"]:
+            return self._on_vehicle(motion, held, alone=False).reshape(-1)[own]
 
-    @property
-    def stretch(self) -> Stretch | None:
-        """Element that resists stretching."""
-        return next((e for e in self.elements if isinstance(e, Stretch)), None)
-
-    @property
-    def mass(self) -> Float[Array, ""]:
-        """Mass of the arm without water (kg)."""
-        own = [0.5 * jnp.sum(e.mass) for e in self.elements if isinstance(e, Inertia)]
-        return sum(own, start=jnp.zeros(()))
-
-    def bending_stiffness(self, reference: Reference) -> Float[Array, " ways"]:
-        """Return the mean bending stiffness (N m2); in space toward both directors."""
-        bend = self._known_bend()
-        stiffness = bend.stiffness.reshape(reference.nodes - 1, -1) * reference.strain_length[:-1]
-        # a pinned root resists nothing, and is not what the arm is made of
-        held = stiffness > 0
-        ways = jnp.sum(stiffness, axis=0) / jnp.maximum(jnp.sum(held, axis=0), 1)
-        return ways[: reference.axes - 1]
-
-    def strains(self, motion: Motion) -> Float[Array, "bent strain"]:
-        """Return by how much each node but the tip is bent beyond its rest, in space also twisted.
-
-        Zero at a root that turns freely.
-        """
-        bend = self._known_bend()
-        owned = self._windows(bend, motion)
-        strains = jax.vmap(lambda e, m: e.strains(m))(bend, owned)
-        rest, free = (
-            values.reshape(strains.shape) for values in (bend.rest_strain, bend.stiffness == 0)
-        )
-        return jnp.where(free, 0.0, strains - rest)
-
-    def _known_bend(self) -> Bend | BendTwist:
-        if self.bend is None:
-            raise ValueError("nothing resists bending: elements takes a Bend, in space a BendTwist")
-        return self.bend
+        ways = np.zeros((own.size, rows * size))
+        ways[np.arange(own.size), (rows - ROWS) * size + own] = 1.0
+        columns = jax.vmap(along, out_axes=-1)(jnp.asarray(ways.reshape(-1, rows, size)))
+        return tangent.bordered(columns, push, tuple(map(int, first * size + own)))
 
     @eqx.filter_jit
     def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, "work n b"]]:
@@ -273,8 +283,8 @@ class Forces(eqx.Module):
         position = self.nodes(motion.position)
         energy = dict.fromkeys(ENERGIES, jnp.zeros(()))
         working = dict.fromkeys(WORKS, jnp.zeros_like(position))
-        for first, elements in self._groups():
-            accounts = jax.vmap(_accounts)(elements, self._windows(elements[0], motion))
+        for first, elements in windows.groups(self.elements, self.axes):
+            accounts = jax.vmap(windows.accounts)(elements, windows.gathered(elements[0], motion))
             for element, (stored, forces) in zip(elements, accounts, strict=True):
                 energy[element.stored] += jnp.sum(stored)
                 nodal = chain.scatter(forces, first, position.shape[0])
@@ -282,27 +292,46 @@ class Forces(eqx.Module):
                 working[element.worked] = rows.at[:, : nodal.shape[1]].add(nodal)
         return jnp.stack(list(energy.values())), jnp.stack(list(working.values()))
 
-    def _groups(self) -> list[tuple[int, Elements]]:
-        """Return the elements that act on the same windows together, by their first node.
+    def _on_vehicle(
+        self, motion: Motion, held: Float[Array, "held b"], *, alone: bool = True
+    ) -> Float[Array, "2 b"]:
+        """Return the imbalance of the vehicle's rows for forces on what it holds.
 
-        One pass over the windows then serves all of them: less to compile and to run. Those that
-        bring a Jacobian of their own gain nothing from that.
+        Without what acts on the vehicle alone it is linear in these.
         """
-        groups: dict[tuple[int, int, int, bool, bool], Elements] = {}
-        for element in self.elements:
-            spins = element.spins and self.axes == 3
-            own = isinstance(element, Linearised)
-            key = (element.first, element.stencil, _count(element), spins, own)
-            groups[key] = (*groups.get(key, ()), element)
-        return [(first, elements) for (first, *_), elements in groups.items()]
+        vehicle, mount = self.vehicle, self.mount
+        assert vehicle is not None
+        assert mount is not None
+        ride = mount.ride(*_rows(motion))
+        force, moment = ride.pushed(mount.held, held)
+        if alone:
+            own = vehicle.residual(ride, motion.flow_velocity[-2], motion.flow_acceleration[-2])
+            force, moment = force + own[0], moment + own[1]
+        return paired(force, moment, held.shape[1])
 
-    def _windows(self, element: Element, motion: Motion) -> Motion:
-        count, width = _count(element), motion.position.shape[1] if element.spins else self.axes
+    def _points(self, rows: Rows) -> Points:
+        """Return where each row is; of a vehicle's turn where its centre of mass is."""
+        points = rows[:, : self.axes]
+        return points if self.vehicle is None else points.at[-1].set(points[-2])
 
-        def gather(rows: Array) -> Array:
-            return chain.gather(rows, element.first, count, element.stencil)
+    def attitude(self, motion: Motion) -> Float[Array, "d d"] | None:
+        """Return the attitude of the vehicle, if there is one that moves."""
+        return None if self.mount is None else self.mount.ride(*_rows(motion)).attitude
 
-        return motion.windows(gather, (count,), width, turned=element.spins)
+    def gaps(self, rows: Rows) -> Float[Array, "m e"] | None:
+        """Return how far each obstacle is from each edge (m)."""
+        return None if self.obstacles is None else self.obstacles.gaps(self.without_vehicle(rows))
+
+    def beside(self, motion: Motion) -> Motion:
+        """Return the motion of nodes and obstacles."""
+        if self.vehicle is None:
+            return motion
+        parts = (*_rows(motion), motion.flow_velocity, motion.flow_acceleration)
+        return eqx.tree_at(
+            lambda m: (*_rows(m), m.flow_velocity, m.flow_acceleration),
+            motion,
+            tuple(map(self.without_vehicle, parts)),
+        )
 
     def _bodies(self, motion: Motion) -> Motion:
         """Return the motion of the free obstacles, a window each."""
@@ -311,38 +340,5 @@ class Forces(eqx.Module):
         return motion.windows(lambda rows: rows[free][:, None], (len(self.free),), width)
 
 
-def _course(stage: Stage, slopes: Slopes) -> Course:
-    return Course(stage.by_position, stage.by_velocity, stage.by_acceleration, *slopes)
-
-
-def _jacobian(
-    course: Course, elements: Elements, window: Motion, load_factor: Array | None
-) -> Array:
-    """Return d(residual)/d(correction) of one window: ``(k, b, k, b)``."""
-    known = [e.jacobian(window, course) for e in elements if isinstance(e, Linearised)]
-    if known:  # then all of the group are
-        return jnp.sum(jnp.stack(known), axis=0)
-
-    def residual(window: Motion) -> Array:
-        return jnp.sum(_residuals(elements, window, load_factor), axis=0)
-
-    def along(direction: Float[Array, "k b"]) -> Array:
-        return jax.jvp(residual, (window,), (course.tangent(window, direction),))[1]
-
-    shape = window.position.shape
-    basis = jnp.eye(shape[0] * shape[1]).reshape(-1, *shape)
-    return jax.vmap(along, out_axes=-1)(basis).reshape(*shape, *shape)
-
-
-def _count(element: Element) -> int:
-    return int(jax.tree.leaves(element)[0].shape[0])
-
-
-def _residuals(elements: Elements, window: Motion, load_factor: Array | None) -> Array:
-    """Return the residual of each element in one window."""
-    full = 1.0 if load_factor is None else load_factor
-    return jnp.stack([(full if e.external else 1.0) * e.residual(window) for e in elements])
-
-
-def _accounts(elements: Elements, window: Motion) -> list[tuple[Array, Array]]:
-    return [(element.energy(window), element.working(window)) for element in elements]
+def _rows(motion: Motion) -> tuple[Rows, Rows, Rows]:
+    return motion.position, motion.velocity, motion.acceleration

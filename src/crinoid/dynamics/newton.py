@@ -31,11 +31,15 @@ class Outcome(eqx.Module):
     iterations: Int[Array, ""]
     """Iterations of Newton's method."""
     residual: Float[Array, ""]
-    """Largest imbalance of a node or a free obstacle (N; a torque as a couple on an edge)."""
+    """Largest imbalance of a node, a free obstacle or a vehicle (N).
+
+    A torque counts as a couple on an edge, that of a vehicle over its radius of gyration.
+    """
     scale: Float[Array, ""]
     """Largest single force in the balance (N)."""
     worst_node: Int[Array, ""]
-    """Node with the largest imbalance; the root is 0, the free obstacles come after the tip."""
+    """Node with the largest imbalance; the root is 0, the free obstacles come after the tip,
+    then a vehicle."""
     resolved: Bool[Array, ""]
     """Whether a balanced step was short enough for its contacts; if not it has not converged."""
     folded: Bool[Array, ""]
@@ -191,7 +195,8 @@ def imbalance(
     """Return the residual of a correction, and how near to a balance that is."""
     residual, largest = forces.residual(forces.motion(stage, correction, around), load_factor)
     scale = jnp.max(settings.weights * largest)
-    unbalanced = jnp.max(settings.weights * jnp.abs(forces.unknown(residual)), axis=1)
+    lacking = jnp.abs(forces.unknown(residual, 1 / forces.reach))
+    unbalanced = jnp.max(settings.weights * lacking, axis=1)
     worst = jnp.argmax(unbalanced)
     return residual, Outcome(
         converged=unbalanced[worst] <= settings.tolerance * scale + settings.floor,

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from crinoid import chain
+from crinoid.dynamics.tangent import Border
 from crinoid.elements import Body, Contact, Motion
 
 Rows = Float[Array, "rows b"]
@@ -160,6 +161,35 @@ class Obstacles(eqx.Module):
         each = windows.reshape(self.count, -1, *windows.shape[1:])
         nodes = chain.scatter(jnp.sum(each, axis=0)[:, :2], 1, num_rows - self.count)
         return jnp.concatenate([nodes, jnp.sum(each[:, :, 2], axis=1)])
+
+    def border(
+        self,
+        touch: Float[Array, "m edges 3 b 3 b"],
+        own: Float[Array, "f b b"],
+        num_nodes: int,
+    ) -> Border:
+        """Return how nodes and free obstacles move each other.
+
+        ``touch`` are the derivatives of the contacts, ``own`` those of what else acts on the free
+        ones.
+        """
+        touch = touch[jnp.asarray(self.free)]
+        own = own + jnp.sum(touch[:, :, 2, :, 2], axis=1)
+        count, size = own.shape[:2]
+
+        def scatter(edges: Float[Array, "edges 2 b"]) -> Float[Array, "n b"]:
+            return chain.scatter(edges, self.contact.first, num_nodes)
+
+        by_column, by_row = jax.vmap(scatter, -1, -1), jax.vmap(scatter, 1, 0)
+        of_nodes = jax.vmap(by_column, 0, 2)(touch[:, :, :2, :, 2])
+        of_bodies = jax.vmap(by_row)(touch[:, :, 2, :, :2])
+        corner = jnp.einsum("fij,fg->figj", own, jnp.eye(count))
+        total = count * size
+        return Border(
+            of_nodes.reshape(num_nodes, size, total),
+            of_bodies.reshape(total, num_nodes, size),
+            corner.reshape(total, total),
+        )
 
     def resolved(
         self,

@@ -17,34 +17,34 @@ def prescribed(
 ) -> Stage:
     """Return the stage with the motion of the held nodes and the led obstacles set.
 
+    Nodes that a vehicle holds, which floats, are not prescribed.
+
     The stage is that of a step of given length (s) from ``state``, with the servo at its end.
     """
-    held = base.prescribe(stage.time, servo)
-    position = held.position
-    if held.frame is not None:
-        frames = stage.frames
-        assert frames is not None
-        spin = frames.spin_to(1, held.frame[0], held.frame[1])
-        position = as_rows(position, 4).at[1, 3].set(spin)
-    given = (position, held.velocity, held.acceleration)
-    rows = tuple(
-        row.at[:HELD].set(value)
-        for row, value in zip(
-            (stage.position, stage.velocity, stage.acceleration), given, strict=True
-        )
-    )
+    rows: tuple[Array, ...] = (stage.position, stage.velocity, stage.acceleration)
+    width = stage.position.shape[1]
+    if forces.mount is None:  # which carries them along otherwise
+        held = base.prescribe(stage.time, servo)
+        position = held.position
+        if held.frame is not None:
+            frames = stage.frames
+            assert frames is not None
+            spin = frames.spin_to(1, held.frame[0], held.frame[1])
+            position = as_rows(position, 4).at[1, 3].set(spin)
+        given = (position, held.velocity, held.acceleration)
+        rows = tuple(row.at[:HELD].set(value) for row, value in zip(rows, given, strict=True))
     obstacles = forces.obstacles
     if obstacles is not None:
-        count = obstacles.count
+        first = forces.nodes(stage.position).shape[0]
+        water = state.motion.flow_velocity[first : first + obstacles.count]
         led, velocity = obstacles.lead(
-            state.motion.position[-count:, : forces.axes],
-            state.motion.flow_velocity[-count:],
+            state.obstacle_position,
+            water,
             lambda points: forces.flow_velocity(points, stage.time),
             step,
         )
         values = (led, velocity, jnp.zeros_like(led))
-        at = obstacles.led - count  # rows counted from the end
-        width = position.shape[1]
+        at = first + obstacles.led
         rows = tuple(
             row.at[at].set(as_rows(value[obstacles.led], width), unique_indices=True)
             for row, value in zip(rows, values, strict=True)

@@ -4,8 +4,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.base import Base, Prescribed
+from crinoid.base import Base, Prescribed, ServoState
 from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.newton import newton_step
+from crinoid.dynamics.state import State
+from crinoid.dynamics.tangent import HELD
+from crinoid.elements import Motion
 from crinoid.frames import Frames, Orientation, cross, dot, tangents
 from crinoid.reference import Reference
 
@@ -31,11 +36,13 @@ def undeformed(
         twists = twists.at[-1].set(0.0)  # nothing twists at the tip
         known = Frames.of(rows, Orientation(directors, twists, jnp.zeros_like(directors)))
         frames = Frames.of(rows, known.at(rows))
-    obstacles = forces.obstacles
-    if obstacles is None:
-        return rows, frames
-    position = as_rows(obstacles.position + time * obstacles.drift, rows.shape[1])
-    return jnp.concatenate([rows, position]), frames
+    parts, width = [rows], rows.shape[1]
+    if (obstacles := forces.obstacles) is not None:
+        parts.append(as_rows(obstacles.position + time * obstacles.drift, width))
+    if forces.vehicle is not None:
+        middle = as_rows(forces.vehicle.offset[None], width)
+        parts += [middle, jnp.zeros_like(middle)]
+    return jnp.concatenate(parts), frames
 
 
 def clamped(base: Base, time: Float[Array, ""], rows: Rows, frames: Frames | None) -> Rows:
@@ -64,6 +71,55 @@ def carried(held: Prescribed, nodes: Float[Array, "n b"]) -> Float[Array, "n b"]
     turning = cross(lever, swing) / reach + held.velocity[1, 3] * held.frame[0]
     velocity = held.velocity[1, :3] + cross(turning, arm)
     return jnp.concatenate([velocity, dot(tangents(nodes), turning)[:, None]], axis=1)
+
+
+def mounted(
+    forces: Forces, base: Base, time: Array, servo: ServoState, before: State | None = None
+) -> Forces:
+    """Return the forces at the end of a step from a state, or at the start, on a vehicle if any."""
+    vehicle, axes = forces.vehicle, forces.axes
+    if vehicle is None:
+        return forces
+    turns = 1 if axes == 2 else 3
+    attitude, turn = jnp.eye(axes), jnp.zeros(turns)
+    if before is not None:
+        assert before.attitude is not None
+        attitude, turn = before.attitude, before.motion.position[-1, :turns]
+    return forces.mounted(vehicle.mount(base.prescribe(time, servo), attitude, turn))
+
+
+def begin(
+    forces: Forces,
+    base: Base,
+    servo: ServoState,
+    time: Float[Array, ""],
+    position: Rows,
+    frames: Frames | None,
+) -> tuple[Forces, Motion]:
+    """Return the motion that a shape starts with, and the forces then.
+
+    It moves rigidly with the base, and with the acceleration that follows; a vehicle that floats
+    starts from rest.
+    """
+    forces = mounted(forces, base, time, servo)
+    nodes, held = forces.nodes(position), base.prescribe(time, servo)
+    velocity = jnp.zeros_like(position)
+    velocity = velocity.at[: nodes.shape[0]].set(carried(held, nodes))
+    velocity = velocity.at[:HELD].set(held.velocity)
+    obstacles = forces.obstacles
+    if obstacles is not None:
+        at = slice(nodes.shape[0], nodes.shape[0] + obstacles.count)
+        points = position[at, : forces.axes]
+        started = obstacles.begin(points, lambda p: forces.flow_velocity(p, time))
+        velocity = velocity.at[at].set(as_rows(started, velocity.shape[1]))
+    none, zero = jnp.zeros_like(position), jnp.zeros(())
+    accelerated = none.at[:HELD].set(held.acceleration)
+    stage = Stage(time, position, velocity, accelerated, zero, zero, jnp.ones(()), frames)
+    # forces are affine in the acceleration: one Newton step is exact
+    around = forces.surroundings(stage, none)
+    residual, _ = forces.residual(forces.motion(stage, none, around))
+    acceleration = newton_step(forces, around, stage, none, residual)
+    return forces, forces.motion(stage, acceleration, around)
 
 
 def as_rows(points: Float[Array, "count d"], width: int) -> Float[Array, "count b"]:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.base import Base, ServoState
+from crinoid.dynamics.vehicle import ROWS
 from crinoid.elements import Motion
 from crinoid.frames import Frames
 
@@ -21,7 +22,8 @@ class State(eqx.Module):
     """
 
     motion: Motion
-    """Motion of the nodes, in the rows after them of the obstacles, and of the water at them."""
+    """Motion of the nodes, in the rows after them of the obstacles and of a vehicle, and of the
+    water at them."""
     ahead: Float[Array, "rows b"]
     """Auxiliary acceleration of generalized-alpha less the true one, over the last step (m/s3)."""
     servo: ServoState
@@ -34,6 +36,8 @@ class State(eqx.Module):
     """Distance of each obstacle from the surface of each edge (m)."""
     earlier: Float[Array, "2 rows b"]
     """Accelerations of the two steps before, the last one first, to guess the next one by."""
+    attitude: Float[Array, "d d"] | None = None
+    """Matrix from the axes of a vehicle that floats to those of the world."""
 
     @property
     def time(self) -> Any:
@@ -101,16 +105,30 @@ class State(eqx.Module):
         return self._obstacles(self.motion.velocity)
 
     @property
+    def vehicle_position(self) -> Any:
+        """Position of a vehicle's centre of mass (m), None where the base does not float."""
+        return None if self.attitude is None else self.motion.position[..., -2, : self._axes]
+
+    @property
+    def vehicle_velocity(self) -> Any:
+        """Velocity of a vehicle's centre of mass (m/s), None where the base does not float."""
+        return None if self.attitude is None else self.motion.velocity[..., -2, : self._axes]
+
+    @property
     def _axes(self) -> int:
         return int(self.motion.flow_velocity.shape[-1])
 
     def _obstacles(self, rows: Any) -> Any:
         if self.gap is None:
             return None
-        return rows[..., -self.gap.shape[-2] :, : self._axes]
+        return self._others(rows)[..., -self.gap.shape[-2] :, : self._axes]
 
     def _nodes(self, rows: Nodes) -> Nodes:
+        rows = self._others(rows)
         return rows if self.gap is None else rows[..., : -self.gap.shape[-2], :]
+
+    def _others(self, rows: Any) -> Any:
+        return rows if self.attitude is None else rows[..., :-ROWS, :]
 
 
 def _size(rows: Float[Array, "rows b"]) -> Float[Array, " b"]:

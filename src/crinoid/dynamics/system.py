@@ -17,15 +17,15 @@ from crinoid.dynamics.books import Books
 from crinoid.dynamics.fold import SHARPEST, facing
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.halving import Progress, halve
-from crinoid.dynamics.integrator import Integrator, Stage
-from crinoid.dynamics.newton import Outcome, Settings, newton_step, solve
+from crinoid.dynamics.integrator import Integrator
+from crinoid.dynamics.newton import Outcome, Settings, solve
 from crinoid.dynamics.prescribed import prescribed
-from crinoid.dynamics.start import as_rows
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import HELD
 from crinoid.dynamics.tip import tip_pose
 from crinoid.elements import Motion
 from crinoid.frames import Frames
+from crinoid.products import product
 from crinoid.reference import Reference
 
 Command = Float[Array, " input"]
@@ -118,7 +118,7 @@ class System(eqx.Module):
         stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
         forces = self._driven(state).frozen(state.time)
         motion = forces.motion(stage, none, forces.surroundings(stage, none))
-        return self._steady(forces, motion, (state.servo, *state.actuators))
+        return self._steady(forces, motion, (state.servo, *state.actuators), state.attitude)
 
     def step(
         self, state: State, command: Command, step: float | Array | None = None
@@ -141,6 +141,7 @@ class System(eqx.Module):
         )
         forces = self.forces.driven(drives(self.actuators, actuators))
         stage = method.stage(before, state.ahead, h, state.frames)
+        forces = start.mounted(forces, self.base, stage.time, servo, state)
         stage = prescribed(forces, self.base, stage, state, servo, h)
 
         def moved(acceleration: Rows) -> Rows:
@@ -158,10 +159,11 @@ class System(eqx.Module):
             servo=servo,
             actuators=tuple(actuators),
             reaction=reaction,
-            gap=self._gap(forces, motion),
+            gap=forces.gaps(motion.position),
             earlier=jnp.stack([before.acceleration, state.earlier[0]]),
+            attitude=forces.attitude(motion),
         )
-        return after, self._judged(state, after, outcome, h)
+        return after, self._judged(forces, state, after, outcome, h)
 
     def advance(
         self, state: State, command: Command, step: float | Array | None = None
@@ -261,72 +263,63 @@ class System(eqx.Module):
     def held(self, state: State) -> Float[Array, "2 b channel"]:
         """Return how the ghost node and the root follow small moves of the channels."""
         pose, _, _ = self.base.pose(state.time, state.servo)
-        return jax.vmap(lambda rate: self.base.moving(pose, rate)[1], out_axes=-1)(
+        moved = jax.vmap(lambda rate: self.base.moving(pose, rate)[1], out_axes=-1)(
             jnp.eye(pose.size)
         )
+        if state.attitude is None:
+            return moved
+        axes = self.forces.axes
+        return moved.at[:, :axes].set(product(state.attitude, moved[:, :axes]))
 
     def tip_follows(self, state: State) -> Float[Array, "pose 3 d"]:
         """Return how the tip's pose follows small moves of the last three nodes."""
         return jax.jacfwd(tip_pose)(state.position[-3:])
 
-    def _judged(self, state: State, after: State, outcome: Outcome, step: Array) -> Outcome:
+    def _judged(
+        self, forces: Forces, state: State, after: State, outcome: Outcome, step: Array
+    ) -> Outcome:
         """Return the outcome of a step, which counts only if neither folds, errors nor hits forbid.
 
         Whether Newton's method converged the outcome says on entry.
         """
         before, now = state.motion, after.motion
-        folded = jnp.any(facing(self.forces, now.position) < SHARPEST)
-        error = jnp.where(outcome.converged, self._error(before, now, step), 0.0)
+        folded = jnp.any(facing(forces, now.position) < SHARPEST)
+        error = jnp.where(outcome.converged, self._error(forces, before, now, step), 0.0)
         good, resolved = outcome.converged & ~folded & (error <= self.max_error), outcome.resolved
-        if self.forces.obstacles is not None:
+        if forces.obstacles is not None:
             assert state.gap is not None
             assert after.gap is not None
-            resolved = ~good | self.forces.obstacles.resolved(
-                before.position, state.gap, now.position, after.gap, step
-            )
+            rows = map(forces.without_vehicle, (before.position, now.position))
+            was, now_at = rows
+            resolved = ~good | forces.obstacles.resolved(was, state.gap, now_at, after.gap, step)
         return eqx.tree_at(
             lambda o: (o.converged, o.resolved, o.folded, o.error),
             outcome,
             (good & resolved, resolved, folded, error),
         )
 
-    def _error(self, before: Motion, after: Motion, step: Array) -> Float[Array, ""]:
+    def _error(
+        self, forces: Forces, before: Motion, after: Motion, step: Array
+    ) -> Float[Array, ""]:
         """Return the largest estimated local error of a position that a step solves for (m)."""
         error = self.integrator.error(before.acceleration, after.acceleration, step)
-        error = jax.lax.stop_gradient(self.forces.unknown(error)[:, : self.forces.axes])
+        error = jax.lax.stop_gradient(forces.unknown(error, forces.reach)[:, : forces.axes])
         return jnp.sqrt(jnp.max(jnp.sum(error**2, axis=1)))
 
     def _begin(self, time: Array, position: Rows, frames: Frames | None) -> State:
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
         servo, *actuators = (one.at_rest() for one in self._followers)
-        forces, axes = self.forces.driven(drives(self.actuators, actuators)), self.forces.axes
-        held = self.base.prescribe(time, servo)
-        velocity = start.carried(held, forces.nodes(position))
-        velocity = velocity.at[:HELD].set(held.velocity)
-        obstacles = forces.obstacles
-        if obstacles is not None:
-            points = position[-obstacles.count :, :axes]
-            started = obstacles.begin(points, lambda p: forces.flow_velocity(p, time))
-            velocity = jnp.concatenate([velocity, as_rows(started, velocity.shape[1])])
-        stage = Stage(
-            time,
-            position,
-            velocity,
-            jnp.zeros_like(position).at[:HELD].set(held.acceleration),
-            jnp.zeros(()),
-            jnp.zeros(()),
-            jnp.ones(()),
-            frames,
-        )
-        # forces are affine in the acceleration: one Newton step is exact
-        none = jnp.zeros_like(position)
-        around = forces.surroundings(stage, none)
-        residual, _ = forces.residual(forces.motion(stage, none, around))
-        acceleration = newton_step(forces, around, stage, none, residual)
-        motion = forces.motion(stage, acceleration, around)
-        return self._steady(forces, motion, (servo, *actuators))
+        forces = self.forces.driven(drives(self.actuators, actuators))
+        forces, motion = start.begin(forces, self.base, servo, time, position, frames)
+        return self._steady(forces, motion, (servo, *actuators), forces.attitude(motion))
 
-    def _steady(self, forces: Forces, motion: Motion, followers: Sequence[Any]) -> State:
+    def _steady(
+        self,
+        forces: Forces,
+        motion: Motion,
+        followers: Sequence[Any],
+        attitude: Float[Array, "d d"] | None,
+    ) -> State:
         """Return the state of an arm whose motion is known, and steady."""
         residual, _ = forces.residual(motion)
         servo, *actuators = followers
@@ -336,14 +329,11 @@ class System(eqx.Module):
             servo=servo,
             actuators=tuple(actuators),
             reaction=residual[:HELD],
-            gap=self._gap(forces, motion),
+            gap=forces.gaps(motion.position),
             earlier=jnp.stack([motion.acceleration] * 2),
+            attitude=attitude,
         )
 
     def _driven(self, state: State) -> Forces:
         """Return the forces with the actuators as they are in a state."""
         return self.forces.driven(drives(self.actuators, state.actuators))
-
-    @staticmethod
-    def _gap(forces: Forces, motion: Motion) -> Float[Array, "m e"] | None:
-        return None if forces.obstacles is None else forces.obstacles.gaps(motion.position)

@@ -1,4 +1,6 @@
-"""The matrix of a Newton step: the chain of nodes, bordered by the bodies that it touches."""
+"""The matrix of a Newton step: the chain of nodes, bordered by the unknowns that are no nodes."""
+
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -12,32 +14,38 @@ HELD = 2
 """The ghost node and the root: their motion is prescribed, not solved for."""
 
 Rows = Float[Array, "_ b"]
+Extra = Float[Array, " p"]
 
 
 class Border(eqx.Module):
-    """Blocks that couple ``f`` free bodies to the nodes and to themselves."""
+    """Blocks that couple ``p`` unknowns beside the chain to the nodes and to themselves."""
 
-    of_nodes: Float[Array, "n b f b"]
-    """d(residual of the nodes) / d(correction of the bodies)."""
-    of_bodies: Float[Array, "f b n b"]
-    """d(residual of the bodies) / d(correction of the nodes)."""
-    corner: Float[Array, "f b f b"]
+    of_nodes: Float[Array, "n b p"]
+    """d(residual of the nodes) / d(the other unknowns)."""
+    of_extra: Float[Array, "p n b"]
+    """d(residual of the other unknowns) / d(correction of the nodes)."""
+    corner: Float[Array, "p p"]
+
+    def of_free(self) -> "Border":
+        """Return the border of the nodes that are solved for."""
+        return Border(self.of_nodes[HELD:], self.of_extra[:, HELD:], self.corner)
 
     def transposed(self) -> "Border":
         """Return the border of the transposed matrix."""
-        swapped = (self.of_bodies, self.of_nodes, self.corner)
-        return Border(*(jnp.einsum("icjd->jdic", block) for block in swapped))
+        return Border(
+            jnp.moveaxis(self.of_extra, 0, -1), jnp.moveaxis(self.of_nodes, -1, 0), self.corner.T
+        )
 
 
 class Tangent(eqx.Module):
-    """d(residual)/d(correction), with the rows of nodes and then obstacles.
+    """d(residual)/d(correction), with the rows of nodes and then of whatever else moves.
 
-    Of the obstacles only the free ones are solved for: rows ``free`` among them.
+    Of these rows the entries ``extra`` are solved for, counted from the first row after the nodes.
     """
 
     bands: chain.Bands
     border: Border | None
-    free: tuple[int, ...] = eqx.field(static=True)
+    extra: tuple[int, ...] = eqx.field(static=True)
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for what is not prescribed; the other rows come back as zero."""
@@ -46,19 +54,46 @@ class Tangent(eqx.Module):
         answer = jnp.zeros_like(rhs)
         if self.border is None:
             return answer.at[HELD:num_nodes].set(chain.solve(bands, nodes))
-        rows = num_nodes + jnp.asarray(self.free)
-        border = Border(
-            self.border.of_nodes[HELD:], self.border.of_bodies[:, :, HELD:], self.border.corner
-        )
-        nodes, bodies = jax.lax.custom_linear_solve(
+        border, at = self.border.of_free(), jnp.asarray(self.extra)
+        nodes, extra = jax.lax.custom_linear_solve(
             lambda x: _matvec(bands, border, *x),
-            (nodes, rhs[rows]),
+            (nodes, rhs[num_nodes:].reshape(-1)[at]),
             solve=lambda _, b: _eliminate(bands, border, *b),
             transpose_solve=lambda _, b: _eliminate(
                 chain.transpose(bands), border.transposed(), *b
             ),
         )
-        return answer.at[HELD:num_nodes].set(nodes).at[rows].set(bodies, unique_indices=True)
+        beside = jnp.zeros(rhs[num_nodes:].size).at[at].set(extra, unique_indices=True)
+        answer = answer.at[HELD:num_nodes].set(nodes)
+        return answer.at[num_nodes:].set(beside.reshape(-1, rhs.shape[1]))
+
+    def bordered(
+        self,
+        columns: Float[Array, "rows b p"],
+        push: Callable[[Float[Array, "held b"]], Extra],
+        extra: tuple[int, ...],
+    ) -> "Tangent":
+        """Add ``p`` unknowns that move what is held, and are pushed by the forces on it.
+
+        ``columns`` are the derivatives of all residuals by them. Their own residual is, by the
+        residual of what is held, ``push``, which is linear.
+        """
+        num_nodes, _, size, _ = self.bands.shape
+        before = self.border
+        if before is None:
+            none = jnp.zeros((num_nodes, size, 0))
+            before = Border(none, jnp.moveaxis(none, -1, 0), jnp.zeros((0, 0)))
+        at = (*self.extra, *extra)
+        beside = columns[num_nodes:].reshape(-1, len(extra))[jnp.asarray(at)]
+        each = jax.vmap(push, -1, -1)
+        of_extra = jax.vmap(each, -1, -1)(_of_held(self.bands))
+        back = each(before.of_nodes[:HELD])
+        border = Border(
+            jnp.concatenate([before.of_nodes, columns[:num_nodes]], axis=2),
+            jnp.concatenate([before.of_extra, of_extra]),
+            jnp.concatenate([jnp.concatenate([before.corner, back]), beside], axis=1),
+        )
+        return Tangent(self.bands, border, at)
 
     def on_held(self, change: Rows) -> Float[Array, "held b"]:
         """Return how the forces on what is prescribed follow a change of the rest."""
@@ -66,28 +101,34 @@ class Tangent(eqx.Module):
         forces = chain.matvec(self.bands[:near], change[:near])[:HELD]
         if self.border is None:
             return forces
-        bodies = change[self.bands.shape[0] + jnp.asarray(self.free)]
-        return forces + jnp.einsum("icjd,jd->ic", self.border.of_nodes[:HELD], bodies)
+        extra = change[self.bands.shape[0] :].reshape(-1)[jnp.asarray(self.extra)]
+        return forces + product(self.border.of_nodes[:HELD], extra)
 
 
-def _matvec(bands: chain.Bands, border: Border, nodes: Rows, bodies: Rows) -> tuple[Rows, Rows]:
-    return (
-        chain.matvec(bands, nodes) + jnp.einsum("icjd,jd->ic", border.of_nodes, bodies),
-        jnp.einsum("icjd,jd->ic", border.of_bodies, nodes)
-        + jnp.einsum("icjd,jd->ic", border.corner, bodies),
+def _of_held(bands: chain.Bands) -> Float[Array, "held b n b"]:
+    """Return the rows of what is held, written out."""
+    num_nodes = bands.shape[0]
+    rows = [jnp.moveaxis(bands[i, 2 - i :], 0, 1) for i in range(HELD)]
+    return jnp.stack(
+        [jnp.pad(row, ((0, 0), (0, num_nodes - row.shape[1]), (0, 0))) for row in rows]
     )
 
 
-def _eliminate(bands: chain.Bands, border: Border, nodes: Rows, bodies: Rows) -> tuple[Rows, Rows]:
-    """Solve by block elimination: the nodes' answer to their own load and to each body's move."""
-    moves = border.of_nodes.reshape(*nodes.shape, -1)
-    answers = chain.solve(bands, jnp.concatenate([nodes[..., None], moves], axis=-1))
-    alone, followed = answers[..., 0], answers[..., 1:]
-    back = border.of_bodies.reshape(bodies.size, -1)
-    followed = followed.reshape(-1, bodies.size)
-    schur = border.corner.reshape(bodies.size, -1) - product(back, followed)
-    moved = _solve(schur, bodies.reshape(-1) - product(back, alone.reshape(-1)))
-    return alone - product(followed, moved).reshape(alone.shape), moved.reshape(bodies.shape)
+def _matvec(bands: chain.Bands, border: Border, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
+    return (
+        chain.matvec(bands, nodes) + product(border.of_nodes, extra),
+        jnp.einsum("pnb,nb->p", border.of_extra, nodes) + product(border.corner, extra),
+    )
+
+
+def _eliminate(bands: chain.Bands, border: Border, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
+    """Solve by block elimination: the nodes' answer to their own load and to each unknown's."""
+    answers = chain.solve(bands, jnp.concatenate([nodes[..., None], border.of_nodes], axis=-1))
+    alone, followed = answers[..., 0], answers[..., 1:].reshape(-1, extra.size)
+    back = border.of_extra.reshape(extra.size, -1)
+    schur = border.corner - product(back, followed)
+    moved = _solve(schur, extra - product(back, alone.reshape(-1)))
+    return alone - product(followed, moved).reshape(alone.shape), moved
 
 
 def _solve(matrix: Float[Array, "k k"], rhs: Float[Array, " k"]) -> Float[Array, " k"]:

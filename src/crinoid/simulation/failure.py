@@ -123,11 +123,15 @@ def _other_base(scenario: Scenario) -> str:
 
 
 def imbalance(system: System, outcome: Outcome) -> str:
-    """Say which node or obstacle is out of balance, and by how much."""
+    """Say which node, obstacle or vehicle is out of balance, and by how much."""
     if not np.isfinite(outcome.residual):
         return "forces grew without bound"
     worst, nodes = int(outcome.worst_node), system.reference.nodes
-    name = f"node {worst}" if worst < nodes else f"obstacle {system.forces.free[worst - nodes]}"
+    free = system.forces.free
+    name = f"node {worst}"
+    if worst >= nodes:
+        beside = worst - nodes
+        name = f"obstacle {free[beside]}" if beside < len(free) else "the vehicle"
     return (
         f"{name} is out of balance by {float(outcome.residual):.3g} N "
         f"among forces of up to {float(outcome.scale):.3g} N"

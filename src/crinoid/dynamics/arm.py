@@ -1,0 +1,59 @@
+"""The elements of an arm, and what they say it is made of."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.dynamics import windows
+from crinoid.elements import Bend, BendTwist, Element, Inertia, Motion, Stretch
+from crinoid.reference import Reference
+
+
+class Arm(eqx.Module):
+    """The elements of an arm."""
+
+    elements: tuple[Element, ...]
+
+    @property
+    def bend(self) -> Bend | BendTwist | None:
+        """Element that resists bending, and in space twisting."""
+        return next((e for e in self.elements if isinstance(e, Bend | BendTwist)), None)
+
+    @property
+    def stretch(self) -> Stretch | None:
+        """Element that resists stretching."""
+        return next((e for e in self.elements if isinstance(e, Stretch)), None)
+
+    @property
+    def mass(self) -> Float[Array, ""]:
+        """Mass of the arm without water (kg)."""
+        own = [0.5 * jnp.sum(e.mass) for e in self.elements if isinstance(e, Inertia)]
+        return sum(own, start=jnp.zeros(()))
+
+    def bending_stiffness(self, reference: Reference) -> Float[Array, " ways"]:
+        """Return the mean bending stiffness (N m2); in space toward both directors."""
+        bend = self._known_bend()
+        stiffness = bend.stiffness.reshape(reference.nodes - 1, -1) * reference.strain_length[:-1]
+        # a pinned root resists nothing, and is not what the arm is made of
+        held = stiffness > 0
+        ways = jnp.sum(stiffness, axis=0) / jnp.maximum(jnp.sum(held, axis=0), 1)
+        return ways[: reference.axes - 1]
+
+    def strains(self, motion: Motion) -> Float[Array, "bent strain"]:
+        """Return by how much each node but the tip is bent beyond its rest, in space also twisted.
+
+        Zero at a root that turns freely.
+        """
+        bend = self._known_bend()
+        owned = windows.gathered(bend, motion)
+        strains = jax.vmap(lambda e, m: e.strains(m))(bend, owned)
+        rest, free = (
+            values.reshape(strains.shape) for values in (bend.rest_strain, bend.stiffness == 0)
+        )
+        return jnp.where(free, 0.0, strains - rest)
+
+    def _known_bend(self) -> Bend | BendTwist:
+        if self.bend is None:
+            raise ValueError("nothing resists bending: elements takes a Bend, in space a BendTwist")
+        return self.bend
