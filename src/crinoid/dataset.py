@@ -138,7 +138,9 @@ def build_dataset(
     """
     run = Instants(system, kept, before)
     count = run.dimension
-    there = of_dimension(count, without=() if kept.touch is not None else ("obstacles",))
+    missing = {"obstacles": kept.touch, "vehicle": kept.vehicle}
+    without = [name for name, found in missing.items() if found is None]
+    there = of_dimension(count, without=without)
     dataset = xr.Dataset(
         {
             name: quantity(name, variable.of(run), count)

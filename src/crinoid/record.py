@@ -3,7 +3,7 @@
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
-from crinoid.dynamics import Touch
+from crinoid.dynamics import Touch, Voyage
 
 
 class Record(eqx.Module):
@@ -48,3 +48,5 @@ class Record(eqx.Module):
     """In space: the material director m_1 of the edges."""
     twist: Float[Array, "*t n"] | None
     """In space: twist at the nodes (rad/m)."""
+    vehicle: Voyage | None = None
+    """Of a base that floats: where it is, and what its thrusters do."""

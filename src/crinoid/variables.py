@@ -29,7 +29,16 @@ class Variable(NamedTuple):
     """Its ``long_name``."""
     of: Of | None = None
     """How it is worked out; none if elsewhere (`crinoid.dimensionless`, `crinoid.signals`)."""
-    where: Literal["", "plane", "space", "obstacles", "actuators"] = ""
+    where: Literal[
+        "",
+        "plane",
+        "space",
+        "obstacles",
+        "actuators",
+        "vehicle",
+        "vehicle plane",
+        "vehicle space",
+    ] = ""
     """Which results have it; empty for all."""
     more: str = ""
     """Words that the documentation adds to the meaning."""
@@ -167,6 +176,19 @@ VARIABLES = (
          "smallest distance of the obstacles from the arm's surface since the start",
          lambda run: run.kept.touch.closest, where="obstacles",
          more="at the end of any time step"),
+    _row("vehicle_pose", "time channel", "",
+         "displacement of the vehicle from where it started, of its centre of mass",
+         lambda run: run.kept.vehicle.pose, where="vehicle",
+         more="and its turn; `base_pose` rides on it"),
+    _row("thruster_force", "time axis", "N",
+         "force of the thrusters along the axes of the vehicle",
+         lambda run: run.kept.vehicle.force, where="vehicle"),
+    _row("thruster_moment", "time", "N m",
+         "moment of the thrusters on the vehicle, positive from x toward z",
+         lambda run: run.kept.vehicle.moment[:, 0], where="vehicle plane"),
+    _row("thruster_moment", "time axis", "N m",
+         "moment of the thrusters about the axes of the vehicle, right-handed",
+         lambda run: run.kept.vehicle.moment, where="vehicle space"),
     _row("actuator_command", "time input", "", "commands of the actuators", where="actuators"),
     _row("actuator_state", "time input", "", "what the actuators drive the arm with",
          where="actuators", more="their limits are the coordinates `input_lower`, `input_upper`"),
@@ -178,10 +200,10 @@ VARIABLES = (
 def of_dimension(dimension: int, *, without: Iterable[str] = ()) -> dict[str, Variable]:
     """Return the variables of a planar (2) or spatial (3) arm by name.
 
-    ``without`` "obstacles" or "actuators" those of these are left out.
+    ``without`` "obstacles", "actuators" or "vehicle" those of these are left out.
     """
     left = {"space" if dimension == 2 else "plane", *without}
-    return {each.name: each for each in VARIABLES if each.where not in left}
+    return {each.name: each for each in VARIABLES if left.isdisjoint(each.where.split())}
 
 
 def large_names(dimension: int) -> list[str]:

@@ -22,6 +22,7 @@ from crinoid.assembly.load import Builder, load_numbers
 from crinoid.assembly.numbers import Numbers, array, from_table
 from crinoid.assembly.obstacle import ObstacleParameters
 from crinoid.assembly.tool import ToolParameters
+from crinoid.assembly.vehicle import VehicleParameters
 from crinoid.dynamics import Integrator
 from crinoid.flow import Flow
 from crinoid.rod import Rod
@@ -177,6 +178,7 @@ class Parameters(eqx.Module):
     obstacle: ObstacleParameters | None
     tool: ToolParameters | None
     actuator: tuple[ActuatorParameters, ...]
+    vehicle: VehicleParameters | None
     pid: PidParameters
     simulation: SimulationParameters
     load_builders: tuple[Builder, ...] = eqx.field(static=True)
@@ -199,6 +201,7 @@ class Parameters(eqx.Module):
             obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
             tool=None if scenario.tool is None else ToolParameters.of(scenario.tool),
             actuator=tuple(each.build(scenario) for each in scenario.actuator),
+            vehicle=None if scenario.vehicle is None else VehicleParameters.of(scenario.vehicle),
             pid=PidParameters.of(scenario.control, scenario.arm.dimension),
             simulation=SimulationParameters.of(scenario.simulation),
             load_builders=tuple(builder for builder, _ in loads),

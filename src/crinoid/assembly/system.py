@@ -52,9 +52,18 @@ def assemble(parameters: Parameters) -> System:
     obstacles = None
     if obstacle is not None:
         obstacles = obstacle.obstacles(rod, base.position, water.density, water.gravity)
+    vehicle = None
+    if parameters.vehicle is not None:
+        vehicle = parameters.vehicle.vehicle(water.density, water.gravity)
     return System(
         reference=rod.reference,
-        forces=Forces((*elements, *through), Water(parameters.flow), base.position, obstacles),
+        forces=Forces(
+            (*elements, *through),
+            Water(parameters.flow),
+            base.position,
+            obstacles,
+            vehicle=vehicle,
+        ),
         base=base.base(rod),
         integrator=simulation.integrator,
         settings=Settings.for_rod(rod, simulation.tolerance, simulation.max_iterations),

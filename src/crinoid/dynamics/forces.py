@@ -7,6 +7,7 @@ of the edge that ends at the node.
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -71,7 +72,7 @@ class Forces(Arm):
         rows = self.without_vehicle(rows)
         return rows if self.obstacles is None else rows[: -self.obstacles.count]
 
-    def without_vehicle(self, rows: Rows) -> Rows:
+    def without_vehicle(self, rows: Rows) -> Float[Array, "fewer b"]:
         """Return the rows of nodes and obstacles."""
         return rows if self.vehicle is None else rows[:-ROWS]
 
@@ -340,5 +341,5 @@ class Forces(Arm):
         return motion.windows(lambda rows: rows[free][:, None], (len(self.free),), width)
 
 
-def _rows(motion: Motion) -> tuple[Rows, Rows, Rows]:
+def _rows(motion: Motion) -> tuple[Any, Any, Any]:
     return motion.position, motion.velocity, motion.acceleration

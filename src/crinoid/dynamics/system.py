@@ -23,6 +23,7 @@ from crinoid.dynamics.prescribed import prescribed
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import HELD
 from crinoid.dynamics.tip import tip_pose
+from crinoid.dynamics.vehicle import Voyage
 from crinoid.elements import Motion
 from crinoid.frames import Frames
 from crinoid.products import product
@@ -205,6 +206,13 @@ class System(eqx.Module):
         pose = tip_pose(state.position)
         axes = self.forces.axes
         return pose.at[:axes].add(self.forces.origin)
+
+    def voyage(self, state: State) -> Voyage | None:
+        """Return where the vehicle is and what its thrusters do; None where the base is held."""
+        vehicle = self.forces.vehicle
+        if vehicle is None or state.attitude is None:
+            return None
+        return vehicle.voyage(state.motion, state.attitude)
 
     def strains(self, state: State) -> Float[Array, "n strain"]:
         """Return the curvature at each node (1/m); in space kappa_1, kappa_2 and twist (rad/m).

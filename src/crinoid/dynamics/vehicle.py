@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.base import Prescribed
+from crinoid.elements import Motion
 from crinoid.elements.geometry import smooth_speed, turned
 from crinoid.frames import Frames, cross, dot, rotated
 from crinoid.products import product
@@ -144,6 +145,17 @@ class Thrusters(eqx.Module):
         )
 
 
+class Voyage(eqx.Module):
+    """Where a vehicle is, and what its thrusters do."""
+
+    pose: Float[Array, "*t channel"]
+    """Displacement from the start: `crinoid.space.CHANNELS`, of its centre of mass (m, rad)."""
+    force: Float[Array, "*t d"]
+    """Thrust along its axes (N)."""
+    moment: Float[Array, "*t turns"]
+    """Moment of the thrusters about its axes (N m)."""
+
+
 class Vehicle(eqx.Module):
     """A rigid body in the water, with the water that it carries along (Fossen 2011, chapter 6).
 
@@ -201,6 +213,21 @@ class Vehicle(eqx.Module):
             moment = moment + cross(rate, whole * rate)
         return force.at[-1].add((self.mass - self.displaced) * self.gravity), moment
 
+    def voyage(self, motion: Motion, attitude: Float[Array, "d d"]) -> Voyage:
+        """Return where the vehicle is, and what its thrusters do."""
+        axes, turns = self.offset.size, self.inertia.size
+        ride = Ride(
+            attitude,
+            motion.position[-2, :axes],
+            motion.velocity[-2, :axes],
+            motion.acceleration[-2, :axes],
+            motion.velocity[-1, :turns],
+            motion.acceleration[-1, :turns],
+        )
+        angles = motion.position[-1, :1] if axes == 2 else _angles(attitude)
+        pose = jnp.concatenate([ride.position - self.offset, angles])
+        return Voyage(pose, *self.thrusters(ride, self.offset))
+
     def mount(self, held: Prescribed, attitude: Float[Array, "d d"], turn: Turns) -> Mount:
         """Return the mount of what a base holds where the vehicle is not moved."""
         return Mount(
@@ -222,6 +249,15 @@ def moments(
     if levers.shape[-1] == 3:
         return cross(levers, forces)
     return (levers[..., 0] * forces[..., 1] - levers[..., 1] * forces[..., 0])[..., None]
+
+
+def _angles(attitude: Float[Array, "3 3"]) -> Float[Array, "3"]:
+    """Return pan, tilt and roll of a rotation, as `crinoid.base.Base` takes them (rad)."""
+    tangent, director = attitude[:, 0], attitude[:, 1]
+    pan, tilt = jnp.arctan2(tangent[1], tangent[0]), jnp.arcsin(jnp.clip(tangent[2], -1.0, 1.0))
+    port = jnp.stack([-jnp.sin(pan), jnp.cos(pan), jnp.zeros(())])
+    roll = jnp.arctan2(dot(director, cross(tangent, port)), dot(director, port))
+    return jnp.stack([pan, tilt, roll])
 
 
 def unknowns(axes: int, width: int) -> tuple[int, ...]:

@@ -48,6 +48,7 @@ from crinoid.scenario.sensor import (
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
 from crinoid.scenario.tool import Tool
+from crinoid.scenario.vehicle import Vehicle
 from crinoid.scenario.water import Water
 
 __all__ = [
@@ -101,6 +102,7 @@ __all__ = [
     "Tool",
     "TurbulenceFlow",
     "UniformFlow",
+    "Vehicle",
     "VelocityMotion",
     "Water",
     "WavesFlow",

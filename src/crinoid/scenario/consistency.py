@@ -15,6 +15,7 @@ from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle
 from crinoid.scenario.sensor import Reading
 from crinoid.scenario.simulation import Output, Simulation, not_whole, whole_steps
 from crinoid.scenario.target import Target
+from crinoid.scenario.vehicle import Vehicle
 from crinoid.scenario.water import Water
 from crinoid.space import AXES, CHANNELS, LARGEST_TURN, PARTNERS
 from crinoid.variables import large_names, of_dimension
@@ -31,6 +32,7 @@ __all__ = [
     "rate_conflicts",
     "record_conflicts",
     "shape_conflicts",
+    "vehicle_conflicts",
     "wave_conflicts",
 ]
 
@@ -158,6 +160,18 @@ def motion_conflicts(base: Base, simulation: Simulation, dimension: int) -> Iter
         if motion.time[-1] < duration:
             text = f"ends at {motion.time[-1]}, takes simulation.duration = {duration} or later (s)"
             yield Mistake(f"{name}.{last}", text)
+
+
+def vehicle_conflicts(vehicle: Vehicle | None, base: Base, target: Target) -> Iterator[Mistake]:
+    """Yield what goes with a base that does not float only."""
+    if vehicle is None:
+        return
+    if base.motion:
+        text = "prescribes what the submarine does, takes no table vehicle, in which it floats"
+        yield Mistake("base.motion", text)
+    if target.frame == "base":
+        text = 'got "base", which moves as prescribed; takes "world" with a table vehicle'
+        yield Mistake("target.frame", text)
 
 
 def channel_conflicts(control: Control, base: Base) -> Iterator[Mistake]:

@@ -63,6 +63,7 @@ Hertz = Annotated[float, Quantity("Hz")]
 Degrees = Annotated[float, Quantity("degrees")]
 MetresPerSecond = Annotated[float, Quantity("m/s")]
 Newtons = Annotated[float, Quantity("N")]
+Kilograms = Annotated[float, Quantity("kg")]
 
 Pair = Annotated[tuple[float, float], AsTuple]
 Triple = Annotated[tuple[float, float, float], AsTuple]

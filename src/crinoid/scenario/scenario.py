@@ -26,6 +26,7 @@ from crinoid.scenario.consistency import (
     rate_conflicts,
     record_conflicts,
     shape_conflicts,
+    vehicle_conflicts,
     wave_conflicts,
 )
 from crinoid.scenario.control import Control
@@ -42,6 +43,7 @@ from crinoid.scenario.sensor import Sensor, Sensors, sensor_conflicts
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
 from crinoid.scenario.tool import Tool
+from crinoid.scenario.vehicle import Vehicle
 from crinoid.scenario.water import Water
 
 __all__ = ["Scenario"]
@@ -123,6 +125,7 @@ class Scenario(Model):
     seed: int = Field(default=0, ge=0, lt=2**63, description="Seed of everything random.")
     arm: Arm = Field(default=Arm(), description="The arm.")
     base: Base = Field(default=Base(), description="The base, which holds the arm.")
+    vehicle: Vehicle | None = Field(default=None, description="The submarine, if it floats.")
     water: Water = Field(default=Water(), description="The water.")
     flow: Annotated[tuple[Flow, ...], AsTuple] = Field(
         default=(), description="How the water moves; flows add up."
@@ -288,6 +291,7 @@ class Scenario(Model):
         yield from measured_conflicts(self.flow, dimension)
         yield from record_conflicts(self.flow, self.simulation)
         yield from motion_conflicts(self.base, self.simulation, dimension)
+        yield from vehicle_conflicts(self.vehicle, self.base, self.target)
         yield from channel_conflicts(self.control, self.base)
         yield from control_conflicts(self.control, self.target, dimension)
         rates = {"sensor": self.sensor} | {

@@ -10,11 +10,10 @@ from pydantic import Field
 from crinoid.scenario.dimension import Count
 from crinoid.scenario.errors import Mistake
 from crinoid.scenario.model import Model
-from crinoid.scenario.quantity import Metres, Quantity, Seconds, SquareMetres, Triple
+from crinoid.scenario.quantity import Kilograms, Metres, Quantity, Seconds, SquareMetres, Triple
 
 __all__ = ["Tool"]
 
-Kilograms = Annotated[float, Quantity("kg")]
 Inertia = Annotated[
     float | Triple,
     Quantity(
