@@ -118,6 +118,27 @@ def test_the_arm_takes_up_a_tool_holds_it_in_place_and_lets_it_go():
     assert imbalance(data) < 0.02
 
 
+def test_a_submarine_that_floats_is_pushed_by_its_arm_and_held_by_its_thrusters():
+    result = crinoid.simulate(crinoid.load("floating"))
+    data = result.dataset
+    assert result.notes == []
+    pose, thrust = data["vehicle_pose"].values, data["thruster_force"].values
+    assert 0.005 < np.abs(pose[:, :2]).max() < 0.03  # m
+    assert 0.5 < np.rad2deg(np.ptp(pose[:, 2])) < 10.0
+    assert np.abs(thrust).max() < 30.0  # its limit
+    # it swings with the circle of the arm, and against the reaction
+    settled = data["time"].values > 8.0
+    assert np.corrcoef(data["base_force"].values[settled, 0], thrust[settled, 0])[0, 1] < -0.9
+    root = data["position"].isel(node=0).values - [0.0, -10.0]
+    turned = np.stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])], axis=1)
+    slide = 0.3 + data["base_pose"].values[:, 0]
+    expected = pose[:, :2] + slide[:, None] * turned - [0.3, 0.0]
+    np.testing.assert_allclose(root, expected, rtol=0, atol=1e-12)
+    held, free = tip_error(result), tip_error(result.uncontrolled)
+    assert held.rms < 0.3 * free.rms
+    assert imbalance(data) < 0.02
+
+
 @pytest.fixture(scope="module")
 def strike():
     """Debris hits the arm."""

@@ -229,6 +229,21 @@ RELATIONS = {
         ["arm.youngs_modulus=4e6", "base.tilt_deg=90"],
     ),
     "flow": ([["arm.youngs_modulus=4000", "flow.0.mean=[1.5, 0.0]"]], ["flow.0.mean=[1.0, 0.0]"]),
+    "vehicle.mass": (
+        [["vehicle={mass=0.05, inertia=0.01}"]],
+        ["vehicle={mass=50.0, inertia=3.0}"],
+    ),
+    "vehicle.volume": (
+        [
+            ["vehicle={mass=50.0, inertia=3.0, volume=50.0}"],
+            ["vehicle={mass=50.0, inertia=3.0, volume=1e-3}"],
+        ],
+        ["vehicle={mass=50.0, inertia=3.0, volume=0.049}"],
+    ),
+    "vehicle.inertia": (
+        [["vehicle={mass=50.0, inertia=3e5}"], ["vehicle={mass=50.0, inertia=3e-3}"]],
+        ["vehicle={mass=50.0, inertia=3.0}"],
+    ),
     "tool.mass": ([["tool={mass=200.0}"]], ["tool={mass=0.2}"]),
     "tool.volume": (
         [["tool={mass=0.2, volume=0.05}"], ["tool={mass=0.2, volume=5e-9}"]],

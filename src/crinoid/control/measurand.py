@@ -79,8 +79,13 @@ class WaterVelocity(Measurand):
     def of(self, system: System, state: State) -> Values:
         pose, _, _ = system.base.pose(state.time, system.base.servo.at_rest())
         axes = self.points.shape[1]
-        turned = jnp.sum(system.base.rotation(pose) * self.points[:, None, :], axis=-1)
-        return system.forces.flow_velocity(pose[:axes] + turned, state.time).reshape(-1)
+        turn, points, centre = system.base.rotation(pose), self.points, pose[:axes]
+        vehicle = system.forces.vehicle
+        if vehicle is not None and state.attitude is not None:
+            turn, points = state.attitude, points - vehicle.offset
+            centre = state.vehicle_position
+        turned = jnp.sum(turn * points[:, None, :], axis=-1)
+        return system.forces.flow_velocity(centre + turned, state.time).reshape(-1)
 
     def names(self, axes: int) -> tuple[tuple[str, str], ...]:
         return tuple(

@@ -22,6 +22,7 @@ from crinoid.plausibility.rule import Rule
 from crinoid.plausibility.time import TIME
 from crinoid.plausibility.tool import TOOL
 from crinoid.plausibility.usual import USUAL
+from crinoid.plausibility.vehicle import VEHICLE
 from crinoid.scenario import ScenarioError
 
 __all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
@@ -29,7 +30,7 @@ __all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
 _FIRST = (*USUAL, *ARM)
 """Rules on single numbers. Where an arm or its water is odd, what follows from it is too,
 and goes without saying."""
-_THEN = (*BASE, *CURRENT, *LOAD, *TOOL, *OBSTACLE, *LOOP, *TIME)
+_THEN = (*BASE, *CURRENT, *LOAD, *TOOL, *VEHICLE, *OBSTACLE, *LOOP, *TIME)
 RULES = (*_FIRST, *_THEN)
 
 AT_REST = ("arm", "base", "water", "flow", "load", "tool", "obstacle")

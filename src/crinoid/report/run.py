@@ -155,10 +155,27 @@ def base_direction(dataset: xr.Dataset, record: int) -> Float[np.ndarray, "axis=
     if isinstance(set_pose.get("tilt_deg"), int | float):
         tilt, pan = (_turn(dataset, record, channel, set_pose) for channel in ("tilt", "pan"))
         level = math.cos(tilt)
-        return np.array([level * math.cos(pan), level * math.sin(pan), math.sin(tilt)])
+        ahead = np.array([level * math.cos(pan), level * math.sin(pan), math.sin(tilt)])
+        return _attitude(dataset, record) @ ahead
     root, next_to_it = in_space(dataset, "position")[record, :2]
     edge = next_to_it - root
     return np.asarray(edge / (np.linalg.norm(edge) or 1.0))
+
+
+def _attitude(dataset: xr.Dataset, record: int) -> Float[np.ndarray, "axis=3 axis=3"]:
+    """Matrix by which a submarine that floats is turned."""
+    if "vehicle_pose" not in dataset:
+        return np.eye(3)
+    pose = dataset["vehicle_pose"].isel(time=record).to_series()
+    pan, tilt, roll = (float(pose.get(name, 0.0)) for name in ("pan", "tilt", "roll"))
+    level, port = np.array([math.cos(pan), math.sin(pan), 0]), [-math.sin(pan), math.cos(pan), 0]
+    up = np.array([0.0, 0.0, 1.0])
+    ahead, above = (
+        math.cos(tilt) * level + math.sin(tilt) * up,
+        math.cos(tilt) * up - math.sin(tilt) * level,
+    )
+    left = math.cos(roll) * np.array(port) + math.sin(roll) * above
+    return np.stack([ahead, left, np.cross(ahead, left)], axis=1)
 
 
 def _turn(dataset: xr.Dataset, record: int, channel: str, set_pose: dict[str, Any]) -> float:
