@@ -19,6 +19,7 @@ _GROUPS = {
     ("", "plane"): "",
     ("space",): "With `arm.dimension = 3` every `axis` has three labels. There is no "
     "`tip_angle_target`, and these variables are new or of another shape.",
+    ("vehicle", "vehicle plane", "vehicle space"): "With `[vehicle]` there are also",
     ("obstacles",): "With `[[obstacle]]` there are also",
     ("actuators",): "With actuators beside the base's channels there are also",
 }
