@@ -49,4 +49,4 @@ class Record(eqx.Module):
     twist: Float[Array, "*t n"] | None
     """In space: twist at the nodes (rad/m)."""
     vehicle: Voyage | None = None
-    """Of a base that floats: where it is, and what its thrusters do."""
+    """Pose and thrusters of a submarine that floats."""
