@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import secrets
 import struct
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,8 @@ __all__ = [
 _MAGIC = b"CDF\x02"
 _KEY = "checkpoint_key"
 """Attribute."""
-_MAPPED = 256
-"""Instants that are looked up at once."""
+_BLOCK = 1 << 22
+"""Bytes that are read at once."""
 _LARGE = {"node", "edge"}
 """Dimensions of what is left in a file until it is asked for, if it is over time."""
 
@@ -103,17 +103,23 @@ class Stream:
 
     def dataset(self) -> xr.Dataset:
         """Return all instants; what is large stays in the file until it is asked for."""
+        blocks = _Blocks(self._path, self._begin, self._instant, self._count)
+        small: dict[str, np.ndarray] = {}
         found: dict[str, Any] = {}
         for name, variable in self._first.variables.items():
-            if "time" not in variable.dims:
-                found[str(name)] = variable
-                continue
-            lazy = _Lazy(
-                (self._count, *variable.shape[1:]), variable.dtype, self._reader(str(name))
-            )
-            data = indexing.LazilyIndexedArray(lazy)
+            data: Any = variable.values
+            if "time" in variable.dims:
+                shape = (self._count, *variable.shape[1:])
+                if _LARGE & set(variable.dims):
+                    lazy = _Lazy(shape, variable.dtype, blocks.reader(str(name), variable.dtype))
+                    data = indexing.LazilyIndexedArray(lazy)
+                else:
+                    data = small[str(name)] = np.empty(shape, variable.dtype)
             found[str(name)] = xr.Variable(variable.dims, data, variable.attrs)
-        return _with_small_loaded(self._first, found)
+        for start, block in blocks.between(0, self._count):
+            for name, values in small.items():
+                values[start : start + len(block)] = block[name]
+        return _with_coordinates(self._first, found)
 
     def _packed(self, piece: xr.Dataset) -> np.ndarray:
         """Return instants as they follow one another in the file."""
@@ -142,25 +148,45 @@ class Stream:
             named = {f"leaves/{name}": leaf for name, leaf in leaves.items()}
             np.savez(file, allow_pickle=False, wall_time=np.asarray(wall_time), **named)
 
-    def _reader(self, name: str) -> Callable[[tuple[Any, ...]], np.ndarray]:
-        path, begin, instant, count = self._path, self._begin, self._instant, self._count
-        dtype = self._first[name].dtype
+
+class _Blocks:
+    """The instants of a file, read a block at a time; the last two are held.
+
+    Variables lie beside each other in it, so what reads one has read the others as well.
+    """
+
+    def __init__(self, path: Path, begin: int, instant: np.dtype[Any], count: int) -> None:
+        self._path, self._begin, self._instant, self._count = path, begin, instant, count
+        self._length = max(1, _BLOCK // instant.itemsize)
+        self._held: dict[int, np.ndarray] = {}
+
+    def between(self, low: int, high: int) -> Iterator[tuple[int, np.ndarray]]:
+        """Yield the instants from one to another, in parts, each with the number of its first."""
+        if not is_stream(self._path):
+            raise OSError(f"{self._path}: no longer there as it was written")
+        for number in range(low // self._length, -(-high // self._length)):
+            first = number * self._length
+            if number not in self._held:
+                there = self._begin + first * self._instant.itemsize
+                size = min(self._length, self._count - first)
+                block = np.fromfile(self._path, self._instant, size, offset=there)
+                self._held = dict(list(self._held.items())[-1:]) | {number: block}
+            start, stop = max(low, first), min(high, first + self._length)
+            yield start, self._held[number][start - first : stop - first]
+
+    def reader(self, name: str, dtype: np.dtype[Any]) -> Callable[[tuple[Any, ...]], np.ndarray]:
+        """Return what reads some of a variable."""
+        shape = self._instant[name].shape
 
         def read(key: tuple[Any, ...]) -> np.ndarray:
-            if not is_stream(path):
-                raise OSError(f"{path}: no longer there as it was written")
             asked, *rest = key
             if not isinstance(asked, slice):
-                return read((slice(asked % count, asked % count + 1), *rest))[0]
-            which = range(count)[asked]
+                return read((slice(asked % self._count, asked % self._count + 1), *rest))[0]
+            which = range(self._count)[asked]
             low, high = min(which, default=0), max(which, default=-1) + 1
-            found = np.empty((high - low, *self._first[name].shape[1:]), dtype)
-            # mapped in parts: pages that stay mapped count as memory
-            for start in range(low, high, _MAPPED):
-                stop = min(start + _MAPPED, high)
-                there = begin + start * instant.itemsize
-                part = np.memmap(path, instant, "r", offset=there, shape=(stop - start,))
-                found[start - low : stop - low] = part[name]
+            found = np.empty((high - low, *shape), dtype)
+            for start, block in self.between(low, high):
+                found[start - low : start - low + len(block)] = block[name]
             return found[(slice(None, None, which.step), *rest)]
 
         return read
@@ -203,12 +229,13 @@ def open_lazily(path: Path) -> xr.Dataset:
     with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
         found: dict[str, Any] = {}
         for name, variable in stored.variables.items():
-            found[str(name)] = variable
             if "time" in variable.dims and _LARGE & set(variable.dims):
                 lazy = _Lazy(variable.shape, variable.dtype, reader(str(name)))
                 data = indexing.LazilyIndexedArray(lazy)
                 found[str(name)] = xr.Variable(variable.dims, data, variable.attrs)
-        return _with_small_loaded(stored, found)
+            else:
+                found[str(name)] = variable.load()
+        return _with_coordinates(stored, found)
 
 
 def is_stream(path: Path) -> bool:
@@ -257,10 +284,7 @@ def _checkpoint_path(path: Path, key: str) -> Path:
     return path.with_name(f"{path.stem}.{key}.checkpoint.npz")
 
 
-def _with_small_loaded(like: xr.Dataset, variables: Mapping[str, Any]) -> xr.Dataset:
-    for variable in variables.values():
-        if not ("time" in variable.dims and _LARGE & set(variable.dims)):
-            variable.load()
+def _with_coordinates(like: xr.Dataset, variables: Mapping[str, Any]) -> xr.Dataset:
     coords = {name: variables[str(name)] for name in like.coords}
     data = {name: variables[str(name)] for name in like.data_vars}
     return xr.Dataset(data, coords, like.attrs)
