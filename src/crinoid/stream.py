@@ -12,7 +12,7 @@ import os
 import secrets
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -90,15 +90,17 @@ class Stream:
             self._count = 1
             for piece in more:
                 self._grow(temporary, piece)
+            self._count_in(temporary)
             self._keep(leaves, wall_time)
         remove_checkpoints(path)
 
-    def append(
-        self, piece: xr.Dataset | None, leaves: Mapping[str, np.ndarray], wall_time: float
-    ) -> None:
-        """Put instants at the end of the file, and replace the checkpoint."""
-        if piece is not None:
-            self._grow(self._path, piece)
+    def append(self, piece: xr.Dataset) -> None:
+        """Put instants at the end of the file, where they do not count yet."""
+        self._grow(self._path, piece)
+
+    def keep(self, leaves: Mapping[str, np.ndarray], wall_time: float) -> None:
+        """Let the instants count, and replace the checkpoint."""
+        self._count_in(self._path)
         self._keep(leaves, wall_time)
 
     def dataset(self) -> xr.Dataset:
@@ -130,17 +132,18 @@ class Stream:
 
     def _grow(self, path: Path, piece: xr.Dataset) -> None:
         instants = self._packed(piece)
-        try:
-            with path.open("r+b") as file:
-                file.seek(self._begin + self._count * self._instant.itemsize)
-                file.write(instants.tobytes())
-                _onto_disk(file)
-                file.seek(len(_MAGIC))
-                file.write(struct.pack(">i", self._count + len(instants)))
-                _onto_disk(file)
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(path.parent)) from error
+        with _telling(path), path.open("r+b") as file:
+            file.seek(self._begin + self._count * self._instant.itemsize)
+            file.write(instants.view("u1").data)
         self._count += len(instants)
+
+    def _count_in(self, path: Path) -> None:
+        with _telling(path), path.open("r+b") as file:
+            os.fsync(file.fileno())
+            file.seek(len(_MAGIC))
+            file.write(struct.pack(">i", self._count))
+            file.flush()
+            os.fsync(file.fileno())
 
     def _keep(self, leaves: Mapping[str, np.ndarray], wall_time: float) -> None:
         path = _checkpoint_path(self._path, self._key)
@@ -290,6 +293,10 @@ def _with_coordinates(like: xr.Dataset, variables: Mapping[str, Any]) -> xr.Data
     return xr.Dataset(data, coords, like.attrs)
 
 
-def _onto_disk(file: Any) -> None:
-    file.flush()
-    os.fsync(file.fileno())
+@contextmanager
+def _telling(path: Path) -> Iterator[None]:
+    """Name the folder of a file that cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path.parent)) from error
