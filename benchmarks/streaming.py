@@ -2,9 +2,9 @@
 
     python benchmarks/streaming.py [--scenario station-keeping] [--pairs 5] [--duration 600]
 
-Memory: the peak of a process that runs a built-in scenario for a tenth of the duration and for all of
-it, every time step kept, as `crinoid run` does. Time: the same run held in memory and saved at its
-end, and written meanwhile and saved, in pairs, in turns, by the clock and of the processor;
+Memory: the peak of a process that runs a built-in scenario for a tenth of the duration and for all
+of it, every time step kept, as `crinoid run` does. Time: the same run held in memory and saved at
+its end, and written meanwhile and saved, in pairs, in turns, by the clock and of the processor;
 compiling is left out.
 """
 
