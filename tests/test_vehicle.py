@@ -306,6 +306,13 @@ def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
     np.testing.assert_allclose(product[unknown], rhs[unknown], rtol=1e-7, atol=1e-9)
 
 
+def test_obstacles_are_as_far_from_the_arm_whether_its_submarine_floats_or_not():
+    beside = {"obstacles": obstacles([[0.4, 0.3], [1.2, 0.1]], radius=0.05, mass=0.3)}
+    floats, held = (floating(2, floats=numbers, arms=beside).clearance() for numbers in ({}, None))
+    assert held.shape == (2,)
+    np.testing.assert_array_equal(floats, held)
+
+
 def test_slopes_by_the_numbers_of_a_vehicle_are_those_of_differences():
     system = floating(2, floats={"bandwidth": 0.5, "drag": 3.0, "metacentric_height": 0.1})
     where = (

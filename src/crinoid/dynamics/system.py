@@ -72,7 +72,7 @@ class System(eqx.Module):
             return jnp.zeros(0)
         time = jnp.asarray(time, float)
         rows, _ = start.undeformed(self.reference, self.base, self.forces, time)
-        return jnp.min(self.forces.obstacles.gaps(rows), axis=1)
+        return jnp.min(self.forces.obstacles.gaps(self.forces.without_vehicle(rows)), axis=1)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
