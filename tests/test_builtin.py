@@ -246,3 +246,22 @@ def assert_traced(name):
     behind = tip_error(crinoid.simulate(scenario.with_values({"target.feed_forward": False})))
     assert behind.rms > 2 * traced.rms
     assert behind.rms > 0.008
+
+
+def test_the_chamber_curls_the_arm_up():
+    result = crinoid.simulate(
+        crinoid.load("curl").with_values({"simulation.duration": 4.0, "arm.nodes": 11})
+    )
+    data = result.dataset
+    assert result.status == "ok"
+    # against its weight in water to more than half a circle
+    curvature, arc = data["curvature"].values[-1], data["arc_length"].values
+    assert np.trapezoid(curvature, arc) > np.pi / 2
+    height = data["tip_position"].sel(axis="z").values
+    assert height[-1] > height[0] + 0.1
+    pressure = data["actuator_state"].sel(input="curl")
+    # its lag of 0.3 s after the end of a ramp of 2 s
+    expected = 1 - 0.15 * (1 - np.exp(-2 / 0.3)) * np.exp(-1.5 / 0.3)
+    assert float(pressure[-1]) == pytest.approx(expected, rel=1e-6)
+    work = data["energy"].sel(kind="actuation").values
+    assert work[-1] > 0

@@ -701,7 +701,7 @@ ONE_MISTAKE = {
     "a key that is nearly one here and one elsewhere": (
         "simulation.time = [0.0, 1.0]",
         "simulation.time: unknown key; did you mean simulation.time_step, "
-        "base.motion.0.time, flow.0.time or target.time?",
+        "base.motion.0.time, flow.0.time or chamber.0.schedule.time?",
     ),
     "too many cases": (
         f'vary = {{"arm.length" = {[1.0] * 101}, "arm.density" = {[1.0] * 100}}}',

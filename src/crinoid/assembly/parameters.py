@@ -21,6 +21,7 @@ from crinoid.assembly.flow import build_flow
 from crinoid.assembly.load import Builder, load_numbers
 from crinoid.assembly.numbers import Numbers, array, from_table
 from crinoid.assembly.obstacle import ObstacleParameters
+from crinoid.assembly.threads import ThreadParameters
 from crinoid.assembly.tool import ToolParameters
 from crinoid.assembly.vehicle import VehicleParameters
 from crinoid.dynamics import Integrator
@@ -200,9 +201,15 @@ class Parameters(eqx.Module):
             load=tuple(numbers for _, numbers in loads),
             obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
             tool=None if scenario.tool is None else ToolParameters.of(scenario.tool),
-            actuator=tuple(each.build(scenario) for each in scenario.actuator),
+            actuator=_actuators(scenario),
             vehicle=None if scenario.vehicle is None else VehicleParameters.of(scenario.vehicle),
             pid=PidParameters.of(scenario.control, scenario.arm.dimension),
             simulation=SimulationParameters.of(scenario.simulation),
             load_builders=tuple(builder for builder, _ in loads),
         )
+
+
+def _actuators(scenario: Scenario) -> tuple[ActuatorParameters, ...]:
+    threads = ThreadParameters.of(scenario)
+    own = () if threads is None else (threads,)
+    return (*own, *(each.build(scenario) for each in scenario.actuator))

@@ -55,7 +55,7 @@ class Stretch(Element):
         return length / self.rest_length - 1.0, speed / self.rest_length, direction
 
 
-class _Turn(NamedTuple):
+class Turn(NamedTuple):
     """The turn at a node between two edges, with its derivatives by the positions of the nodes.
 
     It changes by ``n_2 . de_2 / l_2 - n_1 . de_1 / l_1``, with the normals and lengths of the
@@ -72,7 +72,7 @@ class _Turn(NamedTuple):
     """Second derivatives of the turn by the vectors of both edges (1/m2); none are mixed."""
 
     @staticmethod
-    def of(position: Float[Array, "3 2"]) -> "_Turn":
+    def of(position: Float[Array, "3 2"]) -> "Turn":
         """Observe the turn of three nodes."""
         edges = position[1:] - position[:-1]
         lengths = jnp.sqrt(jnp.sum(edges**2, axis=1))[:, None]
@@ -84,7 +84,7 @@ class _Turn(NamedTuple):
         by_edge = normals / lengths
         tilted = (directions / lengths)[:, :, None] * by_edge[:, None, :]
         curved = tilted + tilted.swapaxes(1, 2)
-        return _Turn(
+        return Turn(
             bend_strain(half, secant),
             (secant**2 + 2.0 / secant) / 3.0,
             half * (secant**2 - 1.0 / secant) / 3.0,
@@ -139,16 +139,16 @@ class Bend(Linearised):
         return Bend(0, stiffness, rest, damping_time)
 
     def residual(self, motion: Motion) -> Float[Array, "3 2"]:
-        turn = _Turn.of(motion.position)
+        turn = Turn.of(motion.position)
         return self._moment(turn, motion) * turn.growth * turn.gradient
 
     def working(self, motion: Motion) -> Float[Array, "3 2"]:
-        turn = _Turn.of(motion.position)
+        turn = Turn.of(motion.position)
         moment = self.stiffness * self.damping_time * self._rate(turn, motion)
         return -moment * turn.growth * turn.gradient
 
     def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 2 3 2"]:
-        turn, viscous = _Turn.of(motion.position), self.stiffness * self.damping_time
+        turn, viscous = Turn.of(motion.position), self.stiffness * self.damping_time
         moment, grows, by_position = self._moment(turn, motion), turn.growth, course.by_position
         speed = jnp.sum(turn.gradient * motion.velocity)
         by_turn = by_position * self.stiffness * grows + viscous * (
@@ -165,16 +165,16 @@ class Bend(Linearised):
 
     def strains(self, motion: Motion) -> Float[Array, "1"]:
         """Return the strain, as the one of a window."""
-        return _Turn.of(motion.position).strain[None]
+        return Turn.of(motion.position).strain[None]
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
-        turn = _Turn.of(motion.position)
+        turn = Turn.of(motion.position)
         return 0.5 * self.stiffness * (turn.strain - self.rest_strain) ** 2
 
-    def _moment(self, turn: _Turn, motion: Motion) -> Float[Array, ""]:
+    def _moment(self, turn: Turn, motion: Motion) -> Float[Array, ""]:
         strained = turn.strain - self.rest_strain + self.damping_time * self._rate(turn, motion)
         return self.stiffness * strained
 
     @staticmethod
-    def _rate(turn: _Turn, motion: Motion) -> Float[Array, ""]:
+    def _rate(turn: Turn, motion: Motion) -> Float[Array, ""]:
         return turn.growth * jnp.sum(turn.gradient * motion.velocity)

@@ -39,7 +39,7 @@ Vector = Float[Array, "3"]
 Matrix = Float[Array, "3 3"]
 
 
-class _Edge(NamedTuple):
+class SpatialEdge(NamedTuple):
     """An edge of a window and how it moves."""
 
     tangent: Vector
@@ -50,12 +50,12 @@ class _Edge(NamedTuple):
     spin_rate: Float[Array, ""]
 
     @staticmethod
-    def of(motion: Motion, end: int) -> "_Edge":
+    def of(motion: Motion, end: int) -> "SpatialEdge":
         tangent, length = unit(motion.position[end, :3] - motion.position[end - 1, :3])
         rate = (motion.velocity[end, :3] - motion.velocity[end - 1, :3]) / length
         assert motion.orientation is not None
         director = motion.orientation.director[end]
-        return _Edge(tangent, director, length, rate, motion.velocity[end, 3])
+        return SpatialEdge(tangent, director, length, rate, motion.velocity[end, 3])
 
     @property
     def angular_velocity(self) -> Vector:
@@ -86,7 +86,7 @@ class _Edge(NamedTuple):
         return jnp.pad((rate - shrinking) / self.length, ((0, 0), (0, 1)))
 
 
-class _Strain(NamedTuple):
+class NodeStrain(NamedTuple):
     """The strains of a node, and the middle frame that they are read in."""
 
     binormal: Vector
@@ -98,7 +98,7 @@ class _Strain(NamedTuple):
     """``C``."""
 
     @staticmethod
-    def of(a: Vector, b: Vector, director: Vector, twist: Float[Array, ""]) -> "_Strain":
+    def of(a: Vector, b: Vector, director: Vector, twist: Float[Array, ""]) -> "NodeStrain":
         """Observe two tangents, the director of the first edge and the twist to the second."""
         facing = 1.0 + dot(a, b)
         binormal = 2.0 * cross(a, b) / facing
@@ -109,7 +109,7 @@ class _Strain(NamedTuple):
         m_1 = jnp.cos(half) * first + jnp.sin(half) * cross(middle, first)
         m_2 = cross(middle, m_1)
         bend = bend_strain(0.5 * binormal, stretch)
-        return _Strain(
+        return NodeStrain(
             binormal,
             jnp.stack([m_2, -m_1, middle]),
             jnp.stack([dot(bend, m_2), -dot(bend, m_1), twist]),
@@ -118,7 +118,7 @@ class _Strain(NamedTuple):
 
     def rates(self, relative: Vector) -> Vector:
         """Return the rates of the strains, from the edges' relative angular velocity."""
-        return _apply(self.axes, _apply(self.map, relative))
+        return applied(self.axes, applied(self.map, relative))
 
     @property
     def map(self) -> Matrix:
@@ -199,19 +199,19 @@ class BendTwist(Linearised):
         pairs = (tangents[:-1], tangents[1:])
         expected = (rod.rest_twist * rod.voronoi_length)[:-1]
         twist = twist_between(directors[:-1], directors[1:], pairs, expected)
-        rest = jax.vmap(lambda *edge: _Strain.of(*edge).strains)(*pairs, directors[:-1], twist)
+        rest = jax.vmap(lambda *edge: NodeStrain.of(*edge).strains)(*pairs, directors[:-1], twist)
         return BendTwist(0, stiffness, rest, damping_time)
 
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
         a, b, strain = self._observe(motion)
-        moment = _apply(strain.map, self._stress(strain, b.angular_velocity - a.angular_velocity))
-        return _on_nodes(-a.force(moment), b.force(moment))
+        moment = applied(strain.map, self._stress(strain, b.angular_velocity - a.angular_velocity))
+        return on_nodes(-a.force(moment), b.force(moment))
 
     def working(self, motion: Motion) -> Float[Array, "3 4"]:
         a, b, strain = self._observe(motion)
         rates = strain.rates(b.angular_velocity - a.angular_velocity)
-        moment = _apply(strain.map, self._directed(strain, self.damping_time * rates))
-        return _on_nodes(a.force(moment), -b.force(moment))
+        moment = applied(strain.map, self._directed(strain, self.damping_time * rates))
+        return on_nodes(a.force(moment), -b.force(moment))
 
     def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 4 3 4"]:
         assert motion.orientation is not None
@@ -224,7 +224,7 @@ class BendTwist(Linearised):
             self.stiffness[:, None, None] * strain.axes[:, :, None] * strain.axes[:, None, :],
             axis=0,
         )
-        moment = _apply(G, stress)
+        moment = applied(G, stress)
         # d(moment)/dw where the edges' mean does not turn, and d(moment)/d(relative velocity)
         on_strain = _product(G, stiffness)
         viscous = self.damping_time * _product(on_strain, G)
@@ -238,7 +238,7 @@ class BendTwist(Linearised):
         # of before, seen from what has turned, change the other way
         by_mean = 0.5 * (_product(viscous, _crossing(relative)) - _crossing(moment))
 
-        def followed(edge: _Edge, end: int, by_turn: Matrix) -> Float[Array, "3 4"]:
+        def followed(edge: SpatialEdge, end: int, by_turn: Matrix) -> Float[Array, "3 4"]:
             velocity = course.by_velocity * edge.turning(jnp.zeros(3))
             velocity += course.by_position * edge.angular_velocity_slope()
             return course.by_position * _product(by_turn, edge.turning(lean[end])) + (
@@ -253,9 +253,9 @@ class BendTwist(Linearised):
         on_b = [_product(act_b, by_a), _product(act_b, by_b)]
         on_a[0] -= course.by_position * a.force_slope(moment)
         on_b[1] += course.by_position * b.force_slope(moment)
-        rows = [_on_nodes(on_a[i], on_b[i]) for i in (0, 1)]
+        rows = [on_nodes(on_a[i], on_b[i]) for i in (0, 1)]
         columns = [jnp.moveaxis(row, -1, 0) for row in rows]
-        return jnp.moveaxis(_on_nodes(*columns), (0, 1), (2, 3))
+        return jnp.moveaxis(on_nodes(*columns), (0, 1), (2, 3))
 
     def strains(self, motion: Motion) -> Float[Array, "3"]:
         """Return ``kappa_1, kappa_2, tau``, gathered by the node (rad)."""
@@ -265,23 +265,23 @@ class BendTwist(Linearised):
         _, _, strain = self._observe(motion)
         return 0.5 * jnp.sum(self.stiffness * (strain.strains - self.rest_strain) ** 2)
 
-    def _stress(self, strain: _Strain, relative: Vector) -> Vector:
+    def _stress(self, strain: NodeStrain, relative: Vector) -> Vector:
         """Return the stress as a vector in space."""
         strained = strain.strains - self.rest_strain + self.damping_time * strain.rates(relative)
         return self._directed(strain, strained)
 
-    def _directed(self, strain: _Strain, strained: Vector) -> Vector:
+    def _directed(self, strain: NodeStrain, strained: Vector) -> Vector:
         return jnp.sum((self.stiffness * strained)[:, None] * strain.axes, axis=0)
 
     @staticmethod
-    def _observe(motion: Motion) -> tuple[_Edge, _Edge, _Strain]:
+    def _observe(motion: Motion) -> tuple[SpatialEdge, SpatialEdge, NodeStrain]:
         assert motion.orientation is not None
-        a, b = _Edge.of(motion, 1), _Edge.of(motion, 2)
+        a, b = SpatialEdge.of(motion, 1), SpatialEdge.of(motion, 2)
         twist = motion.orientation.twist[1]
-        return a, b, _Strain.of(a.tangent, b.tangent, a.director, twist)
+        return a, b, NodeStrain.of(a.tangent, b.tangent, a.director, twist)
 
 
-def _on_nodes(on_a: Float[Array, "4 ..."], on_b: Float[Array, "4 ..."]) -> Float[Array, "3 4 ..."]:
+def on_nodes(on_a: Float[Array, "4 ..."], on_b: Float[Array, "4 ..."]) -> Float[Array, "3 4 ..."]:
     """Spread what acts on the vectors of two edges, and about them, over their nodes."""
     places = [-on_a[:3], on_a[:3] - on_b[:3], on_b[:3]]
     spins = [jnp.zeros_like(on_a[3:]), on_a[3:], on_b[3:]]
@@ -309,5 +309,6 @@ def _product(a: Float[Array, "i j"], b: Float[Array, "j k"]) -> Float[Array, "i 
     return jnp.sum(a[:, :, None] * b, axis=1)
 
 
-def _apply(matrix: Matrix, vector: Vector) -> Vector:
+def applied(matrix: Matrix, vector: Vector) -> Vector:
+    """Return the product of a matrix and a vector."""
     return jnp.sum(matrix * vector, axis=1)

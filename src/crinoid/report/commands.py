@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -18,6 +19,7 @@ from crinoid.report.style import (
     line_style,
     note,
     share_time,
+    time_map,
 )
 from crinoid.report.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.report.view import is_spatial
@@ -25,12 +27,14 @@ from crinoid.space import ANGLES, CHANNEL_TABLE
 
 _ABOUT = {channel.name: channel.axis for channel in CHANNEL_TABLE}
 """The axis that a channel moves along or turns about, which it has the colour of."""
+_FEW = 5
+"""Actuators of a panel up to which each has its name in the key."""
 _STILL = 1e-9  # m or rad: less is no motion that anyone ordered
 _DASHED: Any = {"linestyle": (0, (4, 2)), "linewidth": 1.0, "alpha": 0.8}
 
 
 def draw_commands(run: Run) -> Figure:
-    """Draw the channels of the base that move or are driven, and the load on the submarine.
+    """Draw what is driven, channels of the base and actuators, and the load on the submarine.
 
     In space there are too many for a panel each: shifts share one, and so do turns.
     """
@@ -40,21 +44,55 @@ def draw_commands(run: Run) -> Figure:
         shifts = [channel for channel in channels if channel not in ANGLES]
         turns = [channel for channel in channels if channel in ANGLES]
         groups, tall = [group for group in (shifts, turns) if group], 1.9
+    units = _actuator_units(run)
+    count = len(groups) + len(units) + 2
     figure = Figure(
-        figsize=(WIDTH, 1.0 + tall * (len(groups) + 2) + (0 if groups else 0.3)),
-        layout="constrained",
+        figsize=(WIDTH, 1.0 + tall * count + (0 if groups else 0.3)), layout="constrained"
     )
-    panels = list(figure.subplots(len(groups) + 2, 1, sharex=True))
+    panels = list(figure.subplots(count, 1, sharex=True))
     for axes, group in zip(panels, groups, strict=False):
         _group(axes, run, group)
+    for axes, unit in zip(panels[len(groups) :], units, strict=False):
+        _actuators(axes, run, unit)
     _force(panels[-2], run)
     _moment(panels[-1], run)
     share_time(panels, run.result["time"].values)
     figure.align_ylabels(panels)
     head(figure, run.title, run.status)
-    if not groups:
+    if not groups and not units:
         panels[0].set_title("the base is held still: no channel moves", loc="right", fontsize=8.5)
     return figure
+
+
+def _actuator_units(run: Run) -> list[str]:
+    if "actuator_state" not in run.result:
+        return []
+    return list(dict.fromkeys(map(str, run.result["input_unit"].values)))
+
+
+def _actuators(axes: Axes, run: Run, unit: str) -> None:
+    """Draw actuators of one unit: what they drive the arm with as lines, commands dashed."""
+    data = run.result
+    names = [str(name) for name in data["input"].values[data["input_unit"].values == unit]]
+    time, style = data["time"].values, line_style(data.sizes["time"])
+    shades = time_map()(np.linspace(0.0, 1.0, len(names)))
+    few = len(names) <= _FEW
+    commanded = False
+    for name, shade in zip(names, shades, strict=True):
+        state, command = (
+            data[each].sel(input=name).values for each in ("actuator_state", "actuator_command")
+        )
+        axes.plot(time, state, color=shade, label=name if few else None, **style)
+        if largest(command) > _STILL:
+            axes.plot(time, command, color=shade, **_DASHED, **style)
+            commanded = True
+    if not few:
+        axes.plot([], [], color=shades[0], label=names[0])
+        axes.plot([], [], color=shades[-1], label=f"... {names[-1]}")
+    if commanded:
+        axes.plot([], [], color=INK, **_DASHED, label="commands")
+    axes.set_ylabel("actuators\n(share)" if unit == "1" else f"actuators\n({unit})")
+    key(axes)
 
 
 def _moving_channels(run: Run) -> list[str]:

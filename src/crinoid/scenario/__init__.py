@@ -9,6 +9,7 @@ from __future__ import annotations
 from crinoid.scenario.actuator import Actuator, ActuatorTable
 from crinoid.scenario.arm import Arm, Section
 from crinoid.scenario.base import Base
+from crinoid.scenario.chamber import Chamber, Tendon
 from crinoid.scenario.channel import (
     AngularChannel,
     ChannelLimits,
@@ -58,6 +59,7 @@ __all__ = [
     "Arm",
     "Base",
     "Capsule",
+    "Chamber",
     "ChannelLimits",
     "ChannelName",
     "Channels",
@@ -98,6 +100,7 @@ __all__ = [
     "Sphere",
     "TableMotion",
     "Target",
+    "Tendon",
     "TipLoad",
     "Tool",
     "TurbulenceFlow",

@@ -40,10 +40,15 @@ class ActuatorTable(Model):
 Actuator = Annotated[ActuatorTable, KindOf("actuators", ActuatorTable)]
 
 
-def actuator_conflicts(actuators: tuple[ActuatorTable, ...]) -> Iterator[Mistake]:
-    """Yield names that two actuators share."""
+def actuator_conflicts(
+    actuators: tuple[ActuatorTable, ...], taken: tuple[str, ...]
+) -> Iterator[Mistake]:
+    """Yield names that two actuators share, or that others have taken."""
     names = [each.called for each in actuators]
     for index, name in enumerate(names):
+        if name in taken:
+            text = f"got {shown(name)}, as a chamber or tendon is called; takes another"
+            yield Mistake(f"actuator.{index}.name", text)
         if name in names[:index]:
             text = f"got {shown(name)}, as actuator.{names.index(name)} is called; takes another"
             yield Mistake(f"actuator.{index}.name", text)

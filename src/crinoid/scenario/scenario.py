@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field
 from crinoid.scenario.actuator import Actuator, actuator_conflicts
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
+from crinoid.scenario.chamber import Chamber, Tendon, thread_conflicts, thread_names
 from crinoid.scenario.consistency import (
     channel_conflicts,
     contact_conflicts,
@@ -137,6 +138,12 @@ class Scenario(Model):
         default=(), description="Rigid bodies that the arm meets."
     )
     tool: Tool | None = Field(default=None, description="What the tip carries.")
+    chamber: Annotated[tuple[Chamber, ...], AsTuple] = Field(
+        default=(), description="Chambers of fluid along the arm."
+    )
+    tendon: Annotated[tuple[Tendon, ...], AsTuple] = Field(
+        default=(), description="Tendons along the arm."
+    )
     actuator: Annotated[tuple[Actuator, ...], AsTuple] = Field(
         default=(), description="Actuators beside the base's channels."
     )
@@ -252,6 +259,11 @@ class Scenario(Model):
         return given or min(_DEFAULT_RATE_HZ, 1 / self.simulation.time_step)
 
     @property
+    def thread_names(self) -> tuple[str, ...]:
+        """Names of the inputs of chambers and tendons."""
+        return thread_names(self.chamber, self.tendon)
+
+    @property
     def driven(self) -> tuple[str, ...]:
         """The channels of the base that the controller drives."""
         match self.control.kind:
@@ -299,7 +311,8 @@ class Scenario(Model):
         }
         yield from rate_conflicts(rates, self.rate_hz(None), self.control, self.simulation)
         yield from sensor_conflicts(self.sensors)
-        yield from actuator_conflicts(self.actuator)
+        yield from actuator_conflicts(self.actuator, self.thread_names)
+        yield from thread_conflicts(self.chamber, self.tendon, dimension)
         yield from contact_conflicts(self.arm, self.obstacle)
         yield from output_conflicts(self.output, self.simulation, dimension)
         if self.vary:

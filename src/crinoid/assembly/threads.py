@@ -1,0 +1,201 @@
+"""From the description of chambers and tendons to their actuator and its element."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.actuation import Actuator, Follower
+from crinoid.assembly.actuator import ActuatorParameters
+from crinoid.assembly.numbers import array
+from crinoid.elements import Element, Threads
+from crinoid.rod import Rod
+from crinoid.scenario import Chamber, Scenario, Tendon
+
+_UNLIMITED = 1e12
+"""Rate that no step reaches (1/s)."""
+_NONE = -1
+"""Thread of a slot that none takes."""
+
+
+class ThreadParameters(ActuatorParameters):
+    """The numbers of all chambers and tendons of an arm, the chambers first."""
+
+    span: Float[Array, "thread 2"]
+    offset: Float[Array, "thread 2"]
+    """At the ends of the span (m); of a chamber that bends only, 1."""
+    angle: Float[Array, "thread 2"]
+    """At the ends of the span (rad)."""
+    force: Float[Array, " thread"]
+    """Tension at a share of 1 (N), below 0 of a chamber; of one that bends only -1 over m."""
+    max_curvature: Float[Array, " thread"]
+    """Curvature at a share of 1 of a chamber that bends only (1/m)."""
+    lower: Float[Array, " thread"]
+    lag: Float[Array, " thread"]
+    max_rate: Float[Array, " thread"]
+    dead_band: Float[Array, " thread"]
+    times: Float[Array, "thread point"]
+    shares: Float[Array, "thread point"]
+    names: tuple[str, ...] = eqx.field(static=True)
+    chambers: int = eqx.field(static=True)
+    """How many of them are chambers."""
+    bends_only: tuple[bool, ...] = eqx.field(static=True)
+    slots: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    """Threads at each node, twice the number of each, and one more on the other side of a pair."""
+    pinned: bool = eqx.field(static=True)
+
+    @staticmethod
+    def of(scenario: Scenario) -> ThreadParameters | None:
+        """Return the numbers of a scenario's threads; None where there are none."""
+        threads: list[Chamber | Tendon] = [*scenario.chamber, *scenario.tendon]
+        if not threads:
+            return None
+        times, shares = _schedules(threads)
+        return ThreadParameters(
+            **{
+                name: array([numbers[name] for numbers in map(_numbers, threads)])
+                for name in _numbers(threads[0])
+            },
+            times=array(times),
+            shares=array(shares),
+            names=scenario.thread_names,
+            chambers=len(scenario.chamber),
+            bends_only=tuple(_bends_only(thread) for thread in threads),
+            slots=_slots(threads, scenario.arm.nodes),
+            pinned=scenario.base.mount == "pinned",
+        )
+
+    def assemble(self, rod: Rod, first: int) -> tuple[Actuator, tuple[Element, ...]]:
+        """Return the actuator of all threads, and the element through which they act."""
+        count = len(self.names)
+        follower = Follower(
+            names=self.names,
+            kinds=tuple("pressure" if k < self.chambers else "tension" for k in range(count)),
+            lower=self.lower,
+            upper=jnp.ones(count),
+            lag=self.lag,
+            max_rate=self.max_rate,
+            dead_band=self.dead_band,
+            times=self.times,
+            values=self.shares,
+        )
+        return follower, (self._element(rod, first),)
+
+    def _element(self, rod: Rod, first: int) -> Threads:
+        """Build the element: a window for each node but the tip, a lane for each slot."""
+        slots = np.asarray(self.slots)
+        thread, other_side, taken = slots // 2, slots % 2, slots != _NONE
+        # the stretch of arm that each node stands for, the last one up to the tip
+        at = jnp.linspace(0.0, 1.0, rod.nodes)[:-1, None]
+        half = 0.5 / (rod.nodes - 1)
+        low, high = jnp.maximum(at - half, 0.0), at + half
+        low_span, high_span = (self.span[thread, end] for end in (0, 1))
+        covered = jnp.minimum(high, high_span) - jnp.maximum(low, low_span)
+        weight = jnp.clip(covered / (high - low), 0.0, 1.0) * taken
+        if self.pinned:
+            weight = weight.at[0].set(0.0)  # they are fixed to the arm, not to the base
+
+        def offset(where: Float[Array, "count 1"]) -> Float[Array, "count lane way"]:
+            along = jnp.clip((where - low_span) / (high_span - low_span), 0.0, 1.0)
+            ends, angles = self.offset[thread], self.angle[thread]
+            away = ends[..., 0] + along * (ends[..., 1] - ends[..., 0])
+            angle = angles[..., 0] + along * (angles[..., 1] - angles[..., 0])
+            away = away * (1 - 2 * other_side)
+            cosine, sine = away * jnp.cos(angle), away * jnp.sin(angle)
+            return jnp.stack([cosine, sine][: rod.axes - 1], axis=-1)
+
+        offsets, bends_only = offset(at), np.asarray(self.bends_only)[thread]
+        tension = self.force[thread] * jnp.where(
+            bends_only, self.max_curvature[thread] * _stiffness(rod, offsets), 1.0
+        )
+        lanes = (weight * tension)[..., None] * jnp.eye(len(self.names))[thread]
+        ends = jnp.full((rod.nodes - 1, 2), 0.5).at[0, 0].set(0.0).at[-1, 1].set(1.0)
+        if self.pinned:
+            ends = ends.at[1, 0].set(1.0)
+        return Threads(
+            first=0,
+            at=first,
+            pull=jnp.where(other_side[..., None], 0.0, lanes),
+            push_back=jnp.where(other_side[..., None], lanes, 0.0),
+            offset=offsets,
+            change=offset(high.at[-1].set(1.0)) - offset(low),
+            routed=jnp.where(bends_only, 0.0, 1.0),
+            share=ends,
+        )
+
+
+def _stiffness(rod: Rod, offset: Float[Array, "count lane way"]) -> Float[Array, "count lane"]:
+    """Return the bending stiffness toward offsets of length 1 (N m2)."""
+    stiffness = rod.EI[:-1].reshape(rod.nodes - 1, 1, -1)
+    return jnp.sum(stiffness * offset**2, axis=-1)
+
+
+def _numbers(thread: Chamber | Tendon) -> dict[str, Any]:
+    """Return the numbers of a thread by their names in `ThreadParameters`."""
+    low = high = 1.0
+    if thread.offset is not None:
+        low, high = np.broadcast_to(thread.offset, 2).tolist()
+    angle, wound = math.radians(thread.angle_deg), 0.0
+    lower, curvature = -1.0 if thread.pair else 0.0, 0.0
+    if isinstance(thread, Tendon):
+        force, largest, wound = thread.max_tension, thread.max_tension, thread.twist_deg
+    else:
+        force, largest = -thread.max_pressure * (thread.area or 0.0), thread.max_pressure
+        lower = lower or thread.min_pressure / thread.max_pressure
+        if thread.max_curvature is not None:
+            force, curvature = -1.0, thread.max_curvature
+    rate = _UNLIMITED if thread.max_rate is None else thread.max_rate / largest
+    angles = (angle, angle + math.radians(wound))
+    ends = (low, high)
+    return {
+        "span": thread.span,
+        "offset": ends,
+        "angle": angles,
+        "force": force,
+        "max_curvature": curvature,
+        "lower": lower,
+        "lag": thread.time_constant,
+        "max_rate": rate,
+        "dead_band": thread.dead_band,
+    }
+
+
+def _bends_only(thread: Chamber | Tendon) -> bool:
+    return isinstance(thread, Chamber) and thread.max_curvature is not None
+
+
+def _schedules(
+    threads: Sequence[Chamber | Tendon],
+) -> tuple[Float[np.ndarray, "thread point"], Float[np.ndarray, "thread point"]]:
+    """Return times and shares of all schedules, as long as the longest."""
+    given = [thread.schedule for thread in threads]
+    count = max([2, *(len(each.time) for each in given if each is not None)])
+    rows = []
+    for each in given:
+        times, shares = ((0.0,), (0.0,)) if each is None else (each.time, each.share)
+        more = count - len(times)
+        later = times[-1] + np.arange(1, more + 1)
+        rows.append((np.append(times, later), np.append(shares, [shares[-1]] * more)))
+    times, shares = zip(*rows, strict=True)
+    return np.array(times), np.array(shares)
+
+
+def _slots(threads: Sequence[Chamber | Tendon], nodes: int) -> tuple[tuple[int, ...], ...]:
+    """Return which threads run past each node but the tip, as long as the longest list."""
+    half = 0.5 / (nodes - 1)
+    found = []
+    for at in np.linspace(0.0, 1.0, nodes)[:-1]:
+        here: list[int] = []
+        for number, thread in enumerate(threads):
+            low, high = thread.span
+            if low < at + half and high > at - half:
+                here += [2 * number] + [2 * number + 1] * thread.pair
+        found.append(here)
+    most = max(map(len, found))
+    return tuple(tuple(here + [_NONE] * (most - len(here))) for here in found)

@@ -1,0 +1,358 @@
+"""Chambers and tendons: against what a free arm does by theory, and against differences."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import crinoid
+from crinoid.actuation import Follower
+from crinoid.dynamics import Books
+from crinoid.elements import WORKS, Motion, Threads
+from crinoid.frames import Frames
+from physics import order
+
+RADIUS, LENGTH, MODULUS = 0.02, 0.5, 1e5
+EI, EA = MODULUS * np.pi / 4 * RADIUS**4, MODULUS * np.pi * RADIUS**2
+GJ = EI / 1.5
+PRESSURE, AREA, OFFSET = 3e4, 2e-4, 0.008
+STILL = {"density": 0.0, "gravity": 0.0}
+FULL = {"time": [0.0, 1.0], "share": [1.0, 1.0]}
+
+
+def chamber(**changes):
+    return {
+        "offset": OFFSET,
+        "area": AREA,
+        "max_pressure": PRESSURE,
+        "schedule": FULL,
+    } | changes
+
+
+def scenario(axes=2, nodes=11, **tables):
+    arm = {"dimension": axes, "nodes": nodes, "length": LENGTH, "damping_time": 0.1}
+    return crinoid.Scenario.from_dict({"arm": arm, "water": STILL} | tables)
+
+
+@eqx.filter_jit
+def _settled(system):
+    state, outcome = system.find_equilibrium()
+    return state, system.strains(state), outcome.converged
+
+
+def settled(described):
+    state, strains, converged = _settled(crinoid.system(described))
+    assert converged
+    return state, np.asarray(strains)
+
+
+# --- statics --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("nodes", [11, 41])
+def test_uniform_pressure_bends_a_straight_arm_to_a_circle_and_stretches_it(nodes):
+    state, strains = settled(scenario(nodes=nodes, chamber=[chamber()]))
+    np.testing.assert_allclose(strains[:, 0], -PRESSURE * AREA * OFFSET / EI, rtol=1e-6)
+    edges = np.linalg.norm(np.diff(np.asarray(state.position)[1:], axis=0), axis=1)
+    expected = 1 + PRESSURE * AREA / EA
+    np.testing.assert_allclose(edges * (nodes - 1) / LENGTH, expected, rtol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def round_a_section():
+    """Return an arm in space with three chambers, and a function of their pressures."""
+    system = crinoid.system(
+        scenario(3, chamber=[chamber(angle_deg=angle) for angle in (0.0, 120.0, 240.0)])
+    )
+
+    @eqx.filter_jit
+    def strains(shares):
+        values = jnp.broadcast_to(shares[:, None], (3, 2))
+        driven = eqx.tree_at(lambda s: s.actuators[0].values, system, values)
+        state, outcome = driven.find_equilibrium()
+        return driven.strains(state), outcome.converged
+
+    return strains
+
+
+@pytest.mark.parametrize("shares", [(1.0, 0.0, 0.0), (0.7, 0.7, 0.0), (0.3, 0.9, 0.5)])
+def test_three_chambers_bend_away_from_where_they_push(round_a_section, shares):
+    strains, converged = round_a_section(jnp.asarray(shares))
+    assert converged
+    angles = np.deg2rad([0.0, 120.0, 240.0])
+    moment = PRESSURE * AREA * OFFSET * np.array(shares)
+    expected = [-np.sum(moment * np.cos(angles)) / EI, -np.sum(moment * np.sin(angles)) / EI, 0.0]
+    np.testing.assert_allclose(strains, np.broadcast_to(expected, (11, 3)), atol=2e-6)
+
+
+def test_the_plane_and_space_agree():
+    part = {"span": [0.2, 0.7], "offset": [0.01, 0.004]}
+    planar, _ = settled(scenario(chamber=[chamber(**part)]))
+    spatial, _ = settled(scenario(3, chamber=[chamber(angle_deg=90.0, **part)]))
+    np.testing.assert_allclose(spatial.position[:, [0, 2]], planar.position, atol=1e-9)
+    np.testing.assert_allclose(spatial.position[:, 1], 0.0, atol=1e-9)
+
+
+def test_a_helical_tendon_twists_and_shortens():
+    # small: T r^2 w / (L GJ) of twist for w rad over L, and T / EA of strain, on a straight axis
+    tension, wound, radius = 1e-3, np.deg2rad(90.0), 0.005
+    pair = [
+        {"offset": radius, "angle_deg": angle, "twist_deg": 90.0, "max_tension": tension}
+        | {"schedule": FULL}
+        for angle in (0.0, 180.0)
+    ]
+    state, strains = settled(scenario(3, nodes=21, tendon=pair))
+    slope = wound / LENGTH  # of the winding, rad/m
+    pitch = np.sqrt(1 + (radius * slope) ** 2)
+    expected = -2 * tension * radius**2 * slope / (pitch * GJ)
+    np.testing.assert_allclose(strains[2:-2, 2], expected, rtol=2e-3)
+    shortened = 1 - float(state.position[-1, 0]) / LENGTH
+    np.testing.assert_allclose(shortened, 2 * tension / (pitch * EA), rtol=2e-2)
+
+
+def test_routed_and_given_as_curvature_agree_to_second_order():
+    differences = []
+    for share in (0.4, 0.2, 0.1):
+        schedule = {"schedule": {"time": [0.0, 1.0], "share": [share, share]}}
+        tall = PRESSURE * AREA * OFFSET / EI
+        bent = {"max_curvature": tall, "max_pressure": PRESSURE} | schedule
+        _, routed = settled(scenario(chamber=[chamber(**schedule)]))
+        state, plain = settled(scenario(chamber=[bent]))
+        np.testing.assert_allclose(plain[:, 0], -share * tall, rtol=1e-6)
+        edges = np.linalg.norm(np.diff(np.asarray(state.position)[1:], axis=0), axis=1)
+        np.testing.assert_allclose(edges, LENGTH / 10, rtol=1e-6)  # it does not stretch
+        differences.append(np.abs(routed - plain).max())
+    # in these strains the bend is the same; what differs is the stretch
+    assert max(differences) < 1e-6 * tall
+
+
+def test_half_a_span_bends_half_of_the_arm():
+    _, strains = settled(scenario(nodes=21, chamber=[chamber(span=[0.5, 1.0])]))
+    expected = np.where(np.arange(21) >= 10, -PRESSURE * AREA * OFFSET / EI, 0.0)
+    expected[10] /= 2
+    np.testing.assert_allclose(strains[:, 0], expected, atol=1e-6)
+
+
+def test_a_pair_pushes_on_either_side():
+    low = {"time": [0.0, 1.0], "share": [-0.5, -0.5]}
+    _, up = settled(scenario(chamber=[chamber(pair=True, schedule=low)]))
+    _, down = settled(scenario(chamber=[chamber(angle_deg=180.0, max_pressure=PRESSURE / 2)]))
+    np.testing.assert_allclose(up, down, atol=1e-9)
+    assert up[3, 0] > 0
+
+
+# --- the force is the slope of the work -----------------------------------------------------------
+
+
+def path_work(threads, position, strains, lengths, drive):
+    """Return the sum of tension times path over all windows, as it is defined."""
+    tension = threads.pull @ np.maximum(drive, 0) + threads.push_back @ np.maximum(-drive, 0)
+    offset, change = np.asarray(threads.offset), np.asarray(threads.change)
+    total = 0.0
+    for window in range(tension.shape[0]):
+        before, behind = lengths[window], lengths[window + 1]
+        share = threads.share[window]
+        for lane in range(tension.shape[1]):
+            d, dd = offset[window, lane], change[window, lane]
+            along = share[0] * before + share[1] * behind - d @ strains[window, : d.size]
+            twist = strains[window, 2] if strains.shape[1] == 3 else 0.0
+            aside = dd + (twist * np.array([-d[1], d[0]]) if d.size == 2 else 0.0)
+            total += tension[window, lane] * np.sqrt(along**2 + np.sum(aside**2))
+    return total
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+def test_the_force_is_the_slope_of_tension_times_path(axes):
+    threads = [
+        {"offset": [0.01, 0.004], "max_tension": 2.0, "pair": True, "span": [0.1, 0.9]},
+        {"offset": 0.006, "angle_deg": 180.0, "max_tension": 1.0},
+    ]
+    if axes == 3:
+        threads[0] |= {"twist_deg": 120.0, "angle_deg": 30.0}
+    system = crinoid.system(scenario(axes, nodes=6, tendon=threads))
+    (element,) = (e for e in system.forces.elements if isinstance(e, Threads))
+    rest = system.rest()
+    rows = rest.motion.position.shape
+    moved = rest.motion.position + 0.01 * jnp.asarray(
+        np.random.default_rng(0).standard_normal(rows)
+    )
+    drive = jnp.array([-0.6, 0.8])
+    forces = system.forces.driven(drive)
+    frames = rest.frames
+    if frames is not None:  # carried along to where the shape is
+        frames = Frames.of(moved, frames.at(moved))
+
+    @eqx.filter_jit
+    def observed(position):
+        motion = Motion(
+            position, *[jnp.zeros(rows)] * 2, *[jnp.zeros((rows[0], axes))] * 2, jnp.zeros(()),
+            None if frames is None else frames.at(position), drive,
+        )  # fmt: skip
+        strains = forces.strains(motion) + _rest(system)
+        lone = replace(forces, elements=(element,))
+        lengths = jnp.sqrt(jnp.sum(jnp.diff(position[:, :axes], axis=0) ** 2, axis=1))
+        return strains, lengths, lone.residual(motion)[0]
+
+    _, _, residual = observed(moved)
+    for row, column in [(1, 0), (2, 1), (3, 0), (5, 1), *([(3, 2), (2, 3), (4, 3)] * (axes == 3))]:
+        ends = []
+        for sign in (1, -1):
+            strains, lengths, _ = observed(jnp.asarray(moved).at[row, column].add(sign * 1e-6))
+            ends.append(path_work(element, moved, *map(np.asarray, (strains, lengths, drive))))
+        slope = float(ends[0] - ends[1]) / 2e-6
+        assert float(residual[row, column]) == pytest.approx(slope, abs=2e-7), (row, column)
+
+
+def _rest(system):
+    bend = system.forces.bend
+    return bend.rest_strain.reshape(bend.rest_strain.shape[0], -1)
+
+
+# --- dynamics -------------------------------------------------------------------------------------
+
+
+@eqx.filter_jit
+def march(system, step, steps):
+    state = system.rest()
+    command = jnp.zeros(len(system.inputs))
+
+    def tick(_, carry):
+        *before, converged = carry
+        state, books, progress = system.advance_with_books(*before, command, step)
+        return state, books, converged & progress.outcome.converged
+
+    start = (state, Books.of(system.forces, state), jnp.asarray(True))
+    return jax.lax.fori_loop(0, steps, tick, start)
+
+
+def test_the_work_of_pressure_and_tension_closes_the_ledger():
+    ramp = {"time": [0.0, 0.4], "share": [0.0, 1.0]}
+    tendon = {"offset": [0.01, 0.005], "max_tension": 1.0, "schedule": ramp, "angle_deg": 180.0}
+    system = crinoid.system(
+        scenario(nodes=6, chamber=[chamber(schedule=ramp, time_constant=0.1)], tendon=[tendon])
+    )
+    defects = []
+    for parts in (1, 2, 4):
+        _, books, converged = march(system, jnp.asarray(0.02 / parts), jnp.asarray(40 * parts))
+        assert converged
+        defects.append(abs(float(books.energy.sum() - books.work.sum())))
+    actuation = float(books.work[WORKS.index("actuation")])
+    assert actuation > 0
+    assert defects[0] < 0.01 * actuation
+    assert (order(defects) > 1.8).all()
+
+
+def test_gradients_by_pressure_area_and_offset():
+    half = {"time": [0.0, 1.0], "share": [0.5, 0.5]}  # none is at a limit
+    parameters = crinoid.parameters(scenario(nodes=5, chamber=[chamber(schedule=half)]))
+
+    def height(change):
+        threads = parameters.actuator[0]
+        threads = eqx.tree_at(
+            lambda t: (t.force, t.offset, t.shares),
+            threads,
+            (
+                threads.force * (1 + change[0]),
+                threads.offset * (1 + change[1]),
+                threads.shares * (1 - change[2]),
+            ),
+        )
+        system = crinoid.assemble(eqx.tree_at(lambda p: p.actuator, parameters, (threads,)))
+        command = jnp.zeros(len(system.inputs))
+        state = jax.lax.fori_loop(0, 4, lambda _, s: system.step(s, command)[0], system.rest())
+        return state.position[-1, 1]
+
+    slope = eqx.filter_jit(jax.jacfwd(height))(jnp.zeros(3))
+    ends = eqx.filter_jit(jax.vmap(height))(1e-4 * jnp.concatenate([jnp.eye(3), -jnp.eye(3)]))
+    np.testing.assert_allclose(slope, (ends[:3] - ends[3:]) / 2e-4, rtol=1e-6, atol=1e-9)
+
+
+# --- the actuator ---------------------------------------------------------------------------------
+
+
+def follower(**changes):
+    one = {
+        "lower": 0.0, "upper": 1.0, "lag": 0.2, "max_rate": 1e12, "dead_band": 0.0,
+    } | changes  # fmt: skip
+    return Follower(
+        names=("one",),
+        kinds=("pressure",),
+        times=jnp.array([[0.0, 1.0]]),
+        values=jnp.zeros((1, 2)),
+        **{name: jnp.array([value]) for name, value in one.items()},
+    )
+
+
+def followed(actuator, commands, step):
+    advance, state, drives = eqx.filter_jit(Follower.advance), actuator.at_rest(), []
+    for command in commands:
+        state = advance(actuator, state, jnp.array([command]), jnp.asarray(step))
+        drives.append(float(state.drive[0]))
+    return np.array(drives)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.1, 0.5])
+def test_a_follower_is_exact_for_any_step(step):
+    count = round(2.0 / step)
+    time = step * np.arange(1, count + 1)
+    lagging = followed(follower(), [0.8] * count, step)
+    np.testing.assert_allclose(lagging, 0.8 * (1 - np.exp(-time / 0.2)), rtol=1e-12)
+    # at 1/s until 0.2 from the target, which the lag follows at that rate
+    limited = followed(follower(max_rate=1.0), [0.8] * count, step)
+    expected = np.where(time < 0.6, time, 0.8 - 0.2 * np.exp(-(time - 0.6) / 0.2))
+    np.testing.assert_allclose(limited, expected, rtol=1e-9)
+    np.testing.assert_allclose(followed(follower(lag=0.0), [0.8] * 3, step), 0.8)
+    ramped = followed(follower(lag=0.0, max_rate=1.0), [0.8] * count, step)
+    np.testing.assert_allclose(ramped, np.minimum(time, 0.8), rtol=1e-9)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.1])
+def test_a_follower_is_exact_along_a_straight_schedule(step):
+    actuator = eqx.tree_at(lambda f: f.values, follower(), jnp.array([[0.0, 0.5]]))
+    found = followed(actuator, [0.0] * round(1.0 / step), step)
+    time = step * np.arange(1, found.size + 1)
+    np.testing.assert_allclose(found, 0.5 * (time - 0.2 * (1 - np.exp(-time / 0.2))), rtol=1e-9)
+
+
+def test_a_follower_stays_within_its_limits_and_dead_band():
+    given = followed(follower(lag=0.0, dead_band=0.1), [0.5, 0.55, 0.58, 0.65, 5.0, -3.0], 0.1)
+    np.testing.assert_allclose(given, [0.5, 0.5, 0.5, 0.65, 1.0, 0.0])
+
+
+def test_a_follower_at_its_target_has_a_slope():
+    actuator = follower()
+
+    def after(command):
+        state = actuator.at_rest()
+        return actuator.advance(state, command, jnp.asarray(0.1)).drive[0]
+
+    assert float(jax.grad(after)(jnp.zeros(1))[0]) == pytest.approx(1 - np.exp(-0.5), rel=1e-12)
+
+
+# --- the scenario ---------------------------------------------------------------------------------
+
+MISTAKES = {
+    "chamber.0.area: missing, takes area and offset, or max_curvature": {"area": None},
+    "chamber.0.span: got [0.5, 0.5], takes [a, b]": {"span": [0.5, 0.5]},
+    "chamber.0.angle_deg: got 90.0, takes 0 or 180": {"angle_deg": 90.0},
+    "chamber.0.offset: got -0.01, takes 0 or more": {"offset": -0.01},
+    "chamber.0.max_curvature: got 0, takes": {"max_curvature": 0},
+    "chamber.0.area: got 0.0002, does not go with max_curvature": {"max_curvature": 3.0},
+    "chamber.0.min_pressure: got 50000.0, takes a number below": {"min_pressure": 5e4},
+    "chamber.0.schedule.share.1: got 1.5, takes": {"schedule": {"time": [0, 1], "share": [0, 1.5]}},
+    "chamber.0.schedule.share.0: got -1.0, takes": {"schedule": {"time": [0, 1], "share": [-1, 1]}},
+    "chamber.0.schedule.share: has 1 entry, takes 2": {"schedule": {"time": [0, 1], "share": [0]}},
+    'chamber.1.name: got "chamber_0", as chamber.0 is called': {"name": None},
+}
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_mistakes_are_told_in_one_line(line):
+    first = {key: value for key, value in (chamber() | MISTAKES[line]).items() if value is not None}
+    second = [chamber(name="chamber_0")] * line.startswith("chamber.1")
+    with pytest.raises(crinoid.ScenarioError) as caught:
+        scenario(chamber=[first, *second])
+    assert any(each.startswith(line) for each in caught.value.lines), caught.value.lines
