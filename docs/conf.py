@@ -43,8 +43,8 @@ nitpick_ignore_regex = [
     # other projects: links to them take their indexes, which each build would have to fetch
     (r"py:.*", r"(collections|equinox|jax|jaxlib|jaxtyping|numpy|os|pathlib|pydantic|xarray)\..*"),
     (r"py:.*", r"(types|typing)\..*|(np\.)?ndarray|Array|Bool|Float|Int|PPoly|NoneType"),
-    # types of arguments that no user makes
-    (r"py:class", r"crinoid\.dynamics\.(integrator\.Stage|surroundings\..*|tangent\..*)"),
+    # types of arguments that no user makes (names in docstrings are py:obj)
+    (r"py:class", r"crinoid\.dynamics\..*"),
     (r"py:class", r"crinoid\.scenario\.sensor\.Reading|Builder|Numbers"),
     # type variables
     (r"py:class", r"crinoid\.result\.Tree|crinoid\.programs\.program\.[PR]|P"),
