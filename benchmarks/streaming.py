@@ -1,10 +1,10 @@
 """Memory and time of a run that is written to its files while it lasts.
 
-    python benchmarks/streaming.py [--pairs 5] [--duration 600]
+    python benchmarks/streaming.py [--scenario station-keeping] [--pairs 5] [--duration 600]
 
-Memory: the peak of a process that runs `station-keeping` for a tenth of the duration and for all of
-it, every time step kept, as `crinoid run` does. Time: the same run held in memory and saved at its
-end, and written meanwhile and saved, in pairs, in turns, by the clock and of the processor;
+Memory: the peak of a process that runs a built-in scenario for a tenth of the duration and for all
+of it, every time step kept, as `crinoid run` does. Time: the same run held in memory and saved at
+its end, and written meanwhile and saved, in pairs, in turns, by the clock and of the processor;
 compiling is left out.
 """
 
@@ -25,11 +25,11 @@ from crinoid.programs import keep_programs
 from crinoid.simulation import play
 
 
-def scenario(duration: float, *, every_step: bool) -> crinoid.Scenario:
+def scenario(name: str, duration: float, *, every_step: bool) -> crinoid.Scenario:
     values: dict[str, object] = {"simulation.duration": duration, "control.compare": False}
     if every_step:
-        values["output.interval"] = crinoid.load("station-keeping").simulation.time_step
-    return crinoid.load("station-keeping").with_values(values)
+        values["output.interval"] = crinoid.load(name).simulation.time_step
+    return crinoid.load(name).with_values(values)
 
 
 class Cost(NamedTuple):
@@ -51,10 +51,10 @@ def cost(described: crinoid.Scenario, *, streamed: bool) -> Cost:
         shutil.rmtree(folder)
 
 
-def peak(duration: float) -> float:
+def peak(name: str, duration: float) -> float:
     """Return the peak memory (MB) of a process that runs for a duration (s)."""
     ended = subprocess.run(
-        [sys.executable, __file__, "--only", str(duration)],
+        [sys.executable, __file__, "--scenario", name, "--only", str(duration)],
         check=True,
         stdout=subprocess.PIPE,
         text=True,
@@ -64,19 +64,23 @@ def peak(duration: float) -> float:
 
 def main() -> None:
     takes = argparse.ArgumentParser(description=__doc__)
+    takes.add_argument("--scenario", default="station-keeping")
     takes.add_argument("--pairs", type=int, default=5)
     takes.add_argument("--duration", type=float, default=600.0)
     takes.add_argument("--only", type=float, help=argparse.SUPPRESS)
     given = takes.parse_args()
     keep_programs()
     if given.only is not None:
-        cost(scenario(given.only, every_step=True), streamed=True)
+        cost(scenario(given.scenario, given.only, every_step=True), streamed=True)
         print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
         return
     for duration in (given.duration / 10, given.duration):
-        print(f"{duration:6.0f} s, every step kept: {peak(duration):.0f} MB at most", flush=True)
+        print(
+            f"{duration:6.0f} s, every step kept: {peak(given.scenario, duration):.0f} MB at most",
+            flush=True,
+        )
     for every_step in (False, True):
-        described = scenario(given.duration, every_step=every_step)
+        described = scenario(given.scenario, given.duration, every_step=every_step)
         cost(described.with_values({"simulation.duration": 1.0}), streamed=True)
         pairs = []
         for number in range(given.pairs):

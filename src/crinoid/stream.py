@@ -11,8 +11,8 @@ from __future__ import annotations
 import os
 import secrets
 import struct
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,8 @@ __all__ = [
 _MAGIC = b"CDF\x02"
 _KEY = "checkpoint_key"
 """Attribute."""
-_MAPPED = 256
-"""Instants that are looked up at once."""
+_BLOCK = 1 << 22
+"""Bytes that are read at once."""
 _LARGE = {"node", "edge"}
 """Dimensions of what is left in a file until it is asked for, if it is over time."""
 
@@ -90,30 +90,38 @@ class Stream:
             self._count = 1
             for piece in more:
                 self._grow(temporary, piece)
+            self._count_in(temporary)
             self._keep(leaves, wall_time)
         remove_checkpoints(path)
 
-    def append(
-        self, piece: xr.Dataset | None, leaves: Mapping[str, np.ndarray], wall_time: float
-    ) -> None:
-        """Put instants at the end of the file, and replace the checkpoint."""
-        if piece is not None:
-            self._grow(self._path, piece)
+    def append(self, piece: xr.Dataset) -> None:
+        """Put instants at the end of the file, where they do not count yet."""
+        self._grow(self._path, piece)
+
+    def keep(self, leaves: Mapping[str, np.ndarray], wall_time: float) -> None:
+        """Let the instants count, and replace the checkpoint."""
+        self._count_in(self._path)
         self._keep(leaves, wall_time)
 
     def dataset(self) -> xr.Dataset:
         """Return all instants; what is large stays in the file until it is asked for."""
+        blocks = _Blocks(self._path, self._begin, self._instant, self._count)
+        small: dict[str, np.ndarray] = {}
         found: dict[str, Any] = {}
         for name, variable in self._first.variables.items():
-            if "time" not in variable.dims:
-                found[str(name)] = variable
-                continue
-            lazy = _Lazy(
-                (self._count, *variable.shape[1:]), variable.dtype, self._reader(str(name))
-            )
-            data = indexing.LazilyIndexedArray(lazy)
+            data: Any = variable.values
+            if "time" in variable.dims:
+                shape = (self._count, *variable.shape[1:])
+                if _LARGE & set(variable.dims):
+                    lazy = _Lazy(shape, variable.dtype, blocks.reader(str(name), variable.dtype))
+                    data = indexing.LazilyIndexedArray(lazy)
+                else:
+                    data = small[str(name)] = np.empty(shape, variable.dtype)
             found[str(name)] = xr.Variable(variable.dims, data, variable.attrs)
-        return _with_small_loaded(self._first, found)
+        for start, block in blocks.between(0, self._count):
+            for name, values in small.items():
+                values[start : start + len(block)] = block[name]
+        return _with_coordinates(self._first, found)
 
     def _packed(self, piece: xr.Dataset) -> np.ndarray:
         """Return instants as they follow one another in the file."""
@@ -124,17 +132,18 @@ class Stream:
 
     def _grow(self, path: Path, piece: xr.Dataset) -> None:
         instants = self._packed(piece)
-        try:
-            with path.open("r+b") as file:
-                file.seek(self._begin + self._count * self._instant.itemsize)
-                file.write(instants.tobytes())
-                _onto_disk(file)
-                file.seek(len(_MAGIC))
-                file.write(struct.pack(">i", self._count + len(instants)))
-                _onto_disk(file)
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(path.parent)) from error
+        with _telling(path), path.open("r+b") as file:
+            file.seek(self._begin + self._count * self._instant.itemsize)
+            file.write(instants.view("u1").data)
         self._count += len(instants)
+
+    def _count_in(self, path: Path) -> None:
+        with _telling(path), path.open("r+b") as file:
+            os.fsync(file.fileno())
+            file.seek(len(_MAGIC))
+            file.write(struct.pack(">i", self._count))
+            file.flush()
+            os.fsync(file.fileno())
 
     def _keep(self, leaves: Mapping[str, np.ndarray], wall_time: float) -> None:
         path = _checkpoint_path(self._path, self._key)
@@ -142,25 +151,45 @@ class Stream:
             named = {f"leaves/{name}": leaf for name, leaf in leaves.items()}
             np.savez(file, allow_pickle=False, wall_time=np.asarray(wall_time), **named)
 
-    def _reader(self, name: str) -> Callable[[tuple[Any, ...]], np.ndarray]:
-        path, begin, instant, count = self._path, self._begin, self._instant, self._count
-        dtype = self._first[name].dtype
+
+class _Blocks:
+    """The instants of a file, read a block at a time; the last two are held.
+
+    Variables lie beside each other in it, so what reads one has read the others as well.
+    """
+
+    def __init__(self, path: Path, begin: int, instant: np.dtype[Any], count: int) -> None:
+        self._path, self._begin, self._instant, self._count = path, begin, instant, count
+        self._length = max(1, _BLOCK // instant.itemsize)
+        self._held: dict[int, np.ndarray] = {}
+
+    def between(self, low: int, high: int) -> Iterator[tuple[int, np.ndarray]]:
+        """Yield the instants from one to another, in parts, each with the number of its first."""
+        if not is_stream(self._path):
+            raise OSError(f"{self._path}: no longer there as it was written")
+        for number in range(low // self._length, -(-high // self._length)):
+            first = number * self._length
+            if number not in self._held:
+                there = self._begin + first * self._instant.itemsize
+                size = min(self._length, self._count - first)
+                block = np.fromfile(self._path, self._instant, size, offset=there)
+                self._held = dict(list(self._held.items())[-1:]) | {number: block}
+            start, stop = max(low, first), min(high, first + self._length)
+            yield start, self._held[number][start - first : stop - first]
+
+    def reader(self, name: str, dtype: np.dtype[Any]) -> Callable[[tuple[Any, ...]], np.ndarray]:
+        """Return what reads some of a variable."""
+        shape = self._instant[name].shape
 
         def read(key: tuple[Any, ...]) -> np.ndarray:
-            if not is_stream(path):
-                raise OSError(f"{path}: no longer there as it was written")
             asked, *rest = key
             if not isinstance(asked, slice):
-                return read((slice(asked % count, asked % count + 1), *rest))[0]
-            which = range(count)[asked]
+                return read((slice(asked % self._count, asked % self._count + 1), *rest))[0]
+            which = range(self._count)[asked]
             low, high = min(which, default=0), max(which, default=-1) + 1
-            found = np.empty((high - low, *self._first[name].shape[1:]), dtype)
-            # mapped in parts: pages that stay mapped count as memory
-            for start in range(low, high, _MAPPED):
-                stop = min(start + _MAPPED, high)
-                there = begin + start * instant.itemsize
-                part = np.memmap(path, instant, "r", offset=there, shape=(stop - start,))
-                found[start - low : stop - low] = part[name]
+            found = np.empty((high - low, *shape), dtype)
+            for start, block in self.between(low, high):
+                found[start - low : start - low + len(block)] = block[name]
             return found[(slice(None, None, which.step), *rest)]
 
         return read
@@ -203,12 +232,13 @@ def open_lazily(path: Path) -> xr.Dataset:
     with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
         found: dict[str, Any] = {}
         for name, variable in stored.variables.items():
-            found[str(name)] = variable
             if "time" in variable.dims and _LARGE & set(variable.dims):
                 lazy = _Lazy(variable.shape, variable.dtype, reader(str(name)))
                 data = indexing.LazilyIndexedArray(lazy)
                 found[str(name)] = xr.Variable(variable.dims, data, variable.attrs)
-        return _with_small_loaded(stored, found)
+            else:
+                found[str(name)] = variable.load()
+        return _with_coordinates(stored, found)
 
 
 def is_stream(path: Path) -> bool:
@@ -257,15 +287,16 @@ def _checkpoint_path(path: Path, key: str) -> Path:
     return path.with_name(f"{path.stem}.{key}.checkpoint.npz")
 
 
-def _with_small_loaded(like: xr.Dataset, variables: Mapping[str, Any]) -> xr.Dataset:
-    for variable in variables.values():
-        if not ("time" in variable.dims and _LARGE & set(variable.dims)):
-            variable.load()
+def _with_coordinates(like: xr.Dataset, variables: Mapping[str, Any]) -> xr.Dataset:
     coords = {name: variables[str(name)] for name in like.coords}
     data = {name: variables[str(name)] for name in like.data_vars}
     return xr.Dataset(data, coords, like.attrs)
 
 
-def _onto_disk(file: Any) -> None:
-    file.flush()
-    os.fsync(file.fileno())
+@contextmanager
+def _telling(path: Path) -> Iterator[None]:
+    """Name the folder of a file that cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path.parent)) from error

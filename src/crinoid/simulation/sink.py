@@ -21,8 +21,8 @@ __all__ = ["Sink"]
 
 _EVERY = 4.0
 """Seconds of computing after which a file is brought up to date."""
-_MOST_HELD = 1 << 24
-"""Bytes of instants after which it is so already."""
+_MOST_HELD = 6_000_000
+"""Bytes of instants after which they are put into the file already, not to count before that."""
 
 Build = Callable[[Record, float | None], xr.Dataset]
 """From instants, and the angle of the tip just before them (rad), to their data."""
@@ -86,11 +86,9 @@ class Sink:
         OSError
             If it cannot be written. What is there already stays, and can be gone on with.
         """
-        if self._path is not None and (
-            wall_time - self._written > _EVERY or self._held > _MOST_HELD
-        ):
-            self._write(self._path, carry, wall_time)
-            self._written = wall_time
+        due = wall_time - self._written > _EVERY
+        if self._path is not None and (due or self._held > _MOST_HELD):
+            self._write(self._path, carry, wall_time, due)
 
     def close(self, carry: LoopState, wall_time: float) -> xr.Dataset:
         """Return all instants, with the file up to date if there is one.
@@ -101,22 +99,27 @@ class Sink:
             If it cannot be written.
         """
         if self._path is not None and self._stream is not None:
-            self._write(self._path, carry, wall_time)
+            self._write(self._path, carry, wall_time, True)
             return self._stream.dataset()
         parts = [] if self._kept is None else [self._kept]
         if self._records:
             parts.append(self._take())
         return join(parts)
 
-    def _write(self, path: Path, carry: LoopState, wall_time: float) -> None:
+    def _write(self, path: Path, carry: LoopState, wall_time: float, due: bool) -> None:
         piece = self._take() if self._records else None
         if self._stream is not None:
-            self._stream.append(piece, named_leaves(carry), wall_time)
+            if piece is not None:
+                self._stream.append(piece)
+            if due:
+                self._stream.keep(named_leaves(carry), wall_time)
+                self._written = wall_time
         elif piece is not None:
             if path.name == RESULT and attributes(path.with_name(UNCONTROLLED)):
                 path.with_name(UNCONTROLLED).unlink()  # that of an earlier run
             first, more = piece.isel(time=slice(0, 1)), piece.isel(time=slice(1, None))
             self._stream = self._begun(path, first, [more], carry, wall_time)
+            self._written = wall_time
 
     def _begun(
         self,
