@@ -9,7 +9,10 @@ import pytest
 import crinoid
 from crinoid.assembly.parts import Parts
 from crinoid.assembly.prepared import Prepared
+from crinoid.dynamics import Reason
 from crinoid.elements import DistributedLoad
+from crinoid.status import Status
+from physics import arm
 
 SCENARIO = crinoid.Scenario(
     arm={"nodes": 4},
@@ -86,3 +89,26 @@ def test_gradients_take_parts():
         return flows.forces.water.velocity(jnp.zeros(2), jnp.asarray(0.0))[0]
 
     assert float(jax.grad(speed)(jnp.asarray(0.3))) == 1.0
+
+
+@pytest.mark.parametrize("iterations", [1, 20])
+def test_a_step_can_raise_where_it_does_not_count(iterations):
+    system = arm(nodes=3, gravity=9.81, max_iterations=iterations, tolerance=1e-12)
+    command = jnp.zeros(len(system.inputs))
+    advance = eqx.filter_jit(lambda s, h: s.step(s.rest(), command, h, throw=True))
+    step = jnp.asarray(0.05)
+    if iterations == 20:
+        _, outcome = advance(system, step)
+        assert Reason(int(outcome.reason)) is Reason.NONE
+        return
+    with pytest.raises(Exception, match="Newton's method found no balance of forces"):
+        jax.block_until_ready(advance(system, step))
+    _, outcome = eqx.filter_jit(lambda s, h: s.step(s.rest(), command, h))(system, step)
+    assert Reason(int(outcome.reason)) is Reason.IMBALANCE
+
+
+def test_a_status_is_told_by_its_first_word():
+    assert Status.of("failed at t = 1 s: too fast") is Status.FAILED
+    assert Status.of("ok") is Status.OK
+    assert Status.of("done") is None
+    assert Status.of(None) is None

@@ -17,6 +17,7 @@ import xarray as xr
 from crinoid.pieces import piece_length, pieces
 from crinoid.replacement import replacing
 from crinoid.scenario import Scenario
+from crinoid.status import Status
 from crinoid.stream import is_stream, open_lazily, read_checkpoint, remove_checkpoints
 from crinoid.variables import of_dimension
 from crinoid.version import __version__
@@ -72,6 +73,11 @@ class Result:
         return str(self.dataset.attrs["status"])
 
     @property
+    def ended(self) -> Status | None:
+        """How it ended; None where its status tells nothing."""
+        return Status.of(self.status)
+
+    @property
     def notes(self) -> list[str]:
         """Notes on the run that its data do not give, a sentence each."""
         return str(self.dataset.attrs.get("notes", "")).splitlines()
@@ -86,13 +92,13 @@ class Result:
     def failure(self) -> str:
         """Failure of this run or of the one without control; empty if neither failed."""
         other = self.uncontrolled.failure if self.uncontrolled is not None else ""
-        return self.status if self.status.startswith("failed") else other
+        return self.status if self.ended is Status.FAILED else other
 
     @property
     def interrupted(self) -> bool:
         """Whether this run or the one without control was stopped before its end."""
         other = self.uncontrolled is not None and self.uncontrolled.interrupted
-        return self.status.startswith(("interrupted", "unfinished")) or other
+        return self.ended in (Status.INTERRUPTED, Status.UNFINISHED) or other
 
     @property
     def scenario(self) -> Scenario:

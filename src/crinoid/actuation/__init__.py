@@ -2,7 +2,7 @@
 
 from crinoid.actuation.actuator import Actuator as Actuator
 from crinoid.actuation.actuator import drives as drives
-from crinoid.actuation.actuator import split as split
+from crinoid.actuation.actuator import followed as followed
 from crinoid.actuation.follower import Follower as Follower
 from crinoid.actuation.follower import FollowerState as FollowerState
 from crinoid.actuation.input import Input as Input

@@ -44,10 +44,14 @@ class Actuator(eqx.Module):
         """
 
 
-def split(command: Command, actuators: Sequence[Actuator]) -> list[Float[Array, " _"]]:
-    """Return the part of a command that each actuator follows."""
+def followed(
+    actuators: Sequence[Actuator], states: Sequence[Any], command: Command, step: Float[Array, ""]
+) -> list[Any]:
+    """Return the states of actuators after each has followed its part of a command."""
     ends = accumulate((len(actuator.inputs) for actuator in actuators), initial=0)
-    return [command[first:last] for first, last in pairwise(ends)]
+    parts = [command[first:last] for first, last in pairwise(ends)]
+    every = zip(actuators, states, parts, strict=True)
+    return [one.advance(state, part, step) for one, state, part in every]
 
 
 def drives(actuators: Sequence[Actuator], states: Sequence[Any]) -> Drive | None:

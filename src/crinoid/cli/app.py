@@ -14,6 +14,7 @@ import typer
 
 from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading
 from crinoid.cli.terminal import Terminal
+from crinoid.status import Status
 
 if TYPE_CHECKING:
     from crinoid.scenario import Scenario
@@ -254,4 +255,4 @@ def _stop(*lines: str) -> NoReturn:
 def _end(trouble: str) -> None:
     if trouble:
         errors.print(f"crinoid: {trouble}")
-        raise typer.Exit(INTERRUPTED if trouble.startswith("interrupted") else FAILED)
+        raise typer.Exit(INTERRUPTED if Status.of(trouble) is Status.INTERRUPTED else FAILED)

@@ -9,6 +9,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.result import RESULT, Result, ResultError
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import Progress, Tell, play
+from crinoid.status import Status
 
 
 def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
@@ -63,7 +64,7 @@ def is_complete(earlier: Result, scenario: Scenario) -> bool:
             return False
         runs.append(earlier.uncontrolled)
     end = scenario.simulation.duration - 0.5 * scenario.simulation.time_step
-    return all(run.status == "ok" and float(run.dataset["time"][-1]) > end for run in runs)
+    return all(run.ended is Status.OK and float(run.dataset["time"][-1]) > end for run in runs)
 
 
 def attempt(
@@ -98,7 +99,7 @@ def trouble(result: Result, folder: Path, paths: list[Path]) -> str:
     if result.failure:
         return f"{result.failure}; {aside}" if aside else result.failure
     if result.interrupted:
-        stopped = result if result.status.startswith("interrupted") else result.uncontrolled
+        stopped = result if result.ended is Status.INTERRUPTED else result.uncontrolled
         assert stopped is not None
         if aside:
             return f"{stopped.status}; {aside}"

@@ -20,6 +20,7 @@ from crinoid.current import FLOW
 from crinoid.replacement import remove_unfinished
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.status import Status
 from crinoid.stream import is_stream, remove_checkpoints
 
 _CASE = re.compile(r"case-\d+")
@@ -108,7 +109,7 @@ def check_replaced(
     for place in ("", *(each.name for each in _case_folders(folder))):
         path = folder / place / RESULT
         found = attributes(path)
-        if found.get("status") != "ok" or (resume and place in wanted):
+        if Status.of(found.get("status")) is not Status.OK or (resume and place in wanted):
             continue
         if place not in wanted or not _same(found, wanted[place]) or still != _still(path):
             text = f"{path} is a finished result of another scenario; takes another folder, or "
@@ -147,7 +148,7 @@ def _foreign(folder: Path, wanted: Wanted, *, resume: bool) -> Iterator[Path]:
 def interrupted(folder: Path, scenario: Scenario) -> bool:
     """Tell whether a folder holds an interrupted run of a scenario."""
     found = attributes(folder / RESULT)
-    stopped = str(found.get("status")).startswith(("interrupted", "unfinished"))
+    stopped = Status.of(found.get("status")) in (Status.INTERRUPTED, Status.UNFINISHED)
     return stopped and _same(found, scenario)
 
 
@@ -249,7 +250,9 @@ def _finished(folder: Path, scenario: Scenario) -> bool:
     if scenario.control.kind != "none" and scenario.control.compare:
         names.append(UNCONTROLLED)
     found = [attributes(folder / name) for name in names]
-    return all(each.get("status") == "ok" and _same(each, scenario) for each in found)
+    return all(
+        Status.of(each.get("status")) is Status.OK and _same(each, scenario) for each in found
+    )
 
 
 def _beside(folder: Path) -> Path:

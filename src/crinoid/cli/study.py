@@ -35,6 +35,7 @@ from crinoid.plausibility import doubts
 from crinoid.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import Progress
+from crinoid.status import Status
 
 _MOST_FAILURES = 4
 _MOST_HELD = 20_000_000
@@ -194,7 +195,7 @@ def _row(name: str, values: dict[str, Any], result: Result | None, wrong: str) -
             "settling_time": settling_time(result),
         }
         measures |= {name: value for name, value in found.items() if value is not None}
-    return {"case": name, **values, **measures, "status": wrong or "ok"}
+    return {"case": name, **values, **measures, "status": wrong or Status.OK.value}
 
 
 def _earlier_rows(
@@ -212,7 +213,7 @@ def _earlier_rows(
         name, directory = row["case"], row["directory"]
         if name not in wanted or directory != name or set(row) != {*COLUMNS, *values[name]}:
             continue
-        if row["status"].startswith("interrupted") or not holds(folder / name, wanted[name]):
+        if Status.of(row["status"]) is Status.INTERRUPTED or not holds(folder / name, wanted[name]):
             continue
         with suppress(ValueError):
             measures = {key: float(row[key]) if row[key] else "" for key in MEASURES}

@@ -1,8 +1,10 @@
 """Newton's method on the balance of forces, with the derivative of its solution."""
 
-from typing import Any
+from enum import IntEnum
+from typing import Any, TypeVar
 
 import equinox as eqx
+import equinox.internal as eqxi
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -14,6 +16,7 @@ from crinoid.dynamics.tangent import HELD, Tangent
 from crinoid.rod import Rod
 
 Rows = Float[Array, "rows b"]
+Tree = TypeVar("Tree")
 
 _NOISE = 1 / 16
 """Share of the floor that round-off makes up in any case."""
@@ -21,6 +24,30 @@ _MARGIN = 4.0
 """Factor by which an iteration with an old tangent must be expected to suffice."""
 _STALLED = 0.5
 """Share of the imbalance from which on what an iteration leaves of it is no progress."""
+
+
+class Reason(IntEnum):
+    """Why a time step does not count."""
+
+    NONE = 0
+    IMBALANCE = 1
+    FOLDED = 2
+    HIT = 3
+    ERROR = 4
+
+    @property
+    def words(self) -> str:
+        """A sentence for messages."""
+        return _WORDS[self]
+
+
+_WORDS = {
+    Reason.NONE: "the time step counts",
+    Reason.IMBALANCE: "Newton's method found no balance of forces; take a smaller time step",
+    Reason.FOLDED: "the arm folds onto itself; take more nodes or a smaller time step",
+    Reason.HIT: "a hit is too hard or too fast for the time step; take a smaller one",
+    Reason.ERROR: "the time step errs by more than is allowed; take a smaller one",
+}
 
 
 class Outcome(eqx.Module):
@@ -46,6 +73,25 @@ class Outcome(eqx.Module):
     """Whether a balanced step bent an edge back onto the one before; then it does not count."""
     error: Float[Array, ""]
     """Estimated local error of the positions after a balanced step (m)."""
+
+    @property
+    def reason(self) -> Int[Array, ""]:
+        """Why a step does not count, `crinoid.dynamics.Reason`, or that it does."""
+        found = jnp.where(self.error > 0, Reason.ERROR, Reason.IMBALANCE)
+        found = jnp.where(self.folded, Reason.FOLDED, found)
+        found = jnp.where(self.resolved, found, Reason.HIT)
+        return jnp.where(self.converged, Reason.NONE, found)
+
+    def required(self, after: Tree) -> Tree:
+        """Return the state after a step, or raise an error that says why it does not count.
+
+        Raises
+        ------
+        equinox.EquinoxRuntimeError
+            When the computation runs, if the step has not converged.
+        """
+        words = [reason.words for reason in Reason if reason is not Reason.NONE]
+        return eqxi.branched_error_if(after, ~self.converged, self.reason - 1, words)
 
     @staticmethod
     def of_nothing(*, converged: bool) -> "Outcome":

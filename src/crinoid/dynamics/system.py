@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from crinoid import chain
-from crinoid.actuation import Actuator, Input, drives, split
+from crinoid.actuation import Actuator, Input, drives, followed
 from crinoid.base import Base
 from crinoid.dynamics import modes, start, statics
 from crinoid.dynamics.books import Books
@@ -122,24 +122,23 @@ class System(eqx.Module):
         return self._steady(forces, motion, (state.servo, *state.actuators), state.attitude)
 
     def step(
-        self, state: State, command: Command, step: float | Array | None = None
+        self,
+        state: State,
+        command: Command,
+        step: float | Array | None = None,
+        *,
+        throw: bool = False,
     ) -> tuple[State, Outcome]:
         """Advance by one time step, the actuators following ``command``, in units of `inputs`.
 
         Differentiable in both modes. Where Newton's method fails the state comes back with the
-        outcome that says so, and should not be used; `advance` recovers.
+        outcome that says so, and should not be used; `advance` recovers. With ``throw`` an error is
+        raised there, under `jax.jit` as well (`equinox.error_if`, which asks the host).
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
         before, method = state.motion, self.integrator
-        servo, *actuators = (
-            one.advance(of_one, part, h)
-            for one, of_one, part in zip(
-                self._followers,
-                (state.servo, *state.actuators),
-                split(command, self._followers),
-                strict=True,
-            )
-        )
+        at_start = (state.servo, *state.actuators)
+        servo, *actuators = followed(self._followers, at_start, command, h)
         forces = self.forces.driven(drives(self.actuators, actuators))
         stage = method.stage(before, state.ahead, h, state.frames)
         forces = start.mounted(forces, self.base, stage.time, servo, state)
@@ -164,7 +163,8 @@ class System(eqx.Module):
             earlier=jnp.stack([before.acceleration, state.earlier[0]]),
             attitude=forces.attitude(motion),
         )
-        return after, self._judged(forces, state, after, outcome, h)
+        outcome = self._judged(forces, state, after, outcome, h)
+        return outcome.required(after) if throw else after, outcome
 
     def advance(
         self, state: State, command: Command, step: float | Array | None = None

@@ -37,7 +37,7 @@ class Threads(Element):
     worked: ClassVar[str] = "actuation"
     first: int = eqx.field(static=True)
     at: int = eqx.field(static=True)
-    """Where the drives of these threads begin in `Motion.drive`."""
+    """Where the drives of these threads begin in `crinoid.Motion.drive`."""
     pull: Float[Array, "*count lane drive"]
     """Tension in a lane per unit of each drive that is above 0 (N)."""
     push_back: Float[Array, "*count lane drive"]

@@ -31,6 +31,7 @@ from crinoid.report.style import (
 from crinoid.report.sweep import draw_errors, draw_settling, find_sweep
 from crinoid.report.units import Unit, largest, length_unit
 from crinoid.report.view import is_spatial
+from crinoid.status import Status
 
 _WIDTHS = [1.0, 1.5, 1.0]  # of the panels of measures
 
@@ -87,7 +88,7 @@ def _read_case(path: Path, row: dict[str, str | None]) -> Case:
         name=texts["case"],
         varied={name: text for name, text in texts.items() if name not in COLUMNS},
         measures=measures,
-        status=texts["status"] or "ok",
+        status=texts["status"] or Status.OK.value,
         directory=str(folder),
         result=result if result.is_file() else None,
     )
@@ -171,7 +172,7 @@ def _label(case: Case, cases: Sequence[Case]) -> str:
         parts.append(f"{short if last[short] == 1 else key} {_short(value)}".replace("_", " "))
     together = ", ".join(parts)
     lines = [case.name, *([together] if len(together) <= 30 else parts)]
-    if case.status != "ok":
+    if Status.of(case.status) is not Status.OK:
         lines.append(textwrap.shorten(case.status, 34, placeholder=" ..."))
     return "\n".join(lines)
 
@@ -199,7 +200,11 @@ def _bars(
     axes.set_xlim(min(0.0, float(shown.min()) * 1.3), top * 1.3)  # room for the numbers
     for place, (value, case) in enumerate(zip(values, cases, strict=True)):
         known = math.isfinite(value)
-        words = f"{value:.3g}" if known else ("stopped" if case.status != "ok" else missing)
+        words = (
+            f"{value:.3g}"
+            if known
+            else ("stopped" if Status.of(case.status) is not Status.OK else missing)
+        )
         axes.annotate(
             words,
             (max(float(shown[place]), 0.0), place),

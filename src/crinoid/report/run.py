@@ -16,6 +16,7 @@ from jaxtyping import Float
 from crinoid.report.solids import find_bodies
 from crinoid.report.view import in_space
 from crinoid.space import AXES
+from crinoid.status import Status
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
@@ -48,7 +49,7 @@ class Run:
     @property
     def status(self) -> str:
         """`"ok"`, or what went wrong and when."""
-        return str(self.result.attrs.get("status", "ok")).strip() or "ok"
+        return str(self.result.attrs.get("status", "")).strip() or Status.OK.value
 
     @property
     def members(self) -> list[tuple[str, xr.Dataset]]:

@@ -18,6 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
+from crinoid.status import Status
+
 # Okabe and Ito's palette: told apart with every common colour blindness, and in grey.
 BLUE = "#0072B2"
 VERMILLION = "#D55E00"
@@ -136,7 +138,7 @@ def head_height(title: str, status: str, wide: float) -> float:
 
 def _head_lines(title: str, status: str, wide: float) -> tuple[list[str], list[str]]:
     lines = textwrap.wrap(title, int(10.5 * wide), max_lines=2, placeholder=" ...") or [" "]
-    if status == "ok":
+    if Status.of(status) is Status.OK:
         return lines, []
     return lines, textwrap.wrap(status, int(11.5 * wide), max_lines=3, placeholder=" ...")
 

@@ -18,6 +18,7 @@ from crinoid.simulation.failure import command_failure, step_failure
 from crinoid.simulation.loop import LoopState
 from crinoid.simulation.setup import Setup
 from crinoid.simulation.sink import Build
+from crinoid.status import Status
 
 __all__ = ["attributes_of", "builder", "conclude"]
 
@@ -73,7 +74,7 @@ def conclude(
     told = [*prepared.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
     if defect is not None and defect.told not in trouble:
         told.append(defect.note)
-    dataset.attrs = attributes_of(prepared, trouble or "ok", wall_time, told)
+    dataset.attrs = attributes_of(prepared, trouble or Status.OK.value, wall_time, told)
     return Result(dataset, named_leaves(carry))
 
 
