@@ -11,6 +11,7 @@ import pytest
 import crinoid
 from crinoid.actuation import Follower
 from crinoid.dynamics import Books
+from crinoid.dynamics.statics import still
 from crinoid.elements import WORKS, Motion, Threads
 from crinoid.frames import Frames
 from physics import order
@@ -204,6 +205,38 @@ def test_the_force_is_the_slope_of_tension_times_path(axes):
             ends.append(path_work(element, moved, *map(np.asarray, (strains, lengths, drive))))
         slope = float(ends[0] - ends[1]) / 2e-6
         assert float(residual[row, column]) == pytest.approx(slope, abs=2e-7), (row, column)
+
+
+def test_the_tangent_by_hand_is_the_slope_of_the_force():
+    threads = [
+        {"offset": [0.01, 0.004], "max_tension": 2.0, "pair": True, "span": [0.1, 0.9]},
+        {"offset": 0.006, "angle_deg": 180.0, "max_tension": 1.0},
+    ]
+    bent = {"max_curvature": 2.0, "span": [0.3, 1.0]}
+    system = crinoid.system(scenario(nodes=6, tendon=threads, chamber=[bent]))
+    (element,) = (e for e in system.forces.elements if isinstance(e, Threads))
+    forces = replace(system.forces.driven(jnp.array([0.5, -0.6, 0.8])), elements=(element,))
+    state = system.rest()
+    noise = 0.01 * jnp.asarray(np.random.default_rng(1).standard_normal((7, 2)))
+    stage = still(jnp.zeros(()), state.position + noise, None)
+
+    @eqx.filter_jit
+    def both(stage):
+        none = jnp.zeros((7, 2))
+        around = forces.surroundings(stage, none)
+
+        def residual(correction):
+            return forces.residual(forces.motion(stage, correction, around))[0]
+
+        bands = forces.tangent(stage, forces.motion(stage, none, around), around).bands
+        return bands, jax.jacfwd(residual)(none)
+
+    bands, slope = both(stage)
+    for node in range(7):
+        for offset in range(-2, 3):
+            if 0 <= node + offset < 7:
+                expected = slope[node, :, node + offset]
+                np.testing.assert_allclose(bands[node, offset + 2], expected, atol=1e-9)
 
 
 def _rest(system):

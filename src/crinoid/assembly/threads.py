@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from crinoid.actuation import Actuator, Follower
 from crinoid.assembly.actuator import ActuatorParameters
 from crinoid.assembly.numbers import array
-from crinoid.elements import Element, Threads
+from crinoid.elements import Element, PlanarThreads, Threads
 from crinoid.rod import Rod
 from crinoid.scenario import Chamber, Scenario, Tendon
 
@@ -118,7 +118,7 @@ class ThreadParameters(ActuatorParameters):
         ends = jnp.full((rod.nodes - 1, 2), 0.5).at[0, 0].set(0.0).at[-1, 1].set(1.0)
         if self.pinned:
             ends = ends.at[1, 0].set(1.0)
-        return Threads(
+        return (PlanarThreads if rod.axes == 2 else Threads)(
             first=0,
             at=first,
             pull=jnp.where(other_side[..., None], 0.0, lanes),

@@ -14,6 +14,7 @@ from crinoid.elements.inertia import Inertia as Inertia
 from crinoid.elements.loads import DistributedLoad as DistributedLoad
 from crinoid.elements.loads import TipLoad as TipLoad
 from crinoid.elements.spatial import BendTwist as BendTwist
+from crinoid.elements.threads import PlanarThreads as PlanarThreads
 from crinoid.elements.threads import Threads as Threads
 from crinoid.elements.tool import Tool as Tool
 from crinoid.elements.water import AddedMass as AddedMass

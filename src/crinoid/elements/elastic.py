@@ -100,10 +100,14 @@ class Turn(NamedTuple):
     @property
     def hessian(self) -> Float[Array, "3 2 3 2"]:
         """Second derivatives of the turn by the positions of the nodes (1/m2)."""
-        first, second = self.curved
-        none = jnp.zeros((2, 2))
-        rows = [[first, -first, none], [-first, first + second, -second], [none, -second, second]]
-        return jnp.stack([jnp.stack(row, axis=1) for row in rows])
+        return by_nodes(*self.curved)
+
+
+def by_nodes(first: Float[Array, "2 2"], second: Float[Array, "2 2"]) -> Float[Array, "3 2 3 2"]:
+    """Return second derivatives by three nodes from those by the vectors of the edges between."""
+    none = jnp.zeros((2, 2))
+    rows = [[first, -first, none], [-first, first + second, -second], [none, -second, second]]
+    return jnp.stack([jnp.stack(row, axis=1) for row in rows])
 
 
 class Bend(Linearised):

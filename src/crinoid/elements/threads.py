@@ -12,23 +12,22 @@ The strains are those of `crinoid.elements.Bend` and `crinoid.elements.BendTwist
 straight arm to the circle that is exact in them, however large the bend.
 """
 
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.elastic import Turn
-from crinoid.elements.element import Element, Motion
+from crinoid.elements.elastic import Turn, by_nodes
+from crinoid.elements.element import Course, Element, Linearised, Motion
 from crinoid.elements.geometry import unit
 from crinoid.elements.spatial import NodeStrain, SpatialEdge, applied, on_nodes
 
 
 class Threads(Element):
-    """All threads of an arm, gathered by their routes; a window is a node between two edges.
+    """All threads of an arm in space; a window is a node between two edges.
 
-    Threads that run along the same route share a lane: what pulls there is the sum of their
-    tensions.
+    Each thread that runs past a node has a lane there.
     """
 
     stencil: ClassVar[int] = 3
@@ -52,31 +51,8 @@ class Threads(Element):
     """Share of the edges before and behind a node that counts as its own."""
 
     def residual(self, motion: Motion) -> Float[Array, "3 b"]:
-        assert motion.drive is not None
-        drive = motion.drive[self.at : self.at + self.pull.shape[-1]]
-        tension = jnp.sum(
-            self.pull * jnp.maximum(drive, 0.0) + self.push_back * jnp.maximum(-drive, 0.0), axis=-1
-        )
-        if motion.orientation is None:
-            return self._in_plane(motion.position, tension)
-        return self._in_space(motion, tension)
-
-    def _in_plane(
-        self, position: Float[Array, "3 2"], tension: Float[Array, " lane"]
-    ) -> Float[Array, "3 2"]:
-        turn = Turn.of(position)
-        (before, one), (behind, two) = (unit(position[i + 1] - position[i]) for i in (0, 1))
-        along = self.share[0] * one + self.share[1] * two - turn.strain * self.offset[:, 0]
-        path = jnp.sqrt(along**2 + self.change[:, 0] ** 2)
-        slope = jnp.where(self.routed > 0, along / path, 1.0)
-        bending = -jnp.sum(tension * slope * self.offset[:, 0])
-        axial = jnp.sum(tension * self.routed * slope)
-        first, second = axial * self.share[0] * before, axial * self.share[1] * behind
-        stretching = jnp.stack([-first, first - second, second])
-        return bending * turn.growth * turn.gradient + stretching
-
-    def _in_space(self, motion: Motion, tension: Float[Array, " lane"]) -> Float[Array, "3 4"]:
         assert motion.orientation is not None
+        tension = self.tension(motion)
         a, b = SpatialEdge.of(motion, 1), SpatialEdge.of(motion, 2)
         strain = NodeStrain.of(a.tangent, b.tangent, a.director, motion.orientation.twist[1])
         strains, offset, change = strain.strains, self.offset, self.change
@@ -93,3 +69,76 @@ class Threads(Element):
         pulls = (axial * self.share[0] * a.tangent, axial * self.share[1] * b.tangent)
         on_a, on_b = (jnp.append(pull, 0.0) for pull in pulls)
         return on_nodes(on_a - a.force(moment), on_b + b.force(moment))
+
+    def tension(self, motion: Motion) -> Float[Array, " lane"]:
+        """Return the tension in each lane of a window (N)."""
+        assert motion.drive is not None
+        drive = motion.drive[self.at : self.at + self.pull.shape[-1]]
+        pulled = self.pull * jnp.maximum(drive, 0.0) + self.push_back * jnp.maximum(-drive, 0.0)
+        return jnp.sum(pulled, axis=-1)
+
+
+class PlanarThreads(Threads, Linearised):
+    """Threads in the plane, with a tangent by hand: it costs a third of a differentiated one."""
+
+    spins: ClassVar[bool] = False
+
+    def residual(self, motion: Motion) -> Float[Array, "3 2"]:
+        path = self._path(motion)
+        return path.bending * path.by_strain + path.axial * path.by_length
+
+    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 2 3 2"]:
+        path = self._path(motion)
+        turn, strain, length = path.turn, path.by_strain, path.by_length
+        # how the slopes change: by -d ds + dl along the path of each lane
+        bending = path.of_offset[2] * strain - path.of_offset[1] * length
+        axial = path.of_offset[0] * length - path.of_offset[1] * strain
+        steered = strain[:, :, None, None] * bending + length[:, :, None, None] * axial
+        curved = turn.growth * turn.hessian + turn.growth_slope * (
+            turn.gradient[:, :, None, None] * turn.gradient
+        )
+        return course.by_position * (
+            steered + path.bending * curved + path.axial * path.length_curved
+        )
+
+    def _path(self, motion: Motion) -> "_Path":
+        position, offset = motion.position, self.offset[:, 0]
+        turn = Turn.of(position)
+        edges = [unit(position[end] - position[end - 1]) for end in (1, 2)]
+        parts = [share * length for share, (_, length) in zip(self.share, edges, strict=True)]
+        along = parts[0] + parts[1] - turn.strain * offset
+        path = jnp.sqrt(along**2 + self.change[:, 0] ** 2)
+        tension, routed = self.tension(motion), self.routed > 0
+        slope = jnp.where(routed, along / path, 1.0)
+        bent = tension * jnp.where(routed, self.change[:, 0] ** 2 / path**3, 0.0)
+        pulls = [share * direction for share, (direction, _) in zip(self.share, edges, strict=True)]
+        curved = [
+            share / length * (jnp.eye(2) - direction[:, None] * direction)
+            for share, (direction, length) in zip(self.share, edges, strict=True)
+        ]
+        return _Path(
+            turn=turn,
+            bending=-jnp.sum(tension * slope * offset),
+            axial=jnp.sum(tension * self.routed * slope),
+            by_strain=turn.growth * turn.gradient,
+            by_length=jnp.stack([-pulls[0], pulls[0] - pulls[1], pulls[1]]),
+            length_curved=by_nodes(*curved),
+            of_offset=tuple(jnp.sum(bent * offset**power) for power in range(3)),
+        )
+
+
+class _Path(NamedTuple):
+    """The path of the threads at a node, weighed by their tensions."""
+
+    turn: Turn
+    bending: Float[Array, ""]
+    """Slope of the work by the strain (N m)."""
+    axial: Float[Array, ""]
+    """Slope of the work by the length (N)."""
+    by_strain: Float[Array, "3 2"]
+    """Derivative of the strain by the positions (1/m)."""
+    by_length: Float[Array, "3 2"]
+    length_curved: Float[Array, "3 2 3 2"]
+    """Second derivative of the length by the positions (1/m)."""
+    of_offset: tuple[Float[Array, ""], ...]
+    """Second slopes of the work by the path along the arm, times powers 0 to 2 of the offset."""
