@@ -47,7 +47,11 @@ def _sections(prefix: str, schema: Schema, definitions: Schema) -> Iterator[str]
         if (found := _reference(entry)) is not None:
             alike.setdefault(found, []).append((f"{prefix}{name}", entry))
     for name, entry in entries.items():
-        if (kinds := _kinds(entry)) is not None:
+        if (plain := entry.get("items", {}).get("$ref")) is not None:
+            inner = _definition(plain, definitions)
+            yield _section(f"`[[{prefix}{name}]]`", inner)
+            yield from _sections(f"{prefix}{name}.", inner, definitions)
+        elif (kinds := _kinds(entry)) is not None:
             for kind, found in kinds.items():
                 title = f'`[[{prefix}{name}]]` with `kind = "{kind}"`'
                 yield _section(title, _definition(found, definitions))

@@ -1,5 +1,7 @@
 """Parts of a user's own in `crinoid.simulate`: what goes wrong with them is told."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,6 +11,7 @@ import pytest
 import crinoid
 from crinoid.assembly.parts import Parts
 from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.sensor import build_sensors
 from crinoid.dynamics import Reason
 from crinoid.elements import DistributedLoad
 from crinoid.status import Status
@@ -112,3 +115,31 @@ def test_a_status_is_told_by_its_first_word():
     assert Status.of("ok") is Status.OK
     assert Status.of("done") is None
     assert Status.of(None) is None
+
+
+class Broken(crinoid.Flow):
+    """A flow that is no number from a time on."""
+
+    onset: crinoid.Onset
+
+    def fully_on(self, point, time):
+        return jnp.where(time > 0.155, jnp.nan, 0.0) * jnp.ones(2)
+
+
+def test_a_flow_that_is_no_number_fails_and_keeps_what_was_computed():
+    with pytest.raises(crinoid.SimulationError, match=r"failed at t = 0\.15") as caught:
+        crinoid.simulate(SCENARIO, flows=[Broken(crinoid.Onset.of())])
+    data = caught.value.result.dataset
+    assert 0.15 < data["time"][-1] <= 0.155  # as far as shorter steps got
+    assert np.isfinite(data["position"]).all()
+
+
+@pytest.mark.parametrize("name", ["tip", "range"])
+def test_two_sensors_of_one_name_are_refused(name):
+    table = {"kind": "wrench", "name": "range"}
+    watched = SCENARIO.with_values({"sensors": [table]})
+    (_, sensor) = build_sensors(watched)
+    again = eqx.tree_at(lambda s: s.delay, sensor, jnp.asarray(0.0))
+    again = replace(again, name=name)
+    with pytest.raises(ValueError, match=f"two sensors are called {name}"):
+        crinoid.simulate(watched, sensors=[again])

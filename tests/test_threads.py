@@ -10,10 +10,12 @@ import pytest
 
 import crinoid
 from crinoid.actuation import Follower
+from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics import Books
 from crinoid.dynamics.statics import still
 from crinoid.elements import WORKS, Motion, Threads
 from crinoid.frames import Frames
+from crinoid.simulation import play
 from physics import order
 
 RADIUS, LENGTH, MODULUS = 0.02, 0.5, 1e5
@@ -365,9 +367,41 @@ def test_a_follower_at_its_target_has_a_slope():
     assert float(jax.grad(after)(jnp.zeros(1))[0]) == pytest.approx(1 - np.exp(-0.5), rel=1e-12)
 
 
+def test_a_command_adds_to_the_schedule_and_may_take_it_away():
+    actuator = eqx.tree_at(lambda f: f.values, follower(lower=0.3), jnp.array([[0.5, 0.5]]))
+    (given,) = actuator.inputs
+    np.testing.assert_allclose([given.lower, given.upper], [-0.2, 0.5])
+    np.testing.assert_allclose(followed(actuator, [0.0] * 3, 1.0), 0.5)
+    np.testing.assert_allclose(followed(actuator, [-0.2] * 40, 1.0)[-1], 0.3)
+
+
+def test_a_run_with_a_chamber_goes_on_from_where_it_stopped(tmp_path):
+    half = {"time": [0.0, 1.0], "share": [0.5, 0.5]}
+    described = scenario(
+        nodes=4,
+        base={"channels": {"slide": {}}},
+        chamber=[chamber(schedule=half, min_pressure=0.2 * PRESSURE)],
+        control={"kind": "pid", "compare": False, "pid": {"slide": {"kp": 0.1}}},
+        simulation={"duration": 0.2},
+    )
+    first = play(Prepared(described))
+    # a controller of the base leaves the chamber as it is scheduled
+    np.testing.assert_allclose(first.dataset["actuator_state"], 0.5)
+    np.testing.assert_array_equal(first.dataset["actuator_command"], 0.0)
+    longer = described.with_values({"simulation.duration": 0.4})
+    whole, gone_on = play(Prepared(longer)), play(Prepared(longer), resume=first)
+    for name in ("position", "actuator_state", "energy"):
+        np.testing.assert_array_equal(gone_on.dataset[name], whole.dataset[name])
+
+
 # --- the scenario ---------------------------------------------------------------------------------
 
 MISTAKES = {
+    "chamber.0.span: got 0.5, takes a pair of numbers": {"span": 0.5},
+    "chamber.0.span: got [0.0, 1.0, 2.0], takes a pair": {"span": [0.0, 1.0, 2.0]},
+    "chamber.0.offset.1: got nan, takes a finite number": {"offset": [0.01, float("nan")]},
+    'chamber.0.name: got "Heave", takes a name of a-z': {"name": "Heave"},
+    'chamber.0.name: got "slide", as base.channels.slide is called': {"name": "slide"},
     "chamber.0.area: missing, takes area and offset, or max_curvature": {"area": None},
     "chamber.0.span: got [0.5, 0.5], takes [a, b]": {"span": [0.5, 0.5]},
     "chamber.0.angle_deg: got 90.0, takes 0 or 180": {"angle_deg": 90.0},

@@ -76,6 +76,11 @@ def find_defect(dataset: xr.Dataset, scenario: Scenario, floor: float) -> Defect
     imbalance that steps ended with, and the ``floor`` of round-off (N,
     `crinoid.dynamics.Settings.floor`), along the path that the nodes went.
     """
+    finite = np.isfinite(dataset["energy"].transpose("time", "kind").values).all(axis=1)
+    if not finite.all():  # what comes after that tells nothing, and the run says so
+        dataset = dataset.isel(time=slice(0, int(np.argmin(finite))))
+    if dataset.sizes["time"] < 2:
+        return None
     energy, time = dataset["energy"].transpose("time", "kind").values, dataset["time"].values
     change = energy - energy[0]
     stored = np.isin(dataset["kind"].values, ENERGIES)

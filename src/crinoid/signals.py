@@ -10,10 +10,7 @@ from numpy.typing import ArrayLike
 
 from crinoid.actuation import Input
 from crinoid.record import Record
-from crinoid.space import CHANNEL_TABLE
 from crinoid.variables import quantity
-
-_CHANNELS = {channel.name for channel in CHANNEL_TABLE}
 
 
 def with_signals(
@@ -40,7 +37,7 @@ def with_signals(
         reading=("reading", names, {"long_name": "sensor and value"}),
         reading_unit=("reading", units, {"long_name": "unit of sensor_reading"}),
     )
-    others = [each for each in inputs if each.name not in _CHANNELS]
+    others = inputs[dataset.sizes["channel"] :]
     if kept.drive is None or kept.drive_command is None:
         return dataset
     return dataset.assign(

@@ -37,6 +37,12 @@ def test_every_kind_is_taken_up_and_written_again():
         ("sensors.0.noise=-1", "sensors.0.noise: got -1, takes a number of 0 or more (m)"),
         ("actuator.0.max_thrust=0", "actuator.0.max_thrust: got 0, takes a number above 0 (N)"),
         ("control.homing.rate=0", "control.homing.rate: got 0, takes a number above 0 (1/s)"),
+        ("control.homing=3", "control.homing: got 3, takes a table"),
+        (
+            "actuator.0.name='slide'",
+            'actuator.0.name: got "slide", as a chamber, tendon or channel is called; '
+            "takes another",
+        ),
         ("load.0.kind='rope'", 'load.0.kind: got "rope", takes "distributed", "tether" or "tip"'),
     ],
 )
@@ -44,6 +50,13 @@ def test_mistakes_are_told_in_one_line(setting, line):
     with pytest.raises(crinoid.ScenarioError) as caught:
         crinoid.load(SCENARIO, [setting])
     assert line in caught.value.lines
+
+
+@pytest.mark.parametrize("key", ["sensor", "thruster"])
+def test_the_controller_refuses_what_is_not_there(key):
+    scenario = crinoid.load(SCENARIO, [f"control.homing.{key}='nope'"])
+    with pytest.raises(crinoid.ScenarioError, match=f'control.homing.{key}: got "nope", takes one'):
+        crinoid.simulate(scenario)
 
 
 def test_the_schema_has_every_kind():

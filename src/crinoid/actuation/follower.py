@@ -45,8 +45,11 @@ class Follower(Actuator):
 
     @property
     def inputs(self) -> tuple[Input, ...]:
+        # a command adds to the schedule: it may take away all that is scheduled at most
+        lower = self.lower - jnp.max(self.values, axis=-1)
+        upper = self.upper - jnp.min(self.values, axis=-1)
         return tuple(
-            Input(name, "1", kind, self.lower[..., index], self.upper[..., index])
+            Input(name, "1", kind, lower[..., index], upper[..., index])
             for index, (name, kind) in enumerate(zip(self.names, self.kinds, strict=True))
         )
 

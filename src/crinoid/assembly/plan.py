@@ -12,7 +12,7 @@ from crinoid.actuation import Input
 from crinoid.assembly.parameters import Parameters
 from crinoid.control import damped_inverse
 from crinoid.dynamics import State, System
-from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
 from crinoid.space import POSE
 
 _ROUND_OFF = 1e-9
@@ -39,6 +39,9 @@ class Plan:
     """How the tip's pose follows the base's channels when they move slowly; None where the
     scenario maps errors one to one."""
 
+    readings: tuple[str, ...] = ()
+    """Names of the sensors beside that of the tip (`crinoid.Seen.readings`)."""
+
     @property
     def inputs(self) -> tuple[Input, ...]:
         """The inputs that the controller commands."""
@@ -64,6 +67,10 @@ class Plan:
         control, axes = self.scenario.control, self.scenario.arm.dimension
         names, coordinates = [each.name for each in self.inputs], POSE[axes]
         mapping, driven = np.zeros((len(names), len(coordinates))), list(driven)
+        unknown = [name for name in driven if name not in names]
+        if unknown:
+            text = f"{unknown[0]} is to be driven, takes {one_of(names)}"
+            raise ScenarioError([Mistake(f"control.{control.kind}", text)])
         rows = [names.index(name) for name in driven]
         if self.jacobian is None:
             # x with slide, z with heave, angle with tilt; in space x, y, z with slide, sway, heave

@@ -18,7 +18,7 @@ from crinoid.scenario.channel import (
     LinearChannel,
 )
 from crinoid.scenario.control import Control, ControllerTable, Coordinate, Pid, PidGains
-from crinoid.scenario.errors import Mistake, ScenarioError, counted, shown
+from crinoid.scenario.errors import Mistake, ScenarioError, counted, one_of, shown
 from crinoid.scenario.flow import (
     Flow,
     GaussMarkovFlow,
@@ -116,5 +116,6 @@ __all__ = [
     "counted",
     "json_schema",
     "load",
+    "one_of",
     "shown",
 ]

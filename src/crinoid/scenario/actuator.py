@@ -10,6 +10,8 @@ from pydantic import Field
 from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.kinds import KindOf
 from crinoid.scenario.model import Model
+from crinoid.scenario.quantity import NAME
+from crinoid.space import CHANNELS
 
 __all__ = ["Actuator", "ActuatorTable", "actuator_conflicts"]
 
@@ -18,7 +20,7 @@ class ActuatorTable(Model):
     """Keys that every actuator has."""
 
     kind: str = Field(description="Kind of actuator, of an installed package.")
-    name: str | None = Field(
+    name: Annotated[str | None, NAME] = Field(
         default=None,
         pattern="^[a-z][a-z0-9_]*$",
         description="Name of its inputs; that of its kind if left out.",
@@ -45,9 +47,10 @@ def actuator_conflicts(
 ) -> Iterator[Mistake]:
     """Yield names that two actuators share, or that others have taken."""
     names = [each.called for each in actuators]
+    taken = (*taken, *CHANNELS[3])
     for index, name in enumerate(names):
         if name in taken:
-            text = f"got {shown(name)}, as a chamber or tendon is called; takes another"
+            text = f"got {shown(name)}, as a chamber, tendon or channel is called; takes another"
             yield Mistake(f"actuator.{index}.name", text)
         if name in names[:index]:
             text = f"got {shown(name)}, as actuator.{names.index(name)} is called; takes another"

@@ -11,6 +11,7 @@ from crinoid.scenario.dimension import Only
 from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import (
+    NAME,
     AsTuple,
     Degrees,
     Newtons,
@@ -22,6 +23,7 @@ from crinoid.scenario.quantity import (
     length_conflicts,
     time_conflicts,
 )
+from crinoid.space import CHANNELS
 
 __all__ = ["Chamber", "Schedule", "Tendon", "thread_conflicts", "thread_names"]
 
@@ -49,7 +51,7 @@ class Schedule(Model):
 class Thread(Model):
     """Keys that chambers and tendons share."""
 
-    name: str | None = Field(
+    name: Annotated[str | None, NAME] = Field(
         default=None,
         pattern="^[a-z][a-z0-9_]*$",
         description="Name of its input; chamber_0, tendon_0 and so on if left out.",
@@ -74,7 +76,9 @@ class Thread(Model):
         default=0.0, ge=0, lt=1, description="Change of its share that it does not follow."
     )
     schedule: Schedule | None = Field(
-        default=None, description="Shares over time, to which a controller's command adds."
+        default=None,
+        description="Shares over time. A controller's command adds to them; one below 0 takes "
+        "away from them.",
     )
 
     def _conflicts(self) -> Iterator[Mistake]:
@@ -83,7 +87,7 @@ class Thread(Model):
             yield Mistake("span", f"got {shown(self.span)}, takes [a, b] with 0 <= a < b <= 1")
         offsets = self.offset if isinstance(self.offset, tuple) else (self.offset or 0.0,)
         if min(offsets) < 0:
-            text = f"got {shown(self.offset)}, takes 0 or more; angle_deg tells the side"
+            text = f"got {shown(self.offset)}, takes 0 or more (m); angle_deg tells the side"
             yield Mistake("offset", text)
         if self.schedule is not None and not self.pair:
             for index, share in enumerate(self.schedule.share):
@@ -159,12 +163,12 @@ def thread_conflicts(
     chambers: tuple[Chamber, ...], tendons: tuple[Tendon, ...], dimension: int
 ) -> Iterator[Mistake]:
     """Yield sides that a planar arm does not have, and names that two inputs share."""
-    keys: dict[str, str] = {}
+    keys = {name: f"base.channels.{name}" for name in CHANNELS[3]}
     every = zip([*chambers, *tendons], thread_names(chambers, tendons), strict=True)
     for number, (thread, name) in enumerate(every):
         index = number - len(chambers)
         key = f"chamber.{number}" if index < 0 else f"tendon.{index}"
-        if dimension == 2 and thread.angle_deg not in (0, 180):
+        if dimension == 2 and thread.angle_deg % 180:
             text = f"got {thread.angle_deg}, takes 0 or 180 (degrees); others need "
             yield Mistake(f"{key}.angle_deg", f"{text}arm.dimension = 3")
         if name in keys:

@@ -6,7 +6,7 @@ A new kind is a table of its own under the entry points ``crinoid.controllers``
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, create_model
@@ -132,8 +132,11 @@ class Control(Model):
             except ScenarioError as error:
                 mistakes += error.mistakes
                 continue
+            given = data[name]
+            if not isinstance(given, (Mapping, table)):
+                mistakes.append(Mistake(name, f"got {shown(given)}, takes a table"))
+                continue
             try:
-                given = data[name]
                 data[name] = given if isinstance(given, table) else table(**given)
             except ScenarioError as error:
                 mistakes += [mistake.under(name) for mistake in error.mistakes]

@@ -84,12 +84,17 @@ class KindOf:
         )
 
     def _table(self, value: Any, own: Callable[[Any], Any]) -> Any:
-        kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
-        if not isinstance(kind, str) or kind in self._own:
+        tables = isinstance(value, Mapping)
+        if not tables and not isinstance(value, self.base):
             return own(value)
-        if kind in installed(self.group):
+        given: Any = value
+        kind = given.get("kind") if tables else given.kind
+        if kind in self._own:
+            return own(value)
+        if isinstance(kind, str) and kind in installed(self.group):
             table = installed_table(self.group, kind, self.base)
-            return value if isinstance(value, table) else table(**value)
+            return table(**given) if tables else given
         known = sorted({*self._own, *installed(self.group)})
         takes = one_of(known) if known else "that of a package, of which none is installed"
-        raise ScenarioError([Mistake("kind", f"got {shown(kind)}, takes {takes}")])
+        got = "missing" if kind is None else f"got {shown(kind)}"
+        raise ScenarioError([Mistake("kind", f"{got}, takes {takes}")])

@@ -129,11 +129,21 @@ def _present(schema: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _item(schema: dict[str, Any], index: int) -> dict[str, Any]:
-    present = _present(schema)
-    if present:
-        schema = {**present[0], **schema}
-    item = schema["prefixItems"][index] if "prefixItems" in schema else schema["items"]
-    return {"unit": schema["unit"], **item} if "unit" in schema else item
+    found = _array(schema)
+    item = found["prefixItems"][index] if "prefixItems" in found else found["items"]
+    return {"unit": found["unit"], **item} if "unit" in found else item
+
+
+def _array(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return the first alternative that is a list, with what is said of all alternatives."""
+    if "prefixItems" in schema or "items" in schema:
+        return schema
+    below = (_array({**member, **_shared(schema)}) for member in _present(schema))
+    return next((found for found in below if found), {})
+
+
+def _shared(schema: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in schema.items() if key != "anyOf"}
 
 
 def _takes(schema: dict[str, Any], *, in_space: bool = False) -> str:
@@ -159,7 +169,8 @@ def _words(schema: dict[str, Any]) -> str:
         case "boolean":
             return "true or false"
         case "array":
-            tables = "$ref" in schema["items"] or "oneOf" in schema["items"]
+            items = schema.get("items", {})
+            tables = "$ref" in items or "oneOf" in items
             return "a list of tables, each under [[ ]]" if tables else "a list"
         case _:
             return "a table"

@@ -56,6 +56,8 @@ def _as_tuple(value: Any) -> Any:
 # TOML has lists and Python users have arrays; a frozen model holds tuples.
 AsTuple = BeforeValidator(_as_tuple)
 
+NAME = Quantity(takes="a name of a-z, 0-9 and _ that begins with a letter")
+
 Metres = Annotated[float, Quantity("m")]
 SquareMetres = Annotated[float, Quantity("m2")]
 Seconds = Annotated[float, Quantity("s")]
@@ -65,7 +67,7 @@ MetresPerSecond = Annotated[float, Quantity("m/s")]
 Newtons = Annotated[float, Quantity("N")]
 Kilograms = Annotated[float, Quantity("kg")]
 
-Pair = Annotated[tuple[float, float], AsTuple]
+Pair = Annotated[tuple[float, float], AsTuple, Quantity(takes="a pair of numbers")]
 Triple = Annotated[tuple[float, float, float], AsTuple]
 Times = Annotated[tuple[float, ...], AsTuple, Quantity("s", "a list of numbers")]
 

@@ -14,6 +14,7 @@ from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.kinds import KindOf
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import (
+    NAME,
     PER_AXIS,
     AsTuple,
     Degrees,
@@ -85,7 +86,7 @@ class SensorTable(Reading):
     """A further sensor; the controller finds its readings by its name."""
 
     kind: str
-    name: str | None = Field(
+    name: Annotated[str | None, NAME] = Field(
         default=None,
         pattern="^[a-z][a-z0-9_]*$",
         description="Name of its readings; that of its kind if left out.",

@@ -83,8 +83,10 @@ def _check_last(kept: xr.Dataset, carry: LoopState) -> None:
         "time": state.time,
         "velocity": state.velocity[1:],
         "acceleration": state.acceleration[1:],
-        "base_command": carry.command,
+        "base_command": carry.command[: kept.sizes["channel"]],
     }
+    if "actuator_command" in kept:
+        saved["actuator_command"] = carry.command[kept.sizes["channel"] :]
     last = {name: kept[name].values[-1] for name in [*saved, "position"]}
     last["work"] = kept["energy"].sel(kind=list(WORKS)).values[-1]
     scales = {name: float(np.abs(value).max(initial=0.0)) for name, value in last.items()}

@@ -153,7 +153,7 @@ class Loop(eqx.Module):
         state, books, progress = self.system.advance_with_books(before, carry.books, command)
         steps = carry.steps + progress.outcome.converged
         # counted, not summed up: round-off of a sum would grow with the number of steps
-        counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, before.time)
+        counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, state.time)
         state = eqx.tree_at(lambda s: s.motion.time, state, counted)
         tally = carry.tally.with_step(progress)
         ticks = carry.ticks + due

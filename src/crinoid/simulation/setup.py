@@ -64,10 +64,25 @@ def set_up(prepared: Prepared) -> Setup:
     if jacobian is not None and swings_free:
         # the stiffness is singular: what its inverse says is round-off
         jacobian = jnp.full_like(jacobian, jnp.nan)
-    plan = Plan(scenario, prepared.parameters, system, state, jacobian)
+    sensors = (*build_sensors(scenario), *(parts.sensors if parts is not None else ()))
+    for words, names in (
+        ("sensors", [sensor.name for sensor in sensors]),
+        ("inputs", [each.name for each in system.inputs]),
+    ):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"two {words} are called {' and '.join(twice)}; each takes its own")
+    plan = Plan(
+        scenario,
+        prepared.parameters,
+        system,
+        state,
+        jacobian,
+        tuple(sensor.name for sensor in sensors[1:]),
+    )
     loop = Loop(
         system=system,
-        sensors=(*build_sensors(scenario), *(parts.sensors if parts is not None else ())),
+        sensors=sensors,
         controller=_controller(plan, parts),
         clock=Clock(array(plan.period)),
         switched_on=array(scenario.control.start),

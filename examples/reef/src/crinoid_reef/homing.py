@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from pydantic import Field
 
-from crinoid import Controller, Seen
-from crinoid.tables import ControllerTable, Metres, Quantity
+from crinoid import Controller, ScenarioError, Seen
+from crinoid.tables import ControllerTable, Metres, Mistake, Quantity
 
 Command = Float[Array, " input"]
 
@@ -51,7 +51,16 @@ class HomingController(ControllerTable):
     )
 
     def build(self, plan):
-        thrusters = [each.name == self.thruster for each in plan.inputs]
+        inputs = [each.name for each in plan.inputs]
+        known = {"thruster": inputs, "sensor": plan.readings}
+        mistakes = [
+            Mistake(f"control.homing.{key}", f'got "{getattr(self, key)}", takes one of {names}')
+            for key, names in known.items()
+            if getattr(self, key) not in names
+        ]
+        if mistakes:
+            raise ScenarioError(mistakes)
+        thrusters = [name == self.thruster for name in inputs]
         return Homing(
             rate=jnp.asarray(self.rate),
             mapping=jnp.asarray(plan.mapping(plan.scenario.driven)),
