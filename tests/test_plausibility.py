@@ -28,6 +28,9 @@ GAUSS = (
 )
 SINE = "base.motion=[{{kind='sine', channel='heave', amplitude={}, frequency_hz={}}}]"
 CIRCLE = "target={{path='circle', centre={}, radius={}, period=5.0}}"
+SCHEDULE = "schedule={{time=[{}, 1e7], share=[0.0, 1.0]}}"
+CHAMBER = f"chamber=[{{{{offset={{}}, area={{}}, max_pressure=1e4, {SCHEDULE}}}}}]"
+TENDON = f"tendon=[{{{{offset={{}}, max_tension={{}}, {SCHEDULE}}}}}]"
 DEPTH = "water.depth=20.0"
 RECORD = "flow.0.velocity_scale={}"
 
@@ -243,6 +246,22 @@ RELATIONS = {
     "vehicle.inertia": (
         [["vehicle={mass=50.0, inertia=3e5}"], ["vehicle={mass=50.0, inertia=3e-3}"]],
         ["vehicle={mass=50.0, inertia=3.0}"],
+    ),
+    "chamber.*.offset, tendon.*.offset": (
+        [[CHAMBER.format(8.0, 2e-4, 0.1)], [TENDON.format(8.0, 1e-3, 0.1)]],
+        [CHAMBER.format(8e-3, 2e-4, 0.1), TENDON.format(8e-3, 1.0, 0.1)],
+    ),
+    "chamber.*.max_pressure, tendon.*.max_tension": (
+        [[CHAMBER.format(8e-3, 2.0, 0.1)], [TENDON.format(8e-3, 1e3, 0.1)]],
+        [CHAMBER.format(8e-3, 2e-4, 0.1), TENDON.format(8e-3, 1.0, 0.1)],
+    ),
+    "chamber.*.schedule.time, tendon.*.schedule.time": (
+        [[CHAMBER.format(8e-3, 2e-4, 1e6)], [TENDON.format(8e-3, 1.0, 1e6)]],
+        [CHAMBER.format(8e-3, 2e-4, 0.1), TENDON.format(8e-3, 1.0, 0.1)],
+    ),
+    "sensors.*.delay": (
+        [["sensors=[{kind='wrench', delay=90.0}]"]],
+        ["sensors=[{kind='wrench', delay=0.1}]"],
     ),
     "tool.mass": ([["tool={mass=200.0}"]], ["tool={mass=0.2}"]),
     "tool.volume": (

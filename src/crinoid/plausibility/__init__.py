@@ -19,6 +19,7 @@ from crinoid.plausibility.load import LOAD
 from crinoid.plausibility.loop import LOOP
 from crinoid.plausibility.obstacle import OBSTACLE
 from crinoid.plausibility.rule import Rule
+from crinoid.plausibility.thread import THREAD
 from crinoid.plausibility.time import TIME
 from crinoid.plausibility.tool import TOOL
 from crinoid.plausibility.usual import USUAL
@@ -30,10 +31,10 @@ __all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
 _FIRST = (*USUAL, *ARM)
 """Rules on single numbers. Where an arm or its water is odd, what follows from it is too,
 and goes without saying."""
-_THEN = (*BASE, *CURRENT, *LOAD, *TOOL, *VEHICLE, *OBSTACLE, *LOOP, *TIME)
+_THEN = (*BASE, *CURRENT, *LOAD, *TOOL, *THREAD, *VEHICLE, *OBSTACLE, *LOOP, *TIME)
 RULES = (*_FIRST, *_THEN)
 
-AT_REST = ("arm", "base", "water", "flow", "load", "tool", "obstacle")
+AT_REST = ("arm", "base", "water", "flow", "load", "tool", "chamber", "tendon", "obstacle")
 """Tables that an equilibrium depends on."""
 IN_THE_WATER = ("water", "flow")
 """Tables that a current depends on."""
