@@ -16,8 +16,8 @@ _CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-# as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile; in one piece, as
-# two workers use two cores anyway, which is a few percent less
+# as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile; in one piece,
+# as two workers use two cores anyway
 os.environ["XLA_FLAGS"] = (
     f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
     " --xla_cpu_parallel_codegen_split_count=1"
