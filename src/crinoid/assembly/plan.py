@@ -38,7 +38,6 @@ class Plan:
     jacobian: Float[Array, "pose channel"] | None
     """How the tip's pose follows the base's channels when they move slowly; None where the
     scenario maps errors one to one."""
-
     readings: tuple[str, ...] = ()
     """Names of the sensors beside that of the tip (`crinoid.Seen.readings`)."""
 

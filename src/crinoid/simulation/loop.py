@@ -136,7 +136,7 @@ class Loop(eqx.Module):
         """Advance by one time step; sensors and controller act if their time has come."""
         before = carry.state
         sensors = tuple(
-            sensor.sample(samples, sensor.measurand.of(self.system, before), before.time)
+            self._sampled(sensor, samples, before)
             for sensor, samples in zip(self.sensors, carry.sensors, strict=True)
         )
         due = self.clock.due(carry.ticks, before.time - self.switched_on)
@@ -158,6 +158,14 @@ class Loop(eqx.Module):
         tally = carry.tally.with_step(progress)
         ticks = carry.ticks + due
         return LoopState(state, books, sensors, memory, ticks, command, steps, tally), progress
+
+    def _sampled(self, sensor: Sensor, samples: SensorState, state: State) -> SensorState:
+        """Return the samples of a sensor, which measures when it is due and at no other step."""
+        return jax.lax.cond(
+            sensor.clock.due(samples.ticks, state.time),
+            lambda: sensor.sample(samples, sensor.measurand.of(self.system, state), state.time),
+            lambda: samples,
+        )
 
 
 def _choose(condition: Bool[Array, ""], new: Any, old: Any) -> Any:
