@@ -79,7 +79,7 @@ class Threads(Element):
 
 
 class PlanarThreads(Threads, Linearised):
-    """Threads in the plane, with a tangent by hand, which is faster (``benchmarks/chambers.py``)."""
+    """Threads in the plane, with a tangent by hand: it is faster (``benchmarks/chambers.py``)."""
 
     spins: ClassVar[bool] = False
 
