@@ -37,9 +37,17 @@ kind = "plane"
 position = [0.0, -10.03]
 normal = [0.0, 2.0]
 friction = 0.3
+[[sensors]]
+kind = "contact"
+[[sensors]]
+kind = "contact"
+name = "fingertip"
+span = [0.9, 1.0]
+resolution = 0.01
 [simulation]
 duration = 0.3
 """
+FELT = [f"{name}.force_{axis}" for name in ("contact", "fingertip") for axis in "xz"]
 WEIGHT = (1500 - 1025) * 9.81 * np.pi * 0.02**2 * 0.5
 
 
@@ -101,6 +109,19 @@ def test_places_are_in_the_world_and_sums_run_from_the_start(result):
     assert data["contact_impulse"].values[-1, 0, 1] < 0 < data["contact_impulse"].values[-1, 1, 1]
 
 
+def test_the_contact_sensors_read_the_force_of_both_obstacles(result):
+    data = result.dataset
+    readings = data["sensor_reading"].sel(reading=FELT)
+    assert list(readings["reading_unit"].values) == ["N"] * 4
+    whole, tip = readings.values[:, :2], readings.values[:, 2:]
+    # read every 10 ms, the newest one known is a step old: until the ball comes nothing moves
+    still = data["time"].values < 0.07
+    force = data["contact_force"].values[still].sum(axis=1)
+    np.testing.assert_allclose(whole[still], force, rtol=1e-6, atol=1e-6)
+    assert force[0, 1] > 0.2 * WEIGHT
+    np.testing.assert_allclose(tip[1:], 0.01 * np.round(tip[1:] / 0.01), atol=1e-12)
+
+
 def test_the_ledger_closes_with_the_work_of_the_contacts():
     energy = crinoid.simulate(scenario({"arm.nodes": 9})).dataset["energy"]
     assert energy["kind"].values[-1] == "contact"
@@ -134,6 +155,10 @@ def test_equilibrium_leans_on_the_bed(here):
         # what the bed does not carry hangs on the submarine; at rest there is no friction
         np.testing.assert_allclose(base, [push[1, 0], push[1, 1] - WEIGHT], atol=1e-6)
         np.testing.assert_allclose(push[1, 0], 0.0, atol=1e-12)
+        # what the arm feels of it; the last two of its four edges lean on the bed
+        felt = data["sensor_reading"].sel(reading=FELT).values[0]
+        np.testing.assert_allclose(felt[:2], push[1], rtol=1e-12, atol=1e-12)
+        assert 0.2 * push[1, 1] < felt[3] < 0.8 * push[1, 1]
     assert "contact.png" in call("report", "still").stdout
 
 

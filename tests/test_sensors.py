@@ -1,5 +1,7 @@
 """Measurands, against what is known of a shape, a weight and a current."""
 
+import re
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,6 +10,7 @@ import pytest
 
 import crinoid
 from crinoid.assembly.sensor import build_sensors
+from crinoid.elements.contact import SKIN
 from crinoid.scenario import Scenario
 
 STATIONS = [0.1, 0.5, 0.9]
@@ -90,6 +93,41 @@ def test_the_inclination_follows_the_curvature(watched):
     np.testing.assert_allclose(values["inclination"], expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("axes", [2, 3])
+def test_contact_is_the_force_of_the_skin_on_the_edges_that_feel(axes):
+    # a straight arm of four edges, half of its skin deep in a slanting plane along it
+    radius, modulus, normal = 0.02, 5e5, [0.0, 0.6, 0.8] if axes == 3 else [0.0, 1.0]
+    deep = np.array([0.0] * (axes - 1) + [-10.0]) - np.array(normal) * radius * (1 + 0.5 * SKIN)
+    spans = {"whole": (0.0, 1.0), "half": (0.5, 1.0), "end": (0.9, 1.0), "across": (0.2, 0.51)}
+    described = scenario(
+        arm={"dimension": axes, "nodes": 5, "radius": radius, "youngs_modulus": modulus},
+        base={"position": [0.0] * (axes - 1) + [-10.0]},
+        flow=[],
+        obstacle=[{"kind": "plane", "position": deep.tolist(), "normal": normal}],
+        sensors=[{"kind": "contact", "name": name, "span": spans[name]} for name in spans],
+    )
+    _, *sensors = build_sensors(described)
+
+    @eqx.filter_jit
+    def measured(system):
+        state = system.rest()
+        return {each.name: each.measurand.of(system, state) for each in sensors}
+
+    pressed = 32 * modulus * radius**2 * 0.5**4
+    edges = {"whole": 4, "half": 2, "end": 1, "across": 3}
+    for name, force in measured(crinoid.system(described)).items():
+        np.testing.assert_allclose(force, edges[name] * pressed * np.array(normal), rtol=1e-9)
+
+
+def test_contact_without_an_obstacle_is_refused():
+    line = (
+        'sensors.0.kind: got "contact", where there is nothing to touch; '
+        "takes an [[obstacle]] with it"
+    )
+    with pytest.raises(crinoid.ScenarioError, match=f"^{re.escape(line)}$"):
+        scenario(sensors=[{"kind": "contact"}])
+
+
 @pytest.mark.parametrize("make", [scenario, in_space])
 def test_every_value_has_a_name_noise_and_a_resolution(make):
     described = make()
@@ -117,7 +155,7 @@ def test_no_two_sensors_have_the_same_noise():
 
 
 MISTAKES = {
-    'sensors.0.kind: got "sonar", takes "current", "inclination"': [{"kind": "sonar"}],
+    'sensors.0.kind: got "sonar", takes "contact", "current"': [{"kind": "sonar"}],
     "sensors.0.stations.0: got 1.5, takes": [{"kind": "shape", "stations": [1.5]}],
     "sensors.0.stations: got [], takes a list of": [{"kind": "shape", "stations": []}],
     'sensors.1.name: got "wrench", as sensors.0 is called': [{"kind": "wrench"}] * 2,
@@ -125,6 +163,9 @@ MISTAKES = {
     'sensors.0.name: got "tip", as the sensor of the tip': [{"kind": "wrench", "name": "tip"}],
     "sensors.0.points: got": [{"kind": "current", "points": [[0.0, 0.0, 1.0]]}],
     "sensors.0.delay: got 1000000.0, takes up to 100 (s)": [{"kind": "wrench", "delay": 1e6}],
+    "sensors.0.span: got [0.5, 0.5], takes [a, b] with 0 <= a < b <= 1": [
+        {"kind": "contact", "span": [0.5, 0.5]}
+    ],
     "sensors.0.rate_hz: got 1000.0, takes up to 100 (Hz)": [{"kind": "wrench", "rate_hz": 1e3}],
 }
 

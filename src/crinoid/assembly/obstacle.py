@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from crinoid.assembly.numbers import array
 from crinoid.dynamics import Obstacles
 from crinoid.elements import Body, Contact
 from crinoid.rod import Rod
 from crinoid.scenario import Obstacle, Sphere
+
+_ROUNDED = 1e-9
+"""Share of the arm's length that is round-off."""
 
 
 class ObstacleParameters(eqx.Module):
@@ -74,3 +78,9 @@ class ObstacleParameters(eqx.Module):
             free=self.free,
             carried=self.carried,
         )
+
+
+def edges_within(span: tuple[float, float], nodes: int) -> Bool[Array, " edge"]:
+    """Return which edges of an arm lie in a part of it, given over its length, or reach into it."""
+    ends = np.arange(nodes) / (nodes - 1)
+    return jax.device_put((ends[1:] > span[0] + _ROUNDED) & (ends[:-1] < span[1] - _ROUNDED))

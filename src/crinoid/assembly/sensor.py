@@ -7,9 +7,11 @@ import jax
 import numpy as np
 
 from crinoid.assembly.numbers import array
+from crinoid.assembly.obstacle import edges_within
 from crinoid.control import (
     BaseWrench,
     Clock,
+    ContactForce,
     Inclination,
     Measurand,
     Sensor,
@@ -110,5 +112,8 @@ def _measured(table: tables.SensorTable, scenario: Scenario) -> tuple[Measurand,
                 math.radians(table.noise_deg),
                 math.radians(table.resolution_deg),
             )
+        case tables.ContactSensor():
+            inside = edges_within(table.span, scenario.arm.nodes)
+            return ContactForce(inside), table.noise, table.resolution
         case _:
             return table.build(scenario)

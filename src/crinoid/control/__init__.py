@@ -6,6 +6,7 @@ from crinoid.control.controller import Idle as Idle
 from crinoid.control.feed_forward import FeedForward as FeedForward
 from crinoid.control.least_squares import damped_inverse as damped_inverse
 from crinoid.control.measurand import BaseWrench as BaseWrench
+from crinoid.control.measurand import ContactForce as ContactForce
 from crinoid.control.measurand import Inclination as Inclination
 from crinoid.control.measurand import Measurand as Measurand
 from crinoid.control.measurand import Shape as Shape

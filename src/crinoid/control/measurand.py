@@ -4,7 +4,7 @@ from abc import abstractmethod
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from crinoid.dynamics import State, System
 from crinoid.space import AXES, POSE
@@ -68,6 +68,22 @@ class BaseWrench(Measurand):
         turns = ("y",) if axes == 2 else AXES[3]
         forces = tuple((f"force_{name}", "N") for name in AXES[axes])
         return (*forces, *((f"moment_{name}", "N m") for name in turns))
+
+
+class ContactForce(Measurand):
+    """Resultant force of all obstacles on the arm, or on a part of it, along the world's axes."""
+
+    inside: Bool[Array, " edge"]
+    """Which edges feel it."""
+
+    def of(self, system: System, state: State) -> Values:
+        obstacles = system.forces.obstacles
+        if obstacles is None:
+            raise ValueError("there are no obstacles whose force it could measure")
+        return obstacles.felt(system.forces.beside(state.motion), self.inside)
+
+    def names(self, axes: int) -> tuple[tuple[str, str], ...]:
+        return tuple((f"force_{name}", "N") for name in AXES[axes])
 
 
 class WaterVelocity(Measurand):

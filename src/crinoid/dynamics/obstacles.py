@@ -135,6 +135,14 @@ class Obstacles(eqx.Module):
         touching = jnp.any(pressing.reshape(gap.shape) > 0, axis=1)
         return Touch(force, touching, 0.0 * force, none, closest), rows[: -self.count]
 
+    def felt(self, motion: Motion, inside: Bool[Array, " e"]) -> Float[Array, " d"]:
+        """Return the force of all obstacles on some of the edges, one vector (N)."""
+        _, forces = jax.vmap(lambda contact, pair: contact.push(pair))(
+            self.contact, self.motions(motion)
+        )
+        back = -forces[:, 2, : self.contact.axes].reshape(self.count, -1, self.contact.axes)
+        return jnp.sum(jnp.where(inside[:, None], back, 0.0), axis=(0, 1))
+
     def windows(self, rows: Rows) -> Float[Array, "pairs 3 b"]:
         """Return each edge with each obstacle, obstacle by obstacle."""
         nodes, points = rows[: -self.count], rows[-self.count :]

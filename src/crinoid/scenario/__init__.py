@@ -38,6 +38,7 @@ from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle, Plane, Sphere
 from crinoid.scenario.scenario import Scenario
 from crinoid.scenario.schema import json_schema
 from crinoid.scenario.sensor import (
+    ContactSensor,
     CurrentSensor,
     InclinationSensor,
     Sensor,
@@ -63,6 +64,7 @@ __all__ = [
     "ChannelLimits",
     "ChannelName",
     "Channels",
+    "ContactSensor",
     "Control",
     "ControllerTable",
     "Coordinate",

@@ -117,6 +117,12 @@ def length_conflicts(
         yield Mistake(key, f"has {has}, takes {len(time)}, as time has")
 
 
+def span_conflicts(key: str, span: tuple[float, float]) -> Iterator[Mistake]:
+    """Yield a part of the arm that is not within it, or has no length."""
+    if not 0 <= span[0] < span[1] <= 1:
+        yield Mistake(key, f"got {shown(span)}, takes [a, b] with 0 <= a < b <= 1")
+
+
 def unit_vector(vector: tuple[float, ...]) -> tuple[float, ...]:
     """Return a vector with the same direction and a length of one."""
     # by a power of two, which rounds nothing: squares of very large or small numbers have no size

@@ -310,7 +310,7 @@ class Scenario(Model):
             f"sensors.{index}": sensor for index, sensor in enumerate(self.sensors)
         }
         yield from rate_conflicts(rates, self.rate_hz(None), self.control, self.simulation)
-        yield from sensor_conflicts(self.sensors)
+        yield from sensor_conflicts(self.sensors, self.obstacle)
         yield from actuator_conflicts(self.actuator, self.thread_names)
         yield from thread_conflicts(self.chamber, self.tendon, dimension)
         yield from contact_conflicts(self.arm, self.obstacle)

@@ -13,6 +13,7 @@ from pydantic import Field
 from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.kinds import KindOf
 from crinoid.scenario.model import Model
+from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import (
     NAME,
     PER_AXIS,
@@ -22,12 +23,15 @@ from crinoid.scenario.quantity import (
     Metres,
     MetresPerSecond,
     Newtons,
+    Pair,
     Position,
     Quantity,
     Seconds,
+    span_conflicts,
 )
 
 __all__ = [
+    "ContactSensor",
     "CurrentSensor",
     "InclinationSensor",
     "Sensor",
@@ -168,17 +172,42 @@ class InclinationSensor(SensorTable):
     )
 
 
+class ContactSensor(SensorTable):
+    """Force of all obstacles on the arm, or on a part of it: a tactile skin, or a tactile tip."""
+
+    kind: Literal["contact"] = Field(default="contact", description="Contact force.")
+    span: Pair = Field(
+        default=(0.0, 1.0),
+        description="Part of the arm that feels, over its length; an edge of the mesh feels whole "
+        "where any of it does.",
+    )
+    noise: Newtons = Field(
+        default=0.0, ge=0, description="Standard deviation of the noise on each component."
+    )
+    resolution: Newtons = Field(
+        default=0.0, ge=0, description="Components are rounded to multiples of it; 0: not."
+    )
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from span_conflicts("span", self.span)
+
+
 Sensors = Annotated[
-    ShapeSensor | WrenchSensor | CurrentSensor | InclinationSensor,
+    ShapeSensor | WrenchSensor | CurrentSensor | InclinationSensor | ContactSensor,
     Field(discriminator="kind"),
     KindOf("sensors", SensorTable),
 ]
 
 
-def sensor_conflicts(sensors: tuple[SensorTable, ...]) -> Iterator[Mistake]:
-    """Yield names that two sensors share."""
+def sensor_conflicts(
+    sensors: tuple[SensorTable, ...], obstacles: tuple[Obstacle, ...]
+) -> Iterator[Mistake]:
+    """Yield names that two sensors share, and contact where there is nothing to touch."""
     names = [sensor.called for sensor in sensors]
     for index, name in enumerate(names):
+        if isinstance(sensors[index], ContactSensor) and not obstacles:
+            text = 'got "contact", where there is nothing to touch; takes an [[obstacle]] with it'
+            yield Mistake(f"sensors.{index}.kind", text)
         if name == "tip":
             text = 'got "tip", as the sensor of the tip is called; takes another'
             yield Mistake(f"sensors.{index}.name", text)
