@@ -173,7 +173,7 @@ class InclinationSensor(SensorTable):
 
 
 class ContactSensor(SensorTable):
-    """Force of all obstacles on the arm or a part of it, along the axes of the world: tactile skin."""
+    """Force of all obstacles on the arm, or on a part of it, along the axes of the world."""
 
     kind: Literal["contact"] = Field(default="contact", description="Contact force.")
     span: Pair = Field(
