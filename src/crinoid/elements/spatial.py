@@ -33,6 +33,7 @@ from jaxtyping import Array, Float
 from crinoid.elements.element import Course, Linearised, Motion
 from crinoid.elements.geometry import bend_strain, unit
 from crinoid.frames import cross, dot, transport, twist_between
+from crinoid.products import product
 from crinoid.rod import Rod
 
 Vector = Float[Array, "3"]
@@ -72,16 +73,16 @@ class SpatialEdge(NamedTuple):
 
     def force_slope(self, moment: Vector) -> Float[Array, "4 4"]:
         """Return d(force)/d(vector and spin) at a fixed moment."""
-        swing = _across(self.tangent) / self.length
+        swing = across(self.tangent) / self.length
         pull = _outer(cross(moment, self.tangent), self.tangent) / self.length
-        force = (_product(_crossing(moment), swing) - pull) / self.length
+        force = (product(_crossing(moment), swing) - pull) / self.length
         torque = jnp.sum(moment[:, None] * swing, axis=0)
         return jnp.pad(jnp.concatenate([force, torque[None]]), ((0, 0), (0, 1)))
 
     def angular_velocity_slope(self) -> Float[Array, "3 4"]:
         """Return d(angular velocity)/d(vector and spin) at fixed velocities."""
-        swing = _across(self.tangent)
-        rate = self.spin_rate * swing - _product(_crossing(self.rate), swing)
+        swing = across(self.tangent)
+        rate = self.spin_rate * swing - product(_crossing(self.rate), swing)
         shrinking = _outer(cross(self.tangent, self.rate), self.tangent)
         return jnp.pad((rate - shrinking) / self.length, ((0, 0), (0, 1)))
 
@@ -118,7 +119,7 @@ class NodeStrain(NamedTuple):
 
     def rates(self, relative: Vector) -> Vector:
         """Return the rates of the strains, from the edges' relative angular velocity."""
-        return applied(self.axes, applied(self.map, relative))
+        return product(self.axes, product(self.map, relative))
 
     @property
     def map(self) -> Matrix:
@@ -134,10 +135,19 @@ class NodeStrain(NamedTuple):
         b_slope = (C**2 + 4.0 * C + 2.0) / (12.0 * C**2 * (C + 1.0) ** 2)
         along = dot(K, vector)
         by_stretch = (vector + 2.0 * dot(d, vector) * d) / 3.0 + b_slope * along * K
-        bending = C * (_across(d) + self.share * _outer(K, K))  # dk/dw
+        bending = C * (across(d) + self.share * _outer(K, K))  # dk/dw
         turned = jnp.sum(vector[:, None] * bending, axis=0)
         stretching = 0.25 * C * K  # dC/dw, as dC = k . dk / (4 C)
         return _outer(by_stretch, stretching) + b * (_outer(K, turned) + along * bending)
+
+    def moment_slopes(self, stress: Vector, moment: Vector) -> tuple[Matrix, Matrix]:
+        """Return how the moment of a stress follows ``w`` where the stress turns along.
+
+        Also how it follows the difference of the edges' turns from their mean: the mean's turn is
+        half of each edge's and takes the moment along.
+        """
+        crossing = _crossing(moment)
+        return self.map_slope(stress) - product(crossing, self.turning), -0.5 * crossing
 
     @property
     def turning(self) -> Matrix:
@@ -203,66 +213,60 @@ class BendTwist(Linearised):
         return BendTwist(0, stiffness, rest, damping_time)
 
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
-        a, b, strain = self._observe(motion)
-        moment = applied(strain.map, self._stress(strain, b.angular_velocity - a.angular_velocity))
+        a, b, strain = observed(motion)
+        moment = product(strain.map, self._stress(strain, b.angular_velocity - a.angular_velocity))
         return on_nodes(-a.force(moment), b.force(moment))
 
     def working(self, motion: Motion) -> Float[Array, "3 4"]:
-        a, b, strain = self._observe(motion)
+        a, b, strain = observed(motion)
         rates = strain.rates(b.angular_velocity - a.angular_velocity)
-        moment = applied(strain.map, self._directed(strain, self.damping_time * rates))
+        moment = product(strain.map, self._directed(strain, self.damping_time * rates))
         return on_nodes(a.force(moment), -b.force(moment))
 
     def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 4 3 4"]:
         assert motion.orientation is not None
         lean = motion.orientation.lean
-        a, b, strain = self._observe(motion)
+        a, b, strain = observed(motion)
         relative = b.angular_velocity - a.angular_velocity
         stress = self._stress(strain, relative)
-        G, turning = strain.map, strain.turning
+        G = strain.map
         stiffness = jnp.sum(
             self.stiffness[:, None, None] * strain.axes[:, :, None] * strain.axes[:, None, :],
             axis=0,
         )
-        moment = applied(G, stress)
+        moment = product(G, stress)
         # d(moment)/dw where the edges' mean does not turn, and d(moment)/d(relative velocity)
-        on_strain = _product(G, stiffness)
-        viscous = self.damping_time * _product(on_strain, G)
-        rated = strain.map_slope(relative) + _product(G, _product(_crossing(relative), turning))
-        by_turn = (
-            strain.map_slope(stress)
-            + _product(on_strain, G + self.damping_time * rated)
-            - _product(_crossing(moment), turning)
+        on_strain = product(G, stiffness)
+        viscous = self.damping_time * product(on_strain, G)
+        rated = strain.map_slope(relative) + product(
+            G, product(_crossing(relative), strain.turning)
         )
-        # the mean's turn is half of each edge's: it takes the moment along, and the velocities
-        # of before, seen from what has turned, change the other way
-        by_mean = 0.5 * (_product(viscous, _crossing(relative)) - _crossing(moment))
+        steered, taken_along = strain.moment_slopes(stress, moment)
+        by_turn = steered + product(on_strain, G + self.damping_time * rated)
+        # the velocities of before, seen from what has turned, change the other way
+        by_mean = taken_along + 0.5 * product(viscous, _crossing(relative))
 
         def followed(edge: SpatialEdge, end: int, by_turn: Matrix) -> Float[Array, "3 4"]:
             velocity = course.by_velocity * edge.turning(jnp.zeros(3))
             velocity += course.by_position * edge.angular_velocity_slope()
-            return course.by_position * _product(by_turn, edge.turning(lean[end])) + (
-                _product(viscous, velocity)
+            return course.by_position * product(by_turn, edge.turning(lean[end])) + (
+                product(viscous, velocity)
             )
 
-        by_a = -followed(a, 1, by_turn - by_mean)
-        by_b = followed(b, 2, by_turn + by_mean)
         still = jnp.zeros(3)
-        act_a, act_b = a.turning(still).T, b.turning(still).T
-        on_a = [-_product(act_a, by_a), -_product(act_a, by_b)]
-        on_b = [_product(act_b, by_a), _product(act_b, by_b)]
-        on_a[0] -= course.by_position * a.force_slope(moment)
-        on_b[1] += course.by_position * b.force_slope(moment)
-        rows = [on_nodes(on_a[i], on_b[i]) for i in (0, 1)]
-        columns = [jnp.moveaxis(row, -1, 0) for row in rows]
-        return jnp.moveaxis(on_nodes(*columns), (0, 1), (2, 3))
+        own = (-a.force_slope(moment), b.force_slope(moment))
+        return slopes_on_nodes(
+            (-a.turning(still).T, b.turning(still).T),
+            (-followed(a, 1, by_turn - by_mean), followed(b, 2, by_turn + by_mean)),
+            (course.by_position * own[0], course.by_position * own[1]),
+        )
 
     def strains(self, motion: Motion) -> Float[Array, "3"]:
         """Return ``kappa_1, kappa_2, tau``, gathered by the node (rad)."""
-        return self._observe(motion)[2].strains
+        return observed(motion)[2].strains
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
-        _, _, strain = self._observe(motion)
+        _, _, strain = observed(motion)
         return 0.5 * jnp.sum(self.stiffness * (strain.strains - self.rest_strain) ** 2)
 
     def _stress(self, strain: NodeStrain, relative: Vector) -> Vector:
@@ -273,12 +277,13 @@ class BendTwist(Linearised):
     def _directed(self, strain: NodeStrain, strained: Vector) -> Vector:
         return jnp.sum((self.stiffness * strained)[:, None] * strain.axes, axis=0)
 
-    @staticmethod
-    def _observe(motion: Motion) -> tuple[SpatialEdge, SpatialEdge, NodeStrain]:
-        assert motion.orientation is not None
-        a, b = SpatialEdge.of(motion, 1), SpatialEdge.of(motion, 2)
-        twist = motion.orientation.twist[1]
-        return a, b, NodeStrain.of(a.tangent, b.tangent, a.director, twist)
+
+def observed(motion: Motion) -> tuple[SpatialEdge, SpatialEdge, NodeStrain]:
+    """Return the two edges of a window, and the strains of the node between them."""
+    assert motion.orientation is not None
+    a, b = SpatialEdge.of(motion, 1), SpatialEdge.of(motion, 2)
+    twist = motion.orientation.twist[1]
+    return a, b, NodeStrain.of(a.tangent, b.tangent, a.director, twist)
 
 
 def on_nodes(on_a: Float[Array, "4 ..."], on_b: Float[Array, "4 ..."]) -> Float[Array, "3 4 ..."]:
@@ -288,11 +293,28 @@ def on_nodes(on_a: Float[Array, "4 ..."], on_b: Float[Array, "4 ..."]) -> Float[
     return jnp.stack([jnp.concatenate(node) for node in zip(places, spins, strict=True)])
 
 
+def slopes_on_nodes(
+    acts: tuple[Float[Array, "4 s"], Float[Array, "4 s"]],
+    followed: tuple[Float[Array, "s 4"], Float[Array, "s 4"]],
+    own: tuple[Float[Array, "4 4"], Float[Array, "4 4"]],
+) -> Float[Array, "3 4 3 4"]:
+    """Return the Jacobian of what stresses do to two edges: to the vector of each and about it.
+
+    ``acts`` is what each edge feels per unit of a stress, ``followed`` how the stresses follow each
+    edge, and ``own`` how what it feels at fixed stresses follows the edge itself.
+    """
+    blocks = [[product(act, by) for by in followed] for act in acts]
+    blocks[0][0] += own[0]
+    blocks[1][1] += own[1]
+    columns = [jnp.moveaxis(on_nodes(*pair), -1, 0) for pair in zip(*blocks, strict=True)]
+    return jnp.moveaxis(on_nodes(*columns), (0, 1), (2, 3))
+
+
 def _outer(a: Vector, b: Vector) -> Matrix:
     return a[:, None] * b
 
 
-def _across(tangent: Vector) -> Matrix:
+def across(tangent: Vector) -> Matrix:
     """Return the projection on what is normal to a unit vector."""
     return jnp.eye(3) - _outer(tangent, tangent)
 
@@ -302,13 +324,3 @@ def _crossing(vector: Vector) -> Matrix:
     x, y, z = vector
     none = jnp.zeros_like(x)
     return jnp.stack([none, -z, y, z, none, -x, -y, x, none]).reshape(3, 3)
-
-
-def _product(a: Float[Array, "i j"], b: Float[Array, "j k"]) -> Float[Array, "i k"]:
-    # for blocks this small XLA fuses a sum of products but calls a routine for `@`
-    return jnp.sum(a[:, :, None] * b, axis=1)
-
-
-def applied(matrix: Matrix, vector: Vector) -> Vector:
-    """Return the product of a matrix and a vector."""
-    return jnp.sum(matrix * vector, axis=1)

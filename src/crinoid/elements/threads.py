@@ -12,19 +12,20 @@ The strains are those of `crinoid.elements.Bend` and `crinoid.elements.BendTwist
 straight arm to the circle that is exact in them, however large the bend.
 """
 
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.elements.elastic import Turn, by_nodes
-from crinoid.elements.element import Course, Element, Linearised, Motion
+from crinoid.elements.element import Course, Linearised, Motion
 from crinoid.elements.geometry import unit
-from crinoid.elements.spatial import NodeStrain, SpatialEdge, applied, on_nodes
+from crinoid.elements.spatial import SpatialEdge, across, observed, on_nodes, slopes_on_nodes
+from crinoid.products import product
 
 
-class Threads(Element):
+class Threads(Linearised):
     """All threads of an arm in space; a window is a node between two edges.
 
     Each thread that runs past a node has a lane there.
@@ -50,25 +51,84 @@ class Threads(Element):
     share: Float[Array, "*count 2"]
     """Share of the edges before and behind a node that counts as its own."""
 
-    def residual(self, motion: Motion) -> Float[Array, "3 b"]:
+    def residual(self, motion: Motion) -> Float[Array, "3 4"]:
+        a, b, strain = observed(motion)
+        slope, _ = self._work(motion, strain.strains, a.length, b.length)
+        moment = product(slope[:3], product(strain.axes, strain.map))
+        pull = slope[3] * self.share
+        return on_nodes(
+            jnp.append(pull[0] * a.tangent, 0.0) - a.force(moment),
+            jnp.append(pull[1] * b.tangent, 0.0) + b.force(moment),
+        )
+
+    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 4 3 4"]:
         assert motion.orientation is not None
-        tension = self.tension(motion)
-        a, b = SpatialEdge.of(motion, 1), SpatialEdge.of(motion, 2)
-        strain = NodeStrain.of(a.tangent, b.tangent, a.director, motion.orientation.twist[1])
-        strains, offset, change = strain.strains, self.offset, self.change
-        along = self.share[0] * a.length + self.share[1] * b.length
-        along = along - jnp.sum(offset * strains[:2], axis=-1)
-        aside = change + strains[2] * jnp.stack([-offset[:, 1], offset[:, 0]], axis=-1)
+        a, b, strain = observed(motion)
+        slope, curvature = self._work(motion, strain.strains, a.length, b.length)
+        turned = product(strain.axes, strain.map)  # the strains by w
+        moment = product(slope[:3], turned)
+        # of moment and pull by w and the length
+        turned = jnp.pad(turned, ((0, 1), (0, 1))).at[3, 3].set(1.0)
+        by_strain = product(turned.T, product(curvature, turned))
+        by_turn, by_mean = strain.moment_slopes(product(slope[:3], strain.axes), moment)
+
+        def swing(edge: SpatialEdge, end: int, lean: Array) -> Float[Array, "4 4"]:
+            sign, lengthened = 2 * end - 1, jnp.append(self.share[end] * edge.tangent, 0.0)
+            return jnp.concatenate([sign * edge.turning(lean), lengthened[None]])
+
+        def own(edge: SpatialEdge, end: int) -> Float[Array, "4 4"]:
+            steered = slope[3] * self.share[end] / edge.length * across(edge.tangent)
+            return jnp.pad(steered, (0, 1)) + (2 * end - 1) * edge.force_slope(moment)
+
+        by_ends = [
+            product(by_strain + jnp.pad(by_turn + sign * by_mean, (0, 1)), swung)
+            for sign, swung in (
+                (-1, swing(a, 0, motion.orientation.lean[1])),
+                (1, swing(b, 1, motion.orientation.lean[2])),
+            )
+        ]
+        still = jnp.zeros(3)
+        return course.by_position * slopes_on_nodes(
+            (swing(a, 0, still).T, swing(b, 1, still).T),
+            (by_ends[0], by_ends[1]),
+            (own(a, 0), own(b, 1)),
+        )
+
+    def _work(
+        self,
+        motion: Motion,
+        strains: Float[Array, " s"],
+        before: Float[Array, ""],
+        behind: Float[Array, ""],
+    ) -> tuple[Float[Array, " s+1"], Float[Array, "s+1 s+1"]]:
+        """Return first and second derivatives of the work of the tensions along their paths.
+
+        By the strains of the node and the length of arm that it stands for: moments (N m) and a
+        pull (N), and their slopes.
+        """
+        tension, offset, ways = self.tension(motion), self.offset, self.offset.shape[1]
+        along = self.share[0] * before + self.share[1] * behind
+        along = along - jnp.sum(offset * strains[:ways], axis=-1)
+        aside, levers, routed = self.change, [-offset], self.routed > 0
+        none, one = jnp.zeros_like(offset[:, :1]), jnp.ones_like(offset[:, :1])
+        if ways == 2:
+            around = jnp.stack([-offset[:, 1], offset[:, 0]], axis=-1)
+            aside = aside + strains[2] * around
+            levers.append(none)
+        lever = jnp.concatenate([*levers, one], axis=-1)
         path = jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1))
-        slope = jnp.where(self.routed > 0, along / path, 1.0)
-        winding = self.routed * (aside[:, 1] * offset[:, 0] - aside[:, 0] * offset[:, 1]) / path
-        bending = -jnp.sum((tension * slope)[:, None] * offset, axis=0)
-        stress = jnp.append(bending, jnp.sum(tension * winding))
-        moment = applied(strain.map, jnp.sum(stress[:, None] * strain.axes, axis=0))
-        axial = jnp.sum(tension * self.routed * slope)
-        pulls = (axial * self.share[0] * a.tangent, axial * self.share[1] * b.tangent)
-        on_a, on_b = (jnp.append(pull, 0.0) for pull in pulls)
-        return on_nodes(on_a - a.force(moment), on_b + b.force(moment))
+        slopes = (along / path)[:, None] * lever
+        bent = tension * self.routed / path
+        curvature = lever[:, :, None] * lever[:, None, :]
+        if ways == 2:
+            slopes = slopes.at[:, 2].set(jnp.sum(aside * around, axis=-1) / path)
+            curvature = curvature.at[:, 2, 2].set(jnp.sum(offset**2, axis=-1))
+        curvature = curvature - slopes[:, :, None] * slopes[:, None, :]
+        bends = lever.at[:, -1].set(0.0)
+        slope = jnp.where(routed[:, None], slopes, bends)
+        return jnp.sum(tension[:, None] * slope, axis=0), jnp.sum(
+            bent[:, None, None] * curvature, axis=0
+        )
 
     def tension(self, motion: Motion) -> Float[Array, " lane"]:
         """Return the tension in each lane of a window (N)."""
@@ -78,67 +138,38 @@ class Threads(Element):
         return jnp.sum(pulled, axis=-1)
 
 
-class PlanarThreads(Threads, Linearised):
-    """Threads in the plane, with a tangent by hand: it is faster (``benchmarks/chambers.py``)."""
+class PlanarThreads(Threads):
+    """Threads in the plane."""
 
     spins: ClassVar[bool] = False
 
     def residual(self, motion: Motion) -> Float[Array, "3 2"]:
-        path = self._path(motion)
-        return path.bending * path.by_strain + path.axial * path.by_length
+        turn, ends = Turn.of(motion.position), _edges(motion.position)
+        (bending, pull), _ = self._work(motion, turn.strain[None], ends[0][1], ends[1][1])
+        return bending * turn.growth * turn.gradient + pull * self._lengthened(ends)
 
     def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 2 3 2"]:
-        path = self._path(motion)
-        turn, strain, length = path.turn, path.by_strain, path.by_length
-        # how the slopes change: by -d ds + dl along the path of each lane
-        bending = path.of_offset[2] * strain - path.of_offset[1] * length
-        axial = path.of_offset[0] * length - path.of_offset[1] * strain
-        steered = strain[:, :, None, None] * bending + length[:, :, None, None] * axial
+        turn, ends = Turn.of(motion.position), _edges(motion.position)
+        slope, curvature = self._work(motion, turn.strain[None], ends[0][1], ends[1][1])
+        strained, lengthened = turn.growth * turn.gradient, self._lengthened(ends)
+        bending = curvature[0, 0] * strained + curvature[0, 1] * lengthened
+        pull = curvature[1, 0] * strained + curvature[1, 1] * lengthened
+        steered = strained[:, :, None, None] * bending + lengthened[:, :, None, None] * pull
         curved = turn.growth * turn.hessian + turn.growth_slope * (
             turn.gradient[:, :, None, None] * turn.gradient
         )
-        return course.by_position * (
-            steered + path.bending * curved + path.axial * path.length_curved
-        )
-
-    def _path(self, motion: Motion) -> "_Path":
-        position, offset = motion.position, self.offset[:, 0]
-        turn = Turn.of(position)
-        edges = [unit(position[end] - position[end - 1]) for end in (1, 2)]
-        parts = [share * length for share, (_, length) in zip(self.share, edges, strict=True)]
-        along = parts[0] + parts[1] - turn.strain * offset
-        path = jnp.sqrt(along**2 + self.change[:, 0] ** 2)
-        tension, routed = self.tension(motion), self.routed > 0
-        slope = jnp.where(routed, along / path, 1.0)
-        bent = tension * jnp.where(routed, self.change[:, 0] ** 2 / path**3, 0.0)
-        pulls = [share * direction for share, (direction, _) in zip(self.share, edges, strict=True)]
-        curved = [
+        swung = [
             share / length * (jnp.eye(2) - direction[:, None] * direction)
-            for share, (direction, length) in zip(self.share, edges, strict=True)
+            for share, (direction, length) in zip(self.share, ends, strict=True)
         ]
-        return _Path(
-            turn=turn,
-            bending=-jnp.sum(tension * slope * offset),
-            axial=jnp.sum(tension * self.routed * slope),
-            by_strain=turn.growth * turn.gradient,
-            by_length=jnp.stack([-pulls[0], pulls[0] - pulls[1], pulls[1]]),
-            length_curved=by_nodes(*curved),
-            of_offset=tuple(jnp.sum(bent * offset**power) for power in range(3)),
-        )
+        return course.by_position * (steered + slope[0] * curved + slope[1] * by_nodes(*swung))
+
+    def _lengthened(self, ends: list[tuple[Array, Array]]) -> Float[Array, "3 2"]:
+        """Return the derivative of the length by the positions."""
+        before, behind = self.share[0] * ends[0][0], self.share[1] * ends[1][0]
+        return jnp.stack([-before, before - behind, behind])
 
 
-class _Path(NamedTuple):
-    """The path of the threads at a node, weighed by their tensions."""
-
-    turn: Turn
-    bending: Float[Array, ""]
-    """Slope of the work by the strain (N m)."""
-    axial: Float[Array, ""]
-    """Slope of the work by the length (N)."""
-    by_strain: Float[Array, "3 2"]
-    """Derivative of the strain by the positions (1/m)."""
-    by_length: Float[Array, "3 2"]
-    length_curved: Float[Array, "3 2 3 2"]
-    """Second derivative of the length by the positions (1/m)."""
-    of_offset: tuple[Float[Array, ""], ...]
-    """Second slopes of the work by the path along the arm, times powers 0 to 2 of the offset."""
+def _edges(position: Float[Array, "3 2"]) -> list[tuple[Array, Array]]:
+    """Return direction and length of the edges between nodes."""
+    return [unit(position[end] - position[end - 1]) for end in (1, 2)]
