@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import crinoid
-from crinoid.metrics import angle_error, channel_use, tip_error
+from crinoid.metrics import angle_error, input_use, tip_error
 
 PAGE = Path(__file__).with_name("turbulence.md")
 
@@ -60,7 +60,7 @@ def alone() -> str:
     commands = []
     for name, values in ALONE.items():
         result = simulate("station-keeping", values)
-        use = {key: each.rms for key, each in channel_use(result).items()}
+        use = {key: each.rms for key, each in input_use(result).items()}
         slide = f"{1e3 * use['slide']:.1f}" if "slide" in use else "0"
         tilt = f"{np.rad2deg(use['tilt']):.1f}" if "tilt" in use else "0"
         rows.append(f"| {name} | {_errors(result)} | {slide} | {tilt} |")

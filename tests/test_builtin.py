@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.metrics import angle_error, channel_use, settling_time, tip_error
+from crinoid.metrics import angle_error, input_use, settling_time, tip_error
 from crinoid.scenario import builtin_names
 
 LARGER = {
@@ -57,7 +57,7 @@ def assert_held(result, channels):
         assert held.rms <= 0.20 * free.rms
         # far better than an arm that is only set once where the mean current carries it
         assert held.rms <= 0.25 * free.fluctuation
-    use = channel_use(result)
+    use = input_use(result)
     assert list(use) == channels
     for name, (rms, low, high) in use.items():
         turns = name in ("pan", "tilt")

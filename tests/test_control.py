@@ -9,6 +9,7 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from crinoid.assembly.controller import lags
 from crinoid.assembly.target import _formula, _plane_of
 from crinoid.base import Base, Servo, SineMotion
 from crinoid.control import (
@@ -369,7 +370,7 @@ def test_a_servo_follows_a_ramp_by_its_lag():
         state = advance(servo, state, jnp.full(1, 0.2 * 0.01 * index), step)
     # a command is held for a step: on the average it is half a step old
     behind = 0.2 * 3.0 - float(state.position[0])
-    assert behind == pytest.approx(0.2 * (float(servo.lag[0]) + 0.005), rel=1e-4)
+    assert behind == pytest.approx(0.2 * (lags([servo])[0] + 0.005), rel=1e-4)
 
 
 def test_a_reading_knows_when_it_was_taken():

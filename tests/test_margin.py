@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from crinoid.base import Servo
+from crinoid.dynamics import Influence
 from crinoid.scenario import PidGains
 from crinoid.simulation.margin import OpenLoop, loop_doubts
 from crinoid.simulation.response import Plant
@@ -89,11 +90,12 @@ def test_the_channel_at_fault_is_named_and_by_what_to_lower_it():
 @pytest.mark.parametrize("size", [2, 4])
 def test_the_response_of_a_chain_is_that_of_its_full_matrix(size):
     rng = np.random.default_rng(size)
-    nodes, channels, pose = 6, 3, 5
+    nodes, channels, drives, pose = 6, 3, 2, 5
     bands = [rng.normal(size=(nodes, 5, size, size)) for _ in range(3)]
     held = rng.normal(size=(2, size, channels))
+    loads = rng.normal(size=(nodes, size, drives))
     tip = rng.normal(size=(pose, 3, size - size // 4))
-    plant = Plant(*bands, held, tip)
+    plant = Plant(*bands, Influence(held, loads, tip))
     frequency = np.array([0.1, 3.0])
     for rate, found in zip(2 * np.pi * frequency, plant.response(frequency), strict=True):
         full = np.zeros((nodes * size, nodes * size), complex)
@@ -104,9 +106,11 @@ def test_the_response_of_a_chain_is_that_of_its_full_matrix(size):
                 if 0 <= other < nodes:
                     rows, columns = (slice(i * size, (i + 1) * size) for i in (node, other))
                     full[rows, columns] = dynamic[node, offset]
-        known = held.reshape(2 * size, channels)
-        free = np.linalg.solve(full[2 * size :, 2 * size :], -full[2 * size :, : 2 * size] @ known)
-        moved = np.concatenate([known, free]).reshape(nodes, size, channels)[-3:, : tip.shape[2]]
+        known = np.pad(held.reshape(2 * size, channels), ((0, 0), (0, drives)))
+        forced = np.pad(loads[2:].reshape(-1, drives), ((0, 0), (channels, 0)))
+        forced = forced - full[2 * size :, : 2 * size] @ known
+        free = np.linalg.solve(full[2 * size :, 2 * size :], forced)
+        moved = np.concatenate([known, free]).reshape(nodes, size, -1)[-3:, : tip.shape[2]]
         np.testing.assert_allclose(found, np.einsum("pnd,ndc->pc", tip, moved), rtol=1e-9)
 
 

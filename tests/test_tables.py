@@ -9,8 +9,8 @@ import crinoid
 from crinoid.cli.tables import cases_table, run_table
 from crinoid.metrics import (
     angle_error,
-    channel_use,
     deflection,
+    input_use,
     peak_load,
     settling_time,
     short_way,
@@ -125,12 +125,12 @@ def test_the_error_of_a_direction_in_space_is_the_angle_between_the_two():
 def test_the_use_of_channels_is_that_of_the_servos_a_controller_drives():
     slide = 0.03 * np.sin(2 * np.pi * TIME / 10) + 0.01
     driven = crinoid.Scenario().with_values(DRIVEN)
-    use = channel_use(made(0.0, scenario=driven, slide=slide))
+    use = input_use(made(0.0, scenario=driven, slide=slide))
     assert list(use) == ["slide", "tilt"]
     assert use["slide"].low == pytest.approx(slide.min())
     assert use["slide"].high == pytest.approx(slide.max())
     assert use["tilt"].rms == pytest.approx(10 * np.sqrt(np.mean(slide**2)))
-    assert channel_use(made(0.0, slide=slide)) == {}
+    assert input_use(made(0.0, slide=slide)) == {}
 
 
 def test_the_largest_load_counts_all_its_parts():

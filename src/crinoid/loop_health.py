@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from crinoid.result import Result
 from crinoid.scenario import Scenario, SineFlow, WavesFlow
+from crinoid.space import CHANNELS
 
 _AT_END = 1e-3
 """Share of a channel's travel within which it is at the end of it."""
@@ -39,7 +40,7 @@ _NOTHING = 1e-4
 
 
 class AtLimit(NamedTuple):
-    """Share of the time that a channel spends at each of its limits while it is controlled."""
+    """Share of the time that an input spends at each of its limits while it is controlled."""
 
     range: float
     speed: float
@@ -56,9 +57,10 @@ class Cycle(NamedTuple):
 
 
 def limits_met(result: Result) -> dict[str, AtLimit]:
-    """Return how much of the time each driven channel is at its limits, by saved instants.
+    """Return how much of the time each driven input is at its limits, by saved instants.
 
-    The ends of its travel count once it has left the position that it begins in.
+    The ends of a channel's travel count once it has left the position that it begins in. Of other
+    inputs the ends of their commands count, but that they are at rest.
     """
     scenario, data = result.scenario, result.dataset
     if scenario.control.kind == "none" or "channel_lower" not in data:  # of an earlier version
@@ -66,24 +68,38 @@ def limits_met(result: Result) -> dict[str, AtLimit]:
     data = data.isel(time=_controlled(result))
     if data.sizes["time"] < 3:
         return {}
-    found = {}
-    for name in scenario.driven:
-        one = data.sel(channel=name)
-        servo, time = one["base_servo"].values, one["time"].values
-        lower, upper = float(one["channel_lower"]), float(one["channel_upper"])
-        slack = _AT_END * (upper - lower)
-        ends = (servo <= lower + slack) | (servo >= upper - slack)
-        ends &= np.cumsum(~ends) > 0
-        speed = np.diff(servo) / np.diff(time)
-        acceleration = np.diff(speed) / (0.5 * (time[2:] - time[:-2]))
-        found[name] = AtLimit(
-            float(np.mean(ends)),
-            _share(np.abs(speed) >= _AT_SPEED * float(one["channel_max_speed"])),
-            _share(
-                np.abs(acceleration) >= _AT_ACCELERATION * float(one["channel_max_acceleration"])
-            ),
-        )
-    return found
+    return {
+        name: _of_channel(data.sel(channel=name))
+        if name in data["channel"]
+        else _of_actuator(data.sel(input=name))
+        for name in scenario.driven
+    }
+
+
+def _of_channel(data: xr.Dataset) -> AtLimit:
+    servo, time = data["base_servo"].values, data["time"].values
+    ends = _ends(servo, float(data["channel_lower"]), float(data["channel_upper"]))
+    ends &= np.cumsum(~ends) > 0
+    speed = np.diff(servo) / np.diff(time)
+    acceleration = np.diff(speed) / (0.5 * (time[2:] - time[:-2]))
+    return AtLimit(
+        float(np.mean(ends)),
+        _share(np.abs(speed) >= _AT_SPEED * float(data["channel_max_speed"])),
+        _share(np.abs(acceleration) >= _AT_ACCELERATION * float(data["channel_max_acceleration"])),
+    )
+
+
+def _of_actuator(data: xr.Dataset) -> AtLimit:
+    command = data["actuator_command"].values
+    ends = _ends(command, float(data["input_lower"]), float(data["input_upper"]))
+    return AtLimit(float(np.mean(ends & (command != 0))), 0.0, 0.0)
+
+
+def _ends(
+    values: Float[np.ndarray, " time"], lower: float, upper: float
+) -> Bool[np.ndarray, " time"]:
+    slack = _AT_END * (upper - lower)
+    return (values <= lower + slack) | (values >= upper - slack)
 
 
 def growth(result: Result) -> float | None:
@@ -184,9 +200,12 @@ def loop_notes(result: Result) -> list[str]:
         shares = {kind: share for kind, share in met._asdict().items() if share >= _OFTEN[kind]}
         if shares:
             told = " and ".join(f"{kind} for {share:.1%}" for kind, share in shares.items())
+            key, noun = name, "input"
+            if name in CHANNELS[3]:
+                key, noun = f"base.channels.{name}", "channel"
             found.append(
-                f"base.channels.{name}: at its limit of {told} of the time: the loop asks for more "
-                "than the channel has"
+                f"{key}: at its limit of {told} of the time: the loop asks for more than the "
+                f"{noun} has"
             )
     grown, cycle, compared = growth(result), limit_cycle(result), comparison(result)
     if grown is not None:

@@ -26,7 +26,7 @@ class TipError(NamedTuple):
 
 
 class Use(NamedTuple):
-    """Motion of a channel's servo (m or rad), measured from its set position."""
+    """Use of an input: motion of a servo (m or rad), or drive of an actuator in its unit."""
 
     rms: float
     low: float
@@ -77,14 +77,20 @@ def short_way(turn: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
     return np.asarray(turn - 2 * np.pi * np.round(turn / (2 * np.pi)))
 
 
-def channel_use(result: Result) -> dict[str, Use]:
-    """Sum up what each servo did that a controller drives; empty without a controller."""
-    servo = result.dataset["base_servo"]
-    found = {name: servo.sel(channel=name).values for name in result.scenario.driven}
+def input_use(result: Result) -> dict[str, Use]:
+    """Sum up what each input did that a controller drives; empty without a controller."""
+    found = {name: driven(result.dataset, name) for name in result.scenario.driven}
     return {
         name: Use(_rms(values), float(values.min()), float(values.max()))
         for name, values in found.items()
     }
+
+
+def driven(data: xr.Dataset, name: str) -> Float[np.ndarray, " time"]:
+    """Return what an input did: the servo's part of a channel, or the drive of an actuator."""
+    if name in data["channel"]:
+        return np.asarray(data["base_servo"].sel(channel=name).values)
+    return np.asarray(data["actuator_state"].sel(input=name).values)
 
 
 def peak_load(result: Result) -> Load:

@@ -1,5 +1,6 @@
-"""Products of small arrays."""
+"""Products of small arrays, and systems of a few equations."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -15,3 +16,16 @@ def product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "...
     if a.ndim == 1:
         return jnp.sum(a[:, None] * b, axis=0)
     return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
+
+
+def solve(matrix: Float[Array, "k k"], rhs: Float[Array, " k"]) -> Float[Array, " k"]:
+    """Solve by Gauss-Jordan elimination without pivots, for matrices that need none.
+
+    In place of a routine for large matrices, as in `product`.
+    """
+
+    def clear(i: Array, rows: Array) -> Array:
+        pivot = rows[i] / rows[i, i]
+        return (rows - rows[:, i, None] * pivot).at[i].set(pivot)
+
+    return jax.lax.fori_loop(0, rhs.size, clear, jnp.c_[matrix, rhs])[:, -1]

@@ -7,7 +7,8 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Complex, Float
 
 from crinoid.actuation.input import Input
 
@@ -34,6 +35,14 @@ class Actuator(eqx.Module):
     @abstractmethod
     def advance(self, state: Any, command: Command, step: Float[Array, ""]) -> Any:
         """Return the state after following ``command``, held for ``step`` seconds."""
+
+    def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f input"]:
+        """Return drive over command at frequencies (Hz), as long as no limit is met.
+
+        What is known of the loop before a run, and by how much a feed-forward looks ahead, come
+        from it. The drive follows at once if it is not told otherwise.
+        """
+        return np.ones((frequency.size, len(self.inputs)), complex)
 
     @abstractmethod
     def drive(self, state: Any) -> Drive:

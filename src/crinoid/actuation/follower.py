@@ -2,7 +2,8 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Complex, Float
 
 from crinoid.actuation.actuator import Actuator, Command
 from crinoid.actuation.input import Input, InputKind
@@ -76,6 +77,9 @@ class Follower(Actuator):
         # a share of the distance, not a distance: where there is none yet it has a slope as well
         left = jnp.where(limited, 1.0 - self.max_rate * spent / jnp.where(limited, far, 1.0), 1.0)
         return FollowerState(target - away * left * decay, target, time)
+
+    def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f input"]:
+        return 1 / (1 + 2j * np.pi * frequency[:, None] * np.asarray(self.lag))
 
     def drive(self, state: FollowerState) -> Drives:
         return state.drive

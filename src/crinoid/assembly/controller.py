@@ -1,15 +1,20 @@
 """From the description of a controller to what commands the inputs."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from collections.abc import Iterable
 
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.actuation import Actuator
 from crinoid.assembly.numbers import array
 from crinoid.assembly.plan import Plan
 from crinoid.control import Controller, FeedForward, Idle, Pid
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import Mistake, Scenario, ScenarioError
 
 _TAKE_UP = 1.0
 """How long a controller takes to answer in full to what is there when it is switched on (s)."""
+_SLOW = 1e-6
+"""Frequency of a slow command (Hz)."""
 
 
 def build_controller(plan: Plan) -> Controller:
@@ -43,27 +48,43 @@ def build_feed_forward(plan: Plan) -> FeedForward | None:
     scenario = plan.scenario
     if scenario.control.kind == "none" or not scenario.target.feeds_forward:
         return None
-    lead = plan.system.base.servo.lag + 0.5 * plan.period
     return FeedForward(
-        array(plan.mapping(scenario.driven)),
-        padded(lead, len(plan.inputs)),
+        array(plan.mapping(scenario.driven, _weights(scenario))),
+        array(lags(plan.system.followers) + 0.5 * plan.period),
         array(scenario.control.start),
     )
 
 
-def padded(values: Float[Array, " channel"], count: int) -> Float[Array, " input"]:
-    """Return numbers of the base's channels as those of all inputs, 0 for the others."""
-    return jnp.pad(values, (0, count - values.shape[0]))
+def lags(followers: Iterable[Actuator]) -> Float[np.ndarray, " input"]:
+    """Return by how much each input comes behind a slow command (s)."""
+    slow = np.array([_SLOW])
+    found = np.concatenate([each.response(slow)[0] for each in followers])
+    return -found.imag / (2 * np.pi * _SLOW)
 
 
 def _pid(plan: Plan) -> Pid:
-    scenario, count = plan.scenario, len(plan.inputs)
+    scenario, weights = plan.scenario, _weights(plan.scenario)
+    mapping = plan.mapping(scenario.driven, weights)
+    times = {name: gains.return_time for name, gains in scenario.control.pid.present.items()}
+    release = {name: 1 / time for name, time in times.items() if time is not None}
+    allocation = plan.allocation(scenario.driven, weights, release)
+    if allocation is None and release:
+        text = "got {}, goes with more inputs than it takes for what is controlled"
+        raise ScenarioError(
+            Mistake(f"control.pid.{name}.return_time", text.format(times[name])) for name in release
+        )
     # at t = 0 the arm has been left alone for no time yet: there an error is acted on at once
     bumps = scenario.control.start > 0 or scenario.target.feeds_forward
-    gains = plan.parameters.pid.gains()
     return Pid(
-        **{name: padded(values, count) for name, values in gains.items()},
-        mapping=array(plan.mapping(scenario.driven)),
+        **plan.parameters.pid.gains(plan.inputs),
+        mapping=array(mapping),
         period=array(plan.period),
         take_up=array(_TAKE_UP if bumps else 0.0),
+        allocation=allocation,
     )
+
+
+def _weights(scenario: Scenario) -> dict[str, float]:
+    if scenario.control.kind != "pid":
+        return {}
+    return {name: gains.weight for name, gains in scenario.control.pid.present.items()}

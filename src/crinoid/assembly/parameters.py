@@ -7,14 +7,16 @@ obstacles are free) is static.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from crinoid.actuation import Input
 from crinoid.assembly.actuator import ActuatorParameters
 from crinoid.assembly.base import BaseParameters
 from crinoid.assembly.flow import build_flow
@@ -27,8 +29,7 @@ from crinoid.assembly.vehicle import VehicleParameters
 from crinoid.dynamics import Integrator
 from crinoid.flow import Flow
 from crinoid.rod import Rod
-from crinoid.scenario import Arm, Control, Scenario, Simulation, Water
-from crinoid.space import CHANNELS
+from crinoid.scenario import Arm, Scenario, Simulation, Water
 
 if TYPE_CHECKING:
     from crinoid.recording import Recording, Series  # xarray, slow to load
@@ -111,31 +112,37 @@ class WaterParameters(eqx.Module):
 
 
 class PidParameters(eqx.Module):
-    """The gains of ``[control.pid]``, one a channel (`crinoid.space.CHANNELS`); 0 of the others."""
+    """The gains of ``[control.pid]``, one an input, in the order of ``names``."""
 
-    kp: Float[Array, " channel"]
-    ki: Float[Array, " channel"]
+    kp: Float[Array, " driven"]
+    ki: Float[Array, " driven"]
     """Integral gain (1/s)."""
-    kd: Float[Array, " channel"]
+    kd: Float[Array, " driven"]
     """Derivative gain (s)."""
-    filter_time: Float[Array, " channel"]
+    filter_time: Float[Array, " driven"]
     """Lag of the derivative (s), ``1 / (2 pi derivative_filter_hz)``."""
+    names: tuple[str, ...] = eqx.field(static=True)
+    """Names of the inputs that are driven."""
 
-    def gains(self) -> dict[str, Float[Array, " channel"]]:
-        """Return them by name, as `crinoid.control.Pid` takes them."""
-        return dict(vars(self))
+    def gains(self, inputs: Sequence[Input]) -> dict[str, Float[Array, " input"]]:
+        """Return them by name, as `crinoid.control.Pid` takes them: 0 of what is not driven."""
+        every = [each.name for each in inputs]
+        rows = np.array([every.index(name) for name in self.names], int)
+        numbers = {name: value for name, value in vars(self).items() if name != "names"}
+        none = np.zeros(len(every))
+        return {name: jnp.asarray(none).at[rows].set(value) for name, value in numbers.items()}
 
     @staticmethod
-    def of(control: Control, dimension: int) -> PidParameters:
+    def of(scenario: Scenario) -> PidParameters:
         """Return the gains of a controller."""
-        driven = control.pid.present
+        names = scenario.driven if scenario.control.kind == "pid" else ()
         rows = [
             (gains.kp, gains.ki, gains.kd, 0.5 / (np.pi * gains.derivative_filter_hz))
-            if (gains := driven.get(name)) is not None
-            else (0.0, 0.0, 0.0, 0.0)
-            for name in CHANNELS[dimension]
+            for gains in map(scenario.control.pid.present.get, names)
+            if gains is not None
         ]
-        return PidParameters(*map(array, zip(*rows, strict=True)))
+        kp, ki, kd, filter_time = map(array, np.array(rows).reshape(-1, 4).T)
+        return PidParameters(kp, ki, kd, filter_time, names)
 
 
 class SimulationParameters(eqx.Module):
@@ -203,7 +210,7 @@ class Parameters(eqx.Module):
             tool=None if scenario.tool is None else ToolParameters.of(scenario.tool),
             actuator=_actuators(scenario),
             vehicle=None if scenario.vehicle is None else VehicleParameters.of(scenario.vehicle),
-            pid=PidParameters.of(scenario.control, scenario.arm.dimension),
+            pid=PidParameters.of(scenario),
             simulation=SimulationParameters.of(scenario.simulation),
             load_builders=tuple(builder for builder, _ in loads),
         )

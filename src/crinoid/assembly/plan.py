@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.actuation import Input
 from crinoid.assembly.parameters import Parameters
-from crinoid.control import damped_inverse
+from crinoid.control import Allocation, damped_inverse
 from crinoid.dynamics import State, System
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
 from crinoid.space import POSE
@@ -20,7 +21,17 @@ _ROUND_OFF = 1e-9
 _UNUSED = 1e-6
 """Answer of a channel to an error, over that of the channel that answers most: none at all."""
 
-Mapping = Float[np.ndarray, "input pose"]
+
+class _Answer(NamedTuple):
+    """How what is controlled answers to the inputs that are driven."""
+
+    rows: list[int]
+    """Indices of the inputs."""
+    columns: list[int]
+    """Indices of the coordinates of the pose."""
+    jacobian: Float[np.ndarray, "coordinate input"]
+    scale: Float[np.ndarray, " coordinate"]
+    """Length that makes an error of a coordinate one in metres."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +46,9 @@ class Plan:
     """The arm, its base and the water as arrays."""
     state: State
     """The arm at the start."""
-    jacobian: Float[Array, "pose channel"] | None
-    """How the tip's pose follows the base's channels when they move slowly; None where the
-    scenario maps errors one to one."""
+    jacobian: Float[Array, "pose input"] | None
+    """How the tip's pose follows the inputs when they move slowly; None where the scenario maps
+    errors one to one."""
     readings: tuple[str, ...] = ()
     """Names of the sensors beside that of the tip (`crinoid.Seen.readings`)."""
 
@@ -51,38 +62,85 @@ class Plan:
         """Time between two commands (s)."""
         return 1.0 / self.scenario.control_rate_hz
 
-    def mapping(self, driven: Iterable[str]) -> Mapping:
+    def mapping(
+        self, driven: Iterable[str], weights: Mapping[str, float] | None = None
+    ) -> Float[np.ndarray, "input pose"]:
         """Return the displacement of each input per error of the tip's pose.
 
         In the unit of the input over m, rad or, of a direction in space, 1. The damped inverse of
         the static Jacobian for the inputs named in ``driven``, or one to one with
-        ``control.mapping = "identity"``; the others do nothing.
+        ``control.mapping = "identity"``; the others do nothing. Of more inputs than it takes each
+        does its share: the sum of squared commands over ``weights`` (1 if left out) is least.
 
         Raises
         ------
         ScenarioError
             If an input that is to be driven does not move what is controlled.
         """
-        control, axes = self.scenario.control, self.scenario.arm.dimension
-        names, coordinates = [each.name for each in self.inputs], POSE[axes]
-        mapping, driven = np.zeros((len(names), len(coordinates))), list(driven)
-        unknown = [name for name in driven if name not in names]
-        if unknown:
-            text = f"{unknown[0]} is to be driven, takes {one_of(names)}"
-            raise ScenarioError([Mistake(f"control.{control.kind}", text)])
-        rows = [names.index(name) for name in driven]
+        mapping = np.zeros((len(self.inputs), len(POSE[self.scenario.arm.dimension])))
+        names = list(driven)
+        rows = self._rows(names)
         if self.jacobian is None:
             # x with slide, z with heave, angle with tilt; in space x, y, z with slide, sway, heave
             mapping[rows, rows] = 1.0
             return mapping
+        answer = self._answer(rows, self.jacobian)
+        weight = _of(names, weights, 1.0)
+        weighed = answer.scale[:, None] * answer.jacobian * weight
+        weighed[np.abs(weighed) < _ROUND_OFF] = 0.0
+        inverse = weight[:, None] * damped_inverse(weighed) * answer.scale
+        self._check_use(names, inverse)
+        mapping[np.ix_(rows, answer.columns)] = inverse
+        return mapping
+
+    def allocation(
+        self,
+        driven: Iterable[str],
+        weights: Mapping[str, float] | None = None,
+        release: Mapping[str, float] | None = None,
+    ) -> Allocation | None:
+        """Return how the driven inputs share the work; None if they are no more than it takes.
+
+        ``release`` are the rates (1/s) at which inputs go back to rest; none if left out.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such input.
+        """
+        names = list(driven)
+        rows = self._rows(names)
+        if self.jacobian is None:
+            return None
+        answer = self._answer(rows, self.jacobian)
+        if len(rows) <= len(answer.columns):
+            return None
+        count, size = len(self.inputs), len(POSE[self.scenario.arm.dimension])
+        jacobian, scale = np.zeros((size, count)), np.ones(size)
+        weight, rate = np.zeros(count), np.zeros(count)
+        jacobian[np.ix_(answer.columns, rows)] = answer.jacobian
+        scale[answer.columns], weight[rows] = answer.scale, _of(names, weights, 1.0)
+        rate[rows] = _of(names, release, 0.0)
+        return Allocation.of(jacobian, scale, weight, rate)
+
+    def _rows(self, driven: list[str]) -> list[int]:
+        names = [each.name for each in self.inputs]
+        unknown = [name for name in driven if name not in names]
+        if unknown:
+            text = f"{unknown[0]} is to be driven, takes {one_of(names)}"
+            raise ScenarioError([Mistake(f"control.{self.scenario.control.kind}", text)])
+        return [names.index(name) for name in driven]
+
+    def _answer(self, rows: list[int], jacobian: Float[Array, "pose input"]) -> _Answer:
+        axes = self.scenario.arm.dimension
         # a direction in space has three coordinates
         columns = [
             column
-            for name in control.controlled
-            for column, coordinate in enumerate(coordinates)
+            for name in self.scenario.control.controlled
+            for column, coordinate in enumerate(POSE[axes])
             if coordinate == name or coordinate.startswith(f"{name}_")
         ]
-        needed = np.asarray(self.jacobian)[np.ix_(columns, rows)]
+        needed = np.asarray(jacobian)[np.ix_(columns, rows)]
         if not np.isfinite(needed).all():
             text = (
                 'got "static-jacobian", but nothing brings this arm back to where it is at rest, '
@@ -90,13 +148,8 @@ class Plan:
                 "a weight"
             )
             raise ScenarioError([Mistake("control.mapping", text)])
-        weights = np.where(np.asarray(columns) < axes, 1.0, self.scenario.arm.length)
-        weighed = weights[:, None] * needed
-        weighed[np.abs(weighed) < _ROUND_OFF] = 0.0
-        inverse = damped_inverse(weighed) * weights
-        self._check_use(driven, inverse)
-        mapping[np.ix_(rows, columns)] = inverse
-        return mapping
+        scale = np.where(np.asarray(columns) < axes, 1.0, self.scenario.arm.length)
+        return _Answer(rows, columns, needed, scale)
 
     def _check_use(self, names: list[str], inverse: Float[np.ndarray, "input coordinate"]) -> None:
         """Refuse to drive inputs that do nothing for what is controlled."""
@@ -106,10 +159,16 @@ class Plan:
             Mistake(
                 f"control.{kind}.{name}",
                 "does nothing: nothing of the tip that is controlled follows "
-                f"{name} from the start; takes a channel that moves it",
+                f"{name} from the start; takes an input that moves it",
             )
             for name, share in zip(names, most, strict=True)
             if share <= _UNUSED * most.max()
         ]
         if mistakes:
             raise ScenarioError(mistakes)
+
+
+def _of(
+    names: list[str], numbers: Mapping[str, float] | None, default: float
+) -> Float[np.ndarray, " input"]:
+    return np.array([(numbers or {}).get(name, default) for name in names])

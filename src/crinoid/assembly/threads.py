@@ -115,6 +115,7 @@ class ThreadParameters(ActuatorParameters):
             bends_only, self.max_curvature[thread] * _stiffness(rod, offsets), 1.0
         )
         lanes = (weight * tension)[..., None] * jnp.eye(len(self.names))[thread]
+        paired = (self.lower < 0)[thread][..., None]
         ends = jnp.full((rod.nodes - 1, 2), 0.5).at[0, 0].set(0.0).at[-1, 1].set(1.0)
         if self.pinned:
             ends = ends.at[1, 0].set(1.0)
@@ -122,7 +123,8 @@ class ThreadParameters(ActuatorParameters):
             first=0,
             at=first,
             pull=jnp.where(other_side[..., None], 0.0, lanes),
-            push_back=jnp.where(other_side[..., None], lanes, 0.0),
+            # one that has no other side never goes below 0: it has one slope there, not two
+            push_back=jnp.where(other_side[..., None], lanes, jnp.where(paired, 0.0, -lanes)),
             offset=offsets,
             change=offset(high.at[-1].set(1.0)) - offset(low),
             routed=jnp.where(bends_only, 0.0, 1.0),

@@ -122,7 +122,7 @@ class Servo(Actuator):
         acceleration = jnp.clip(ahead, -self.max_acceleration, self.max_acceleration)
         return ServoState(position, velocity, acceleration, mean, step)
 
-    def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f channel"]:
+    def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f input"]:
         """Return position over command at frequencies (Hz), as long as no limit is met."""
         ratio = frequency[:, None] * _DAMPED_BANDWIDTH / np.asarray(self.bandwidth)
         return 1 / (1 + 1j * ratio) ** 2
@@ -131,11 +131,6 @@ class Servo(Actuator):
         # a channel without room stays put; `clip` would let it answer with half a slope
         fixed = self.lower >= self.upper
         return jnp.where(fixed, self.lower, jnp.clip(position, self.lower, self.upper))
-
-    @property
-    def lag(self) -> Channels:
-        """By how much the servos come behind slow commands (s)."""
-        return 2 / self._natural
 
     @property
     def _natural(self) -> Channels:

@@ -10,11 +10,11 @@ from rich import box
 from rich.table import Table
 
 from crinoid.loop_health import limits_met
-from crinoid.metrics import TipError, angle_error, channel_use, peak_load, tip_error
+from crinoid.metrics import TipError, angle_error, input_use, peak_load, tip_error
 from crinoid.report.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.result import Result
 from crinoid.scenario import Scenario
-from crinoid.space import ANGLES
+from crinoid.space import ANGLES, CHANNELS
 
 _NOTHING = 1e-6
 """Part of the arm's length, angle (rad) or load (N, N m) below which there is nothing to compare:
@@ -61,8 +61,8 @@ def run_table(result: Result) -> Table:
     if controlled and {"angle", "direction"} & set(scenario.control.controlled):
         add_errors("angle", [angle_error(run) for run in runs], DEGREES, _NOTHING)
     met = limits_met(result)
-    for name, use in channel_use(result).items():
-        unit = DEGREES if name in ANGLES else length_unit(max(-use.low, use.high))
+    for name, use in input_use(result).items():
+        unit = _unit_of(name, result, max(-use.low, use.high))
         table.add_row(f"{name}, RMS", unit.text(use.rms))
         table.add_row(f"{name}, range", f"{unit.number(use.low)} to {unit.text(use.high)}")
         if name in met and max(met[name]) >= _SELDOM:
@@ -188,6 +188,16 @@ def _folded(key: str, width: int = 9, value: str = "") -> str:
             lines.append("")
         lines[-1] += piece
     return "\n".join(lines)
+
+
+def _unit_of(name: str, result: Result, most: float) -> Unit:
+    """Return the unit of an input: of a channel of the base, or as its actuator has it."""
+    if name in ANGLES:
+        return DEGREES
+    if name in CHANNELS[3]:
+        return length_unit(most)
+    unit = str(result.dataset["input_unit"].sel(input=name).item())
+    return Unit(100.0, "%") if unit == "1" else si_unit(most, unit)
 
 
 def _contacts(runs: list[Result]) -> dict[str, list[str]]:

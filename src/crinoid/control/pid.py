@@ -1,42 +1,46 @@
-"""PID control of the tip through the base's channels."""
+"""PID control of the tip through the inputs: channels of the base, chambers, tendons."""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from crinoid.control.allocation import Allocation
 from crinoid.control.controller import Controller
 from crinoid.control.seen import Command, Pose, Seen
 from crinoid.control.target import pose_error
 from crinoid.onset import Onset
 from crinoid.products import product
 
+_TAKEN = 1e-3
+"""Share of what is beyond limits that may be left over where others have taken it over."""
+
 
 class PidMemory(eqx.Module):
-    """Numbers that a PID carries from one call to the next, per input."""
+    """Numbers that a PID carries from one call to the next, per input, in the units of these."""
 
     integral: Command
-    """Command of the integral term (m, rad)."""
+    """Command of the integral term."""
     slope: Command
-    """Filtered rate at which the measured tip moves, as seen by each channel, less what is asked
+    """Filtered rate at which the measured tip moves, as seen by each input, less what is asked
     for beforehand (1/s)."""
     measured: Pose
     forward: Command
-    """Command that was known beforehand (m, rad)."""
+    """Command that was known beforehand."""
     calls: Int[Array, ""]
     """Commands given so far."""
     found: Command
-    """Error at the first call, as seen by each channel (m, rad)."""
+    """Error at the first call, as seen by each input."""
     found_forward: Command
-    """Command that was known beforehand at the first call (m, rad)."""
+    """Command that was known beforehand at the first call."""
 
 
 class Pid(Controller):
-    """A PID per channel, on the part of the tip's error that the channel can undo.
+    """A PID per input, on the part of the tip's error that the input can undo.
 
-    The error of the tip becomes an error per channel through ``mapping``, the inverse of the
-    static Jacobian d(tip)/d(channels) (`crinoid.control.damped_inverse`), so that at low frequency
-    each channel sees a plant of gain one. The derivative acts on the measurement, which spares the
-    base the kick of a moved target, and is filtered to first order. A channel at the end of its
+    The error of the tip becomes an error per input through ``mapping``, the inverse of the
+    static Jacobian d(tip)/d(inputs) (`crinoid.control.damped_inverse`), so that at low frequency
+    each input sees a plant of gain one. The derivative acts on the measurement, which spares the
+    base the kick of a moved target, and is filtered to first order. An input at the end of its
     range stops integrating further into it (Astrom and Murray 2008, sections 10.4 and 10.5).
 
     What is known beforehand of the command is added within the limits, and the derivative leaves
@@ -45,6 +49,10 @@ class Pid(Controller):
 
     The error and the known command that are there at the first call are taken up along half a
     cosine over ``take_up``, so that the base is not jolted (bumpless transfer, section 10.5 there).
+
+    Inputs that are more than what is controlled share the work (`crinoid.control.Allocation`): what
+    one cannot do within its limits the others do, and some go back to where they rest while the
+    others take over (mid-ranging; Allison and Isaksson 1998).
     """
 
     kp: Command
@@ -61,6 +69,8 @@ class Pid(Controller):
     """Time between two commands (s)."""
     take_up: Float[Array, ""]
     """How long it takes to answer in full to what is there when it is switched on (s)."""
+    allocation: Allocation | None = None
+    """How inputs share the work; None where there are no more than it takes."""
 
     def start(self, seen: Seen) -> PidMemory:
         zero = jnp.zeros_like(self.kp)
@@ -79,8 +89,16 @@ class Pid(Controller):
         slope = (self.filter_time * memory.slope + moved) / (self.filter_time + self.period)
         integral = memory.integral + self.ki * self.period * error
         free = forward + self.kp * error + integral - self.kd * slope
-        held = jnp.clip(free, seen.lower, seen.upper)
-        winding = (free - held) * self.ki * error > 0
+        if self.allocation is None:
+            held = jnp.clip(free, seen.lower, seen.upper)
+            missed = free - held
+        else:
+            integral += self.period * self.allocation.handed(integral + forward)
+            held = self.allocation.within(free, seen.lower, seen.upper)
+            away = free - held
+            missed = product(self.mapping, product(self.allocation.jacobian, away))
+            missed = jnp.where(jnp.abs(missed) < _TAKEN * jnp.sum(jnp.abs(away)), 0.0, missed)
+        winding = missed * self.ki * error > 0
         integral = jnp.where(winding, memory.integral, integral)
         calls = memory.calls + 1
         return held, PidMemory(integral, slope, measured, forward, calls, found, found_forward)

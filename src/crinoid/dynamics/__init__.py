@@ -3,6 +3,7 @@
 from crinoid.dynamics.books import Books as Books
 from crinoid.dynamics.forces import Forces as Forces
 from crinoid.dynamics.halving import Progress as Progress
+from crinoid.dynamics.influence import Influence as Influence
 from crinoid.dynamics.integrator import Integrator as Integrator
 from crinoid.dynamics.modes import Modes as Modes
 from crinoid.dynamics.modes import ModesError as ModesError

@@ -17,6 +17,7 @@ from crinoid.dynamics.books import Books
 from crinoid.dynamics.fold import SHARPEST, facing
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.halving import Progress, halve
+from crinoid.dynamics.influence import Influence
 from crinoid.dynamics.integrator import Integrator
 from crinoid.dynamics.newton import Outcome, Settings, solve
 from crinoid.dynamics.prescribed import prescribed
@@ -55,10 +56,11 @@ class System(eqx.Module):
     @property
     def inputs(self) -> tuple[Input, ...]:
         """The inputs that a command stands for: the base's channels, then those of actuators."""
-        return tuple(each for one in self._followers for each in one.inputs)
+        return tuple(each for one in self.followers for each in one.inputs)
 
     @property
-    def _followers(self) -> tuple[Actuator, ...]:
+    def followers(self) -> tuple[Actuator, ...]:
+        """The servos of the base, and the other actuators: who follows a command, in its order."""
         return (self.base.servo, *self.actuators)
 
     def rest(self, time: float | Array = 0.0) -> State:
@@ -138,7 +140,7 @@ class System(eqx.Module):
         h = self.time_step if step is None else jnp.asarray(step, float)
         before, method = state.motion, self.integrator
         at_start = (state.servo, *state.actuators)
-        servo, *actuators = followed(self._followers, at_start, command, h)
+        servo, *actuators = followed(self.followers, at_start, command, h)
         forces = self.forces.driven(drives(self.actuators, actuators))
         stage = method.stage(before, state.ahead, h, state.frames)
         forces = start.mounted(forces, self.base, stage.time, servo, state)
@@ -249,39 +251,34 @@ class System(eqx.Module):
         """
         return modes.find_modes(*eqx.filter_jit(System.linearise)(self, state), count).frequency
 
-    def static_jacobian(
-        self, state: State, stiffness: chain.Bands | None = None
-    ) -> Float[Array, "pose channel"]:
-        """Return d(tip)/d(channels) at rest: how the tip follows the base when moved slowly.
+    def static_jacobian(self, state: State) -> Float[Array, "pose input"]:
+        """Return d(tip)/d(inputs) at rest: how the tip follows the inputs when moved slowly.
 
-        The forces are linearised about ``state``, taken as still; ``stiffness`` is that of
-        `linearise` where it is at hand already.
+        The forces are linearised about ``state``, taken as still.
         """
-        bands = self.linearise(state)[0] if stiffness is None else stiffness
-        held, axes = self.held(state), self.forces.axes
+        return self.influence(state).static(self.linearise(state)[0])
 
-        def follow(moved: Float[Array, "2 b"]) -> Float[Array, "n d"]:
-            nodes = jnp.zeros((state.position.shape[0], moved.shape[1])).at[:HELD].set(moved)
-            free = chain.solve(bands[HELD:], -chain.matvec(bands, nodes)[HELD:])
-            return nodes.at[HELD:].set(free)[:, :axes]
-
-        moved = jax.vmap(follow, -1, -1)(held)
-        return jax.vmap(lambda d: jax.jvp(tip_pose, (state.position,), (d,))[1], -1, -1)(moved)
-
-    def held(self, state: State) -> Float[Array, "2 b channel"]:
-        """Return how the ghost node and the root follow small moves of the channels."""
+    def influence(self, state: State) -> Influence:
+        """Return what small moves of the inputs do to the arm about ``state``, taken as still."""
         pose, _, _ = self.base.pose(state.time, state.servo)
-        moved = jax.vmap(lambda rate: self.base.moving(pose, rate)[1], out_axes=-1)(
+        held = jax.vmap(lambda rate: self.base.moving(pose, rate)[1], out_axes=-1)(
             jnp.eye(pose.size)
         )
-        if state.attitude is None:
-            return moved
-        axes = self.forces.axes
-        return moved.at[:, :axes].set(product(state.attitude, moved[:, :axes]))
+        if state.attitude is not None:
+            axes = self.forces.axes
+            held = held.at[:, :axes].set(product(state.attitude, held[:, :axes]))
+        rows = state.motion.position
+        stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
 
-    def tip_follows(self, state: State) -> Float[Array, "pose 3 d"]:
-        """Return how the tip's pose follows small moves of the last three nodes."""
-        return jax.jacfwd(tip_pose)(state.position[-3:])
+        def balance(drive: Array | None) -> Float[Array, "n b"]:
+            forces = self.forces.driven(drive).frozen(state.time)
+            motion = forces.motion(stage, none, forces.surroundings(stage, none))
+            return -forces.nodes(forces.residual(motion)[0])
+
+        drive = drives(self.actuators, state.actuators)
+        shape = (*self.forces.nodes(rows).shape, 0)
+        loads = jnp.zeros(shape) if drive is None else jax.jacfwd(balance)(drive)
+        return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]))
 
     def _judged(
         self, forces: Forces, state: State, after: State, outcome: Outcome, step: Array
@@ -316,7 +313,7 @@ class System(eqx.Module):
 
     def _begin(self, time: Array, position: Rows, frames: Frames | None) -> State:
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
-        servo, *actuators = (one.at_rest() for one in self._followers)
+        servo, *actuators = (one.at_rest() for one in self.followers)
         forces = self.forces.driven(drives(self.actuators, actuators))
         forces, motion = start.begin(forces, self.base, servo, time, position, frames)
         return self._steady(forces, motion, (servo, *actuators), forces.attitude(motion))
@@ -325,12 +322,12 @@ class System(eqx.Module):
         self,
         forces: Forces,
         motion: Motion,
-        followers: Sequence[Any],
+        followed_by: Sequence[Any],
         attitude: Float[Array, "d d"] | None,
     ) -> State:
         """Return the state of an arm whose motion is known, and steady."""
         residual, _ = forces.residual(motion)
-        servo, *actuators = followers
+        servo, *actuators = followed_by
         return State(
             motion=motion,
             ahead=jnp.zeros_like(motion.position),

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid import chain
-from crinoid.products import product
+from crinoid.products import product, solve
 
 HELD = 2
 """The ghost node and the root: their motion is prescribed, not solved for."""
@@ -127,18 +127,6 @@ def _eliminate(bands: chain.Bands, border: Border, nodes: Rows, extra: Extra) ->
     alone, followed = answers[..., 0], answers[..., 1:].reshape(-1, extra.size)
     back = border.of_extra.reshape(extra.size, -1)
     schur = border.corner - product(back, followed)
-    moved = _solve(schur, extra - product(back, alone.reshape(-1)))
+    # a body's inertia rules its own column: no pivots
+    moved = solve(schur, extra - product(back, alone.reshape(-1)))
     return alone - product(followed, moved).reshape(alone.shape), moved
-
-
-def _solve(matrix: Float[Array, "k k"], rhs: Float[Array, " k"]) -> Float[Array, " k"]:
-    """Solve by Gauss-Jordan elimination, without pivots: a body's inertia rules its own column.
-
-    In place of a routine for large matrices, see `crinoid.products`.
-    """
-
-    def clear(i: Array, rows: Array) -> Array:
-        pivot = rows[i] / rows[i, i]
-        return (rows - rows[:, i, None] * pivot).at[i].set(pivot)
-
-    return jax.lax.fori_loop(0, rhs.size, clear, jnp.c_[matrix, rhs])[:, -1]

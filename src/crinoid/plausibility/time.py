@@ -35,7 +35,7 @@ def _courses(facts: Facts) -> Iterator[_Course]:
     second = float(facts.frequencies[1])
     yield _Course(f"the arm's second bending mode (about {second:.2g} Hz)", 1 / second, 8)
     channels = scenario.base.channels.present
-    for name in scenario.driven:
+    for name in (name for name in scenario.driven if name in channels):
         band = channels[name].bandwidth_hz
         yield _Course(f"the servo of {name} ({band:g} Hz)", 1 / band, 4)
     for index, motion in enumerate(scenario.base.motion):

@@ -174,12 +174,23 @@ def vehicle_conflicts(vehicle: Vehicle | None, base: Base, target: Target) -> It
         yield Mistake("target.frame", text)
 
 
-def channel_conflicts(control: Control, base: Base) -> Iterator[Mistake]:
-    """Yield channels that are driven but not there."""
+def channel_conflicts(
+    control: Control, base: Base, threads: tuple[str, ...], dimension: int, *, others: bool
+) -> Iterator[Mistake]:
+    """Yield inputs that are driven but not there.
+
+    ``threads`` are the names of chambers and tendons; with ``others`` there are actuators too,
+    whose names are known when they have been built.
+    """
+    names = (*base.channels.present, *threads)
     for name in control.pid.present:
-        if name not in base.channels.present:
+        key = f"control.pid.{name}"
+        if name in CHANNELS[dimension] and name not in names:
             text = f"drives a channel that is not there; takes a table base.channels.{name} with it"
-            yield Mistake(f"control.pid.{name}", text)
+            yield Mistake(key, text)
+        elif name not in (*names, *CHANNELS[3]) and not others:
+            known = (*CHANNELS[dimension], *threads)
+            yield Mistake(key, f"drives an input that is not there, takes {one_of(known)}")
 
 
 def control_conflicts(control: Control, target: Target, dimension: int) -> Iterator[Mistake]:
@@ -199,7 +210,12 @@ def control_conflicts(control: Control, target: Target, dimension: int) -> Itera
     partners = PARTNERS[dimension]
     for channel in driven:
         if channel not in partners:
-            text = 'turns the base, which goes with no one coordinate; mapping = "identity" takes '
+            does = (
+                "turns the base, which"
+                if channel in CHANNELS[dimension]
+                else "bends the arm, which"
+            )
+            text = f'{does} goes with no one coordinate; mapping = "identity" takes '
             text += ", ".join(partners)
             yield Mistake(f"control.pid.{channel}", text)
         elif partners[channel] not in control.controlled:

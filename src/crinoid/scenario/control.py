@@ -34,13 +34,25 @@ Coordinate = Annotated[
 
 
 class PidGains(Model):
-    """Gains of one channel."""
+    """Gains of one input: a channel of the base, a chamber or a tendon by its name."""
 
     kp: float = Field(default=0.0, description="Proportional gain.")
     ki: Annotated[float, Quantity("1/s")] = Field(default=0.0, description="Integral gain.")
     kd: Annotated[float, Quantity("s")] = Field(default=0.0, description="Derivative gain.")
     derivative_filter_hz: Hertz = Field(
         default=10.0, gt=0, description="Corner frequency of the low-pass filter on the derivative."
+    )
+    weight: float = Field(
+        default=1.0,
+        gt=0,
+        description="How readily it is used where more inputs are driven than it takes: the sum of "
+        "squared commands (m, rad, shares), each over its weight, is least.",
+    )
+    return_time: Seconds | None = Field(
+        default=None,
+        gt=0,
+        description="Time in which it goes back to where it rests while others take over, so that "
+        "the tip stays; it keeps what it does if left out.",
     )
 
 
@@ -52,12 +64,15 @@ _Fields: Any = create_model(
 
 
 class Pid(_Fields):
-    """A PID controller: gains for each channel it drives."""
+    """A PID controller: gains for each input it drives; chambers and tendons by their names."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, PidGains]
 
     @property
     def present(self) -> dict[str, PidGains]:
-        """The gains there are, by channel, in the order of `crinoid.space.CHANNELS`."""
-        every = {name: getattr(self, name) for name in CHANNELS[3]}
+        """The gains there are, by input: channels in the order of `crinoid.space.CHANNELS`."""
+        every = {name: getattr(self, name) for name in CHANNELS[3]} | self.__pydantic_extra__
         return {name: gains for name, gains in every.items() if gains is not None}
 
 
@@ -103,14 +118,14 @@ class Control(Model):
     ] = Field(default=("x", "z"), description="Coordinates of the tip to bring to the target.")
     mapping: Literal["static-jacobian", "identity"] = Field(
         default="static-jacobian",
-        description="From errors of the tip to channels: through the tip's response at rest, "
+        description="From errors of the tip to inputs: through the tip's response at rest, "
         "or one to one (x to slide, z to heave, angle to tilt; in space x, y and z to slide, sway "
         "and heave).",
     )
     compare: bool = Field(
         default=True, description="Whether to run the same case with the controller off as well."
     )
-    pid: Pid = Field(default=Pid(), description="Settings of kind pid: gains by channel.")
+    pid: Pid = Field(default=Pid(), description="Settings of kind pid: gains by input.")
 
     def __init__(self, /, **data: Any) -> None:
         known, brought, mistakes = type(self).model_fields, installed("controllers"), []
@@ -153,4 +168,4 @@ class Control(Model):
         if len(set(self.controlled)) < len(self.controlled):
             yield Mistake("controlled", f"got {shown(self.controlled)}, takes each one once")
         if self.kind == "pid" and not self.pid.present:
-            yield Mistake("pid", 'missing, kind = "pid" takes gains for at least one channel')
+            yield Mistake("pid", 'missing, kind = "pid" takes gains for at least one input')

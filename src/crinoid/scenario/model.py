@@ -74,6 +74,10 @@ def _translated(detail: Any, properties: dict[str, Any], data: dict[str, Any]) -
     name = str(place[0])
     if kind == "extra_forbidden":
         return [_unknown(name, properties)]
+    if name not in properties:  # of a table that takes names of its own
+        if isinstance(cause, ScenarioError):
+            return [mistake.under(name) for mistake in cause.mistakes]
+        return [Mistake(name, f"got {shown(data[name])}, takes a table")]
     schema = properties[name]
     if kind == "missing" and len(place) == 1:
         return [_taking(name, "missing", schema)]

@@ -265,14 +265,17 @@ class Scenario(Model):
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """The channels of the base that the controller drives."""
+        """The inputs that the controller drives: channels of the base, chambers and tendons."""
+        inputs = (*self.base.channels.present, *self.thread_names)
         match self.control.kind:
             case "none":
                 return ()
             case "pid":
-                return tuple(self.control.pid.present)
+                present = self.control.pid.present
+                known = [name for name in inputs if name in present]
+                return (*known, *(name for name in present if name not in inputs))
             case _:
-                return tuple(self.base.channels.present)
+                return inputs
 
     @property
     def output_interval(self) -> float:
@@ -304,7 +307,9 @@ class Scenario(Model):
         yield from record_conflicts(self.flow, self.simulation)
         yield from motion_conflicts(self.base, self.simulation, dimension)
         yield from vehicle_conflicts(self.vehicle, self.base, self.target)
-        yield from channel_conflicts(self.control, self.base)
+        yield from channel_conflicts(
+            self.control, self.base, self.thread_names, dimension, others=bool(self.actuator)
+        )
         yield from control_conflicts(self.control, self.target, dimension)
         rates = {"sensor": self.sensor} | {
             f"sensors.{index}": sensor for index, sensor in enumerate(self.sensors)

@@ -3,9 +3,10 @@
 The loop is cut at the commands. Its transfer at a frequency is the product of controller, hold,
 servo, arm and sensor, ``L = C M G S H e^(-i w d)``, with PID and filtered derivative ``C`` as they
 are computed from samples, mapping ``M``, the tip's response ``G`` (`crinoid.simulation.response`),
-servos ``S`` of second order, the hold ``H`` of a command between two, and the age ``d`` of a
+servos and other actuators ``S``, the hold ``H`` of a command between two, and the age ``d`` of a
 reading. Images of what is faster than half the control rate are left out: the servos carry hardly
-anything there. Motions are taken as small: the limits of the servos are not met.
+anything there. Motions are taken as small: no limits are met. That an
+input hands over to others (`crinoid.control.Allocation`) is slow, and left out.
 
 The loop is stable if no eigenvalue of ``L`` goes round -1 (MacFarlane and Postlethwaite 1977;
 Skogestad and Postlethwaite 2005, section 4.9; Astrom and Murray 2008, section 9.3). How near they
@@ -16,13 +17,14 @@ angles are in radians or degrees, the eigenvalues do not.
 from __future__ import annotations
 
 import math
-from itertools import permutations
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
+from scipy.optimize import linear_sum_assignment
 
-from crinoid.base import Servo
+from crinoid.actuation import Actuator
 from crinoid.control import Pid, Sensor
 from crinoid.scenario import PidGains
 from crinoid.simulation.response import Plant
@@ -40,7 +42,7 @@ _WANTED = 0.2
 """Modulus margin that the gains proposed leave."""
 _FACTORS = np.geomspace(1.0, 1e-6, 73)[1:]
 
-Loops = Complex[np.ndarray, "f channel channel"]
+Loops = Complex[np.ndarray, "f input input"]
 
 
 class Margin(NamedTuple):
@@ -56,42 +58,44 @@ class Margin(NamedTuple):
 
 
 class OpenLoop(NamedTuple):
-    """The transfer of a loop that is cut at the commands of the channels that are driven."""
+    """The transfer of a loop that is cut at the commands of the inputs that are driven."""
 
     frequency: Float[np.ndarray, " f"]
     """Hz."""
     transfer: Loops
-    integrated: Float[np.ndarray, "channel channel"]
+    integrated: Float[np.ndarray, "input input"]
     """Gain of the integral terms on slow commands (1/s)."""
 
     @staticmethod
     def of(
         plant: Plant,
-        servo: Servo,
+        followers: Sequence[Actuator],
         sensor: Sensor,
         controller: Pid,
         *,
         time_step: float,
         resonances: Float[np.ndarray, " mode"],
     ) -> OpenLoop:
-        """Build the open loop; ``time_step`` in s, ``resonances`` in Hz."""
+        """Build the open loop; ``time_step`` in s, ``resonances`` in Hz.
+
+        ``followers`` are the base's servos and the other actuators.
+        """
         period = float(controller.period)
         grid = _frequencies(plant, resonances, 0.5 / period)
-        channels = servo.lower.shape[0]  # other inputs come after them
-        gains = _controller(controller, grid)[:, :channels]
-        mapping = np.asarray(controller.mapping)[:channels]
+        gains, mapping = _controller(controller, grid), np.asarray(controller.mapping)
         driven = np.flatnonzero(np.abs(mapping).max(axis=1) > 0)
         rate = 2j * np.pi * grid
         hold = (1 - np.exp(-rate * period)) / (rate * period)
         old = np.exp(-rate * _age(sensor, period, time_step))
-        response = np.asarray(servo.response(grid)) * (hold * old)[:, None]
+        response = np.concatenate([one.response(grid) for one in followers], axis=1)
+        response *= (hold * old)[:, None]
         loop = mapping @ plant.response(grid)
-        integrated = np.asarray(controller.ki)[:channels, None] * loop[0].real
+        integrated = np.asarray(controller.ki)[:, None] * loop[0].real
         loop = gains[:, :, None] * loop * response[:, None, :]
         both = np.ix_(driven, driven)
         return OpenLoop(grid, loop[:, *both], integrated[both])
 
-    def scaled(self, factor: Float[np.ndarray, " channel"] | float) -> OpenLoop:
+    def scaled(self, factor: Float[np.ndarray, " input"] | float) -> OpenLoop:
         """Return the loop with other gains."""
         factors = np.broadcast_to(factor, self.transfer.shape[1:2])
         return self._replace(
@@ -119,7 +123,7 @@ class OpenLoop(NamedTuple):
 
 
 def _crossings(
-    values: Complex[np.ndarray, "f channel"],
+    values: Complex[np.ndarray, "f input"],
 ) -> tuple[Float[np.ndarray, " cross"], Float[np.ndarray, " cross"]]:
     """Return where eigenvalues cross the negative real axis, and whether upward (1) or down.
 
@@ -137,13 +141,12 @@ def _crossings(
     return real[crosses], np.sign(rise[crosses])
 
 
-def _followed(values: Complex[np.ndarray, "f channel"]) -> Complex[np.ndarray, "f channel"]:
+def _followed(values: Complex[np.ndarray, "f input"]) -> Complex[np.ndarray, "f input"]:
     """Order the eigenvalues at each frequency so that each goes on from where it was."""
-    ordered, one = values.copy(), np.arange(values.shape[1])
-    orders = np.array(list(permutations(one)))  # 720 of six channels
+    ordered = values.copy()
     for index in range(1, values.shape[0]):
         away = np.abs(ordered[index - 1][:, None] - values[index][None, :])
-        ordered[index] = values[index][orders[np.argmin(away[one, orders].sum(axis=1))]]
+        ordered[index] = values[index][linear_sum_assignment(away)[1]]
     return ordered
 
 
@@ -159,7 +162,7 @@ def _frequencies(
 
 
 def _controller(controller: Pid, grid: Float[np.ndarray, " f"]) -> np.ndarray:
-    """Return what each channel commands for its error, as `crinoid.control.Pid` computes it."""
+    """Return what each input commands for its error, as `crinoid.control.Pid` computes it."""
     period = float(controller.period)
     back = np.exp(-2j * np.pi * grid * period)[:, None]  # one command earlier
     lag = np.asarray(controller.filter_time)
@@ -190,7 +193,7 @@ def loop_doubts(loop: OpenLoop, gains: dict[str, PidGains]) -> list[str]:
     loop
         The open loop.
     gains
-        Of each channel that is driven, in the order of the loop's channels.
+        Of each input that is driven.
     """
     margin = loop.margin()
     if margin.stable and margin.modulus >= ROBUST:
@@ -227,8 +230,8 @@ def loop_doubts(loop: OpenLoop, gains: dict[str, PidGains]) -> list[str]:
     return [f"control.pid: got {got}; {state} (by the linear loop); {cure}"]
 
 
-def _lower(loop: OpenLoop, which: Bool[np.ndarray, " channel"]) -> float:
-    """Return the largest factor on the gains of some channels that leaves a margin; 0: none."""
+def _lower(loop: OpenLoop, which: Bool[np.ndarray, " input"]) -> float:
+    """Return the largest factor on the gains of some inputs that leaves a margin; 0: none."""
     for factor in _FACTORS:
         margin = loop.scaled(np.where(which, factor, 1.0)).margin()
         if margin.stable and margin.modulus >= _WANTED:

@@ -1,4 +1,4 @@
-"""How the tip follows the base at each frequency: what a controller closes its loop on."""
+"""How the tip follows the inputs at each frequency: what a controller closes its loop on."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.linalg import solve_banded
 
+from crinoid.dynamics import Influence
 from crinoid.dynamics.tangent import HELD
 
 Bands = Float[np.ndarray, "n 5 b b"]
@@ -19,31 +20,32 @@ class Plant(NamedTuple):
     stiffness: Bands
     damping: Bands
     mass: Bands
-    held: Float[np.ndarray, "2 b channel"]
-    """How the ghost node and the root follow the channels."""
-    tip: Float[np.ndarray, "pose 3 d"]
-    """How the tip's pose follows the last three nodes."""
+    influence: Influence
+    """Loads of the inputs on it, and how its tip follows."""
 
-    def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f pose channel"]:
-        """Return d(tip)/d(channels) at frequencies (Hz).
+    def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f pose input"]:
+        """Return d(tip)/d(inputs) at frequencies (Hz).
 
-        ``(K + i w C - w^2 M) x = 0`` of the free nodes with the held ones given, exact for the
-        discrete arm: one banded solve for each frequency (LU, LAPACK).
+        ``(K + i w C - w^2 M) x = f`` of the free nodes, with the held ones given for the channels
+        of the base and the forces of the other inputs, exact for the discrete arm: one banded solve
+        for each frequency (LU, LAPACK).
         """
+        held, loads, tip = map(np.asarray, self.influence)
         size = self.stiffness.shape[-1]
         row, column, inside, known = _layout(*self.stiffness.shape[:3:2])
         beyond = 3 * size - 1
         free = (self.stiffness.shape[0] - HELD) * size
-        moved = self.held.reshape(-1, self.held.shape[-1])
+        forced = np.pad(loads[HELD:].reshape(free, -1), ((0, 0), (held.shape[-1], 0)))
+        moved = np.pad(held.reshape(-1, held.shape[-1]), ((0, 0), (0, loads.shape[-1])))
         nodes = np.zeros((free + moved.shape[0], moved.shape[1]), complex)
         nodes[: moved.shape[0]] = moved
-        found = np.empty((frequency.size, self.tip.shape[0], moved.shape[1]), complex)
+        found = np.empty((frequency.size, tip.shape[0], moved.shape[1]), complex)
         diagonals = np.zeros((2 * beyond + 1, free), complex)
         for index, rate in enumerate(2 * np.pi * frequency):
             dynamic = self.stiffness + 1j * rate * self.damping - rate**2 * self.mass
             entries = dynamic[HELD:].reshape(-1)
             diagonals[beyond + row[inside] - column[inside], column[inside]] = entries[inside]
-            pushed = np.zeros((free, moved.shape[1]), complex)
+            pushed = forced.astype(complex)
             np.add.at(
                 pushed,
                 row[known],
@@ -52,8 +54,8 @@ class Plant(NamedTuple):
             nodes[moved.shape[0] :] = solve_banded(
                 (beyond, beyond), diagonals, pushed, overwrite_b=True, check_finite=False
             )
-            last = nodes[-3 * size :].reshape(3, size, -1)[:, : self.tip.shape[2]]
-            found[index] = np.einsum("pnd,ndc->pc", self.tip, last)
+            last = nodes[-3 * size :].reshape(3, size, -1)[:, : tip.shape[2]]
+            found[index] = np.einsum("pnd,ndc->pc", tip, last)
         return found
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.assembly.controller import build_controller, build_feed_forward, padded
+from crinoid.assembly.controller import build_controller, build_feed_forward
 from crinoid.assembly.numbers import array
 from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.parts import Parts
@@ -18,7 +18,16 @@ from crinoid.assembly.sensor import build_sensors
 from crinoid.assembly.system import assemble
 from crinoid.assembly.target import build_target
 from crinoid.control import Clock, Controller, Pid
-from crinoid.dynamics import Modes, ModesError, Outcome, SmallMotions, State, System, find_modes
+from crinoid.dynamics import (
+    Influence,
+    Modes,
+    ModesError,
+    Outcome,
+    SmallMotions,
+    State,
+    System,
+    find_modes,
+)
 from crinoid.plausibility import Facts, doubts
 from crinoid.programs import ONCE, compiled
 from crinoid.simulation.loop import Loop
@@ -51,7 +60,7 @@ def set_up(prepared: Prepared) -> Setup:
     mapped = control.kind != "none" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
     current = array(Facts(prepared).mean_current)
-    state, outcome, tip, small, jacobian, ends = _start(system, current, loaded, mapped)
+    state, outcome, tip, small, influence, jacobian = _start(system, current, loaded, mapped)
     modes, told = None, doubts(prepared)
     if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
         jacobian = None
@@ -93,7 +102,7 @@ def set_up(prepared: Prepared) -> Setup:
     open_loop = None
     # an arm that does not swing back by itself has no response to speak of
     if control.kind == "pid" and modes is not None and np.all(modes.frequency > 0):
-        open_loop = _open_loop(loop, small, ends, modes)
+        open_loop = _open_loop(loop, small, influence, modes)
     found = loop_doubts(open_loop, control.pid.present) if open_loop is not None else []
     return Setup(loop, state, outcome, modes, told, open_loop, found)
 
@@ -105,9 +114,7 @@ def _controller(plan: Plan, parts: Parts | None) -> Controller:
     return given if isinstance(given, Controller) else given(plan)
 
 
-def _open_loop(
-    loop: Loop, small: SmallMotions, ends: tuple[Array, Array], modes: Modes
-) -> OpenLoop:
+def _open_loop(loop: Loop, small: SmallMotions, influence: Influence, modes: Modes) -> OpenLoop:
     """Return the loop, cut open, in the mean current."""
     assert isinstance(loop.controller, Pid)
     return OpenLoop.of(
@@ -115,10 +122,9 @@ def _open_loop(
             stiffness=np.asarray(small.stiffness_in_current),
             damping=np.asarray(small.damping_in_current),
             mass=np.asarray(small.mass),
-            held=np.asarray(ends[0]),
-            tip=np.asarray(ends[1]),
+            influence=influence,
         ),
-        loop.system.base.servo,
+        loop.system.followers,
         loop.sensors[0],
         loop.controller,
         time_step=float(loop.system.time_step),
@@ -134,20 +140,20 @@ def _start(
     Outcome,
     Float[Array, " pose"],
     SmallMotions,
-    Float[Array, "pose channel"] | None,
-    tuple[Float[Array, "2 b channel"], Float[Array, "pose 3 d"]],
+    Influence,
+    Float[Array, "pose input"] | None,
 ]:
     state, outcome = (
         system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
     )
-    small = system.small_motions(state, current)
+    small, influence = system.small_motions(state, current), system.influence(state)
     return (
         state,
         outcome,
         system.tip(state),
         small,
-        system.static_jacobian(state, small.stiffness) if mapped else None,
-        (system.held(state), system.tip_follows(state)),
+        influence,
+        influence.static(small.stiffness) if mapped else None,
     )
 
 
@@ -159,9 +165,9 @@ def with_parameters(loop: Loop, parameters: Parameters) -> Loop:
     system = assemble(parameters)
     if not isinstance(loop.controller, Pid):
         return eqx.tree_at(lambda x: x.system, loop, system)
-    gains = parameters.pid.gains()
+    gains = parameters.pid.gains(system.inputs)
     return eqx.tree_at(
         lambda x: (x.system, *(getattr(x.controller, name) for name in gains)),
         loop,
-        (system, *(padded(values, len(system.inputs)) for values in gains.values())),
+        (system, *gains.values()),
     )
