@@ -21,6 +21,7 @@ _GROUPS = {
     "`tip_angle_target`, and these variables are new or of another shape.",
     ("vehicle", "vehicle plane", "vehicle space"): "With `[vehicle]` there are also",
     ("obstacles",): "With `[[obstacle]]` there are also",
+    ("tool",): "With `[tool]` there is also",
     ("actuators",): "With actuators beside the base's channels there are also",
 }
 

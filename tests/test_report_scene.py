@@ -222,8 +222,9 @@ def test_the_hull_in_the_plane_is_half_an_ellipse(tilt):
 @pytest.mark.parametrize("until", [None, 1.0])
 def test_a_tool_is_a_ball_of_its_volume_beyond_the_tip_where_it_was_last(until):
     data = curling_arm(records=5, duration=2.0)
-    text = "[tool]\nmass = 1.0\nvolume = 4.2e-6\noffset = 0.03\nfrom = 0.2\n"
-    data.attrs["scenario"] += text + (f"until = {until}\n" if until else "")
+    data.attrs["scenario"] += "[tool]\nmass = 1.0\nvolume = 4.2e-6\noffset = 0.03\n"
+    data["tool_held"] = "time", np.where(data["time"] < (until or 9.0), 1.0, 0.0)
+    data["tool_held"][0] = 0.0
     np.testing.assert_array_equal(held(data), [False, True, *[until is None] * 3])
     last = -1 if until is None else 1
     before, tip = data["position"].values[last, -2:]

@@ -138,7 +138,7 @@ def build_dataset(
     """
     run = Instants(system, kept, before)
     count = run.dimension
-    missing = {"obstacles": kept.touch, "vehicle": kept.vehicle}
+    missing = {"obstacles": kept.touch, "tool": kept.held, "vehicle": kept.vehicle}
     without = [name for name, found in missing.items() if found is None]
     there = of_dimension(count, without=without)
     dataset = xr.Dataset(

@@ -8,9 +8,10 @@ from jaxtyping import Bool, Float, Int
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.dimensionless import MOTION, across, normal_velocity, spinning
+from crinoid.dynamics import Grip
 from crinoid.pieces import pieces
 from crinoid.plausibility.facts import Facts
-from crinoid.scenario import Scenario
+from crinoid.scenario import Scenario, Tool, shown
 from crinoid.scenario.water import Water
 
 _LOCK_IN = (4.0, 8.0)
@@ -46,6 +47,30 @@ def notes(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
         _drag(dataset, scenario),
     ]
     return [*_pressed(dataset), *(note for note in found if note)]
+
+
+def tool_notes(tool: Tool | None, grip: Grip | None) -> list[str]:
+    """Return when touches had the tip take up its tool and let it go, a sentence each.
+
+    ``grip`` is that of the end of a run; None where touches decide nothing.
+    """
+    if tool is None or grip is None:
+        return []
+    taken, dropped, told = float(grip.taken), float(grip.dropped), []
+    part = f"did not touch the part {shown(tool.touched)} of the arm"
+    if tool.take_at_touch is not None:
+        touched = f"obstacle {tool.take_at_touch}"
+        if np.isinf(taken):
+            since = f" from {tool.from_:g} s on" if tool.from_ else ""
+            return [f"the tool was never taken up: {touched} {part}{since}"]
+        told.append(f"the tool was taken up at t = {taken:.6g} s, when {touched} was touched")
+    if tool.drop_at_touch is not None:
+        touched = f"obstacle {tool.drop_at_touch}"
+        if dropped == (np.inf if tool.until is None else tool.until):
+            told.append(f"the tool was not let go at a touch: {touched} {part} while it was held")
+        else:
+            told.append(f"the tool was let go at t = {dropped:.6g} s, when {touched} was touched")
+    return told
 
 
 def _pressed(dataset: xr.Dataset) -> list[str]:

@@ -50,3 +50,5 @@ class Record(eqx.Module):
     """In space: twist at the nodes (rad/m)."""
     vehicle: Voyage | None = None
     """Pose and thrusters of a submarine that floats."""
+    held: Float[Array, "*t"] | None = None
+    """1 where the tip has its tool, 0 where not."""

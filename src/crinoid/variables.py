@@ -35,6 +35,7 @@ class Variable(NamedTuple):
         "space",
         "obstacles",
         "actuators",
+        "tool",
         "vehicle",
         "vehicle plane",
         "vehicle space",
@@ -176,6 +177,9 @@ VARIABLES = (
          "smallest distance of the obstacles from the arm's surface since the start",
          lambda run: run.kept.touch.closest, where="obstacles",
          more="at the end of any time step"),
+    _row("tool_held", "time", "1", "whether the tip has the tool: 1, else 0",
+         lambda run: run.kept.held, where="tool",
+         more="as in the balance of forces then; the notes of a run tell the times of touches"),
     _row("vehicle_pose", "time channel", "",
          "displacement of the vehicle from where it started, of its centre of mass",
          lambda run: run.kept.vehicle.pose, where="vehicle",
@@ -200,7 +204,7 @@ VARIABLES = (
 def of_dimension(dimension: int, *, without: Iterable[str] = ()) -> dict[str, Variable]:
     """Return the variables of a planar (2) or spatial (3) arm by name.
 
-    ``without`` "obstacles", "actuators" or "vehicle" those of these are left out.
+    ``without`` "obstacles", "actuators", "tool" or "vehicle" those of these are left out.
     """
     left = {"space" if dimension == 2 else "plane", *without}
     return {each.name: each for each in VARIABLES if left.isdisjoint(each.where.split())}

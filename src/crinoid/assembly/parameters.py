@@ -207,7 +207,9 @@ class Parameters(eqx.Module):
             ),
             load=tuple(numbers for _, numbers in loads),
             obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
-            tool=None if scenario.tool is None else ToolParameters.of(scenario.tool),
+            tool=None
+            if scenario.tool is None
+            else ToolParameters.of(scenario.tool, scenario.arm.nodes),
             actuator=_actuators(scenario),
             vehicle=None if scenario.vehicle is None else VehicleParameters.of(scenario.vehicle),
             pid=PidParameters.of(scenario),

@@ -46,8 +46,10 @@ def assemble(parameters: Parameters) -> System:
             for build, numbers in zip(parameters.load_builders, parameters.load, strict=True)
         ),
     )
+    grasp = None
     if parameters.tool is not None:
         elements += (parameters.tool.element(rod, water.density, water.gravity),)
+        grasp = parameters.tool.grasp()
     actuators, through = assemble_actuators(parameters.actuator, rod)
     obstacles = None
     if obstacle is not None:
@@ -72,6 +74,7 @@ def assemble(parameters: Parameters) -> System:
         max_error=jax.lax.stop_gradient(simulation.error * arm.length),
         max_halvings=simulation.max_halvings,
         actuators=actuators,
+        grasp=grasp,
     )
 
 

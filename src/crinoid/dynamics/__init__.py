@@ -2,6 +2,9 @@
 
 from crinoid.dynamics.books import Books as Books
 from crinoid.dynamics.forces import Forces as Forces
+from crinoid.dynamics.grasp import Grasp as Grasp
+from crinoid.dynamics.grip import Grip as Grip
+from crinoid.dynamics.grip import carried as carried
 from crinoid.dynamics.halving import Progress as Progress
 from crinoid.dynamics.influence import Influence as Influence
 from crinoid.dynamics.integrator import Integrator as Integrator

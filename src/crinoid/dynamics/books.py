@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.grip import holding
 from crinoid.dynamics.obstacles import Touch
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import HELD
@@ -29,7 +30,7 @@ class Books(eqx.Module):
     @staticmethod
     def of(forces: Forces, state: State) -> "Books":
         """Open the books of an arm that starts from ``state``."""
-        energy, working = forces.audit(state.motion)
+        energy, working = holding(forces, state.grip).audit(state.motion)
         working = working.at[_ACTUATION, :HELD].add(state.reaction)
         touch = None
         if forces.obstacles is not None:

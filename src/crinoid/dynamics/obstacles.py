@@ -129,11 +129,15 @@ class Obstacles(eqx.Module):
         """
         gap, rows = self.push(motion)
         force = -rows[-self.count :, : self.contact.axes]
-        _, pressing = self.contact.press(gap.reshape(-1))
         none = jnp.zeros(self.count)
         closest = jnp.min(gap, axis=1)
-        touching = jnp.any(pressing.reshape(gap.shape) > 0, axis=1)
+        touching = jnp.any(self.touching(gap), axis=1)
         return Touch(force, touching, 0.0 * force, none, closest), rows[: -self.count]
+
+    def touching(self, gap: Float[Array, "m e"]) -> Bool[Array, "m e"]:
+        """Return which obstacles press on which edges, of which the gaps are given (m)."""
+        _, pressing = self.contact.press(gap.reshape(-1))
+        return pressing.reshape(gap.shape) > 0
 
     def felt(self, motion: Motion, inside: Bool[Array, " e"]) -> Float[Array, " d"]:
         """Return the force of all obstacles on some of the edges, one vector (N)."""

@@ -1,11 +1,15 @@
 """Where a motion starts from: the arm without load, and how it moves along with its base."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.base import Base, Prescribed, ServoState
 from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.grip import Grip
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.newton import newton_step
 from crinoid.dynamics.state import State
@@ -120,6 +124,32 @@ def begin(
     residual, _ = forces.residual(forces.motion(stage, none, around))
     acceleration = newton_step(forces, around, stage, none, residual)
     return forces, forces.motion(stage, acceleration, around)
+
+
+def steady(
+    forces: Forces,
+    motion: Motion,
+    followers: Sequence[Any],
+    attitude: Float[Array, "d d"] | None,
+    grip: Grip | None,
+) -> State:
+    """Return the state of an arm whose motion is known, and steady.
+
+    ``followers`` are the states of the base's servo and of the other actuators.
+    """
+    residual, _ = forces.residual(motion)
+    servo, *actuators = followers
+    return State(
+        motion=motion,
+        ahead=jnp.zeros_like(motion.position),
+        servo=servo,
+        actuators=tuple(actuators),
+        reaction=residual[:HELD],
+        gap=forces.gaps(motion.position),
+        earlier=jnp.stack([motion.acceleration] * 2),
+        attitude=attitude,
+        grip=grip,
+    )
 
 
 def as_rows(points: Float[Array, "count d"], width: int) -> Float[Array, "count b"]:

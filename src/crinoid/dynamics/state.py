@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.base import Base, ServoState
+from crinoid.dynamics.grip import Grip
 from crinoid.dynamics.vehicle import ROWS
 from crinoid.elements import Motion
 from crinoid.frames import Frames
@@ -38,6 +39,8 @@ class State(eqx.Module):
     """Accelerations of the two steps before, the last one first, to guess the next one by."""
     attitude: Float[Array, "d d"] | None = None
     """Matrix from the axes of a vehicle that floats to those of the world."""
+    grip: Grip | None = None
+    """Of a tool that touches have taken up or let go; None where they do not."""
 
     @property
     def time(self) -> Any:

@@ -1,8 +1,5 @@
 """The assembled arm: everything that a time step needs, and the step itself."""
 
-from collections.abc import Sequence
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,6 +13,8 @@ from crinoid.dynamics import modes, start, statics
 from crinoid.dynamics.books import Books
 from crinoid.dynamics.fold import SHARPEST, facing
 from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.grasp import Grasp, begun, gripped
+from crinoid.dynamics.grip import holding
 from crinoid.dynamics.halving import Progress, halve
 from crinoid.dynamics.influence import Influence
 from crinoid.dynamics.integrator import Integrator
@@ -52,6 +51,8 @@ class System(eqx.Module):
     max_halvings: Int[Array, ""]
     actuators: tuple[Actuator, ...] = ()
     """Actuators beside the servos of the base."""
+    grasp: Grasp | None = None
+    """Touches at which the tip takes up its tool, or lets it go; None where none decides."""
 
     @property
     def inputs(self) -> tuple[Input, ...]:
@@ -121,7 +122,8 @@ class System(eqx.Module):
         stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
         forces = self._driven(state).frozen(state.time)
         motion = forces.motion(stage, none, forces.surroundings(stage, none))
-        return self._steady(forces, motion, (state.servo, *state.actuators), state.attitude)
+        at_rest = (state.servo, *state.actuators)
+        return start.steady(forces, motion, at_rest, state.attitude, state.grip)
 
     def step(
         self,
@@ -141,7 +143,8 @@ class System(eqx.Module):
         before, method = state.motion, self.integrator
         at_start = (state.servo, *state.actuators)
         servo, *actuators = followed(self.followers, at_start, command, h)
-        forces = self.forces.driven(drives(self.actuators, actuators))
+        grip = gripped(self.grasp, self.forces.obstacles, state)
+        forces = holding(self.forces.driven(drives(self.actuators, actuators)), grip)
         stage = method.stage(before, state.ahead, h, state.frames)
         forces = start.mounted(forces, self.base, stage.time, servo, state)
         stage = prescribed(forces, self.base, stage, state, servo, h)
@@ -164,6 +167,7 @@ class System(eqx.Module):
             gap=forces.gaps(motion.position),
             earlier=jnp.stack([before.acceleration, state.earlier[0]]),
             attitude=forces.attitude(motion),
+            grip=grip,
         )
         outcome = self._judged(forces, state, after, outcome, h)
         return outcome.required(after) if throw else after, outcome
@@ -316,29 +320,9 @@ class System(eqx.Module):
         servo, *actuators = (one.at_rest() for one in self.followers)
         forces = self.forces.driven(drives(self.actuators, actuators))
         forces, motion = start.begin(forces, self.base, servo, time, position, frames)
-        return self._steady(forces, motion, (servo, *actuators), forces.attitude(motion))
-
-    def _steady(
-        self,
-        forces: Forces,
-        motion: Motion,
-        followed_by: Sequence[Any],
-        attitude: Float[Array, "d d"] | None,
-    ) -> State:
-        """Return the state of an arm whose motion is known, and steady."""
-        residual, _ = forces.residual(motion)
-        servo, *actuators = followed_by
-        return State(
-            motion=motion,
-            ahead=jnp.zeros_like(motion.position),
-            servo=servo,
-            actuators=tuple(actuators),
-            reaction=residual[:HELD],
-            gap=forces.gaps(motion.position),
-            earlier=jnp.stack([motion.acceleration] * 2),
-            attitude=attitude,
-        )
+        attitude, grip = forces.attitude(motion), begun(self.grasp)
+        return start.steady(forces, motion, (servo, *actuators), attitude, grip)
 
     def _driven(self, state: State) -> Forces:
         """Return the forces with the actuators as they are in a state."""
-        return self.forces.driven(drives(self.actuators, state.actuators))
+        return holding(self.forces.driven(drives(self.actuators, state.actuators)), state.grip)

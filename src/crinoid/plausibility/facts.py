@@ -100,7 +100,7 @@ class Facts:
     def tip(self) -> Float[np.ndarray, "2 2"] | None:
         """Inertia of the tool, with added mass, where the arm holds one from the start."""
         tool = self.scenario.tool
-        if tool is None or tool.from_ > 0:
+        if tool is None or tool.from_ > 0 or tool.take_at_touch is not None:
             return None
         mass, offset = tool.mass + tool.added_mass, tool.offset
         about = tool.inertia[1] if isinstance(tool.inertia, tuple) else tool.inertia

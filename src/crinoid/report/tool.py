@@ -21,11 +21,9 @@ _STEM = 0.2  # radius of the stem over that of the ball
 
 def held(data: xr.Dataset) -> Bool[np.ndarray, " time"]:
     """Whether the tip carries a tool, at each record."""
-    tool = tomllib.loads(str(data.attrs.get("scenario", ""))).get("tool")
-    time = data["time"].values
-    if tool is None:
-        return np.zeros(time.shape, bool)
-    return np.asarray((time >= tool.get("from", 0.0)) & (time < tool.get("until", math.inf)))
+    if "tool_held" not in data:
+        return np.zeros(data.sizes["time"], bool)
+    return np.asarray(data["tool_held"].values > 0)
 
 
 def surface(data: xr.Dataset) -> Facets:

@@ -43,7 +43,7 @@ from crinoid.scenario.quantity import AsTuple, Quantity
 from crinoid.scenario.sensor import Sensor, Sensors, sensor_conflicts
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
-from crinoid.scenario.tool import Tool
+from crinoid.scenario.tool import Tool, tool_conflicts
 from crinoid.scenario.vehicle import Vehicle
 from crinoid.scenario.water import Water
 
@@ -319,6 +319,7 @@ class Scenario(Model):
         yield from actuator_conflicts(self.actuator, self.thread_names)
         yield from thread_conflicts(self.chamber, self.tendon, dimension)
         yield from contact_conflicts(self.arm, self.obstacle)
+        yield from tool_conflicts(self.tool, len(self.obstacle))
         yield from output_conflicts(self.output, self.simulation, dimension)
         if self.vary:
             yield from self._case_conflicts()

@@ -10,7 +10,7 @@ from crinoid.dataset import build_dataset, describe
 from crinoid.dimensionless import with_dimensionless, with_swings
 from crinoid.dynamics import Outcome
 from crinoid.ledger import find_defect
-from crinoid.notes import notes
+from crinoid.notes import notes, tool_notes
 from crinoid.record import Record
 from crinoid.result import Result, named_leaves
 from crinoid.signals import with_signals
@@ -72,6 +72,7 @@ def conclude(
     elif not trouble and defect is not None and defect.failed is not None:
         trouble = defect.failure
     told = [*prepared.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
+    told += tool_notes(scenario.tool, carry.state.grip)
     if defect is not None and defect.told not in trouble:
         told.append(defect.note)
     dataset.attrs = attributes_of(prepared, trouble or Status.OK.value, wall_time, told)

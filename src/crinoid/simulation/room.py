@@ -35,7 +35,9 @@ def check_room(scenario: Scenario, into: Path | None) -> None:
         "kind": len(ENERGIES) + len(WORKS),
         "obstacle": len(scenario.obstacle),
     }
-    there = of_dimension(dimension, without=() if scenario.obstacle else ("obstacles",)).values()
+    parts = {"obstacles": scenario.obstacle, "tool": scenario.tool}
+    without = [name for name, found in parts.items() if not found]
+    there = of_dimension(dimension, without=without).values()
     runs = 1 + (scenario.control.kind != "none" and scenario.control.compare)
     instants = scenario.simulation.steps // scenario.output_steps + 1
     whole = 8.0 * instants * numbers(there, sizes)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from crinoid.actuation import drives
-from crinoid.dynamics import Outcome
+from crinoid.dynamics import Outcome, carried
 from crinoid.programs import OFTEN, compiled
 from crinoid.record import Record
 from crinoid.simulation.loop import Loop, LoopState, Tally
@@ -53,6 +53,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         None if state.frames is None else state.frames.director[2:],
         strains[:, 2] if spatial else None,
         loop.system.voyage(state),
+        carried(loop.system.forces, state.grip, state.time),
     )
 
 
