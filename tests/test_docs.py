@@ -88,7 +88,10 @@ def test_every_page_is_in_the_site():
 
 @pytest.mark.parametrize(
     "page",
-    [ROOT / "README.md", DOCS / "extending.md", DOCS / "parameters.md"],
+    [
+        ROOT / "README.md",
+        *(DOCS / f"{name}.md" for name in ("actuators", "extending", "parameters")),
+    ],
     ids=lambda page: page.stem,
 )
 def test_examples_run(page):
