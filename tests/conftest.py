@@ -16,17 +16,21 @@ _CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-# as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile; in one piece,
-# as two workers use two cores anyway
+# Fusions as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile; in one
+# piece, as two workers use two cores anyway. Left out is what makes one large kernel of a loop, and
+# what moves values out of it: a third of the time to compile, more than what runs faster by it here.
+_PASSES = "small-while-loop-hoisting,while-loop-invariant-code-motion"
 os.environ["XLA_FLAGS"] = (
     f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
-    " --xla_cpu_parallel_codegen_split_count=1"
+    f" --xla_cpu_parallel_codegen_split_count=1 --xla_disable_hlo_passes={_PASSES}"
 )
-# Most of what the tests compile runs for less time than XLA would spend on making it faster. A file
-# of which that is not true says `RUNS_LONG = True`.
+# Most of what the tests compile runs for less time than XLA would spend on making it faster.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
 
 from jaxtyping import install_import_hook  # noqa: E402
+
+# as crinoid's own programs do: tracing makes many objects and leaves hardly any garbage
+gc.set_threshold(50_000)
 
 # Only modules imported from here on are checked: nothing above may import crinoid.
 install_import_hook("crinoid", "beartype.beartype")
