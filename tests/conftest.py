@@ -18,7 +18,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 # Fusions as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile; in one
 # piece, as two workers use two cores anyway. Left out is what makes one large kernel of a loop, and
-# what moves values out of it: a third of the time to compile, more than what runs faster by it here.
+# what moves values out of it: a third of the time to compile, more than runs here gain by it.
 _PASSES = "small-while-loop-hoisting,while-loop-invariant-code-motion"
 os.environ["XLA_FLAGS"] = (
     f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
