@@ -15,6 +15,7 @@ from crinoid.dynamics.fold import SHARPEST, facing
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.grasp import Grasp, begun, gripped
 from crinoid.dynamics.grip import holding
+from crinoid.dynamics.guess import first_guess
 from crinoid.dynamics.halving import Progress, halve
 from crinoid.dynamics.influence import Influence
 from crinoid.dynamics.integrator import Integrator
@@ -156,6 +157,9 @@ class System(eqx.Module):
         # expanded from there. Not from Newton's guess, which is chosen: a step would jump with it
         around = forces.surroundings(stage, moved(before.acceleration))
         guess = moved(state.expected_acceleration)
+        if forces.mount is None:
+            held = self.base.prescribe(stage.time, servo)
+            guess = first_guess(forces, held, stage, state, guess)
         correction, reaction, outcome = solve(forces, around, stage, guess, self.settings, None)
         motion = forces.motion(stage, correction, around)
         after = State(
