@@ -23,6 +23,9 @@ _GROUPS = {
     ("obstacles",): "With `[[obstacle]]` there are also",
     ("tool",): "With `[tool]` there is also",
     ("actuators",): "With actuators beside the base's channels there are also",
+    (
+        "lines",
+    ): 'With `drive = "length"` of a tendon or `drive = "volume"` of a chamber there is also',
 }
 
 

@@ -30,6 +30,8 @@ SINE = "base.motion=[{{kind='sine', channel='heave', amplitude={}, frequency_hz=
 CIRCLE = "target={{path='circle', centre={}, radius={}, period=5.0}}"
 SCHEDULE = "schedule={{time=[{}, 1e7], share=[0.0, 1.0]}}"
 CHAMBER = f"chamber=[{{{{offset={{}}, area={{}}, max_pressure=1e4, {SCHEDULE}}}}}]"
+WINCH = "tendon=[{{drive='length', offset=0.008, max_shortening={}, stiffness=1e4}}]"
+PUMP = "chamber=[{{drive='volume', offset=0.008, area=2e-4, bulk_modulus=1e6, max_volume={}}}]"
 TENDON = f"tendon=[{{{{offset={{}}, max_tension={{}}, {SCHEDULE}}}}}]"
 DEPTH = "water.depth=20.0"
 RECORD = "flow.0.velocity_scale={}"
@@ -251,9 +253,19 @@ RELATIONS = {
         [[CHAMBER.format(8.0, 2e-4, 0.1)], [TENDON.format(8.0, 1e-3, 0.1)]],
         [CHAMBER.format(8e-3, 2e-4, 0.1), TENDON.format(8e-3, 1.0, 0.1)],
     ),
-    "chamber.*.max_pressure, tendon.*.max_tension": (
-        [[CHAMBER.format(8e-3, 2.0, 0.1)], [TENDON.format(8e-3, 1e3, 0.1)]],
-        [CHAMBER.format(8e-3, 2e-4, 0.1), TENDON.format(8e-3, 1.0, 0.1)],
+    "chamber.*.max_pressure, chamber.*.max_volume, tendon.*.max_tension, tendon.*.max_shortening": (
+        [
+            [CHAMBER.format(8e-3, 2.0, 0.1)],
+            [TENDON.format(8e-3, 1e3, 0.1)],
+            [WINCH.format(0.4)],
+            [PUMP.format(2e-3)],
+        ],
+        [
+            CHAMBER.format(8e-3, 2e-4, 0.1),
+            TENDON.format(8e-3, 1.0, 0.1),
+            WINCH.format(0.02),
+            PUMP.format(2e-6),
+        ],
     ),
     "chamber.*.schedule.time, tendon.*.schedule.time": (
         [[CHAMBER.format(8e-3, 2e-4, 1e6)], [TENDON.format(8e-3, 1.0, 1e6)]],

@@ -7,17 +7,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 import crinoid
 from crinoid.actuation import Follower
 from crinoid.assembly.prepared import Prepared
-from crinoid.dynamics import Books
+from crinoid.dynamics import Books, start
+from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.modes import find_modes
 from crinoid.dynamics.newton import newton_step
 from crinoid.dynamics.statics import still
 from crinoid.dynamics.tangent import HELD
 from crinoid.elements import WORKS, Motion, Threads
 from crinoid.frames import Frames
 from crinoid.simulation import play
+from crinoid.simulation.response import Plant
 from physics import QUICKLY, dense, only, order
 
 RADIUS, LENGTH, MODULUS = 0.02, 0.5, 1e5
@@ -93,14 +97,6 @@ def test_three_chambers_bend_away_from_where_they_push(round_a_section, shares):
     np.testing.assert_allclose(strains, np.broadcast_to(expected, (11, 3)), atol=2e-6)
 
 
-def test_the_plane_and_space_agree():
-    part = {"span": [0.2, 0.7], "offset": [0.01, 0.004]}
-    planar, _ = settled(scenario(chamber=[chamber(**part)]))
-    spatial, _ = settled(scenario(3, chamber=[chamber(angle_deg=90.0, **part)]))
-    np.testing.assert_allclose(spatial.position[:, [0, 2]], planar.position, atol=1e-9)
-    np.testing.assert_allclose(spatial.position[:, 1], 0.0, atol=1e-9)
-
-
 def test_a_helical_tendon_twists_and_shortens():
     # small: T r^2 w / (L GJ) of twist for w rad over L, and T / EA of strain, on a straight axis
     tension, wound, radius = 1e-3, np.deg2rad(90.0), 0.005
@@ -149,6 +145,172 @@ def test_a_pair_pushes_on_either_side():
     assert up[3, 0] > 0
 
 
+# --- threads of given length and volume -----------------------------------------------------------
+
+WINCH = {"drive": "length", "offset": OFFSET, "max_shortening": 0.02, "stiffness": 2e3}
+PUMP = {"drive": "volume", "offset": OFFSET, "area": AREA, "max_volume": 2e-6, "bulk_modulus": 1e5}
+TOE = 1e-4  # over which a tendon grows taut
+
+
+def yields(offset, nodes=11):
+    """Return by how much of its path an arm yields to a force along it (m/N).
+
+    The last half edge does not bend.
+    """
+    return LENGTH / EA + offset**2 / EI * LENGTH * (1 - 0.5 / (nodes - 1))
+
+
+@pytest.fixture(scope="module")
+def wound():
+    """Return a function of a winch's share, its tendon's offset, and what both lines resist."""
+    parameters = crinoid.parameters(
+        scenario(chamber=[PUMP | {"schedule": FULL}], tendon=[WINCH | {"schedule": FULL}])
+    )
+
+    @eqx.filter_jit
+    def of(share, offset, stiffness, modulus):
+        def settle(share):
+            threads = eqx.tree_at(
+                lambda t: (t.shares, t.offset, t.stiffness),
+                parameters.actuator[0],
+                (
+                    jnp.stack([jnp.ones(2), jnp.full(2, share)]),
+                    jnp.stack([jnp.full(2, OFFSET), jnp.full(2, offset)]),
+                    jnp.stack([modulus, stiffness]),
+                ),
+            )
+            system = crinoid.assemble(eqx.tree_at(lambda p: p.actuator, parameters, (threads,)))
+            state, outcome = system.find_equilibrium()
+            strains, at = system.strains(state)[:, 0], state.position[1:]
+            return (strains, at, state.motion.line), outcome.converged
+
+        return jax.jvp(settle, (share,), (1.0,), has_aux=True)
+
+    return lambda *numbers: of(*map(jnp.asarray, numbers))
+
+
+@pytest.mark.parametrize(("share", "offset"), [(1.0, OFFSET), (0.5, -OFFSET), (0.7, 0.0)])
+def test_a_tendon_of_given_length_bends_and_shortens_the_arm_to_it(wound, share, offset):
+    (strains, position, (_, tension)), slope, converged = wound(
+        share, offset, WINCH["stiffness"], 0.0
+    )
+    assert converged
+    free, stiffness = LENGTH - share * WINCH["max_shortening"], WINCH["stiffness"]
+    # EA (path / free - 1 - toe / 2) of a path that is shorter by what the arm yields
+    compliance = 1 / stiffness + yields(offset) / free
+    expected = (LENGTH / free - 1 - TOE / 2) / compliance
+    np.testing.assert_allclose(tension, expected, rtol=1e-8)
+    np.testing.assert_allclose(strains, expected * offset / EI, atol=1e-8)
+    edges = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    np.testing.assert_allclose(edges * 10 / LENGTH, 1 - expected / EA, rtol=1e-9)
+    # and its slope, of the solution: the free length changes by -max_shortening
+    grown = (LENGTH - expected * yields(offset)) / free**2 * WINCH["max_shortening"] / compliance
+    np.testing.assert_allclose(slope[2][1], grown, rtol=1e-6)
+    np.testing.assert_allclose(slope[0], grown * offset / EI, atol=1e-6)
+
+
+def test_a_slack_tendon_leaves_the_arm_alone(wound):
+    (strains, _, loads), _, converged = wound(0.0, OFFSET, WINCH["stiffness"], 0.0)
+    assert converged
+    assert not loads.any()
+    np.testing.assert_allclose(strains, 0.0, atol=1e-9)
+
+
+def test_the_plane_and_space_agree():
+    part = {"span": [0.2, 0.7], "offset": [0.01, 0.004]}
+    tendon = WINCH | part | {"schedule": {"time": [0.0, 1.0], "share": [0.4, 0.4]}, "pair": True}
+    pump = PUMP | {"schedule": FULL}
+    found = []
+    for axes, angle in ((2, 0.0), (3, 90.0)):
+        up, down = {"angle_deg": angle}, {"angle_deg": angle + 180.0}
+        chambers = [chamber(**part) | up, pump | down]
+        state, _ = settled(scenario(axes, chamber=chambers, tendon=[tendon | up]))
+        found.append((np.asarray(state.position), np.asarray(state.motion.line)))
+    (planar, (pressure, *tensions)), (spatial, loads) = found
+    np.testing.assert_allclose(spatial[:, [0, 2]], planar, atol=1e-9)
+    np.testing.assert_allclose(spatial[:, 1], 0.0, atol=1e-9)
+    np.testing.assert_allclose(loads, [pressure, *tensions], rtol=1e-6, atol=1e-9)
+    assert pressure > 0
+    assert tensions[0] > 0
+    assert tensions[1] == 0
+
+
+def test_a_closed_chamber_keeps_what_is_in_it(wound):
+    # p V of a gas, whose absolute pressure is the bulk modulus, in a free arm
+    modulus = PUMP["bulk_modulus"]
+    (strains, _, (pressure, _)), _, converged = wound(0.0, OFFSET, 0.0, modulus)
+    assert converged
+    volume = AREA * (LENGTH + pressure * AREA * yields(OFFSET))
+    expected = modulus * (AREA * LENGTH + PUMP["max_volume"])
+    assert (pressure + modulus) * volume == pytest.approx(expected, rel=1e-9)
+    np.testing.assert_allclose(strains, -pressure * AREA * OFFSET / EI, rtol=1e-6)
+
+
+def test_lines_resist_small_motions():
+    half = {"time": [0.0, 1.0], "share": [0.5, 0.5]}
+    pump, tendon = PUMP | {"bulk_modulus": 1e7}, WINCH | {"pair": True, "schedule": half}
+    system = crinoid.system(scenario(nodes=6, chamber=[pump | {"schedule": half}], tendon=[tendon]))
+
+    @eqx.filter_jit
+    def about(system):
+        state, outcome = system.find_equilibrium()
+
+        def tip(shares):
+            values = jnp.broadcast_to(shares[:, None], (2, 2))
+            moved = eqx.tree_at(lambda s: s.actuators[0].values, system, values)
+            return system.tip(moved.find_equilibrium()[0])
+
+        influence, bands = system.influence(state), system.linearise(state)
+        static = influence.static(bands[0])
+        return outcome.converged, influence, bands, static, jax.jacfwd(tip)(jnp.full(2, 0.5))
+
+    converged, influence, (stiffness, mass), static, slope = about(system)
+    assert converged
+    np.testing.assert_allclose(static[:, -2:], slope, rtol=1e-6, atol=1e-9)
+    none = np.zeros_like(stiffness)
+    (slow,) = Plant(*map(np.asarray, (stiffness, none, mass)), influence).response(np.array([1e-5]))
+    np.testing.assert_allclose(slow, static, rtol=1e-6, atol=1e-7)
+    free = slice(2 * HELD, None)
+    K, M = (dense(bands).reshape(14, 14)[free, free] for bands in (stiffness, mass))
+    pull, follow = (np.asarray(each) for each in influence.lines)
+    added = pull.reshape(14, -1)[free] @ follow.reshape(-1, 14)[:, free]
+    np.testing.assert_allclose(added, added.T, rtol=1e-9, atol=1e-9 * np.abs(added).max())
+    expected = np.sqrt(eigh(K + added, M, eigvals_only=True)) / (2 * np.pi)
+    found = find_modes(stiffness, mass, 4, influence.lines).frequency
+    np.testing.assert_allclose(found, expected[:4], rtol=1e-6)
+    assert expected[0] > 1.1 * np.sqrt(eigh(K, M, eigvals_only=True)[0]) / (2 * np.pi)
+
+
+def test_a_submarine_is_moved_by_the_lines_of_its_arm():
+    afloat = {"mass": 5.0, "inertia": 0.3, "offset": [-0.3, 0.0]}
+    system = crinoid.system(scenario(nodes=4, tendon=[WINCH | {"schedule": FULL}], vehicle=afloat))
+    rng = np.random.default_rng(0)
+
+    @eqx.filter_jit(compiler_options=QUICKLY)
+    def both(system, noise, rhs):
+        state = system.rest()
+        forces = system.forces.driven(jnp.array([0.1]))
+        forces = start.mounted(forces, system.base, state.time, state.servo, state)
+        rows, rates = state.motion.position, map(jnp.asarray, (1.0, 30.0, 900.0))
+        stage = Stage(state.time, rows, *noise[:2], *rates, state.frames)
+        around = forces.surroundings(stage, noise[2])
+
+        def residual(correction):
+            return forces.residual(forces.motion(stage, correction, around))[0]
+
+        tangent = forces.tangent(stage, forces.motion(stage, noise[2], around), around)
+        solved = tangent.solve(rhs)
+        return solved, tangent.on_held(solved), jax.jvp(residual, (noise[2],), (solved,))[1]
+
+    shape = (7, 2)
+    noise, rhs = 1e-3 * rng.normal(size=(3, *shape)), rng.normal(size=shape)
+    solved, held, product = both(system, jnp.asarray(noise), jnp.asarray(rhs))
+    unknown = np.asarray(solved) != 0
+    assert unknown.sum() == 6 + 3
+    np.testing.assert_allclose(product[unknown], rhs[unknown], rtol=1e-7)
+    np.testing.assert_allclose(held, product[:HELD], rtol=1e-7)
+
+
 # --- the force is the slope of the work -----------------------------------------------------------
 
 
@@ -190,7 +352,7 @@ def test_the_force_is_the_slope_of_tension_times_path(axes):
     if frames is not None:  # carried along to where the shape is
         frames = Frames.of(moved, frames.at(moved))
 
-    @eqx.filter_jit
+    @eqx.filter_jit(compiler_options=QUICKLY)
     def observed(position):
         motion = Motion(
             position, *[jnp.zeros(rows)] * 2, *[jnp.zeros((rows[0], axes))] * 2, jnp.zeros(()),
@@ -220,13 +382,15 @@ def tugged(request):
         {"offset": [0.01, 0.004], "max_tension": 2.0, "pair": True, "span": [0.1, 0.9]} | wound,
         {"offset": 0.006, "angle_deg": 180.0, "max_tension": 1.0},
     ]
-    bent = {"max_curvature": 2.0, "span": [0.3, 1.0]}
-    system = crinoid.system(scenario(axes, nodes=6, tendon=threads, chamber=[bent]))
+    lines = WINCH | {"stiffness": 50.0, "max_shortening": 0.05}
+    threads += [lines | wound, lines | {"angle_deg": 180.0}]
+    chambers = [{"max_curvature": 2.0, "span": [0.3, 1.0]}, PUMP | {"bulk_modulus": 1e4}]
+    system = crinoid.system(scenario(axes, nodes=6, tendon=threads, chamber=chambers))
     state = system.rest()
     rows = state.motion.position
     rows = rows + 0.01 * np.random.default_rng(1).standard_normal(rows.shape)
     stage = still(jnp.zeros(()), rows, state.frames, 1e3)
-    return system.forces.driven(jnp.array([0.5, -0.6, 0.8])), stage
+    return system.forces.driven(jnp.array([0.5, 0.7, -0.6, 0.8, 0.9, 1.0])), stage
 
 
 def test_the_tangent_by_hand_is_the_slope_of_the_force(tugged):
@@ -241,11 +405,13 @@ def test_the_tangent_by_hand_is_the_slope_of_the_force(tugged):
             return forces.residual(forces.motion(stage, correction, around))[0]
 
         tangent = forces.tangent(stage, forces.motion(stage, none, around), around)
-        return tangent.bands, jax.jacfwd(residual)(none)
+        return tangent.bands, tangent.of_lines, jax.jacfwd(residual)(none)
 
-    bands, slope = both(stage)
+    bands, (pull, follow), slope = both(stage)
+    assert np.abs(follow).max(axis=(1, 2)).all()
+    got = dense(bands) + np.einsum("nbl,lmc->nbmc", pull, follow)
     largest = np.abs(slope).max(axis=(2, 3), keepdims=True) + np.finfo(float).tiny
-    np.testing.assert_allclose(dense(bands) / largest, slope / largest, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(got / largest, slope / largest, rtol=0, atol=1e-12)
 
 
 def test_newton_converges_quadratically(tugged):
@@ -295,8 +461,10 @@ def march(system, step, steps):
 def test_the_work_of_pressure_and_tension_closes_the_ledger():
     ramp = {"time": [0.0, 0.4], "share": [0.0, 1.0]}
     tendon = {"offset": [0.01, 0.005], "max_tension": 1.0, "schedule": ramp, "angle_deg": 180.0}
+    lines = WINCH | {"pair": True, "schedule": ramp}, PUMP | {"schedule": ramp}
+    pushes = chamber(schedule=ramp, time_constant=0.1)
     system = crinoid.system(
-        scenario(nodes=6, chamber=[chamber(schedule=ramp, time_constant=0.1)], tendon=[tendon])
+        scenario(nodes=6, chamber=[pushes, lines[1]], tendon=[tendon, lines[0]])
     )
     defects = []
     for parts in (1, 2, 4):
@@ -311,27 +479,36 @@ def test_the_work_of_pressure_and_tension_closes_the_ledger():
 
 def test_gradients_by_pressure_area_and_offset():
     half = {"time": [0.0, 1.0], "share": [0.5, 0.5]}  # none is at a limit
-    parameters = crinoid.parameters(scenario(nodes=5, chamber=[chamber(schedule=half)]))
+    tendon = WINCH | {"schedule": half, "angle_deg": 180.0}
+    parameters = crinoid.parameters(
+        scenario(nodes=5, chamber=[chamber(schedule=half)], tendon=[tendon])
+    )
 
     def height(change):
         threads = parameters.actuator[0]
         threads = eqx.tree_at(
-            lambda t: (t.force, t.offset, t.shares),
+            lambda t: (t.force, t.offset, t.shares, t.shortening, t.stiffness),
             threads,
             (
                 threads.force * (1 + change[0]),
                 threads.offset * (1 + change[1]),
                 threads.shares * (1 - change[2]),
+                threads.shortening * (1 + change[3]),
+                threads.stiffness * (1 + change[4]),
             ),
         )
         system = crinoid.assemble(eqx.tree_at(lambda p: p.actuator, parameters, (threads,)))
         command = jnp.zeros(len(system.inputs))
         state = jax.lax.fori_loop(0, 4, lambda _, s: system.step(s, command)[0], system.rest())
-        return state.position[-1, 1]
+        return jnp.append(state.position[-1], state.base_moment)
 
-    slope = eqx.filter_jit(jax.jacfwd(height))(jnp.zeros(3))
-    ends = eqx.filter_jit(jax.vmap(height))(1e-4 * jnp.concatenate([jnp.eye(3), -jnp.eye(3)]))
-    np.testing.assert_allclose(slope, (ends[:3] - ends[3:]) / 2e-4, rtol=1e-6, atol=1e-9)
+    # at the middle and at both ends, each along its way
+    ways = jnp.tile(jnp.eye(5), (3, 1))
+    points = 1e-4 * jnp.repeat(jnp.array([0.0, 1.0, -1.0]), 5)[:, None] * ways
+    along = jax.vmap(lambda point, way: jax.jvp(height, (point,), (way,)))
+    found, slopes = eqx.filter_jit(along)(points, ways)
+    differences = (found[5:10] - found[10:]) / 2e-4
+    np.testing.assert_allclose(slopes[:5], differences, rtol=1e-6, atol=1e-9)
 
 
 # --- the actuator ---------------------------------------------------------------------------------
@@ -410,6 +587,7 @@ def test_a_run_with_a_chamber_goes_on_from_where_it_stopped(tmp_path):
         nodes=4,
         base={"channels": {"slide": {}}},
         chamber=[chamber(schedule=half, min_pressure=0.2 * PRESSURE)],
+        tendon=[WINCH | {"pair": True, "schedule": half, "name": "winch"}],
         control={"kind": "pid", "compare": False, "pid": {"slide": {"kp": 0.1}}},
         simulation={"duration": 0.2},
     )
@@ -419,7 +597,11 @@ def test_a_run_with_a_chamber_goes_on_from_where_it_stopped(tmp_path):
     np.testing.assert_array_equal(first.dataset["actuator_command"], 0.0)
     longer = described.with_values({"simulation.duration": 0.4})
     whole, gone_on = play(Prepared(longer)), play(Prepared(longer), resume=first)
-    for name in ("position", "actuator_state", "energy"):
+    load = whole.dataset["line_load"]
+    assert load.line.values.tolist() == ["winch", "winch_opposite"]
+    assert load.line_unit.values.tolist() == ["N", "N"]
+    assert (load.sel(line="winch") > 0).all()
+    for name in ("position", "actuator_state", "line_load", "energy"):
         np.testing.assert_array_equal(gone_on.dataset[name], whole.dataset[name])
 
 
@@ -442,7 +624,27 @@ MISTAKES = {
     "chamber.0.schedule.share.0: got -1.0, takes": {"schedule": {"time": [0, 1], "share": [-1, 1]}},
     "chamber.0.schedule.share: has 1 entry, takes 2": {"schedule": {"time": [0, 1], "share": [0]}},
     'chamber.1.name: got "chamber_0", as chamber.0 is called': {"name": None},
+    "chamber.0.max_volume: missing, takes a number above 0 (m3)": {"drive": "volume"},
+    'chamber.0.max_flow: got 1.0, goes with drive = "volume" only': {"max_flow": 1.0},
+    "chamber.0.max_volume: got 0.0002, takes a number below 0.0001 (m3)": PUMP
+    | {"max_volume": 2e-4, "pair": True, "max_pressure": None},
 }
+TENDONS = {
+    "tendon.0.max_tension: missing, takes a number above 0 (N)": {},
+    "tendon.0.max_shortening: missing, takes a number above 0 (m)": {"drive": "length"},
+    "tendon.0.stiffness: missing, takes a number above 0 (N)": {"drive": "length"},
+    'tendon.0.max_tension: got 2.0, goes with drive = "tension" only': WINCH | {"max_tension": 2.0},
+    "tendon.0.max_shortening: got 0.3, takes a number below 0.25 (m), what": WINCH
+    | {"max_shortening": 0.3, "span": [0.5, 1.0]},
+    'tendon.0.drive: got "force", takes': {"drive": "force"},
+}
+
+
+@pytest.mark.parametrize("line", TENDONS)
+def test_mistakes_of_tendons_are_told_in_one_line(line):
+    with pytest.raises(crinoid.ScenarioError) as caught:
+        scenario(tendon=[{"offset": OFFSET} | TENDONS[line]])
+    assert any(each.startswith(line) for each in caught.value.lines), caught.value.lines
 
 
 @pytest.mark.parametrize("line", MISTAKES)

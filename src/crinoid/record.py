@@ -48,6 +48,8 @@ class Record(eqx.Module):
     """In space: the material director m_1 of the edges."""
     twist: Float[Array, "*t n"] | None
     """In space: twist at the nodes (rad/m)."""
+    line: Float[Array, "*t line"] | None = None
+    """Tensions (N) and pressures (Pa) of lines (`crinoid.dynamics.lines`)."""
     vehicle: Voyage | None = None
     """Pose and thrusters of a submarine that floats."""
     held: Float[Array, "*t"] | None = None

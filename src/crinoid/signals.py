@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from crinoid.actuation import Input
+from crinoid.dynamics import Lines
 from crinoid.record import Record
 from crinoid.variables import quantity
 
@@ -18,6 +19,7 @@ def with_signals(
     kept: Record,
     inputs: Sequence[Input],
     readings: Sequence[tuple[str, str]],
+    lines: Lines | None = None,
 ) -> xr.Dataset:
     """Add the signals of the same instants.
 
@@ -31,6 +33,8 @@ def with_signals(
         Those of the system; the base's channels have variables of their own.
     readings
         Name and unit of each value that the sensors give.
+    lines
+        Tendons of given length and chambers of given volume.
     """
     names, units = [name for name, _ in readings], [unit for _, unit in readings]
     dataset = dataset.assign(sensor_reading=_signal("sensor_reading", kept.reading)).assign_coords(
@@ -40,6 +44,18 @@ def with_signals(
     others = inputs[dataset.sizes["channel"] :]
     if kept.drive is None or kept.drive_command is None:
         return dataset
+    if lines is not None and kept.line is not None:
+        wound = [others[drive].name for drive in lines.drives]
+        sides = ["_opposite" * (name in wound[:index]) for index, name in enumerate(wound)]
+        units = ["Pa" if fluid else "N" for fluid in lines.fluid]
+        dataset = dataset.assign(line_load=_signal("line_load", kept.line)).assign_coords(
+            line=(
+                "line",
+                [name + side for name, side in zip(wound, sides, strict=True)],
+                {"long_name": "tendon of given length or chamber of given volume"},
+            ),
+            line_unit=("line", units, {"long_name": "unit of line_load"}),
+        )
     return dataset.assign(
         actuator_command=_signal("actuator_command", kept.drive_command),
         actuator_state=_signal("actuator_state", kept.drive),

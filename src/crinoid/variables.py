@@ -36,6 +36,7 @@ class Variable(NamedTuple):
         "obstacles",
         "actuators",
         "tool",
+        "lines",
         "vehicle",
         "vehicle plane",
         "vehicle space",
@@ -196,6 +197,9 @@ VARIABLES = (
     _row("actuator_command", "time input", "", "commands of the actuators", where="actuators"),
     _row("actuator_state", "time input", "", "what the actuators drive the arm with",
          where="actuators", more="their limits are the coordinates `input_lower`, `input_upper`"),
+    _row("line_load", "time line", "",
+         "tensions of tendons of given length, pressures of chambers of given volume",
+         where="lines", more="above what is around them"),
 )
 # fmt: on
 """All of them, in the order of the documentation."""
@@ -204,7 +208,7 @@ VARIABLES = (
 def of_dimension(dimension: int, *, without: Iterable[str] = ()) -> dict[str, Variable]:
     """Return the variables of a planar (2) or spatial (3) arm by name.
 
-    ``without`` "obstacles", "actuators", "tool" or "vehicle" those of these are left out.
+    ``without`` "obstacles", "actuators", "tool", "lines" or "vehicle" those of these are left out.
     """
     left = {"space" if dimension == 2 else "plane", *without}
     return {each.name: each for each in VARIABLES if left.isdisjoint(each.where.split())}

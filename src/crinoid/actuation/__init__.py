@@ -6,3 +6,4 @@ from crinoid.actuation.actuator import followed as followed
 from crinoid.actuation.follower import Follower as Follower
 from crinoid.actuation.follower import FollowerState as FollowerState
 from crinoid.actuation.input import Input as Input
+from crinoid.actuation.input import InputKind as InputKind

@@ -6,12 +6,17 @@ from collections.abc import Iterable
 import equinox as eqx
 
 from crinoid.actuation import Actuator
+from crinoid.dynamics import Lines
 from crinoid.elements import Element
 from crinoid.rod import Rod
 
 
 class ActuatorParameters(eqx.Module):
     """The numbers of an actuator: a pytree of arrays, as `crinoid.parameters` holds it."""
+
+    def lines(self, rod: Rod, first: int) -> Lines | None:
+        """Return which of the threads are lines, if there are any; arguments as of `assemble`."""
+        return None
 
     @abstractmethod
     def assemble(self, rod: Rod, first: int) -> tuple[Actuator, tuple[Element, ...]]:
@@ -28,14 +33,15 @@ class ActuatorParameters(eqx.Module):
 
 def assemble_actuators(
     parameters: Iterable[ActuatorParameters], rod: Rod
-) -> tuple[tuple[Actuator, ...], tuple[Element, ...]]:
-    """Return the actuators of an arm, and all elements through which they act."""
+) -> tuple[tuple[Actuator, ...], tuple[Element, ...], Lines | None]:
+    """Return the actuators of an arm, all elements through which they act, and the lines."""
     actuators: list[Actuator] = []
     elements: list[Element] = []
-    first = 0
+    first, lines = 0, None
     for each in parameters:
+        lines = lines or each.lines(rod, first)
         actuator, through = each.assemble(rod, first)
         actuators.append(actuator)
         elements.extend(through)
         first += actuator.drive(actuator.at_rest()).shape[0]
-    return tuple(actuators), tuple(elements)
+    return tuple(actuators), tuple(elements), lines

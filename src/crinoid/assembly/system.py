@@ -1,6 +1,7 @@
 """From the numbers of a scenario to the arrays that move the arm: pure, traceable."""
 
 import jax
+import jax.numpy as jnp
 
 from crinoid.assembly.actuator import assemble_actuators
 from crinoid.assembly.parameters import Parameters
@@ -50,7 +51,7 @@ def assemble(parameters: Parameters) -> System:
     if parameters.tool is not None:
         elements += (parameters.tool.element(rod, water.density, water.gravity),)
         grasp = parameters.tool.grasp()
-    actuators, through = assemble_actuators(parameters.actuator, rod)
+    actuators, through, lines = assemble_actuators(parameters.actuator, rod)
     obstacles = None
     if obstacle is not None:
         obstacles = obstacle.obstacles(rod, base.position, water.density, water.gravity)
@@ -65,10 +66,16 @@ def assemble(parameters: Parameters) -> System:
             base.position,
             obstacles,
             vehicle=vehicle,
+            lines=lines,
         ),
         base=base.base(rod),
         integrator=simulation.integrator,
-        settings=Settings.for_rod(rod, simulation.tolerance, simulation.max_iterations),
+        settings=Settings.for_rod(
+            rod,
+            simulation.tolerance,
+            simulation.max_iterations,
+            0.0 if lines is None else jnp.max(lines.stiffness * jnp.abs(lines.rest)) / rod.length,
+        ),
         time_step=simulation.time_step,
         # infinite where it is not asked for, which has no slope
         max_error=jax.lax.stop_gradient(simulation.error * arm.length),

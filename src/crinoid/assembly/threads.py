@@ -7,14 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.actuation import Actuator, Follower
+from crinoid.actuation import Actuator, Follower, InputKind
 from crinoid.assembly.actuator import ActuatorParameters
 from crinoid.assembly.numbers import array
-from crinoid.elements import Element, PlanarThreads, Threads
+from crinoid.dynamics import Lines
+from crinoid.elements import Bend, BendTwist, Element, PlanarThreads, Threads
 from crinoid.rod import Rod
 from crinoid.scenario import Chamber, Scenario, Tendon
 
@@ -33,7 +35,14 @@ class ThreadParameters(ActuatorParameters):
     angle: Float[Array, "thread 2"]
     """At the ends of the span (rad)."""
     force: Float[Array, " thread"]
-    """Tension at a share of 1 (N), below 0 of a chamber; of one that bends only -1 over m."""
+    """Tension at a share of 1 (N), below 0 of a chamber; of one that bends only -1 over m; 0 of a
+    line (`crinoid.dynamics.lines`)."""
+    hold: Float[Array, " thread"]
+    """Tension per load of a line: 1 of a tendon, minus the area of a chamber (m2); 0 of others."""
+    shortening: Float[Array, " thread"]
+    """Length (m) that a line takes in at a share of 1, or volume (m3) that it is given."""
+    stiffness: Float[Array, " thread"]
+    """Axial stiffness of a line (N), or bulk modulus (Pa)."""
     max_curvature: Float[Array, " thread"]
     """Curvature at a share of 1 of a chamber that bends only (1/m)."""
     lower: Float[Array, " thread"]
@@ -48,6 +57,8 @@ class ThreadParameters(ActuatorParameters):
     bends_only: tuple[bool, ...] = eqx.field(static=True)
     slots: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """Threads at each node, twice the number of each, and one more on the other side of a pair."""
+    lined: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    """Thread and side of each line."""
     pinned: bool = eqx.field(static=True)
 
     @staticmethod
@@ -68,17 +79,27 @@ class ThreadParameters(ActuatorParameters):
             chambers=len(scenario.chamber),
             bends_only=tuple(_bends_only(thread) for thread in threads),
             slots=_slots(threads, scenario.arm.nodes),
+            lined=tuple(
+                (number, side)
+                for number, thread in enumerate(threads)
+                if thread.lined
+                for side in range(1 + thread.pair)
+            ),
             pinned=scenario.base.mount == "pinned",
         )
 
     def assemble(self, rod: Rod, first: int) -> tuple[Actuator, tuple[Element, ...]]:
         """Return the actuator of all threads, and the element through which they act."""
-        count = len(self.names)
+        lined = {thread for thread, _ in self.lined}
+        kinds: list[InputKind] = [
+            "share" if k in lined else "pressure" if k < self.chambers else "tension"
+            for k in range(len(self.names))
+        ]
         follower = Follower(
             names=self.names,
-            kinds=tuple("pressure" if k < self.chambers else "tension" for k in range(count)),
+            kinds=tuple(kinds),
             lower=self.lower,
-            upper=jnp.ones(count),
+            upper=jnp.ones(len(kinds)),
             lag=self.lag,
             max_rate=self.max_rate,
             dead_band=self.dead_band,
@@ -86,6 +107,25 @@ class ThreadParameters(ActuatorParameters):
             values=self.shares,
         )
         return follower, (self._element(rod, first),)
+
+    def lines(self, rod: Rod, first: int) -> Lines | None:
+        """Return the threads of given length or volume, if there are any."""
+        if not self.lined:
+            return None
+        element = self._element(rod, first)
+        bend = (Bend if rod.axes == 2 else BendTwist).of(rod)
+        behind = rod.chord_length
+        before = jnp.concatenate([behind[:1], behind[:-1]])
+        strains = bend.rest_strain.reshape(behind.size, -1)
+        paths = jax.vmap(lambda e, *at: e.path(*at))(element, strains, before, behind)
+        thread, side = np.array(self.lined).T
+        return Lines(
+            drives=tuple(int(first + k) for k in thread),
+            fluid=tuple(bool(k < self.chambers) for k in thread),
+            rest=jnp.sum(paths, axis=0),
+            shortening=self.shortening[thread] * (1 - 2 * side),
+            stiffness=self.stiffness[thread],
+        )
 
     def _element(self, rod: Rod, first: int) -> Threads:
         """Build the element: a window for each node but the tip, a lane for each slot."""
@@ -116,6 +156,8 @@ class ThreadParameters(ActuatorParameters):
         )
         lanes = (weight * tension)[..., None] * jnp.eye(len(self.names))[thread]
         paired = (self.lower < 0)[thread][..., None]
+        lines = np.array([[2 * number + side] for number, side in self.lined], int).reshape(-1)
+        held = (weight * self.hold[thread])[..., None] * (slots[..., None] == lines)
         ends = jnp.full((rod.nodes - 1, 2), 0.5).at[0, 0].set(0.0).at[-1, 1].set(1.0)
         if self.pinned:
             ends = ends.at[1, 0].set(1.0)
@@ -125,6 +167,7 @@ class ThreadParameters(ActuatorParameters):
             pull=jnp.where(other_side[..., None], 0.0, lanes),
             # one that has no other side never goes below 0: it has one slope there, not two
             push_back=jnp.where(other_side[..., None], lanes, jnp.where(paired, 0.0, -lanes)),
+            hold=held,
             offset=offsets,
             change=offset(high.at[-1].set(1.0)) - offset(low),
             routed=jnp.where(bends_only, 0.0, 1.0),
@@ -146,20 +189,26 @@ def _numbers(thread: Chamber | Tendon) -> dict[str, Any]:
     angle, wound = math.radians(thread.angle_deg), 0.0
     lower, curvature = -1.0 if thread.pair else 0.0, 0.0
     if isinstance(thread, Tendon):
-        force, largest, wound = thread.max_tension, thread.max_tension, thread.twist_deg
+        pull, stiffness, wound = 1.0, thread.stiffness, thread.twist_deg
+        force = thread.largest
     else:
-        force, largest = -thread.max_pressure * (thread.area or 0.0), thread.max_pressure
-        lower = lower or thread.min_pressure / thread.max_pressure
+        pull, stiffness = -(thread.area or 0.0), thread.bulk_modulus
+        force = thread.largest * pull
         if thread.max_curvature is not None:
             force, curvature = -1.0, thread.max_curvature
-    rate = _UNLIMITED if thread.max_rate is None else thread.max_rate / largest
+        if not thread.lined:
+            lower = lower or thread.min_pressure / thread.max_pressure
+    rate = _UNLIMITED if thread.largest_rate is None else thread.largest_rate / thread.largest
     angles = (angle, angle + math.radians(wound))
     ends = (low, high)
     return {
         "span": thread.span,
         "offset": ends,
         "angle": angles,
-        "force": force,
+        "force": 0.0 if thread.lined else force,
+        "hold": pull if thread.lined else 0.0,
+        "shortening": thread.largest if thread.lined else 0.0,
+        "stiffness": stiffness or 0.0,
         "max_curvature": curvature,
         "lower": lower,
         "lag": thread.time_constant,

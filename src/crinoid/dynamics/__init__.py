@@ -8,6 +8,7 @@ from crinoid.dynamics.grip import carried as carried
 from crinoid.dynamics.halving import Progress as Progress
 from crinoid.dynamics.influence import Influence as Influence
 from crinoid.dynamics.integrator import Integrator as Integrator
+from crinoid.dynamics.lines import Lines as Lines
 from crinoid.dynamics.modes import Modes as Modes
 from crinoid.dynamics.modes import ModesError as ModesError
 from crinoid.dynamics.modes import SmallMotions as SmallMotions

@@ -5,8 +5,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid import chain
 from crinoid.dynamics import windows
-from crinoid.elements import Bend, BendTwist, Element, Inertia, Motion, Stretch
+from crinoid.elements import (
+    ENERGIES,
+    WORKS,
+    Bend,
+    BendTwist,
+    Element,
+    Inertia,
+    Motion,
+    Stretch,
+)
 from crinoid.reference import Reference
 
 
@@ -39,6 +49,24 @@ class Arm(eqx.Module):
         held = stiffness > 0
         ways = jnp.sum(stiffness, axis=0) / jnp.maximum(jnp.sum(held, axis=0), 1)
         return ways[: reference.axes - 1]
+
+    def accounts(
+        self, motion: Motion, num_nodes: int
+    ) -> tuple[Float[Array, " energy"], Float[Array, "work n b"]]:
+        """Return the stored energies (J), and the forces on the nodes that are not stored (N, N m).
+
+        In the order of `crinoid.elements.ENERGIES` and `crinoid.elements.WORKS`.
+        """
+        energy = dict.fromkeys(ENERGIES, jnp.zeros(()))
+        working = dict.fromkeys(WORKS, jnp.zeros((num_nodes, motion.position.shape[1])))
+        for first, elements in windows.groups(self.elements, motion.flow_velocity.shape[1]):
+            accounts = jax.vmap(windows.accounts)(elements, windows.gathered(elements[0], motion))
+            for element, (stored, forces) in zip(elements, accounts, strict=True):
+                energy[element.stored] += jnp.sum(stored)
+                nodal = chain.scatter(forces, first, num_nodes)
+                rows = working[element.worked]
+                working[element.worked] = rows.at[:, : nodal.shape[1]].add(nodal)
+        return jnp.stack(list(energy.values())), jnp.stack(list(working.values()))
 
     def strains(self, motion: Motion) -> Float[Array, "bent strain"]:
         """Return by how much each node but the tip is bent beyond its rest, in space also twisted.

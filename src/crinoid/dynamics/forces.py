@@ -19,11 +19,12 @@ from crinoid import chain
 from crinoid.dynamics import windows
 from crinoid.dynamics.arm import Arm
 from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.lines import Lines
 from crinoid.dynamics.obstacles import Obstacles
 from crinoid.dynamics.surroundings import Surroundings
-from crinoid.dynamics.tangent import HELD, Tangent
+from crinoid.dynamics.tangent import HELD, LineStiffness, Tangent
 from crinoid.dynamics.vehicle import ROWS, Mount, Vehicle, paired, unknowns
-from crinoid.elements import ENERGIES, WORKS, Motion
+from crinoid.elements import Motion
 from crinoid.flow import Current, Water
 
 Rows = Float[Array, "rows b"]
@@ -47,6 +48,8 @@ class Forces(Arm):
     """Drives of the actuators, which elements find in a motion; None: there are no actuators."""
     vehicle: Vehicle | None = None
     """The submarine where it floats; None where the base goes where it is told."""
+    lines: Lines | None = None
+    """Tendons and chambers among the elements whose length or content is given."""
     mount: Mount | None = None
     """Where the vehicle holds the arm; None where it stays, and what it holds with it."""
 
@@ -147,7 +150,7 @@ class Forces(Arm):
             position, velocity, acceleration = (
                 row.at[:HELD].set(carried) for row, carried in zip(rows, held, strict=True)
             )
-        return Motion(
+        motion = Motion(
             position,
             velocity,
             acceleration,
@@ -156,6 +159,9 @@ class Forces(Arm):
             None if frames is None else frames.at(self.nodes(position)),
             self.drive,
         )
+        if self.lines is None:
+            return motion
+        return replace(motion, line=self.lines.loads(self.elements, motion))
 
     @eqx.filter_jit
     def residual(
@@ -243,9 +249,16 @@ class Forces(Arm):
             own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
             border = obstacles.border(touch, own, num_nodes)
         tangent = Tangent(bands, border, extra)
-        if self.mount is None:
+        if self.mount is not None:
+            tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
+        if self.lines is None:
             return tangent
-        return self._with_vehicle(tangent, stage, motion, around, load_factor)
+
+        def residual(line: Array | None) -> Rows:
+            return self.residual(replace(motion, line=line), load_factor)[0]
+
+        follow = self.lines.slopes(self.elements, stage, motion, num_nodes)
+        return tangent.coupled(LineStiffness(jax.jacfwd(residual)(motion.line), follow))
 
     def _with_vehicle(
         self,
@@ -281,17 +294,7 @@ class Forces(Arm):
 
         Contacts and the base aside.
         """
-        position = self.nodes(motion.position)
-        energy = dict.fromkeys(ENERGIES, jnp.zeros(()))
-        working = dict.fromkeys(WORKS, jnp.zeros_like(position))
-        for first, elements in windows.groups(self.elements, self.axes):
-            accounts = jax.vmap(windows.accounts)(elements, windows.gathered(elements[0], motion))
-            for element, (stored, forces) in zip(elements, accounts, strict=True):
-                energy[element.stored] += jnp.sum(stored)
-                nodal = chain.scatter(forces, first, position.shape[0])
-                rows = working[element.worked]
-                working[element.worked] = rows.at[:, : nodal.shape[1]].add(nodal)
-        return jnp.stack(list(energy.values())), jnp.stack(list(working.values()))
+        return self.accounts(motion, self.nodes(motion.position).shape[0])
 
     def _on_vehicle(
         self, motion: Motion, held: Float[Array, "held b"], *, alone: bool = True

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid import chain
-from crinoid.dynamics.tangent import HELD
+from crinoid.dynamics.tangent import HELD, LineStiffness, Tangent
 
 
 class Influence(NamedTuple):
@@ -19,13 +19,22 @@ class Influence(NamedTuple):
     """Forces on the nodes that come with the drives of the other actuators."""
     tip: Float[Array, "pose 3 d"]
     """How the tip's pose follows the last three nodes."""
+    lines: LineStiffness | None = None
+    """Stiffness of tendons of given length and closed chambers; None: there are none."""
 
     def static(self, stiffness: chain.Bands) -> Float[Array, "pose input"]:
         """Return how the tip's pose follows inputs that move slowly."""
         moved = jnp.zeros((*self.loads.shape[:2], self.held.shape[2])).at[:HELD].set(self.held)
         forced = jnp.concatenate([-_product(stiffness, moved), self.loads], axis=-1)
         nodes = jnp.concatenate([moved, jnp.zeros_like(self.loads)], axis=-1)
-        nodes = nodes.at[HELD:].set(chain.solve(stiffness[HELD:], forced[HELD:]))
+        if self.lines is None:
+            nodes = nodes.at[HELD:].set(chain.solve(stiffness[HELD:], forced[HELD:]))
+        else:
+            loads = jnp.einsum("lnb,nbc->lc", self.lines.follow, moved)
+            taut = -jnp.einsum("nbl,lc->nbc", self.lines.pull, loads)
+            forced = forced.at[..., : moved.shape[2]].add(taut)
+            tangent = Tangent(stiffness, None, ()).coupled(self.lines)
+            nodes += jax.vmap(tangent.solve, -1, -1)(forced)
         last = nodes[-self.tip.shape[1] :, : self.tip.shape[2]]
         return jnp.sum(self.tip[..., None] * last, axis=(1, 2))
 

@@ -11,7 +11,7 @@ from crinoid import chain
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.start import as_rows
-from crinoid.dynamics.tangent import HELD
+from crinoid.dynamics.tangent import HELD, LineStiffness
 from crinoid.frames import Frames
 
 COUNT = 8
@@ -81,7 +81,12 @@ def linearise(
     return SmallMotions(*jax.lax.map(lambda one: tangent(*one), (of, flows)))
 
 
-def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) -> Modes:
+def find_modes(
+    stiffness: chain.Bands,
+    mass: chain.Bands,
+    count: int = COUNT,
+    lines: LineStiffness | None = None,
+) -> Modes:
     """Solve ``K phi = (2 pi f)^2 M phi`` of the free nodes for the slowest vibrations.
 
     Damping is left out. Of the stiffness the symmetric part is taken: drag and follower loads make
@@ -97,6 +102,8 @@ def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) ->
         Of all nodes (N/m, kg), as `crinoid.System.linearise` returns them.
     count
         How many modes; fewer than the free nodes have coordinates.
+    lines
+        What lines add to the stiffness.
 
     Raises
     ------
@@ -109,18 +116,23 @@ def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) ->
 
     K, M = _of_free(stiffness), _of_free(mass)
     unknowns, size = K.shape[0], stiffness.shape[-1]
+    held = _roots(lines, unknowns)
     scale = 1 / np.sqrt(M.diagonal())
-    round_off = 16 * np.finfo(float).eps * (abs(K) @ scale * scale).max()
+    resisted = abs(K) @ scale + np.abs(held) @ (np.abs(held).T @ scale)
+    round_off = 16 * np.finfo(float).eps * (resisted * scale).max()
+    shift = -1e3 * round_off  # the least ones are next to it, and nothing is singular there
     try:
         _, near = eigsh(
             K,
             min(count, unknowns - 1),
             M,
-            sigma=-1e3 * round_off,  # the least ones are next to it, and nothing is singular there
+            sigma=shift,
+            OPinv=None if lines is None else _inverse(K - shift * M, held),
             v0=np.random.default_rng(0).standard_normal(unknowns),
         )
         # what the shift has cost in accuracy comes back in the space of these few
-        squared, mixed = eigh(near.T @ (K @ near), near.T @ (M @ near))
+        taut = held.T @ near
+        squared, mixed = eigh(near.T @ (K @ near) + taut.T @ taut, near.T @ (M @ near))
     except (RuntimeError, ValueError) as error:  # of ARPACK, SuperLU and LAPACK
         raise ModesError(f"no natural frequencies found: {error}") from error
     shapes = np.pad((near @ mixed).T.reshape(squared.size, -1, size), ((0, 0), (1, 0), (0, 0)))
@@ -128,6 +140,31 @@ def find_modes(stiffness: chain.Bands, mass: chain.Bands, count: int = COUNT) ->
         shape /= shape.flat[np.argmax(np.abs(shape))]
     frequency = np.sqrt(np.where(squared > round_off, squared, 0.0)) / (2 * np.pi)
     return Modes(frequency, shapes)
+
+
+def _roots(lines: LineStiffness | None, unknowns: int) -> Float[np.ndarray, "unknowns line"]:
+    """Return ``U`` of the stiffness ``U U^T`` of lines: what they pull at is what they follow."""
+    if lines is None:
+        return np.zeros((unknowns, 0))
+    pull = np.asarray(lines.pull)[HELD:].reshape(unknowns, -1)
+    follow = np.asarray(lines.follow)[:, HELD:].reshape(-1, unknowns)
+    stiffness = np.linalg.norm(follow, axis=1) / np.linalg.norm(pull, axis=0)
+    return np.asarray(pull * np.sqrt(stiffness))
+
+
+def _inverse(matrix: Any, roots: Float[np.ndarray, "unknowns line"]) -> Any:
+    """Return the inverse of a sparse matrix plus ``U U^T`` (Woodbury's formula)."""
+    from scipy.sparse.linalg import LinearOperator, splu
+
+    parts = splu(matrix.tocsc())
+    answers = parts.solve(roots)
+    small = np.eye(roots.shape[1]) + roots.T @ answers
+
+    def solve(rhs: np.ndarray) -> Any:
+        alone = parts.solve(rhs)
+        return alone - answers @ np.linalg.solve(small, roots.T @ alone)
+
+    return LinearOperator(matrix.shape, matvec=solve, dtype=float)
 
 
 def _of_free(bands: chain.Bands) -> Any:

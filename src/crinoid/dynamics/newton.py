@@ -121,17 +121,23 @@ class Settings(eqx.Module):
     """Largest displacement in one iteration (m), so that a static solve jumps over no obstacle."""
 
     @staticmethod
-    def for_rod(rod: Rod, tolerance: float | Array, max_iterations: int | Array) -> "Settings":
+    def for_rod(
+        rod: Rod,
+        tolerance: float | Array,
+        max_iterations: int | Array,
+        lines: float | Array = 0.0,
+    ) -> "Settings":
         """Set the floor to the round-off of the forces that stretch, bend and twist a rod.
 
         A position on a rod of length L is known to about eps L, so the strain of an edge l to
-        eps L / l. The floor is well above that.
+        eps L / l, and that of a line along the rod to eps; ``lines`` is the largest stiffness of
+        one (N). The floor is well above that.
         """
         length = rod.rest_length
         stretching = jnp.max(rod.EA / length) * rod.length
         bending = 4.0 * jnp.max(rod.EI) / jnp.min(length) ** 3 * rod.length
         twisting = 0.0 if rod.GJ is None else jnp.max(rod.GJ) / jnp.min(length) ** 2
-        floor = jnp.finfo(float).eps / _NOISE * (stretching + bending + twisting)
+        floor = jnp.finfo(float).eps / _NOISE * (stretching + bending + twisting + lines)
         weights = jnp.ones(rod.axes)
         if rod.axes == 3:
             weights = jnp.append(weights, 1.0 / jnp.mean(length))  # a couple on the ends of an edge

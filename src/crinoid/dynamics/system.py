@@ -237,7 +237,7 @@ class System(eqx.Module):
         """Return stiffness (N/m) and mass (kg) of small motions of all nodes about ``state``.
 
         The state is taken as still, obstacles included, in water that flows on as it does; the
-        mass contains the added mass.
+        mass contains the added mass. `influence` has the stiffness of lines.
         """
         small = self.small_motions(state, jnp.zeros(self.forces.axes))
         return small.stiffness, small.mass
@@ -257,7 +257,10 @@ class System(eqx.Module):
         Computed on the host: not for use under a JAX transformation.
         See `crinoid.dynamics.find_modes` for how, and for the shapes.
         """
-        return modes.find_modes(*eqx.filter_jit(System.linearise)(self, state), count).frequency
+        bands, lines = eqx.filter_jit(System.linearise)(self, state), None
+        if self.forces.lines is not None:
+            lines = eqx.filter_jit(System.influence)(self, state).lines
+        return modes.find_modes(*bands, count, lines).frequency
 
     def static_jacobian(self, state: State) -> Float[Array, "pose input"]:
         """Return d(tip)/d(inputs) at rest: how the tip follows the inputs when moved slowly.
@@ -283,10 +286,13 @@ class System(eqx.Module):
             motion = forces.motion(stage, none, forces.surroundings(stage, none))
             return -forces.nodes(forces.residual(motion)[0])
 
-        drive = drives(self.actuators, state.actuators)
-        shape = (*self.forces.nodes(rows).shape, 0)
-        loads = jnp.zeros(shape) if drive is None else jax.jacfwd(balance)(drive)
-        return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]))
+        forces = self._driven(state).frozen(state.time)
+        shape = (*forces.nodes(rows).shape, 0)
+        loads = jnp.zeros(shape) if forces.drive is None else jax.jacfwd(balance)(forces.drive)
+        around, lines = forces.surroundings(stage, none), None
+        if forces.lines is not None:
+            lines = forces.tangent(stage, forces.motion(stage, none, around), around).of_lines
+        return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]), lines)
 
     def _judged(
         self, forces: Forces, state: State, after: State, outcome: Outcome, step: Array

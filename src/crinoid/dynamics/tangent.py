@@ -1,6 +1,7 @@
 """The matrix of a Newton step: the chain of nodes, bordered by the unknowns that are no nodes."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -37,6 +38,15 @@ class Border(eqx.Module):
         )
 
 
+class LineStiffness(NamedTuple):
+    """Stiffness of lines beside that of the bands: ``pull . follow``."""
+
+    pull: Float[Array, "rows b line"]
+    """Force lacking on everything that has a row, per load."""
+    follow: Float[Array, "line n b"]
+    """How the loads follow the nodes."""
+
+
 class Tangent(eqx.Module):
     """d(residual)/d(correction), with the rows of nodes and then of whatever else moves.
 
@@ -46,6 +56,8 @@ class Tangent(eqx.Module):
     bands: chain.Bands
     border: Border | None
     extra: tuple[int, ...] = eqx.field(static=True)
+    lines: int = eqx.field(static=True, default=0)
+    """How many unknowns without a row come last in the border: they follow from the nodes."""
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for what is not prescribed; the other rows come back as zero."""
@@ -54,16 +66,17 @@ class Tangent(eqx.Module):
         answer = jnp.zeros_like(rhs)
         if self.border is None:
             return answer.at[HELD:num_nodes].set(chain.solve(bands, nodes))
-        border, at = self.border.of_free(), jnp.asarray(self.extra)
+        border, at = self.border.of_free(), jnp.asarray(self.extra, int)
+        beside = rhs[num_nodes:].reshape(-1)[at]
         nodes, extra = jax.lax.custom_linear_solve(
             lambda x: _matvec(bands, border, *x),
-            (nodes, rhs[num_nodes:].reshape(-1)[at]),
+            (nodes, jnp.append(beside, jnp.zeros(self.lines))),
             solve=lambda _, b: _eliminate(bands, border, *b),
             transpose_solve=lambda _, b: _eliminate(
                 chain.transpose(bands), border.transposed(), *b
             ),
         )
-        beside = jnp.zeros(rhs[num_nodes:].size).at[at].set(extra, unique_indices=True)
+        beside = jnp.zeros(rhs[num_nodes:].size).at[at].set(extra[: at.size], unique_indices=True)
         answer = answer.at[HELD:num_nodes].set(nodes)
         return answer.at[num_nodes:].set(beside.reshape(-1, rhs.shape[1]))
 
@@ -81,8 +94,7 @@ class Tangent(eqx.Module):
         num_nodes, _, size, _ = self.bands.shape
         before = self.border
         if before is None:
-            none = jnp.zeros((num_nodes, size, 0))
-            before = Border(none, jnp.moveaxis(none, -1, 0), jnp.zeros((0, 0)))
+            before = _no_border(num_nodes, size)
         at = (*self.extra, *extra)
         beside = columns[num_nodes:].reshape(-1, len(extra))[jnp.asarray(at)]
         each = jax.vmap(push, -1, -1)
@@ -95,14 +107,49 @@ class Tangent(eqx.Module):
         )
         return Tangent(self.bands, border, at)
 
+    def coupled(self, lines: LineStiffness) -> "Tangent":
+        """Add the loads of lines as unknowns that follow the nodes.
+
+        So a force that depends on all nodes stays out of the bands: ``(K + C R) dq`` is
+        ``K dq + C df`` with ``R dq - df = 0``.
+        """
+        columns, follows = lines
+        num_nodes, _, size, _ = self.bands.shape
+        at = jnp.asarray(self.extra, int)
+        before = self.border or _no_border(num_nodes, size)
+        beside = columns[num_nodes:].reshape(-1, columns.shape[-1])[at]
+        none, own = jnp.zeros_like(beside.T), -jnp.eye(columns.shape[-1])
+        corner = [[before.corner, beside], [none, own]]
+        border = Border(
+            jnp.concatenate([before.of_nodes, columns[:num_nodes]], axis=2),
+            jnp.concatenate([before.of_extra, follows]),
+            jnp.block(corner),
+        )
+        return Tangent(self.bands, border, self.extra, columns.shape[-1])
+
+    @property
+    def of_lines(self) -> LineStiffness | None:
+        """What lines add to the stiffness of the nodes."""
+        if self.border is None or not self.lines:
+            return None
+        moved = len(self.extra)
+        return LineStiffness(self.border.of_nodes[..., moved:], self.border.of_extra[moved:])
+
     def on_held(self, change: Rows) -> Float[Array, "held b"]:
         """Return how the forces on what is prescribed follow a change of the rest."""
         near = 2 * HELD  # as far as elements reach
         forces = chain.matvec(self.bands[:near], change[:near])[:HELD]
         if self.border is None:
             return forces
-        extra = change[self.bands.shape[0] :].reshape(-1)[jnp.asarray(self.extra)]
-        return forces + product(self.border.of_nodes[:HELD], extra)
+        num_nodes, moved = self.bands.shape[0], len(self.extra)
+        extra = change[num_nodes:].reshape(-1)[jnp.asarray(self.extra, int)]
+        lines = jnp.einsum("pnb,nb->p", self.border.of_extra[moved:], change[:num_nodes])
+        return forces + product(self.border.of_nodes[:HELD], jnp.append(extra, lines))
+
+
+def _no_border(num_nodes: int, size: int) -> Border:
+    none = jnp.zeros((num_nodes, size, 0))
+    return Border(none, jnp.moveaxis(none, -1, 0), jnp.zeros((0, 0)))
 
 
 def _of_held(bands: chain.Bands) -> Float[Array, "held b n b"]:

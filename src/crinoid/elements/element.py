@@ -41,6 +41,8 @@ class Motion(eqx.Module):
     """Orientation of the edges in space; None for elements that see positions only."""
     drive: Float[Array, "*count drive"] | None = None
     """Drives of the actuators (`crinoid.Actuator`), each in its own unit."""
+    line: Float[Array, "*count line"] | None = None
+    """Loads of lines (`crinoid.dynamics.lines`): tensions (N), pressures (Pa)."""
 
     def windows(
         self,
@@ -62,7 +64,10 @@ class Motion(eqx.Module):
             take(self.flow_acceleration),
             jnp.broadcast_to(self.time, count),
             jax.tree.map(take, self.orientation) if turned else None,
-            None if self.drive is None else jnp.broadcast_to(self.drive, (*count, self.drive.size)),
+            *(
+                None if all_ is None else jnp.broadcast_to(all_, (*count, all_.size))
+                for all_ in (self.drive, self.line)
+            ),
         )
 
 
@@ -97,7 +102,7 @@ class Course(eqx.Module):
             along(self.acceleration_slope),
             jnp.zeros_like(motion.time),
             _turning(motion, self.by_position * direction),
-            jax.tree.map(jnp.zeros_like, motion.drive),
+            *jax.tree.map(jnp.zeros_like, (motion.drive, motion.line)),
         )
 
 

@@ -21,7 +21,14 @@ from jaxtyping import Array, Float
 from crinoid.elements.elastic import Turn, by_nodes
 from crinoid.elements.element import Course, Linearised, Motion
 from crinoid.elements.geometry import unit
-from crinoid.elements.spatial import SpatialEdge, across, observed, on_nodes, slopes_on_nodes
+from crinoid.elements.spatial import (
+    NodeStrain,
+    SpatialEdge,
+    across,
+    observed,
+    on_nodes,
+    slopes_on_nodes,
+)
 from crinoid.products import product
 
 
@@ -42,6 +49,8 @@ class Threads(Linearised):
     """Tension in a lane per unit of each drive that is above 0 (N)."""
     push_back: Float[Array, "*count lane drive"]
     """Tension in a lane per unit of each drive that is below 0, as a positive number (N)."""
+    hold: Float[Array, "*count lane line"]
+    """Tension in a lane per load of each line: 1 of a tendon, minus the area of a chamber (m2)."""
     offset: Float[Array, "*count lane way"]
     """Offset of each lane toward m_1 and m_2; in the plane the one upward of the axis (m)."""
     change: Float[Array, "*count lane way"]
@@ -65,34 +74,33 @@ class Threads(Linearised):
         assert motion.orientation is not None
         a, b, strain = observed(motion)
         slope, curvature = self._work(motion, strain.strains, a.length, b.length)
-        turned = product(strain.axes, strain.map)  # the strains by w
-        moment = product(slope[:3], turned)
-        # of moment and pull by w and the length
-        turned = jnp.pad(turned, ((0, 1), (0, 1))).at[3, 3].set(1.0)
+        moment = product(slope[:3], product(strain.axes, strain.map))
+        turned = _turned(strain)
         by_strain = product(turned.T, product(curvature, turned))
         by_turn, by_mean = strain.moment_slopes(product(slope[:3], strain.axes), moment)
-
-        def swing(edge: SpatialEdge, end: int, lean: Array) -> Float[Array, "4 4"]:
-            sign, lengthened = 2 * end - 1, jnp.append(self.share[end] * edge.tangent, 0.0)
-            return jnp.concatenate([sign * edge.turning(lean), lengthened[None]])
 
         def own(edge: SpatialEdge, end: int) -> Float[Array, "4 4"]:
             steered = slope[3] * self.share[end] / edge.length * across(edge.tangent)
             return jnp.pad(steered, (0, 1)) + (2 * end - 1) * edge.force_slope(moment)
 
-        by_ends = [
-            product(by_strain + jnp.pad(by_turn + sign * by_mean, (0, 1)), swung)
-            for sign, swung in (
-                (-1, swing(a, 0, motion.orientation.lean[1])),
-                (1, swing(b, 1, motion.orientation.lean[2])),
-            )
-        ]
-        still = jnp.zeros(3)
+        swung = self._swings(a, b, motion.orientation.lean)
+        by_a = product(by_strain + jnp.pad(by_turn - by_mean, (0, 1)), swung[0])
+        by_b = product(by_strain + jnp.pad(by_turn + by_mean, (0, 1)), swung[1])
+        acts = self._swings(a, b, jnp.zeros((3, 3)))
         return course.by_position * slopes_on_nodes(
-            (swing(a, 0, still).T, swing(b, 1, still).T),
-            (by_ends[0], by_ends[1]),
-            (own(a, 0), own(b, 1)),
+            (acts[0].T, acts[1].T), (by_a, by_b), (own(a, 0), own(b, 1))
         )
+
+    def _swings(
+        self, a: SpatialEdge, b: SpatialEdge, lean: Float[Array, "3 3"]
+    ) -> tuple[Float[Array, "4 4"], Float[Array, "4 4"]]:
+        """Return how the relative turn of the edges, and the length, follow each of them."""
+        parts = []
+        for end, edge in enumerate((a, b)):
+            lengthened = jnp.append(self.share[end] * edge.tangent, 0.0)
+            turning = (2 * end - 1) * edge.turning(lean[end + 1])
+            parts.append(jnp.concatenate([turning, lengthened[None]]))
+        return parts[0], parts[1]
 
     def _work(
         self,
@@ -106,36 +114,78 @@ class Threads(Linearised):
         By the strains of the node and the length of arm that it stands for: moments (N m) and a
         pull (N), and their slopes.
         """
-        tension, offset, ways = self.tension(motion), self.offset, self.offset.shape[1]
-        along = self.share[0] * before + self.share[1] * behind
-        along = along - jnp.sum(offset * strains[:ways], axis=-1)
-        aside, levers, routed = self.change, [-offset], self.routed > 0
-        none, one = jnp.zeros_like(offset[:, :1]), jnp.ones_like(offset[:, :1])
-        if ways == 2:
-            around = jnp.stack([-offset[:, 1], offset[:, 0]], axis=-1)
-            aside = aside + strains[2] * around
-            levers.append(none)
-        lever = jnp.concatenate([*levers, one], axis=-1)
-        path = jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1))
-        slopes = (along / path)[:, None] * lever
-        bent = tension * self.routed / path
+        tension, routed = self.tension(motion), self.routed > 0
+        path, lever, slopes = self._lanes(strains, before, behind)
         curvature = lever[:, :, None] * lever[:, None, :]
-        if ways == 2:
-            slopes = slopes.at[:, 2].set(jnp.sum(aside * around, axis=-1) / path)
-            curvature = curvature.at[:, 2, 2].set(jnp.sum(offset**2, axis=-1))
+        if self.offset.shape[1] == 2:
+            curvature = curvature.at[:, 2, 2].set(jnp.sum(self.offset**2, axis=-1))
         curvature = curvature - slopes[:, :, None] * slopes[:, None, :]
-        bends = lever.at[:, -1].set(0.0)
-        slope = jnp.where(routed[:, None], slopes, bends)
+        bent = tension * self.routed / path
+        slope = jnp.where(routed[:, None], slopes, lever.at[:, -1].set(0.0))
         return jnp.sum(tension[:, None] * slope, axis=0), jnp.sum(
             bent[:, None, None] * curvature, axis=0
         )
+
+    def _lanes(
+        self, strains: Float[Array, " s"], before: Float[Array, ""], behind: Float[Array, ""]
+    ) -> tuple[Float[Array, " lane"], Float[Array, "lane s+1"], Float[Array, "lane s+1"]]:
+        """Return path of each lane (m), and derivatives of ``v . t`` and the path.
+
+        By the strains, and by the length of arm that the node stands for.
+        """
+        along, aside = self._advance(strains, before, behind)
+        path = jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1))
+        none, one = jnp.zeros_like(self.offset[:, :1]), jnp.ones_like(self.offset[:, :1])
+        twists = self.offset.shape[1] == 2
+        lever = jnp.concatenate([-self.offset, *([none] * twists), one], axis=-1)
+        slopes = (along / path)[:, None] * lever
+        if twists:
+            winding = jnp.sum(aside * _around(self.offset), axis=-1) / path
+            slopes = slopes.at[:, 2].set(winding)
+        return path, lever, slopes
+
+    def _advance(
+        self, strains: Float[Array, " s"], before: Float[Array, ""], behind: Float[Array, ""]
+    ) -> tuple[Float[Array, " lane"], Float[Array, "lane way"]]:
+        """Return how far each lane runs along the arm and to its side (m): ``v``."""
+        along = self.share[0] * before + self.share[1] * behind
+        along = along - jnp.sum(self.offset * strains[: self.offset.shape[1]], axis=-1)
+        if self.offset.shape[1] == 1:
+            return along, self.change
+        return along, self.change + strains[2] * _around(self.offset)
+
+    def path(
+        self, strains: Float[Array, " s"], before: Float[Array, ""], behind: Float[Array, ""]
+    ) -> Float[Array, " line"]:
+        """Return what each line measures past a node: its length (m), or minus its volume (m3).
+
+        From the strains of the node and the lengths of the edges before and behind it.
+        """
+        along, aside = self._advance(strains, before, behind)
+        return product(jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1)), self.hold)
+
+    def measured(self, motion: Motion) -> Float[Array, " line"]:
+        """Return `path` in a window."""
+        a, b, strain = observed(motion)
+        return self.path(strain.strains, a.length, b.length)
+
+    def measured_slope(self, motion: Motion) -> Float[Array, "line 3 b"]:
+        """Return the derivative of `measured` by positions and spins."""
+        assert motion.orientation is not None
+        a, b, strain = observed(motion)
+        _, _, slopes = self._lanes(strain.strains, a.length, b.length)
+        by_strain = product(self.hold.T, product(slopes, _turned(strain)))
+        ends = self._swings(a, b, motion.orientation.lean)
+        on_a, on_b = (product(by_strain, swung).T for swung in ends)
+        return jnp.moveaxis(on_nodes(on_a, on_b), -1, 0)
 
     def tension(self, motion: Motion) -> Float[Array, " lane"]:
         """Return the tension in each lane of a window (N)."""
         assert motion.drive is not None
         drive = motion.drive[self.at : self.at + self.pull.shape[-1]]
         pulled = self.pull * jnp.maximum(drive, 0.0) + self.push_back * jnp.maximum(-drive, 0.0)
-        return jnp.sum(pulled, axis=-1)
+        total = jnp.sum(pulled, axis=-1)
+        return total if motion.line is None else total + product(self.hold, motion.line)
 
 
 class PlanarThreads(Threads):
@@ -164,10 +214,31 @@ class PlanarThreads(Threads):
         ]
         return course.by_position * (steered + slope[0] * curved + slope[1] * by_nodes(*swung))
 
+    def measured(self, motion: Motion) -> Float[Array, " line"]:
+        ends = _edges(motion.position)
+        return self.path(Turn.of(motion.position).strain[None], ends[0][1], ends[1][1])
+
+    def measured_slope(self, motion: Motion) -> Float[Array, "line 3 2"]:
+        turn, ends = Turn.of(motion.position), _edges(motion.position)
+        _, _, slopes = self._lanes(turn.strain[None], ends[0][1], ends[1][1])
+        by_strain, by_length = product(self.hold.T, slopes).T[:, :, None, None]
+        return by_strain * turn.growth * turn.gradient + by_length * self._lengthened(ends)
+
     def _lengthened(self, ends: list[tuple[Array, Array]]) -> Float[Array, "3 2"]:
         """Return the derivative of the length by the positions."""
         before, behind = self.share[0] * ends[0][0], self.share[1] * ends[1][0]
         return jnp.stack([-before, before - behind, behind])
+
+
+def _turned(strain: NodeStrain) -> Float[Array, "4 4"]:
+    """Return how the strains follow the relative turn of the edges, and the length itself."""
+    turned = product(strain.axes, strain.map)
+    return jnp.pad(turned, (0, 1)).at[3, 3].set(1.0)
+
+
+def _around(offset: Float[Array, "lane 2"]) -> Float[Array, "lane 2"]:
+    """Return ``t x d``."""
+    return jnp.stack([-offset[:, 1], offset[:, 0]], axis=-1)
 
 
 def _edges(position: Float[Array, "3 2"]) -> list[tuple[Array, Array]]:

@@ -16,14 +16,25 @@ _STRAIN = 0.5
 
 
 def _threads(facts: Facts) -> Iterator[tuple[str, Chamber | Tendon, float, float]]:
-    """Yield key, table, largest force (N) and largest offset (m) of each thread with a route."""
-    scenario = facts.scenario
+    """Yield key, table, largest force (N) and largest offset (m) of each thread with a route.
+
+    The force of one whose length or volume is given is what the free arm yields to by as much.
+    """
+    scenario, bending = facts.scenario, float(facts.bending.max())
+
+    def force(thread: Chamber | Tendon, area: float, offset: float) -> float:
+        if not thread.lined:
+            return thread.largest * area
+        span = (thread.span[1] - thread.span[0]) * facts.length
+        return thread.largest / area / span / (1 / facts.stretching + offset**2 / bending)
+
     for index, chamber in enumerate(scenario.chamber):
         if chamber.area is not None:
-            key, force = f"chamber.{index}", chamber.max_pressure * chamber.area
-            yield key, chamber, force, _largest(chamber.offset)
+            offset = _largest(chamber.offset)
+            yield f"chamber.{index}", chamber, force(chamber, chamber.area, offset), offset
     for index, tendon in enumerate(scenario.tendon):
-        yield f"tendon.{index}", tendon, tendon.max_tension, _largest(tendon.offset)
+        offset = _largest(tendon.offset)
+        yield f"tendon.{index}", tendon, force(tendon, 1.0, offset), offset
 
 
 def _largest(offset: float | tuple[float, float] | None) -> float:
@@ -42,15 +53,14 @@ def _offset(facts: Facts) -> Iterator[str]:
 
 def _force(facts: Facts) -> Iterator[str]:
     for key, thread, force, offset in _threads(facts):
-        name = "max_pressure" if isinstance(thread, Chamber) else "max_tension"
         span = (thread.span[1] - thread.span[0]) * facts.length
         turns = force * offset * span / float(facts.bending.max()) / (2 * math.pi)
         strain = force / facts.stretching
         if turns > _TURNS or strain > _STRAIN:
             yield (
-                f"{key}.{name}: curls the free arm into {turns:.2g} turns and stretches it by "
-                f"{strain:.0%}; up to {_TURNS:g} turns and {_STRAIN:.0%} is usual; is the area in "
-                "m2, or arm.youngs_modulus in Pa?"
+                f"{key}.{thread.largest_key}: curls the free arm into {turns:.2g} turns and "
+                f"stretches it by {strain:.0%}; up to {_TURNS:g} turns and {_STRAIN:.0%} is "
+                "usual; is the area in m2, or arm.youngs_modulus in Pa?"
             )
 
 
@@ -79,7 +89,12 @@ def _delay(facts: Facts) -> Iterator[str]:
 THREAD = (
     Rule(("chamber.*.offset", "tendon.*.offset"), "within the arm's radius", _offset),
     Rule(
-        ("chamber.*.max_pressure", "tendon.*.max_tension"),
+        (
+            "chamber.*.max_pressure",
+            "chamber.*.max_volume",
+            "tendon.*.max_tension",
+            "tendon.*.max_shortening",
+        ),
         "up to 3 turns and a stretch of 50 % of the free arm",
         _force,
     ),

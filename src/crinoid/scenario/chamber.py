@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -14,6 +15,8 @@ from crinoid.scenario.quantity import (
     NAME,
     AsTuple,
     Degrees,
+    Metres,
+    MetresPerSecond,
     Newtons,
     Pair,
     Quantity,
@@ -35,7 +38,7 @@ Offset = Annotated[
 
 
 class Schedule(Model):
-    """Shares of the largest pressure or tension over time, joined by straight lines."""
+    """Shares of the largest drive over time, joined by straight lines."""
 
     time: Times = Field(description="Times; before the first and after the last it stays.")
     share: Shares = Field(description="Share of the largest, below 0 only of a pair.")
@@ -51,11 +54,18 @@ class Schedule(Model):
 class Thread(Model):
     """Keys that chambers and tendons share."""
 
+    _ways: ClassVar[dict[str, dict[str, str]]]
+    """Keys that go with each `drive`, with what they take where they are required.
+
+    The first is what a share of 1 is, the last its greatest rate.
+    """
+
     name: Annotated[str | None, NAME] = Field(
         default=None,
         pattern="^[a-z][a-z0-9_]*$",
         description="Name of its input; chamber_0, tendon_0 and so on if left out.",
     )
+    drive: str
     span: Pair = Field(
         default=(0.0, 1.0), description="Where it begins and ends, over the arm's length."
     )
@@ -82,6 +92,15 @@ class Thread(Model):
     )
 
     def _conflicts(self) -> Iterator[Mistake]:
+        own = self.drive
+        for drive, keys in self._ways.items():
+            for key, takes in keys.items():
+                value = getattr(self, key)
+                if drive == own and takes and value is None:
+                    yield Mistake(key, f"missing, takes {takes}")
+                if drive != own and value != type(self).model_fields[key].default:
+                    text = f"got {shown(value)}, goes with drive = {shown(drive)} only"
+                    yield Mistake(key, text)
         low, high = self.span
         if not 0 <= low < high <= 1:
             yield Mistake("span", f"got {shown(self.span)}, takes [a, b] with 0 <= a < b <= 1")
@@ -95,10 +114,45 @@ class Thread(Model):
                     text = f"got {share}, takes a number from 0 to 1; pair = true takes one below 0"
                     yield Mistake(f"schedule.share.{index}", text)
 
+    @property
+    def lined(self) -> bool:
+        """Whether its length or volume is given, and its load follows from the arm's shape."""
+        return self.drive in ("length", "volume")
+
+    @property
+    def largest_key(self) -> str:
+        """Key of what a share of 1 is."""
+        return next(iter(self._ways[self.drive]))
+
+    @property
+    def largest(self) -> float:
+        """What a share of 1 is: Pa, m3, N or m."""
+        return float(getattr(self, self.largest_key))
+
+    @property
+    def largest_rate(self) -> float | None:
+        """Greatest rate of that (per second), if there is one."""
+        rate: float | None = getattr(self, list(self._ways[self.drive])[-1])
+        return rate
+
 
 class Chamber(Thread):
     """A chamber whose fluid pushes along the arm: hydraulic or pneumatic."""
 
+    _ways: ClassVar[dict[str, dict[str, str]]] = {
+        "pressure": {"max_pressure": "", "min_pressure": "", "max_curvature": "", "max_rate": ""},
+        "volume": {
+            "max_volume": "a number above 0 (m3)",
+            "bulk_modulus": "a number above 0 (Pa)",
+            "max_flow": "",
+        },
+    }
+
+    drive: Literal["pressure", "volume"] = Field(
+        default="pressure",
+        description="What its share is one of: the pressure of its fluid, or the volume of fluid "
+        "that is pumped into it and closed in, whose pressure follows from the arm's shape.",
+    )
     area: SquareMetres | None = Field(
         default=None, gt=0, description="Area of its section, on which the pressure pushes."
     )
@@ -111,6 +165,18 @@ class Chamber(Thread):
         default=None,
         gt=0,
         description="Curvature of a free arm at the largest pressure, in place of area and offset.",
+    )
+    max_volume: Annotated[float, Quantity("m3")] | None = Field(
+        default=None, gt=0, description="Volume of fluid that a share of 1 adds to that at rest."
+    )
+    bulk_modulus: Pascals | None = Field(
+        default=None,
+        gt=0,
+        description="Stiffness of the closed fluid, its hoses included: 2.2e9 of water alone; of a "
+        "gas its absolute pressure at rest.",
+    )
+    max_flow: Annotated[float, Quantity("m3/s")] | None = Field(
+        default=None, gt=0, description="Greatest flow of the pump."
     )
 
     def _conflicts(self) -> Iterator[Mistake]:
@@ -134,9 +200,35 @@ class Chamber(Thread):
 class Tendon(Thread):
     """A tendon that pulls along the arm."""
 
-    max_tension: Newtons = Field(gt=0, description="Largest tension.")
+    _ways: ClassVar[dict[str, dict[str, str]]] = {
+        "tension": {"max_tension": "a number above 0 (N)", "max_rate": ""},
+        "length": {
+            "max_shortening": "a number above 0 (m)",
+            "stiffness": "a number above 0 (N)",
+            "max_speed": "",
+        },
+    }
+
+    drive: Literal["tension", "length"] = Field(
+        default="tension",
+        description="What its share is one of: the tension, or the length that a winch takes in; "
+        "the tension then follows from the arm's shape, and is 0 where the tendon is slack.",
+    )
+    max_tension: Newtons | None = Field(default=None, gt=0, description="Largest tension.")
     max_rate: Annotated[float, Quantity("N/s")] | None = Field(
         default=None, gt=0, description="Greatest rate of the tension."
+    )
+    max_shortening: Metres | None = Field(
+        default=None,
+        gt=0,
+        description="Length that a share of 1 takes in, of the path along the arm at rest; with "
+        "pair = true the other one is let out by as much.",
+    )
+    stiffness: Newtons | None = Field(
+        default=None, gt=0, description="Axial stiffness EA of the tendon."
+    )
+    max_speed: MetresPerSecond | None = Field(
+        default=None, gt=0, description="Greatest speed of the winch."
     )
     twist_deg: Annotated[Degrees, Only(3)] = Field(
         default=0.0,
@@ -160,18 +252,36 @@ def thread_names(chambers: tuple[Chamber, ...], tendons: tuple[Tendon, ...]) -> 
 
 
 def thread_conflicts(
-    chambers: tuple[Chamber, ...], tendons: tuple[Tendon, ...], dimension: int
+    chambers: tuple[Chamber, ...], tendons: tuple[Tendon, ...], dimension: int, length: float
 ) -> Iterator[Mistake]:
-    """Yield sides that a planar arm does not have, and names that two inputs share."""
+    """Yield sides that a planar arm does not have, and names that two inputs share.
+
+    Also more length than an arm of ``length`` (m) has to give.
+    """
     keys = {name: f"base.channels.{name}" for name in CHANNELS[3]}
-    every = zip([*chambers, *tendons], thread_names(chambers, tendons), strict=True)
+    threads: list[Chamber | Tendon] = [*chambers, *tendons]
+    every = zip(threads, thread_names(chambers, tendons), strict=True)
     for number, (thread, name) in enumerate(every):
         index = number - len(chambers)
         key = f"chamber.{number}" if index < 0 else f"tendon.{index}"
         if dimension == 2 and thread.angle_deg % 180:
             text = f"got {thread.angle_deg}, takes 0 or 180 (degrees); others need "
             yield Mistake(f"{key}.angle_deg", f"{text}arm.dimension = 3")
+        yield from (each.under(key) for each in _content_conflicts(thread, length))
         if name in keys:
             text = f"got {shown(name)}, as {keys[name]} is called; takes another"
             yield Mistake(f"{key}.name", text)
         keys[name] = key
+
+
+def _content_conflicts(thread: Chamber | Tendon, length: float) -> Iterator[Mistake]:
+    """Yield more length or volume than is to be taken from the part of arm that a thread runs."""
+    most = (thread.span[1] - thread.span[0]) * length
+    if isinstance(thread, Tendon):
+        key, given, unit = "max_shortening", thread.max_shortening, "m"
+    else:
+        key, unit = "max_volume", "m3"
+        given, most = thread.max_volume if thread.pair else None, most * (thread.area or math.inf)
+    if given is not None and given >= most:
+        whose = "what the tendon runs along" if unit == "m" else "what the other chamber holds"
+        yield Mistake(key, f"got {given}, takes a number below {most:g} ({unit}), {whose}")

@@ -29,7 +29,8 @@ def builder(prepared: Prepared, setup: Setup) -> Build:
 
     def build(kept: Record, before: float | None) -> xr.Dataset:
         dataset = build_dataset(loop.system, scenario.arm.diameters, kept, before)
-        dataset = with_signals(dataset, kept, loop.system.inputs, loop.readings)
+        system = loop.system
+        dataset = with_signals(dataset, kept, system.inputs, loop.readings, system.forces.lines)
         return with_dimensionless(dataset, scenario, setup.modes)
 
     return build

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -30,11 +31,12 @@ class Plant(NamedTuple):
         of the base and the forces of the other inputs, exact for the discrete arm: one banded solve
         for each frequency (LU, LAPACK).
         """
-        held, loads, tip = map(np.asarray, self.influence)
+        held, loads, tip = map(np.asarray, self.influence[:3])
         size = self.stiffness.shape[-1]
         row, column, inside, known = _layout(*self.stiffness.shape[:3:2])
         beyond = 3 * size - 1
         free = (self.stiffness.shape[0] - HELD) * size
+        pull, follow = _lines(self.influence, free)
         forced = np.pad(loads[HELD:].reshape(free, -1), ((0, 0), (held.shape[-1], 0)))
         moved = np.pad(held.reshape(-1, held.shape[-1]), ((0, 0), (0, loads.shape[-1])))
         nodes = np.zeros((free + moved.shape[0], moved.shape[1]), complex)
@@ -51,12 +53,30 @@ class Plant(NamedTuple):
                 row[known],
                 -entries[known, None] * moved[column[known] + moved.shape[0]],
             )
-            nodes[moved.shape[0] :] = solve_banded(
+            # the loads of lines couple all nodes: eliminated last (Woodbury)
+            pushed = np.concatenate(
+                [pushed - pull @ (follow[:, : moved.shape[0]] @ moved), pull], 1
+            )
+            answers = solve_banded(
                 (beyond, beyond), diagonals, pushed, overwrite_b=True, check_finite=False
             )
+            alone, taut = np.split(answers, [moved.shape[1]], axis=1)
+            followed = follow[:, moved.shape[0] :]
+            load = np.linalg.solve(np.eye(taut.shape[1]) + followed @ taut, followed @ alone)
+            nodes[moved.shape[0] :] = alone - taut @ load
             last = nodes[-3 * size :].reshape(3, size, -1)[:, : tip.shape[2]]
             found[index] = np.einsum("pnd,ndc->pc", tip, last)
         return found
+
+
+def _lines(
+    influence: Influence, free: int
+) -> tuple[Float[np.ndarray, "free line"], Float[np.ndarray, "line all"]]:
+    """Return what lines pull at, and what they follow: free nodes, and held ones before them."""
+    if influence.lines is None:
+        return np.zeros((free, 0)), np.zeros((0, math.prod(influence.loads.shape[:2])))
+    pull, follow = map(np.asarray, influence.lines)
+    return pull[HELD:].reshape(free, -1), follow.reshape(follow.shape[0], -1)
 
 
 def _layout(nodes: int, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -66,7 +66,7 @@ def set_up(prepared: Prepared) -> Setup:
         jacobian = None
     else:
         try:
-            modes = find_modes(small.stiffness, small.mass)
+            modes = find_modes(small.stiffness, small.mass, lines=influence.lines)
         except ModesError as error:  # a run does without
             told = [*told, f"{error}; the result has neither them nor what follows from them"]
     swings_free = modes is not None and scenario.base.mount == "pinned" and not modes.frequency[0]

@@ -52,6 +52,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         books.touch,
         None if state.frames is None else state.frames.director[2:],
         strains[:, 2] if spatial else None,
+        state.motion.line,
         loop.system.voyage(state),
         carried(loop.system.forces, state.grip, state.time),
     )
