@@ -87,7 +87,9 @@ def round_a_section():
     return strains
 
 
-@pytest.mark.parametrize("shares", [(1.0, 0.0, 0.0), (0.7, 0.7, 0.0), (0.3, 0.9, 0.5)])
+@pytest.mark.parametrize(
+    "shares", [(1.0, 0.0, 0.0), (0.7, 0.7, 0.0), *np.random.default_rng(0).uniform(size=(3, 3))]
+)
 def test_three_chambers_bend_away_from_where_they_push(round_a_section, shares):
     strains, converged = round_a_section(jnp.asarray(shares))
     assert converged
@@ -128,6 +130,27 @@ def test_routed_and_given_as_curvature_agree_to_second_order():
         differences.append(np.abs(routed - plain).max())
     # in these strains the bend is the same; what differs is the stretch
     assert max(differences) < 1e-6 * tall
+
+
+def test_a_taper_bends_by_the_offset_where_it_is():
+    _, strains = settled(scenario(chamber=[chamber(offset=[0.01, 0.002])]))
+    offset = 0.01 - 0.008 * np.linspace(0.0, 1.0, 11)[:-1]
+    slant = np.cos(np.arctan(0.008 / LENGTH))  # of the route: what is left of the push along it
+    np.testing.assert_allclose(strains[:-1, 0], -PRESSURE * AREA * offset * slant / EI, rtol=3e-5)
+
+
+def test_pressure_stiffens_a_beam_under_a_load_at_its_tip():
+    # on the axis it bends nothing by itself, nor does a load far below the push stretch anything
+    force, added, on_axis = 1e-5, 0.6, {"offset": 0.0, "area": 1e-9}
+    tip = {"kind": "tip", "force": [0.0, force]}
+    deflections = []
+    for stiffening in (0.0, added):
+        pushes = chamber(stiffening=stiffening, **on_axis)
+        state, _ = settled(scenario(chamber=[pushes], load=[tip]))
+        deflections.append(float(state.position[-1, 1]))
+    h = 0.1  # of an edge over the length: half of it is at the root, none at the tip
+    assert deflections[0] == pytest.approx(force * LENGTH**3 / (3 * EI), rel=h**2)
+    assert deflections[0] / deflections[1] == pytest.approx(1 + added, rel=1e-5)
 
 
 def test_half_a_span_bends_half_of_the_arm():
@@ -384,7 +407,8 @@ def tugged(request):
     ]
     lines = WINCH | {"stiffness": 50.0, "max_shortening": 0.05}
     threads += [lines | wound, lines | {"angle_deg": 180.0}]
-    chambers = [{"max_curvature": 2.0, "span": [0.3, 1.0]}, PUMP | {"bulk_modulus": 1e4}]
+    stiffer = {"max_curvature": 2.0, "span": [0.3, 1.0], "stiffening": 0.5}
+    chambers = [stiffer, PUMP | {"bulk_modulus": 1e4}]
     system = crinoid.system(scenario(axes, nodes=6, tendon=threads, chamber=chambers))
     state = system.rest()
     rows = state.motion.position
@@ -462,7 +486,7 @@ def test_the_work_of_pressure_and_tension_closes_the_ledger():
     ramp = {"time": [0.0, 0.4], "share": [0.0, 1.0]}
     tendon = {"offset": [0.01, 0.005], "max_tension": 1.0, "schedule": ramp, "angle_deg": 180.0}
     lines = WINCH | {"pair": True, "schedule": ramp}, PUMP | {"schedule": ramp}
-    pushes = chamber(schedule=ramp, time_constant=0.1)
+    pushes = chamber(schedule=ramp, time_constant=0.1, stiffening=0.7)
     system = crinoid.system(
         scenario(nodes=6, chamber=[pushes, lines[1]], tendon=[tendon, lines[0]])
     )

@@ -45,6 +45,8 @@ class ThreadParameters(ActuatorParameters):
     """Axial stiffness of a line (N), or bulk modulus (Pa)."""
     max_curvature: Float[Array, " thread"]
     """Curvature at a share of 1 of a chamber that bends only (1/m)."""
+    stiffening: Float[Array, " thread"]
+    """Share of the arm's bending stiffness that is added over the span at a share of 1."""
     lower: Float[Array, " thread"]
     lag: Float[Array, " thread"]
     max_rate: Float[Array, " thread"]
@@ -158,6 +160,11 @@ class ThreadParameters(ActuatorParameters):
         paired = (self.lower < 0)[thread][..., None]
         lines = np.array([[2 * number + side] for number, side in self.lined], int).reshape(-1)
         held = (weight * self.hold[thread])[..., None] * (slots[..., None] == lines)
+        bend = (Bend if rod.axes == 2 else BendTwist).of(rod, pinned=self.pinned)
+        stiffness = bend.stiffness.reshape(rod.nodes - 1, -1)[:, : rod.axes - 1]
+        stiffer = (weight * ~other_side.astype(bool) * self.stiffening[thread])[..., None]
+        stiffer = jnp.sum(stiffer * jnp.eye(len(self.names))[thread], axis=1)
+        stiffening = stiffness[..., None] * stiffer[:, None]
         ends = jnp.full((rod.nodes - 1, 2), 0.5).at[0, 0].set(0.0).at[-1, 1].set(1.0)
         if self.pinned:
             ends = ends.at[1, 0].set(1.0)
@@ -171,6 +178,8 @@ class ThreadParameters(ActuatorParameters):
             offset=offsets,
             change=offset(high.at[-1].set(1.0)) - offset(low),
             routed=jnp.where(bends_only, 0.0, 1.0),
+            stiffening=stiffening,
+            rest_strain=bend.rest_strain.reshape(rod.nodes - 1, -1)[:, : rod.axes - 1],
             share=ends,
         )
 
@@ -210,6 +219,7 @@ def _numbers(thread: Chamber | Tendon) -> dict[str, Any]:
         "shortening": thread.largest if thread.lined else 0.0,
         "stiffness": stiffness or 0.0,
         "max_curvature": curvature,
+        "stiffening": thread.stiffening if isinstance(thread, Chamber) else 0.0,
         "lower": lower,
         "lag": thread.time_constant,
         "max_rate": rate,

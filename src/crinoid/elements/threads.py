@@ -57,6 +57,10 @@ class Threads(Linearised):
     """Change of the offset over the node (m)."""
     routed: Float[Array, "*count lane"]
     """1 for a route; 0 for a lane that bends only, which is the limit of small strains."""
+    stiffening: Float[Array, "*count way drive"]
+    """Bending stiffness ``EI / l`` that each drive adds (N m)."""
+    rest_strain: Float[Array, "*count way"]
+    """Bend without load (rad)."""
     share: Float[Array, "*count 2"]
     """Share of the edges before and behind a node that counts as its own."""
 
@@ -111,6 +115,8 @@ class Threads(Linearised):
     ) -> tuple[Float[Array, " s+1"], Float[Array, "s+1 s+1"]]:
         """Return first and second derivatives of the work of the tensions along their paths.
 
+        Together with the energy ``1/2 K s^2`` of what the drives add to the bending stiffness.
+
         By the strains of the node and the length of arm that it stands for: moments (N m) and a
         pull (N), and their slopes.
         """
@@ -122,8 +128,12 @@ class Threads(Linearised):
         curvature = curvature - slopes[:, :, None] * slopes[:, None, :]
         bent = tension * self.routed / path
         slope = jnp.where(routed[:, None], slopes, lever.at[:, -1].set(0.0))
-        return jnp.sum(tension[:, None] * slope, axis=0), jnp.sum(
-            bent[:, None, None] * curvature, axis=0
+        stiff = self._stiffened(motion)
+        bending = stiff * (strains[: stiff.size] - self.rest_strain)
+        more = (0, strains.size + 1 - stiff.size)
+        return (
+            jnp.sum(tension[:, None] * slope, axis=0) + jnp.pad(bending, more),
+            jnp.sum(bent[:, None, None] * curvature, axis=0) + jnp.diag(jnp.pad(stiff, more)),
         )
 
     def _lanes(
@@ -178,6 +188,13 @@ class Threads(Linearised):
         ends = self._swings(a, b, motion.orientation.lean)
         on_a, on_b = (product(by_strain, swung).T for swung in ends)
         return jnp.moveaxis(on_nodes(on_a, on_b), -1, 0)
+
+    def _stiffened(self, motion: Motion) -> Float[Array, " way"]:
+        """Return what the drives add to the bending stiffness (N m)."""
+        assert motion.drive is not None
+        drive = motion.drive[self.at : self.at + self.stiffening.shape[-1]]
+        # at 0 the slope of a drive that goes up
+        return product(self.stiffening, jnp.where(drive < 0, -drive, drive))
 
     def tension(self, motion: Motion) -> Float[Array, " lane"]:
         """Return the tension in each lane of a window (N)."""

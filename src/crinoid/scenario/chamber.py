@@ -140,7 +140,13 @@ class Chamber(Thread):
     """A chamber whose fluid pushes along the arm: hydraulic or pneumatic."""
 
     _ways: ClassVar[dict[str, dict[str, str]]] = {
-        "pressure": {"max_pressure": "", "min_pressure": "", "max_curvature": "", "max_rate": ""},
+        "pressure": {
+            "max_pressure": "",
+            "min_pressure": "",
+            "max_curvature": "",
+            "stiffening": "",
+            "max_rate": "",
+        },
         "volume": {
             "max_volume": "a number above 0 (m3)",
             "bulk_modulus": "a number above 0 (Pa)",
@@ -165,6 +171,12 @@ class Chamber(Thread):
         default=None,
         gt=0,
         description="Curvature of a free arm at the largest pressure, in place of area and offset.",
+    )
+    stiffening: float = Field(
+        default=0.0,
+        ge=0,
+        description="Share of the arm's bending stiffness that its largest pressure adds over the "
+        "span, in proportion to the pressure.",
     )
     max_volume: Annotated[float, Quantity("m3")] | None = Field(
         default=None, gt=0, description="Volume of fluid that a share of 1 adds to that at rest."
