@@ -22,6 +22,7 @@ from crinoid.elements import WORKS, Motion, Threads
 from crinoid.frames import Frames
 from crinoid.simulation import play
 from crinoid.simulation.response import Plant
+from elastica import elastica
 from physics import QUICKLY, dense, only, order
 
 RADIUS, LENGTH, MODULUS = 0.02, 0.5, 1e5
@@ -151,6 +152,35 @@ def test_pressure_stiffens_a_beam_under_a_load_at_its_tip():
     h = 0.1  # of an edge over the length: half of it is at the root, none at the tip
     assert deflections[0] == pytest.approx(force * LENGTH**3 / (3 * EI), rel=h**2)
     assert deflections[0] / deflections[1] == pytest.approx(1 + added, rel=1e-5)
+
+
+def test_pressure_and_a_load_at_the_tip_bend_the_elastica():
+    """A thread at a constant offset is the moment p A e all along the arm.
+
+    Its follower force at the tip, and the contact along its route, together do nothing else to an
+    arm that does not stretch: the elastica with a moment and a dead load at its tip.
+    """
+    force, moment = 0.4, PRESSURE * AREA * OFFSET
+    exact = elastica((-1.5, 1.5), dead=(0.0, force * LENGTH**2 / EI), moment=-moment * LENGTH / EI)
+    tip = {"kind": "tip", "force": [0.0, force]}
+    errors = []
+    for nodes in (21, 41):
+        described = scenario(
+            nodes=nodes,
+            arm={
+                "nodes": nodes,
+                "length": LENGTH,
+                "damping_time": 0.1,
+                "section": {"EA": 1e5},
+            },
+            chamber=[chamber()],
+            load=[tip],
+        )
+        state, _ = settled(described)
+        errors.append(np.linalg.norm(np.asarray(state.position[-1]) / LENGTH - [exact.x, exact.z]))
+    assert abs(exact.z) > 0.1
+    assert errors[1] < 1e-3, errors
+    assert order(errors) == pytest.approx(2.0, abs=0.2)
 
 
 def test_half_a_span_bends_half_of_the_arm():
