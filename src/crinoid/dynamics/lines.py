@@ -38,7 +38,7 @@ class Lines(eqx.Module):
     fluid: tuple[bool, ...] = eqx.field(static=True)
     """Which are chambers."""
     rest: Loads
-    """What it measures of the arm without load: m, or minus m3."""
+    """Measure of the arm without load: m, or minus m3."""
     shortening: Loads
     """How much less it measures at a drive of 1 (m), or more fluid it holds (m3)."""
     stiffness: Loads

@@ -40,7 +40,7 @@ class State(eqx.Module):
     attitude: Float[Array, "d d"] | None = None
     """Matrix from the axes of a vehicle that floats to those of the world."""
     grip: Grip | None = None
-    """Of a tool that touches have taken up or let go; None where they do not."""
+    """Grip of a tool that touches take up or let go; None where they do not."""
 
     @property
     def time(self) -> Any:

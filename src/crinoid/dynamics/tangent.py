@@ -129,7 +129,7 @@ class Tangent(eqx.Module):
 
     @property
     def of_lines(self) -> LineStiffness | None:
-        """What lines add to the stiffness of the nodes."""
+        """Stiffness that lines add to that of the nodes."""
         if self.border is None or not self.lines:
             return None
         moved = len(self.extra)
