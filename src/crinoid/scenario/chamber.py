@@ -126,7 +126,7 @@ class Thread(Model):
 
     @property
     def largest(self) -> float:
-        """What a share of 1 is: Pa, m3, N or m."""
+        """Drive at a share of 1: Pa, m3, N or m."""
         return float(getattr(self, self.largest_key))
 
     @property
