@@ -2,10 +2,12 @@
 
 import math
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import crinoid
 from crinoid.base import Servo
 from crinoid.dynamics import Influence
 from crinoid.scenario import PidGains
@@ -85,6 +87,27 @@ def test_the_channel_at_fault_is_named_and_by_what_to_lower_it():
     both = {name: PidGains(ki=4.0 * limit) for name in gains}
     (note,) = loop_doubts(late_integrators(4.0 * limit, 4.0 * limit), both)
     assert note.startswith("control.pid: got slide kp = 0, ki = 31.4")
+
+
+def test_small_motions_in_a_current_do_not_know_the_gusts_of_the_moment():
+    def small(speed):
+        shear = {"kind": "shear", "velocity": [speed, 0.0], "reference_depth": 10.0}
+        system = crinoid.system(
+            crinoid.Scenario(
+                arm={"nodes": 5, "damping_time": 0.5},
+                base={"tilt_deg": 70.0},
+                water={"depth": 11.0},
+                flow=[shear],
+            )
+        )
+        return motions(system, system_at_rest(system))
+
+    motions = eqx.filter_jit(lambda system, state: system.small_motions(state, jnp.array([0.2, 0])))
+    system_at_rest = eqx.filter_jit(lambda system: system.rest())
+    calm, sheared = small(0.0), small(3.0)
+    assert not np.allclose(calm.stiffness, sheared.stiffness, rtol=1e-3)
+    np.testing.assert_array_equal(calm.stiffness_in_current, sheared.stiffness_in_current)
+    np.testing.assert_array_equal(calm.damping_in_current, sheared.damping_in_current)
 
 
 @pytest.mark.parametrize("size", [2, 4])

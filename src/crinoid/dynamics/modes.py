@@ -2,15 +2,15 @@
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from crinoid import chain
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.start import as_rows
 from crinoid.dynamics.tangent import HELD, LineStiffness
 from crinoid.frames import Frames
 
@@ -59,26 +59,25 @@ def linearise(
 ) -> SmallMotions:
     """Linearise the forces on the nodes about a shape at rest.
 
-    The water flows on as it does at ``time``, and beside that as a steady ``current`` (m/s) past
-    the same shape. Obstacles stay where they are (in ``position``, the rows after the nodes). In
+    Once in the water as it flows at ``time``, and once in a steady ``current`` (m/s) past the same
+    shape. Obstacles stay where they are (in ``position``, the rows after the nodes). In
     space ``frames`` are those of the shape.
     """
     forces = forces.frozen(time)
     zero = jnp.zeros_like(position)
 
-    def tangent(by: Float[Array, "3"], flows: Float[Array, ""]) -> chain.Bands:
-        rates = (by[0], by[1], by[2])
-        still = Stage(time, position, zero, zero, *rates, frames)
-        around = forces.surroundings(still, zero)
-        # drag sees the current less the arm's velocity: let the arm move instead of the water
-        drift = flows * (around.velocity - current)
-        stage = Stage(time, position, as_rows(drift, position.shape[1]), zero, *rates, frames)
+    def tangent(by: Float[Array, "3"], steady: Bool[Array, ""]) -> chain.Bands:
+        stage = Stage(time, position, zero, zero, by[0], by[1], by[2], frames)
+        around = forces.surroundings(stage, zero)
+        flows = jnp.where(steady, current, around.velocity)
+        slope = jnp.where(steady, 0.0, around.velocity_slope)
+        around = eqx.tree_at(lambda a: (a.velocity, a.velocity_slope), around, (flows, slope))
         return forces.tangent(stage, forces.motion(stage, zero, around), around).bands
 
     of = jnp.eye(3)[jnp.array([0, 2, 0, 1])]
-    flows = jnp.array([0.0, 0.0, 1.0, 1.0])
+    steady = jnp.array([False, False, True, True])
     # one after the other: the tangent is compiled once for all
-    return SmallMotions(*jax.lax.map(lambda one: tangent(*one), (of, flows)))
+    return SmallMotions(*jax.lax.map(lambda one: tangent(*one), (of, steady)))
 
 
 def find_modes(
