@@ -395,6 +395,23 @@ def test_nothing_is_odd_about_the_built_in_scenarios(built_in):
         assert doubts(Prepared(case)) == []
 
 
+def test_a_thread_is_held_against_the_sections_that_it_runs_along():
+    rule = next(rule for rule in RULES if "chamber.*.max_pressure" in rule.keys)
+    tapered = ["arm.radius=[0.02, 0.005]", "arm.youngs_modulus=1e6"]
+    chamber = "chamber=[{{span={}, offset=4e-3, area=5e-4, max_pressure=1.2e5}}]"
+    for span, strain in (([0.0, 0.1], 0.056), ([0.9, 1.0], 0.764)):
+        found = list(rule.doubts(described([*tapered, chamber.format(span)], TURBULENT)))
+        assert bool(found) == (strain > 0.5)
+        assert not found or f"stretches it by {100 * strain:.3g}%" in found[0]
+    # along an arm whose stiffness falls with the fourth power of its radius
+    given = chamber.format([0.0, 1.0]).replace("5e-4", "2.5e-4").replace("4e-3", "8e-3")
+    (found,) = rule.doubts(described([*tapered, given], TURBULENT))
+    ends = [1e6 * np.pi / 4 * radius**3 for radius in (0.02, 0.005)]
+    length = crinoid.load(TURBULENT).arm.length
+    turns = 30.0 * 8e-3 * length / 0.015 / 3 * (1 / ends[1] - 1 / ends[0]) / (2 * np.pi)
+    assert float(found.split("into ")[1].split()[0]) == pytest.approx(turns, rel=0.03)
+
+
 def test_the_defaults_are_plausible_in_the_plane_and_in_space():
     assert doubts(Prepared(crinoid.Scenario())) == []
     assert doubts(Prepared(crinoid.Scenario(arm={"dimension": 3}))) == []

@@ -49,16 +49,23 @@ class Facts:
     @cached_property
     def bending(self) -> Float[np.ndarray, " ends"]:
         """Bending stiffness at root and tip, the softer way (N m2)."""
-        given, modulus = self.scenario.arm.section.EI, self.scenario.arm.youngs_modulus
-        if given is None:
-            return modulus * math.pi / 4 * np.array(self.radii) ** 4
-        return np.full(2, min(given) if isinstance(given, tuple) else given)
+        return self.stiffness(np.array([0.0, 1.0]))[0]
 
     @cached_property
     def stretching(self) -> float:
         """Axial stiffness where it is least (N)."""
-        arm = self.scenario.arm
-        return arm.section.EA or arm.youngs_modulus * math.pi * min(self.radii) ** 2
+        return float(self.stiffness(np.array([0.0, 1.0]))[1].min())
+
+    def stiffness(
+        self, at: Float[np.ndarray, " at"]
+    ) -> tuple[Float[np.ndarray, " at"], Float[np.ndarray, " at"]]:
+        """Return bending (N m2), the softer way, and axial stiffness (N), at ``at`` of the arm."""
+        section, modulus = self.scenario.arm.section, self.scenario.arm.youngs_modulus
+        radius = np.interp(at, [0.0, 1.0], self.radii)
+        bending, stretching = modulus * math.pi / 4 * radius**4, modulus * math.pi * radius**2
+        if section.EI is not None:
+            bending = np.full(at.shape, np.min(section.EI))
+        return bending, np.full(at.shape, section.EA) if section.EA else stretching
 
     @cached_property
     def mass(self) -> Float[np.ndarray, " ends"]:

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
 
 from crinoid.plausibility.facts import Facts
 from crinoid.plausibility.rule import Rule
@@ -13,37 +17,54 @@ _TURNS = 3.0
 """Turns into which a chamber or tendon may curl the free arm."""
 _STRAIN = 0.5
 """Stretch of the free arm."""
+_SECTIONS = 33
+"""Sections at which the arm is looked at along the span of a thread."""
 
 
-def _threads(facts: Facts) -> Iterator[tuple[str, Chamber | Tendon, float, float]]:
-    """Yield key, table, largest force (N) and largest offset (m) of each thread with a route.
+class _Pull(NamedTuple):
+    """A thread with a route, and what the free arm does at its largest drive."""
+
+    key: str
+    thread: Chamber | Tendon
+    offset: float
+    """Largest offset (m)."""
+    turns: float
+    strain: float
+    """Largest stretch of a section."""
+
+
+def _threads(facts: Facts) -> Iterator[_Pull]:
+    scenario = facts.scenario
+    for index, chamber in enumerate(scenario.chamber):
+        if chamber.area is not None:
+            yield _pull(facts, f"chamber.{index}", chamber, chamber.area)
+    for index, tendon in enumerate(scenario.tendon):
+        yield _pull(facts, f"tendon.{index}", tendon, 1.0)
+
+
+def _pull(facts: Facts, key: str, thread: Chamber | Tendon, area: float) -> _Pull:
+    """Return what a thread does to the sections of its span.
 
     The force of one whose length or volume is given is what the free arm yields to by as much.
     """
-    scenario, bending = facts.scenario, float(facts.bending.max())
-
-    def force(thread: Chamber | Tendon, area: float, offset: float) -> float:
-        if not thread.lined:
-            return thread.largest * area
-        span = (thread.span[1] - thread.span[0]) * facts.length
-        return thread.largest / area / span / (1 / facts.stretching + offset**2 / bending)
-
-    for index, chamber in enumerate(scenario.chamber):
-        if chamber.area is not None:
-            offset = _largest(chamber.offset)
-            yield f"chamber.{index}", chamber, force(chamber, chamber.area, offset), offset
-    for index, tendon in enumerate(scenario.tendon):
-        offset = _largest(tendon.offset)
-        yield f"tendon.{index}", tendon, force(tendon, 1.0, offset), offset
+    at, span = np.linspace(*thread.span, _SECTIONS), float(np.ptp(thread.span)) * facts.length
+    bending, stretching = facts.stiffness(at)
+    offset = np.interp(at, thread.span, np.broadcast_to(thread.offset or 0.0, 2))
+    force = thread.largest * area
+    if thread.lined:
+        force = thread.largest / area / span / _mean(1 / stretching + offset**2 / bending)
+    turns = force * _mean(offset / bending) * span / (2 * math.pi)
+    strain = force / float(stretching.min())
+    return _Pull(key, thread, float(offset.max()), turns, strain)
 
 
-def _largest(offset: float | tuple[float, float] | None) -> float:
-    return max(offset) if isinstance(offset, tuple) else offset or 0.0
+def _mean(values: Float[np.ndarray, " at"]) -> float:
+    return float(np.mean(values[1:] + values[:-1]) / 2)
 
 
 def _offset(facts: Facts) -> Iterator[str]:
     most = facts.diameter / 2
-    for key, _, _, offset in _threads(facts):
+    for key, _, offset, _, _ in _threads(facts):
         if offset > most > 0:
             yield (
                 f"{key}.offset: got {offset:g} m, outside of the arm's radius of {most:g} m; is it "
@@ -52,14 +73,11 @@ def _offset(facts: Facts) -> Iterator[str]:
 
 
 def _force(facts: Facts) -> Iterator[str]:
-    for key, thread, force, offset in _threads(facts):
-        span = (thread.span[1] - thread.span[0]) * facts.length
-        turns = force * offset * span / float(facts.bending.max()) / (2 * math.pi)
-        strain = force / facts.stretching
+    for key, thread, _, turns, strain in _threads(facts):
         if turns > _TURNS or strain > _STRAIN:
             yield (
                 f"{key}.{thread.largest_key}: curls the free arm into {turns:.2g} turns and "
-                f"stretches it by {strain:.0%}; up to {_TURNS:g} turns and {_STRAIN:.0%} is "
+                f"stretches it by {100 * strain:.3g}%; up to {_TURNS:g} turns and {_STRAIN:.0%} is "
                 "usual; is the area in m2, or arm.youngs_modulus in Pa?"
             )
 

@@ -24,6 +24,7 @@ from crinoid.scenario.quantity import (
     SquareMetres,
     Times,
     length_conflicts,
+    span_conflicts,
     time_conflicts,
 )
 from crinoid.space import CHANNELS
@@ -101,9 +102,7 @@ class Thread(Model):
                 if drive != own and value != type(self).model_fields[key].default:
                     text = f"got {shown(value)}, goes with drive = {shown(drive)} only"
                     yield Mistake(key, text)
-        low, high = self.span
-        if not 0 <= low < high <= 1:
-            yield Mistake("span", f"got {shown(self.span)}, takes [a, b] with 0 <= a < b <= 1")
+        yield from span_conflicts("span", self.span)
         offsets = self.offset if isinstance(self.offset, tuple) else (self.offset or 0.0,)
         if min(offsets) < 0:
             text = f"got {shown(self.offset)}, takes 0 or more (m); angle_deg tells the side"
