@@ -188,6 +188,13 @@ def test_the_mapping_is_the_least_of_weighted_commands():
     assert plan(described, JACOBIAN).allocation(names) is not None
 
 
+@pytest.mark.parametrize("weights", [{"slide": 1e-3}, {"root": 1e3}, {"slide": 1e-3, "tip": 1e3}])
+def test_however_unlike_the_weights_an_error_is_undone(weights):
+    described = scenario(2, **dict.fromkeys(DRIVEN, GAINS))
+    found = plan(described, JACOBIAN).mapping(DRIVEN, weights)
+    np.testing.assert_allclose(JACOBIAN[:2] @ found[:, :2], np.eye(2), atol=1e-9)
+
+
 def run(described, wanted, calls=2000):
     """Let a PID move a tip that follows its commands at once as ``JACOBIAN`` says."""
     made = plan(described, JACOBIAN)
@@ -248,6 +255,13 @@ def test_an_input_goes_back_to_rest_while_the_tip_stays():
     np.testing.assert_allclose(commands[30, 3:], kept[30, 3:], rtol=0.2)
 
 
+def test_an_input_may_go_back_at_once():
+    hand_over = {"weight": 20.0, "return_time": 1e-9}
+    commands, _ = run(every(root=hand_over, tip=hand_over), [0.03, 0.02, 0.0])
+    np.testing.assert_allclose(JACOBIAN[:2] @ commands[-1], [0.03, 0.02], atol=1e-6)
+    np.testing.assert_allclose(commands[-1, 3:], 0.0, atol=1e-6)
+
+
 # --- mistakes -------------------------------------------------------------------------------------
 
 
@@ -260,7 +274,16 @@ def test_an_input_goes_back_to_rest_while_the_tip_stays():
             'control.pid.rot: drives an input that is not there, takes "slide", "heave", "tilt", '
             '"root" or "tip"',
         ),
-        ({}, {"root": {"weight": 0.0}}, "control.pid.root.weight: got 0.0, takes a number above 0"),
+        (
+            {},
+            {"root": {"weight": 0.0}},
+            "control.pid.root.weight: got 0.0, takes a number from 0.001 to 1000",
+        ),
+        (
+            {},
+            {"root": {"weight": 1e12}},
+            "control.pid.root.weight: got 1000000000000.0, takes a number from 0.001 to 1000",
+        ),
         (
             {},
             {"root": {"wieght": 2.0}},

@@ -66,7 +66,12 @@ def _pid(plan: Plan) -> Pid:
     scenario, weights = plan.scenario, _weights(plan.scenario)
     mapping = plan.mapping(scenario.driven, weights)
     times = {name: gains.return_time for name, gains in scenario.control.pid.present.items()}
-    release = {name: 1 / time for name, time in times.items() if time is not None}
+    # of what goes back between two commands, the rate that makes it exact for any time
+    release = {
+        name: -np.expm1(-plan.period / time) / plan.period
+        for name, time in times.items()
+        if time is not None
+    }
     allocation = plan.allocation(scenario.driven, weights, release)
     if allocation is None and release:
         text = "got {}, goes with more inputs than it takes for what is controlled"

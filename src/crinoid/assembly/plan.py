@@ -86,11 +86,13 @@ class Plan:
             return mapping
         answer = self._answer(rows, self.jacobian)
         weight = _of(names, weights, 1.0)
-        weighed = answer.scale[:, None] * answer.jacobian * weight
-        weighed[np.abs(weighed) < _ROUND_OFF] = 0.0
-        inverse = weight[:, None] * damped_inverse(weighed) * answer.scale
-        self._check_use(names, inverse)
-        mapping[np.ix_(rows, answer.columns)] = inverse
+        scaled = answer.scale[:, None] * answer.jacobian
+        scaled[np.abs(scaled) < _ROUND_OFF] = 0.0
+        inverse = damped_inverse(scaled)
+        self._check_use(names, inverse * answer.scale)
+        # what it does to the tip, by the least weighted commands: damping is not a matter of weights
+        inverse = weight[:, None] * np.linalg.pinv(scaled * weight, _ROUND_OFF) @ scaled @ inverse
+        mapping[np.ix_(rows, answer.columns)] = inverse * answer.scale
         return mapping
 
     def allocation(

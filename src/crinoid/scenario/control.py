@@ -44,7 +44,8 @@ class PidGains(Model):
     )
     weight: float = Field(
         default=1.0,
-        gt=0,
+        ge=1e-3,
+        le=1e3,
         description="How readily it is used where more inputs are driven than it takes: the sum of "
         "squared commands (m, rad, shares), each over its weight, is least.",
     )
@@ -103,7 +104,7 @@ class Control(Model):
     start: Seconds = Field(
         default=0.0,
         ge=0,
-        description="When it is switched on; the base rests until then. During a run it takes up "
+        description="When it is switched on; what it drives rests until then. During a run it takes up "
         "the error that it finds over 1 s, without a jolt.",
     )
     controlled: Annotated[
