@@ -90,7 +90,7 @@ class Plan:
         scaled[np.abs(scaled) < _ROUND_OFF] = 0.0
         inverse = damped_inverse(scaled)
         self._check_use(names, inverse * answer.scale)
-        # what it does to the tip, by the least weighted commands: damping is not a matter of weights
+        # what it does to the tip, by the least weighted commands: weights do not damp
         inverse = weight[:, None] * np.linalg.pinv(scaled * weight, _ROUND_OFF) @ scaled @ inverse
         mapping[np.ix_(rows, answer.columns)] = inverse * answer.scale
         return mapping
@@ -156,12 +156,15 @@ class Plan:
     def _check_use(self, names: list[str], inverse: Float[np.ndarray, "input coordinate"]) -> None:
         """Refuse to drive inputs that do nothing for what is controlled."""
         most = np.abs(inverse).max(axis=1)
-        kind = self.scenario.control.kind
+        scenario = self.scenario
+        threads = zip(scenario.thread_names, (*scenario.chamber, *scenario.tendon), strict=True)
+        wound = {name for name, thread in threads if thread.drive == "length"}
         mistakes = [
             Mistake(
-                f"control.{kind}.{name}",
+                f"control.{scenario.control.kind}.{name}",
                 "does nothing: nothing of the tip that is controlled follows "
-                f"{name} from the start; takes an input that moves it",
+                f"{name} from the start; takes an input that moves it"
+                + (", a tendon that its schedule makes taut" if name in wound else ""),
             )
             for name, share in zip(names, most, strict=True)
             if share <= _UNUSED * most.max()

@@ -104,8 +104,8 @@ class Control(Model):
     start: Seconds = Field(
         default=0.0,
         ge=0,
-        description="When it is switched on; what it drives rests until then. During a run it takes up "
-        "the error that it finds over 1 s, without a jolt.",
+        description="When it is switched on; what it drives rests until then. During a run it "
+        "takes up the error that it finds over 1 s, without a jolt.",
     )
     controlled: Annotated[
         tuple[Coordinate, ...],
