@@ -312,3 +312,18 @@ def test_there_must_be_one_to_hand_over_to():
         "control.pid.root.return_time: got 3.0, goes with more inputs than it takes for what is "
         "controlled"
     )
+
+
+def test_a_slack_tendon_is_told_to_be_made_taut():
+    described = scenario(2)
+    winch = {"name": "winch", "drive": "length", "offset": 0.01, "max_shortening": 0.01}
+    described = described.with_values(
+        {"tendon": [winch | {"stiffness": 1e4}], "control.pid.winch": GAINS}
+    )
+    slack = np.concatenate([JACOBIAN, np.zeros((3, 1))], axis=1)
+    with pytest.raises(crinoid.ScenarioError) as caught:
+        build_controller(plan(described, slack))
+    assert str(caught.value) == (
+        "control.pid.winch: does nothing: nothing of the tip that is controlled follows winch from "
+        "the start; takes an input that moves it, a tendon that its schedule makes taut"
+    )
