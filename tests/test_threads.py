@@ -517,9 +517,8 @@ def test_the_work_of_pressure_and_tension_closes_the_ledger():
     tendon = {"offset": [0.01, 0.005], "max_tension": 1.0, "schedule": ramp, "angle_deg": 180.0}
     lines = WINCH | {"pair": True, "schedule": ramp}, PUMP | {"schedule": ramp}
     pushes = chamber(schedule=ramp, time_constant=0.1, stiffening=0.7)
-    system = crinoid.system(
-        scenario(nodes=6, chamber=[pushes, lines[1]], tendon=[tendon, lines[0]])
-    )
+    described = scenario(nodes=6, chamber=[pushes, lines[1]], tendon=[tendon, lines[0]])
+    system = crinoid.system(described)
     defects = []
     for parts in (1, 2, 4):
         _, books, converged = march(system, jnp.asarray(0.02 / parts), jnp.asarray(40 * parts))
@@ -529,6 +528,12 @@ def test_the_work_of_pressure_and_tension_closes_the_ledger():
     assert actuation > 0
     assert defects[0] < 0.01 * actuation
     assert (order(defects) > 1.8).all()
+    # an arm that does not yield: pressure and tension rise, and do no work
+    blocked = crinoid.system(described.with_values({"arm.youngs_modulus": 1e7 * MODULUS}))
+    after, books, converged = march(blocked, jnp.asarray(0.02), jnp.asarray(40))
+    assert converged
+    assert float(after.actuators[0].drive[0]) > 0.9
+    assert abs(float(books.work[WORKS.index("actuation")])) < 1e-4 * actuation
 
 
 def test_gradients_by_pressure_area_and_offset():
