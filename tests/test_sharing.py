@@ -304,12 +304,13 @@ def test_a_mistake_is_told_in_one_line(control, pid, line):
     assert str(caught.value) == line
 
 
-def test_there_must_be_one_to_hand_over_to():
-    described = scenario(2, slide=GAINS, root=GAINS | {"return_time": 3.0})
+@pytest.mark.parametrize(("key", "value"), [("return_time", 3.0), ("weight", 2.0)])
+def test_there_must_be_one_to_share_with(key, value):
+    described = scenario(2, slide=GAINS, root=GAINS | {key: value})
     with pytest.raises(crinoid.ScenarioError) as caught:
         build_controller(plan(described, JACOBIAN))
     assert str(caught.value) == (
-        "control.pid.root.return_time: got 3.0, goes with more inputs than it takes for what is "
+        f"control.pid.root.{key}: got {value}, goes with more inputs than it takes for what is "
         "controlled"
     )
 

@@ -73,11 +73,8 @@ def _pid(plan: Plan) -> Pid:
         if time is not None
     }
     allocation = plan.allocation(scenario.driven, weights, release)
-    if allocation is None and release:
-        text = "got {}, goes with more inputs than it takes for what is controlled"
-        raise ScenarioError(
-            Mistake(f"control.pid.{name}.return_time", text.format(times[name])) for name in release
-        )
+    if allocation is None:
+        _check_alone(scenario)
     # at t = 0 the arm has been left alone for no time yet: there an error is acted on at once
     bumps = scenario.control.start > 0 or scenario.target.feeds_forward
     return Pid(
@@ -87,6 +84,22 @@ def _pid(plan: Plan) -> Pid:
         take_up=array(_TAKE_UP if bumps else 0.0),
         allocation=allocation,
     )
+
+
+def _check_alone(scenario: Scenario) -> None:
+    """Refuse what tells inputs how to share, where there are none to share with."""
+    text = "got {}, goes with more inputs than it takes for what is controlled"
+    mistakes = [
+        Mistake(f"control.pid.{name}.{key}", text.format(value))
+        for name, gains in scenario.control.pid.present.items()
+        for key, value, none in (
+            ("weight", gains.weight, 1.0),
+            ("return_time", gains.return_time, None),
+        )
+        if value != none
+    ]
+    if mistakes:
+        raise ScenarioError(mistakes)
 
 
 def _weights(scenario: Scenario) -> dict[str, float]:
