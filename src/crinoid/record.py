@@ -49,7 +49,7 @@ class Record(eqx.Module):
     twist: Float[Array, "*t n"] | None
     """In space: twist at the nodes (rad/m)."""
     line: Float[Array, "*t line"] | None = None
-    """Tensions (N) and pressures (Pa) of lines (`crinoid.dynamics.lines`)."""
+    """Tensions (N) and pressures (Pa) of lines (``crinoid.dynamics.lines``)."""
     vehicle: Voyage | None = None
     """Pose and thrusters of a submarine that floats."""
     held: Float[Array, "*t"] | None = None

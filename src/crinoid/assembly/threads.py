@@ -36,7 +36,7 @@ class ThreadParameters(ActuatorParameters):
     """At the ends of the span (rad)."""
     force: Float[Array, " thread"]
     """Tension at a share of 1 (N), below 0 of a chamber; of one that bends only -1 over m; 0 of a
-    line (`crinoid.dynamics.lines`)."""
+    line (``crinoid.dynamics.lines``)."""
     hold: Float[Array, " thread"]
     """Tension per load of a line: 1 of a tendon, minus the area of a chamber (m2); 0 of others."""
     shortening: Float[Array, " thread"]

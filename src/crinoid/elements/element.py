@@ -42,7 +42,7 @@ class Motion(eqx.Module):
     drive: Float[Array, "*count drive"] | None = None
     """Drives of the actuators (`crinoid.Actuator`), each in its own unit."""
     line: Float[Array, "*count line"] | None = None
-    """Loads of lines (`crinoid.dynamics.lines`): tensions (N), pressures (Pa)."""
+    """Loads of lines (``crinoid.dynamics.lines``): tensions (N), pressures (Pa)."""
 
     def windows(
         self,
