@@ -38,7 +38,7 @@ install_import_hook("crinoid", "beartype.beartype")
 
 _LONGEST = (
     *("test_builtin", "test_builtin_tasks", "test_threads", "test_builtin_long"),
-    *("test_space_gradients", "test_space_dynamics"),
+    *("test_space_gradients", "test_space_dynamics", "test_vehicle"),
     *("test_simulation", "test_builtin_space", "test_space_statics", "test_docs", "test_statics"),
     *("test_contact", "test_current", "test_dynamics", "test_report", "test_gradients"),
 )

@@ -276,7 +276,7 @@ def test_a_disk_that_fills_up_stops_a_run_and_loses_nothing_written(whole, tmp_p
 
 
 def test_a_result_has_the_variables_of_the_list_as_they_are_there(whole):
-    there = of_dimension(2, without=("obstacles", "actuators", "tool", "vehicle"))
+    there = of_dimension(2, without=("obstacles", "actuators", "lines", "tool", "vehicle"))
     assert set(there) == set(whole.dataset.data_vars)
     for name, variable in there.items():
         found = whole.dataset[name]
