@@ -13,7 +13,7 @@ from PIL import Image, ImageChops
 from crinoid.elements import WORKS
 from crinoid.report import ReportError, write_report
 from crinoid.report.arm import hull
-from crinoid.report.commands import draw_commands
+from crinoid.report.commands import _drawn_in, draw_commands
 from crinoid.report.run import Run
 from crinoid.report.style import STYLE
 from crinoid.variables import large_names, quantity
@@ -531,3 +531,18 @@ def test_drawing_leaves_the_settings_of_the_caller_alone(tmp_path):
     write_report(tmp_path)
     assert settings() == before
     assert "matplotlib.pyplot" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("unit", "most", "name", "drawn"),
+    [
+        ("1", 0.4, "share", 0.4),
+        ("1", 7.2e-5, "$10^{-5}$ of share", 7.2),
+        ("1", 0.0, "share", 0.0),
+        ("N", 7.2e-5, "µN", 72.0),
+    ],
+)
+def test_small_drives_are_drawn_in_a_unit_that_the_label_names(unit, most, name, drawn):
+    found = _drawn_in(unit, most)
+    assert found.name == name
+    assert found.factor * most == pytest.approx(drawn)

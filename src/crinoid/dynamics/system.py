@@ -280,16 +280,18 @@ class System(eqx.Module):
             held = held.at[:, :axes].set(product(state.attitude, held[:, :axes]))
         rows = state.motion.position
         stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
-
-        def balance(drive: Array | None) -> Float[Array, "n b"]:
-            forces = self.forces.driven(drive).frozen(state.time)
-            motion = forces.motion(stage, none, forces.surroundings(stage, none))
-            return -forces.nodes(forces.residual(motion)[0])
-
         forces = self._driven(state).frozen(state.time)
-        shape = (*forces.nodes(rows).shape, 0)
-        loads = jnp.zeros(shape) if forces.drive is None else jax.jacfwd(balance)(forces.drive)
-        around, lines = forces.surroundings(stage, none), None
+        around = forces.surroundings(stage, none)
+
+        def balance(drive: Array) -> Float[Array, "n b"]:
+            driven = forces.driven(drive)
+            motion = driven.motion(stage, none, around)
+            return -driven.nodes(driven.residual(motion)[0])
+
+        loads = jnp.zeros((*forces.nodes(rows).shape, 0))
+        if forces.drive is not None:
+            loads = jax.jacfwd(balance)(forces.drive)
+        lines = None
         if forces.lines is not None:
             lines = forces.tangent(stage, forces.motion(stage, none, around), around).of_lines
         return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]), lines)

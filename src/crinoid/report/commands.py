@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,9 @@ _ABOUT = {channel.name: channel.axis for channel in CHANNEL_TABLE}
 """The axis that a channel moves along or turns about, which it has the colour of."""
 _FEW = 5
 """Actuators of a panel up to which each has its name in the key."""
+_DRIVES = ("actuator_state", "actuator_command")
+_SMALL = 1e-3
+"""Share below which matplotlib would put a power of ten where the key is."""
 _STILL = 1e-9  # m or rad: less is no motion that anyone ordered
 _DASHED: Any = {"linestyle": (0, (4, 2)), "linewidth": 1.0, "alpha": 0.8}
 
@@ -77,13 +81,12 @@ def _actuators(axes: Axes, run: Run, unit: str) -> None:
     time, style = data["time"].values, line_style(data.sizes["time"])
     shades = time_map()(np.linspace(0.0, 1.0, len(names)))
     few = len(names) <= _FEW
+    drawn = _drawn_in(unit, largest(*(data[each].sel(input=names).values for each in _DRIVES)))
     commanded = False
     for name, shade in zip(names, shades, strict=True):
-        state, command = (
-            data[each].sel(input=name).values for each in ("actuator_state", "actuator_command")
-        )
+        state, command = (drawn.factor * data[each].sel(input=name).values for each in _DRIVES)
         axes.plot(time, state, color=shade, label=name if few else None, **style)
-        if largest(command) > _STILL:
+        if largest(command) > drawn.factor * _STILL:
             axes.plot(time, command, color=shade, **_DASHED, **style)
             commanded = True
     if not few:
@@ -91,8 +94,16 @@ def _actuators(axes: Axes, run: Run, unit: str) -> None:
         axes.plot([], [], color=shades[-1], label=f"... {names[-1]}")
     if commanded:
         axes.plot([], [], color=INK, **_DASHED, label="commands")
-    axes.set_ylabel("actuators\n(share)" if unit == "1" else f"actuators\n({unit})")
+    axes.set_ylabel(f"actuators\n({drawn.name})")
     key(axes)
+
+
+def _drawn_in(unit: str, most: float) -> Unit:
+    """Return what to draw drives of a unit in; of shares the power of ten stands in the label."""
+    if unit != "1":
+        return si_unit(most, unit)
+    power = math.floor(math.log10(most)) if 0.0 < most < _SMALL else 0
+    return Unit(10.0**-power, f"$10^{{{power}}}$ of share" if power else "share")
 
 
 def _moving_channels(run: Run) -> list[str]:
