@@ -7,7 +7,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid import chain
+from crinoid.base import Base
+from crinoid.dynamics import statics
+from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import HELD, LineStiffness, Tangent
+from crinoid.dynamics.tip import tip_pose
+from crinoid.products import product
 
 
 class Influence(NamedTuple):
@@ -37,6 +43,35 @@ class Influence(NamedTuple):
             nodes += jax.vmap(tangent.solve, -1, -1)(forced)
         last = nodes[-self.tip.shape[1] :, : self.tip.shape[2]]
         return jnp.sum(self.tip[..., None] * last, axis=(1, 2))
+
+
+def influence(base: Base, forces: Forces, state: State) -> Influence:
+    """Return what small moves of the inputs do to the arm about ``state``, taken as still.
+
+    ``forces`` are those in that state.
+    """
+    pose, _, _ = base.pose(state.time, state.servo)
+    held = jax.vmap(lambda rate: base.moving(pose, rate)[1], out_axes=-1)(jnp.eye(pose.size))
+    if state.attitude is not None:
+        axes = forces.axes
+        held = held.at[:, :axes].set(product(state.attitude, held[:, :axes]))
+    rows = state.motion.position
+    stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
+    forces = forces.frozen(state.time)
+    around = forces.surroundings(stage, none)
+
+    def balance(drive: Array) -> Float[Array, "n b"]:
+        driven = forces.driven(drive)
+        motion = driven.motion(stage, none, around)
+        return -driven.nodes(driven.residual(motion)[0])
+
+    loads = jnp.zeros((*forces.nodes(rows).shape, 0))
+    if forces.drive is not None:
+        loads = jax.jacfwd(balance)(forces.drive)
+    lines = None
+    if forces.lines is not None:
+        lines = forces.tangent(stage, forces.motion(stage, none, around), around).of_lines
+    return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]), lines)
 
 
 def _product(

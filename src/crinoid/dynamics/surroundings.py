@@ -1,11 +1,23 @@
 """The water around the arm, as a time step sees it."""
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Rows = Float[Array, "rows b"]
 Points = Float[Array, "rows d"]
+
+
+class Stir(NamedTuple):
+    """A change of the water at the nodes."""
+
+    velocity: Float[Array, "n d"]
+    """m/s."""
+    acceleration: Float[Array, "n d"]
+    """Material acceleration (m/s2)."""
 
 
 class Surroundings(eqx.Module):
@@ -28,3 +40,12 @@ class Surroundings(eqx.Module):
         if self.acceleration_slope is None:
             return velocity, self.acceleration
         return velocity, self.acceleration + jnp.sum(self.acceleration_slope * moved, axis=-1)
+
+    def stirred(self, stir: Stir) -> "Surroundings":
+        """Return the surroundings where the water at the nodes, the first rows, moves otherwise."""
+        nodes = slice(stir.velocity.shape[0])
+        return replace(
+            self,
+            velocity=self.velocity.at[nodes].add(stir.velocity),
+            acceleration=self.acceleration.at[nodes].add(stir.acceleration),
+        )

@@ -1,5 +1,8 @@
 """The assembled arm: everything that a time step needs, and the step itself."""
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,17 +20,18 @@ from crinoid.dynamics.grasp import Grasp, begun, gripped
 from crinoid.dynamics.grip import holding
 from crinoid.dynamics.guess import first_guess
 from crinoid.dynamics.halving import Progress, halve
-from crinoid.dynamics.influence import Influence
+from crinoid.dynamics.influence import Influence, influence
 from crinoid.dynamics.integrator import Integrator
 from crinoid.dynamics.newton import Outcome, Settings, solve
 from crinoid.dynamics.prescribed import prescribed
 from crinoid.dynamics.state import State
+from crinoid.dynamics.surroundings import Stir
 from crinoid.dynamics.tangent import HELD
 from crinoid.dynamics.tip import tip_pose
+from crinoid.dynamics.transition import Transition, transition
 from crinoid.dynamics.vehicle import Voyage
 from crinoid.elements import Motion
 from crinoid.frames import Frames
-from crinoid.products import product
 from crinoid.reference import Reference
 
 Command = Float[Array, " input"]
@@ -141,9 +145,19 @@ class System(eqx.Module):
         raised there, under `jax.jit` as well (`equinox.error_if`, which asks the host).
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
-        before, method = state.motion, self.integrator
         at_start = (state.servo, *state.actuators)
-        servo, *actuators = followed(self.followers, at_start, command, h)
+        after, outcome = self.moved(state, followed(self.followers, at_start, command, h), h)
+        return outcome.required(after) if throw else after, outcome
+
+    def moved(
+        self, state: State, ends: Sequence[Any], step: Float[Array, ""], stir: Stir | None = None
+    ) -> tuple[State, Outcome]:
+        """Advance by one time step at whose end the actuators are in the states ``ends``.
+
+        ``stir`` changes the water at the nodes then.
+        """
+        h, before, method = step, state.motion, self.integrator
+        servo, *actuators = ends
         grip = gripped(self.grasp, self.forces.obstacles, state)
         forces = holding(self.forces.driven(drives(self.actuators, actuators)), grip)
         stage = method.stage(before, state.ahead, h, state.frames)
@@ -156,6 +170,8 @@ class System(eqx.Module):
         # the water is costly: looked at once, where the arm gets to if its acceleration stays, and
         # expanded from there. Not from Newton's guess, which is chosen: a step would jump with it
         around = forces.surroundings(stage, moved(before.acceleration))
+        if stir is not None:
+            around = around.stirred(stir)
         guess = moved(state.expected_acceleration)
         if forces.mount is None:
             held = self.base.prescribe(stage.time, servo)
@@ -173,8 +189,7 @@ class System(eqx.Module):
             attitude=forces.attitude(motion),
             grip=grip,
         )
-        outcome = self._judged(forces, state, after, outcome, h)
-        return outcome.required(after) if throw else after, outcome
+        return after, self._judged(forces, state, after, outcome, h)
 
     def advance(
         self, state: State, command: Command, step: float | Array | None = None
@@ -271,30 +286,22 @@ class System(eqx.Module):
 
     def influence(self, state: State) -> Influence:
         """Return what small moves of the inputs do to the arm about ``state``, taken as still."""
-        pose, _, _ = self.base.pose(state.time, state.servo)
-        held = jax.vmap(lambda rate: self.base.moving(pose, rate)[1], out_axes=-1)(
-            jnp.eye(pose.size)
-        )
-        if state.attitude is not None:
-            axes = self.forces.axes
-            held = held.at[:, :axes].set(product(state.attitude, held[:, :axes]))
-        rows = state.motion.position
-        stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
-        forces = self._driven(state).frozen(state.time)
-        around = forces.surroundings(stage, none)
+        return influence(self.base, self._driven(state), state)
 
-        def balance(drive: Array) -> Float[Array, "n b"]:
-            driven = forces.driven(drive)
-            motion = driven.motion(stage, none, around)
-            return -driven.nodes(driven.residual(motion)[0])
+    def transition(
+        self,
+        state: State,
+        command: Command,
+        *,
+        observe: Callable[["System", State], Float[Array, " y"]] | None = None,
+    ) -> Transition:
+        """Linearise the time step from ``state`` under ``command``, exact for the integrator.
 
-        loads = jnp.zeros((*forces.nodes(rows).shape, 0))
-        if forces.drive is not None:
-            loads = jax.jacfwd(balance)(forces.drive)
-        lines = None
-        if forces.lines is not None:
-            lines = forces.tangent(stage, forces.motion(stage, none, around), around).of_lines
-        return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]), lines)
+        ``observe`` says what is seen of a state, that of the tip if left out; a
+        `crinoid.Measurand` has it as its method ``of``. See ``crinoid.dynamics.transition`` for the
+        coordinates.
+        """
+        return transition(self, state, command, self.time_step, observe or System.tip)
 
     def _judged(
         self, forces: Forces, state: State, after: State, outcome: Outcome, step: Array

@@ -1,0 +1,136 @@
+"""The linear model of a time step against differences of the step itself."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from crinoid.base import SineMotion
+from crinoid.dynamics import Chart, Integrator
+from crinoid.flow import Uniform
+from physics import QUICKLY, always, arm
+
+BEFORE = 8
+"""Steps after which a step is linearised: the arm moves by then."""
+INTEGRATORS = {
+    "newmark": Integrator.newmark(),
+    "generalized-alpha": Integrator.generalized_alpha(0.6),
+    "implicit-euler": Integrator.implicit_euler(),
+}
+
+
+def example(axes, integrator, current=(0.0, 0.0, 0.0)):
+    channels = 3 * (axes - 1)
+    shaken = SineMotion(channels - 1, *(jnp.asarray(n) for n in (0.2, 6.0, 0.3)))
+    flow = jnp.asarray([0.3, -0.4, 0.2][-axes:]) + jnp.asarray(current)[:axes]
+    return arm(
+        axes=axes,
+        nodes=5,
+        EA=1e3,
+        EI=1.0 if axes == 2 else (1.0, 1.4),
+        GJ=None if axes == 2 else 0.7,
+        rest_curvature=0.5 if axes == 2 else (0.5, -0.3, 1.0),
+        damping_time=0.02,
+        gravity=2.0,
+        water_density=1000.0,
+        displaced_area=6e-4,
+        tilt=0.4,
+        flows=(Uniform(always(), flow),),
+        motions=(shaken,),
+        limits=[[limit] * channels for limit in (-1.0, 1.0, 1e3, 1e5, 5.0)],
+        integrator=integrator,
+        tolerance=1e-13,
+    )
+
+
+@eqx.filter_jit(compiler_options=QUICKLY)
+def moving(system, command):
+    state = system.rest()
+    for _ in range(BEFORE):
+        state, _ = system.step(state, command)
+    return state
+
+
+@eqx.filter_jit(compiler_options=QUICKLY)
+def linear(system, state, command):
+    found = system.transition(state, command)
+    return found, found.A, found.B, found.C
+
+
+@eqx.filter_jit(compiler_options=QUICKLY)
+def changed(system, state, change, command):
+    """Return the coordinates after a step from a state nearby, and its tip."""
+    before = Chart(system, state)
+    arm_change, actuator_change = jnp.split(change, [before.arm.size])
+    nearby = before.at(before.arm + arm_change, before.actuators + actuator_change)
+    return system.step(nearby, command)[0], system.tip(nearby)
+
+
+@eqx.filter_jit(compiler_options=QUICKLY)
+def read(system, reference, state):
+    return jnp.concatenate(Chart(system, reference).read(state))
+
+
+def scaled(size_arm, size, seed):
+    """Draw a change of all coordinates, each about as large as it differs from step to step."""
+    change = np.random.default_rng(seed).standard_normal(size)
+    for part, typical in zip(np.split(change[:size_arm], 4), (1e-6, 1e-4, 1e-2, 1e-1), strict=True):
+        part *= typical
+    change[size_arm:] *= 1e-5
+    change[-1] = 0.0  # length of the step before: it counts where a servo's push changes
+    return change
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_b_c_are_those_of_the_step(axes, integrator):
+    system = example(axes, INTEGRATORS[integrator])
+    command = jnp.linspace(0.1, 0.2, 3 * (axes - 1))
+    state = moving(system, command)
+    found, A, B, C = linear(system, state, command)
+    after = system.step(state, command)[0]
+    arm_size = found.arm.shape[0]
+    for seed in range(3):
+        change = scaled(arm_size, A.shape[0], seed)
+        moved = 1e-5 * np.random.default_rng(10 + seed).standard_normal(command.size)
+        (ahead, tip_ahead), (back, tip_back) = (
+            changed(system, state, jnp.asarray(sign * change), command + sign * moved)
+            for sign in (1.0, -1.0)
+        )
+        differences = 0.5 * np.asarray(read(system, after, ahead) - read(system, after, back))
+        expected = np.asarray(A @ change + B @ moved)
+        parts = [*np.split(np.arange(arm_size), 4), np.arange(arm_size, A.shape[0])]
+        for part in parts:
+            largest = np.abs(expected[part]).max()
+            np.testing.assert_allclose(differences[part], expected[part], atol=1e-6 * largest)
+        np.testing.assert_allclose(0.5 * (tip_ahead - tip_back), C @ change, atol=1e-12, rtol=1e-6)
+
+
+def test_a_change_of_the_current_is_what_the_water_at_the_nodes_does():
+    system, faster, slower = (
+        example(3, INTEGRATORS["newmark"], np.array(by) * [1.0, 2.0, -1.0])
+        for by in (0.0, 1e-4, -1e-4)
+    )
+    command = jnp.zeros(6)
+    state = moving(system, command)
+    found, *_ = linear(system, state, command)
+    after = system.step(state, command)[0]
+    ahead, back = (read(system, after, each.step(state, command)[0]) for each in (faster, slower))
+    change = np.asarray(found.stirred).sum(axis=1) @ [1e-4, 2e-4, -1e-4]
+    differences = 0.5 * (ahead - back)[: change.size]
+    np.testing.assert_allclose(differences, change, atol=1e-6 * np.abs(change).max())
+
+
+def test_a_chart_gives_back_what_it_was_given():
+    system = example(3, INTEGRATORS["newmark"])
+    state = moving(system, jnp.full(6, 0.1))
+    chart = Chart(system, state)
+    change = scaled(chart.arm.size, chart.arm.size + chart.actuators.size, 0)
+    arm_change, actuator_change = np.split(change, [chart.arm.size])
+    nearby = chart.at(chart.arm + arm_change, chart.actuators + actuator_change)
+    found = chart.read(nearby)
+    np.testing.assert_allclose(found[0] - chart.arm, arm_change, atol=1e-12)
+    np.testing.assert_allclose(found[1] - chart.actuators, actuator_change, atol=1e-15)
+    # what the base holds has moved along
+    held = system.base.prescribe(state.time, nearby.servo)
+    np.testing.assert_allclose(nearby.position[:2], held.position, atol=1e-15)
