@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from crinoid.result import Result
     from crinoid.scenario import Scenario, ScenarioError
     from crinoid.scenario.library import load
-    from crinoid.simulation import SimulationError, equilibrium, simulate
+    from crinoid.simulation import SimulationError, equilibrium, modes, simulate
 
 _HOMES = {
     "Actuator": "crinoid.actuation",
@@ -49,6 +49,7 @@ _HOMES = {
     "SimulationError": "crinoid.simulation",
     "equilibrium": "crinoid.simulation",
     "load": "crinoid.scenario",
+    "modes": "crinoid.simulation",
     "simulate": "crinoid.simulation",
     "system": "crinoid.assembly.prepared",
     "assemble": "crinoid.assembly.system",
@@ -82,6 +83,7 @@ __all__ = [
     "flow_onset",
     "load",
     "load_onset",
+    "modes",
     "parameters",
     "simulate",
     "system",

@@ -171,6 +171,32 @@ def flow(
 
 @app.command()
 @_told("interrupted")
+def modes(
+    scenario: ScenarioName,
+    settings: Settings = None,
+    count: Annotated[int, typer.Option("--count", metavar="N", help="How many modes to find.")] = 6,
+    in_air: Annotated[
+        bool, typer.Option("--in-air", help="Leave out the water: those in air only.")
+    ] = False,
+    out: Annotated[Path | None, _out("results/SCENARIO-modes")] = None,
+    force: Force = False,
+) -> None:
+    """Find small vibrations about the equilibrium: frequencies, damping ratios and shapes."""
+    described, folder = _load(scenario, settings), _folder(out, scenario, "-modes")
+    with Loading():
+        from crinoid.cli.modes import show_modes
+        from crinoid.report import ReportError
+
+    try:
+        _end(
+            show_modes(described, folder, count=count, in_air=in_air, force=force, console=console)
+        )
+    except ReportError as error:
+        _stop(str(error))
+
+
+@app.command()
+@_told("interrupted")
 def scenarios(
     copy: Annotated[
         str | None,

@@ -20,6 +20,7 @@ from crinoid.current import FLOW
 from crinoid.replacement import remove_unfinished
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.simulation import MODES
 from crinoid.status import Status
 from crinoid.stream import is_stream, remove_checkpoints
 
@@ -54,7 +55,7 @@ def claimed(folder: Path) -> Iterator[None]:
         _open(folder, lock)
         try:
             for place in (folder, *_case_folders(folder)):
-                for name in (RESULT, UNCONTROLLED, CASES, FLOW):
+                for name in (RESULT, UNCONTROLLED, CASES, FLOW, MODES):
                     remove_unfinished(place / name)
                 for name in (RESULT, UNCONTROLLED):
                     remove_checkpoints(place / name)
@@ -191,11 +192,12 @@ def remove_table(folder: Path) -> None:
 
 
 def clear_figures(folder: Path) -> None:
-    """Remove the figures of an earlier result, but for those of a current."""
+    """Remove the figures of an earlier result, but for those of a current and of modes."""
     for path in folder.glob("*.png"):
         with suppress(OSError), path.open("rb") as file:
             head = file.read(2000)
-            if b"Software\0crinoid" in head and b"Source\0" + FLOW.encode() not in head:
+            apart = any(b"Source\0" + name.encode() in head for name in (FLOW, MODES))
+            if b"Software\0crinoid" in head and not apart:
                 path.unlink()
 
 

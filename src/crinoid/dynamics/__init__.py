@@ -1,6 +1,8 @@
 """The assembled arm, and how it is brought to rest and moved in time."""
 
 from crinoid.dynamics.books import Books as Books
+from crinoid.dynamics.damped import DampedModes as DampedModes
+from crinoid.dynamics.damped import find_damped_modes as find_damped_modes
 from crinoid.dynamics.forces import Forces as Forces
 from crinoid.dynamics.grasp import Grasp as Grasp
 from crinoid.dynamics.grip import Grip as Grip

@@ -1,5 +1,6 @@
 """Small free vibrations about a state at rest: natural frequencies and the shapes that go along."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -111,22 +112,20 @@ def find_modes(
     """
     # slow to load, and many commands do without
     from scipy.linalg import eigh
-    from scipy.sparse.linalg import eigsh
+    from scipy.sparse.linalg import LinearOperator, eigsh
 
-    K, M = _of_free(stiffness), _of_free(mass)
+    K, M = (0.5 * (A + A.T) for A in map(of_free, (stiffness, mass)))
     unknowns, size = K.shape[0], stiffness.shape[-1]
     held = _roots(lines, unknowns)
-    scale = 1 / np.sqrt(M.diagonal())
-    resisted = abs(K) @ scale + np.abs(held) @ (np.abs(held).T @ scale)
-    round_off = 16 * np.finfo(float).eps * (resisted * scale).max()
-    shift = -1e3 * round_off  # the least ones are next to it, and nothing is singular there
+    nothing = round_off(K, M, held, held.T)
+    shift = -1e3 * nothing  # the least ones are next to it, and nothing is singular there
     try:
         _, near = eigsh(
             K,
             min(count, unknowns - 1),
             M,
             sigma=shift,
-            OPinv=None if lines is None else _inverse(K - shift * M, held),
+            OPinv=LinearOperator(K.shape, inverse(K - shift * M, held, held.T), dtype=float),
             v0=np.random.default_rng(0).standard_normal(unknowns),
         )
         # what the shift has cost in accuracy comes back in the space of these few
@@ -137,7 +136,7 @@ def find_modes(
     shapes = np.pad((near @ mixed).T.reshape(squared.size, -1, size), ((0, 0), (1, 0), (0, 0)))
     for shape in shapes:
         shape /= shape.flat[np.argmax(np.abs(shape))]
-    frequency = np.sqrt(np.where(squared > round_off, squared, 0.0)) / (2 * np.pi)
+    frequency = np.sqrt(np.where(squared > nothing, squared, 0.0)) / (2 * np.pi)
     return Modes(frequency, shapes)
 
 
@@ -151,23 +150,27 @@ def _roots(lines: LineStiffness | None, unknowns: int) -> Float[np.ndarray, "unk
     return np.asarray(pull * np.sqrt(stiffness))
 
 
-def _inverse(matrix: Any, roots: Float[np.ndarray, "unknowns line"]) -> Any:
-    """Return the inverse of a sparse matrix plus ``U U^T`` (Woodbury's formula)."""
-    from scipy.sparse.linalg import LinearOperator, splu
+def inverse(
+    matrix: Any, pull: Float[np.ndarray, "n line"], follow: Float[np.ndarray, "line n"]
+) -> Callable[[np.ndarray], Any]:
+    """Return what solves with a sparse matrix plus ``pull follow`` (Woodbury's formula)."""
+    from scipy.sparse.linalg import splu
 
     parts = splu(matrix.tocsc())
-    answers = parts.solve(roots)
-    small = np.eye(roots.shape[1]) + roots.T @ answers
+    if not pull.size:
+        return parts.solve
+    answers = parts.solve(pull.astype(matrix.dtype))
+    small = np.eye(pull.shape[1]) + follow @ answers
 
     def solve(rhs: np.ndarray) -> Any:
         alone = parts.solve(rhs)
-        return alone - answers @ np.linalg.solve(small, roots.T @ alone)
+        return alone - answers @ np.linalg.solve(small, follow @ alone)
 
-    return LinearOperator(matrix.shape, matvec=solve, dtype=float)
+    return solve
 
 
-def _of_free(bands: chain.Bands) -> Any:
-    """Return the symmetric part of the matrix of the free nodes, sparse."""
+def of_free(bands: chain.Bands) -> Any:
+    """Return the matrix of the free nodes, sparse."""
     from scipy.sparse import csc_array
 
     blocks = np.asarray(bands)[HELD:]
@@ -175,7 +178,15 @@ def _of_free(bands: chain.Bands) -> Any:
     node, offset, i, j = np.indices(blocks.shape)
     row, column = node * size + i, (node + offset - 2) * size + j
     inside = (column >= 0) & (column < nodes * size)
-    matrix = csc_array(
+    return csc_array(
         (blocks[inside], (row[inside], column[inside])), shape=(nodes * size, nodes * size)
     )
-    return 0.5 * (matrix + matrix.T)
+
+
+def round_off(
+    K: Any, M: Any, pull: Float[np.ndarray, "n line"], follow: Float[np.ndarray, "line n"]
+) -> float:
+    """Return the squared circular frequency (1/s2) that is none but round-off of the stiffness."""
+    scale = 1 / np.sqrt(M.diagonal())
+    resisted = abs(K) @ scale + np.abs(pull) @ (np.abs(follow) @ scale)
+    return float(16 * np.finfo(float).eps * (resisted * scale).max())

@@ -18,6 +18,7 @@ from crinoid.report.commands import draw_commands
 from crinoid.report.contact import draw_contact, has_contact
 from crinoid.report.energy import draw_energy
 from crinoid.report.flow import FLOW, open_flow
+from crinoid.report.modes import MODES, draw_modes, open_modes
 from crinoid.report.profile import draw_profile
 from crinoid.report.run import RESULT, ReportError, Run, open_run
 from crinoid.report.series import draw_series
@@ -54,20 +55,27 @@ def write_book(path: Path, out: Path | None) -> list[Path]:
         raise ReportError(f"{path}: no such file or directory")
     if path.is_file() and path.name == FLOW:
         return _write_flow(path, out or path.parent)
+    if path.is_file() and path.name == MODES:
+        return _write_modes(path, out or path.parent)
     if path.is_file() and path.name != CASES:
         return _write_run(path, out or path.parent)
     folder = path if path.is_dir() else path.parent
     written = []
-    run, flow = ((folder / name).is_file() and path.is_dir() for name in (RESULT, FLOW))
+    run, flow, modes = (
+        (folder / name).is_file() and path.is_dir() for name in (RESULT, FLOW, MODES)
+    )
     # beside a result of ours a table of others is none of our business
-    if is_table(folder / CASES) or ((folder / CASES).is_file() and not (run or flow)):
+    if is_table(folder / CASES) or ((folder / CASES).is_file() and not (run or flow or modes)):
         written += _write_study(folder, out or folder)
     if run:
         written += _write_run(folder / RESULT, out or folder)
     if flow:
         written += _write_flow(folder / FLOW, out or folder)
+    if modes:
+        written += _write_modes(folder / MODES, out or folder)
     if not written:
-        raise ReportError(f"{path}: no result here, neither {RESULT} nor {CASES} nor {FLOW}")
+        names = " nor ".join((RESULT, CASES, FLOW, MODES))
+        raise ReportError(f"{path}: no result here, neither {names}")
     return written
 
 
@@ -82,6 +90,11 @@ def _write_flow(path: Path, out: Path) -> list[Path]:
     flow = open_flow(path)
     figures = _FLOW_FIGURES.items()
     return [_save(lambda draw=draw: draw(flow), out / name, path) for name, draw in figures]
+
+
+def _write_modes(path: Path, out: Path) -> list[Path]:
+    modes = open_modes(path)
+    return [_save(lambda: draw_modes(modes), out / "modes.png", path)]
 
 
 def _write_study(folder: Path, out: Path) -> list[Path]:

@@ -10,3 +10,6 @@ from crinoid.simulation.run import equilibrium as equilibrium
 from crinoid.simulation.run import play as play
 from crinoid.simulation.run import settle as settle
 from crinoid.simulation.run import simulate as simulate
+from crinoid.simulation.vibrations import MODES as MODES
+from crinoid.simulation.vibrations import find_vibrations as find_vibrations
+from crinoid.simulation.vibrations import modes as modes
