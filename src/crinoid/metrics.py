@@ -93,6 +93,31 @@ def driven(data: xr.Dataset, name: str) -> Float[np.ndarray, " time"]:
     return np.asarray(data["actuator_state"].sel(input=name).values)
 
 
+def input_speed(result: Result) -> dict[str, float]:
+    """Return the RMS speed of each input that can move, a controller or not.
+
+    Speeds are means between saved instants: of a servo's displacement (m/s or rad/s), or of the
+    drive of an actuator in its unit per s.
+    """
+    data = result.dataset
+    span = np.diff(data["time"].values)
+    moves = data["channel_lower"].values < data["channel_upper"].values
+    names = [*data["channel"].values[moves], *(data["input"].values if "input" in data else ())]
+    found = {str(name): np.diff(driven(data, name)) for name in names}
+    return {
+        name: float(np.sqrt(np.sum(move**2 / span) / span.sum())) for name, move in found.items()
+    }
+
+
+def spent_work(result: Result) -> float:
+    """Return the work that base and actuators did on the arm (J), less none that it gave back.
+
+    The sum of what it rises by from one saved instant to the next.
+    """
+    work = result.dataset["energy"].sel(kind="actuation").values
+    return float(np.sum(np.maximum(np.diff(work), 0.0)))
+
+
 def peak_load(result: Result) -> Load:
     """Return the largest force and the largest moment of the arm on the submarine."""
     data = result.dataset

@@ -170,6 +170,29 @@ def flow(
 
 
 @app.command()
+@_told()
+def compare(
+    scenario: ScenarioName,
+    controllers: Annotated[
+        str,
+        typer.Option(metavar="KINDS", help="Kinds of controllers, with commas between them."),
+    ] = "none,pid",
+    seeds: Annotated[int, typer.Option(help="Number of seeds.")] = 10,
+    first_seed: Annotated[int, typer.Option(help="The first one of them.")] = 0,
+    settings: Settings = None,
+    out: Annotated[Path | None, _out("results/SCENARIO-compare")] = None,
+    force: Force = False,
+) -> None:
+    """Run a scenario under several controllers over several seeds, and compare them."""
+    described, folder = _load(scenario, settings), _folder(out, scenario, "-compare")
+    with Loading():
+        from crinoid.cli.compare import compare_controllers, kinds_of, seeds_of
+
+    kinds, every = kinds_of(controllers), seeds_of(seeds, first_seed)
+    _end(compare_controllers(described, kinds, every, folder, force=force, console=console))
+
+
+@app.command()
 @_told("interrupted")
 def modes(
     scenario: ScenarioName,

@@ -16,6 +16,7 @@ import netCDF4
 from rich.console import Console
 
 from crinoid.cases import CASES, is_table
+from crinoid.comparison import COMPARISON
 from crinoid.current import FLOW
 from crinoid.replacement import remove_unfinished
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
@@ -26,6 +27,8 @@ from crinoid.stream import is_stream, remove_checkpoints
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
+_APART = (FLOW, MODES, COMPARISON)
+"""Files of commands that run no scenario by itself, which may lie beside a result."""
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 
 Wanted = Mapping[str, Scenario]
@@ -55,7 +58,7 @@ def claimed(folder: Path) -> Iterator[None]:
         _open(folder, lock)
         try:
             for place in (folder, *_case_folders(folder)):
-                for name in (RESULT, UNCONTROLLED, CASES, FLOW, MODES):
+                for name in (RESULT, UNCONTROLLED, CASES, *_APART):
                     remove_unfinished(place / name)
                 for name in (RESULT, UNCONTROLLED):
                     remove_checkpoints(place / name)
@@ -192,11 +195,11 @@ def remove_table(folder: Path) -> None:
 
 
 def clear_figures(folder: Path) -> None:
-    """Remove the figures of an earlier result, but for those of a current and of modes."""
+    """Remove the figures of an earlier result, but for those of other commands."""
     for path in folder.glob("*.png"):
         with suppress(OSError), path.open("rb") as file:
             head = file.read(2000)
-            apart = any(b"Source\0" + name.encode() in head for name in (FLOW, MODES))
+            apart = any(b"Source\0" + name.encode() in head for name in _APART)
             if b"Software\0crinoid" in head and not apart:
                 path.unlink()
 

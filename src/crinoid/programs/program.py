@@ -62,6 +62,7 @@ class Program(Generic[P, R]):
         passed = {"compiler_options": options} if options else {}
         self._unkept = eqx.filter_jit(function, **passed)  # type: ignore[call-overload]
         self._loaded: OrderedDict[bytes, _Loaded] = OrderedDict()
+        self._lock = threading.Lock()
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Call the function."""
@@ -74,12 +75,13 @@ class Program(Generic[P, R]):
             key = key_of(self._function, self._options, jax.tree.unflatten(tree, form))
         except UnkeepableError:
             return self._unkept(*args, **kwargs)
-        loaded = self._loaded.pop(key, None) or self._load(key, len(arrays))
-        if loaded is None:
-            loaded = self._compile(key, leaves, tree)
-        self._loaded[key] = loaded  # the last to go
-        if len(self._loaded) > _MOST_LOADED:
-            self._loaded.popitem(last=False)
+        with self._lock:  # threads that ask for the same form wait, and compile it once
+            loaded = self._loaded.pop(key, None) or self._load(key, len(arrays))
+            if loaded is None:
+                loaded = self._compile(key, leaves, tree)
+            self._loaded[key] = loaded  # the last to go
+            if len(self._loaded) > _MOST_LOADED:
+                self._loaded.popitem(last=False)
         found = loaded.run(*arrays)
         return jax.tree.map(
             lambda leaf: found[leaf.array] if isinstance(leaf, Slot) else leaf, loaded.result

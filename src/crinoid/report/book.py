@@ -15,6 +15,7 @@ from crinoid.report.bending import draw_bending
 from crinoid.report.cases import draw_cases, read_cases
 from crinoid.report.closeup import draw_close_up
 from crinoid.report.commands import draw_commands
+from crinoid.report.compare import COMPARISON, draw_comparison, open_comparison
 from crinoid.report.contact import draw_contact, has_contact
 from crinoid.report.energy import draw_energy
 from crinoid.report.flow import FLOW, open_flow
@@ -53,28 +54,23 @@ def write_book(path: Path, out: Path | None) -> list[Path]:
     """Draw everything that the result or study at `path` gives; see `crinoid.report`."""
     if not path.exists():
         raise ReportError(f"{path}: no such file or directory")
-    if path.is_file() and path.name == FLOW:
-        return _write_flow(path, out or path.parent)
-    if path.is_file() and path.name == MODES:
-        return _write_modes(path, out or path.parent)
+    if path.is_file() and path.name in _APART:
+        return _APART[path.name](path, out or path.parent)
     if path.is_file() and path.name != CASES:
         return _write_run(path, out or path.parent)
     folder = path if path.is_dir() else path.parent
     written = []
-    run, flow, modes = (
-        (folder / name).is_file() and path.is_dir() for name in (RESULT, FLOW, MODES)
-    )
+    there = [name for name in (RESULT, *_APART) if path.is_dir() and (folder / name).is_file()]
     # beside a result of ours a table of others is none of our business
-    if is_table(folder / CASES) or ((folder / CASES).is_file() and not (run or flow or modes)):
+    if is_table(folder / CASES) or ((folder / CASES).is_file() and not there):
         written += _write_study(folder, out or folder)
-    if run:
+    if RESULT in there:
         written += _write_run(folder / RESULT, out or folder)
-    if flow:
-        written += _write_flow(folder / FLOW, out or folder)
-    if modes:
-        written += _write_modes(folder / MODES, out or folder)
+    for name, write in _APART.items():
+        if name in there:
+            written += write(folder / name, out or folder)
     if not written:
-        names = " nor ".join((RESULT, CASES, FLOW, MODES))
+        names = " nor ".join((RESULT, CASES, *_APART))
         raise ReportError(f"{path}: no result here, neither {names}")
     return written
 
@@ -95,6 +91,11 @@ def _write_flow(path: Path, out: Path) -> list[Path]:
 def _write_modes(path: Path, out: Path) -> list[Path]:
     modes = open_modes(path)
     return [_save(lambda: draw_modes(modes), out / "modes.png", path)]
+
+
+def _write_comparison(path: Path, out: Path) -> list[Path]:
+    data = open_comparison(path)
+    return [_save(lambda: draw_comparison(data), out / "compare.png", path)]
 
 
 def _write_study(folder: Path, out: Path) -> list[Path]:
@@ -120,3 +121,11 @@ def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:
     except OSError as error:
         raise ReportError(f"{path}: cannot write the figure ({error.strerror})") from error
     return path
+
+
+_APART: dict[str, Callable[[Path, Path], list[Path]]] = {
+    FLOW: _write_flow,
+    MODES: _write_modes,
+    COMPARISON: _write_comparison,
+}
+"""Files of commands that run no scenario by itself, which may lie beside a result."""

@@ -40,7 +40,7 @@ _NOTHING = 1e-3
 
 _WANTED = 0.2
 """Modulus margin that the gains proposed leave."""
-_FACTORS = np.geomspace(1.0, 1e-6, 73)[1:]
+_FACTORS = np.geomspace(1.0, 1e-6, 73)
 
 Loops = Complex[np.ndarray, "f input input"]
 
@@ -214,7 +214,7 @@ def loop_doubts(loop: OpenLoop, gains: dict[str, PidGains]) -> list[str]:
         if min(given.kp, given.ki, given.kd) < 0:
             got = f"control.pid.{name}: got {_gains(given)}"
             return [f"{got}; {state} (by the linear loop); is the sign right?"]
-    alone = {name: _lower(loop, np.array(names) == name) for name in names}
+    alone = {name: factor_for(loop, _WANTED, np.array(names) == name) for name in names}
     blamed, factor = max(alone.items(), key=lambda item: item[1])
     if factor:
         got = _gains(gains[blamed])
@@ -222,7 +222,7 @@ def loop_doubts(loop: OpenLoop, gains: dict[str, PidGains]) -> list[str]:
             f"control.pid.{blamed}: got {got}; {state} (by the linear loop); these three times "
             f"{factor:.2g} leave a margin"
         ]
-    together = _lower(loop, np.ones(len(names), bool))
+    together = factor_for(loop, _WANTED)
     cure = "with smaller ones too"
     if together:
         cure = f"all gains times {together:.2g} leave a margin"
@@ -230,11 +230,24 @@ def loop_doubts(loop: OpenLoop, gains: dict[str, PidGains]) -> list[str]:
     return [f"control.pid: got {got}; {state} (by the linear loop); {cure}"]
 
 
-def _lower(loop: OpenLoop, which: Bool[np.ndarray, " input"]) -> float:
-    """Return the largest factor on the gains of some inputs that leaves a margin; 0: none."""
+def factor_for(
+    loop: OpenLoop, modulus: float, which: Bool[np.ndarray, " input"] | bool = True
+) -> float:
+    """Return the largest factor on the gains of some inputs that leaves a margin; 0: none.
+
+    Parameters
+    ----------
+    loop
+        The open loop.
+    modulus
+        Modulus margin that is wanted.
+    which
+        The inputs whose gains are changed.
+    """
+    inputs = np.broadcast_to(which, loop.transfer.shape[1:2])
     for factor in _FACTORS:
-        margin = loop.scaled(np.where(which, factor, 1.0)).margin()
-        if margin.stable and margin.modulus >= _WANTED:
+        margin = loop.scaled(np.where(inputs, factor, 1.0)).margin()
+        if margin.stable and margin.modulus >= modulus:
             return float(factor)
     return 0.0
 

@@ -1,0 +1,369 @@
+"""Controllers side by side: what is compared is what runs give, and a run that fails stops none."""
+
+import signal
+import threading
+import time
+from contextvars import copy_context
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import crinoid
+from crinoid.assembly.parts import Parts
+from crinoid.assembly.prepared import Prepared
+from crinoid.cli.compare import comparison_table, kinds_of
+from crinoid.comparison import controlled_by
+from crinoid.comparison.comparison import measured
+from crinoid.control import Controller
+from crinoid.metrics import input_speed, spent_work
+from crinoid.programs import Program, Store
+from crinoid.programs.store import STORE
+from crinoid.report import ReportError, write_report
+from crinoid.result import Result
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.simulation.batch import run_batch
+from crinoid.simulation.setup import set_up
+from crinoid.simulation.tick import tick_time
+from test_cli import call
+from test_report import assert_shows_something
+
+SCENARIO = """
+title = "two controllers"
+[arm]
+nodes = 5
+youngs_modulus = 5e5
+[base.channels.heave]
+range = [-0.2, 0.2]
+[base.channels.tilt]
+[[flow]]
+kind = "gauss-markov"
+mean = [0.0, 0.2]
+standard_deviation = [0.05, 0.1]
+correlation_time = 0.2
+[control]
+controlled = ["z", "angle"]
+[simulation]
+duration = 0.3
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return where `crinoid compare` has written, for a scenario without gains."""
+    folder = tmp_path_factory.mktemp("compare")
+    (folder / "small.toml").write_text(SCENARIO)
+    ended = call("compare", folder / "small.toml", "--seeds", 3, "--first-seed", 4, "--out", folder)
+    assert ended.exit_code == 0, ended.output
+    for words in ("tip error over fluctuation", "speed of tilt, RMS", "time per tick"):
+        assert words in ended.output
+    for name in ("compare.nc", "compare.png"):
+        assert f"wrote {folder / name}" in ended.output
+    return folder
+
+
+@pytest.fixture(scope="module")
+def compared(folder):
+    return xr.load_dataset(folder / "compare.nc")
+
+
+def under(compared: xr.Dataset, kind: str) -> Scenario:
+    """Return the scenario that was run under a controller."""
+    return Scenario.from_toml(compared["controller_scenario"].sel(controller=kind).item())
+
+
+# --- runs --------------------------------------------------------------------------------------
+
+
+def test_each_run_is_that_of_crinoid_run_to_the_bit(compared):
+    assert compared["seed"].values.tolist() == [4, 5, 6]
+    assert (compared["status"] == "ok").all()
+    case = under(compared, "pid").with_values({"seed": 5, "control.compare": True})
+    alone = crinoid.simulate(case)
+    for kind, result in {"pid": alone, "none": alone.uncontrolled}.items():
+        found = compared.sel(controller=kind, seed=5)
+        expected = measured(result)
+        for name, value in expected.numbers.items():
+            assert float(found[name]) == value, (kind, name)
+        assert found["effort"].values.tolist() == list(expected.speed.values())
+    assert len(set(compared["rms_error"].values.ravel())) == 6  # every seed is another run
+
+
+def test_the_file_says_what_its_numbers_are(compared):
+    for name in ("rms_error", "max_error", "fluctuation"):
+        assert compared[name].dims == ("controller", "seed")
+        assert compared[name].attrs["units"] == "m"
+    assert compared["rms_angle_error"].attrs["units"] == "rad"
+    assert compared["effort"].dims == ("controller", "seed", "input")
+    assert compared["input"].values.tolist() == ["heave", "tilt"]
+    assert compared["input_unit"].values.tolist() == ["m s-1", "rad s-1"]
+    assert (compared["effort"].sel(controller="none") == 0).all()
+    assert (compared["effort"].sel(controller="pid") > 0).all()
+    assert compared["tick_time"].attrs["units"] == "s"
+    assert (compared["tick_time"] > 0).all()
+    assert compared.attrs["status"] == "ok"
+    assert Scenario.from_toml(compared.attrs["scenario"]) == Scenario.from_toml(SCENARIO)
+
+
+def test_a_run_that_fails_is_masked_and_the_others_go_on(compared):
+    case = under(compared, "pid")
+    hopeless = {"simulation.tolerance": 1e-15, "simulation.max_iterations": 1}
+    fails = case.with_values({**hopeless, "simulation.max_halvings": 0, "seed": 5})
+    idle = {"heave": {"ki": 1.0}}
+    refused = case.with_values({"control.controlled": ["angle"], "control.pid": idle})
+    arms = run_batch([case, fails, refused, case.with_values({"seed": 6})], measured)
+    assert [arm.status.split()[0] for arm in arms] == ["ok", "failed", "refused:", "ok"]
+    assert [arm.taken is None for arm in arms] == [False, True, True, False]
+    for arm, seed in ((arms[0], 4), (arms[3], 6)):
+        expected = compared["rms_error"].sel(controller="pid", seed=seed)
+        assert arm.taken.numbers["rms_error"] == float(expected)
+
+
+def test_what_is_not_run_any_more_is_told(compared):
+    case, done = under(compared, "none"), []
+    arms = run_batch([case] * 3, done.append, threads=1, stop=lambda: bool(done))
+    assert arms[0].status == "ok"
+    assert {arm.status for arm in arms[1:]} == {"interrupted before its end"}
+
+
+def test_ctrl_c_saves_the_runs_that_are_complete(folder, tmp_path, monkeypatch):
+    def reporter(bar, prefix):
+        return lambda reached: reached.label != "pid" or signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("crinoid.cli.compare.reporter", reporter)
+    ended = call("compare", folder / "small.toml", "--seeds", 2, "--out", tmp_path)
+    assert ended.exit_code == 130
+    saved = xr.load_dataset(tmp_path / "compare.nc")
+    assert (saved["status"].sel(controller="none") == "ok").all()
+    assert np.isfinite(saved["rms_error"].sel(controller="none")).all()
+    unfinished = saved["status"].values == "interrupted before its end"
+    assert unfinished[1].any()
+    assert np.isnan(saved["rms_error"].values[unfinished]).all()
+    complete = 4 - unfinished.sum()
+    assert f"interrupted: {complete} of 4 runs are complete and saved" in ended.stderr
+
+
+def test_threads_that_ask_for_one_program_compile_it_once(tmp_path, monkeypatch):
+    made = []
+    program = Program(lambda x: x + 1, {})
+    program._function.__module__ = "crinoid"
+    begun = program._compile
+
+    def slowly(*arguments):
+        made.append(arguments)
+        time.sleep(0.1)
+        return begun(*arguments)
+
+    monkeypatch.setattr(program, "_compile", slowly)
+    token = STORE.set(Store(tmp_path))
+    try:
+        found = []
+        threads = [
+            threading.Thread(
+                target=copy_context().run,
+                args=(lambda: found.append(float(program(jnp.ones(())))),),
+            )
+            for _ in range(3)
+        ]
+        for each in threads:
+            each.start()
+        for each in threads:
+            each.join()
+    finally:
+        STORE.reset(token)
+    assert found == [2.0, 2.0, 2.0]
+    assert len(made) == 1
+
+
+# --- gains and ticks ---------------------------------------------------------------------------
+
+
+def test_shipped_gains_leave_a_margin_and_are_no_smaller_than_they_need_be(compared):
+    case = under(compared, "pid")
+    gains = {name: given.ki for name, given in case.control.pid.present.items()}
+    assert set(gains) == {"heave", "tilt"}
+    assert len(set(gains.values())) == 1
+    loop = set_up(Prepared(case)).open_loop
+    margin = loop.margin()
+    assert margin.stable
+    assert margin.modulus >= 0.4
+    # 1 Hz at most, or as much as the margin allows
+    assert gains["tilt"] > 6.0 or loop.scaled(1.5).margin().modulus < 0.4
+
+
+def test_an_input_that_moves_nothing_of_what_is_controlled_gets_no_gain():
+    turned = Scenario.from_toml(SCENARIO).with_values({"control.controlled": ["angle"]})
+    case = controlled_by(turned, "pid")
+    assert list(case.control.pid.present) == ["tilt"]
+
+
+def test_gains_of_the_scenario_are_left_alone():
+    own = Scenario.from_toml(SCENARIO + "[control.pid.tilt]\nkp = 0.3\n")
+    assert controlled_by(own, "pid").control.pid == own.control.pid
+    follows = own.with_values({"target.path": "line", "target.velocity": [0.1, 0.0]})
+    follows = follows.with_values({"control.kind": "pid", "target.feed_forward": True})
+    assert controlled_by(follows, "none").target.feed_forward is False
+
+
+class Busy(Controller):
+    """Takes a time in proportion to its sweeps."""
+
+    sweeps: jax.Array
+
+    def start(self, seen):
+        return jnp.linspace(0.0, 1.0, 64)
+
+    def command(self, memory, seen):
+        matrix = jnp.eye(64) + 1e-9 * seen.measured[0]
+        swept = jax.lax.fori_loop(0, self.sweeps, lambda _, x: jnp.tanh(matrix @ x), memory)
+        return 0.0 * seen.command + 1e-9 * jnp.sum(swept), swept
+
+
+def test_the_time_of_a_tick_is_that_of_the_controller(compared):
+    prepared = Prepared(under(compared, "none"), Parts(controller=Busy(jnp.asarray(10))))
+    setup = set_up(prepared)
+    short = tick_time(setup.loop, setup.state)
+    busy = eqx.tree_at(lambda loop: loop.controller.sweeps, setup.loop, jnp.asarray(1000))
+    assert 20 * short < tick_time(busy, setup.state) < 500 * short
+
+
+# --- numbers, table, figure --------------------------------------------------------------------
+
+
+def moved() -> Result:
+    """Return a result of a servo, a chamber and an actuation whose speeds are known."""
+    time = np.array([0.0, 0.5, 1.5, 2.0])
+    servo = np.stack([0.2 * time, 0 * time, 0 * time], axis=1)
+    servo[-1, 0] = servo[-2, 0]
+    data = xr.Dataset(
+        {
+            "base_servo": (("time", "channel"), servo),
+            "actuator_state": (("time", "input"), (0.5 * time)[:, None]),
+            "energy": (("time", "kind"), np.array([[0.0], [2.0], [1.0], [4.0]])),
+            "channel_lower": ("channel", [-1.0, 0.0, -1.0]),
+            "channel_upper": ("channel", [1.0, 0.0, 1.0]),
+        },
+        {
+            "time": time,
+            "channel": ["slide", "heave", "tilt"],
+            "kind": ["actuation"],
+            "input": ["chamber_0"],
+        },
+    )
+    return Result(data)
+
+
+def test_speeds_and_work_of_a_motion_that_is_known():
+    # 0.2 m/s for 1.5 s of 2 s; heave is no channel of this arm
+    expected = {"slide": 0.2 * np.sqrt(0.75), "tilt": 0.0, "chamber_0": 0.5}
+    assert input_speed(moved()) == pytest.approx(expected)
+    assert spent_work(moved()) == pytest.approx(2.0 + 3.0)
+
+
+def made(**changes) -> xr.Dataset:
+    """Return a comparison of three controllers over two seeds, one of which failed."""
+    over = ("controller", "seed")
+    rms = np.array([[0.03, 0.05], [0.003, np.nan], [0.002, 0.004]])
+    status = np.full((3, 2), "ok", object)
+    status[1, 1] = "failed at t = 1 s: it fell"
+    found = {
+        "rms_error": (over, rms),
+        "max_error": (over, 2 * rms),
+        "fluctuation": (over, 0.5 * rms),
+        "work": (over, rms),
+        "effort": ((*over, "input"), rms[..., None]),
+        "tick_time": ("controller", [1e-8, 1e-6, 2e-3]),
+        "status": (over, status),
+    } | changes
+    return xr.Dataset(
+        found,
+        {
+            "controller": ["none", "pid", "mpc"],
+            "seed": [0, 1],
+            "input": ["tilt"],
+            "input_unit": ("input", ["rad s-1"]),
+        },
+        attrs={
+            "title": "made",
+            "status": "failed: 1 of 6 runs did not reach their end",
+            "scenario": SCENARIO,
+            "crinoid_version": "0",
+        },
+    )
+
+
+def test_the_table_tells_means_of_the_runs_that_there_are():
+    table = comparison_table(made())
+    cells = [[*column.cells] for column in table.columns]
+    rows = {name: list(row) for name, *row in zip(*cells, strict=True)}
+    assert rows["tip error, RMS"] == ["40 mm", "3 mm", "3 mm"]
+    assert rows["tip error, RMS, worst run"] == ["50 mm", "3 mm", "4 mm"]
+    assert rows["tip error, maximum"] == ["100 mm", "6 mm", "8 mm"]
+    # of each seed over the half of 30 and 50 mm by which the tip is swung without control
+    assert rows["tip error over fluctuation"] == ["200.0%", "20.0%", "14.7%"]
+    assert rows["time per tick"] == ["10 ns", "1 µs", "2 ms"]
+    assert rows["runs"] == ["2", "1 of 2", "2"]
+
+
+def test_the_figure_can_be_drawn_again(folder, tmp_path):
+    (written,) = write_report(folder, tmp_path)
+    assert written == tmp_path / "compare.png"
+    assert_shows_something(written)
+    assert_shows_something(folder / "compare.png")
+
+
+def test_a_figure_of_failed_runs_and_a_file_that_is_none(tmp_path):
+    none = np.full((3, 2), np.nan)
+    made(max_error=(("controller", "seed"), none)).to_netcdf(tmp_path / "compare.nc")
+    (written,) = write_report(tmp_path / "compare.nc")
+    assert_shows_something(written)
+    made().drop_vars("effort").to_netcdf(tmp_path / "compare.nc")
+    with pytest.raises(ReportError, match="no effort over controller, seed, input"):
+        write_report(tmp_path)
+
+
+# --- mistakes ----------------------------------------------------------------------------------
+
+
+def test_kinds_come_with_commas():
+    assert kinds_of("none, pid") == ["none", "pid"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--controllers", "none,fuzzy"), '--controllers: got "fuzzy", takes "none"'),
+        (("--controllers", "custom"), '--controllers: got "custom", takes "none"'),
+        (("--controllers", "pid,pid"), '--controllers: got "pid" twice'),
+        (("--seeds", 0), "--seeds: got 0, takes a number of 1 or more"),
+        (("--first-seed", -1), "--first-seed: got -1, takes a number of 0 or more"),
+        (("--set", "vary={'arm.length'=[0.5, 0.6]}"), "vary: a comparison is that of one case"),
+        (("--set", "control.controlled=['y']"), "control.controlled"),
+    ],
+)
+def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, monkeypatch, options, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(SCENARIO)
+    ended = call("compare", "small.toml", *options)
+    assert ended.exit_code == 2
+    assert words in ended.stderr
+    assert len(ended.stderr.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["small.toml"]
+
+
+def test_a_controller_without_inputs_is_a_mistake():
+    fixed = Scenario.from_toml(SCENARIO.replace("[base.channels.tilt]", ""))
+    fixed = fixed.with_values({"base.channels": {}})
+    with pytest.raises(ScenarioError, match="no integral gains were found"):
+        controlled_by(fixed, "pid")
+
+
+def test_a_file_of_others_is_not_replaced(folder, tmp_path):
+    (tmp_path / "compare.nc").write_text("theirs")
+    ended = call("compare", folder / "small.toml", "--seeds", 1, "--out", tmp_path)
+    assert ended.exit_code == 2
+    assert "compare.nc was not written by crinoid" in ended.stderr
+    assert (tmp_path / "compare.nc").read_text() == "theirs"
