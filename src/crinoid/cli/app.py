@@ -220,6 +220,22 @@ def modes(
 
 @app.command()
 @_told("interrupted")
+def margins(
+    scenario: ScenarioName,
+    settings: Settings = None,
+    out: Annotated[Path | None, _out("results/SCENARIO-margins")] = None,
+    force: Force = False,
+) -> None:
+    """Find how far the control loop of a scenario is from swinging by itself, and draw it."""
+    described, folder = _load(scenario, settings), _folder(out, scenario, "-margins")
+    with Loading():
+        from crinoid.cli.margins import show_margins
+
+    show_margins(described, folder, force=force, console=console)
+
+
+@app.command()
+@_told("interrupted")
 def scenarios(
     copy: Annotated[
         str | None,

@@ -22,12 +22,13 @@ from crinoid.replacement import remove_unfinished
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import MODES
+from crinoid.simulation.margins import MARGINS
 from crinoid.status import Status
 from crinoid.stream import is_stream, remove_checkpoints
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
-_APART = (FLOW, MODES, COMPARISON)
+_APART = (FLOW, MODES, COMPARISON, MARGINS)
 """Files of commands that run no scenario by itself, which may lie beside a result."""
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 

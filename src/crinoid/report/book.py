@@ -19,6 +19,7 @@ from crinoid.report.compare import COMPARISON, draw_comparison, open_comparison
 from crinoid.report.contact import draw_contact, has_contact
 from crinoid.report.energy import draw_energy
 from crinoid.report.flow import FLOW, open_flow
+from crinoid.report.margins import MARGINS, draw_bode, draw_nyquist, open_margins
 from crinoid.report.modes import MODES, draw_modes, open_modes
 from crinoid.report.profile import draw_profile
 from crinoid.report.run import RESULT, ReportError, Run, open_run
@@ -98,6 +99,12 @@ def _write_comparison(path: Path, out: Path) -> list[Path]:
     return [_save(lambda: draw_comparison(data), out / "compare.png", path)]
 
 
+def _write_margins(path: Path, out: Path) -> list[Path]:
+    data = open_margins(path)
+    figures = {"bode.png": draw_bode, "nyquist.png": draw_nyquist}
+    return [_save(lambda draw=draw: draw(data), out / name, path) for name, draw in figures.items()]
+
+
 def _write_study(folder: Path, out: Path) -> list[Path]:
     cases = read_cases(folder / CASES)
     title, path = folder.resolve().name, folder / CASES
@@ -127,5 +134,6 @@ _APART: dict[str, Callable[[Path, Path], list[Path]]] = {
     FLOW: _write_flow,
     MODES: _write_modes,
     COMPARISON: _write_comparison,
+    MARGINS: _write_margins,
 }
 """Files of commands that run no scenario by itself, which may lie beside a result."""

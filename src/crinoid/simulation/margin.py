@@ -55,6 +55,18 @@ class Margin(NamedTuple):
     """By what all gains may be multiplied at most."""
     frequency: float
     """Where the modulus is least (Hz); 0 where an integrator has the wrong sign."""
+    least_gain: float = 0.0
+    """By what all gains must be multiplied at least; 0 where they may be as small as they like."""
+    phase: float = math.inf
+    """Angle by which all commands may lag or lead (rad); infinite where no gain reaches 1."""
+    delay: float = math.inf
+    """Time by which all commands may come later (s)."""
+    gain_frequency: float = math.nan
+    """Where it swings with the largest gains (Hz); not a number where it never does."""
+    phase_frequency: float = math.nan
+    """Where it swings with the largest phase (Hz)."""
+    delay_frequency: float = math.nan
+    """Where it swings with the largest delay (Hz)."""
 
 
 class OpenLoop(NamedTuple):
@@ -65,6 +77,9 @@ class OpenLoop(NamedTuple):
     transfer: Loops
     integrated: Float[np.ndarray, "input input"]
     """Gain of the integral terms on slow commands (1/s)."""
+    stable: bool | None = None
+    """Whether the closed loop is stable, where its poles are known; else it is counted how often
+    the eigenvalues go round -1, for a plant and a controller that are stable by themselves."""
 
     @staticmethod
     def of(
@@ -86,7 +101,7 @@ class OpenLoop(NamedTuple):
         driven = np.flatnonzero(np.abs(mapping).max(axis=1) > 0)
         rate = 2j * np.pi * grid
         hold = (1 - np.exp(-rate * period)) / (rate * period)
-        old = np.exp(-rate * _age(sensor, period, time_step))
+        old = np.exp(-rate * age(sensor, period, time_step))
         response = np.concatenate([one.response(grid) for one in followers], axis=1)
         response *= (hold * old)[:, None]
         loop = mapping @ plant.response(grid)
@@ -99,33 +114,77 @@ class OpenLoop(NamedTuple):
         """Return the loop with other gains."""
         factors = np.broadcast_to(factor, self.transfer.shape[1:2])
         return self._replace(
-            transfer=factors[:, None] * self.transfer, integrated=factors[:, None] * self.integrated
+            transfer=factors[:, None] * self.transfer,
+            integrated=factors[:, None] * self.integrated,
+            stable=None,
         )
 
+    def loci(self) -> Complex[np.ndarray, "f input"]:
+        """Return the eigenvalues of the transfer, each one a curve over the frequency."""
+        return _followed(np.linalg.eigvals(self.transfer))
+
     def margin(self) -> Margin:
-        """Return how far the loop is from swinging by itself."""
-        values = _followed(np.linalg.eigvals(self.transfer))
+        """Return how far the loop is from swinging by itself.
+
+        Exact for changes of all commands alike: gain, phase and delay of every eigenvalue change
+        together. Phase and delay of a loop that is not stable are not numbers.
+        """
+        values = self.loci()
         away = np.abs(1 + values).min(axis=1)
         worst = int(np.argmin(away))
-        at, upward = _crossings(values)
+        at, upward, where = _crossings(self.frequency, values)
         integrators = np.linalg.eigvals(self.integrated)
         wrong = int(np.sum(integrators.real < -_NOTHING * np.abs(integrators).max()))
-        at, upward = np.append(at, [-np.inf] * wrong), np.append(upward, [1.0] * wrong)
-        stable = bool(np.sum(upward[at < -1]) == 0)
+        ends = np.sum(upward[at < -1]) + wrong
+        stable = bool(ends == 0) if self.stable is None else self.stable
         gains = -1 / at
-        gain = gains[gains > 1] if stable else gains  # some are stable between two gains only
-        return Margin(
-            stable,
-            float(away[worst]),
-            float(gain.min(initial=np.inf)),
-            0.0 if wrong else float(self.frequency[worst]),
+        more = gains > 1 if stable else np.ones(gains.shape, bool)
+        # some are stable between two gains only
+        gain, first = _least(gains[more], where[more])
+        frequency = 0.0 if wrong else float(self.frequency[worst])
+        found = Margin(stable, float(away[worst]), gain, frequency, gain_frequency=first)
+        if not stable:
+            return found._replace(phase=math.nan, delay=math.nan)
+        circle, lag = _on_the_circle(self.frequency, values)
+        phase, at_phase = _least(np.minimum(lag, 2 * np.pi - lag), circle)
+        delay, at_delay = _least(lag / (2 * np.pi * circle), circle)
+        return found._replace(
+            least_gain=float(gains[gains < 1].max(initial=0.0)),
+            phase=phase,
+            delay=delay,
+            phase_frequency=at_phase,
+            delay_frequency=at_delay,
         )
+
+
+def _least(
+    values: Float[np.ndarray, " cross"], where: Float[np.ndarray, " cross"]
+) -> tuple[float, float]:
+    """Return the least value and where it is; infinite, and nowhere, if there is none."""
+    if not values.size:
+        return math.inf, math.nan
+    least = int(np.argmin(values))
+    return float(values[least]), float(where[least])
+
+
+def _on_the_circle(
+    frequency: Float[np.ndarray, " f"], values: Complex[np.ndarray, "f input"]
+) -> tuple[Float[np.ndarray, " cross"], Float[np.ndarray, " cross"]]:
+    """Return where eigenvalues are as large as 1 (Hz), and by which lag they would be -1 (rad)."""
+    size = np.log(np.maximum(np.abs(values), np.finfo(float).tiny))
+    angle = np.unwrap(np.angle(values), axis=0)
+    before, curve = np.nonzero(np.diff(np.sign(size), axis=0))
+    low, high = size[before, curve], size[before + 1, curve]
+    share = low / (low - high)
+    turned = angle[before, curve] + share * (angle[before + 1, curve] - angle[before, curve])
+    where = frequency[before] * (frequency[before + 1] / frequency[before]) ** share
+    return where, np.mod(turned + np.pi, 2 * np.pi)
 
 
 def _crossings(
-    values: Complex[np.ndarray, "f input"],
-) -> tuple[Float[np.ndarray, " cross"], Float[np.ndarray, " cross"]]:
-    """Return where eigenvalues cross the negative real axis, and whether upward (1) or down.
+    frequency: Float[np.ndarray, " f"], values: Complex[np.ndarray, "f input"]
+) -> tuple[Float[np.ndarray, " cross"], Float[np.ndarray, " cross"], Float[np.ndarray, " cross"]]:
+    """Return where eigenvalues cross the negative real axis, upward (1) or down, and when (Hz).
 
     Beyond both ends of the frequencies they go on as their complex conjugates; what integrates
     comes from infinity at the lower end.
@@ -138,7 +197,9 @@ def _crossings(
     share = np.where(crosses, -values.imag[:-1] / np.where(rise == 0, 1.0, rise), 0.0)
     real = values.real[:-1] + share * np.diff(values.real, axis=0)
     crosses &= real < 0
-    return real[crosses], np.sign(rise[crosses])
+    around = np.concatenate([frequency[:1], frequency, frequency[-1:]])[:, None]
+    when = around[:-1] + share * np.diff(around, axis=0)
+    return real[crosses], np.sign(rise[crosses]), when[crosses]
 
 
 def _followed(values: Complex[np.ndarray, "f input"]) -> Complex[np.ndarray, "f input"]:
@@ -171,7 +232,7 @@ def _controller(controller: Pid, grid: Float[np.ndarray, " f"]) -> np.ndarray:
     return np.asarray(controller.kp) + integral + np.asarray(controller.kd) * slope
 
 
-def _age(sensor: Sensor, period: float, time_step: float) -> float:
+def age(sensor: Sensor, period: float, time_step: float) -> float:
     """Return how old the newest reading is on average when a command is given (s)."""
 
     def ticks(every: float, count: int) -> Float[np.ndarray, " tick"]:

@@ -1,0 +1,308 @@
+"""A control loop as one linear system in discrete time: arm, actuators, sensors and controller.
+
+The arm with its actuators is the linear model of a time step (`crinoid.System.transition`) in the
+mean current, taken over a control period. A reading comes as late as the newest known one is on
+average, in whole time steps. A controller is what small changes of readings, of the states of the
+actuators and of its own memory lead to: whatever its kind, derivatives by `jax.jacfwd` where the
+arm stands still, the target is where the tip is, and no limit is met. So nothing is left out that
+is linear: hold, images of fast motions, damping by the integrator, all sensors, what an input hands
+over to others. Switches are: a sensor slower than the controller counts at each command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Complex, Float, Int
+from scipy.linalg import block_diag, schur, solve_triangular
+
+from crinoid.assembly.numbers import array
+from crinoid.assembly.prepared import Prepared
+from crinoid.control import Reading, Target
+from crinoid.dynamics import State, Transition
+from crinoid.flow import Uniform, Water
+from crinoid.onset import Onset
+from crinoid.plausibility import Facts
+from crinoid.programs import ONCE, compiled
+from crinoid.scenario import Mistake, ScenarioError
+from crinoid.simulation.loop import Loop
+from crinoid.simulation.margin import OpenLoop, age
+from crinoid.simulation.setup import Setup, set_up
+
+__all__ = ["LinearLoop", "linear_loop"]
+
+Matrix = Float[np.ndarray, "m n"]
+
+_GRID = 1500
+_LOWEST = 1e-5
+"""Lowest frequency looked at, over the highest."""
+_AROUND = np.array([-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0])
+"""Where a resonance is looked at beside, in half-widths."""
+_SETTLED = 2.0
+"""How long a controller has run when it is linearised (s)."""
+_FAR = 1e6
+"""By how much limits are moved away, over themselves and 1."""
+_GROWS = 1e-6
+"""By how much a pole may lie outside of the unit circle, by round-off."""
+
+
+class System(NamedTuple):
+    """``x' = A x + B u``, ``y = C x + D u``."""
+
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+
+    def response(self, z: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, "f output input"]:
+        """Return ``C (z - A)^-1 B + D``, by one Schur decomposition (Laub 1981)."""
+        upper, basis = schur(self.A, output="complex")
+        entering, leaving = basis.conj().T @ self.B, self.C @ basis
+        eye, found = np.eye(upper.shape[0]), np.empty((z.size, *self.D.shape), complex)
+        for index, each in enumerate(z):
+            found[index] = leaving @ solve_triangular(each * eye - upper, entering) + self.D
+        return found
+
+    def minimal(self) -> System:
+        """Leave out states that no input reaches, or that no output sees, by what is zero."""
+        moves = self.A != 0
+        kept = _reached(moves, (self.B != 0).any(axis=1))
+        kept &= _reached(moves.T, (self.C != 0).any(axis=0))
+        return System(self.A[np.ix_(kept, kept)], self.B[kept], self.C[:, kept], self.D)
+
+
+class LinearLoop(NamedTuple):
+    """A loop that is cut at the commands, and its poles when it is closed."""
+
+    open: OpenLoop
+    inputs: tuple[str, ...]
+    """Names of the inputs that are driven."""
+    poles: Complex[np.ndarray, " pole"]
+    """Poles of the closed loop (1/s), the one that dies down last first."""
+
+
+def linear_loop(prepared: Prepared) -> LinearLoop:
+    """Return the loop of a scenario about the state in which its arm starts.
+
+    Raises
+    ------
+    ScenarioError
+        If the scenario has no controller, there is no equilibrium to start from, or the controller
+        has no derivatives.
+    """
+    kind = prepared.scenario.control.kind
+    if kind == "none":
+        text = 'got "none", a loop takes a controller such as "pid"'
+        raise ScenarioError([Mistake("control.kind", text)])
+    setup = set_up(prepared)
+    if not setup.outcome.converged:
+        text = 'got "equilibrium", and there is none to start from; takes "rest" as well'
+        raise ScenarioError([Mistake("simulation.start", text)])
+    plant, period = _plant(prepared, setup)
+    controller = _controller(setup.loop, setup.state, period)
+    if not all(np.isfinite(part).all() for part in controller):
+        text = f"got {kind!r}, which has no derivatives where the arm stands still"
+        raise ScenarioError([Mistake("control.kind", text)])
+    names = [each.name for each in setup.loop.system.inputs]
+    controller = controller.minimal()
+    driven = np.flatnonzero((controller.C != 0).any(axis=1) | (controller.D != 0).any(axis=1))
+    controller = controller._replace(C=controller.C[driven], D=controller.D[driven])
+    plant = plant._replace(B=plant.B[:, driven], D=plant.D[:, driven]).minimal()
+    closed = np.block(
+        [
+            [plant.A + plant.B @ controller.D @ plant.C, plant.B @ controller.C],
+            [controller.B @ plant.C, controller.A],
+        ]
+    )
+    poles = np.linalg.eigvals(closed).astype(complex)
+    poles = poles[np.argsort(-np.abs(poles))]
+    poles = poles[np.abs(poles) > 0]  # else it is gone after a period
+    frequency = _frequencies(np.linalg.eigvals(plant.A), 1 / period)
+    z = np.exp(2j * np.pi * frequency * period)
+    transfer = -controller.response(z) @ plant.response(z)
+    loop = OpenLoop(
+        frequency,
+        transfer,
+        np.zeros((driven.size, driven.size)),
+        stable=bool(np.abs(poles[0]) <= 1 + _GROWS),
+    )
+    return LinearLoop(loop, tuple(names[index] for index in driven), np.log(poles) / period)
+
+
+def _plant(prepared: Prepared, setup: Setup) -> tuple[System, float]:
+    """Return arm, actuators and sensors over a control period, and the period (s).
+
+    From commands to readings, as late as they are known, and to the states of the actuators.
+    """
+    loop, state = setup.loop, setup.state
+    step = float(loop.system.time_step)
+    count = max(1, round(float(loop.clock.period) / step))
+    period = count * step
+    current = array(Facts(prepared).mean_current)
+    found: Transition = jax.tree.map(np.asarray, _transition(loop, state, current))
+    A, B, C = (np.asarray(part) for part in (found.A, found.B, found.C))
+    powers, sums = [np.eye(A.shape[0])], [np.zeros_like(B)]
+    for _ in range(count):
+        powers.append(A @ powers[-1])
+        sums.append(A @ sums[-1] + B)
+    total = System(powers[-1], sums[-1], np.zeros((0, A.shape[0])), np.zeros((0, B.shape[1])))
+    row = 0
+    for sensor in loop.sensors:
+        size = sensor.noise.shape[0]
+        seen, row = C[row : row + size], row + size
+        periods, part = divmod(round(age(sensor, period, step) / step), count)
+        into = (count - part) % count  # of the period in which it was taken
+        read = System(A, B, seen @ powers[into], seen @ sums[into])
+        total = _with_late(total, read, A.shape[0], periods + (part > 0))
+    followers = found.actuators.shape[0]
+    last = np.zeros((followers, total.A.shape[0]))
+    last[:, A.shape[0] - followers : A.shape[0]] = np.eye(followers)
+    none = np.zeros((followers, B.shape[1]))
+    return (
+        System(total.A, total.B, np.concatenate([total.C, last]), np.concatenate([total.D, none])),
+        period,
+    )
+
+
+def _with_late(total: System, read: System, arm: int, periods: int) -> System:
+    """Add an output of the arm's states, the first ones, that comes some periods late."""
+    states, size = total.A.shape[0], read.C.shape[0]
+    reading = np.pad(read.C, ((0, 0), (0, states - arm)))
+    if not periods:
+        return total._replace(
+            C=np.concatenate([total.C, reading]), D=np.concatenate([total.D, 0 * read.D])
+        )
+    under_way = size * periods
+    A = block_diag(total.A, np.eye(under_way, k=-size))
+    A[states : states + size, :states] = reading
+    B = np.concatenate([total.B, np.zeros((under_way, total.B.shape[1]))])
+    B[states : states + size] = read.D
+    C = np.pad(total.C, ((0, size), (0, under_way)))
+    C[-size:, -size:] = np.eye(size)
+    return System(A, B, C, np.concatenate([total.D, 0 * read.D]))
+
+
+@compiled(**ONCE)
+def _transition(loop: Loop, state: State, current: Float[Array, " d"]) -> Transition:
+    """Return the model of a time step in a steady current; it observes what the sensors do."""
+    steady = Water((Uniform(Onset.of(), current),))
+    system = eqx.tree_at(
+        lambda s: (s.forces.water, s.actuators),
+        loop.system,
+        (steady, jax.tree_util.tree_map_with_path(_answering, loop.system.actuators)),
+    )
+
+    def observe(system: Any, state: State) -> Float[Array, " y"]:
+        return jnp.concatenate([each.measurand.of(system, state) for each in loop.sensors])
+
+    commands = jnp.zeros(len(system.inputs))
+    return system.transition(system.stand(state), commands, observe=observe)
+
+
+def _answering(path: tuple[Any, ...], leaf: Any) -> Any:
+    """Return what an actuator is made of, but no dead band: small commands would do nothing."""
+    return jnp.zeros_like(leaf) if getattr(path[-1], "name", "") == "dead_band" else leaf
+
+
+def _controller(loop: Loop, state: State, period: float) -> System:
+    """Return the controller, from readings and the states of the actuators to commands."""
+    calls = jnp.asarray(int(_SETTLED / period) + 2)
+    slopes = _slopes(loop, state, calls)
+    (of_memory, of_seen, of_last), (memory, seen, last) = jax.tree.map(np.asarray, slopes)
+    # the last command is a state of the controller as well
+    A = np.block([[memory, last], [of_memory, of_last]])
+    B, C = np.concatenate([seen, of_seen]), np.hstack([of_memory, of_last])
+    return System(A, B, C, of_seen)
+
+
+@compiled(**ONCE)
+def _slopes(loop: Loop, state: State, calls: Int[Array, ""]) -> tuple[tuple[Array, ...], ...]:
+    """Return the derivatives of command and memory by memory, what is seen and last command."""
+    begin = loop.start(state)
+    still = jnp.zeros(len(loop.system.inputs))
+    first = loop.seen(state, begin.sensors, still)
+    ages = {"tip": first.time - first.taken} | {
+        name: first.time - reading.taken for name, reading in first.readings.items()
+    }
+    first = replace(
+        first,
+        wanted=first.measured,
+        forward=still,
+        target=Target(first.measured, None, (), loop.target.carrier),
+        lower=first.lower - _FAR * (1 + jnp.abs(first.lower)),
+        upper=first.upper + _FAR * (1 + jnp.abs(first.upper)),
+    )
+    values, shaped_values = ravel_pytree(
+        [
+            sensor.reading(samples, state.time).value
+            for sensor, samples in zip(loop.sensors, begin.sensors, strict=True)
+        ]
+    )
+    numbers, others = eqx.partition(first.actuators, eqx.is_inexact_array)
+    followers, shaped_followers = ravel_pytree(numbers)
+
+    def seen_at(index: Array, values: Array, followers: Array, last: Array) -> Any:
+        time = first.time + index * loop.clock.period
+        tip, *readings = shaped_values(values)
+        actuators = eqx.combine(shaped_followers(followers), others)
+        base, _, _ = loop.system.base.pose(first.time, actuators[0])
+        return replace(
+            first,
+            time=time,
+            taken=time - ages["tip"],
+            measured=loop.target.seen(tip, first.time),
+            base=base,
+            command=last,
+            actuators=actuators,
+            readings={
+                sensor.name: Reading(value, time - ages[sensor.name])
+                for sensor, value in zip(loop.sensors[1:], readings, strict=True)
+            },
+        )
+
+    def call(index: Array, carry: tuple[Any, Array]) -> tuple[Any, Array]:
+        memory, last = carry
+        command, memory = loop.controller.command(memory, seen_at(index, values, followers, last))
+        return memory, command
+
+    carry = (loop.controller.start(first), still)
+    carry = jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), carry)
+    memory, last = jax.lax.fori_loop(0, calls, call, carry)
+    numbers, rest = eqx.partition(memory, eqx.is_inexact_array)
+    remembered, shaped_memory = ravel_pytree(numbers)
+
+    def change(remembered: Array, seen: Array, last: Array) -> tuple[Array, Array]:
+        memory = eqx.combine(shaped_memory(remembered), rest)
+        now = seen_at(calls, seen[: values.size], seen[values.size :], last)
+        command, memory = loop.controller.command(memory, now)
+        return command, ravel_pytree(eqx.filter(memory, eqx.is_inexact_array))[0]
+
+    both = jnp.concatenate([values, followers])
+    return jax.jacfwd(change, argnums=(0, 1, 2))(remembered, both, last)
+
+
+def _reached(moves: Bool[np.ndarray, "x x"], begin: Bool[np.ndarray, " x"]) -> np.ndarray:
+    """Return which states some others lead to, step by step."""
+    found, count = begin.copy(), -1
+    while count != found.sum():
+        count = int(found.sum())
+        found |= moves[:, found].any(axis=1)
+    return found
+
+
+def _frequencies(poles: Complex[np.ndarray, " pole"], rate: float) -> Float[np.ndarray, " f"]:
+    """Return where to look: evenly by octaves, and closely beside resonances (Hz)."""
+    highest = 0.5 * rate
+    grid = [np.geomspace(_LOWEST * highest, highest, _GRID)]
+    swinging = poles[(poles.imag > 0) & (np.abs(poles) > 0)]
+    speed = np.log(swinging) * rate / (2 * np.pi)
+    for each in speed[np.abs(speed.real) < 0.1 * speed.imag]:
+        grid.append(each.imag + np.abs(each.real) * _AROUND)
+    found = np.unique(np.concatenate(grid))
+    return found[(found > 0) & (found <= highest)]

@@ -1,0 +1,109 @@
+"""The margins of a scenario's control loop, and the curves that show them, as a dataset."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Complex
+
+from crinoid.assembly.prepared import Prepared
+from crinoid.dataset import describe
+from crinoid.simulation.linear_loop import LinearLoop, linear_loop
+from crinoid.status import Status
+
+__all__ = ["MARGINS", "find_margins"]
+
+MARGINS = "margins.nc"
+
+_LEAST_SWING = 0.01
+"""Angle by which a pole turns in the time in which it grows e-fold, below which it runs away."""
+
+
+def find_margins(prepared: Prepared) -> xr.Dataset:
+    """Return gain, phase, delay and modulus margin of a scenario's loop, and its eigenvalues.
+
+    The loop of `crinoid.simulation.linear_loop`, cut at the commands. A margin that nothing bounds
+    is infinite; phase and delay margin of a loop that is not stable are NaN.
+
+    Raises
+    ------
+    ScenarioError
+        If the scenario has no controller, or none that can be linearised.
+    """
+    loop = linear_loop(prepared)
+    margin, loci, names = loop.open.margin(), loop.open.loci(), list(loop.inputs)
+    numbers = {
+        "gain_margin": (margin.gain, "1", "by what all gains may be multiplied at most"),
+        "gain_margin_frequency": (margin.gain_frequency, "Hz", "frequency of the gain margin"),
+        "least_gain": (
+            margin.least_gain,
+            "1",
+            "by what all gains must be multiplied at least to keep the loop stable",
+        ),
+        "phase_margin": (margin.phase, "rad", "angle by which all commands may lag or lead"),
+        "phase_margin_frequency": (margin.phase_frequency, "Hz", "frequency of the phase margin"),
+        "delay_margin": (margin.delay, "s", "time by which all commands may come later"),
+        "delay_margin_frequency": (margin.delay_frequency, "Hz", "frequency of the delay margin"),
+        "modulus_margin": (
+            margin.modulus,
+            "1",
+            "least distance of an eigenvalue of the open loop from -1",
+        ),
+        "modulus_margin_frequency": (
+            margin.frequency,
+            "Hz",
+            "frequency at which an eigenvalue comes nearest to -1",
+        ),
+        "stable": (int(margin.stable), "1", "whether the closed loop is stable: 1, else 0"),
+    }
+    found: dict[str, tuple[Any, ...]] = {
+        name: ((), value, {"units": unit, "long_name": meaning})
+        for name, (value, unit, meaning) in numbers.items()
+    }
+    found |= _parts("locus", ("frequency", "locus"), loci, "eigenvalue of the open loop")
+    found |= _parts(
+        "transfer",
+        ("frequency", "output", "input"),
+        loop.open.transfer,
+        "command that comes back, reversed, over one that is given where the loop is cut",
+    )
+    return xr.Dataset(
+        found,
+        coords={
+            "frequency": (
+                "frequency",
+                loop.open.frequency,
+                {"units": "Hz", "long_name": "frequency"},
+            ),
+            "locus": ("locus", np.arange(1, loci.shape[1] + 1), {"long_name": "eigenvalue"}),
+            "input": ("input", names, {"long_name": "input that is driven"}),
+            "output": ("output", names, {"long_name": "input that is commanded"}),
+        },
+        attrs=describe(prepared.scenario)
+        | {"status": Status.OK.value, "notes": "" if margin.stable else _growth(loop)},
+    )
+
+
+def _parts(
+    name: str, dims: tuple[str, ...], values: Complex[np.ndarray, ...], meaning: str
+) -> dict[str, tuple[Any, ...]]:
+    """Return real and imaginary part as two variables: netCDF has no complex numbers."""
+    return {
+        f"{name}_{part}": (dims, number, {"units": "1", "long_name": f"{meaning}, {part} part"})
+        for part, number in (("real", values.real), ("imaginary", values.imag))
+    }
+
+
+def _growth(loop: LinearLoop) -> str:
+    """Say how small motions of an unstable loop grow."""
+    pole = loop.poles[0]
+    time = 1 / pole.real
+    if abs(pole.imag) < _LEAST_SWING * pole.real:
+        return f"the closed loop is unstable: the tip runs away, e-fold in {time:.3g} s"
+    frequency = abs(pole.imag) / (2 * np.pi)
+    return (
+        f"the closed loop is unstable: small motions grow near {frequency:.3g} Hz, "
+        f"e-fold in {time:.3g} s"
+    )
