@@ -43,6 +43,63 @@ def test_the_modulus_margin_is_the_distance_from_minus_one():
     assert found.modulus == pytest.approx(exact, rel=0.01)
 
 
+def test_phase_and_delay_margin_of_an_integrator_with_a_delay():
+    for gain in (0.1 / DELAY, 1.2 / DELAY):
+        margin = late_integrators(gain).margin()
+        assert margin.phase == pytest.approx(math.pi / 2 - gain * DELAY, rel=1e-3)
+        assert margin.delay == pytest.approx(math.pi / 2 / gain - DELAY, rel=1e-3)
+        assert margin.delay_frequency == pytest.approx(gain / (2 * math.pi), rel=1e-3)
+        assert margin.gain_frequency == pytest.approx(0.25 / DELAY, rel=1e-3)
+        assert margin.least_gain == 0
+
+
+def alone(transfer: np.ndarray, integrated: float = 0.0) -> OpenLoop:
+    return OpenLoop(FREQUENCY, transfer[:, None, None], np.array([[integrated]]))
+
+
+def test_margins_of_a_loop_of_third_order():
+    # K / (s (s + 1) (s + 2)) is -K / 6 at sqrt(2) rad/s
+    gain = 1.5
+    margin = alone(gain / (RATE * (RATE + 1) * (RATE + 2)), gain / 2).margin()
+    assert margin.gain == pytest.approx(6 / gain, rel=1e-3)
+    assert 2 * math.pi * margin.gain_frequency == pytest.approx(math.sqrt(2), rel=1e-3)
+    roots = np.roots([1, 0, 5, 0, 4, 0, -(gain**2)])
+    (rate,) = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real
+    phase = math.pi / 2 - math.atan(rate) - math.atan(rate / 2)
+    assert margin.phase == pytest.approx(phase, rel=2e-3)
+    assert margin.delay == pytest.approx(phase / rate, rel=2e-3)
+
+
+def test_the_delay_margin_is_the_least_of_all_crossings():
+    # a resonance is as large as 1 on both sides of its peak; the least phase is not there where
+    # the least delay is
+    gain, damping, late = 0.4, 0.1, 0.02
+    transfer = gain / (1 + 2 * damping * RATE + RATE**2) * np.exp(-late * RATE)
+    transfer += 3.0 / RATE * np.exp(-late * RATE) * 0.1
+    margin = alone(transfer, 0.3).margin()
+    fine = 1j * np.geomspace(1e-2, 1e2, 400_001)
+    exact = (gain / (1 + 2 * damping * fine + fine**2) + 0.3 / fine) * np.exp(-late * fine)
+    above = np.abs(exact) > 1
+    at = np.flatnonzero(above[1:] != above[:-1])
+    assert at.size == 3
+    lag = np.mod(np.angle(exact[at]) + math.pi, 2 * math.pi)
+    assert margin.phase == pytest.approx(np.minimum(lag, 2 * math.pi - lag).min(), rel=2e-3)
+    assert margin.delay == pytest.approx((lag / fine[at].imag).min(), rel=2e-3)
+    # all commands that much later, and it swings
+    later = np.exp(-1.03 * margin.delay * RATE) * transfer
+    assert not alone(later, 0.3).margin().stable
+    assert alone(np.exp(-0.97 * margin.delay * RATE) * transfer, 0.3).margin().stable
+
+
+def test_margins_that_there_are_none_of():
+    small = alone(0.5 / (1 + RATE)).margin()
+    assert (small.phase, small.delay, small.gain) == (math.inf, math.inf, math.inf)
+    unstable = late_integrators(2 * math.pi / DELAY).margin()
+    assert not unstable.stable
+    assert math.isnan(unstable.phase)
+    assert math.isnan(unstable.delay)
+
+
 def test_channels_that_are_coupled_share_one_margin():
     loop = late_integrators(1.0, 4.0)
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
@@ -60,6 +117,10 @@ def test_a_loop_that_is_stable_between_two_gains_only():
     loop = OpenLoop(FREQUENCY, plant[:, None, None], np.array([[1.0]]))
     stable = {gain: loop.scaled(gain).margin().stable for gain in (0.1, 1.0, 1e3, 2e4)}
     assert stable == {0.1: True, 1.0: False, 1e3: True, 2e4: False}
+    margin = loop.scaled(1e3).margin()
+    for factor, remains in ((margin.gain, False), (margin.least_gain, True)):
+        assert loop.scaled(1e3 * factor * 1.02).margin().stable == remains
+        assert loop.scaled(1e3 * factor / 1.02).margin().stable != remains
 
 
 def test_an_integrator_of_the_wrong_sign_runs_away_however_small():

@@ -192,10 +192,12 @@ def _with_late(total: System, read: System, arm: int, periods: int) -> System:
 def _transition(loop: Loop, state: State, current: Float[Array, " d"]) -> Transition:
     """Return the model of a time step in a steady current; it observes what the sensors do."""
     steady = Water((Uniform(Onset.of(), current),))
+    followers = (loop.system.base.servo, loop.system.actuators)
+    servo, actuators = jax.tree_util.tree_map_with_path(_answering, followers)
     system = eqx.tree_at(
-        lambda s: (s.forces.water, s.actuators),
+        lambda s: (s.forces.water, s.base.servo, s.actuators),
         loop.system,
-        (steady, jax.tree_util.tree_map_with_path(_answering, loop.system.actuators)),
+        (steady, servo, actuators),
     )
 
     def observe(system: Any, state: State) -> Float[Array, " y"]:
@@ -206,8 +208,19 @@ def _transition(loop: Loop, state: State, current: Float[Array, " d"]) -> Transi
 
 
 def _answering(path: tuple[Any, ...], leaf: Any) -> Any:
-    """Return what an actuator is made of, but no dead band: small commands would do nothing."""
-    return jnp.zeros_like(leaf) if getattr(path[-1], "name", "") == "dead_band" else leaf
+    """Return what an actuator is made of, but for what keeps small commands from doing anything.
+
+    That is a dead band, and the end of its range, where some are at rest.
+    """
+    match getattr(path[-1], "name", ""):
+        case "dead_band":
+            return jnp.zeros_like(leaf)
+        case "lower":
+            return leaf - _FAR * (1 + jnp.abs(leaf))
+        case "upper":
+            return leaf + _FAR * (1 + jnp.abs(leaf))
+        case _:
+            return leaf
 
 
 def _controller(loop: Loop, state: State, period: float) -> System:

@@ -1,0 +1,240 @@
+"""A control loop as a linear system: against its simulation, and against what is known on paper."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+from crinoid.assembly.parts import Parts
+from crinoid.assembly.prepared import Prepared
+from crinoid.control import Controller
+from crinoid.report import ReportError, write_report
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.simulation import margin as closed_form
+from crinoid.simulation.linear_loop import System, _controller, linear_loop
+from crinoid.simulation.margins import find_margins
+from crinoid.simulation.run import _begin
+from crinoid.simulation.setup import set_up
+from crinoid.simulation.stretch import stretch
+from test_cli import call
+from test_report import assert_shows_something
+
+SCENARIO = """
+title = "a loop"
+[arm]
+nodes = 5
+length = 0.5
+youngs_modulus = 4e5
+damping_time = 0.05
+[base]
+tilt_deg = 90.0
+[base.channels.slide]
+range = [-0.3, 0.3]
+[base.channels.tilt]
+range_deg = [0.0, 60.0]
+[[sensors]]
+kind = "shape"
+stations = [0.2]
+[[flow]]
+kind = "uniform"
+velocity = [0.05, 0.0]
+[control]
+kind = "pid"
+controlled = ["x", "angle"]
+[control.pid.slide]
+kp = 0.07
+ki = 1.4
+kd = 0.014
+[control.pid.tilt]
+kp = 0.07
+ki = 0.7
+kd = 0.014
+"""
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    return Prepared(Scenario.from_toml(SCENARIO))
+
+
+@pytest.fixture(scope="module")
+def setup(prepared):
+    return set_up(prepared)
+
+
+@pytest.fixture(scope="module")
+def linear(prepared):
+    return linear_loop(prepared)
+
+
+def rolled(loop, state, steps):
+    """Return the commands of a loop, at each time step."""
+    carry, _ = _begin(loop, state)
+    end, stride = jnp.asarray(steps, int), jnp.asarray(1, int)
+    _, kept, filled, outcome = stretch(loop, carry, end, stride, steps)
+    assert outcome.converged
+    return np.asarray(kept.command)[: int(filled)]
+
+
+def moved(loop, distance):
+    """Return a loop whose target is moved along x (m)."""
+    fixed = loop.target.fixed.at[0].add(distance)
+    return eqx.tree_at(lambda each: each.target.fixed, loop, fixed)
+
+
+def test_a_pid_is_the_transfer_that_its_equations_have(setup, linear):
+    controller, period = setup.loop.controller, 0.01
+    found = _controller(setup.loop, setup.state, period).minimal()
+    frequency = np.array([0.01, 0.3, 2.0, 20.0])
+    gains = closed_form._controller(controller, frequency)
+    expected = -gains[:, :, None] * np.asarray(controller.mapping)
+    z = np.exp(2j * np.pi * frequency * period)
+    response = found.response(z)
+    np.testing.assert_allclose(response[:, :, :3], expected, rtol=1e-9, atol=1e-9)
+    assert not response[:, :, 3:].any()  # neither the shape nor the servos
+    assert linear.inputs == ("slide", "tilt")
+
+
+def test_the_loop_is_that_of_the_arm_in_continuous_time(setup, linear):
+    quick = setup.open_loop
+    slow = (quick.frequency > 0.05) & (quick.frequency < 3.0)
+    for row, frequency in zip(quick.transfer[slow], quick.frequency[slow], strict=True):
+        at = np.argmin(np.abs(linear.open.frequency - frequency))
+        near = frequency / linear.open.frequency[at]
+        assert near == pytest.approx(1.0, rel=0.01)
+        np.testing.assert_allclose(linear.open.transfer[at], row, atol=0.06 * np.abs(row).max())
+    one, other = quick.margin(), linear.open.margin()
+    assert other.stable
+    for name in ("modulus", "gain", "phase", "delay"):
+        assert getattr(other, name) == pytest.approx(getattr(one, name), rel=0.15), name
+
+
+@pytest.mark.parametrize(("share", "grows"), [(0.7, False), (1.2, True)])
+def test_a_loop_swings_by_itself_beyond_its_delay_margin_and_not_below(
+    prepared, setup, linear, share, grows
+):
+    margin = linear.open.margin().delay
+    assert 0.04 < margin < 1.0
+    # room for as many readings under way as the longest delay takes
+    loop = set_up(Prepared(prepared.scenario.with_values({"sensor.delay": 1.3 * margin}))).loop
+    loop = eqx.tree_at(lambda each: each.sensors[0].delay, loop, jnp.asarray(share * margin))
+    tilt = rolled(moved(loop, 1e-4), setup.state, 3000)[:, 2]
+    early, late = np.ptp(tilt[1000:1600]), np.ptp(tilt[2400:])
+    assert (late > 1.5 * early) if grows else (late < 0.5 * early)
+
+
+def test_poles_and_gain_margin_agree(prepared, linear):
+    margin = linear.open.margin()
+    for factor, stable in ((0.97, True), (1.03, False)):
+        gains = {
+            f"control.pid.{name}.{term}": factor * margin.gain * value
+            for name, terms in {"slide": (0.07, 1.4, 0.014), "tilt": (0.07, 0.7, 0.014)}.items()
+            for term, value in zip(("kp", "ki", "kd"), terms, strict=True)
+        }
+        found = linear_loop(Prepared(prepared.scenario.with_values(gains)))
+        assert found.open.margin().stable == stable
+        if not stable:
+            frequency = np.abs(found.poles[0].imag) / (2 * np.pi)
+            assert frequency == pytest.approx(margin.gain_frequency, rel=0.05)
+
+
+class Everything(Controller):
+    """Feeds back the shape, the tip, the speed of a servo, its last command and a memory."""
+
+    gain: jax.Array
+
+    def start(self, seen):
+        return seen.readings["shape"].value, jnp.zeros(()), jnp.asarray(0)
+
+    def command(self, memory, seen):
+        begin, slow, calls = memory
+        bent = jnp.sum(seen.readings["shape"].value - begin)
+        slow = 0.8 * slow + 0.2 * bent
+        wanted = seen.wanted[0] - seen.measured[0]
+        tilt = self.gain * (0.05 * slow + wanted) - 0.02 * seen.actuators[0].velocity[2]
+        tilt += 0.3 * seen.command[2]
+        return jnp.zeros_like(seen.command).at[2].set(tilt), (begin, slow, calls + 1)
+
+
+def test_a_loop_of_any_controller_grows_as_its_pole_says(prepared):
+    # every second time step a command, readings between two of them late
+    values = {"control.rate_hz": 50.0, "sensor.delay": 0.015, "sensors.0.delay": 0.03}
+    scenario = prepared.scenario.with_values({**values, "control.kind": "custom"})
+    own = Prepared(scenario, Parts(controller=Everything(jnp.asarray(12.0))))
+    found = linear_loop(own)
+    assert found.inputs == ("tilt",)
+    assert not found.open.margin().stable
+    pole = found.poles[0]
+    assert pole.imag != 0
+    setup = set_up(own)
+    # limits of the servo are far, so that it grows for long
+    free = eqx.tree_at(
+        lambda loop: (loop.system.base.servo.lower, loop.system.base.servo.upper),
+        setup.loop,
+        (jnp.full(3, -9.0), jnp.full(3, 9.0)),
+    )
+    steps = int(14.0 / pole.real / 0.01)
+    tilt = rolled(moved(free, 1e-9), setup.state, steps)[:, 2]
+    # two poles that are conjugates obey y'' = 2 Re(z) y' - |z|^2 y from period to period
+    late = tilt[2 * (steps // 3) :: 2]
+    z = np.exp(pole * 0.02)
+    columns = np.stack([late[1:-1], late[:-2]], axis=1)
+    fitted, *_ = np.linalg.lstsq(columns, late[2:], rcond=None)
+    np.testing.assert_allclose(fitted, [2 * z.real, -(np.abs(z) ** 2)], rtol=1e-3)
+
+
+def test_states_that_nothing_reaches_or_sees_do_not_count():
+    # of three states the first follows the input and is seen; the others are not reached, not seen
+    whole = System(
+        np.array([[0.5, 0.1, 0.0], [0.0, 1.0, 0.0], [0.3, 0.0, 2.0]]),
+        np.array([[1.0], [0.0], [0.0]]),
+        np.array([[2.0, 0.0, 0.0]]),
+        np.array([[0.1]]),
+    )
+    least = whole.minimal()
+    assert least.A.tolist() == [[0.5]]
+    z = np.exp(1j * np.array([0.1, 1.0]))
+    expected = 2.0 / (z - 0.5) + 0.1
+    np.testing.assert_allclose(least.response(z)[:, 0, 0], expected, rtol=1e-12)
+    np.testing.assert_allclose(whole.response(z)[:, 0, 0], expected, rtol=1e-12)
+
+
+# --- the command -------------------------------------------------------------------------------
+
+
+def test_crinoid_margins_prints_saves_and_draws(prepared, linear, tmp_path, monkeypatch):
+    # not anew: programs that are kept would be others
+    monkeypatch.setattr("crinoid.cli.margins.find_margins", lambda _: find_margins(prepared))
+    (tmp_path / "loop.toml").write_text(SCENARIO)
+    ended = call("margins", tmp_path / "loop.toml", "--out", tmp_path)
+    assert ended.exit_code == 0, ended.output
+    margin = linear.open.margin()
+    assert f"{np.rad2deg(margin.phase):.3g} deg" in ended.output
+    assert "stable" in ended.output
+    saved = xr.load_dataset(tmp_path / "margins.nc")
+    assert float(saved["delay_margin"]) == pytest.approx(margin.delay)
+    assert saved["delay_margin"].attrs["units"] == "s"
+    assert saved["input"].values.tolist() == ["slide", "tilt"]
+    loci = saved["locus_real"].values + 1j * saved["locus_imaginary"].values
+    assert np.abs(1 + loci).min() == pytest.approx(float(saved["modulus_margin"]))
+    for name in ("bode.png", "nyquist.png"):
+        assert f"wrote {tmp_path / name}" in ended.output
+        assert_shows_something(tmp_path / name)
+    # an unstable one, from the file
+    saved["stable"] = 0
+    for name in ("phase_margin", "delay_margin", "phase_margin_frequency"):
+        saved[name] = np.nan
+    saved.attrs["notes"] = "the closed loop is unstable: small motions grow near 2 Hz"
+    saved.to_netcdf(tmp_path / "margins.nc")
+    for path in write_report(tmp_path / "margins.nc"):
+        assert_shows_something(path)
+    saved.drop_vars("gain_margin").to_netcdf(tmp_path / "margins.nc")
+    with pytest.raises(ReportError, match="no gain_margin"):
+        write_report(tmp_path / "margins.nc")
+
+
+def test_a_loop_takes_a_controller():
+    with pytest.raises(ScenarioError, match=r'control\.kind: got "none", a loop takes'):
+        linear_loop(Prepared(Scenario.from_toml(SCENARIO).with_values({"control.kind": "none"})))
