@@ -205,8 +205,8 @@ def test_states_that_nothing_reaches_or_sees_do_not_count():
 
 
 def test_crinoid_margins_prints_saves_and_draws(prepared, linear, tmp_path, monkeypatch):
-    # not anew: programs that are kept would be others
-    monkeypatch.setattr("crinoid.cli.margins.find_margins", lambda _: find_margins(prepared))
+    found = find_margins(prepared)  # the command's own programs would be compiled anew
+    monkeypatch.setattr("crinoid.cli.margins.find_margins", lambda _: found)
     (tmp_path / "loop.toml").write_text(SCENARIO)
     ended = call("margins", tmp_path / "loop.toml", "--out", tmp_path)
     assert ended.exit_code == 0, ended.output
