@@ -23,7 +23,15 @@ if TYPE_CHECKING:
     from crinoid.result import Result
     from crinoid.scenario import Scenario, ScenarioError
     from crinoid.scenario.library import load
-    from crinoid.simulation import SimulationError, equilibrium, modes, simulate
+    from crinoid.simulation import (
+        SimulationError,
+        closed_loop,
+        equilibrium,
+        modes,
+        rollout,
+        simulate,
+        with_parameters,
+    )
 
 _HOMES = {
     "Actuator": "crinoid.actuation",
@@ -47,13 +55,16 @@ _HOMES = {
     "Scenario": "crinoid.scenario",
     "ScenarioError": "crinoid.scenario",
     "SimulationError": "crinoid.simulation",
+    "closed_loop": "crinoid.simulation",
     "equilibrium": "crinoid.simulation",
     "load": "crinoid.scenario",
     "modes": "crinoid.simulation",
+    "rollout": "crinoid.simulation",
     "simulate": "crinoid.simulation",
     "system": "crinoid.assembly.prepared",
     "assemble": "crinoid.assembly.system",
     "parameters": "crinoid.assembly.prepared",
+    "with_parameters": "crinoid.simulation",
 }
 """The module of each public name, loaded when the name is used first."""
 
@@ -79,14 +90,17 @@ __all__ = [
     "System",
     "__version__",
     "assemble",
+    "closed_loop",
     "equilibrium",
     "flow_onset",
     "load",
     "load_onset",
     "modes",
     "parameters",
+    "rollout",
     "simulate",
     "system",
+    "with_parameters",
 ]
 
 # Round-off of 32 bits would drown the stretch of a stiff arm. JAX reads the variable when it is

@@ -22,3 +22,4 @@ from crinoid.control.sensor import Sensor as Sensor
 from crinoid.control.sensor import SensorState as SensorState
 from crinoid.control.target import Carrier as Carrier
 from crinoid.control.target import Target as Target
+from crinoid.control.target import pose_error as pose_error

@@ -7,6 +7,7 @@ import equinox as eqx
 import equinox.internal as eqxi
 import jax
 import jax.numpy as jnp
+from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
@@ -18,6 +19,8 @@ from crinoid.rod import Rod
 Rows = Float[Array, "rows b"]
 Tree = TypeVar("Tree")
 
+SOLVED = "solved"
+"""Name of solutions under `jax.checkpoint`: a policy that saves them spares solving again."""
 _NOISE = 1 / 16
 """Share of the floor that round-off makes up in any case."""
 _MARGIN = 4.0
@@ -226,7 +229,7 @@ def solve(
 def _solve_jvp(primals: Any, tangents: Any) -> Any:
     forces, around, stage, _, _, load_factor = primals
     t_forces, t_around, t_stage, _, _, t_load_factor = tangents
-    correction, held, outcome = solve(*primals)
+    correction, held, outcome = jax.tree.map(lambda x: checkpoint_name(x, SOLVED), solve(*primals))
     t_correction, t_held = implied(
         (forces, around, stage, load_factor),
         (t_forces, t_around, t_stage, t_load_factor),

@@ -90,6 +90,7 @@ def _check_last(kept: xr.Dataset, carry: LoopState) -> None:
     last = {name: kept[name].values[-1] for name in [*saved, "position"]}
     last["work"] = kept["energy"].sel(kind=list(WORKS)).values[-1]
     scales = {name: float(np.abs(value).max(initial=0.0)) for name, value in last.items()}
+    assert carry.books is not None
     saved["work"] = carry.books.work
     # nodes are kept from the world's origin, and stepped from the base's
     saved["position"] = np.diff(state.position[1:], axis=0)

@@ -1,5 +1,6 @@
 """One tick of the closed loop: sensor, controller, base, arm."""
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.control import Clock, Controller, FeedForward, Seen, Sensor, SensorState, Target
-from crinoid.dynamics import Books, Progress, State, System
+from crinoid.dynamics import Books, Outcome, Progress, State, System
 
 
 class Tally(eqx.Module):
@@ -40,7 +41,8 @@ class LoopState(eqx.Module):
     """State of the closed loop, which one tick hands to the next."""
 
     state: State
-    books: Books
+    books: Books | None
+    """Energies, works and impulses; None in what is differentiated, which leaves them out."""
     sensors: tuple[SensorState, ...]
     memory: Any
     """Memory of the controller."""
@@ -134,6 +136,27 @@ class Loop(eqx.Module):
 
     def tick(self, carry: LoopState) -> tuple[LoopState, Progress]:
         """Advance by one time step; sensors and controller act if their time has come."""
+        told = self._told(carry)
+        assert carry.books is not None
+        state, books, progress = self.system.advance_with_books(
+            carry.state, carry.books, told.command
+        )
+        return self._after(told, state, books, progress), progress
+
+    def step(self, carry: LoopState) -> tuple[LoopState, Outcome]:
+        """Advance like `tick`, but without books, and differentiable in both modes.
+
+        A time step that fails is not cut into shorter ones: its outcome says so, and the state that
+        comes back should not be used.
+        """
+        told = self._told(carry)
+        state, outcome = self.system.step(carry.state, told.command)
+        one = outcome.converged.astype(int)
+        progress = Progress(outcome, outcome.residual, outcome.error, one, outcome.iterations)
+        return self._after(told, state, None, progress), outcome
+
+    def _told(self, carry: LoopState) -> LoopState:
+        """Return the loop when sensors and controller have acted, before the arm has moved."""
         before = carry.state
         sensors = tuple(
             self._sampled(sensor, samples, before)
@@ -150,14 +173,21 @@ class Loop(eqx.Module):
         command, memory = jax.lax.cond(
             due & self.enabled, act, lambda: (carry.command, carry.memory)
         )
-        state, books, progress = self.system.advance_with_books(before, carry.books, command)
-        steps = carry.steps + progress.outcome.converged
+        return replace(
+            carry, sensors=sensors, memory=memory, ticks=carry.ticks + due, command=command
+        )
+
+    def _after(
+        self, told: LoopState, state: State, books: Books | None, progress: Progress
+    ) -> LoopState:
+        """Return the loop when the arm has moved."""
+        converged = progress.outcome.converged
+        steps = told.steps + converged
         # counted, not summed up: round-off of a sum would grow with the number of steps
-        counted = jnp.where(progress.outcome.converged, steps * self.system.time_step, state.time)
+        counted = jnp.where(converged, steps * self.system.time_step, state.time)
         state = eqx.tree_at(lambda s: s.motion.time, state, counted)
-        tally = carry.tally.with_step(progress)
-        ticks = carry.ticks + due
-        return LoopState(state, books, sensors, memory, ticks, command, steps, tally), progress
+        tally = told.tally.with_step(progress)
+        return replace(told, state=state, books=books, steps=steps, tally=tally)
 
     def _sampled(self, sensor: Sensor, samples: SensorState, state: State) -> SensorState:
         """Return the samples of a sensor, which measures when it is due and at no other step."""

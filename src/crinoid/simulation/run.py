@@ -34,7 +34,7 @@ from crinoid.simulation.ctrl_c import CtrlC
 from crinoid.simulation.failure import start_failure
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.room import check_room
-from crinoid.simulation.setup import Setup, set_up
+from crinoid.simulation.setup import Setup, require_one_case, set_up
 from crinoid.simulation.sink import Sink
 from crinoid.simulation.stretch import record, stretch
 
@@ -152,7 +152,7 @@ def play(
         If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
     scenario = prepared.scenario
-    _one_case(scenario)
+    require_one_case(scenario)
     check_room(scenario, into)
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
@@ -190,7 +190,7 @@ def equilibrium(scenario: Scenario) -> Result:
     ValueError
         If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
-    _one_case(scenario)
+    require_one_case(scenario)
     return settle(Prepared(at_rest(scenario)))
 
 
@@ -226,11 +226,6 @@ def at_rest(scenario: Scenario) -> Scenario:
     if scenario.target.feed_forward:
         still["target.feed_forward"] = False
     return scenario.with_values(still)
-
-
-def _one_case(scenario: Scenario) -> None:
-    if scenario.vary:
-        raise ValueError("a scenario with [vary] stands for several cases: run scenario.cases()")
 
 
 def _run(

@@ -1,5 +1,6 @@
 """From a scenario to a closed loop that is ready to run."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -30,6 +31,8 @@ from crinoid.dynamics import (
 )
 from crinoid.plausibility import Facts, doubts
 from crinoid.programs import ONCE, compiled
+from crinoid.scenario import Scenario
+from crinoid.simulation.failure import start_failure
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.margin import OpenLoop, loop_doubts
 from crinoid.simulation.response import Plant
@@ -157,10 +160,62 @@ def _start(
     )
 
 
-def with_parameters(loop: Loop, parameters: Parameters) -> Loop:
-    """Return a loop with the numbers of others: its system, and the gains of its PID; traceable.
+def closed_loop(
+    scenario: Scenario, *, controller: Controller | Callable[[Plan], Controller] | None = None
+) -> tuple[Loop, State]:
+    """Return the closed loop of a scenario and the state that it starts from: for `rollout`.
 
-    Target, sensor, feed-forward and the mapping of errors stay those of the loop.
+    Parameters
+    ----------
+    scenario
+        What `simulate` would run.
+    controller
+        One of your own in place of the scenario's, as `simulate` takes it.
+
+    Raises
+    ------
+    RuntimeError
+        If the equilibrium at the start was not found.
+    ScenarioError
+        If a file that the scenario names is not what it takes, or the controller cannot work.
+    ValueError
+        If the scenario stands for several cases (`crinoid.Scenario.cases`).
+    """
+    require_one_case(scenario)
+    if controller is not None:
+        scenario = scenario.with_values({"control.kind": "custom"})
+    setup = set_up(Prepared(scenario, Parts(controller)))
+    trouble = start_failure(scenario, setup.loop.system, setup.outcome)
+    if trouble:
+        raise RuntimeError(trouble)
+    return setup.loop, setup.state
+
+
+def require_one_case(scenario: Scenario) -> None:
+    """Refuse a scenario that stands for several cases.
+
+    Raises
+    ------
+    ValueError
+        If it does.
+    """
+    if scenario.vary:
+        raise ValueError("a scenario with [vary] stands for several cases: run scenario.cases()")
+
+
+def with_parameters(loop: Loop, parameters: Parameters) -> Loop:
+    """Return a closed loop with other numbers of its scenario, the gains of a PID among them.
+
+    Pure: under `jax.jit`, `jax.grad` and `jax.vmap` these act on the numbers. Target, sensors,
+    feed-forward and the mapping of errors to inputs stay those of the loop, and so do controllers
+    other than a PID.
+
+    Parameters
+    ----------
+    loop
+        As `closed_loop` gives it.
+    parameters
+        As `parameters` gives them for the same scenario, with whatever was changed since.
     """
     system = assemble(parameters)
     if not isinstance(loop.controller, Pid):

@@ -15,6 +15,7 @@ from crinoid.simulation.loop import Loop, LoopState, Tally
 def record(loop: Loop, carry: LoopState) -> Record:
     """Keep the present instant."""
     state, books, tally = carry.state, carry.books, carry.tally
+    assert books is not None
     pose, _, _ = loop.system.base.pose(state.time, state.servo)
     strains = loop.system.strains(state)
     channels = state.servo.position.shape[0]

@@ -1,0 +1,138 @@
+"""The closed loop as a pure function of its numbers: what gradients and batches act on."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from crinoid.control import pose_error
+from crinoid.dynamics import SOLVED, Outcome, State
+from crinoid.simulation.loop import Loop, LoopState
+
+
+class Glance(eqx.Module):
+    """The closed loop at the end of a time step; in a `Rollout` each has the steps in front."""
+
+    time: Float[Array, "*steps"]
+    """Time (s)."""
+    tip: Float[Array, "*steps pose"]
+    """Pose of the tip in the world (`crinoid.space.POSE`; m, rad)."""
+    target: Float[Array, "*steps pose"]
+    """Wanted pose."""
+    error: Float[Array, "*steps pose"]
+    """Wanted pose less that of the tip, angles the short way round."""
+    command: Float[Array, "*steps input"]
+    """Command during the step, in the units of `crinoid.System.inputs`."""
+
+
+class Rollout(eqx.Module):
+    """The closed loop over a number of time steps.
+
+    From the first time step that failed on, all floating-point numbers in `end` and `kept` are
+    NaN, and so is every derivative of what is computed from them.
+    """
+
+    end: LoopState
+    """The loop at the end, from which another rollout may go on."""
+    kept: Any
+    """What was observed at the end of each time step: each array has the steps in front."""
+    outcome: Outcome
+    """Outcome of the first time step that failed, else of the last one."""
+
+    @property
+    def converged(self) -> Bool[Array, ""]:
+        """Whether all time steps succeeded."""
+        return self.outcome.converged
+
+
+def glance(loop: Loop, now: LoopState) -> Glance:
+    """Look at time, tip, target, error and command."""
+    time, tip = now.state.time, loop.system.tip(now.state)
+    target = loop.target(time)
+    return Glance(time, tip, target, pose_error(target, tip), now.command)
+
+
+def rollout(
+    loop: Loop,
+    start: State | LoopState,
+    steps: int,
+    *,
+    observe: Callable[[Loop, LoopState], Any] = glance,
+) -> Rollout:
+    """Run a closed loop for a number of time steps, as a pure function.
+
+    `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap` apply: to the gains and all other numbers of the
+    loop (`with_parameters`), and to the state at the start. The derivative goes through the
+    solution of each time step (implicit function theorem), not through the iterations that found
+    it. Reverse mode keeps the solutions, and the whole loop once in about ``sqrt(steps)`` time
+    steps; the rest it computes again, block by block (Griewank and Walther 2008, chapter 12).
+
+    Unlike in `simulate`, a time step that fails is not cut into shorter ones, as reverse mode takes
+    a number of steps that is known beforehand.
+
+    Parameters
+    ----------
+    loop
+        As `closed_loop` gives it.
+    start
+        State of the arm when the loop is closed, or the end of an earlier rollout to go on from.
+    steps
+        Number of time steps, at least 1.
+    observe
+        What to keep of the end of each time step: a pytree of arrays, by default a `Glance`.
+
+    Raises
+    ------
+    ValueError
+        If there are no steps.
+    """
+    if steps < 1:
+        raise ValueError(f"steps: got {steps}, takes 1 or more")
+    begun = start if isinstance(start, LoopState) else loop.start(start)
+    # of no weak type, as what a step returns
+    begun = jax.tree.map(
+        lambda x: jax.lax.convert_element_type(x, x.dtype), replace(begun, books=None)
+    )
+    Carry = tuple[LoopState, Outcome]
+
+    def advance(carry: Carry) -> Carry:
+        now, outcome = carry
+        after, latest = loop.step(now)
+        # a product: the slope of a choice would be 0, which looks like an answer
+        after = _times(jnp.where(latest.converged, 1.0, jnp.nan), after)
+        first = jax.tree.map(
+            lambda new, old: jnp.where(outcome.converged, new, old), latest, outcome
+        )
+        return after, first
+
+    def step(carry: Carry, number: Int[Array, ""]) -> tuple[Carry, Any]:
+        carry = jax.lax.cond(number < steps, advance, lambda same: same, carry)
+        now, outcome = carry
+        seen = observe(loop, now)
+        return carry, _times(jnp.where(outcome.converged, 1.0, jnp.nan), seen)
+
+    def block(carry: Carry, numbers: Int[Array, " block"]) -> tuple[Carry, Any]:
+        return jax.lax.scan(step, carry, numbers)
+
+    length = math.isqrt(steps - 1) + 1
+    numbers = jnp.arange(length * math.ceil(steps / length)).reshape(-1, length)
+    (end, outcome), kept = jax.lax.scan(
+        jax.checkpoint(
+            block,
+            prevent_cse=False,
+            policy=jax.checkpoint_policies.save_only_these_names(SOLVED),
+        ),
+        (begun, Outcome.of_nothing(converged=True)),
+        numbers,
+    )
+    kept = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:steps], kept)
+    return Rollout(end, kept, outcome)
+
+
+def _times(factor: Float[Array, ""], tree: Any) -> Any:
+    return jax.tree.map(lambda x: factor * x if eqx.is_inexact_array(x) else x, tree)

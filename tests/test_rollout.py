@@ -1,0 +1,187 @@
+"""The closed loop as a pure function: its gradients, what fails in it, and its memory."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import crinoid
+from crinoid.dynamics import Reason
+from crinoid.elements.contact import SKIN
+from crinoid.simulation import glance
+from physics import QUICKLY
+
+STEPS = 40
+H = 2e-4
+"""Step of the central differences, relative."""
+COMMON = {
+    "seed": 1,
+    "base": {"tilt_deg": -20.0, "channels": {"slide": {}, "tilt": {}}},
+    "chamber": [{"name": "bend", "area": 2e-4, "offset": 0.008, "max_pressure": 1e5, "pair": True}],
+    "sensor": {"delay": 0.01, "noise_position": 1e-4},
+    # Newton's method ends at round-off
+    "simulation": {"duration": 1.0, "time_step": 0.005, "tolerance": 1e-13},
+}
+GAINS = {
+    "kind": "pid",
+    "rate_hz": 100.0,
+    "pid": {"tilt": {"kp": 0.3, "ki": 1.0, "kd": 0.02}, "bend": {"kp": 0.2, "ki": 0.8}},
+}
+PLANE = COMMON | {
+    "arm": {"nodes": 5, "radius": [0.02, 0.015], "youngs_modulus": 1e6},
+    "flow": [{"kind": "uniform", "velocity": [0.3, 0.1]}],
+    "obstacle": [{"kind": "sphere", "position": [0.35, -10.05], "radius": 0.05, "friction": 0.2}],
+    "target": {"tip": [0.475, -10.155]},
+    "control": GAINS,
+}
+SPACE = COMMON | {
+    "arm": {"nodes": 5, "radius": [0.02, 0.015], "youngs_modulus": 1e6, "dimension": 3},
+    "flow": [{"kind": "uniform", "velocity": [0.2, 0.2, 0.1]}],
+    # without friction, which is rounded where an iteration more or less was taken
+    "obstacle": [{"kind": "sphere", "position": [0.35, 0.02, -10.05], "radius": 0.05}],
+    "target": {"tip": [0.475, 0.02, -10.155]},
+    "control": GAINS | {"controlled": ["x", "z"]},
+}
+FACTORS = {
+    "proportional gain": lambda p: p.pid.kp,
+    "integral gain": lambda p: p.pid.ki,
+    "derivative gain": lambda p: p.pid.kd,
+    "modulus": lambda p: p.arm.youngs_modulus,
+    "radius": lambda p: p.arm.radius,
+    "density": lambda p: p.arm.density,
+    "water's density": lambda p: p.water.density,
+    "chamber's pressure and area": lambda p: p.actuator[0].force,
+    "drag": lambda p: p.water.drag_normal,
+    "current": lambda p: p.flow[0].uniform_velocity,
+}
+NAMES = (*FACTORS, "throw")
+"""What the loss is differentiated by: factors on numbers, and on the speeds at the start."""
+
+
+def smallest_gap(loop, now):
+    return jnp.min(now.state.gap), glance(loop, now)
+
+
+@pytest.fixture(
+    scope="module",
+    # in space forward, which compiles faster
+    params=[(PLANE, jax.grad), (SPACE, jax.jacfwd)],
+    ids=["plane", "space"],
+)
+def studied(request):
+    """Return the loss of factors and of where the obstacle is, the smallest gap, and slopes."""
+    document, slope = request.param
+    scenario = crinoid.Scenario.from_dict(document)
+    loop, state = crinoid.closed_loop(scenario)
+    parameters = crinoid.parameters(scenario)
+    rows, axes = state.motion.velocity, scenario.arm.dimension
+    along = jnp.linspace(0.0, 1.0, len(rows))[:, None] ** 2
+    thrown = 0.005 * along * jnp.arange(1.0, rows.shape[1] + 1)
+    thrown = thrown.at[:, axes:].set(0.0).at[-1].set(0.0)
+
+    def loss(factors, raised):
+        varied = parameters
+        for where, factor in zip(FACTORS.values(), factors, strict=False):
+            varied = eqx.tree_at(where, varied, factor * where(varied))
+        motion = state.motion
+        moved = eqx.tree_at(
+            lambda m: (m.position, m.velocity),
+            motion,
+            (motion.position.at[-1, axes - 1].add(raised), motion.velocity + factors[-1] * thrown),
+        )
+        closed = crinoid.with_parameters(loop, varied)
+        start = replace(state, motion=moved, gap=closed.system.forces.gaps(moved.position))
+        run = crinoid.rollout(closed, start, STEPS, observe=smallest_gap)
+        gap, seen = run.kept
+        effort = jnp.sum(jnp.diff(seen.command, axis=0) ** 2)
+        return jnp.sum(seen.error**2) + effort + run.end.state.position[-1, 0], jnp.min(gap)
+
+    def both(*at):
+        return *loss(*at), slope(lambda *at: loss(*at)[0])(*at)
+
+    return eqx.filter_jit(both, compiler_options=QUICKLY)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("touches", [True, False], ids=["in contact", "without contact"])
+def test_slopes_are_those_of_central_differences(studied, name, touches):
+    usual, raised = jnp.ones(len(NAMES)), jnp.asarray(0.0 if touches else 0.3)
+    _, gap, found = studied(usual, raised)
+    assert (gap < SKIN * 0.0175) == touches
+    which = NAMES.index(name)
+    h = H / 10 if name == "radius" else H  # a hundredth of the skin in which contact presses
+    values = {
+        times: float(studied(usual.at[which].add(times * h), raised)[0]) for times in (-2, -1, 1, 2)
+    }
+    difference = (8 * (values[1] - values[-1]) - (values[2] - values[-2])) / (12 * h)
+    assert abs(found[which]) > 1e-6
+    np.testing.assert_allclose(found[which], difference, rtol=1e-6)
+
+
+def test_what_follows_a_failed_step_is_no_number(studied):
+    # it begins with an obstacle pressed into the arm, which throws it away too fast for the steps
+    value, gap, slopes = studied(jnp.ones(len(NAMES)), jnp.asarray(-0.002))
+    assert np.isnan(value)
+    assert np.isnan(gap)
+    assert np.isnan(slopes).all()
+
+
+CALM = {
+    "arm": {"nodes": 4},
+    "base": {"tilt_deg": 10.0, "channels": {"tilt": {}}},
+    "flow": [{"kind": "uniform", "velocity": [0.3, 0.1], "ramp_time": 0.1}],
+    "control": GAINS | {"pid": {"tilt": {"kp": 0.3, "ki": 1.0, "kd": 0.02}}, "compare": False},
+    "simulation": {"duration": 0.23, "time_step": 0.01},
+    "output": {"interval": 0.01},
+}
+
+
+@pytest.fixture(scope="module")
+def calm():
+    scenario = crinoid.Scenario.from_dict(CALM)
+    loop, state = crinoid.closed_loop(scenario)
+    run = eqx.filter_jit(crinoid.rollout, compiler_options=QUICKLY)
+    return scenario, loop, state, run
+
+
+def test_it_is_what_a_simulation_does(calm):
+    scenario, loop, state, run = calm
+    result = crinoid.simulate(scenario).dataset
+    found = run(loop, state, 23)  # no whole number of blocks
+    assert found.converged
+    assert int(found.end.steps) == 23
+    np.testing.assert_allclose(found.kept.time, result["time"][1:], rtol=1e-12)
+    np.testing.assert_allclose(found.kept.tip[:, :2], result["tip_position"][1:], rtol=1e-12)
+    np.testing.assert_allclose(found.kept.command[:, :3], result["base_command"][1:], atol=1e-12)
+    error = np.linalg.norm(found.kept.error[:, :2], axis=1)
+    np.testing.assert_allclose(error, result["tip_error"][1:], atol=1e-12)
+    # and from where it ended it goes on
+    part = run(loop, run(loop, state, 12).end, 11)
+    np.testing.assert_allclose(part.kept.tip, found.kept.tip[12:], rtol=1e-12)
+
+
+def test_the_first_step_that_fails_is_told(calm):
+    _, loop, state, run = calm
+    wild = eqx.tree_at(lambda s: s.motion.velocity, state, state.motion.velocity.at[-1].set(1e6))
+    found = run(loop, wild, 12)
+    assert not found.converged
+    assert int(found.end.steps) == 0
+    assert found.outcome.reason != Reason.NONE
+    for array in jax.tree.leaves((found.kept, found.end.state, found.end.command)):
+        assert np.isnan(array).all()
+
+
+def test_without_steps_there_is_no_rollout(calm):
+    _, loop, state, _ = calm
+    with pytest.raises(ValueError, match="got 0, takes 1 or more"):
+        crinoid.rollout(loop, state, 0)
+
+
+def test_several_cases_are_no_one_loop():
+    scenario = crinoid.Scenario.from_dict(CALM)
+    cases = scenario.with_values({"vary": {"arm.length": [0.4, 0.5]}})
+    with pytest.raises(ValueError, match="several cases"):
+        crinoid.closed_loop(cases)
