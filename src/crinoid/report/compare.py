@@ -25,8 +25,8 @@ _REQUIRED = {
     "tick_time": ("controller",),
 }
 _COLUMNS = 3
-_DECADE = 8.0
-"""Ratio of the largest to the smallest value from which on an axis is logarithmic."""
+_WIDE = (8.0, 1e4)
+"""Ratios of the largest to the smallest value between which an axis is logarithmic."""
 _SPREAD = 0.22
 """Half-width over which the runs of a controller are spread, of the distance between two."""
 
@@ -53,9 +53,8 @@ def draw_comparison(data: xr.Dataset) -> Figure:
     rows = math.ceil(len(panels) / _COLUMNS)
     figure = Figure(figsize=(WIDTH, 0.5 + 2.5 * rows), layout="constrained")
     head(figure, str(data.attrs.get("title", "")), str(data.attrs.get("status", "ok")))
-    figure.supxlabel(
-        "a point: a run; a line and its number: the mean of a controller", fontsize=8.5, color=GREY
-    )
+    words = "a point: a run; a line and its number: the mean of a controller; speeds are RMS values"
+    figure.supxlabel(words, fontsize=8.5, color=GREY)
     grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
     for axes, (words, values, unit) in zip(grid, panels, strict=False):
         _points(axes, [str(kind) for kind in data["controller"].values], values * unit.factor)
@@ -77,7 +76,7 @@ def _panels(data: xr.Dataset) -> list[tuple[str, Float[np.ndarray, "controller s
     for index, name in enumerate(data["input"].values):
         speed = data["effort"].values[..., index]
         unit = speed_unit(str(data["input_unit"].values[index]), largest(speed))
-        found.append((f"speed of {name}, RMS", speed, unit))
+        found.append((f"speed of {name}", speed, unit))
     if "work" in data:
         work = data["work"].values
         found.append(("work of base and actuators", work, si_unit(largest(work), "J")))
@@ -97,9 +96,9 @@ def _points(axes: Axes, kinds: list[str], values: Float[np.ndarray, "controller 
     count = values.shape[1]
     shift = np.linspace(-_SPREAD, _SPREAD, count) if count > 1 else np.zeros(1)
     found = values[np.isfinite(values)]
-    positive = found[found > 0]
-    wide = positive.size > 0 and positive.max() > _DECADE * positive.min()
-    logarithmic = bool(wide and positive.size == found.size)
+    logarithmic = bool(found.size and found.min() > 0)
+    if logarithmic:
+        logarithmic = bool(_WIDE[0] < found.max() / found.min() < _WIDE[1])
     for place, row in enumerate(values):
         there = np.isfinite(row)
         if not there.any():
