@@ -122,6 +122,21 @@ def test_a_run_that_fails_is_masked_and_the_others_go_on(compared):
         assert arm.taken.numbers["rms_error"] == float(expected)
 
 
+def test_runs_that_fail_end_the_command_with_3_and_are_told(folder, tmp_path):
+    numbers = {"simulation.tolerance": 1e-15, "simulation.max_iterations": 1}
+    settings = [f"--set={key}={value}" for key, value in numbers.items()]
+    settings += ["--set=simulation.max_halvings=0", "--controllers=none", "--seeds=6"]
+    ended = call("compare", folder / "small.toml", *settings, "--out", tmp_path)
+    assert ended.exit_code == 3
+    assert "none with seed 0: failed at t = " in ended.stderr
+    assert "2 more are in compare.nc" in ended.stderr
+    assert "0 of 6" in ended.output
+    saved = xr.load_dataset(tmp_path / "compare.nc")
+    assert np.isnan(saved["rms_error"]).all()
+    assert all(words.startswith("failed at t = ") for words in saved["status"].values.flat)
+    assert_shows_something(tmp_path / "compare.png")
+
+
 def test_what_is_not_run_any_more_is_told(compared):
     case, done = under(compared, "none"), []
     arms = run_batch([case] * 3, done.append, threads=1, stop=lambda: bool(done))
