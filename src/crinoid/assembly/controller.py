@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crinoid.actuation import Actuator
+from crinoid.assembly.lqg import build_lqg
 from crinoid.assembly.numbers import array
 from crinoid.assembly.plan import Plan
 from crinoid.control import Controller, FeedForward, Idle, Pid
@@ -30,6 +31,8 @@ def build_controller(plan: Plan) -> Controller:
             return Idle()
         case "pid":
             return _pid(plan)
+        case "lqg":
+            return build_lqg(plan)
         case "custom":
             text = 'got "custom", which takes a controller passed to crinoid.simulate'
             raise ScenarioError([Mistake("control.kind", text)])

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.actuation import Input
 from crinoid.assembly.parameters import Parameters
-from crinoid.control import Allocation, damped_inverse
+from crinoid.control import Allocation, Sensor, Target, damped_inverse
 from crinoid.dynamics import State, System
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
 from crinoid.space import POSE
+
+if TYPE_CHECKING:
+    from crinoid.recording import Recording  # xarray, slow to load
 
 _ROUND_OFF = 1e-9
 """Movement of the tip over that of a channel, turns at the arm's length, that is none."""
@@ -49,13 +52,38 @@ class Plan:
     jacobian: Float[Array, "pose input"] | None
     """How the tip's pose follows the inputs when they move slowly; None where the scenario maps
     errors one to one."""
-    readings: tuple[str, ...] = ()
-    """Names of the sensors beside that of the tip (`crinoid.Seen.readings`)."""
+    sensors: tuple[Sensor, ...] = ()
+    """The sensors, that of the tip first."""
+    target: Target | None = None
+    """Where the tip should be."""
+    current: tuple[float, ...] = ()
+    """Mean velocity of the water (m/s)."""
+    recordings: Mapping[int, Recording] = field(default_factory=dict)
+    """Measured currents by their index in ``flow``."""
+
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """Names of the sensors beside that of the tip (`crinoid.Seen.readings`)."""
+        return tuple(sensor.name for sensor in self.sensors[1:])
 
     @property
     def inputs(self) -> tuple[Input, ...]:
         """The inputs that the controller commands."""
         return self.system.inputs
+
+    @property
+    def controlled(self) -> tuple[list[int], Float[np.ndarray, " coordinate"]]:
+        """Indices of the coordinates of the pose that are controlled, and the length that makes an
+        error of each one in metres."""
+        axes = self.scenario.arm.dimension
+        # a direction in space has three coordinates
+        columns = [
+            column
+            for name in self.scenario.control.controlled
+            for column, coordinate in enumerate(POSE[axes])
+            if coordinate == name or coordinate.startswith(f"{name}_")
+        ]
+        return columns, np.where(np.asarray(columns) < axes, 1.0, self.scenario.arm.length)
 
     @property
     def period(self) -> float:
@@ -79,7 +107,7 @@ class Plan:
         """
         mapping = np.zeros((len(self.inputs), len(POSE[self.scenario.arm.dimension])))
         names = list(driven)
-        rows = self._rows(names)
+        rows = self.rows(names)
         if self.jacobian is None:
             # x with slide, z with heave, angle with tilt; in space x, y, z with slide, sway, heave
             mapping[rows, rows] = 1.0
@@ -111,7 +139,7 @@ class Plan:
             If there is no such input.
         """
         names = list(driven)
-        rows = self._rows(names)
+        rows = self.rows(names)
         if self.jacobian is None:
             return None
         answer = self._answer(rows, self.jacobian)
@@ -125,7 +153,14 @@ class Plan:
         rate[rows] = _of(names, release, 0.0)
         return Allocation.of(jacobian, scale, weight, rate)
 
-    def _rows(self, driven: list[str]) -> list[int]:
+    def rows(self, driven: Iterable[str]) -> list[int]:
+        """Return the indices of inputs.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such input.
+        """
         names = [each.name for each in self.inputs]
         unknown = [name for name in driven if name not in names]
         if unknown:
@@ -134,14 +169,7 @@ class Plan:
         return [names.index(name) for name in driven]
 
     def _answer(self, rows: list[int], jacobian: Float[Array, "pose input"]) -> _Answer:
-        axes = self.scenario.arm.dimension
-        # a direction in space has three coordinates
-        columns = [
-            column
-            for name in self.scenario.control.controlled
-            for column, coordinate in enumerate(POSE[axes])
-            if coordinate == name or coordinate.startswith(f"{name}_")
-        ]
+        columns, scale = self.controlled
         needed = np.asarray(jacobian)[np.ix_(columns, rows)]
         if not np.isfinite(needed).all():
             text = (
@@ -150,7 +178,6 @@ class Plan:
                 "a weight"
             )
             raise ScenarioError([Mistake("control.mapping", text)])
-        scale = np.where(np.asarray(columns) < axes, 1.0, self.scenario.arm.length)
         return _Answer(rows, columns, needed, scale)
 
     def _check_use(self, names: list[str], inverse: Float[np.ndarray, "input coordinate"]) -> None:

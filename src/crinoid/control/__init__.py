@@ -6,6 +6,7 @@ from crinoid.control.controller import Controller as Controller
 from crinoid.control.controller import Idle as Idle
 from crinoid.control.feed_forward import FeedForward as FeedForward
 from crinoid.control.least_squares import damped_inverse as damped_inverse
+from crinoid.control.lqg import Lqg as Lqg
 from crinoid.control.measurand import BaseWrench as BaseWrench
 from crinoid.control.measurand import ContactForce as ContactForce
 from crinoid.control.measurand import Inclination as Inclination
@@ -13,6 +14,7 @@ from crinoid.control.measurand import Measurand as Measurand
 from crinoid.control.measurand import Shape as Shape
 from crinoid.control.measurand import TipPose as TipPose
 from crinoid.control.measurand import WaterVelocity as WaterVelocity
+from crinoid.control.observer import Observer as Observer
 from crinoid.control.path import Line as Line
 from crinoid.control.path import Orbit as Orbit
 from crinoid.control.pid import Pid as Pid

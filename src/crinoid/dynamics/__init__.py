@@ -25,6 +25,7 @@ from crinoid.dynamics.state import State as State
 from crinoid.dynamics.system import System as System
 from crinoid.dynamics.transition import Chart as Chart
 from crinoid.dynamics.transition import Transition as Transition
+from crinoid.dynamics.transition import numbers_of as numbers_of
 from crinoid.dynamics.vehicle import Thrusters as Thrusters
 from crinoid.dynamics.vehicle import Vehicle as Vehicle
 from crinoid.dynamics.vehicle import Voyage as Voyage

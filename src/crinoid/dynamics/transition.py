@@ -90,7 +90,7 @@ class Chart:
 
     def __init__(self, system: System, state: State) -> None:
         self.system, self.state = system, state
-        self.actuators, self._shaped = _flat((state.servo, *state.actuators))
+        self.actuators, self._shaped = numbers_of((state.servo, *state.actuators))
 
     @property
     def arm(self) -> Coordinates:
@@ -112,7 +112,7 @@ class Chart:
         motion = state.motion
         parts = (rows, motion.velocity, motion.acceleration, state.ahead)
         arm = jnp.concatenate([forces.unknown(part).reshape(-1) for part in parts])
-        return arm, _flat((state.servo, *state.actuators))[0]
+        return arm, numbers_of((state.servo, *state.actuators))[0]
 
     def at(self, arm: Coordinates, actuators: Following) -> State:
         """Return the state nearby that has these coordinates."""
@@ -179,7 +179,7 @@ def transition(
 
     def follow(actuators: Array, command: Array) -> Array:
         ends = followed(followers, before.driven(actuators), command, step)
-        return _flat(tuple(ends))[0]
+        return numbers_of(tuple(ends))[0]
 
     def see(arm: Array, actuators: Array) -> Array:
         return observe(system, before.at(arm, actuators))
@@ -203,7 +203,7 @@ def _slopes(function: Callable[..., Array], at: tuple[Array, ...]) -> list[Array
     return [part.reshape(-1, *each.shape) for part, each in zip(parts, at, strict=True)]
 
 
-def _flat(followers: tuple[Any, ...]) -> tuple[Following, Callable[[Following], tuple[Any, ...]]]:
+def numbers_of(followers: tuple[Any, ...]) -> tuple[Following, Callable[[Following], tuple[Any, ...]]]:
     """Return the numbers among the states of actuators, and how to put others in their place."""
     numbers, rest = eqx.partition(followers, eqx.is_inexact_array)
     flat, shaped = ravel_pytree(numbers)

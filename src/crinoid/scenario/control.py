@@ -15,6 +15,7 @@ from crinoid.scenario.channel import by_channel
 from crinoid.scenario.dimension import InSpace
 from crinoid.scenario.errors import Mistake, ScenarioError, one_of, shown
 from crinoid.scenario.kinds import installed, installed_table
+from crinoid.scenario.lqg import Lqg
 from crinoid.scenario.model import Model, unknown_key
 from crinoid.scenario.quantity import AsTuple, Hertz, Quantity, Seconds
 from crinoid.scenario.sensor import DEFAULT_RATE
@@ -22,7 +23,7 @@ from crinoid.space import AXES, CHANNELS
 
 __all__ = ["Control", "ControllerTable", "Coordinate", "Pid", "PidGains"]
 
-KINDS = ("none", "pid", "custom")
+KINDS = ("none", "pid", "lqg", "custom")
 COORDINATES = {2: (*AXES[2], "angle"), 3: (*AXES[3], "direction")}
 """Coordinates of the tip that a controller can bring to the target, by the number of axes."""
 
@@ -127,6 +128,7 @@ class Control(Model):
         default=True, description="Whether to run the same case with the controller off as well."
     )
     pid: Pid = Field(default=Pid(), description="Settings of kind pid: gains by input.")
+    lqg: Lqg = Field(default=Lqg(), description="Settings of kind lqg.")
 
     def __init__(self, /, **data: Any) -> None:
         known, brought, mistakes = type(self).model_fields, installed("controllers"), []

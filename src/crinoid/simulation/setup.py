@@ -62,8 +62,10 @@ def set_up(prepared: Prepared) -> Setup:
     control = scenario.control
     mapped = control.kind != "none" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
-    current = array(Facts(prepared).mean_current)
-    state, outcome, tip, small, influence, jacobian = _start(system, current, loaded, mapped)
+    current = Facts(prepared).mean_current
+    state, outcome, tip, small, influence, jacobian = _start(
+        system, array(current), loaded, mapped
+    )
     modes, told = None, doubts(prepared)
     if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
         jacobian = None
@@ -90,7 +92,10 @@ def set_up(prepared: Prepared) -> Setup:
         system,
         state,
         jacobian,
-        tuple(sensor.name for sensor in sensors[1:]),
+        sensors,
+        build_target(scenario, prepared.series.get("target"), system, tip),
+        current,
+        prepared.recordings,
     )
     loop = Loop(
         system=system,
@@ -98,7 +103,7 @@ def set_up(prepared: Prepared) -> Setup:
         controller=_controller(plan, parts),
         clock=Clock(array(plan.period)),
         switched_on=array(scenario.control.start),
-        target=build_target(scenario, prepared.series.get("target"), system, tip),
+        target=plan.target,
         feed_forward=build_feed_forward(plan),
         enabled=jax.device_put(np.asarray(True)),
     )

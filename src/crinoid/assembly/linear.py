@@ -1,0 +1,238 @@
+"""The linear model that controllers are designed on: arm, actuators, sensors, water.
+
+From one control period to the next, with as few coordinates of the arm as inputs, water and sensors
+tell apart: ``x' = arm x + held s + driven s' + stirred w' + hastened w_t'``. The states of the
+actuators ``s`` at both ends of the period are known, the water's velocity ``w`` and acceleration
+``w_t`` at its end, by shapes along the arm, are not.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.polynomial import legendre
+
+from crinoid.assembly.numbers import array
+from crinoid.control import Sensor, WaterVelocity
+from crinoid.dynamics import State, System, Transition, numbers_of
+from crinoid.flow import Uniform, Water
+from crinoid.onset import Onset
+from crinoid.programs import ONCE, compiled
+from crinoid.reduction import balanced
+
+if TYPE_CHECKING:
+    from crinoid.assembly.plan import Plan
+
+Matrix = Float[np.ndarray, "m n"]
+
+_SHARE = 1e-5
+"""Least Hankel singular value of a state that is kept, over the largest."""
+_MOST = 40
+_DISCOUNT = 0.9999
+"""What a period leaves of a motion in the Gramians, so that undamped arms have some."""
+_USUAL = 0.1
+"""Share of its range by which an input is usually moved."""
+
+
+class LinearModel(NamedTuple):
+    """Small changes over one control period, on the host. SI units."""
+
+    arm: Float[np.ndarray, "x x"]
+    held: Float[np.ndarray, "x s"]
+    driven: Float[np.ndarray, "x s"]
+    stirred: Float[np.ndarray, "x w"]
+    hastened: Float[np.ndarray, "x w"]
+    actuators: Float[np.ndarray, "s s"]
+    commanded: Float[np.ndarray, "s u"]
+    """By the inputs that are driven."""
+    observed: Float[np.ndarray, "y x"]
+    """How the values of the sensors follow the arm: the tip's pose first."""
+    observed_actuators: Float[np.ndarray, "y s"]
+    observed_water: Float[np.ndarray, "y w"]
+    values: Float[np.ndarray, " y"]
+    """Values of the sensors at the state that it is linear about."""
+    at_rest: Float[np.ndarray, " s"]
+    """States of the actuators there."""
+    kept: tuple[int, ...]
+    """Which of the numbers in the states of all actuators these are."""
+    rows: tuple[int, ...]
+    """Which inputs are driven."""
+    hankel: Float[np.ndarray, " h"]
+    """Hankel singular values, of which the largest were kept."""
+
+
+def linear_model(
+    plan: Plan, driven: tuple[str, ...], shapes: int, deviation: Float[np.ndarray, " d"]
+) -> LinearModel:
+    """Linearise the arm of a plan about its start in the mean current, and reduce it.
+
+    Parameters
+    ----------
+    plan
+        The arm and its sensors.
+    driven
+        Names of the inputs that move.
+    shapes
+        How many shapes along the arm (Legendre polynomials) the water's velocity is made of.
+    deviation
+        Standard deviation of the water's velocity along each axis (m/s).
+    """
+    found, values, at_rest = jax.tree.map(
+        np.asarray,
+        _linearised(plan.system, plan.state, array(_effective(plan, deviation)), plan.sensors),
+    )
+    rows = plan.rows(driven)
+    lower, upper = (
+        np.array([float(getattr(plan.inputs[row], end)) for row in rows])
+        for end in ("lower", "upper")
+    )
+    usual = _USUAL * (upper - lower)
+    commanded, actuators = found.commanded[:, rows], found.actuators
+    # clocks and what is not driven stay out
+    kept = np.flatnonzero(_spread(actuators, commanded * usual))
+    actuators, commanded = actuators[np.ix_(kept, kept)], commanded[kept]
+    steps = max(1, round(plan.period / plan.scenario.simulation.time_step))
+    along = _shapes(found.stirred.shape[1], shapes)
+    stirred, hastened = (
+        np.einsum("and,nj->ajd", each, along).reshape(each.shape[0], -1)
+        for each in (found.stirred, found.hastened)
+    )
+    arm, held, driving, water = _over(
+        found.arm, found.held[:, kept], found.driven[:, kept], np.hstack([stirred, hastened]), steps
+    )
+    stirred, hastened = np.split(water, 2, axis=1)
+    # scaled by as much as each usually does
+    moved, stir = _spread(actuators, commanded * usual), np.tile(deviation, shapes)
+    inputs = np.hstack([driving * moved, stirred * stir, hastened * stir / plan.period])
+    seen = found.observed_arm
+    scale = np.sqrt(np.sum((seen @ _reach(arm, inputs)) ** 2, axis=1))
+    scale[scale <= 0] = 1.0
+    reduced = balanced(
+        arm, inputs, seen / scale[:, None], share=_SHARE, most=_MOST, discount=_DISCOUNT
+    )
+    left = reduced.left
+    return LinearModel(
+        arm=reduced.A,
+        held=left @ held,
+        driven=left @ driving,
+        stirred=left @ stirred,
+        hastened=left @ hastened,
+        actuators=np.linalg.matrix_power(actuators, steps),
+        commanded=sum(
+            (np.linalg.matrix_power(actuators, k) @ commanded for k in range(steps)),
+            np.zeros_like(commanded),
+        ),
+        observed=seen @ reduced.right,
+        observed_actuators=found.observed_actuators[:, kept],
+        observed_water=_observed_water(plan, along),
+        values=values,
+        at_rest=at_rest[kept],
+        kept=tuple(map(int, kept)),
+        rows=rows,
+        hankel=reduced.hankel,
+    )
+
+
+def _effective(plan: Plan, deviation: Float[np.ndarray, " d"]) -> Float[np.ndarray, " d"]:
+    """Return a steady current whose drag answers to changes as that of the varying one does.
+
+    The mean slope of ``u |u|`` is ``2 E|u|`` (stochastic linearisation; Borgman 1967), along the
+    axis where there is most of it.
+    """
+    current = np.array(plan.current, float)
+    axis = int(np.argmax(current**2 + deviation**2))
+    sign = 1.0 if current[axis] >= 0 else -1.0
+    current[axis] = sign * np.hypot(current[axis], np.sqrt(2 / np.pi) * deviation[axis])
+    return current
+
+
+@compiled(**ONCE)
+def _linearised(
+    system: System, state: State, current: Float[Array, " d"], sensors: tuple[Sensor, ...]
+) -> tuple[Transition, Float[Array, " y"], Float[Array, " s"]]:
+    """Return the model of a time step in a steady current, and where it is linear about."""
+
+    def observe(system: System, state: State) -> Float[Array, " y"]:
+        return jnp.concatenate([each.measurand.of(system, state) for each in sensors])
+
+    values = observe(system, state)
+    steady = Water((Uniform(Onset.of(), current),))
+    system = eqx.tree_at(
+        lambda s: (s.forces.water, s.actuators), system, (steady, _ready(system.actuators))
+    )
+    still = system.stand(state)
+    found = system.transition(still, jnp.zeros(len(system.inputs)), observe=observe)
+    return found, values, numbers_of((state.servo, *state.actuators))[0]
+
+
+def _ready(actuators: Any) -> Any:
+    """Return actuators without a dead band, in which small commands would do nothing."""
+
+    def of(path: tuple[Any, ...], leaf: Array) -> Array:
+        return jnp.zeros_like(leaf) if getattr(path[-1], "name", "") == "dead_band" else leaf
+
+    return jax.tree_util.tree_map_with_path(of, actuators)
+
+
+def _over(
+    arm: Matrix, held: Matrix, driven: Matrix, water: Matrix, steps: int
+) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Return the model of so many steps, over which the actuators move at a steady speed."""
+    power = np.eye(arm.shape[0])
+    begin, end, stir = np.zeros_like(held), np.zeros_like(driven), np.zeros_like(water)
+    for step in range(steps, 0, -1):
+        share = step / steps
+        before = share - 1 / steps
+        begin += power @ ((1 - share) * driven + (1 - before) * held)
+        end += power @ (share * driven + before * held)
+        stir += power @ water
+        power = power @ arm
+    return power, begin, end, stir
+
+
+def _shapes(nodes: int, count: int) -> Float[np.ndarray, "n shape"]:
+    """Return shapes along the nodes, the ghost's first."""
+    along = np.clip((np.arange(nodes) - 1) / (nodes - 2), 0.0, 1.0)
+    return legendre.legvander(2 * along - 1, count - 1)
+
+
+def _observed_water(plan: Plan, along: Float[np.ndarray, "n shape"]) -> Matrix:
+    """Return how the values of the sensors follow the water's velocity."""
+    axes, rows = plan.scenario.arm.dimension, []
+    nodes = np.asarray(plan.state.position)
+    for sensor in plan.sensors:
+        size = sensor.noise.shape[0]
+        block = np.zeros((size, along.shape[1] * axes))
+        if isinstance(sensor.measurand, WaterVelocity):
+            points = np.asarray(sensor.measurand.points)
+            near = [int(np.argmin(np.sum((nodes - point) ** 2, axis=1))) for point in points]
+            block = np.einsum("pj,de->pdje", along[near], np.eye(axes)).reshape(size, -1)
+        rows.append(block)
+    return np.concatenate(rows)
+
+
+def _spread(actuators: Matrix, commanded: Matrix) -> Float[np.ndarray, " s"]:
+    """Return by how much each state of the actuators moves under random commands."""
+    moved, power = np.zeros(actuators.shape[0]), commanded
+    for _ in range(_SETTLED):
+        moved += np.sum(power**2, axis=1)
+        power = actuators @ power
+    return np.sqrt(moved)
+
+
+_SETTLED = 100
+"""Steps over which the answer of actuators is looked at."""
+
+
+def _reach(arm: Matrix, inputs: Matrix) -> Matrix:
+    """Return where random inputs take the arm within some steps."""
+    parts, power = [inputs], inputs
+    for _ in range(_SETTLED):
+        power = arm @ power
+        parts.append(power)
+    return np.hstack(parts)

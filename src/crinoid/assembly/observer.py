@@ -1,0 +1,204 @@
+"""From a linear model, the sensors and the statistics of the water to an observer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crinoid.assembly.fluctuation import Fluctuation
+from crinoid.assembly.linear import LinearModel
+from crinoid.assembly.numbers import array
+from crinoid.control import Observer, Sensor
+
+if TYPE_CHECKING:
+    from crinoid.assembly.plan import Plan
+
+Matrix = Float[np.ndarray, "m n"]
+
+_TICKS = 60
+"""Commands over which the order in which readings arrive is looked at."""
+_ROUNDS = 400
+_SETTLED = 1e-9
+_MODEL_ERROR = 0.02
+"""What the model gets wrong of what the inputs do."""
+_LEAST_NOISE = 1e-4
+"""Noise that readings have at least, over what they usually vary by: models are never exact."""
+
+
+class Water(NamedTuple):
+    """Fluctuating water: ``d' = move d + v``, its velocity by shape and axis ``velocity d``."""
+
+    move: Float[np.ndarray, "d d"]
+    noise: Float[np.ndarray, "d d"]
+    """Covariance of ``v``."""
+    velocity: Float[np.ndarray, "w d"]
+
+    @staticmethod
+    def of(fluctuations: Sequence[Fluctuation], shapes: int, period: float) -> Water:
+        """Build the water of independent fluctuations, each of all shapes."""
+        from scipy.linalg import block_diag  # slow to load
+
+        moves, noises, velocities = [], [], []
+        for each in fluctuations:
+            move, noise, velocity = each.process(period)
+            for shape in range(shapes):
+                for axis, deviation in enumerate(each.deviation):
+                    if not deviation:
+                        continue
+                    moves.append(move)
+                    noises.append(noise)
+                    row = np.zeros((shapes * each.deviation.size, velocity.shape[1]))
+                    # a shape with more zeros has less of it
+                    row[shape * each.deviation.size + axis] = deviation * velocity / (1 + shape)
+                    velocities.append(row)
+        return Water(block_diag(*moves), block_diag(*noises), np.hstack(velocities))
+
+
+class Arrivals(NamedTuple):
+    """How readings reach a controller."""
+
+    fresh: Bool[np.ndarray, "tick sensor"]
+    """Whether there is a new one when a command is given."""
+    age: tuple[int, ...]
+    """How old they are then, in control periods."""
+
+    @staticmethod
+    def of(sensors: Sequence[Sensor], period: float, time_step: float) -> Arrivals:
+        """Work them out from the clocks and delays of the sensors."""
+
+        def ticks(every: float, count: int) -> Float[np.ndarray, " tick"]:
+            return np.ceil(np.arange(count) * every / time_step - 1e-6) * time_step
+
+        given = ticks(period, 2 * _TICKS + 1)
+        fresh, ages = [], []
+        for sensor in sensors:
+            every, delay = float(sensor.clock.period), float(sensor.delay)
+            behind = math.ceil((delay + every) / period) * period
+            taken = ticks(every, math.ceil((given[-1] + behind) / every) + 2)
+            # from when the first ones have arrived
+            now = given + math.ceil(behind / every) * every
+            newest = np.searchsorted(taken, now - delay + 1e-6 * every, side="right") - 1
+            new = np.diff(newest, prepend=newest[0] - 1)[1:] > 0
+            age = (now - taken[newest])[1:][new]
+            fresh.append(new)
+            ages.append(round(float(np.mean(age)) / period))
+        return Arrivals(np.stack(fresh, axis=1), tuple(ages))
+
+
+class Augmented(NamedTuple):
+    """The linear model with the water and the readings under way among its states."""
+
+    move: Float[np.ndarray, "z z"]
+    held: Float[np.ndarray, "z s"]
+    driven: Float[np.ndarray, "z s"]
+    noise: Float[np.ndarray, "z z"]
+    expect: Float[np.ndarray, "y z"]
+    follow: Float[np.ndarray, "y s"]
+    arm: int
+    """How many states of the arm come first."""
+    water: int
+    """And how many of the water then."""
+
+
+def augmented(model: LinearModel, water: Water, arrivals: Arrivals, plan: Plan) -> Augmented:
+    """Put the parts together."""
+    arm, states = model.arm.shape[0], water.move.shape[0]
+    speed, change = water.velocity @ water.move, water.velocity @ (water.move - np.eye(states))
+    push = model.stirred @ water.velocity + model.hastened @ water.velocity / plan.period
+    stir = model.stirred @ speed + model.hastened @ change / plan.period
+    seen = np.hstack([model.observed, model.observed_water @ water.velocity])
+    sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
+    total = arm + states + sum(n * age for n, age in zip(sizes, arrivals.age, strict=True))
+    move, noise = np.zeros((total, total)), np.zeros((total, total))
+    held, driven = (np.zeros((total, model.held.shape[1])) for _ in range(2))
+    expect = np.zeros((sum(sizes), total))
+    follow = np.zeros((sum(sizes), model.held.shape[1]))
+    move[:arm, :arm], move[:arm, arm : arm + states] = model.arm, stir
+    move[arm : arm + states, arm : arm + states] = water.move
+    held[:arm], driven[:arm] = model.held, model.driven
+    by_noise = np.concatenate([push, np.eye(states)])
+    noise[: arm + states, : arm + states] = by_noise @ water.noise @ by_noise.T
+    first, row = arm + states, 0
+    for size, age in zip(sizes, arrivals.age, strict=True):
+        rows = slice(row, row + size)
+        row += size
+        if not age:
+            expect[rows, : arm + states] = seen[rows]
+            follow[rows] = model.observed_actuators[rows]
+            continue
+        # the newest reading under way first
+        move[first : first + size, : arm + states] = seen[rows]
+        held[first : first + size] = model.observed_actuators[rows]
+        later = np.arange(first + size, first + size * age)
+        move[later, later - size] = 1.0
+        expect[rows, first + size * (age - 1) : first + size * age] = np.eye(size)
+        first += size * age
+    return Augmented(move, held, driven, noise, expect, follow, arm, states)
+
+
+def build_observer(
+    plan: Plan, model: LinearModel, parts: Augmented, arrivals: Arrivals
+) -> Observer:
+    """Return the observer of least variance."""
+    spread = _steady(parts)
+    usual = np.sqrt(np.einsum("yz,zv,yv->y", parts.expect, spread, parts.expect))
+    given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
+    grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
+    noise = given**2 + grain**2 / 12 + (_LEAST_NOISE * usual) ** 2
+    noise = np.maximum(noise, 1e-16 * max(noise.max(), 1e-300))
+    sets, gains = _gains(parts, noise, arrivals, [s.noise.shape[0] for s in plan.sensors])
+    values = model.values.copy()
+    size = plan.sensors[0].noise.shape[0]
+    assert plan.target is not None
+    values[:size] = plan.target.seen(array(values[:size]), plan.state.time)
+    return Observer(
+        *(array(each) for each in parts[:3]),
+        expect=array(parts.expect),
+        follow=array(parts.follow),
+        gains=array(gains),
+        fresh=np.asarray(sets),
+        values=array(values),
+        at_rest=array(model.at_rest),
+        kept=model.kept,
+        sensors=plan.readings,
+    )
+
+
+def _steady(parts: Augmented) -> Matrix:
+    """Return the covariance of the states that nobody controls or observes."""
+    total, power = parts.noise, parts.move * 0.9999
+    for _ in range(30):
+        total = total + power @ total @ power.T
+        power = power @ power
+    return total
+
+
+def _gains(
+    parts: Augmented, noise: Float[np.ndarray, " y"], arrivals: Arrivals, sizes: list[int]
+) -> tuple[Int[np.ndarray, "set sensor"], Float[np.ndarray, "set z y"]]:
+    """Return the gains, by sets of sensors, that the Riccati equation settles on."""
+    spread, before = _steady(parts), None
+    found: dict[tuple[bool, ...], list[Matrix]] = {}
+    for _ in range(_ROUNDS):
+        found = {}
+        for fresh in arrivals.fresh:
+            spread = parts.move @ spread @ parts.move.T + parts.noise
+            counted = np.repeat(fresh, sizes)
+            gain = np.zeros((spread.shape[0], counted.size))
+            if counted.any():
+                seen = parts.expect[counted]
+                surprise = seen @ spread @ seen.T + np.diag(noise[counted])
+                gain[:, counted] = np.linalg.solve(surprise, seen @ spread).T
+                left = np.eye(spread.shape[0]) - gain[:, counted] @ seen
+                spread = left @ spread @ left.T + gain[:, counted] * noise[counted] @ gain[:, counted].T
+            found.setdefault(tuple(map(bool, fresh)), []).append(gain)
+        trace = float(np.trace(spread))
+        if before is not None and abs(trace - before) <= _SETTLED * trace:
+            break
+        before = trace
+    sets = np.array([list(key) for key in found], int)
+    return sets, np.stack([np.mean(each, axis=0) for each in found.values()])
