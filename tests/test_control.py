@@ -9,7 +9,7 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from crinoid.assembly.controller import lags
+from crinoid.assembly.lags import lags
 from crinoid.assembly.target import _formula, _plane_of
 from crinoid.base import Base, Servo, SineMotion
 from crinoid.control import (

@@ -15,7 +15,7 @@ _DOUBLINGS = 40
 
 
 class Reduced(NamedTuple):
-    """A linear model ``z' = A z + B u``, ``y = C z`` of few states ``z = left x``, ``x = right z``."""
+    """A linear model ``z' = A z + B u``, ``y = C z``; ``z = left x``, ``x = right z``."""
 
     A: Float[np.ndarray, "z z"]
     B: Float[np.ndarray, "z u"]
@@ -57,7 +57,9 @@ def balanced(
 
     # lasting motions first, then uncoupled from the rest
     triangle, basis, kept = schur(A, sort=lasts)
-    coupling = solve_sylvester(triangle[:kept, :kept], -triangle[kept:, kept:], -triangle[:kept, kept:])
+    coupling = solve_sylvester(
+        triangle[:kept, :kept], -triangle[kept:, kept:], -triangle[:kept, kept:]
+    )
     into, out_of = np.eye(size), np.eye(size)
     into[:kept, kept:], out_of[:kept, kept:] = coupling, -coupling
     right, left = basis @ into, out_of @ basis.T

@@ -1,11 +1,8 @@
 """From the description of a controller to what commands the inputs."""
 
-from collections.abc import Iterable
-
 import numpy as np
-from jaxtyping import Float
 
-from crinoid.actuation import Actuator
+from crinoid.assembly.lags import lags
 from crinoid.assembly.lqg import build_lqg
 from crinoid.assembly.numbers import array
 from crinoid.assembly.plan import Plan
@@ -14,8 +11,6 @@ from crinoid.scenario import Mistake, Scenario, ScenarioError
 
 _TAKE_UP = 1.0
 """How long a controller takes to answer in full to what is there when it is switched on (s)."""
-_SLOW = 1e-6
-"""Frequency of a slow command (Hz)."""
 
 
 def build_controller(plan: Plan) -> Controller:
@@ -56,13 +51,6 @@ def build_feed_forward(plan: Plan) -> FeedForward | None:
         array(lags(plan.system.followers) + 0.5 * plan.period),
         array(scenario.control.start),
     )
-
-
-def lags(followers: Iterable[Actuator]) -> Float[np.ndarray, " input"]:
-    """Return by how much each input comes behind a slow command (s)."""
-    slow = np.array([_SLOW])
-    found = np.concatenate([each.response(slow)[0] for each in followers])
-    return -found.imag / (2 * np.pi * _SLOW)
 
 
 def _pid(plan: Plan) -> Pid:

@@ -62,6 +62,8 @@ class LinearModel(NamedTuple):
     """Which of the numbers in the states of all actuators these are."""
     rows: tuple[int, ...]
     """Which inputs are driven."""
+    usual: Float[np.ndarray, " u"]
+    """By how much the driven inputs are usually moved."""
     hankel: Float[np.ndarray, " h"]
     """Hankel singular values, of which the largest were kept."""
 
@@ -133,7 +135,8 @@ def linear_model(
         values=values,
         at_rest=at_rest[kept],
         kept=tuple(map(int, kept)),
-        rows=rows,
+        rows=tuple(rows),
+        usual=usual,
         hankel=reduced.hankel,
     )
 

@@ -2,143 +2,178 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from crinoid.assembly.fluctuation import fluctuations
+from crinoid.assembly.lags import lags
 from crinoid.assembly.linear import LinearModel, linear_model
 from crinoid.assembly.numbers import array
 from crinoid.assembly.observer import Arrivals, Augmented, Water, augmented, build_observer
-from crinoid.control import Lqg, Shape
-from crinoid.control.measurand import Inclination
+from crinoid.control import Inclination, Lqg, Observer, Shape, damped_inverse
+from crinoid.scenario import Mistake, ScenarioError
 from crinoid.scenario.lqg import ModelBased
 
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
 
 Matrix = Float[np.ndarray, "m n"]
+PerInput = Float[np.ndarray, " u"]
 
 _MOST_SHAPES = 3
+"""Most shapes along the arm that the water's velocity is made of."""
 _EFFORT = 0.02
 """Cost of an input at the end of its range over that of one at its greatest speed."""
+_SMOOTHNESS = 0.005
+"""Share of the arm's length by which the tip may be off for an input at its greatest speed."""
+_RANK = 1e-2
+"""Movement of the tip, over the largest that the inputs make, that is none."""
+_BRISK = 0.1
+"""Time in which inputs without a limit of acceleration reach their greatest speed (s)."""
+
+
+class Known(NamedTuple):
+    """All that controllers know that are designed on a linear model."""
+
+    model: LinearModel
+    parts: Augmented
+    observer: Observer
+    reach: PerInput
+    """Half the range of each driven input."""
+    speed: PerInput
+    """Its greatest speed (1/s)."""
+    acceleration: PerInput
+    """Its greatest acceleration (1/s2)."""
+    worth: float
+    """Error of the tip that counts as much as an input at its greatest speed (m)."""
+    integrating: Float[np.ndarray, "controlled pose"]
+    """Error of what is controlled and can be, in metres, by the error of the pose."""
+    mapping: Float[np.ndarray, "u pose"]
+    """Commands that move the tip at rest."""
+
+    @property
+    def tip(self) -> Float[np.ndarray, "controlled known"]:
+        """How what is controlled follows the estimate (m)."""
+        return self.integrating @ self.parts.tip
+
+    @staticmethod
+    def of(plan: Plan, settings: ModelBased) -> Known:
+        """Linearise the arm of a plan, and design its observer.
+
+        Raises
+        ------
+        ScenarioError
+            If the inputs that are to be driven do not move what is controlled.
+        """
+        stations = [
+            each.measurand.stations.shape[0]
+            for each in plan.sensors
+            if isinstance(each.measurand, (Shape, Inclination))
+        ]
+        shapes = min(1 + sum(stations), _MOST_SHAPES)
+        expected = fluctuations(plan.scenario, plan.recordings)
+        deviation = np.sqrt(np.sum([each.deviation**2 for each in expected], axis=0))
+        model = linear_model(plan, plan.scenario.driven, shapes, deviation)
+        water = Water.of(expected, shapes, plan.period)
+        arrivals = Arrivals.of(plan.sensors, plan.period, float(plan.system.time_step))
+        parts = augmented(model, water, arrivals, plan)
+        columns, scale = plan.controlled
+        integrating = np.zeros((len(columns), plan.sensors[0].noise.shape[0]))
+        integrating[np.arange(len(columns)), columns] = scale
+        jacobian = integrating @ _jacobian(model)[: integrating.shape[1]] * model.usual
+        # of what inputs do not move an integral would never end
+        ways, moved, _ = np.linalg.svd(jacobian, full_matrices=False)
+        moves = moved > _RANK * moved.max(initial=0.0)
+        integrating, jacobian = (ways[:, moves].T @ each for each in (integrating, jacobian))
+        if not moves.any():
+            text = "nothing of the tip that is controlled follows what is driven"
+            raise ScenarioError([Mistake(f"control.{plan.scenario.control.kind}", text)])
+        return Known(
+            model,
+            parts,
+            build_observer(plan, model, parts, arrivals),
+            *_most(plan, model.rows),
+            settings.smoothness or _SMOOTHNESS * plan.scenario.arm.length,
+            integrating,
+            model.usual[:, None] * damped_inverse(jacobian) @ integrating,
+        )
 
 
 def build_lqg(plan: Plan) -> Lqg:
+    """Return the LQG controller of a plan."""
     settings = plan.scenario.control.lqg
-    driven = settings.inputs or plan.scenario.driven
-    model, parts, arrivals = known_arm(plan, driven)
-    observer = build_observer(plan, model, parts, arrivals)
-    columns, scale = plan.controlled
-    pose = plan.sensors[0].noise.shape[0]
-    integrating = np.zeros((len(columns), pose))
-    integrating[np.arange(len(columns)), columns] = scale
-    design = _Design(plan, model, parts, settings, integrating)
-    steady, jacobian = design.steady()
-    full = np.vstack([steady, np.zeros((len(columns), steady.shape[1]))])
-    from crinoid.control import damped_inverse
-
-    mapping = damped_inverse(integrating @ jacobian) @ integrating
+    known = Known.of(plan, settings)
+    lag = lags(plan.system.followers)[list(known.model.rows)]
     return Lqg(
-        observer=observer,
-        gain=array(design.gain()),
-        integrating=array(integrating),
+        observer=known.observer,
+        gain=array(_gain(known, settings.integral_time, plan.period)),
+        integrating=array(known.integrating),
         period=array(plan.period),
-        steady=array(full),
-        mapping=array(mapping),
-        rows=tuple(model.rows),
+        actuators=array(known.model.actuators),
+        commanded=array(known.model.commanded),
+        mapping=array(known.mapping),
+        lead=array(lag + 0.5 * plan.period),
+        max_speed=array(known.speed),
+        max_acceleration=array(known.acceleration),
+        rows=known.model.rows,
     )
 
 
-def known_arm(plan: Plan, driven: tuple[str, ...]) -> tuple[LinearModel, Augmented, Arrivals]:
-    """Return what model-based controllers know of the arm, its water and its sensors."""
-    shapes = 1 + sum(
-        each.measurand.stations.shape[0]
-        for each in plan.sensors
-        if isinstance(each.measurand, (Shape, Inclination))
-    )
-    shapes = min(shapes, _MOST_SHAPES)
-    expected = fluctuations(plan.scenario, plan.recordings)
-    deviation = np.sqrt(sum(each.deviation**2 for each in expected))
-    model = linear_model(plan, driven, shapes, deviation)
-    water = Water.of(expected, shapes, plan.period)
-    step = float(plan.system.time_step)
-    arrivals = Arrivals.of(plan.sensors, plan.period, step)
-    return model, augmented(model, water, arrivals, plan), arrivals
+def _jacobian(model: LinearModel) -> Float[np.ndarray, "y u"]:
+    """Return how readings follow commands that move slowly."""
+    followed = np.linalg.solve(np.eye(model.actuators.shape[0]) - model.actuators, model.commanded)
+    arm = np.linalg.solve(np.eye(model.arm.shape[0]) - model.arm, model.held + model.driven)
+    return (model.observed @ arm + model.observed_actuators) @ followed
 
 
-class _Design:
-    """The regulator of a linear model."""
+def _gain(known: Known, integral_time: float, period: float) -> Matrix:
+    """Return the gain of the least quadratic cost (discrete Riccati equation)."""
+    from scipy.linalg import solve_discrete_are  # slow to load
 
-    def __init__(
-        self,
-        plan: Plan,
-        model: LinearModel,
-        parts: Augmented,
-        settings: ModelBased,
-        integrating: Matrix,
-    ) -> None:
-        self.plan, self.model, self.parts = plan, model, parts
-        self.settings, self.integrating = settings, integrating
-        self.tip = integrating @ model.observed[: integrating.shape[1]]
-
-    def steady(self) -> tuple[Matrix, Matrix]:
-        """Return estimate, actuators and commands of commands that stand still, and the pose."""
-        model, parts = self.model, self.parts
-        followed = np.linalg.solve(
-            np.eye(model.actuators.shape[0]) - model.actuators, model.commanded
-        )
-        estimate = np.linalg.solve(
-            np.eye(parts.move.shape[0]) - parts.move, (parts.held + parts.driven) @ followed
-        )
-        pose = self.integrating.shape[1]
-        jacobian = model.observed[:pose] @ estimate[: parts.arm]
-        jacobian += model.observed_actuators[:pose] @ followed
-        return np.vstack([estimate, followed, np.eye(followed.shape[1])]), jacobian
-
-    def gain(self) -> Matrix:
-        """Return the gain of the least quadratic cost (discrete Riccati equation)."""
-        from scipy.linalg import solve_discrete_are  # slow to load
-
-        model, parts, plan = self.model, self.parts, self.plan
-        known = parts.arm + parts.water
-        states, inputs = model.actuators.shape[0], model.commanded.shape[1]
-        controlled = self.tip.shape[0]
-        size = known + states + inputs + controlled
-        x, s = slice(0, known), slice(known, known + states)
-        u = slice(known + states, known + states + inputs)
-        q = slice(size - controlled, size)
-        A, B = np.zeros((size, size)), np.zeros((size, inputs))
-        A[x, x] = parts.move[:known, :known]
-        A[x, s] = parts.held[:known] + parts.driven[:known] @ model.actuators
-        A[x, u] = B[x] = parts.driven[:known] @ model.commanded
-        A[s, s] = model.actuators
-        A[s, u] = B[s] = model.commanded
-        A[u, u] = B[u] = np.eye(inputs)
-        A[q, : parts.arm] = plan.period * self.tip
-        A[q, q] = np.eye(controlled)
-        cost = np.zeros((size, size))
-        cost[: parts.arm, : parts.arm] = self.tip.T @ self.tip
-        cost[q, q] = np.eye(controlled) / self.settings.integral_time**2
-        worth = self.settings.smoothness or 0.01 * plan.scenario.arm.length
-        speed, reach = _most(plan, model.rows)
-        cost[u, u] = np.diag((_EFFORT * worth / reach) ** 2)
-        rate = np.diag((worth / (plan.period * speed)) ** 2)
-        found = solve_discrete_are(A, B, cost, rate)
-        gain = np.linalg.solve(rate + B.T @ found @ B, B.T @ found @ A)
-        # readings under way tell nothing more of what is to come
-        under_way = np.zeros((inputs, parts.move.shape[0] - known))
-        return np.hstack([gain[:, :known], under_way, gain[:, known:]])
+    model, parts, size = known.model, known.parts, known.parts.known
+    states, inputs = model.commanded.shape
+    controlled = known.tip.shape[0]
+    ends = list(np.cumsum([size, states, inputs, inputs, controlled]))
+    x, s, u, r, q = (slice(*pair) for pair in pairwise([0, *ends]))
+    A, B = np.zeros((ends[-1], ends[-1])), np.zeros((ends[-1], inputs))
+    one = np.eye(inputs)
+    # a command moves at the rate that its acceleration has brought it to
+    A[u, u], A[u, r], B[u] = one, period * one, period**2 * one
+    A[r, r], B[r] = one, period * one
+    A[s, s] = model.actuators
+    A[x, x] = parts.move[:size, :size]
+    A[x, s] = parts.held[:size] + parts.driven[:size] @ model.actuators
+    for rows, by in ((s, model.commanded), (x, parts.driven[:size] @ model.commanded)):
+        A[rows, u], A[rows, r], B[rows] = by, period * by, period**2 * by
+    A[q, x] = period * known.tip
+    A[q, q] = np.eye(controlled)
+    cost = np.zeros_like(A)
+    cost[x, x] = known.tip.T @ known.tip
+    cost[q, q] = np.eye(controlled) / integral_time**2
+    cost[u, u] = np.diag((_EFFORT * known.worth / known.reach) ** 2)
+    cost[r, r] = np.diag((known.worth / known.speed) ** 2)
+    push = np.diag((known.worth / known.acceleration) ** 2)
+    found = solve_discrete_are(A, B, cost, push)
+    gain = np.linalg.solve(push + B.T @ found @ B, B.T @ found @ A)
+    # readings under way tell nothing more of what is to come
+    under_way = np.zeros((inputs, parts.move.shape[0] - size))
+    return np.hstack([gain[:, :size], under_way, gain[:, size:]])
 
 
-def _most(plan: Plan, rows: list[int] | tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the greatest speed of each driven input, and half of its range."""
+def _most(plan: Plan, rows: tuple[int, ...]) -> tuple[PerInput, PerInput, PerInput]:
+    """Return half the range, and greatest speed and acceleration, of each driven input.
+
+    One that has no limit of its own may pass its range in a second.
+    """
     servo = plan.system.base.servo
-    speeds = list(np.asarray(servo.max_speed))
     lower = np.array([float(each.lower) for each in plan.inputs])
     upper = np.array([float(each.upper) for each in plan.inputs])
-    reach = 0.5 * (upper - lower)
-    # of the others, what they pass in a second
-    speeds += list(2 * reach[len(speeds) :])
-    return np.array(speeds)[list(rows)], reach[list(rows)]
+    speed = upper - lower
+    speed[: servo.max_speed.shape[0]] = servo.max_speed
+    acceleration = speed / _BRISK
+    acceleration[: servo.max_speed.shape[0]] = servo.max_acceleration
+    chosen = list(rows)
+    return 0.5 * (upper - lower)[chosen], speed[chosen], acceleration[chosen]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -23,10 +24,14 @@ _TICKS = 60
 """Commands over which the order in which readings arrive is looked at."""
 _ROUNDS = 400
 _SETTLED = 1e-9
-_MODEL_ERROR = 0.02
-"""What the model gets wrong of what the inputs do."""
-_LEAST_NOISE = 1e-4
-"""Noise that readings have at least, over what they usually vary by: models are never exact."""
+_MODEL_ERROR = 5e-3
+"""What the model gets wrong of what the inputs do in a period, over what they usually do."""
+_LEAST_NOISE = 1e-3
+"""Noise that readings have at least, over what they usually vary by."""
+_BENT = 0.05
+"""Share of its length by which the tip of an arm at work is moved at least."""
+_OFFSET_TIME = 1.0
+"""Correlation time of what the tip does beside the linear model (s)."""
 
 
 class Water(NamedTuple):
@@ -90,7 +95,7 @@ class Arrivals(NamedTuple):
 
 
 class Augmented(NamedTuple):
-    """The linear model with the water and the readings under way among its states."""
+    """The linear model with all else among its states: water, offset of the tip, late readings."""
 
     move: Float[np.ndarray, "z z"]
     held: Float[np.ndarray, "z s"]
@@ -98,57 +103,85 @@ class Augmented(NamedTuple):
     noise: Float[np.ndarray, "z z"]
     expect: Float[np.ndarray, "y z"]
     follow: Float[np.ndarray, "y s"]
+    tip: Float[np.ndarray, "pose known"]
+    """How the tip's pose follows the states that are no readings under way, which come first."""
+    usual: Float[np.ndarray, " y"]
+    """By how much the readings vary."""
     arm: int
     """How many states of the arm come first."""
-    water: int
-    """And how many of the water then."""
+
+    @property
+    def known(self) -> int:
+        """How many states are no readings under way."""
+        return self.tip.shape[1]
 
 
 def augmented(model: LinearModel, water: Water, arrivals: Arrivals, plan: Plan) -> Augmented:
-    """Put the parts together."""
-    arm, states = model.arm.shape[0], water.move.shape[0]
-    speed, change = water.velocity @ water.move, water.velocity @ (water.move - np.eye(states))
-    push = model.stirred @ water.velocity + model.hastened @ water.velocity / plan.period
-    stir = model.stirred @ speed + model.hastened @ change / plan.period
+    """Put the parts together.
+
+    The tip's pose has an offset that varies, for what a linear model does not have: a
+    bent arm is shorter, by the square of what it is bent by.
+    """
+    arm, states, pose = model.arm.shape[0], water.move.shape[0], plan.sensors[0].noise.shape[0]
+    known = arm + states + pose
+    inner = np.zeros((known, known))
+    change = water.velocity @ (water.move - np.eye(states)) / plan.period
+    inner[:arm, :arm] = model.arm
+    inner[:arm, arm:-pose] = model.stirred @ water.velocity @ water.move + model.hastened @ change
+    inner[arm:-pose, arm:-pose] = water.move
+    kept = math.exp(-plan.period / _OFFSET_TIME)
+    inner[-pose:, -pose:] = kept * np.eye(pose)
     seen = np.hstack([model.observed, model.observed_water @ water.velocity])
+    seen = np.hstack([seen, np.eye(seen.shape[0], pose)])
+    random = np.zeros((known, known))
+    push = (model.stirred + model.hastened / plan.period) @ water.velocity
+    by_noise = np.concatenate([push, np.eye(states)])
+    random[:-pose, :-pose] = by_noise @ water.noise @ by_noise.T
+    usual = np.sqrt(np.einsum("yz,zv,yv->y", seen, _lasting(inner, random), seen))
+    random[-pose:, -pose:] = np.diag((1 - kept**2) * _offset(usual[:pose], plan) ** 2)
+    wrong = _MODEL_ERROR * (model.driven @ model.commanded) * model.usual
+    random[:arm, :arm] += wrong @ wrong.T
     sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
-    total = arm + states + sum(n * age for n, age in zip(sizes, arrivals.age, strict=True))
+    total = known + sum(n * age for n, age in zip(sizes, arrivals.age, strict=True))
     move, noise = np.zeros((total, total)), np.zeros((total, total))
     held, driven = (np.zeros((total, model.held.shape[1])) for _ in range(2))
     expect = np.zeros((sum(sizes), total))
     follow = np.zeros((sum(sizes), model.held.shape[1]))
-    move[:arm, :arm], move[:arm, arm : arm + states] = model.arm, stir
-    move[arm : arm + states, arm : arm + states] = water.move
+    move[:known, :known], noise[:known, :known] = inner, random
     held[:arm], driven[:arm] = model.held, model.driven
-    by_noise = np.concatenate([push, np.eye(states)])
-    noise[: arm + states, : arm + states] = by_noise @ water.noise @ by_noise.T
-    first, row = arm + states, 0
+    first, row = known, 0
     for size, age in zip(sizes, arrivals.age, strict=True):
         rows = slice(row, row + size)
         row += size
         if not age:
-            expect[rows, : arm + states] = seen[rows]
+            expect[rows, :known] = seen[rows]
             follow[rows] = model.observed_actuators[rows]
             continue
         # the newest reading under way first
-        move[first : first + size, : arm + states] = seen[rows]
+        move[first : first + size, :known] = seen[rows]
         held[first : first + size] = model.observed_actuators[rows]
         later = np.arange(first + size, first + size * age)
         move[later, later - size] = 1.0
         expect[rows, first + size * (age - 1) : first + size * age] = np.eye(size)
         first += size * age
-    return Augmented(move, held, driven, noise, expect, follow, arm, states)
+    return Augmented(move, held, driven, noise, expect, follow, seen[:pose], usual, arm)
+
+
+def _offset(usual: Float[np.ndarray, " pose"], plan: Plan) -> Float[np.ndarray, " pose"]:
+    """Return by how much the tip is where the linear model does not say, along each coordinate."""
+    axes, length = plan.scenario.arm.dimension, plan.scenario.arm.length
+    moved = max(float(usual[:axes].max()), _BENT * length)
+    shorter = moved**2 / (2 * length)
+    return np.where(np.arange(usual.size) < axes, shorter, shorter / length)
 
 
 def build_observer(
     plan: Plan, model: LinearModel, parts: Augmented, arrivals: Arrivals
 ) -> Observer:
     """Return the observer of least variance."""
-    spread = _steady(parts)
-    usual = np.sqrt(np.einsum("yz,zv,yv->y", parts.expect, spread, parts.expect))
     given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
     grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
-    noise = given**2 + grain**2 / 12 + (_LEAST_NOISE * usual) ** 2
+    noise = given**2 + grain**2 / 12 + (_LEAST_NOISE * parts.usual) ** 2
     noise = np.maximum(noise, 1e-16 * max(noise.max(), 1e-300))
     sets, gains = _gains(parts, noise, arrivals, [s.noise.shape[0] for s in plan.sensors])
     values = model.values.copy()
@@ -156,11 +189,13 @@ def build_observer(
     assert plan.target is not None
     values[:size] = plan.target.seen(array(values[:size]), plan.state.time)
     return Observer(
-        *(array(each) for each in parts[:3]),
+        move=array(parts.move),
+        held=array(parts.held),
+        driven=array(parts.driven),
         expect=array(parts.expect),
         follow=array(parts.follow),
         gains=array(gains),
-        fresh=np.asarray(sets),
+        fresh=jax.device_put(sets),
         values=array(values),
         at_rest=array(model.at_rest),
         kept=model.kept,
@@ -168,9 +203,9 @@ def build_observer(
     )
 
 
-def _steady(parts: Augmented) -> Matrix:
-    """Return the covariance of the states that nobody controls or observes."""
-    total, power = parts.noise, parts.move * 0.9999
+def _lasting(move: Matrix, noise: Matrix) -> Matrix:
+    """Return the covariance of states that nobody controls or observes."""
+    total, power = noise, move * 0.9999
     for _ in range(30):
         total = total + power @ total @ power.T
         power = power @ power
@@ -181,7 +216,7 @@ def _gains(
     parts: Augmented, noise: Float[np.ndarray, " y"], arrivals: Arrivals, sizes: list[int]
 ) -> tuple[Int[np.ndarray, "set sensor"], Float[np.ndarray, "set z y"]]:
     """Return the gains, by sets of sensors, that the Riccati equation settles on."""
-    spread, before = _steady(parts), None
+    spread, before = _lasting(parts.move, parts.noise), None
     found: dict[tuple[bool, ...], list[Matrix]] = {}
     for _ in range(_ROUNDS):
         found = {}
@@ -194,7 +229,8 @@ def _gains(
                 surprise = seen @ spread @ seen.T + np.diag(noise[counted])
                 gain[:, counted] = np.linalg.solve(surprise, seen @ spread).T
                 left = np.eye(spread.shape[0]) - gain[:, counted] @ seen
-                spread = left @ spread @ left.T + gain[:, counted] * noise[counted] @ gain[:, counted].T
+                by_noise = gain[:, counted] * np.sqrt(noise[counted])
+                spread = left @ spread @ left.T + by_noise @ by_noise.T
             found.setdefault(tuple(map(bool, fresh)), []).append(gain)
         trace = float(np.trace(spread))
         if before is not None and abs(trace - before) <= _SETTLED * trace:

@@ -31,7 +31,7 @@ class _Answer(NamedTuple):
     rows: list[int]
     """Indices of the inputs."""
     columns: list[int]
-    """Indices of the coordinates of the pose."""
+    """Indices of the coordinates that are controlled, and what makes errors of them metres."""
     jacobian: Float[np.ndarray, "coordinate input"]
     scale: Float[np.ndarray, " coordinate"]
     """Length that makes an error of a coordinate one in metres."""
@@ -73,8 +73,7 @@ class Plan:
 
     @property
     def controlled(self) -> tuple[list[int], Float[np.ndarray, " coordinate"]]:
-        """Indices of the coordinates of the pose that are controlled, and the length that makes an
-        error of each one in metres."""
+        """Indices of the coordinates that are controlled, and what makes errors of them metres."""
         axes = self.scenario.arm.dimension
         # a direction in space has three coordinates
         columns = [

@@ -1,6 +1,7 @@
 """LQG control: state feedback on what an observer makes of the readings."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -11,64 +12,108 @@ from crinoid.control.target import pose_error
 from crinoid.products import product
 
 
+class Course(eqx.Module):
+    """How arm, actuators and commands would move with the target, if nothing disturbed them."""
+
+    estimate: Float[Array, " z"]
+    actuators: Float[Array, " s"]
+    command: Float[Array, " driven"]
+    rate: Float[Array, " driven"]
+    """Rate at which the commands move (1/s)."""
+
+
 class LqgMemory(eqx.Module):
     """Numbers that an LQG controller carries from one call to the next."""
 
     observed: ObserverState
+    course: Course
     integral: Float[Array, " controlled"]
     """Integral of the error of what is controlled (m s)."""
-    called: Float[Array, ""]
-    """Commands given so far, 0 or 1 and more."""
+    rate: Float[Array, " driven"]
+    """Rate at which the commands move (1/s)."""
 
 
 class Lqg(Controller):
     """Linear quadratic Gaussian control with integral action.
 
-    An observer estimates the arm and the water; a gain makes of both a change of the command
-    that is the best one for a linear model, a quadratic cost of errors and speeds, and
-    white noise (Anderson and Moore 1990; Astrom and Wittenmark 1997, section 11.4). What is estimated
-    of the water is thereby fed forward.
+    An observer estimates the arm and the water; a gain makes of both an acceleration of the command
+    that is the best one for a linear model, a quadratic cost of errors, speeds and
+    accelerations, and white noise (Anderson and Moore 1990; Astrom and Wittenmark 1997, section
+    11.4). What is estimated of the water is thereby fed forward.
 
-    Where the target is not where the tip was, the arm is steered to the equilibrium at which its tip
-    would be there, by the command that is known beforehand or by the static Jacobian.
+    Where the target moves, commands that the static Jacobian tells move with it, ahead by the lag
+    of the actuators. The model says how the arm would then move; the gain acts on what differs.
     """
 
     observer: Observer
     gain: Float[Array, "driven full"]
-    """Change of the commands by estimate of arm and water, actuators, commands and integral."""
+    """Acceleration of the commands by estimate of arm and water, actuators, commands, their rate
+    and the integral."""
     integrating: Float[Array, "controlled pose"]
     """Error that is integrated, in metres, by the error of the pose."""
     period: Float[Array, ""]
     """Time between two commands (s)."""
-    steady: Float[Array, "full driven"]
-    """What estimate, actuators and commands are where commands stand still."""
+    actuators: Float[Array, "s s"]
+    """States of the actuators after a period, by those before."""
+    commanded: Float[Array, "s driven"]
+    """And by the commands."""
     mapping: Float[Array, "driven pose"]
     """Command for a displacement of the tip."""
+    lead: Float[Array, " driven"]
+    """How far each command looks ahead (s)."""
+    max_speed: Float[Array, " driven"]
+    max_acceleration: Float[Array, " driven"]
     rows: tuple[int, ...] = eqx.field(static=True)
     """Which inputs are driven."""
 
     def start(self, seen: Seen) -> LqgMemory:
-        none = jnp.zeros(self.integrating.shape[0])
-        return LqgMemory(self.observer.start(seen), none, jnp.zeros(()))
+        none = jnp.zeros(len(self.rows))
+        observed = self.observer.start(seen)
+        course = Course(
+            jnp.zeros_like(observed.estimate), jnp.zeros_like(observed.actuators), none, none
+        )
+        return LqgMemory(observed, course, jnp.zeros(self.integrating.shape[0]), none)
 
     def command(self, memory: LqgMemory, seen: Seen) -> tuple[Command, LqgMemory]:
         rows = jnp.asarray(self.rows, int)
         observed = self.observer.update(memory.observed, seen)
-        aim = self.aim(seen)
-        before = seen.command[rows]
-        full = jnp.concatenate([observed.estimate, observed.actuators, before, memory.integral])
-        change = -product(self.gain, full - product(self.steady, aim))
-        free = before + change
-        held = jnp.clip(free, seen.lower[rows], seen.upper[rows])
+        course, before, rate = self.follow(memory.course, seen), seen.command[rows], memory.rate
+        away = jnp.concatenate(
+            [
+                observed.estimate - course.estimate,
+                observed.actuators - course.actuators,
+                before - course.command,
+                rate - course.rate,
+                memory.integral,
+            ]
+        )
+        wanted = (course.rate - memory.course.rate) / self.period - product(self.gain, away)
+        # as much as the actuators can do, so that they follow
+        push = jnp.clip(wanted, -self.max_acceleration, self.max_acceleration)
+        moving = jnp.clip(rate + self.period * push, -self.max_speed, self.max_speed)
+        held = jnp.clip(before + self.period * moving, seen.lower[rows], seen.upper[rows])
         error = product(self.integrating, pose_error(seen.measured, seen.wanted))
         # at a limit an integral would only wind up
-        free_to_move = jnp.all(free == held)
-        integral = memory.integral + jnp.where(free_to_move, self.period, 0.0) * error
+        free = jnp.all(held == before + self.period * (rate + self.period * wanted))
+        integral = memory.integral + jnp.where(free, self.period, 0.0) * error
         command = jnp.zeros_like(seen.command).at[rows].set(held)
-        return command, LqgMemory(observed, integral, memory.called + 1)
+        return command, LqgMemory(observed, course, integral, (held - before) / self.period)
 
-    def aim(self, seen: Seen) -> Float[Array, " driven"]:
-        """Return the commands at which the tip would stand still where it is wanted."""
-        start = self.observer.values[: seen.wanted.size]
-        wanted = seen.target.in_frame(seen.time)
-        return product(self.mapping, pose_error(wanted, start))
+    def follow(self, before: Course, seen: Seen) -> Course:
+        """Return how all would move by now with the target."""
+        observer = self.observer
+        actuators = product(self.actuators, before.actuators) + product(
+            self.commanded, before.command
+        )
+        estimate = (
+            product(observer.move, before.estimate)
+            + product(observer.held, before.actuators)
+            + product(observer.driven, actuators)
+        )
+        start = observer.values[: seen.wanted.size]
+        ahead = jax.vmap(seen.target.in_frame)(seen.time + self.lead)
+        shifted = jax.vmap(lambda pose: pose_error(pose, start))(ahead)
+        step = jnp.sum(self.mapping * shifted, axis=1) - before.command
+        # a target that jumps is gone after at half the greatest speed
+        rate = jnp.clip(step / self.period, -0.5 * self.max_speed, 0.5 * self.max_speed)
+        return Course(estimate, actuators, before.command + self.period * rate, rate)

@@ -1,7 +1,6 @@
 """An observer: what the arm and the water do, as far as sensors and a linear model tell."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 

@@ -203,7 +203,9 @@ def _slopes(function: Callable[..., Array], at: tuple[Array, ...]) -> list[Array
     return [part.reshape(-1, *each.shape) for part, each in zip(parts, at, strict=True)]
 
 
-def numbers_of(followers: tuple[Any, ...]) -> tuple[Following, Callable[[Following], tuple[Any, ...]]]:
+def numbers_of(
+    followers: tuple[Any, ...],
+) -> tuple[Following, Callable[[Following], tuple[Any, ...]]]:
     """Return the numbers among the states of actuators, and how to put others in their place."""
     numbers, rest = eqx.partition(followers, eqx.is_inexact_array)
     flat, shaped = ravel_pytree(numbers)

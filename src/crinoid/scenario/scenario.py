@@ -274,6 +274,8 @@ class Scenario(Model):
                 present = self.control.pid.present
                 known = [name for name in inputs if name in present]
                 return (*known, *(name for name in present if name not in inputs))
+            case "lqg":
+                return self.control.lqg.inputs or inputs
             case _:
                 return inputs
 

@@ -63,9 +63,7 @@ def set_up(prepared: Prepared) -> Setup:
     mapped = control.kind != "none" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
     current = Facts(prepared).mean_current
-    state, outcome, tip, small, influence, jacobian = _start(
-        system, array(current), loaded, mapped
-    )
+    state, outcome, tip, small, influence, jacobian = _start(system, array(current), loaded, mapped)
     modes, told = None, doubts(prepared)
     if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
         jacobian = None
@@ -86,6 +84,7 @@ def set_up(prepared: Prepared) -> Setup:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"two {words} are called {' and '.join(twice)}; each takes its own")
+    target = build_target(scenario, prepared.series.get("target"), system, tip)
     plan = Plan(
         scenario,
         prepared.parameters,
@@ -93,7 +92,7 @@ def set_up(prepared: Prepared) -> Setup:
         state,
         jacobian,
         sensors,
-        build_target(scenario, prepared.series.get("target"), system, tip),
+        target,
         current,
         prepared.recordings,
     )
@@ -103,7 +102,7 @@ def set_up(prepared: Prepared) -> Setup:
         controller=_controller(plan, parts),
         clock=Clock(array(plan.period)),
         switched_on=array(scenario.control.start),
-        target=plan.target,
+        target=target,
         feed_forward=build_feed_forward(plan),
         enabled=jax.device_put(np.asarray(True)),
     )
