@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-Matrix = Float[np.ndarray, "m n"]
+Matrix = Float[np.ndarray, "_ _"]
 
 _LASTING = 1.0 - 1e-9
 """Size of an eigenvalue, discounted, from which on a motion counts as lasting and is kept whole."""
@@ -52,11 +52,10 @@ def balanced(
 
     size = A.shape[0]
 
-    def lasts(real: float, imag: float = 0.0) -> bool:
-        return bool(discount * np.hypot(real, imag) >= _LASTING)
-
     # lasting motions first, then uncoupled from the rest
-    triangle, basis, kept = schur(A, sort=lasts)
+    triangle, basis, kept = schur(
+        A, sort=lambda real, imag=0.0: bool(discount * np.hypot(real, imag) >= _LASTING)
+    )
     coupling = solve_sylvester(
         triangle[:kept, :kept], -triangle[kept:, kept:], -triangle[:kept, kept:]
     )

@@ -28,7 +28,7 @@ from crinoid.reduction import balanced
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
 
-Matrix = Float[np.ndarray, "m n"]
+Matrix = Float[np.ndarray, "_ _"]
 
 _SHARE = 1e-5
 """Least Hankel singular value of a state that is kept, over the largest."""

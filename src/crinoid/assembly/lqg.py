@@ -14,13 +14,14 @@ from crinoid.assembly.linear import LinearModel, linear_model
 from crinoid.assembly.numbers import array
 from crinoid.assembly.observer import Arrivals, Augmented, Water, augmented, build_observer
 from crinoid.control import Inclination, Lqg, Observer, Shape, damped_inverse
-from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario import Mistake, ScenarioError, one_of
+from crinoid.scenario.errors import shown
 from crinoid.scenario.lqg import ModelBased
 
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
 
-Matrix = Float[np.ndarray, "m n"]
+Matrix = Float[np.ndarray, "_ _"]
 PerInput = Float[np.ndarray, " u"]
 
 _MOST_SHAPES = 3
@@ -68,15 +69,20 @@ class Known(NamedTuple):
         ScenarioError
             If the inputs that are to be driven do not move what is controlled.
         """
+        scenario = plan.scenario
+        there = (*scenario.base.channels.present, *scenario.thread_names)
+        if missing := [name for name in settings.inputs or () if name not in there]:
+            text = f"got {shown(missing[0])}, takes {one_of(there, 'and')}"
+            raise ScenarioError([Mistake(f"control.{scenario.control.kind}.inputs", text)])
         stations = [
             each.measurand.stations.shape[0]
             for each in plan.sensors
             if isinstance(each.measurand, (Shape, Inclination))
         ]
         shapes = min(1 + sum(stations), _MOST_SHAPES)
-        expected = fluctuations(plan.scenario, plan.recordings)
+        expected = fluctuations(scenario, plan.recordings)
         deviation = np.sqrt(np.sum([each.deviation**2 for each in expected], axis=0))
-        model = linear_model(plan, plan.scenario.driven, shapes, deviation)
+        model = linear_model(plan, scenario.driven, shapes, deviation)
         water = Water.of(expected, shapes, plan.period)
         arrivals = Arrivals.of(plan.sensors, plan.period, float(plan.system.time_step))
         parts = augmented(model, water, arrivals, plan)
@@ -90,13 +96,13 @@ class Known(NamedTuple):
         integrating, jacobian = (ways[:, moves].T @ each for each in (integrating, jacobian))
         if not moves.any():
             text = "nothing of the tip that is controlled follows what is driven"
-            raise ScenarioError([Mistake(f"control.{plan.scenario.control.kind}", text)])
+            raise ScenarioError([Mistake(f"control.{scenario.control.kind}", text)])
         return Known(
             model,
             parts,
             build_observer(plan, model, parts, arrivals),
             *_most(plan, model.rows),
-            settings.smoothness or _SMOOTHNESS * plan.scenario.arm.length,
+            settings.smoothness or _SMOOTHNESS * scenario.arm.length,
             integrating,
             model.usual[:, None] * damped_inverse(jacobian) @ integrating,
         )

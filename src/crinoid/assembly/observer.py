@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from crinoid.assembly.fluctuation import Fluctuation
 from crinoid.assembly.linear import LinearModel
@@ -18,12 +18,13 @@ from crinoid.control import Observer, Sensor
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
 
-Matrix = Float[np.ndarray, "m n"]
+Matrix = Float[np.ndarray, "_ _"]
 
 _TICKS = 60
 """Commands over which the order in which readings arrive is looked at."""
-_ROUNDS = 400
-_SETTLED = 1e-9
+_ROUNDS = 100
+"""Times that this order is gone through until the gains have settled, at most."""
+_SETTLED = 1e-6
 _MODEL_ERROR = 5e-3
 """What the model gets wrong of what the inputs do in a period, over what they usually do."""
 _LEAST_NOISE = 1e-3
@@ -183,7 +184,9 @@ def build_observer(
     grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
     noise = given**2 + grain**2 / 12 + (_LEAST_NOISE * parts.usual) ** 2
     noise = np.maximum(noise, 1e-16 * max(noise.max(), 1e-300))
-    sets, gains = _gains(parts, noise, arrivals, [s.noise.shape[0] for s in plan.sensors])
+    sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
+    every = np.repeat(arrivals.fresh, sizes, axis=1)
+    sets, found = gains(parts.move, parts.noise, parts.expect, noise, every)
     values = model.values.copy()
     size = plan.sensors[0].noise.shape[0]
     assert plan.target is not None
@@ -194,8 +197,8 @@ def build_observer(
         driven=array(parts.driven),
         expect=array(parts.expect),
         follow=array(parts.follow),
-        gains=array(gains),
-        fresh=jax.device_put(sets),
+        gains=array(found),
+        fresh=jax.device_put(sets[:, np.cumsum([0, *sizes[:-1]])].astype(int)),
         values=array(values),
         at_rest=array(model.at_rest),
         kept=model.kept,
@@ -212,29 +215,42 @@ def _lasting(move: Matrix, noise: Matrix) -> Matrix:
     return total
 
 
-def _gains(
-    parts: Augmented, noise: Float[np.ndarray, " y"], arrivals: Arrivals, sizes: list[int]
-) -> tuple[Int[np.ndarray, "set sensor"], Float[np.ndarray, "set z y"]]:
-    """Return the gains, by sets of sensors, that the Riccati equation settles on."""
-    spread, before = _lasting(parts.move, parts.noise), None
+def gains(
+    move: Matrix,
+    noise: Matrix,
+    expect: Matrix,
+    of_readings: Float[np.ndarray, " y"],
+    fresh: Bool[np.ndarray, "tick y"],
+) -> tuple[Bool[np.ndarray, "set y"], Float[np.ndarray, "set z y"]]:
+    """Return the gains that the Riccati equation settles on, for each set of readings.
+
+    Parameters
+    ----------
+    move, noise
+        Matrix of the states from call to call, and the covariance of their noise.
+    expect
+        How readings follow the states.
+    of_readings
+        Variance of the noise of each reading.
+    fresh
+        Which readings there are at each call, of a pattern that goes on.
+    """
+    from scipy.linalg import solve_discrete_are  # slow to load
+
+    ahead = solve_discrete_are(move.T, expect.T, noise, np.diag(of_readings))
     found: dict[tuple[bool, ...], list[Matrix]] = {}
+    pattern = fresh[:1] if fresh.all() else fresh
     for _ in range(_ROUNDS):
-        found = {}
-        for fresh in arrivals.fresh:
-            spread = parts.move @ spread @ parts.move.T + parts.noise
-            counted = np.repeat(fresh, sizes)
-            gain = np.zeros((spread.shape[0], counted.size))
-            if counted.any():
-                seen = parts.expect[counted]
-                surprise = seen @ spread @ seen.T + np.diag(noise[counted])
-                gain[:, counted] = np.linalg.solve(surprise, seen @ spread).T
-                left = np.eye(spread.shape[0]) - gain[:, counted] @ seen
-                by_noise = gain[:, counted] * np.sqrt(noise[counted])
-                spread = left @ spread @ left.T + by_noise @ by_noise.T
-            found.setdefault(tuple(map(bool, fresh)), []).append(gain)
-        trace = float(np.trace(spread))
-        if before is not None and abs(trace - before) <= _SETTLED * trace:
+        found, before = {}, ahead
+        for counted in pattern:
+            seen = expect[counted]
+            gain = np.zeros(expect.T.shape)
+            surprise = seen @ ahead @ seen.T + np.diag(of_readings[counted])
+            gain[:, counted] = np.linalg.solve(surprise, seen @ ahead).T
+            left = np.eye(ahead.shape[0]) - gain[:, counted] @ seen
+            by_noise = gain[:, counted] * np.sqrt(of_readings[counted])
+            ahead = move @ (left @ ahead @ left.T + by_noise @ by_noise.T) @ move.T + noise
+            found.setdefault(tuple(map(bool, counted)), []).append(gain)
+        if np.abs(ahead - before).max() <= _SETTLED * np.abs(ahead).max():
             break
-        before = trace
-    sets = np.array([list(key) for key in found], int)
-    return sets, np.stack([np.mean(each, axis=0) for each in found.values()])
+    return np.array(list(found)), np.stack([np.mean(each, axis=0) for each in found.values()])

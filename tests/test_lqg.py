@@ -1,0 +1,171 @@
+"""Reduction, observer and LQG control: solutions on paper, second solvers, and the closed loop."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import crinoid
+from crinoid.assembly.fluctuation import Fluctuation, fluctuations
+from crinoid.assembly.observer import Arrivals, gains
+from crinoid.assembly.prepared import Prepared
+from crinoid.control import Clock, Sensor, TipPose
+from crinoid.metrics import tip_error
+from crinoid.reduction import balanced
+from crinoid.simulation.setup import set_up
+
+
+def random_model(size, inputs, outputs, seed):
+    draw = np.random.default_rng(seed)
+    A = draw.standard_normal((size, size))
+    A *= 0.97 / np.abs(np.linalg.eigvals(A)).max()
+    return A, draw.standard_normal((size, inputs)), draw.standard_normal((outputs, size))
+
+
+def transfer(A, B, C, angle):
+    return C @ np.linalg.solve(np.exp(1j * angle) * np.eye(A.shape[0]) - A, B)
+
+
+@pytest.mark.parametrize("kept", [2, 5, 9])
+def test_a_reduced_model_errs_by_no_more_than_what_was_left_out(kept):
+    model = random_model(12, 2, 3, 1)
+    reduced = balanced(*model, share=0.0, most=kept)
+    bound = 2 * reduced.hankel[kept:].sum()
+    errors = [
+        np.linalg.norm(transfer(*model, angle) - transfer(*reduced[:3], angle), 2)
+        for angle in np.linspace(0, np.pi, 200)
+    ]
+    assert reduced.A.shape == (kept, kept)
+    # Glover's bound, and it is not far from being reached
+    assert bound / 50 < max(errors) <= bound
+
+
+def test_a_motion_that_grows_is_kept_whole():
+    A, B, C = random_model(8, 1, 1, 2)
+    A[0], A[:, 0] = 0.0, 0.0
+    A[0, 0] = 1.05
+    rng = np.random.default_rng(3)
+    basis = rng.standard_normal((8, 8))
+    A, B, C = basis @ A @ np.linalg.inv(basis), basis @ B, C @ np.linalg.inv(basis)
+    reduced = balanced(A, B, C, share=1e-3, most=4)
+    assert np.abs(np.linalg.eigvals(reduced.A)).max() == pytest.approx(1.05, rel=1e-9)
+    np.testing.assert_allclose(reduced.left @ reduced.right, np.eye(len(reduced.A)), atol=1e-9)
+
+
+@pytest.mark.parametrize("damping", [None, 0.15])
+def test_fluctuating_water_has_the_variance_and_the_memory_that_it_should(damping):
+    water = Fluctuation(np.ones(2), 2.0, damping)
+    F, Q, S = water.process(0.01)
+    spread = np.eye(F.shape[0])
+    np.testing.assert_allclose(F @ spread @ F.T + Q, spread, atol=1e-12)
+    lasting = (S @ np.linalg.matrix_power(F, 100) @ S.T).item()
+    rate = 2 * np.pi / 2.0
+    expected = (
+        np.exp(-0.5)
+        if damping is None
+        else expm(rate * np.array([[0.0, 1.0], [-1.0, -2 * damping]]))[0, 0]
+    )
+    assert lasting == pytest.approx(expected, rel=1e-9)
+
+
+def test_what_is_expected_of_the_water_comes_from_its_flows():
+    scenario = crinoid.load("station-keeping")
+    swell, drift, rest = fluctuations(scenario, {})
+    np.testing.assert_allclose(swell.deviation, [0.25 / np.sqrt(2), 0.0])
+    assert swell.time == pytest.approx(1 / 0.0833)
+    np.testing.assert_allclose(drift.deviation, 0.8 * 0.06)
+    assert drift.time == pytest.approx(1.0 / 0.06)
+    assert (rest.deviation > 0).all()
+
+
+def sensor(rate, delay):
+    none, zero = jnp.zeros(1), jnp.asarray(delay)
+    clock = Clock(jnp.asarray(1 / rate))
+    return Sensor("tip", TipPose(), clock, zero, none, none, jax.random.key(0), 1)
+
+
+def test_readings_arrive_as_often_and_as_late_as_sensors_say():
+    found = Arrivals.of([sensor(100, 0.0), sensor(100, 0.02), sensor(25, 0.1)], 0.01, 0.01)
+    assert found.age == (0, 2, 10)
+    assert found.fresh[:, :2].all()
+    assert found.fresh[:, 2].mean() == pytest.approx(0.25)
+
+
+def test_the_observer_gain_is_that_of_the_riccati_equation():
+    A, B, C = random_model(6, 2, 3, 4)
+    noise = np.array([0.1, 0.2, 0.3])
+    sets, gain = gains(A, B @ B.T, C, noise, np.ones((5, 3), bool))
+    assert sets.tolist() == [[True] * 3]
+    # by going on until nothing changes
+    spread = B @ B.T
+    for _ in range(2000):
+        ahead = A @ spread @ A.T + B @ B.T
+        settled = ahead @ C.T @ np.linalg.inv(C @ ahead @ C.T + np.diag(noise))
+        spread = ahead - settled @ C @ ahead
+    np.testing.assert_allclose(gain[0], settled, atol=1e-8)
+
+
+def test_readings_that_are_rare_get_a_gain_of_their_own():
+    A, B, C = random_model(6, 2, 3, 5)
+    fresh = np.array([[True, True, True], [True, True, False], [True, True, False]])
+    sets, gain = gains(A, B @ B.T, C, np.full(3, 0.1), fresh)
+    both, alone = (gain[sets.tolist().index([True, True, rare])] for rare in (True, False))
+    assert (alone[:, 2] == 0).all()
+    assert (both[:, 2] != 0).all()
+
+
+SMALL = {"arm.nodes": 9, "simulation.duration": 6.0, "control.compare": False}
+
+
+def simulated(**values):
+    chosen = SMALL | {name.replace("__", "."): value for name, value in values.items()}
+    result = crinoid.simulate(crinoid.load("station-keeping").with_values(chosen))
+    assert result.dataset.attrs["status"] == "ok"
+    return result
+
+
+def test_lqg_holds_the_tip_better_than_the_pid():
+    pid, lqg = (tip_error(simulated(control__kind=kind)).rms for kind in ("pid", "lqg"))
+    assert lqg < 0.65 * pid
+
+
+@pytest.mark.parametrize("modulus", [2.8e6, 5.2e6])
+def test_an_arm_that_is_not_the_model_late_and_noisy_readings(modulus):
+    """The model is of an arm of 4 MPa."""
+    known = crinoid.load("station-keeping").with_values(
+        SMALL
+        | {
+            "control.kind": "lqg",
+            "sensor.noise_position": 1e-3,
+            "sensor.noise_angle_deg": 0.5,
+            "sensor.delay": 0.1,
+        }
+    )
+    controller = set_up(Prepared(known)).loop.controller
+    true = known.with_values({"arm.youngs_modulus": modulus})
+    result = crinoid.simulate(true, controller=controller)
+    # 40 mm left alone
+    assert tip_error(result).maximum < 0.02
+
+
+def test_a_target_out_of_reach_leaves_commands_at_their_limits_and_the_arm_standing():
+    result = simulated(
+        control__kind="lqg",
+        target__tip=[0.45, -9.5],
+        base__channels__slide__range=[-0.02, 0.02],
+    )
+    slide = result.dataset["base_command"].sel(channel="slide")
+    assert np.abs(slide).max() <= 0.02
+    late = result.dataset["tip_position"].isel(time=slice(-50, None))
+    assert float(late.std("time").max()) < 0.02
+
+
+def test_an_input_that_is_not_there_is_refused():
+    scenario = crinoid.load("station-keeping").with_values(
+        {"control.kind": "lqg", "control.lqg": json.loads('{"inputs": ["slide", "tlit"]}')}
+    )
+    with pytest.raises(crinoid.ScenarioError, match=r"control\.lqg\.inputs.*tlit.*takes.*tilt"):
+        crinoid.simulate(scenario)
