@@ -169,3 +169,10 @@ def test_an_input_that_is_not_there_is_refused():
     )
     with pytest.raises(crinoid.ScenarioError, match=r"control\.lqg\.inputs.*tlit.*takes.*tilt"):
         crinoid.simulate(scenario)
+
+
+def test_a_mapping_that_no_model_needs_is_refused():
+    with pytest.raises(crinoid.ScenarioError, match=r"control\.mapping.*identity.*pid"):
+        crinoid.load("station-keeping").with_values(
+            {"control.kind": "lqg", "control.mapping": "identity"}
+        )

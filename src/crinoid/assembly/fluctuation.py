@@ -94,7 +94,7 @@ def fluctuations(
 def _waves(flow: WavesFlow, scenario: Scenario) -> Fluctuation:
     """Return what long-crested waves do at the middle of the arm, those of the peak's period."""
     rate = 2 * math.pi / flow.peak_period
-    number = rate**2 / scenario.water.gravity
+    number = rate**2 / max(scenario.water.gravity, 1e-9)
     depth = -scenario.base.position[-1]
     orbital = flow.significant_height / 4 * rate * math.exp(-number * max(depth, 0.0))
     spread = np.full(scenario.arm.dimension, orbital)

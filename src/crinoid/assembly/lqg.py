@@ -109,13 +109,24 @@ class Known(NamedTuple):
 
 
 def build_lqg(plan: Plan) -> Lqg:
-    """Return the LQG controller of a plan."""
+    """Return the LQG controller of a plan.
+
+    Raises
+    ------
+    ScenarioError
+        If the inputs do not move what is controlled, or there is no gain that does.
+    """
     settings = plan.scenario.control.lqg
-    known = Known.of(plan, settings)
+    try:
+        known = Known.of(plan, settings)
+        gain = _gain(known, settings.integral_time, plan.period)
+    except np.linalg.LinAlgError as error:  # of the Riccati equations
+        text = f'got "lqg", for which there is no gain here: {error}; takes another'
+        raise ScenarioError([Mistake("control.kind", text)]) from error
     lag = lags(plan.system.followers)[list(known.model.rows)]
     return Lqg(
         observer=known.observer,
-        gain=array(_gain(known, settings.integral_time, plan.period)),
+        gain=array(gain),
         integrating=array(known.integrating),
         period=array(plan.period),
         actuators=array(known.model.actuators),

@@ -172,3 +172,5 @@ class Control(Model):
             yield Mistake("controlled", f"got {shown(self.controlled)}, takes each one once")
         if self.kind == "pid" and not self.pid.present:
             yield Mistake("pid", 'missing, kind = "pid" takes gains for at least one input')
+        if self.kind == "lqg" and self.mapping == "identity":
+            yield Mistake("mapping", 'got "identity", goes with kind = "pid"; takes none here')
