@@ -185,6 +185,17 @@ def test_a_loop_of_any_controller_grows_as_its_pole_says(prepared):
     np.testing.assert_allclose(fitted, [2 * z.real, -(np.abs(z) ** 2)], rtol=1e-3)
 
 
+def test_an_input_that_rests_at_the_end_of_its_range_is_modelled_as_any_other():
+    # as wide, so that LQG takes its speeds for as dear
+    found = []
+    for low in (-20.0, 0.0):
+        values = {"control.kind": "lqg", "base.channels.tilt.range_deg": [low, low + 40.0]}
+        setup = set_up(Prepared(Scenario.from_toml(SCENARIO).with_values(values)))
+        found.append(np.asarray(setup.loop.controller.gain))
+    assert np.abs(found[0]).max() > 0
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-6, atol=1e-9 * np.abs(found[0]).max())
+
+
 def test_states_that_nothing_reaches_or_sees_do_not_count():
     # of three states the first follows the input and is seen; the others are not reached, not seen
     whole = System(

@@ -7,3 +7,4 @@ from crinoid.actuation.follower import Follower as Follower
 from crinoid.actuation.follower import FollowerState as FollowerState
 from crinoid.actuation.input import Input as Input
 from crinoid.actuation.input import InputKind as InputKind
+from crinoid.actuation.small import for_small_commands as for_small_commands

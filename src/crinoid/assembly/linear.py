@@ -8,7 +8,7 @@ actuators ``s`` at both ends of the period are known, the water's velocity ``w``
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
+from crinoid.actuation import for_small_commands
 from crinoid.assembly.numbers import array
 from crinoid.control import Sensor, WaterVelocity
 from crinoid.dynamics import State, System, Transition, numbers_of
@@ -166,20 +167,13 @@ def _linearised(
     values = observe(system, state)
     steady = Water((Uniform(Onset.of(), current),))
     system = eqx.tree_at(
-        lambda s: (s.forces.water, s.actuators), system, (steady, _ready(system.actuators))
+        lambda s: (s.forces.water, s.base.servo, s.actuators),
+        system,
+        (steady, *for_small_commands((system.base.servo, system.actuators))),
     )
     still = system.stand(state)
     found = system.transition(still, jnp.zeros(len(system.inputs)), observe=observe)
     return found, values, numbers_of((state.servo, *state.actuators))[0]
-
-
-def _ready(actuators: Any) -> Any:
-    """Return actuators without a dead band, in which small commands would do nothing."""
-
-    def of(path: tuple[Any, ...], leaf: Array) -> Array:
-        return jnp.zeros_like(leaf) if getattr(path[-1], "name", "") == "dead_band" else leaf
-
-    return jax.tree_util.tree_map_with_path(of, actuators)
 
 
 def _over(

@@ -22,6 +22,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Complex, Float, Int
 from scipy.linalg import block_diag, schur, solve_triangular
 
+from crinoid.actuation import for_small_commands
 from crinoid.assembly.numbers import array
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Reading, Target
@@ -192,12 +193,10 @@ def _with_late(total: System, read: System, arm: int, periods: int) -> System:
 def _transition(loop: Loop, state: State, current: Float[Array, " d"]) -> Transition:
     """Return the model of a time step in a steady current; it observes what the sensors do."""
     steady = Water((Uniform(Onset.of(), current),))
-    followers = (loop.system.base.servo, loop.system.actuators)
-    servo, actuators = jax.tree_util.tree_map_with_path(_answering, followers)
     system = eqx.tree_at(
         lambda s: (s.forces.water, s.base.servo, s.actuators),
         loop.system,
-        (steady, servo, actuators),
+        (steady, *for_small_commands((loop.system.base.servo, loop.system.actuators))),
     )
 
     def observe(system: Any, state: State) -> Float[Array, " y"]:
@@ -205,22 +204,6 @@ def _transition(loop: Loop, state: State, current: Float[Array, " d"]) -> Transi
 
     commands = jnp.zeros(len(system.inputs))
     return system.transition(system.stand(state), commands, observe=observe)
-
-
-def _answering(path: tuple[Any, ...], leaf: Any) -> Any:
-    """Return what an actuator is made of, but for what keeps small commands from doing anything.
-
-    That is a dead band, and the end of its range, where some are at rest.
-    """
-    match getattr(path[-1], "name", ""):
-        case "dead_band":
-            return jnp.zeros_like(leaf)
-        case "lower":
-            return leaf - _FAR * (1 + jnp.abs(leaf))
-        case "upper":
-            return leaf + _FAR * (1 + jnp.abs(leaf))
-        case _:
-            return leaf
 
 
 def _controller(loop: Loop, state: State, period: float) -> System:
