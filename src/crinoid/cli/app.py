@@ -235,6 +235,26 @@ def margins(
 
 
 @app.command()
+@_told()
+def tune(
+    scenario: ScenarioName,
+    seeds: Annotated[int, typer.Option(help="Number of seeds that gains are tuned for.")] = 4,
+    iterations: Annotated[
+        int, typer.Option(help="Largest number of gains that are tried from each start.")
+    ] = 25,
+    settings: Settings = None,
+    out: Annotated[Path | None, _out("results/SCENARIO-tune")] = None,
+    force: Force = False,
+) -> None:
+    """Tune the gains of a PID by gradient, from several starts over several seeds."""
+    described, folder = _load(scenario, settings), _folder(out, scenario, "-tune")
+    with Loading():
+        from crinoid.cli.tune import tune_gains
+
+    _end(tune_gains(described, seeds, iterations, folder, force=force, console=console))
+
+
+@app.command()
 @_told("interrupted")
 def scenarios(
     copy: Annotated[

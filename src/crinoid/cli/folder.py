@@ -25,10 +25,11 @@ from crinoid.simulation import MODES
 from crinoid.simulation.margins import MARGINS
 from crinoid.status import Status
 from crinoid.stream import is_stream, remove_checkpoints
+from crinoid.tuning import TUNING
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
-_APART = (FLOW, MODES, COMPARISON, MARGINS)
+_APART = (FLOW, MODES, COMPARISON, MARGINS, TUNING)
 """Files of commands that run no scenario by itself, which may lie beside a result."""
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 

@@ -19,14 +19,15 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
     the comparison. A study (a folder with `cases.csv`) gives `cases.png`, and the figures of each
     case in the folder of that case. The current that `crinoid flow` sampled (`flow.nc`) gives
     `flow.png`, `spectrum.png` and `profile.png`, what `crinoid modes` found (`modes.nc`)
-    `modes.png`, what `crinoid compare` compared (`compare.nc`) `compare.png`, and the loop of
-    `crinoid margins` (`margins.nc`) `bode.png` and `nyquist.png`.
+    `modes.png`, what `crinoid compare` compared (`compare.nc`) `compare.png`, the loop of
+    `crinoid margins` (`margins.nc`) `bode.png` and `nyquist.png`, and the search of `crinoid tune`
+    (`tune.nc`) `tune.png`.
 
     Parameters
     ----------
     path
         A result's folder, its `result.nc`, a study's folder or its `cases.csv`, a folder with
-        `flow.nc`, `modes.nc`, `compare.nc` or `margins.nc`, or that file.
+        `flow.nc`, `modes.nc`, `compare.nc`, `margins.nc` or `tune.nc`, or that file.
     out
         Folder for the figures, made if needed; beside the result by default.
 

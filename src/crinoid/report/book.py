@@ -29,6 +29,7 @@ from crinoid.report.sheet import draw_sheet
 from crinoid.report.spectrum import draw_spectrum
 from crinoid.report.style import STYLE
 from crinoid.report.tip import draw_tip_error
+from crinoid.report.tune import TUNING, draw_tuning, open_tuning
 from crinoid.report.view import is_spatial
 from crinoid.version import __version__
 
@@ -105,6 +106,11 @@ def _write_margins(path: Path, out: Path) -> list[Path]:
     return [_save(lambda draw=draw: draw(data), out / name, path) for name, draw in figures.items()]
 
 
+def _write_tuning(path: Path, out: Path) -> list[Path]:
+    data = open_tuning(path)
+    return [_save(lambda: draw_tuning(data), out / "tune.png", path)]
+
+
 def _write_study(folder: Path, out: Path) -> list[Path]:
     cases = read_cases(folder / CASES)
     title, path = folder.resolve().name, folder / CASES
@@ -135,5 +141,6 @@ _APART: dict[str, Callable[[Path, Path], list[Path]]] = {
     MODES: _write_modes,
     COMPARISON: _write_comparison,
     MARGINS: _write_margins,
+    TUNING: _write_tuning,
 }
 """Files of commands that run no scenario by itself, which may lie beside a result."""

@@ -24,7 +24,7 @@ from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation.run import Progress, Report, play
 from crinoid.status import Status
 
-__all__ = ["Arm", "run_batch"]
+__all__ = ["Arm", "cores", "run_batch"]
 
 T = TypeVar("T")
 _LOOK = 0.1
@@ -80,7 +80,7 @@ def run_batch(
     waiting, pending = deque(enumerate(scenarios)), dict[Future[Arm[T]], int]()
     cancelled, begun = threading.Event(), 0.0
     whole = sum(scenario.simulation.duration for scenario in scenarios)
-    most = threads or _cores()
+    most = threads or cores()
 
     def run(index: int, prepared: Prepared) -> Arm[T]:
         def moved(progress: Progress) -> None:
@@ -127,7 +127,7 @@ def _refused(error: ScenarioError) -> Arm[T]:
     return Arm(None, f"refused: {'; '.join(error.lines)}", [])
 
 
-def _cores() -> int:
+def cores() -> int:
     """Return how many cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

@@ -1,0 +1,91 @@
+"""The cost of a PID's gains over one run, and its slope."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from crinoid.dynamics import State
+from crinoid.programs import OFTEN, compiled
+from crinoid.scenario import Scenario
+from crinoid.simulation import Loop, rollout
+from crinoid.space import POSE
+
+GAINS = ("kp", "ki", "kd")
+_EFFORT_TIME = 0.01
+"""Time over which the speed of inputs counts like an error of the tip (s)."""
+
+
+class Weights(NamedTuple):
+    """Lengths that turn what is compared into metres."""
+
+    pose: Float[np.ndarray, " pose"]
+    """Of the errors of the tip's pose; 0 of what is not controlled."""
+    inputs: Float[np.ndarray, " input"]
+    """Of the inputs."""
+
+    @staticmethod
+    def of(scenario: Scenario, loop: Loop) -> Weights:
+        """Return those of a scenario: an angle and a share count over the arm's length."""
+        length, axes = scenario.arm.length, scenario.arm.dimension
+        controlled = scenario.control.controlled
+        pose = [
+            (1.0 if index < axes else length) * (name.partition("_")[0] in controlled)
+            for index, name in enumerate(POSE[axes])
+        ]
+        inputs = [1.0 if each.unit == "m" else length for each in loop.system.inputs]
+        return Weights(np.array(pose), np.array(inputs))
+
+
+class Cost(eqx.Module):
+    """The cost of gains over one run."""
+
+    total: Float[Array, ""]
+    """Mean squared error of what is controlled, and the penalty on the speed of inputs (m2)."""
+    slope: Float[Array, "gain input"]
+    """Its slope by the logarithm of each gain (m2)."""
+    error: Float[Array, ""]
+    """Mean squared distance of the tip from its target (m2)."""
+    converged: Bool[Array, ""]
+    """Whether all time steps succeeded."""
+    reason: Int[Array, ""]
+    """Why the first one that did not failed (`crinoid.dynamics.Reason`)."""
+    steps: Int[Array, ""]
+    """Time steps that succeeded."""
+
+
+def gains_of(loop: Loop) -> Float[np.ndarray, "gain input"]:
+    """Return the gains of a loop's PID."""
+    return np.stack([np.asarray(getattr(loop.controller, name)) for name in GAINS])
+
+
+@compiled(**OFTEN)
+def cost(
+    gains: Float[Array, "gain input"], loop: Loop, state: State, weights: Weights, steps: int
+) -> Cost:
+    """Run a loop with other gains, and return what it costs."""
+
+    def of(logs: Array) -> tuple[Array, Cost]:
+        changed = eqx.tree_at(
+            lambda x: [getattr(x.controller, name) for name in GAINS],
+            loop,
+            list(gains * jnp.exp(logs)),
+        )
+        run = rollout(changed, state, steps)
+        seen, axes = run.kept, loop.system.forces.axes
+        error = jnp.mean(jnp.sum((weights.pose * seen.error) ** 2, axis=1))
+        moves = jnp.diff(seen.command, axis=0, prepend=0.0) * weights.inputs
+        # a command is held for a period of the controller
+        speed = jnp.sum(moves**2) / (loop.clock.period * steps * loop.system.time_step)
+        total = error + _EFFORT_TIME**2 * speed
+        distance = jnp.mean(jnp.sum(seen.error[:, :axes] ** 2, axis=1))
+        outcome = run.outcome
+        return total, Cost(total, logs, distance, outcome.converged, outcome.reason, run.end.steps)
+
+    (_, found), slope = jax.value_and_grad(of, has_aux=True)(jnp.zeros_like(gains))
+    return eqx.tree_at(lambda x: x.slope, found, slope)
