@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from crinoid.assembly.hybrid import build_hybrid
 from crinoid.assembly.lags import lags
 from crinoid.assembly.lqg import build_lqg
 from crinoid.assembly.numbers import array
@@ -28,6 +29,8 @@ def build_controller(plan: Plan) -> Controller:
             return _pid(plan)
         case "lqg":
             return build_lqg(plan)
+        case "hybrid":
+            return build_hybrid(plan)
         case "custom":
             text = 'got "custom", which takes a controller passed to crinoid.simulate'
             raise ScenarioError([Mistake("control.kind", text)])

@@ -82,7 +82,7 @@ class Servo(Actuator):
         coarse the step, no limit is broken: the servo can always stop within its range.
         """
         command = self._within(command)
-        natural, reach = self._natural, self._linear_reach
+        natural, reach = self.natural, self._linear_reach
         start, error = state.velocity, state.position - command
 
         slope = start + natural * error
@@ -133,18 +133,19 @@ class Servo(Actuator):
         return jnp.where(fixed, self.lower, jnp.clip(position, self.lower, self.upper))
 
     @property
-    def _natural(self) -> Channels:
+    def natural(self) -> Channels:
+        """Natural circular frequency of each channel, which is critically damped (rad/s)."""
         return 2 * jnp.pi * self.bandwidth / _DAMPED_BANDWIDTH
 
     @property
     def _linear_reach(self) -> Channels:
-        braking = 3 * self.max_acceleration / self._natural**2
-        return jnp.minimum(braking, 2 * self.max_speed / self._natural)
+        braking = 3 * self.max_acceleration / self.natural**2
+        return jnp.minimum(braking, 2 * self.max_speed / self.natural)
 
     def _wanted_velocity(self, error: Channels) -> Channels:
         # v = sqrt(2 a (d - a / n^2)) brakes at a; less the lag a / (2 n) it meets n d / 2 where
         # d = 3 a / n^2, with the same slope
-        natural, brake = self._natural, self.max_acceleration
+        natural, brake = self.natural, self.max_acceleration
         distance = jnp.abs(error)
         margin = brake / natural**2
         curve = jnp.sqrt(2 * brake * jnp.maximum(distance - margin, 2 * margin))

@@ -5,6 +5,10 @@ from crinoid.control.clock import Clock as Clock
 from crinoid.control.controller import Controller as Controller
 from crinoid.control.controller import Idle as Idle
 from crinoid.control.feed_forward import FeedForward as FeedForward
+from crinoid.control.hybrid import Balance as Balance
+from crinoid.control.hybrid import Filter as Filter
+from crinoid.control.hybrid import Hybrid as Hybrid
+from crinoid.control.hybrid import Pendulum as Pendulum
 from crinoid.control.least_squares import damped_inverse as damped_inverse
 from crinoid.control.lqg import Lqg as Lqg
 from crinoid.control.measurand import BaseWrench as BaseWrench

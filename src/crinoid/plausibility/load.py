@@ -98,6 +98,8 @@ def _weight(facts: Facts) -> Iterator[str]:
             f"{got}; the arm's weight in the water ({weight:.3g} N/m) is {bent:.2g} times what EI "
             f"and length stand against (up to {_LIMP:g} is usual); is it in kPa or MPa?"
         )
+    elif facts.scenario.control.kind == "hybrid":  # which brings up what does not stand
+        return
     elif pushed > most and facts.scenario.base.mount == "clamped":
         yield (
             f"{got}; the arm points {'up' if weight > 0 else 'down'} and buckles under its "

@@ -14,6 +14,7 @@ from pydantic import ConfigDict, Field, create_model
 from crinoid.scenario.channel import by_channel
 from crinoid.scenario.dimension import InSpace
 from crinoid.scenario.errors import Mistake, ScenarioError, one_of, shown
+from crinoid.scenario.hybrid import Hybrid
 from crinoid.scenario.kinds import installed, installed_table
 from crinoid.scenario.lqg import Lqg
 from crinoid.scenario.model import Model, unknown_key
@@ -23,7 +24,7 @@ from crinoid.space import AXES, CHANNELS
 
 __all__ = ["Control", "ControllerTable", "Coordinate", "Pid", "PidGains"]
 
-KINDS = ("none", "pid", "lqg", "custom")
+KINDS = ("none", "pid", "lqg", "hybrid", "custom")
 COORDINATES = {2: (*AXES[2], "angle"), 3: (*AXES[3], "direction")}
 """Coordinates of the tip that a controller can bring to the target, by the number of axes."""
 
@@ -129,6 +130,7 @@ class Control(Model):
     )
     pid: Pid = Field(default=Pid(), description="Settings of kind pid: gains by input.")
     lqg: Lqg = Field(default=Lqg(), description="Settings of kind lqg.")
+    hybrid: Hybrid = Field(default=Hybrid(), description="Settings of kind hybrid.")
 
     def __init__(self, /, **data: Any) -> None:
         known, brought, mistakes = type(self).model_fields, installed("controllers"), []

@@ -35,6 +35,7 @@ from crinoid.scenario.dimension import dimension_conflicts, fitted, unwritten
 from crinoid.scenario.document import assign, parse
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
 from crinoid.scenario.flow import Flow
+from crinoid.scenario.hybrid import hybrid_conflicts
 from crinoid.scenario.keys import all_keys
 from crinoid.scenario.load import Load
 from crinoid.scenario.model import Model
@@ -276,6 +277,8 @@ class Scenario(Model):
                 return (*known, *(name for name in present if name not in inputs))
             case "lqg":
                 return self.control.lqg.inputs or inputs
+            case "hybrid":
+                return ("slide",)
             case _:
                 return inputs
 
@@ -313,6 +316,7 @@ class Scenario(Model):
             self.control, self.base, self.thread_names, dimension, others=bool(self.actuator)
         )
         yield from control_conflicts(self.control, self.target, dimension)
+        yield from hybrid_conflicts(self)
         rates = {"sensor": self.sensor} | {
             f"sensors.{index}": sensor for index, sensor in enumerate(self.sensors)
         }

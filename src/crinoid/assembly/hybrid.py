@@ -1,0 +1,252 @@
+"""From the description of a hybrid controller to its numbers."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import eig, eigh, expm, solve_discrete_are
+from scipy.optimize import minimize
+
+from crinoid.assembly.numbers import array
+from crinoid.assembly.plan import Plan
+from crinoid.control import Balance, Filter, Hybrid, Pendulum
+from crinoid.dynamics import SmallMotions, System
+from crinoid.dynamics.modes import of_free
+from crinoid.dynamics.tangent import HELD
+from crinoid.elements import Weight
+from crinoid.programs import ONCE, compiled
+from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario.channel import ChannelLimits
+from crinoid.scenario.hybrid import inclinations
+
+_TIP, _BASE, _PUSH = 0.1, 0.3, 0.3
+"""What counts alike: the tip off by this share of the length, the base by this share of its
+travel, and its acceleration by this share of its greatest (Bryson and Ho 1975, section 5.2)."""
+_NOISE = math.radians(0.3)
+"""Least error of an inclination that the filter allows for (rad): what modes left out do."""
+_KNOWN = 0.5
+"""Frequency up to which modes are known to the controller, over half of its own."""
+_STIRRED = 3.0
+"""Disturbance that it allows for, as an acceleration of the base (m/s2)."""
+_FILTER_TIME = 0.02
+"""Time constant of the filter on rates, by which the arm is swung up (s)."""
+_MOMENTUM = 0.8
+"""Momentum at which the base goes most of its travel, over mass times speed of a free fall."""
+_ENERGY = 0.1
+"""Energy lacking up to which the base goes less far, over that of the hanging arm."""
+_SHARES = (0.9, 1.5)
+"""Shares of the base's limits that catching may take, and beyond which the arm is let go."""
+
+Matrix = Float[np.ndarray, "_ _"]
+Vector = Float[np.ndarray, " _"]
+
+
+class _Upright(NamedTuple):
+    """The slowest modes of the upright arm, as seen from its base.
+
+    ``y'' + damping y' + squared y = -driven a``, where the base accelerates by ``a``.
+    """
+
+    shape: Float[np.ndarray, "node mode"]
+    """How the nodes move forward, from the root on (m)."""
+    squared: Vector
+    """Squares of their circular frequencies, negative where the arm leaves (1/s2)."""
+    damping: Matrix
+    driven: Vector
+    mass: Float[np.ndarray, " edge"]
+    """Mass of the nodes after the root, with added mass (kg)."""
+
+    @property
+    def motion(self) -> Matrix:
+        """The matrix by which modes and rates change."""
+        zero, one = np.zeros((self.order, self.order)), np.eye(self.order)
+        return np.block([[zero, one], [-np.diag(self.squared), -self.damping]])
+
+    @property
+    def order(self) -> int:
+        """How many modes there are."""
+        return self.squared.size
+
+
+def build_hybrid(plan: Plan) -> Hybrid:
+    """Return the hybrid controller of a scenario.
+
+    Raises
+    ------
+    ScenarioError
+        If the base cannot balance the arm.
+    """
+    scenario, system = plan.scenario, plan.system
+    sensor, slide = inclinations(scenario), scenario.base.channels.slide
+    bend, weight = system.forces.bend, _weight(system)
+    assert sensor is not None
+    assert slide is not None
+    assert bend is not None
+    limits, settings = slide.limits, scenario.control.hybrid
+    fastest = _KNOWN * np.pi / plan.period
+    upright = _modes(_about_upright(system), settings.modes, float(fastest))
+    lengths = np.asarray(system.reference.rest_length)
+    length, heavy = lengths.sum(), np.asarray(weight.force)[1:]
+    # the arm leans forward by what its modes move forward along an edge: inclinations fall
+    slopes = -np.diff(upright.shape, axis=0) / lengths[:, None]
+    middles = (np.cumsum(lengths) - lengths / 2) / length
+    told = np.linalg.pinv(
+        np.stack([np.interp(sensor.stations, middles, slope) for slope in slopes.T], axis=1)
+    )
+    noise = max(_NOISE, math.radians(sensor.noise_deg))
+    servo = system.base.servo.natural[0]
+    try:
+        balance = Balance(
+            modes=array(told),
+            gain=array(_gain(upright, limits, float(servo), plan.period, length)),
+            capture=array(_capture(upright, limits)),
+            filter=_filter(upright, noise**2 * told @ told.T, plan.period),
+        )
+    except (np.linalg.LinAlgError, ValueError) as error:
+        text = f'got "hybrid", but no slide balances this arm upright ({error})'
+        raise ScenarioError([Mistake("control.kind", text)]) from error
+    mass = upright.mass.sum()
+    pendulum = Pendulum(
+        sampled=array(slopes @ told),
+        length=array(lengths),
+        mass=array(upright.mass),
+        weight=array(heavy),
+        stiffness=array(np.asarray(bend.stiffness).reshape(-1)),
+    )
+    return Hybrid(
+        pendulum=pendulum,
+        balance=balance,
+        sensor=sensor.called,
+        channel=0,
+        period=array(plan.period),
+        late=math.ceil(sensor.delay / plan.period - 1e-6),
+        filter_time=array(_FILTER_TIME),
+        momentum=array(_MOMENTUM * math.sqrt(mass * abs(heavy.sum()) * length)),
+        momentum_time=array(1 / math.sqrt(abs(upright.squared[1]))),
+        reach=array(length),
+        energy=array(_ENERGY * _depth(pendulum)),
+        catch=array([math.radians(settings.catch_deg), _SHARES[0]]),
+        release=array([math.radians(settings.release_deg), _SHARES[1]]),
+    )
+
+
+def _depth(pendulum: Pendulum) -> float:
+    """Return the energy that the hanging arm lacks (J); of one that stands that of a lean of 1."""
+
+    def stored(leans: Vector) -> float:
+        bent = 2 * np.tan(0.5 * np.clip(np.diff(leans, prepend=0.0), -2.0, 2.0))
+        height = np.cumsum(np.asarray(pendulum.length) * (np.cos(leans) - 1.0))
+        return float(pendulum.weight @ height + 0.5 * pendulum.stiffness @ bent**2)
+
+    begun = np.linspace(0.1, 1.0, pendulum.length.size)
+    return max(-minimize(stored, begun).fun, abs(stored(begun)))
+
+
+def _weight(system: System) -> Weight:
+    return next(each for each in system.forces.elements if isinstance(each, Weight))
+
+
+@compiled(**ONCE)
+def _about_upright(system: System) -> SmallMotions:
+    """Linearise about the straight arm, upright and squeezed by its weight, in still water."""
+    state, stretch = system.rest(), system.forces.stretch
+    assert stretch is not None
+    above = jnp.cumsum(_weight(system).force[::-1])[::-1][1:]  # what each edge carries (N)
+    edges = stretch.rest_length * (1 - above / stretch.EA)
+    height = jnp.concatenate([jnp.stack([-system.base.ghost_length, 0.0]), jnp.cumsum(edges)])
+    rows = state.motion.position.at[: height.size].set(
+        jnp.stack([jnp.zeros_like(height), height], axis=1)
+    )
+    upright = eqx.tree_at(lambda s: s.motion.position, state, rows)
+    return system.small_motions(upright, jnp.zeros(2))
+
+
+def _modes(small: SmallMotions, count: int, fastest: float) -> _Upright:
+    """Return modes of what moves forward, which upright does not go with what moves up.
+
+    At least two, and of the others those that are not too fast (rad/s).
+    """
+    K, C, M = (
+        of_free(bands).toarray()[::2, ::2]
+        for bands in (small.stiffness_in_current, small.damping_in_current, small.mass)
+    )
+    squared, shape = eigh(0.5 * (K + K.T), M, subset_by_index=(0, count - 1))
+    count = max(2, int(np.sum(squared < fastest**2)))
+    squared, shape = squared[:count], shape[:, :count]
+    # rows of the free nodes, columns of all: everything moves forward with the base
+    carried = np.asarray(small.mass)[HELD:, :, 0, 0].sum(axis=1)
+    ends = np.concatenate([np.zeros((1, count)), shape])
+    return _Upright(ends, squared, shape.T @ C @ shape, shape.T @ carried, carried)
+
+
+def _held(A: Matrix, B: Vector, period: float) -> tuple[Matrix, Vector]:
+    """Return the matrices of a period in which the input is held (Van Loan 1978)."""
+    whole = np.zeros((A.shape[0] + 1,) * 2)
+    whole[:-1, :-1], whole[:-1, -1] = A, B
+    step = expm(whole * period)
+    return step[:-1, :-1], step[:-1, -1]
+
+
+def _gain(
+    upright: _Upright, limits: ChannelLimits, natural: float, period: float, length: float
+) -> Vector:
+    """Return the gain of the LQR on modes, rates, and displacement and speed of the base."""
+    n = upright.order
+    # the servo accelerates by natural^2 (command - displacement) - 2 natural speed
+    pushed, driven = np.zeros(2 * n + 2), natural**2
+    pushed[-2:] = -driven, -2 * natural
+    A = np.zeros((2 * n + 2,) * 2)
+    A[: 2 * n, : 2 * n] = upright.motion
+    A[n : 2 * n] -= np.outer(upright.driven, pushed)
+    A[-2, -1], A[-1] = 1.0, pushed
+    B = np.zeros(2 * n + 2)
+    B[n : 2 * n], B[-1] = -upright.driven * driven, driven
+    A, B = _held(A, B, period)
+    seen = np.zeros((2, 2 * n + 2))
+    seen[0, :n] = upright.shape[-1] / (_TIP * length)
+    seen[1, -2] = 1 / (_BASE * min(-limits.low, limits.high))
+    effort = 1 / (_PUSH * limits.acceleration) ** 2
+    Q = seen.T @ seen + effort * np.outer(pushed, pushed)
+    R, S = np.array([[effort * driven**2]]), effort * driven * pushed[:, None]
+    P = solve_discrete_are(A, B[:, None], Q, R, s=S)
+    return np.asarray((B @ P @ A + S[:, 0]) / (R[0, 0] + B @ P @ B))
+
+
+def _filter(upright: _Upright, noise: Matrix, period: float) -> Filter:
+    """Return the steady Kalman filter of modes and rates that sees the modes, with its model."""
+    n = upright.order
+    force = np.concatenate([np.zeros(n), -upright.driven])
+    A, pushed = _held(upright.motion, force, period)
+    stirred = np.diag(_STIRRED * np.abs(upright.driven)) * period
+    through = np.concatenate([stirred * period / 2, stirred])
+    P = solve_discrete_are(A.T, np.eye(2 * n, n), through @ through.T, noise)
+    trust = P[:, :n] @ np.linalg.inv(P[:n, :n] + noise)
+    return Filter(array(A), array(pushed), array(trust))
+
+
+def _capture(upright: _Upright, limits: ChannelLimits) -> Float[np.ndarray, "measure state"]:
+    """Return what share of the base's limits it takes at least to bring back what leaves.
+
+    Along a left eigenvector ``w`` of a rate ``r > 0`` the arm leaves by ``s' = r s + b a``: the
+    acceleration can turn it round while ``|s| < |b| a_most / r``. Likewise for ``s - b v``, which
+    follows the speed ``v`` alone, and ``s - b v - r b x``, which follows the displacement ``x``.
+    """
+    n = upright.order
+    rates, left, _ = eig(upright.motion, left=True)
+    travel = min(-limits.low, limits.high)
+    measures = [np.zeros(2 * n + 2)]  # of an arm that stands
+    for index in np.flatnonzero(rates.real > 0):
+        rate, row = float(rates[index].real), left[:, index].real
+        moved = -float(row[n:] @ upright.driven)
+        for displaced, going, most in (
+            (0.0, 0.0, limits.acceleration / rate),
+            (0.0, -moved, limits.speed),
+            (-rate * moved, -moved, rate * travel),
+        ):
+            measures.append(np.array([*row, displaced, going]) / (abs(moved) * most))
+    return np.array(measures)
