@@ -44,13 +44,13 @@ def upright_from(result: Result, within: float = 3.0) -> float:
 
 def main() -> None:
     """Run all starts and print the times."""
-    table = Table(title="upright within 3 degrees from then on (s)", title_justify="left")
+    table = Table(caption="upright within 3 degrees from then on (s)")
     table.add_column("start", justify="right")
     found = {}
     for medium, density in MEDIA.items():
         table.add_column(medium, justify="right")
         arms = run_batch([start(seed, density) for seed in range(STARTS)], upright_from)
-        found[medium] = [f"{arm.taken:.1f}" if arm.taken is not None else arm.status for arm in arms]
+        found[medium] = [arm.status if arm.taken is None else f"{arm.taken:.1f}" for arm in arms]
     for seed, times in enumerate(zip(*found.values(), strict=True)):
         table.add_row(str(seed), *times)
     Console().print(table)
