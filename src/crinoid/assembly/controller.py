@@ -5,6 +5,7 @@ import numpy as np
 from crinoid.assembly.hybrid import build_hybrid
 from crinoid.assembly.lags import lags
 from crinoid.assembly.lqg import build_lqg
+from crinoid.assembly.mpc import build_mpc
 from crinoid.assembly.numbers import array
 from crinoid.assembly.plan import Plan
 from crinoid.control import Controller, FeedForward, Idle, Pid
@@ -31,6 +32,8 @@ def build_controller(plan: Plan) -> Controller:
             return build_lqg(plan)
         case "hybrid":
             return build_hybrid(plan)
+        case "mpc":
+            return build_mpc(plan)
         case "custom":
             text = 'got "custom", which takes a controller passed to crinoid.simulate'
             raise ScenarioError([Mistake("control.kind", text)])

@@ -65,6 +65,8 @@ class LinearModel(NamedTuple):
     """Which inputs are driven."""
     usual: Float[np.ndarray, " u"]
     """By how much the driven inputs are usually moved."""
+    current: Float[np.ndarray, " d"]
+    """Steady current that it is linear about (m/s)."""
     hankel: Float[np.ndarray, " h"]
     """Hankel singular values, of which the largest were kept."""
 
@@ -85,9 +87,9 @@ def linear_model(
     deviation
         Standard deviation of the water's velocity along each axis (m/s).
     """
+    current = _effective(plan, deviation)
     found, values, at_rest = jax.tree.map(
-        np.asarray,
-        _linearised(plan.system, plan.state, array(_effective(plan, deviation)), plan.sensors),
+        np.asarray, _linearised(plan.system, plan.state, array(current), plan.sensors)
     )
     rows = plan.rows(driven)
     lower, upper = (
@@ -138,6 +140,7 @@ def linear_model(
         kept=tuple(map(int, kept)),
         rows=tuple(rows),
         usual=usual,
+        current=current,
         hankel=reduced.hankel,
     )
 

@@ -61,8 +61,10 @@ class Known(NamedTuple):
         return self.integrating @ self.parts.tip
 
     @staticmethod
-    def of(plan: Plan, settings: ModelBased) -> Known:
+    def of(plan: Plan, settings: ModelBased, *, foreseen: int = 0) -> Known:
         """Linearise the arm of a plan, and design its observer.
+
+        The model is of water with at least ``foreseen`` shapes along the arm.
 
         Raises
         ------
@@ -82,10 +84,15 @@ class Known(NamedTuple):
         shapes = min(1 + sum(stations), _MOST_SHAPES)
         expected = fluctuations(scenario, plan.recordings)
         deviation = np.sqrt(np.sum([each.deviation**2 for each in expected], axis=0))
-        model = linear_model(plan, scenario.driven, shapes, deviation)
-        water = Water.of(expected, shapes, plan.period)
+        model = linear_model(plan, scenario.driven, max(shapes, foreseen), deviation)
+        water, most = Water.of(expected, shapes, plan.period), shapes * deviation.size
+        observed = model._replace(
+            stirred=model.stirred[:, :most],
+            hastened=model.hastened[:, :most],
+            observed_water=model.observed_water[:, :most],
+        )
         arrivals = Arrivals.of(plan.sensors, plan.period, float(plan.system.time_step))
-        parts = augmented(model, water, arrivals, plan)
+        parts = augmented(observed, water, arrivals, plan)
         columns, scale = plan.controlled
         integrating = np.zeros((len(columns), plan.sensors[0].noise.shape[0]))
         integrating[np.arange(len(columns)), columns] = scale

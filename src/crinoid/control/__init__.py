@@ -5,6 +5,10 @@ from crinoid.control.clock import Clock as Clock
 from crinoid.control.controller import Controller as Controller
 from crinoid.control.controller import Idle as Idle
 from crinoid.control.feed_forward import FeedForward as FeedForward
+from crinoid.control.forecast import Along as Along
+from crinoid.control.forecast import CarriedWater as CarriedWater
+from crinoid.control.forecast import Forecast as Forecast
+from crinoid.control.forecast import KnownWater as KnownWater
 from crinoid.control.hybrid import Balance as Balance
 from crinoid.control.hybrid import Filter as Filter
 from crinoid.control.hybrid import Hybrid as Hybrid
@@ -18,10 +22,12 @@ from crinoid.control.measurand import Measurand as Measurand
 from crinoid.control.measurand import Shape as Shape
 from crinoid.control.measurand import TipPose as TipPose
 from crinoid.control.measurand import WaterVelocity as WaterVelocity
+from crinoid.control.mpc import Mpc as Mpc
 from crinoid.control.observer import Observer as Observer
 from crinoid.control.path import Line as Line
 from crinoid.control.path import Orbit as Orbit
 from crinoid.control.pid import Pid as Pid
+from crinoid.control.qp import HorizonQp as HorizonQp
 from crinoid.control.seen import Reading as Reading
 from crinoid.control.seen import Seen as Seen
 from crinoid.control.sensor import Sensor as Sensor

@@ -62,8 +62,13 @@ class Observer(eqx.Module):
         none = jnp.full(len(self.sensors) + 1, -jnp.inf)
         return ObserverState(jnp.zeros(self.move.shape[0]), self._actuators(seen), none)
 
-    def update(self, before: ObserverState, seen: Seen) -> ObserverState:
-        """Return the estimate at the next call, a period later."""
+    def update(
+        self, before: ObserverState, seen: Seen, pushed: Estimate | None = None
+    ) -> ObserverState:
+        """Return the estimate at the next call, a period later.
+
+        ``pushed`` is what else is known to have changed it meanwhile.
+        """
         actuators = self._actuators(seen)
         first = jnp.all(before.taken == -jnp.inf)
         moved = (
@@ -71,6 +76,8 @@ class Observer(eqx.Module):
             + product(self.held, before.actuators)
             + product(self.driven, actuators)
         )
+        if pushed is not None:
+            moved += pushed
         estimate = jnp.where(first, before.estimate, moved)
         others = [seen.readings[name] for name in self.sensors]
         taken = jnp.stack([seen.taken, *(each.taken for each in others)])

@@ -18,13 +18,14 @@ from crinoid.scenario.hybrid import Hybrid
 from crinoid.scenario.kinds import installed, installed_table
 from crinoid.scenario.lqg import Lqg
 from crinoid.scenario.model import Model, unknown_key
+from crinoid.scenario.mpc import Mpc
 from crinoid.scenario.quantity import AsTuple, Hertz, Quantity, Seconds
 from crinoid.scenario.sensor import DEFAULT_RATE
 from crinoid.space import AXES, CHANNELS
 
 __all__ = ["Control", "ControllerTable", "Coordinate", "Pid", "PidGains"]
 
-KINDS = ("none", "pid", "lqg", "hybrid", "custom")
+KINDS = ("none", "pid", "lqg", "hybrid", "mpc", "custom")
 COORDINATES = {2: (*AXES[2], "angle"), 3: (*AXES[3], "direction")}
 """Coordinates of the tip that a controller can bring to the target, by the number of axes."""
 
@@ -131,6 +132,7 @@ class Control(Model):
     pid: Pid = Field(default=Pid(), description="Settings of kind pid: gains by input.")
     lqg: Lqg = Field(default=Lqg(), description="Settings of kind lqg.")
     hybrid: Hybrid = Field(default=Hybrid(), description="Settings of kind hybrid.")
+    mpc: Mpc = Field(default=Mpc(), description="Settings of kind mpc.")
 
     def __init__(self, /, **data: Any) -> None:
         known, brought, mistakes = type(self).model_fields, installed("controllers"), []

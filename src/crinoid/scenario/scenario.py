@@ -279,6 +279,8 @@ class Scenario(Model):
                 return self.control.lqg.inputs or inputs
             case "hybrid":
                 return ("slide",)
+            case "mpc":
+                return self.control.mpc.inputs or inputs
             case _:
                 return inputs
 

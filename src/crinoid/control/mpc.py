@@ -1,0 +1,115 @@
+"""Model predictive control: the best moves over a horizon, of which the first one is made."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.control.controller import Controller
+from crinoid.control.forecast import Forecast
+from crinoid.control.observer import Observer, ObserverState
+from crinoid.control.qp import HorizonQp
+from crinoid.control.seen import Command, Seen
+from crinoid.control.target import pose_error
+from crinoid.products import product
+
+Driven = Float[Array, " driven"]
+Water = Float[Array, " w"]
+
+_AT_LIMIT = 1e-6
+"""Distance from a limit, over it, that counts as none."""
+
+
+class MpcMemory(eqx.Module):
+    """Numbers that a predictive controller carries from one call to the next."""
+
+    observed: ObserverState
+    integral: Float[Array, " controlled"]
+    """Integral of the error of what is controlled (m s)."""
+    moving: Driven
+    """Last change of the commands."""
+    water: Water
+    """Water's velocity, by shapes along the arm, that was foreseen for now (m/s)."""
+    passed: Any
+
+
+class Mpc(Controller):
+    """Model predictive control: a receding horizon on a linear model, within limits.
+
+    An observer estimates the arm and the water. At each call the changes of the commands over the
+    horizon are found that cost least: errors of the tip, their integral and speeds of the inputs,
+    and for all that comes after the horizon what a regulator without limits would spend. They keep
+    to the limits of each input on value, speed and acceleration, and know the target and what is
+    known of the water ahead (Rawlings, Mayne and Diehl 2017, chapters 1 and 2). The first change is
+    made.
+
+    Commands that keep to the limits of the servos are followed by these without meeting them: a
+    linear model tells where they are.
+    """
+
+    observer: Observer
+    qp: HorizonQp
+    by_state: Float[Array, "driven move full"]
+    """Gradient of the cost by the moves, for each number known: estimate of arm and water,
+    actuators, commands, integral."""
+    by_aim: Float[Array, "driven move tick aim"]
+    """And for the commands at which the tip would stand still where it is wanted at each tick."""
+    by_water: Float[Array, "driven move ahead w"]
+    """And for the water at each time for which it is foreseen."""
+    pushed: Float[Array, "z w"]
+    """What water that was foreseen does to the estimate over a period."""
+    hastened: Float[Array, "z w"]
+    """What its change does."""
+    integrating: Float[Array, "controlled pose"]
+    """Error that is integrated, in metres, by the error of the pose."""
+    mapping: Float[Array, "driven pose"]
+    """Command for a displacement of the tip."""
+    period: Float[Array, ""]
+    """Time between two commands (s)."""
+    forecast: Forecast | None
+    """What is known of the water ahead; None: nothing."""
+    rows: tuple[int, ...] = eqx.field(static=True)
+    """Which inputs are driven."""
+
+    def start(self, seen: Seen) -> MpcMemory:
+        none, still = jnp.zeros(self.integrating.shape[0]), jnp.zeros(len(self.rows))
+        water = jnp.zeros(self.by_water.shape[3])
+        passed = None
+        if self.forecast is not None:
+            passed = self.forecast.start(seen)
+            water = self.forecast.ahead(passed, seen)[1][0]
+        return MpcMemory(self.observer.start(seen), none, still, water, passed)
+
+    def command(self, memory: MpcMemory, seen: Seen) -> tuple[Command, MpcMemory]:
+        rows = jnp.asarray(self.rows, int)
+        pushed, water, passed = None, memory.water, memory.passed
+        gradient = jnp.sum(self.by_aim * self._aims(seen), axis=(2, 3))
+        if self.forecast is not None:
+            passed, ahead = self.forecast.ahead(memory.passed, seen)
+            water = ahead[0]
+            pushed = product(self.pushed, water) + product(self.hastened, water - memory.water)
+            gradient += jnp.sum(self.by_water * ahead, axis=(2, 3))
+        observed = self.observer.update(memory.observed, seen, pushed)
+        last = seen.command[rows]
+        full = jnp.concatenate([observed.estimate, observed.actuators, last, memory.integral])
+        gradient += product(self.by_state, full)
+        lower, upper = seen.lower[rows], seen.upper[rows]
+        found = self.qp.solve(gradient, lower=lower, upper=upper, last=last, moving=memory.moving)
+        move = found.moves[:, 0]
+        held = jnp.clip(last + move, lower, upper)
+        error = product(self.integrating, pose_error(seen.measured, seen.wanted))
+        # at a limit an integral would only wind up
+        room = jnp.minimum(upper - held, held - lower) > _AT_LIMIT * (upper - lower)
+        free = jnp.all(room & (jnp.abs(move) < (1 - _AT_LIMIT) * self.qp.braking.rate))
+        integral = memory.integral + jnp.where(free, self.period, 0.0) * error
+        command = jnp.zeros_like(seen.command).at[rows].set(held)
+        return command, MpcMemory(observed, integral, held - last, water, passed)
+
+    def _aims(self, seen: Seen) -> Float[Array, "tick aim"]:
+        """Return the commands at which the tip would stand still where it is wanted, by ticks."""
+        start, ticks = self.observer.values[: seen.wanted.size], self.by_aim.shape[2]
+        times = seen.time + self.period * jnp.arange(ticks)
+        wanted = jax.vmap(seen.target.in_frame)(times)
+        return jax.vmap(lambda pose: product(self.mapping, pose_error(pose, start)))(wanted)

@@ -1,0 +1,27 @@
+"""Settings of model predictive control."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from crinoid.scenario.lqg import ModelBased
+from crinoid.scenario.quantity import Seconds
+
+__all__ = ["Mpc"]
+
+
+class Mpc(ModelBased):
+    """Model predictive control: a receding horizon within the limits of the inputs."""
+
+    horizon: Seconds = Field(
+        default=1.0, gt=0, le=10, description="How far ahead it plans the commands."
+    )
+    current: Literal["unknown", "measured", "known"] = Field(
+        default="unknown",
+        description="What it knows of the water beside what the observer makes of the sensors: "
+        "nothing; what the first sensor of kind current measures, carried along the arm by the "
+        "mean current; or the flows of the scenario themselves, ahead of time, as no controller in "
+        "the sea would.",
+    )

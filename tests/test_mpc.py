@@ -1,0 +1,168 @@
+"""Model predictive control: its horizon against a simulation by hand, and in closed loop."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+import crinoid
+from crinoid.assembly.mpc import Problem, blocks, condensed
+from crinoid.control import Along
+
+# --- the horizon, without an arm ----------------------------------------------------------------
+
+
+def problem(seed: int = 0) -> Problem:
+    """Draw an oscillator with two inputs, their values and the integral of its position."""
+    draw = np.random.default_rng(seed)
+    turn, states, inputs = 0.2, 2, 2
+    arm = 0.98 * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    drive, tip = draw.normal(size=(states, inputs)), draw.normal(size=(1, states))
+    size = states + inputs + 1
+    A, B = np.zeros((size, size)), np.zeros((size, inputs))
+    A[:2, :2], A[:2, 2:4], B[:2] = arm, drive, drive
+    A[2:4, 2:4] = B[2:4] = np.eye(inputs)
+    A[4, :2], A[4, 4] = 0.01 * tip, 1.0
+    cost = np.zeros((size, size))
+    cost[:2, :2], cost[2:4, 2:4], cost[4, 4] = tip.T @ tip, 1e-3 * np.eye(inputs), 0.1
+    rate = np.diag([1.0, 3.0])
+    steady = np.zeros((size, inputs))
+    steady[:2] = np.linalg.solve(np.eye(2) - arm, drive)
+    steady[2:4] = np.eye(inputs)
+    return Problem(A, B, cost, rate, solve_discrete_are(A, B, cost, rate), steady, 1)
+
+
+def spent(given: Problem, lengths, start, moves, aims, water, pushes) -> float:
+    """Return the cost of a horizon, simulated tick by tick."""
+    z, total = start.copy(), 0.0
+    stirred, hastened = pushes
+    each = np.repeat(moves.T, lengths.astype(int), axis=0)
+    for tick, move in enumerate(each):
+        at = given.steady @ aims[tick]
+        z = given.A @ z + given.B @ move
+        # the integral is that of the distance from where it should be
+        z[-1] -= given.A[-1, :-1] @ at[:-1]
+        z[:2] += stirred @ water[tick + 1] + hastened @ (water[tick + 1] - water[tick])
+        away = z - given.steady @ aims[tick + 1]
+        weight = given.last if tick == len(each) - 1 else given.cost
+        total += away @ weight @ away + move @ given.rate @ move
+    return 0.5 * total
+
+
+@pytest.mark.parametrize("lengths", [np.ones(6), blocks(20)], ids=["even", "blocks"])
+def test_the_condensed_cost_is_that_of_a_simulated_horizon(lengths):
+    given, draw, ticks = problem(), np.random.default_rng(1), int(lengths.sum())
+    pushes = draw.normal(size=(2, 2, 3))
+    looks = np.arange(ticks + 1)
+    found = condensed(given, lengths, tuple(pushes), looks)
+    start, aims = draw.normal(size=5), draw.normal(size=(ticks + 1, 2))
+    water, moves = draw.normal(size=(ticks + 1, 3)), draw.normal(size=(2, lengths.size))
+    gradient = found.by_state @ start
+    gradient += np.einsum("iktd,td->ik", found.by_aim, aims)
+    gradient += np.einsum("iktw,tw->ik", found.by_water, water)
+    curved = 0.5 * np.einsum("ik,ikjl,jl", moves, found.hessian, moves)
+    with_moves, without = (
+        spent(given, lengths, start, each, aims, water, pushes) for each in (moves, 0 * moves)
+    )
+    assert with_moves - without == pytest.approx(curved + np.sum(gradient * moves), rel=1e-9)
+
+
+def test_without_limits_the_first_move_is_that_of_the_regulator():
+    given = problem()
+    gain = np.linalg.solve(
+        given.rate + given.B.T @ given.last @ given.B, given.B.T @ given.last @ given.A
+    )
+    start = np.random.default_rng(2).normal(size=5)
+    none = np.zeros((2, 1))
+    for ticks in (1, 5, 30):
+        found = condensed(given, np.ones(ticks), (none, none), np.array([0, ticks]))
+        size = 2 * ticks
+        best = np.linalg.solve(found.hessian.reshape(size, size), found.by_state.reshape(size, -1))
+        first = -(best @ start).reshape(2, ticks)[:, 0]
+        assert first == pytest.approx(-gain @ start, rel=1e-8)
+
+
+@pytest.mark.parametrize("ticks", [1, 3, 10, 60, 137])
+def test_moves_of_a_horizon_last_longer_and_longer(ticks):
+    lengths = blocks(ticks)
+    assert lengths.sum() == ticks
+    assert lengths[0] == 1
+    assert lengths.size <= 18
+    assert np.all(np.diff(lengths[:-1]) >= 0)
+
+
+def test_velocities_of_the_same_drag():
+    # across the arm drag is |u| u, along it there is none to speak of; steady current 0.2 m/s
+    along = Along(jnp.eye(2), jnp.array([[0.0, 1.0]] * 2), jnp.array([[0.2, 0.0]] * 2))
+    found = np.asarray(along(jnp.array([[0.3, 0.1], [-0.1, 0.05]])))
+    alike, true = found.reshape(2, 2, 2)
+    assert 2 * 0.2 * alike[:, 0] == pytest.approx([0.3**2, -(0.1**2)])
+    assert alike[:, 1] == pytest.approx([0.1, 0.05])
+    assert true == pytest.approx(np.array([[0.3, 0.1], [-0.1, 0.05]]))
+
+
+# --- in closed loop -----------------------------------------------------------------------------
+
+SHORT = ("arm.nodes=11", "control.compare=false")
+METER = 'sensors=[{kind="current", points=[[0.0, 0.0]], noise=0.005}]'
+
+
+def played(name: str, *settings: str):
+    result = crinoid.simulate(crinoid.load(name, [*SHORT, *settings]))
+    assert result.dataset.attrs["status"] == "ok"
+    return result.dataset
+
+
+def rms(data) -> float:
+    return float(np.sqrt(np.mean(data["tip_error"].values ** 2)))
+
+
+def mpc(current: str) -> tuple[str, str]:
+    return 'control.kind="mpc"', f'control.mpc.current="{current}"'
+
+
+def test_it_holds_the_tip_better_than_the_pid_where_it_measures_the_current():
+    given = "simulation.duration=8"
+    pid = rms(played("station-keeping", given, 'control.kind="pid"'))
+    assert rms(played("station-keeping", given, *mpc("measured"), METER)) < 0.5 * pid
+
+
+def test_with_a_preview_of_the_waves_the_tip_hardly_moves():
+    given = "simulation.duration=8"
+    pid = rms(played("wave-zone", given, 'control.kind="pid"'))
+    assert rms(played("wave-zone", given, *mpc("known"))) < 0.1 * pid
+
+
+def test_commands_keep_to_the_limits_from_the_first_instant():
+    # the tip is wanted 5 cm away at once, by servos that are slow and weak
+    data = played(
+        "station-keeping",
+        "simulation.duration=6",
+        *mpc("unknown"),
+        "target={tip=[0.05, -9.5]}",
+        'control.controlled=["x"]',
+        "output.interval=0.01",
+        "base.channels.slide.max_speed=0.03",
+        "base.channels.slide.max_acceleration=0.1",
+        "base.channels.slide.range=[-0.02, 0.04]",
+        "base.channels.tilt.max_speed_deg=5",
+        "base.channels.tilt.max_acceleration_deg=20",
+    )
+    for channel, range_, speed, acceleration in (
+        ("slide", (-0.02, 0.04), 0.03, 0.1),
+        ("tilt", (-np.pi / 3, np.pi / 3), np.radians(5), np.radians(20)),
+    ):
+        command = data["base_command"].sel(channel=channel).values[1:]
+        moves = np.diff(command, prepend=0.0) / 0.01
+        assert np.all((command >= range_[0] - 1e-12) & (command <= range_[1] + 1e-12))
+        assert np.abs(moves).max() <= speed * (1 + 1e-9)
+        assert np.abs(np.diff(moves)).max() / 0.01 <= acceleration * (1 + 1e-6)
+        assert np.abs(moves).max() >= 0.99 * speed  # the limits were met
+    late = data["tip_error"].values[data["time"].values > 4.0]
+    assert late.max() < 0.02
+
+
+def test_a_current_that_is_measured_takes_a_meter():
+    scenario = crinoid.load("station-keeping", [*SHORT, *mpc("measured")])
+    with pytest.raises(crinoid.ScenarioError, match=r"control.mpc.current: .*kind = \"current\""):
+        crinoid.simulate(scenario)
