@@ -56,7 +56,7 @@ class HorizonQp(eqx.Module):
     with a fixed number of iterations: the sums of moves are the unknowns, in which each limit
     concerns three neighbours at most. From the limits that are active there an augmented
     Lagrangian finds the optimum to round-off; it counts only if it meets all limits and its
-    multipliers have the right signs. What is left beyond a limit is cut off (`Braking`).
+    multipliers have the right signs. What is left beyond a limit is cut off (``Braking``).
     An iteration of operator splitting (Stellato et al. 2020) is cheaper by far, but after hundreds
     of them it is still some percent away where limits on acceleration are active.
     """

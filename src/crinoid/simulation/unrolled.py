@@ -84,7 +84,7 @@ def rollout(
     steps
         Number of time steps, at least 1.
     observe
-        What to keep of the end of each time step: a pytree of arrays, by default a `Glance`.
+        What to keep of the end of each time step: a pytree of arrays, by default a `crinoid.simulation.Glance`.
 
     Raises
     ------
