@@ -58,7 +58,7 @@ FACTORS = {
     "current": lambda p: p.flow[0].uniform_velocity,
 }
 NAMES = (*FACTORS, "throw")
-"""What the loss is differentiated by: factors on numbers, and on the speeds at the start."""
+"""Factors that the loss is differentiated by: on numbers, and on the speeds at the start."""
 
 
 def smallest_gap(loop, now):

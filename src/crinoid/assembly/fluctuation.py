@@ -31,7 +31,7 @@ _SHARE = 0.1
 _WIDTH = 0.15
 """Damping ratio of the oscillator that stands for waves: how broad their spectrum is."""
 _NARROW = 0.01
-"""That of a swell of one frequency."""
+"""Damping ratio for a swell of one frequency."""
 
 
 class Fluctuation(NamedTuple):

@@ -25,7 +25,7 @@ from crinoid.scenario.channel import ChannelLimits
 from crinoid.scenario.hybrid import inclinations
 
 _TIP, _BASE, _PUSH = 0.1, 0.3, 0.3
-"""What counts alike: the tip off by this share of the length, the base by this share of its
+"""Errors that count alike: the tip off by this share of the length, the base by this share of its
 travel, and its acceleration by this share of its greatest (Bryson and Ho 1975, section 5.2)."""
 _NOISE = math.radians(0.3)
 """Least error of an inclination that the filter allows for (rad): what modes left out do."""

@@ -35,7 +35,7 @@ _SHARE = 1e-5
 """Least Hankel singular value of a state that is kept, over the largest."""
 _MOST = 40
 _DISCOUNT = 0.9999
-"""What a period leaves of a motion in the Gramians, so that undamped arms have some."""
+"""Share of a motion that a period leaves in the Gramians, so that undamped arms have some."""
 _USUAL = 0.1
 """Share of its range by which an input is usually moved."""
 

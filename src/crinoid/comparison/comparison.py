@@ -108,7 +108,7 @@ class Comparison:
 
     @property
     def runs(self) -> dict[tuple[str, int], Arm[Measures]]:
-        """What came of each run so far, by controller and seed."""
+        """Results of the runs so far, by controller and seed."""
         return {
             (kind, seed): arm
             for kind, arms in self.arms.items()

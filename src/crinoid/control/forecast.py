@@ -65,7 +65,7 @@ class KnownWater(Forecast):
     """Positions (m)."""
     along: Along
     begin: Float[Array, " w"]
-    """What there was at the start."""
+    """Its value at the start."""
     lead: Float[Array, " ahead"]
     """How far it looks ahead (s), first not at all."""
 
@@ -86,7 +86,7 @@ class Passed(eqx.Module):
     readings: Float[Array, "kept p d"]
     """One for each call, the newest first (m/s)."""
     begin: Float[Array, " w"]
-    """What there was at the start."""
+    """Its value at the start."""
 
 
 class CarriedWater(Forecast):

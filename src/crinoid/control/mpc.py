@@ -59,9 +59,9 @@ class Mpc(Controller):
     by_water: Float[Array, "driven move ahead w"]
     """And for the water at each time for which it is foreseen."""
     pushed: Float[Array, "z w"]
-    """What water that was foreseen does to the estimate over a period."""
+    """Effect of foreseen water on the estimate over a period."""
     hastened: Float[Array, "z w"]
-    """What its change does."""
+    """Effect of its change."""
     integrating: Float[Array, "controlled pose"]
     """Error that is integrated, in metres, by the error of the pose."""
     mapping: Float[Array, "driven pose"]
@@ -69,7 +69,7 @@ class Mpc(Controller):
     period: Float[Array, ""]
     """Time between two commands (s)."""
     forecast: Forecast | None
-    """What is known of the water ahead; None: nothing."""
+    """Forecast of the water ahead; None: there is none."""
     rows: tuple[int, ...] = eqx.field(static=True)
     """Which inputs are driven."""
 

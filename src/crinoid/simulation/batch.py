@@ -34,10 +34,10 @@ _NOT_RUN = f"{Status.INTERRUPTED} before its end"
 
 @dataclass(frozen=True)
 class Arm(Generic[T]):
-    """What came of one arm of a batch."""
+    """Outcome of one arm of a batch."""
 
     taken: T | None
-    """What was taken of its result; None where it was not run to its end."""
+    """Part of its result that was kept; None where it was not run to its end."""
     status: str
     """``ok``, or what went wrong and when."""
     notes: list[str]

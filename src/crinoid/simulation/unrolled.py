@@ -40,7 +40,7 @@ class Rollout(eqx.Module):
     end: LoopState
     """The loop at the end, from which another rollout may go on."""
     kept: Any
-    """What was observed at the end of each time step: each array has the steps in front."""
+    """Observations at the end of each time step: each array has the steps in front."""
     outcome: Outcome
     """Outcome of the first time step that failed, else of the last one."""
 
@@ -84,7 +84,8 @@ def rollout(
     steps
         Number of time steps, at least 1.
     observe
-        What to keep of the end of each time step: a pytree of arrays, by default a `crinoid.simulation.Glance`.
+        What to keep of the end of each time step: a pytree of arrays, by default a
+        `crinoid.simulation.Glance`.
 
     Raises
     ------

@@ -25,9 +25,9 @@ class Weights(NamedTuple):
     """Lengths that turn what is compared into metres."""
 
     pose: Float[np.ndarray, " pose"]
-    """Of the errors of the tip's pose; 0 of what is not controlled."""
+    """Weights of the errors of the tip's pose; 0 for what is not controlled."""
     inputs: Float[np.ndarray, " input"]
-    """Of the inputs."""
+    """Weights of the inputs."""
 
     @staticmethod
     def of(scenario: Scenario, loop: Loop) -> Weights:
