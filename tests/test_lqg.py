@@ -132,6 +132,15 @@ def test_lqg_holds_the_tip_better_than_the_pid():
     assert lqg < 0.65 * pid
 
 
+def test_a_meter_of_the_current_does_no_harm():
+    """It measures other water than that at the arm, in which drag is not linear."""
+    meter = {"kind": "current", "points": [[0.0, 0.25]], "noise": 0.005}
+    alone, told = (
+        tip_error(simulated(control__kind="lqg", sensors=sensors)).rms for sensors in ([], [meter])
+    )
+    assert told < 1.1 * alone
+
+
 @pytest.mark.parametrize("modulus", [2.8e6, 5.2e6])
 def test_an_arm_that_is_not_the_model_late_and_noisy_readings(modulus):
     """The model is of an arm of 4 MPa."""

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from crinoid.assembly.fluctuation import Fluctuation
 from crinoid.assembly.linear import LinearModel
 from crinoid.assembly.numbers import array
-from crinoid.control import Observer, Sensor
+from crinoid.control import Observer, Sensor, WaterVelocity
 
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
@@ -29,6 +29,9 @@ _MODEL_ERROR = 5e-3
 """Error of the model in the effect of the inputs over a period, over what they usually do."""
 _LEAST_NOISE = 1e-3
 """Noise that readings have at least, over what they usually vary by."""
+_ELSEWHERE = 0.5
+"""Noise of the water's velocity at a meter, over what it varies by: at the arm it is another, and
+drag is not linear in it."""
 _BENT = 0.05
 """Share of its length by which the tip of an arm at work is moved at least."""
 _OFFSET_TIME = 1.0
@@ -182,12 +185,15 @@ def build_observer(
     """Return the observer of least variance."""
     given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
     grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
-    noise = given**2 + grain**2 / 12 + (_LEAST_NOISE * parts.usual) ** 2
-    noise = np.maximum(noise, 1e-16 * max(noise.max(), 1e-300))
     sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
+    meters = [isinstance(sensor.measurand, WaterVelocity) for sensor in plan.sensors]
+    least = np.repeat(np.where(meters, _ELSEWHERE, _LEAST_NOISE), sizes)
+    noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2
+    noise = np.maximum(noise, 1e-16 * max(noise.max(), 1e-300))
     every = np.repeat(arrivals.fresh, sizes, axis=1)
     sets, found = gains(parts.move, parts.noise, parts.expect, noise, every)
-    values = model.values.copy()
+    mean = np.resize(plan.current, model.values.size)  # of the current, whatever it is by now
+    values = np.where(np.repeat(meters, sizes), mean, model.values)
     size = plan.sensors[0].noise.shape[0]
     assert plan.target is not None
     values[:size] = plan.target.seen(array(values[:size]), plan.state.time)
