@@ -38,6 +38,8 @@ _DISCOUNT = 0.9999
 """Share of a motion that a period leaves in the Gramians, so that undamped arms have some."""
 _USUAL = 0.1
 """Share of its range by which an input is usually moved."""
+_SETTLED = 100
+"""Steps over which the answer to inputs is looked at."""
 
 
 class LinearModel(NamedTuple):
@@ -89,7 +91,7 @@ def linear_model(
     """
     current = _effective(plan, deviation)
     found, values, at_rest = jax.tree.map(
-        np.asarray, _linearised(plan.system, plan.state, array(current), plan.sensors)
+        np.asarray, linearised(plan.system, plan.state, array(current), plan.sensors)
     )
     rows = plan.rows(driven)
     lower, upper = (
@@ -159,10 +161,14 @@ def _effective(plan: Plan, deviation: Float[np.ndarray, " d"]) -> Float[np.ndarr
 
 
 @compiled(**ONCE)
-def _linearised(
+def linearised(
     system: System, state: State, current: Float[Array, " d"], sensors: tuple[Sensor, ...]
 ) -> tuple[Transition, Float[Array, " y"], Float[Array, " s"]]:
-    """Return the model of a time step in a steady current, and where it is linear about."""
+    """Return the model of a time step in a steady current, and where it is linear about.
+
+    It observes the values of the sensors; last come these and the states of the actuators. The
+    arm is taken as still in the shape that it has, and answers to the smallest commands.
+    """
 
     def observe(system: System, state: State) -> Float[Array, " y"]:
         return jnp.concatenate([each.measurand.of(system, state) for each in sensors])
@@ -223,10 +229,6 @@ def _spread(actuators: Matrix, commanded: Matrix) -> Float[np.ndarray, " s"]:
         moved += np.sum(power**2, axis=1)
         power = actuators @ power
     return np.sqrt(moved)
-
-
-_SETTLED = 100
-"""Steps over which the answer of actuators is looked at."""
 
 
 def _reach(arm: Matrix, inputs: Matrix) -> Matrix:

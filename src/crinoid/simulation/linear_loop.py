@@ -22,13 +22,11 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Complex, Float, Int
 from scipy.linalg import block_diag, schur, solve_triangular
 
-from crinoid.actuation import for_small_commands
+from crinoid.assembly.linear import linearised
 from crinoid.assembly.numbers import array
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Reading, Target
-from crinoid.dynamics import State, Transition
-from crinoid.flow import Uniform, Water
-from crinoid.onset import Onset
+from crinoid.dynamics import State
 from crinoid.plausibility import Facts
 from crinoid.programs import ONCE, compiled
 from crinoid.scenario import Mistake, ScenarioError
@@ -146,7 +144,7 @@ def _plant(prepared: Prepared, setup: Setup) -> tuple[System, float]:
     count = max(1, round(float(loop.clock.period) / step))
     period = count * step
     current = array(Facts(prepared).mean_current)
-    found: Transition = jax.tree.map(np.asarray, _transition(loop, state, current))
+    found, _, _ = linearised(loop.system, state, current, loop.sensors)
     A, B, C = (np.asarray(part) for part in (found.A, found.B, found.C))
     powers, sums = [np.eye(A.shape[0])], [np.zeros_like(B)]
     for _ in range(count):
@@ -187,23 +185,6 @@ def _with_late(total: System, read: System, arm: int, periods: int) -> System:
     C = np.pad(total.C, ((0, size), (0, under_way)))
     C[-size:, -size:] = np.eye(size)
     return System(A, B, C, np.concatenate([total.D, 0 * read.D]))
-
-
-@compiled(**ONCE)
-def _transition(loop: Loop, state: State, current: Float[Array, " d"]) -> Transition:
-    """Return the model of a time step in a steady current; it observes what the sensors do."""
-    steady = Water((Uniform(Onset.of(), current),))
-    system = eqx.tree_at(
-        lambda s: (s.forces.water, s.base.servo, s.actuators),
-        loop.system,
-        (steady, *for_small_commands((loop.system.base.servo, loop.system.actuators))),
-    )
-
-    def observe(system: Any, state: State) -> Float[Array, " y"]:
-        return jnp.concatenate([each.measurand.of(system, state) for each in loop.sensors])
-
-    commands = jnp.zeros(len(system.inputs))
-    return system.transition(system.stand(state), commands, observe=observe)
 
 
 def _controller(loop: Loop, state: State, period: float) -> System:
