@@ -24,10 +24,13 @@ from crinoid.tuning.cost import GAINS, Cost, Weights, cost, gains_of
 
 __all__ = ["Tuning", "check_tunable"]
 
-STARTS = (1.0, 4.0, 16.0, 0.25)
+STARTS = (1.0, 2.0, 16.0, 0.25)
 """Factors on the gains of the scenario that the search begins with."""
 _MOST = 7.0
 """Largest change of the logarithm of a gain."""
+_STEP = 0.2
+"""Change of the logarithm of the gains by the first step of a search: farther out a loop may be
+unstable."""
 _FAILED = 5.0
 """By how much the logarithm of the cost of gains that cannot be run is above the best one."""
 _LOOK = 0.1
@@ -142,23 +145,23 @@ class Tuning:
 
     def _improve(self, start: int, stopped: threading.Event) -> None:
         """Search from one start."""
-        begin = np.full(len(self.keys), np.log(STARTS[start]))
+        begin = np.full(len(self.keys), np.log(STARTS[start])) / _STEP
         highest = np.nan
 
-        def of(logs: Any) -> tuple[float, Any]:
+        def of(steps: Any) -> tuple[float, Any]:
             nonlocal highest
             if self.tried[start] == self.cost.shape[1]:
                 raise StopIteration
-            total, slope = self._try(start, logs, stopped)
+            total, slope = self._try(start, _STEP * steps, stopped)
             if not np.isfinite(total):
                 if np.isnan(highest):  # nothing to step back to
                     raise StopIteration
                 return highest + _FAILED, np.zeros_like(slope)
             value = float(np.log(total))
             highest = max(highest, value) if np.isfinite(highest) else value
-            return value, slope / total
+            return value, _STEP * slope / total
 
-        bounds = [(-_MOST, _MOST)] * len(begin)
+        bounds = [(-_MOST / _STEP, _MOST / _STEP)] * len(begin)
         with suppress(_StoppedError, StopIteration):
             minimize(of, begin, jac=True, method="L-BFGS-B", bounds=bounds)
 
