@@ -32,8 +32,8 @@ import numpy as np
 import xarray as xr
 
 import crinoid.scenario
+from crinoid.correlation import integral_time
 from crinoid.current.spectrum import von_karman
-from crinoid.current.statistics import integral_time
 
 RECORD = Path(crinoid.scenario.__file__).parent / "library" / "tidal-channel.nc"
 

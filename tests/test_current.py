@@ -12,9 +12,9 @@ from scipy.integrate import quad
 from scipy.signal import lfilter, welch
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.correlation import integral_time
 from crinoid.current import sample_current, statistics
 from crinoid.current.spectrum import spectrum, von_karman
-from crinoid.current.statistics import integral_time
 from crinoid.report import ReportError, write_report
 from crinoid.result import Result
 from crinoid.scenario import Scenario, builtin_names, library, load

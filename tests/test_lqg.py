@@ -81,6 +81,17 @@ def test_what_is_expected_of_the_water_comes_from_its_flows():
     assert (rest.deviation > 0).all()
 
 
+def test_what_is_expected_of_a_record_is_that_of_the_record_as_it_is_played():
+    played = crinoid.load("tidal-channel")
+    slower = played.with_values({"flow.0.time_scale": 0.5, "flow.0.velocity_scale": 0.165})
+    quick, slow = (
+        fluctuations(scenario, Prepared(scenario).recordings)[0] for scenario in (played, slower)
+    )
+    assert 0.5 < quick.time < 5  # `crinoid flow tidal-channel`: 1.5 s where it is played
+    np.testing.assert_allclose(slow.deviation, quick.deviation / 2, rtol=1e-9)
+    assert slow.time == pytest.approx(2 * quick.time, rel=1e-9)
+
+
 def sensor(rate, delay):
     none, zero = jnp.zeros(1), jnp.asarray(delay)
     clock = Clock(jnp.asarray(1 / rate))

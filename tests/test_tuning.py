@@ -131,6 +131,12 @@ def test_the_best_gains_are_kept_and_what_cannot_be_run_is_stepped_back_from(sea
     np.testing.assert_allclose(best, [0.2, 1.0, 1.0], rtol=0.05)
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_draws_differ_where_a_sensor_is_noisy(search, noise):
+    calm = search.scenario.with_values({"flow": [], "sensor.noise_position": noise})
+    assert Tuning(calm, 2, 1).random == (noise > 0)
+
+
 def test_a_search_that_is_stopped_keeps_what_it_has(tmp_path, monkeypatch):
     path, calls = tmp_path / "small.toml", []
     path.write_text(SCENARIO)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from crinoid.correlation import integral_time
 from crinoid.scenario import (
     GaussMarkovFlow,
     GustFlow,
@@ -83,7 +84,7 @@ def fluctuations(
             case WavesFlow():
                 found.append(_waves(flow, scenario))
             case MeasuredFlow():
-                found.append(_measured(recordings[index], axes))
+                found.append(_measured(recordings[index]))
             case _:
                 pass
     total = np.sqrt(sum((each.deviation**2 for each in found), np.zeros(axes)))
@@ -101,15 +102,14 @@ def _waves(flow: WavesFlow, scenario: Scenario) -> Fluctuation:
     return Fluctuation(spread, flow.peak_period, _WIDTH)
 
 
-def _measured(recording: Recording, axes: int) -> Fluctuation:
-    """Return deviation and correlation time of a record, where the first of its levels is."""
-    velocity = np.asarray(recording.velocity)[:, 0]
-    away = velocity - np.nanmean(velocity, axis=0)
-    spread = np.nanstd(velocity, axis=0)
-    main = away[:, int(np.argmax(spread))]
-    size = main.size
-    spectrum = np.fft.rfft(np.nan_to_num(main), 2 * size)
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:size]
-    below = np.flatnonzero(correlation < correlation[0] / math.e)
-    step = float(np.median(np.diff(recording.time)))
-    return Fluctuation(spread[:axes], step * (int(below[0]) if below.size else size))
+def _measured(recording: Recording) -> Fluctuation:
+    """Return deviation and correlation time of a record as it is played.
+
+    Of several levels where it varies most, and of several axes along that which forgets soonest:
+    what is slow has a part of its own.
+    """
+    varies = np.var(recording.velocity, axis=0)
+    series = recording.velocity[:, int(np.argmax(varies.sum(axis=1)))].T
+    times = [integral_time(each, recording.interval) for each in series if np.ptp(each)]
+    deviation = np.sqrt(varies.mean(axis=0))
+    return Fluctuation(deviation, recording.time_scale * min(times) if times else _SLOW)

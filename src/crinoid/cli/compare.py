@@ -90,7 +90,7 @@ def compare_controllers(
 
                 def stop() -> bool:
                     # until a run is complete there is nothing to save: a wish is heard at once
-                    return comparison.complete > 0 and interruption.stop()
+                    return comparison.begun and interruption.stop()
 
                 comparison.run(reporter(bar, ""), stop)
                 interruption.stop()

@@ -74,8 +74,8 @@ class Comparison:
         self.cases = {kind: controlled_by(first, kind) for kind in kinds}
         self.tick_time = {kind: _tick_time(case) for kind, case in self.cases.items()}
         self.arms: dict[str, list[Arm[Measures]]] = {}
-        self.complete = 0
-        """Number of runs that have reached their end."""
+        self.begun = False
+        """Whether a run has reached its end."""
 
     def run(
         self, report: Callable[[Progress], None], stop: Callable[[], bool] = lambda: False
@@ -92,7 +92,7 @@ class Comparison:
 
         def take(result: Result) -> Measures:
             measures = measured(result)
-            self.complete += 1
+            self.begun = True
             return measures
 
         for kind, case in self.cases.items():

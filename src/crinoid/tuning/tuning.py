@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import suppress
 from contextvars import copy_context
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -278,15 +279,12 @@ def _keys(scenario: Scenario) -> list[tuple[str, str]]:
 
 
 def _equal(one: _Draw, other: _Draw) -> bool:
-    """Tell whether two draws are the same but for the keys of noise that is not there."""
-
-    def numbers(draw: _Draw) -> list[Any]:
-        quiet = draw.loop
-        if not any(np.any(np.asarray(sensor.noise)) for sensor in quiet.sensors):
-            quiet = quiet.__class__(**(vars(quiet) | {"sensors": ()}))
-        return jax.tree.leaves((quiet, draw.state))
-
-    return all(
-        np.array_equal(np.asarray(a), np.asarray(b))
-        for a, b in zip(numbers(one), numbers(other), strict=True)
+    """Tell whether two draws are the same, which a noisy sensor rules out."""
+    if any(np.any(np.asarray(sensor.noise)) for sensor in one.loop.sensors):
+        return False
+    # keys of noise that is not there differ
+    numbers = (
+        jax.tree.leaves((replace(draw.loop, sensors=()), draw.state)) for draw in (one, other)
     )
+    pairs = zip(*numbers, strict=True)
+    return all(np.array_equal(np.asarray(a), np.asarray(b)) for a, b in pairs)
