@@ -13,7 +13,8 @@ from PIL import Image, ImageChops
 from crinoid.elements import WORKS
 from crinoid.report import ReportError, write_report
 from crinoid.report.arm import hull
-from crinoid.report.commands import _drawn_in, draw_commands
+from crinoid.report.charts.drive import drawn_in, drive_chart
+from crinoid.report.paper import draw_chart
 from crinoid.report.run import Run
 from crinoid.report.style import STYLE
 from crinoid.variables import large_names, quantity
@@ -341,7 +342,7 @@ def test_prescribed_motion_does_not_look_like_a_servo_that_fails():
     pose[:, 1] = 0.1 * np.sin(made["time"])  # heave is prescribed, slide both, tilt driven
     pose[:, 0] += 0.2
     run = Run(made.assign(base_servo=made["base_pose"], base_pose=pose))
-    shifts, heaves, turns = (lines_of(axes) for axes in draw_commands(run).axes[:3])
+    shifts, heaves, turns = (lines_of(axes) for axes in draw_chart(drive_chart(run), run).axes[:3])
     assert list(shifts) == ["slide", "slide as prescribed and driven", "commands"]
     np.testing.assert_allclose(shifts["slide"].get_ydata(), 1e3 * made["base_pose"][:, 0])
     assert list(heaves) == ["heave as prescribed"]
@@ -537,12 +538,12 @@ def test_drawing_leaves_the_settings_of_the_caller_alone(tmp_path):
     ("unit", "most", "name", "drawn"),
     [
         ("1", 0.4, "share", 0.4),
-        ("1", 7.2e-5, "$10^{-5}$ of share", 7.2),
+        ("1", 7.2e-5, "10⁻⁵ of share", 7.2),
         ("1", 0.0, "share", 0.0),
         ("N", 7.2e-5, "µN", 72.0),
     ],
 )
 def test_small_drives_are_drawn_in_a_unit_that_the_label_names(unit, most, name, drawn):
-    found = _drawn_in(unit, most)
+    found = drawn_in(unit, most)
     assert found.name == name
     assert found.factor * most == pytest.approx(drawn)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from crinoid.report.charts.tip import off_direction
+from crinoid.report.charts.touch import spike_limit
 from crinoid.report.closeup import draw_close_up, error_spectrum
-from crinoid.report.contact import spike_limit
 from crinoid.report.frame import beside_base, in_best_frame, travel
 from crinoid.report.run import Run
 from crinoid.report.shape import draw_shape
 from crinoid.report.sweep import draw_errors, draw_settling, find_sweep
-from crinoid.report.tip import off_direction
 from test_report import OBSTACLES, among_obstacles, swaying_arm
 
 

@@ -13,15 +13,16 @@ from matplotlib.figure import Figure
 from crinoid.metrics import angle_between
 from crinoid.report import write_report
 from crinoid.report.bending import draw_bending
-from crinoid.report.commands import draw_commands
+from crinoid.report.charts.drive import drive_chart
+from crinoid.report.charts.tip import tip_chart
 from crinoid.report.current import find_current
+from crinoid.report.paper import draw_chart
 from crinoid.report.run import Run, base_direction
 from crinoid.report.scene import Scene, solid_surface
 from crinoid.report.sheet import draw_sheet
 from crinoid.report.solids import find_bodies
 from crinoid.report.style import STYLE
 from crinoid.report.surface import AROUND, cut_box, tube
-from crinoid.report.tip import draw_tip_error
 from crinoid.report.view import ABOVE, AHEAD, OBLIQUE, SIDE, convex_outline, in_space
 from spatial_arm import among_obstacles, curling_arm, frame
 from test_report import FIGURES, assert_shows_something, save, study_row, write_study
@@ -74,7 +75,11 @@ ODD = {
 @pytest.mark.parametrize("name", ODD)
 def test_odd_runs_are_drawn(name, tmp_path):
     run = Run(curling_arm(**{"records": 7} | ODD[name]))
-    for draw in (draw_sheet, draw_bending, draw_tip_error, draw_commands):
+    charts = (
+        lambda run: draw_chart(tip_chart(run), run),
+        lambda run: draw_chart(drive_chart(run), run),
+    )
+    for draw in (draw_sheet, draw_bending, *charts):
         with mpl.rc_context(STYLE):
             draw(run).savefig(tmp_path / "figure.png")
         assert_shows_something(tmp_path / "figure.png")

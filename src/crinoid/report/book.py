@@ -13,14 +13,17 @@ from crinoid.cases import CASES, is_table
 from crinoid.replacement import replacing
 from crinoid.report.bending import draw_bending
 from crinoid.report.cases import draw_cases, read_cases
+from crinoid.report.charts.chart import Chart
+from crinoid.report.charts.drive import drive_chart
+from crinoid.report.charts.energy import energy_chart
+from crinoid.report.charts.tip import tip_chart
+from crinoid.report.charts.touch import contact_chart, has_contact
 from crinoid.report.closeup import draw_close_up
-from crinoid.report.commands import draw_commands
 from crinoid.report.compare import COMPARISON, draw_comparison, open_comparison
-from crinoid.report.contact import draw_contact, has_contact
-from crinoid.report.energy import draw_energy
 from crinoid.report.flow import FLOW, open_flow
 from crinoid.report.margins import MARGINS, draw_bode, draw_nyquist, open_margins
 from crinoid.report.modes import MODES, draw_modes, open_modes
+from crinoid.report.paper import draw_chart
 from crinoid.report.profile import draw_profile
 from crinoid.report.run import RESULT, ReportError, Run, open_run
 from crinoid.report.series import draw_series
@@ -28,17 +31,21 @@ from crinoid.report.shape import draw_shape
 from crinoid.report.sheet import draw_sheet
 from crinoid.report.spectrum import draw_spectrum
 from crinoid.report.style import STYLE
-from crinoid.report.tip import draw_tip_error
 from crinoid.report.tune import TUNING, draw_tuning, open_tuning
 from crinoid.report.view import is_spatial
 from crinoid.version import __version__
 
+
+def _of(chart: Callable[[Run], Chart]) -> Callable[[Run], Figure]:
+    return lambda run: draw_chart(chart(run), run)
+
+
 _FIGURES: dict[str, Callable[[Run], Figure]] = {
     "shape.png": draw_shape,
-    "tip_error.png": draw_tip_error,
+    "tip_error.png": _of(tip_chart),
     "tip_path.png": draw_close_up,
-    "commands.png": draw_commands,
-    "energy.png": draw_energy,
+    "commands.png": _of(drive_chart),
+    "energy.png": _of(energy_chart),
     "bending.png": draw_bending,
 }
 
@@ -80,7 +87,7 @@ def write_book(path: Path, out: Path | None) -> list[Path]:
 def _write_run(path: Path, out: Path) -> list[Path]:
     run = open_run(path)
     figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
-    figures |= {"contact.png": draw_contact} if has_contact(run) else {}
+    figures |= {"contact.png": _of(contact_chart)} if has_contact(run) else {}
     return [_save(lambda draw=draw: draw(run), out / name, path) for name, draw in figures.items()]
 
 

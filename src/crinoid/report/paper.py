@@ -1,0 +1,130 @@
+"""Charts on paper: panels below each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from crinoid.report.charts.chart import Chart, Panel, Role, Trace
+from crinoid.report.run import Run
+from crinoid.report.style import (
+    AXIS_COLOURS,
+    BLUE,
+    GREY,
+    INK,
+    SERIES,
+    VERMILLION,
+    WIDTH,
+    head,
+    key,
+    line_style,
+    note,
+    share_time,
+    time_map,
+)
+
+_COLOURS = {"run": BLUE, "free": VERMILLION, "ink": INK, "faint": GREY, **AXIS_COLOURS}
+_DASHED = (0, (4, 2))
+
+
+def draw_chart(chart: Chart, run: Run) -> Figure:
+    """Draw the panels of a chart of a run below each other."""
+    heights = [panel.tall for panel in chart.panels]
+    figure = Figure(figsize=(WIDTH, 0.5 + sum(heights)), layout="constrained")
+    drawn = list(
+        figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False).flat
+    )
+    for axes, panel in zip(drawn, chart.panels, strict=True):
+        _draw_panel(axes, panel)
+    share_time(drawn, run.result["time"].values)
+    figure.align_ylabels([axes for axes in drawn if axes.get_ylabel()])
+    head(figure, run.title, run.status)
+    if chart.remark:
+        drawn[0].set_title(chart.remark, loc="right", fontsize=8.5)
+    return figure
+
+
+def colour(role: Role) -> str:
+    """Return the colour of what has a role."""
+    kind, _, which = role.partition(" ")
+    if kind == "series":
+        return SERIES[int(which) % len(SERIES)]
+    if kind == "part":
+        return to_hex(time_map()(float(which)))
+    return _COLOURS[role]
+
+
+def _draw_panel(axes: Axes, panel: Panel) -> None:
+    if panel.rows:
+        _draw_rows(axes, panel)
+        return
+    axes.set_ylabel(panel.axis)
+    for level in panel.levels:
+        limit = level.role != "faint" and level.line == "solid"
+        axes.axhline(
+            level.value * panel.factor,
+            color=colour(level.role),
+            linestyle=_DASHED if level.line == "dashed" else "-",
+            linewidth={"faint": 0.7}.get(level.role, 0.6 if limit else 1.0),
+            alpha=0.6 if limit else 1.0,
+        )
+    for trace in panel.traces:
+        _draw_trace(axes, panel, trace)
+    for words, look in panel.also:
+        if look == "filled":
+            axes.fill([], [], color=GREY, alpha=0.4, linewidth=0, label=words)
+        elif look == "dashed":
+            axes.plot([], [], color=INK, **_look("dashed", False), label=words)
+        else:
+            axes.plot([], [], linestyle="none", label=words)
+    if panel.nothing:
+        note(axes, panel.nothing)
+    if panel.low is not None:
+        axes.set_ylim(bottom=panel.low * panel.factor)
+    if panel.high is not None:
+        axes.set_ylim(top=panel.high * panel.factor)
+    if panel.left_out:
+        axes.set_title(panel.left_out, loc="right", fontsize=8.5, color=GREY)
+    key(axes, columns=panel.columns)
+
+
+def _draw_trace(axes: Axes, panel: Panel, trace: Trace) -> None:
+    values, ink = trace.values * panel.factor, colour(trace.role)
+    if trace.line == "filled":
+        alpha = 0.15 if trace.behind else 0.3
+        axes.stairs(values[:-1], trace.time, fill=True, color=ink, alpha=alpha, linewidth=0)
+        return
+    axes.plot(
+        trace.time,
+        values,
+        color=ink,
+        label=trace.words if trace.words and not trace.quiet else None,
+        **_look(trace.line, trace.behind and trace.role not in ("free", "run")),
+        zorder=2 if trace.behind else 3,
+        **line_style(trace.time.size),
+    )
+
+
+def _look(line: str, behind: bool) -> dict[str, Any]:
+    if line == "dashed":
+        return {"linestyle": _DASHED, "linewidth": 1.0, "alpha": 0.8}
+    if line == "dotted":
+        return {"linestyle": (0, (1, 1.5))}
+    if behind:
+        return {"linestyle": (0, (3, 1.2)), "linewidth": 1.0, "alpha": 0.5}
+    return {"linestyle": "-", "linewidth": 1.3}
+
+
+def _draw_rows(axes: Axes, panel: Panel) -> None:
+    for place, row in enumerate(panel.rows):
+        spans = [(begin, end - begin) for begin, end in row.spans]
+        alpha = 0.45 if row.behind else 1.0
+        axes.broken_barh(spans, (place - 0.36, 0.72), facecolors=colour(row.role), alpha=alpha)
+    axes.set_yticks(range(len(panel.rows)), [row.name for row in panel.rows])
+    axes.set_ylim(len(panel.rows) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0, labelsize=7.5)
+    axes.grid(visible=False, axis="y")
+    axes.set_title(panel.label, loc="left", fontsize=9.0)
