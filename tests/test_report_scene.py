@@ -10,13 +10,14 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from crinoid.report.arm import draw_arm, hull_outline
+from crinoid.report.charts.tool import held
 from crinoid.report.finals import draw_finals_in_space, lay_out
 from crinoid.report.obstacles import WALL
 from crinoid.report.scene import solid_outline, solid_surface
 from crinoid.report.sheet import fit_scene
 from crinoid.report.solids import find_bodies
 from crinoid.report.surface import box_corners, within_box
-from crinoid.report.tool import held, surface
+from crinoid.report.tool import surface
 from crinoid.report.view import ABOVE, AHEAD, OBLIQUE, SIDE, convex_outline, perspective
 from spatial_arm import among_obstacles, curling_arm
 

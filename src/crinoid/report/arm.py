@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Polygon
 
-from crinoid.report.current import arm_length
 from crinoid.report.obstacles import draw_bodies
 from crinoid.report.run import base_direction
 from crinoid.report.solids import Point, corners, find_bodies
@@ -17,7 +16,7 @@ from crinoid.report.style import GREY, INK, PALE, VERMILLION, time_map, time_nor
 from crinoid.report.surface import Facets, perpendicular, tube, turned_body
 from crinoid.report.tool import draw_tool
 from crinoid.report.tool import points as points_of_tool
-from crinoid.report.view import View, convex_outline, in_space, is_spatial, outline
+from crinoid.report.view import View, arm_length, convex_outline, in_space, is_spatial, outline
 
 _SHAPES = 25  # more would merge into a smear
 _HULL, _LARGEST_HULL = 0.16, 2.0  # length of the hull behind the base: of the arm's, and in m

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 
 from crinoid.report.style import BLUE, GREY, SKY
 from crinoid.report.units import largest
-from crinoid.report.view import View, in_space, left_of
+from crinoid.report.view import View, arm_length, in_space, left_of
 
 _PLACES = 6
 _INSTANTS = 12
@@ -114,12 +114,6 @@ def find_current(data: xr.Dataset, view: View) -> Current:
     along = (mean_shape[chosen] - mean_shape[0]) @ aside
     start = mean_shape[chosen] + (side * clear - along)[:, None] * aside
     return Current(start, mean, instants, fastest / (_REACH * length))
-
-
-def arm_length(data: xr.Dataset) -> float:
-    """Length of the arm's first recorded shape in m, never zero."""
-    steps = np.diff(in_space(data, "position")[0], axis=0)
-    return float(np.linalg.norm(steps, axis=-1).sum()) or 1.0
 
 
 def _arrows(

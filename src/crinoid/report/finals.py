@@ -12,13 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from crinoid.report.arm import draw_thickness
-from crinoid.report.current import arm_length
 from crinoid.report.obstacles import WALL
 from crinoid.report.scene import solid_outline
 from crinoid.report.sheet import LEFT, Block, fit, fit_scene, frame, space_of, window
 from crinoid.report.solids import Body, corners, find_bodies
 from crinoid.report.style import INK, PALE
-from crinoid.report.view import SIDE, in_space, outline
+from crinoid.report.view import SIDE, arm_length, in_space, outline
 
 Colour = tuple[float, float, float, float]
 Finals = Sequence[tuple[xr.Dataset, Colour]]

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from crinoid.report.current import arm_length
 from crinoid.report.run import Run
-from crinoid.report.view import View
+from crinoid.report.view import View, arm_length
 
 _FAR = 1.5  # travel of the base, of the arm's length, from which on the arm would look small
 _PLACES = ("position", "tip_position", "tip_target", "obstacle_position")

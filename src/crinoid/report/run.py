@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.report.charts.pose import base_directions
 from crinoid.report.solids import find_bodies
-from crinoid.report.view import in_space
 from crinoid.space import AXES
 from crinoid.status import Status
 
@@ -145,45 +142,5 @@ def open_result(path: Path) -> xr.Dataset:
 
 
 def base_direction(dataset: xr.Dataset, record: int) -> Float[np.ndarray, "axis=3"]:
-    """Return the unit vector along which the base points at a record.
-
-    The scenario and the base's pose say it; failing that, the first edge does, which on a pinned
-    mount is only nearly the same.
-    """
-    set_pose: dict[str, Any] = {}
-    with contextlib.suppress(KeyError, AttributeError, tomllib.TOMLDecodeError):
-        set_pose = tomllib.loads(str(dataset.attrs["scenario"])).get("base", {})
-    if isinstance(set_pose.get("tilt_deg"), int | float):
-        tilt, pan = (_turn(dataset, record, channel, set_pose) for channel in ("tilt", "pan"))
-        level = math.cos(tilt)
-        ahead = np.array([level * math.cos(pan), level * math.sin(pan), math.sin(tilt)])
-        return _attitude(dataset, record) @ ahead
-    root, next_to_it = in_space(dataset, "position")[record, :2]
-    edge = next_to_it - root
-    return np.asarray(edge / (np.linalg.norm(edge) or 1.0))
-
-
-def _attitude(dataset: xr.Dataset, record: int) -> Float[np.ndarray, "axis=3 axis=3"]:
-    """Matrix by which a submarine that floats is turned."""
-    if "vehicle_pose" not in dataset:
-        return np.eye(3)
-    pose = dataset["vehicle_pose"].isel(time=record).to_series()
-    pan, tilt, roll = (float(pose.get(name, 0.0)) for name in ("pan", "tilt", "roll"))
-    level, port = np.array([math.cos(pan), math.sin(pan), 0]), [-math.sin(pan), math.cos(pan), 0]
-    up = np.array([0.0, 0.0, 1.0])
-    ahead, above = (
-        math.cos(tilt) * level + math.sin(tilt) * up,
-        math.cos(tilt) * up - math.sin(tilt) * level,
-    )
-    left = math.cos(roll) * np.array(port) + math.sin(roll) * above
-    return np.stack([ahead, left, np.cross(ahead, left)], axis=1)
-
-
-def _turn(dataset: xr.Dataset, record: int, channel: str, set_pose: dict[str, Any]) -> float:
-    """Angle in rad that the base is turned by, its set pose and its channel together."""
-    angle = math.radians(set_pose.get(f"{channel}_deg", 0.0))
-    channels = [str(name) for name in dataset.get("channel", xr.DataArray([])).values]
-    if "base_pose" in dataset and channel in channels:
-        pose = dataset["base_pose"].transpose("time", "channel").values
-        angle += float(pose[record, channels.index(channel)])
-    return angle if math.isfinite(angle) else 0.0
+    """Return the unit vector along which the base points at a record."""
+    return np.asarray(base_directions(dataset, [record])[0])

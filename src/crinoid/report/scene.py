@@ -14,6 +14,7 @@ from matplotlib.patches import Polygon
 
 from crinoid.report.arm import chosen_records, hull, moves
 from crinoid.report.box import draw_box, draw_shadow
+from crinoid.report.charts.tool import held
 from crinoid.report.obstacles import SOLID, WALL, draw_earlier
 from crinoid.report.solids import Body, Point, find_bodies
 from crinoid.report.style import GREY, INK, PALE, PURPLE, VERMILLION, time_map, time_norm
@@ -26,7 +27,6 @@ from crinoid.report.surface import (
     turned_body,
     within_box,
 )
-from crinoid.report.tool import held
 from crinoid.report.tool import surface as tool_surface
 from crinoid.report.view import View, convex_outline, in_space
 

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-import math
-import tomllib
-
 import numpy as np
 import xarray as xr
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
+from crinoid.report.charts.tool import ball, held
 from crinoid.report.style import INK, PURPLE
 from crinoid.report.surface import Facets, perpendicular, turned_body
 from crinoid.report.view import View, convex_outline, in_space
 
-_DENSE = 7850.0  # kg/m3, steel: what a tool is drawn of that displaces no water
 _STEM = 0.2  # radius of the stem over that of the ball
-
-
-def held(data: xr.Dataset) -> Bool[np.ndarray, " time"]:
-    """Whether the tip carries a tool, at each record."""
-    if "tool_held" not in data:
-        return np.zeros(data.sizes["time"], bool)
-    return np.asarray(data["tool_held"].values > 0)
 
 
 def surface(data: xr.Dataset) -> Facets:
@@ -31,17 +21,15 @@ def surface(data: xr.Dataset) -> Facets:
     records = np.flatnonzero(held(data))
     if not records.size:
         return np.empty((0, 4, 3))
-    tool = tomllib.loads(str(data.attrs["scenario"]))["tool"]
-    volume = tool.get("volume") or tool["mass"] / _DENSE
-    radius, offset = (3.0 * volume / (4.0 * math.pi)) ** (1 / 3), tool.get("offset", 0.0)
+    radius, offset = ball(data)
     before, tip = in_space(data, "position")[records[-1], -2:]
     ahead = (tip - before) / np.linalg.norm(tip - before)
     turn = np.linspace(0.0, np.pi, 25)
     along, around = offset - radius * np.cos(turn), radius * np.sin(turn)
     if offset > radius:
-        ball = (around > _STEM * radius) | (along > offset)
-        along = np.concatenate([[0.0], along[ball]])
-        around = np.concatenate([[_STEM * radius], around[ball]])
+        round_part = (around > _STEM * radius) | (along > offset)
+        along = np.concatenate([[0.0], along[round_part]])
+        around = np.concatenate([[_STEM * radius], around[round_part]])
     return turned_body(tip, ahead, along, around, perpendicular(ahead))
 
 
@@ -56,7 +44,7 @@ def draw_tool(axes: Axes, data: xr.Dataset, view: View) -> None:
     if not len(facets):
         return
     at_the_end = bool(held(data)[-1])
-    ball = Polygon(convex_outline(view.paper(facets).reshape(-1, 2)), closed=True)
-    ball.set(facecolor=PURPLE if at_the_end else "none", edgecolor=INK, linewidth=0.6, zorder=2.5)
-    ball.set_label("tool" if at_the_end else "tool, where it was let go")
-    axes.add_patch(ball)
+    shape = Polygon(convex_outline(view.paper(facets).reshape(-1, 2)), closed=True)
+    shape.set(facecolor=PURPLE if at_the_end else "none", edgecolor=INK, linewidth=0.6, zorder=2.5)
+    shape.set_label("tool" if at_the_end else "tool, where it was let go")
+    axes.add_patch(shape)

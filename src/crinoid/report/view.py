@@ -116,6 +116,12 @@ def in_space(dataset: xr.Dataset, name: str) -> Float[np.ndarray, "*shape axis=3
     return whole
 
 
+def arm_length(data: xr.Dataset) -> float:
+    """Length of the arm's first recorded shape in m, never zero."""
+    steps = np.diff(in_space(data, "position")[0], axis=0)
+    return float(np.linalg.norm(steps, axis=-1).sum()) or 1.0
+
+
 def left_of(vectors: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
     """Give unit vectors turned a quarter from across toward up; zero where a vector is zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
