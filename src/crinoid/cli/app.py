@@ -255,6 +255,40 @@ def tune(
 
 
 @app.command()
+@_told()
+def identify(
+    scenario: ScenarioName,
+    record: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORD",
+            show_default=False,
+            help="What was measured: a CSV or netCDF file with time and coordinates of the tip, or "
+            "a result.",
+        ),
+    ],
+    of: Annotated[
+        str,
+        typer.Option(
+            metavar="KEY,KEY",
+            show_default=False,
+            help="Keys of the numbers to find, such as arm.youngs_modulus,water.drag_normal.",
+        ),
+    ],
+    settings: Settings = None,
+    out: Annotated[Path | None, _out("results/SCENARIO-identify")] = None,
+    force: Force = False,
+) -> None:
+    """Find stiffness, damping, drag and other numbers from a recorded motion of the tip."""
+    described, folder = _load(scenario, settings), _folder(out, scenario, "-identify")
+    with Loading():
+        from crinoid.cli.identify import identify_numbers
+
+    keys = [each for each in (part.strip() for part in of.split(",")) if each]
+    _end(identify_numbers(described, record, keys, folder, force=force, console=console))
+
+
+@app.command()
 @_told("interrupted")
 def scenarios(
     copy: Annotated[

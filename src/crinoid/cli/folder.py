@@ -18,6 +18,7 @@ from rich.console import Console
 from crinoid.cases import CASES, is_table
 from crinoid.comparison import COMPARISON
 from crinoid.current import FLOW
+from crinoid.identification import IDENTIFICATION
 from crinoid.replacement import remove_unfinished
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -29,7 +30,7 @@ from crinoid.tuning import TUNING
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
-_APART = (FLOW, MODES, COMPARISON, MARGINS, TUNING)
+_APART = (FLOW, MODES, COMPARISON, MARGINS, TUNING, IDENTIFICATION)
 """Files of commands that run no scenario by itself, which may lie beside a result."""
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 

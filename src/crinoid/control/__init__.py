@@ -27,6 +27,7 @@ from crinoid.control.observer import Observer as Observer
 from crinoid.control.path import Line as Line
 from crinoid.control.path import Orbit as Orbit
 from crinoid.control.pid import Pid as Pid
+from crinoid.control.playback import Playback as Playback
 from crinoid.control.qp import HorizonQp as HorizonQp
 from crinoid.control.seen import Reading as Reading
 from crinoid.control.seen import Seen as Seen

@@ -20,14 +20,14 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
     case in the folder of that case. The current that `crinoid flow` sampled (`flow.nc`) gives
     `flow.png`, `spectrum.png` and `profile.png`, what `crinoid modes` found (`modes.nc`)
     `modes.png`, what `crinoid compare` compared (`compare.nc`) `compare.png`, the loop of
-    `crinoid margins` (`margins.nc`) `bode.png` and `nyquist.png`, and the search of `crinoid tune`
-    (`tune.nc`) `tune.png`.
+    `crinoid margins` (`margins.nc`) `bode.png` and `nyquist.png`, the search of `crinoid tune`
+    (`tune.nc`) `tune.png`, and that of `crinoid identify` (`identify.nc`) `identify.png`.
 
     Parameters
     ----------
     path
         A result's folder, its `result.nc`, a study's folder or its `cases.csv`, a folder with
-        `flow.nc`, `modes.nc`, `compare.nc`, `margins.nc` or `tune.nc`, or that file.
+        `flow.nc`, `modes.nc`, `compare.nc`, `margins.nc`, `tune.nc` or `identify.nc`, or that file.
     out
         Folder for the figures, made if needed; beside the result by default.
 

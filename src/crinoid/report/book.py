@@ -21,6 +21,7 @@ from crinoid.report.charts.touch import contact_chart, has_contact
 from crinoid.report.closeup import draw_close_up
 from crinoid.report.compare import COMPARISON, draw_comparison, open_comparison
 from crinoid.report.flow import FLOW, open_flow
+from crinoid.report.identify import IDENTIFICATION, draw_identification, open_identification
 from crinoid.report.margins import MARGINS, draw_bode, draw_nyquist, open_margins
 from crinoid.report.modes import MODES, draw_modes, open_modes
 from crinoid.report.paper import draw_chart
@@ -118,6 +119,11 @@ def _write_tuning(path: Path, out: Path) -> list[Path]:
     return [_save(lambda: draw_tuning(data), out / "tune.png", path)]
 
 
+def _write_identification(path: Path, out: Path) -> list[Path]:
+    data = open_identification(path)
+    return [_save(lambda: draw_identification(data), out / "identify.png", path)]
+
+
 def _write_study(folder: Path, out: Path) -> list[Path]:
     cases = read_cases(folder / CASES)
     title, path = folder.resolve().name, folder / CASES
@@ -149,5 +155,6 @@ _APART: dict[str, Callable[[Path, Path], list[Path]]] = {
     COMPARISON: _write_comparison,
     MARGINS: _write_margins,
     TUNING: _write_tuning,
+    IDENTIFICATION: _write_identification,
 }
 """Files of commands that run no scenario by itself, which may lie beside a result."""

@@ -1,0 +1,142 @@
+"""Finding numbers of a scenario from a record: progress, the scenario with them, and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from rich.console import Console
+from rich.table import Table
+
+from crinoid.assembly.prepared import Prepared
+from crinoid.cli.folder import check_own, claimed
+from crinoid.cli.interruption import Interruption
+from crinoid.cli.notes import say_doubts, say_notes
+from crinoid.cli.progress import progress_bar
+from crinoid.identification import IDENTIFICATION
+from crinoid.identification.experiment import given_values
+from crinoid.identification.identification import Identification
+from crinoid.identification.record import read_record
+from crinoid.programs import keep_programs
+from crinoid.replacement import replacing
+from crinoid.report import write_report
+from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.status import Status
+
+IDENTIFIED = "identified.toml"
+_HEAD = "# numbers by `crinoid identify`\n\n"
+_ALIKE = 0.95
+"""Correlation from which on two numbers are hard to tell apart."""
+_REMEMBERS = 2.0
+"""Integral time of what is left, over that of white noise, that says something of the model."""
+
+
+def identify_numbers(
+    scenario: Scenario,
+    record: Path,
+    keys: Sequence[str],
+    folder: Path,
+    *,
+    force: bool,
+    console: Console,
+) -> str:
+    """Search for numbers, save and draw what was found, and sum it up; return what went wrong."""
+    if scenario.vary:
+        text = "a record is of one case; give its values with --set and leave out vary"
+        raise ScenarioError([Mistake("vary", text)])
+    if not keys:
+        text = "got no key, takes keys of numbers such as arm.youngs_modulus,water.drag_normal"
+        raise ScenarioError([Mistake("--of", text)])
+    given_values(scenario, keys)
+    keep_programs()
+    prepared = Prepared(scenario)
+    prepared.check()
+    read = read_record(record, scenario.arm.dimension, prepared.system.inputs)
+    with claimed(folder):
+        if not force:
+            check_own(folder / IDENTIFICATION)
+        say_doubts(console, prepared)
+        with Interruption() as interruption:
+            with progress_bar(console) as bar:
+                (task,) = bar.task_ids
+                bar.update(task, description="identifying", reached="compiling")
+                search = _built(scenario, keys, read)
+
+                def report(trials: int, cost: float) -> None:
+                    told = f"{trials} trials, {cost**0.5:.4g} of the scatter left"
+                    bar.update(task, reached=told)
+
+                complete = search.run(report, interruption.stop)
+            if search.failure:
+                return f"{search.failure} (with the numbers that the scenario gives)"
+            if search.found is None:
+                return f"{Status.INTERRUPTED} before there was anything to save"
+            words = f"after {search.trials} trials; the best numbers so far are saved"
+            status = "" if complete else f"{Status.INTERRUPTED} {words}"
+            data = search.dataset(status or Status.OK.value)
+            with replacing(folder / IDENTIFIED) as temporary:
+                temporary.write_text(_HEAD + search.identified().to_toml(), "utf-8")
+            with replacing(folder / IDENTIFICATION) as temporary:
+                data.to_netcdf(temporary, engine="netcdf4")
+            figures = write_report(folder / IDENTIFICATION)
+            console.print(identification_table(data))
+            say_notes(console, [*read.notes, *_notes(search, data)])
+            for each in (folder / IDENTIFIED, folder / IDENTIFICATION, *figures):
+                console.print(f"wrote {each}", soft_wrap=True)
+    return status
+
+
+def _built(scenario: Scenario, keys: Sequence[str], record: object) -> Identification:
+    try:
+        return Identification(scenario, keys, record)  # type: ignore[arg-type]
+    except RuntimeError as error:  # no equilibrium to start from
+        raise ScenarioError([Mistake("", str(error))]) from error
+
+
+def identification_table(data: xr.Dataset) -> Table:
+    """Sum up a search: numbers before and after, and how well they are known."""
+    table = Table(title=str(data.attrs["title"]), title_justify="left")
+    table.add_column("")
+    for name in ("given", "found", "standard error", "95 % interval"):
+        table.add_column(name, justify="right")
+    for key in data["parameter"].values:
+        row = data.sel(parameter=key)
+        given, found, error = (float(row[name]) for name in ("given", "found", "standard_error"))
+        if not np.isfinite(error):
+            table.add_row(str(key), f"{given:.4g}", f"{found:.4g}", "-", "-")
+            continue
+        places = max(2, 2 + int(np.floor(np.log10(abs(found) / error)))) if error > 0 else 6
+        low, high = (f"{float(row[name]):.{places}g}" for name in ("lower", "upper"))
+        table.add_row(
+            str(key), f"{given:.4g}", f"{found:.{places}g}", f"{error:.2g}", f"{low} to {high}"
+        )
+    return table
+
+
+def _notes(search: Identification, data: xr.Dataset) -> list[str]:
+    notes = []
+    keys = [str(key) for key in data["parameter"].values]
+    alike = np.abs(np.triu(data["correlation"].values, 1))
+    for row, column in np.argwhere(alike > _ALIKE):
+        value = data["correlation"].values[row, column]
+        notes.append(
+            f"{keys[row]} and {keys[column]} are hard to tell apart by this record (correlation "
+            f"{value:.3f}): another motion would, or one of them known"
+        )
+    if not np.isfinite(data["standard_error"].values).all():
+        notes.append("this record does not tell all of these numbers; name fewer")
+    interval = float(np.median(np.diff(data["time"].values)))
+    for name, scatter, time in zip(
+        data["quantity"].values, data["scatter"].values, data["remembered"].values, strict=True
+    ):
+        if time > _REMEMBERS * interval / 2:
+            notes.append(
+                f"what is left of {name} ({scatter:.3g} RMS) remembers itself for {time:.2g} s: "
+                "the model does not say all of it, and the errors count it in"
+            )
+    late = search.experiment.record.time.size - search.experiment.time.size
+    if late:
+        notes.append(f"{late} rows after the end of the run (simulation.duration) are left out")
+    return notes

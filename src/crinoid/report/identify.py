@@ -1,0 +1,77 @@
+"""The search of `crinoid identify`: the record, the motion before and after, and what is left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from crinoid.identification import IDENTIFICATION as IDENTIFICATION
+from crinoid.report.run import ReportError, load
+from crinoid.report.style import BLUE, GREY, INK, VERMILLION, WIDTH, head, key
+
+_REQUIRED = {
+    "given": ("parameter",),
+    "found": ("parameter",),
+    "standard_error": ("parameter",),
+    "measured": ("time", "quantity"),
+    "computed": ("time", "quantity"),
+    "computed_before": ("time", "quantity"),
+}
+
+
+def open_identification(path: Path) -> xr.Dataset:
+    """Read what was found into memory.
+
+    Raises
+    ------
+    ReportError
+        If the file is broken, or not one that crinoid wrote.
+    """
+    dataset = load(path)
+    for name, dims in _REQUIRED.items():
+        if name not in dataset or dataset[name].dims != dims:
+            text = f"not an identification of crinoid, it has no {name} over {', '.join(dims)}"
+            raise ReportError(f"{path}: {text}")
+    return dataset
+
+
+def draw_identification(data: xr.Dataset) -> Figure:
+    """Draw each coordinate as it was measured and computed, and below it what is left."""
+    names = [str(name) for name in data["quantity"].values]
+    figure = Figure(figsize=(WIDTH, 0.9 + 2.7 * len(names)), layout="constrained")
+    head(figure, str(data.attrs.get("title", "")), str(data.attrs.get("status", "ok")))
+    panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2.0, 1.0] * len(names))
+    time = data["time"].values
+    for index, name in enumerate(names):
+        factor, unit = _UNITS.get(name, (1.0, ""))
+        measured, after, before = (
+            factor * data[which].values[:, index]
+            for which in ("measured", "computed", "computed_before")
+        )
+        upper, lower = panels[2 * index], panels[2 * index + 1]
+        upper.plot(time, measured, ".", color=GREY, markersize=2.0, label="measured")
+        upper.plot(time, before, "--", color=VERMILLION, linewidth=1.0, label="as given")
+        upper.plot(time, after, "-", color=BLUE, label="as found")
+        low, high = np.nanmin(measured), np.nanmax(measured)
+        room = 0.25 * max(high - low, 1e-12)
+        upper.set_ylim(low - room, high + room)
+        upper.set_ylabel(f"{name}{unit}")
+        left = measured - after
+        if name == "angle":
+            left = (left + 180.0) % 360.0 - 180.0
+        lower.plot(time, left, ".", color=INK, markersize=1.5)
+        lower.axhline(0.0, color=GREY, linewidth=0.8)
+        lower.set_ylabel("left")
+        if index == 0:
+            key(upper, columns=3)
+    panels[-1].set_xlabel("time (s)")
+    return figure
+
+
+_UNITS = {
+    **dict.fromkeys(("x", "y", "z"), (1e3, " (mm)")),
+    "angle": (180.0 / np.pi, " (deg)"),
+}
