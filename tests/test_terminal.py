@@ -12,8 +12,9 @@ import pytest
 import typer.testing
 
 import crinoid
-from crinoid.cli.app import _keys, _names, app
+from crinoid.cli.app import app
 from crinoid.cli.notes import notes_of_cases
+from crinoid.cli.options import complete_key, complete_name
 from crinoid.cli.study import _crowded
 from crinoid.report import ReportError, write_report
 from crinoid.scenario import Scenario
@@ -74,11 +75,11 @@ def test_help_names_the_folder(call, command, folder):
 
 
 def test_names_and_keys_are_completed():
-    assert _names("station") == ["station-keeping", "station-keeping-3d"]
-    assert "arm.length=" in _keys("arm.")
-    assert "flow.0.velocity=" in _keys("flow.0.vel")
-    assert "arm.section=" not in _keys("arm.sec")  # a table, which takes no value
-    assert _keys("nothing") == []
+    assert complete_name("station") == ["station-keeping", "station-keeping-3d"]
+    assert "arm.length=" in complete_key("arm.")
+    assert "flow.0.velocity=" in complete_key("flow.0.vel")
+    assert "arm.section=" not in complete_key("arm.sec")  # a table, which takes no value
+    assert complete_key("nothing") == []
 
 
 def test_units_stand_where_editors_show_them(call):
@@ -138,12 +139,13 @@ def test_compiled_code_is_let_go_when_it_fills_the_memory_maps(monkeypatch):
 def test_what_computes_nothing_loads_nothing_that_computes():
     code = (
         "import contextlib, io, sys\n"
-        "from crinoid.cli.app import _keys, _names, app\n"
+        "from crinoid.cli.app import app\n"
+        "from crinoid.cli.options import complete_key, complete_name\n"
         "for arguments in (['--help'], ['--version'], ['scenarios'], ['run', 'nowhere'],\n"
         "                  ['run', 'still-water', '--set', 'arm.nodes=two'], ['run', '--help']):\n"
         "    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
         "        app(arguments)\n"
-        "assert _names('still') and _keys('arm.')\n"
+        "assert complete_name('still') and complete_key('arm.')\n"
         "print(*{'jax', 'equinox', 'xarray', 'pandas', 'scipy', 'matplotlib'} & {*sys.modules})\n"
     )
     ended = subprocess.run(

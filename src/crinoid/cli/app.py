@@ -8,18 +8,27 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading
-from crinoid.cli.terminal import Terminal
+from crinoid.cli.options import (
+    Force,
+    ScenarioName,
+    Settings,
+    complete_name,
+    console,
+    errors,
+    out_option,
+    stop,
+)
 from crinoid.status import Status
 
 if TYPE_CHECKING:
     from crinoid.scenario import Scenario
 
-BAD_INPUT, FAILED = 2, 3
+FAILED = 3
 
 app = typer.Typer(
     name="crinoid",
@@ -27,61 +36,6 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-console = Terminal()
-errors = Terminal(stderr=True, soft_wrap=True)
-
-
-def _names(begun: str) -> list[str]:
-    """Complete the name of a built-in scenario."""
-    from crinoid.scenario import builtin_names
-
-    return [name for name in builtin_names() if name.startswith(begun)]
-
-
-def _keys(begun: str) -> list[str]:
-    """Complete a key of a scenario, up to its equals sign."""
-    from crinoid.scenario import Scenario
-    from crinoid.scenario.keys import all_keys
-
-    keys = all_keys(Scenario.model_json_schema())
-    return [f"{key}=" for key, table in keys.items() if key.startswith(begun) and not table]
-
-
-ScenarioName = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENARIO",
-        help="A TOML file, or the name of a built-in scenario.",
-        autocompletion=_names,
-    ),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change a key, such as arm.length=0.6.",
-        autocompletion=_keys,
-    ),
-]
-Force = Annotated[
-    bool,
-    typer.Option(
-        "--force", help="Replace the finished result of another scenario, or files of others."
-    ),
-]
-
-
-def _out(folder: str) -> Any:
-    return typer.Option(
-        "--out", metavar="DIR", help="Where to write.", show_default=folder, parser=_named
-    )
-
-
-def _named(folder: str) -> Path:
-    if not folder:
-        _stop("--out: got an empty name, takes a folder")
-    return Path(folder)
 
 
 @app.callback(invoke_without_command=True)
@@ -105,10 +59,10 @@ def _told(interrupted: str = "interrupted before there was anything to save") ->
         yield
     except (ScenarioError, OSError) as error:
         if isinstance(error, ScenarioError):
-            _stop(*error.lines)
+            stop(*error.lines)
         if error.errno == errno.EPIPE:  # who read what is shown, such as `head`, has seen enough
             raise
-        _stop(f"{error.filename or 'file'}: {error.strerror or error}")
+        stop(f"{error.filename or 'file'}: {error.strerror or error}")
     except (Interrupted, KeyboardInterrupt):
         errors.print(f"crinoid: {interrupted}")
         raise typer.Exit(INTERRUPTED) from None
@@ -119,7 +73,7 @@ def _told(interrupted: str = "interrupted before there was anything to save") ->
 def run(
     scenario: ScenarioName = "station-keeping",
     settings: Settings = None,
-    out: Annotated[Path | None, _out("results/SCENARIO")] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO")] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from where an interrupted run stopped.")
     ] = False,
@@ -138,7 +92,7 @@ def run(
 def equilibrium(
     scenario: ScenarioName,
     settings: Settings = None,
-    out: Annotated[Path | None, _out("results/SCENARIO-equilibrium")] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-equilibrium")] = None,
     force: Force = False,
 ) -> None:
     """Find the shape of the arm at rest under the loads of t = 0, and save it."""
@@ -154,7 +108,7 @@ def equilibrium(
 def flow(
     scenario: ScenarioName,
     settings: Settings = None,
-    out: Annotated[Path | None, _out("results/SCENARIO-flow")] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-flow")] = None,
     force: Force = False,
 ) -> None:
     """Draw and sum up the current of a scenario at its arm, without simulating the arm."""
@@ -166,7 +120,7 @@ def flow(
     try:
         show_current(described, folder, force=force, console=console)
     except ReportError as error:
-        _stop(str(error))
+        stop(str(error))
 
 
 @app.command()
@@ -180,7 +134,7 @@ def compare(
     seeds: Annotated[int, typer.Option(help="Number of seeds.")] = 10,
     first_seed: Annotated[int, typer.Option(help="The first one of them.")] = 0,
     settings: Settings = None,
-    out: Annotated[Path | None, _out("results/SCENARIO-compare")] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-compare")] = None,
     force: Force = False,
 ) -> None:
     """Run a scenario under several controllers over several seeds, and compare them."""
@@ -201,7 +155,7 @@ def modes(
     in_air: Annotated[
         bool, typer.Option("--in-air", help="Leave out the water: those in air only.")
     ] = False,
-    out: Annotated[Path | None, _out("results/SCENARIO-modes")] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-modes")] = None,
     force: Force = False,
 ) -> None:
     """Find small vibrations about the equilibrium: frequencies, damping ratios and shapes."""
@@ -215,7 +169,7 @@ def modes(
             show_modes(described, folder, count=count, in_air=in_air, force=force, console=console)
         )
     except ReportError as error:
-        _stop(str(error))
+        stop(str(error))
 
 
 @app.command()
@@ -223,7 +177,7 @@ def modes(
 def margins(
     scenario: ScenarioName,
     settings: Settings = None,
-    out: Annotated[Path | None, _out("results/SCENARIO-margins")] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-margins")] = None,
     force: Force = False,
 ) -> None:
     """Find how far the control loop of a scenario is from swinging by itself, and draw it."""
@@ -243,7 +197,7 @@ def tune(
         int, typer.Option(help="Largest number of gains that are tried from each start.")
     ] = 25,
     settings: Settings = None,
-    out: Annotated[Path | None, _out("results/SCENARIO-tune")] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-tune")] = None,
     force: Force = False,
 ) -> None:
     """Tune the gains of a PID by gradient, from several starts over several seeds."""
@@ -276,7 +230,7 @@ def identify(
         ),
     ],
     settings: Settings = None,
-    out: Annotated[Path | None, _out("results/SCENARIO-identify")] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-identify")] = None,
     force: Force = False,
 ) -> None:
     """Find stiffness, damping, drag and other numbers from a recorded motion of the tip."""
@@ -296,7 +250,7 @@ def scenarios(
         typer.Option(
             metavar="NAME",
             help="Write a built-in scenario to NAME.toml, to change it.",
-            autocompletion=_names,
+            autocompletion=complete_name,
         ),
     ] = None,
     schema: Annotated[
@@ -323,7 +277,7 @@ def report(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="A folder that `crinoid run` wrote.")
     ],
-    out: Annotated[Path | None, _out("beside the result")] = None,
+    out: Annotated[Path | None, out_option("beside the result")] = None,
 ) -> None:
     """Draw the figures of a result."""
     with Loading():
@@ -332,7 +286,7 @@ def report(
     try:
         paths = write_report(result, out)
     except ReportError as error:
-        _stop(str(error))
+        stop(str(error))
     for path in paths:
         console.print(f"wrote {path}", soft_wrap=True)
 
@@ -344,7 +298,7 @@ def _copy(name: str) -> None:
     contents |= {Path(file.name): file.read_bytes() for file in builtin_files(name)}
     for path in contents:
         if os.path.lexists(path):
-            _stop(f"{path}: already there; move it away first")
+            stop(f"{path}: already there; move it away first")
     for path, content in contents.items():
         with path.open("xb") as file:  # not through a link that came in between
             file.write(content)
@@ -361,14 +315,8 @@ def _load(name: str, settings: list[str] | None) -> Scenario:
 def _folder(out: Path | None, name: str, ending: str = "") -> Path:
     folder = out if out is not None else Path("results") / f"{Path(name).stem}{ending}"
     if folder.exists() and not folder.is_dir():
-        _stop(f"--out: {folder} is a file, takes a folder")
+        stop(f"--out: {folder} is a file, takes a folder")
     return folder
-
-
-def _stop(*lines: str) -> NoReturn:
-    for line in lines:
-        errors.print(f"crinoid: {' '.join(line.splitlines())}")
-    raise typer.Exit(BAD_INPUT)
 
 
 def _end(trouble: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -98,19 +99,19 @@ def _built(scenario: Scenario, keys: Sequence[str], record: object) -> Identific
 def identification_table(data: xr.Dataset) -> Table:
     """Sum up a search: numbers before and after, and how well they are known."""
     table = Table(title=str(data.attrs["title"]), title_justify="left")
-    table.add_column("")
-    for name in ("given", "found", "standard error", "95 % interval"):
+    table.add_column("", no_wrap=True)
+    for name in ("given", "found", "standard error", "of it"):
         table.add_column(name, justify="right")
     for key in data["parameter"].values:
         row = data.sel(parameter=key)
         given, found, error = (float(row[name]) for name in ("given", "found", "standard_error"))
         if not np.isfinite(error):
-            table.add_row(str(key), f"{given:.4g}", f"{found:.4g}", "-", "-")
+            table.add_row(str(key), f"{given:.4g}", f"{found:.4g}", "not known", "")
             continue
-        places = max(2, 2 + int(np.floor(np.log10(abs(found) / error)))) if error > 0 else 6
-        low, high = (f"{float(row[name]):.{places}g}" for name in ("lower", "upper"))
+        share = error / abs(found)
+        places = min(6, max(2, 2 - math.floor(math.log10(share)))) if share > 0 else 6
         table.add_row(
-            str(key), f"{given:.4g}", f"{found:.{places}g}", f"{error:.2g}", f"{low} to {high}"
+            str(key), f"{given:.4g}", f"{found:.{places}g}", f"{error:.2g}", f"{100 * share:.2g} %"
         )
     return table
 

@@ -125,8 +125,8 @@ class Experiment:
         self._columns = [POSE[axes].index(name) for name in record.names]
         self._turns = np.array([axes == 2 and name == "angle" for name in record.names])
         _, tangents = self._arrays(np.zeros(len(keys)))
-        effects = [np.zeros(len(keys)), *map(_sizes, jax.tree.leaves(tangents))]
-        idle = [key for key, size in zip(keys, sum(effects), strict=True) if size == 0]
+        effect = np.sum([_sizes(each) for each in jax.tree.leaves(tangents)], axis=0)
+        idle = [key for key, size in zip(keys, effect, strict=True) if size == 0]
         if idle:
             text = "does not change how the arm moves, takes a number of arm, water or actuators"
             raise ScenarioError([Mistake(key, text) for key in idle])
@@ -181,18 +181,13 @@ class Experiment:
         tangents = []
         for step in _STEP * np.eye(len(self.keys)):
             more, less = (
-                eqx.filter(Prepared(self.with_values(logs + way * step)).parameters, _is_number)
+                eqx.filter(
+                    Prepared(self.with_values(logs + way * step)).parameters, eqx.is_inexact_array
+                )
                 for way in (1, -1)
             )
-            if jax.tree.structure(more) != jax.tree.structure(eqx.filter(parameters, _is_number)):
-                key = self.keys[int(np.argmax(step))]
-                text = "changes the parts of the model, takes a number that can change a little"
-                raise ScenarioError([Mistake(key, text)])
             tangents.append(jax.tree.map(_slope, more, less))
         return parameters, jax.tree.map(lambda *each: jnp.stack(each), *tangents)
-
-
-_is_number = eqx.is_inexact_array
 
 
 def _slope(more: Any, less: Any) -> Any:
