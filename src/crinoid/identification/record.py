@@ -17,7 +17,6 @@ from crinoid.recording.series import Column, Series, read_series
 from crinoid.recording.units import angle_factor, length_factor
 from crinoid.result import RESULT, Result, ResultError, attributes
 from crinoid.scenario import Mistake, ScenarioError
-from crinoid.scenario.errors import one_of
 from crinoid.space import POSE
 
 TIME = "time"
@@ -86,7 +85,7 @@ def _of_table(file: str, axes: int, inputs: Sequence[Input]) -> Record:
     measured = [column for column in columns if column.name in there]
     played = [column for column in driven if column.name in there]
     if not measured:
-        text = f"has {listed(sorted(there)) or 'no columns'}, takes time and {one_of(POSE[axes])}"
+        text = f"has {listed(sorted(there))}, takes time and some of {', '.join(POSE[axes])}"
         raise ScenarioError([Mistake("file", text)])
     motion = read_series(file, TIME, measured, 0.0)
     commands = None

@@ -1,0 +1,260 @@
+"""Identification: derivatives, records, the search, and what the command writes."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import crinoid
+from crinoid.assembly.prepared import Prepared
+from crinoid.identification.experiment import Experiment, given_values
+from crinoid.identification.identification import Identification
+from crinoid.identification.record import Record, read_record
+from crinoid.report import ReportError, write_report
+from crinoid.scenario import Scenario, ScenarioError
+from test_cli import call
+from test_report import assert_shows_something
+
+SCENARIO = """
+title = "shaken"
+seed = 3
+[arm]
+nodes = 5
+length = 0.5
+radius = 0.015
+youngs_modulus = 4e5
+damping_time = 0.02
+[base.channels.tilt]
+[[base.motion]]
+kind = "sine"
+channel = "tilt"
+amplitude_deg = 10.0
+frequency_hz = 1.0
+[[chamber]]
+name = "lift"
+offset = 0.008
+area = 1e-4
+angle_deg = 180.0
+max_pressure = 5e4
+[chamber.schedule]
+time = [0.0, 0.1, 0.6, 0.7]
+share = [0.0, 1.0, 1.0, 0.0]
+[sensor]
+noise_position = 0.0005
+noise_angle_deg = 0.1
+[simulation]
+duration = 2.0
+time_step = 0.02
+start = "equilibrium"
+"""
+KEYS = ("arm.youngs_modulus", "chamber.0.area")
+TRUE = {"arm.youngs_modulus": 4e5, "chamber.0.area": 1e-4}
+WRONG = {"arm.youngs_modulus": 3e5, "chamber.0.area": 1.4e-4}
+SHAKEN = Scenario.from_toml(SCENARIO)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Return the folder of a run with a noisy sensor, and a table of what it read."""
+    folder = tmp_path_factory.mktemp("measured")
+    result = crinoid.simulate(SHAKEN)
+    result.save(folder)
+    (folder / "shaken.toml").write_text(SCENARIO)
+    record = read_record(folder, 2, ())
+    x, z, angle = record.values.T
+    table = pd.DataFrame({"time [s]": record.time, "x (mm)": 1e3 * x, "z (mm)": 1e3 * z})
+    table["angle (deg)"] = np.rad2deg(angle)
+    table.to_csv(folder / "tip.csv", index=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def record(measured):
+    """Return what was measured in that run."""
+    return read_record(measured / "tip.csv", 2, ())
+
+
+@pytest.fixture(scope="module")
+def found(measured):
+    """Return where `crinoid identify` has written."""
+    out = measured / "found"
+    settings = [word for key, value in WRONG.items() for word in ("--set", f"{key}={value}")]
+    ended = call(
+        "identify", measured / "shaken.toml", measured / "tip.csv", "--of", ",".join(KEYS),
+        *settings, "--out", out,
+    )  # fmt: skip
+    assert ended.exit_code == 0, ended.output
+    for words in (*KEYS, "3e+05", "standard error", f"wrote {out / 'identified.toml'}"):
+        assert words in ended.output
+    return out
+
+
+def test_the_numbers_are_found_within_their_errors(found):
+    with xr.open_dataset(found / "identify.nc") as data:
+        assert data.attrs["status"] == "ok"
+        np.testing.assert_allclose(data["given"], list(WRONG.values()))
+        apart = (data["found"].values - list(TRUE.values())) / data["standard_error"].values
+        assert np.abs(apart).max() < 4
+        share = data["standard_error"].values / data["found"].values
+        assert (share > 1e-5).all()
+        assert (share < 0.02).all()
+        assert (data["lower"] < data["found"]).all()
+        assert (data["found"] < data["upper"]).all()
+        # the sensor's noise is what is left
+        np.testing.assert_allclose(data["scatter"], [5e-4, 5e-4, np.deg2rad(0.1)], rtol=0.25)
+        best = data["found"].values
+    identified = crinoid.load(str(found / "identified.toml"))
+    np.testing.assert_allclose(given_values(identified, KEYS), best, rtol=1e-5)
+
+
+def test_the_figure_shows_something_and_a_broken_file_is_refused(found, tmp_path):
+    assert_shows_something(found / "identify.png")
+    assert write_report(found, tmp_path) == [tmp_path / "identify.png"]
+    with xr.open_dataset(found / "identify.nc") as data:
+        data.drop_vars("measured").to_netcdf(tmp_path / "identify.nc")
+    with pytest.raises(ReportError, match="it has no measured over time, quantity"):
+        write_report(tmp_path)
+
+
+def test_slopes_are_those_of_central_differences(record):
+    experiment, step = Experiment(SHAKEN, KEYS, record), 1e-4
+    at = np.array([-0.2, 0.3])
+    slope = experiment.compared(experiment.motion(at)).slope
+    for number in range(2):
+        change = step * np.eye(2)[number]
+        more, less = (
+            experiment.compared(experiment.motion(at + way * change)).computed for way in (1, -1)
+        )
+        by_difference = (more - less) / (2 * step)
+        np.testing.assert_allclose(
+            slope[..., number], by_difference, atol=1e-6 * np.abs(by_difference).max()
+        )
+
+
+def test_a_search_that_is_stopped_keeps_the_best_so_far(record):
+    search = Identification(SHAKEN.with_values(WRONG), KEYS, record)
+    assert not search.run(lambda *_: None, lambda: search.trials >= 3)
+    assert search.trials == 3
+    assert search.found.cost < search.before.cost
+    assert search.dataset("interrupted").attrs["status"] == "interrupted"
+
+
+def test_numbers_that_a_record_does_not_tell_are_refused(record):
+    alike = Identification(SHAKEN, ("chamber.0.area", "chamber.0.max_pressure"), record)
+    with pytest.raises(ScenarioError, match=r"chamber.0.max_pressure: cannot be told from chamber"):
+        alike.run(lambda *_: None, lambda: False)
+    empty = SHAKEN.with_values({"chamber.0.schedule.share": [0.0, 0.0, 0.0, 0.0]})
+    unseen = Identification(empty, KEYS, record)
+    with pytest.raises(ScenarioError, match=r"^chamber.0.area: has no effect on what was measured"):
+        unseen.run(lambda *_: None, lambda: False)
+
+
+def test_what_a_record_lacks_of_the_model_widens_the_errors(record):
+    search = Identification(SHAKEN, KEYS, record)
+    search.run(lambda *_: None, lambda: False)
+    plain = np.sqrt(np.diag(search.covariance()))
+    slow = 2e-3 * np.sin(7.0 * record.time)[:, None] * np.array([1.0, 1.0, 5.0])
+    other = Record(record.time, record.names, record.values + slow, None)
+    again = Identification(SHAKEN, KEYS, other)
+    again.run(lambda *_: None, lambda: False)
+    wide = np.sqrt(np.diag(again.covariance()))
+    # the waves stay for many samples, and tell no more than a few of these
+    assert again.remembered[0] > 3 * search.remembered[0]
+    assert (wide > 1.5 * plain).all()
+
+
+def test_readings_of_a_result_count_from_when_they_were_taken(tmp_path):
+    late = {"sensor.noise_position": 0.0, "sensor.noise_angle_deg": 0.0, "sensor.delay": 0.05}
+    result = crinoid.simulate(SHAKEN.with_values({**late, "sensor.rate_hz": 20.0}))
+    result.save(tmp_path)
+    record = read_record(tmp_path / "result.nc", 2, ())
+    data = result.dataset.sel(time=record.time, method="nearest")
+    assert np.diff(record.time).max() < 0.061  # at the steps after each twentieth of a second
+    np.testing.assert_allclose(data["time"], record.time, atol=1e-9)
+    np.testing.assert_allclose(record.values[:, :2], data["tip_position"], atol=1e-12)
+    np.testing.assert_allclose(record.values[:, 2], data["tip_angle"], atol=1e-12)
+
+
+def test_recorded_commands_move_the_arm_as_they_did(tmp_path):
+    held = SHAKEN.with_values(
+        {
+            "control.kind": "pid",
+            "control.controlled": ["angle"],
+            "control.pid.tilt.kp": 0.2,
+            "control.pid.tilt.ki": 1.0,
+        }
+    )
+    result = crinoid.simulate(held)
+    result.save(tmp_path)
+    inputs = Prepared(held).system.inputs
+    record = read_record(tmp_path, 2, inputs)
+    assert np.abs(record.commands.values).max() > 1e-3
+    experiment = Experiment(held, KEYS, record)
+    path = experiment.motion(np.zeros(2)).path
+    np.testing.assert_allclose(path[:, :2], result.dataset["tip_position"][: len(path)], atol=1e-9)
+
+
+def test_a_table_of_motion_and_commands_is_read(tmp_path):
+    inputs = Prepared(SHAKEN).system.inputs
+    (tmp_path / "a.csv").write_text(
+        "time (ms);z (cm);tilt (deg);lift\n-20;1;0;0\n0;2;0;0\n20;3;90;0,5\n40;;90;0,5\n60;5;0;0\n"
+    )
+    record = read_record(tmp_path / "a.csv", 2, inputs)
+    assert record.names == ("z",)
+    np.testing.assert_allclose(record.time, [0.0, 0.02, 0.06])
+    np.testing.assert_allclose(record.values[:, 0], [0.02, 0.03, 0.05])
+    np.testing.assert_allclose(record.commands.time, [-0.02, 0.0, 0.02, 0.04, 0.06])
+    names = [each.name for each in inputs]
+    np.testing.assert_allclose(
+        record.commands.values[2, [names.index("tilt"), names.index("lift")]], [np.pi / 2, 0.5]
+    )
+    assert any("before the start" in note for note in record.notes)
+    assert any("1 of 5 rows" in note for note in record.notes)
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("arm.stiffness", "arm.stiffness: unknown key"),
+        ("arm.nodes", "arm.nodes: got 5, takes a number with a unit"),
+        ("arm.section.EI", "arm.section.EI: is not given, takes a number to begin with"),
+        ("arm.rest_curvature", "arm.rest_curvature: got 0, takes another number to begin with"),
+        ("simulation.time_step", "simulation.time_step: is of the computation"),
+        ("target.tip", 'target.tip: got "initial", takes a number with a unit'),
+        ("base.position", "base.position: got [0.0, -10.0], takes the key of one number such as"),
+        ("arm.length,arm.length", "--of: got arm.length twice, takes each number once"),
+        ("sensor.noise_position", "sensor.noise_position: does not change how the arm moves"),
+        (",", "--of: got no key"),
+    ],
+)
+def test_keys_that_name_nothing_to_find_are_one_line(measured, key, words):
+    ended = call("identify", measured / "shaken.toml", measured / "tip.csv", "--of", key)
+    assert ended.exit_code == 2
+    assert f"crinoid: {words}" in ended.output
+    assert len(ended.output.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "no such file"),
+        ("time,u\n0,1\n1,2\n", "has time, u, takes time and some of x, z, angle"),
+        ("x\n0\n1\n", "no such column in bad.csv; it holds x"),
+        ("time,x\n0,1\n1,metre\n", "is no number"),
+        ("time,x\n-3,1\n-2,2\n", "ends at -2 s of the run, takes times after 0"),
+        ("time,x\n0,1\n9,2\n", "has 1 numbers until the end of the run"),
+    ],
+)
+def test_files_that_are_no_record_are_one_line(measured, tmp_path, text, words):
+    if text is not None:
+        (tmp_path / "bad.csv").write_text(text)
+    ended = call("identify", measured / "shaken.toml", tmp_path / "bad.csv", "--of", KEYS[0])
+    assert ended.exit_code == 2
+    assert ended.output.strip().startswith("crinoid: RECORD: ")
+    assert words in ended.output
+    assert len(ended.output.strip().splitlines()) == 1
+
+
+def test_a_result_of_another_dimension_is_no_record(measured):
+    with pytest.raises(ScenarioError, match="the arm has 2 axes, takes 3"):
+        read_record(measured, 3, ())
