@@ -2,10 +2,10 @@
 
     python benchmarks/identify.py [DRAWS]
 
-Runs the built-in `bend-test`, whose sensor is noisy, with one seed for each draw, and looks for five
-of its numbers from others, up to 1.6 times too large or too small. Prints how far what was found is
-off, in standard errors; a draw counts if all five lie within 95 % intervals that hold all five at
-once (each 99 %, Bonferroni), and single numbers within their own 95 % intervals.
+Runs the built-in `bend-test`, whose sensor is noisy, with one seed for each draw, and looks for
+five of its numbers from others, up to 1.6 times too large or too small. Prints how far what was
+found is off, in standard errors; a draw counts if all five lie within 95 % intervals that hold all
+five at once (each 99 %, Bonferroni), and single numbers within their own 95 % intervals.
 """
 
 from __future__ import annotations

@@ -134,7 +134,8 @@ class Experiment:
 
     def with_values(self, logs: Vector) -> Scenario:
         """Return the scenario with other numbers, by their logarithms over those given."""
-        values = self.given * np.exp(logs)
+        with np.errstate(over="ignore"):  # a trial may go anywhere
+            values = self.given * np.exp(logs)
         return self.scenario.with_values(dict(zip(self.keys, map(float, values), strict=True)))
 
     def motion(self, logs: Vector) -> Motion | None:
