@@ -13,7 +13,13 @@ from crinoid.control import Controller
 from crinoid.report import ReportError, write_report
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import margin as closed_form
-from crinoid.simulation.linear_loop import System, _controller, linear_loop
+from crinoid.simulation.linear_loop import (
+    LinearPlant,
+    System,
+    _frequencies,
+    linear_controller,
+    linear_loop,
+)
 from crinoid.simulation.margins import find_margins
 from crinoid.simulation.run import _begin
 from crinoid.simulation.setup import set_up
@@ -86,7 +92,7 @@ def moved(loop, distance):
 
 def test_a_pid_is_the_transfer_that_its_equations_have(setup, linear):
     controller, period = setup.loop.controller, 0.01
-    found = _controller(setup.loop, setup.state, period).minimal()
+    found = linear_controller(setup.loop, setup.state, period).minimal()
     frequency = np.array([0.01, 0.3, 2.0, 20.0])
     gains = closed_form._controller(controller, frequency)
     expected = -gains[:, :, None] * np.asarray(controller.mapping)
@@ -109,6 +115,19 @@ def test_the_loop_is_that_of_the_arm_in_continuous_time(setup, linear):
     assert other.stable
     for name in ("modulus", "gain", "phase", "delay"):
         assert getattr(other, name) == pytest.approx(getattr(one, name), rel=0.15), name
+
+
+def test_fewer_frequencies_keep_those_beside_a_resonance():
+    turn = 2 * np.pi * 1.3 / 100  # 1.3 Hz, hardly damped
+    frequency = _frequencies(np.exp(np.array([1j, -1j]) * turn - 1e-5), 100.0)
+    none = System(*np.zeros((4, 0, 0)))
+    few = LinearPlant(none, (), 0.01, frequency, frequency[:, None, None] + 0j).every(5)
+    grid = np.geomspace(frequency[0], frequency[-1], 1500)
+    beside = [f for f in frequency if np.abs(f / grid - 1).min() > 1e-9]
+    assert len(beside) == 11
+    assert np.isin(beside, few.frequency).all()
+    assert few.frequency.size < 0.25 * frequency.size
+    np.testing.assert_array_equal(few.response[:, 0, 0], few.frequency)
 
 
 @pytest.mark.parametrize(("share", "grows"), [(0.7, False), (1.2, True)])

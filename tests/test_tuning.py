@@ -11,11 +11,15 @@ import pytest
 import xarray as xr
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.report import ReportError, write_report
 from crinoid.scenario import Scenario, ScenarioError
+from crinoid.simulation.margins import find_margins
 from crinoid.tuning import tuning as module
 from crinoid.tuning.cost import Cost, cost
-from crinoid.tuning.tuning import STARTS, Tuning, check_tunable
+from crinoid.tuning.design import Design, tuned_numbers
+from crinoid.tuning.search import Trial, constrain, descend, nearest
+from crinoid.tuning.tuning import STARTS, Tuning
 from physics import QUICKLY
 from test_cli import call
 from test_report import assert_shows_something
@@ -50,15 +54,25 @@ time_step = 0.02
 """
 
 
+MARGIN = 0.6
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Return where `crinoid tune` has written."""
     folder = tmp_path_factory.mktemp("tune")
     (folder / "small.toml").write_text(SCENARIO)
-    arguments = ("--seeds", 2, "--iterations", 6, "--out", folder)
+    arguments = ("--seeds", 2, "--iterations", 6, "--margin", MARGIN, "--out", folder)
     ended = call("tune", folder / "small.toml", *arguments)
     assert ended.exit_code == 0, ended.output
-    for words in ("heave.kp", "tilt.ki", "root of cost, other draws", "tip error, RMS"):
+    for words in (
+        "heave.kp",
+        "tilt.ki",
+        "modulus margin",
+        "delay margin",
+        "root of cost, other draws",
+        "tip error, RMS",
+    ):
         assert words in ended.output
     for name in ("tuned.toml", "tune.nc", "tune.png"):
         assert f"wrote {folder / name}" in ended.output
@@ -68,31 +82,58 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def search(folder):
     """Return a search that takes the program which the command has compiled."""
-    return Tuning(Scenario.from_toml(SCENARIO), 2, 6)
+    return Tuning(Scenario.from_toml(SCENARIO), 2, 6, MARGIN)
+
+
+def slopes_and_differences(design, at, h):
+    """Return the slopes of a cost, and its central differences."""
+    none = np.zeros(len(design.given))
+    around = design.around(none)
+    found = at(around.here, around.slopes)
+    assert found.converged
+    steps = h * np.eye(none.size)
+    more, less = (
+        [at(design.controller(sign * step), around.slopes).total for step in steps]
+        for sign in (1, -1)
+    )
+    return np.asarray(found.slope), (np.array(more) - np.array(less)) / (2 * h)
 
 
 def test_the_slope_is_that_of_central_differences(search):
-    draw, h = search.draws[0], 1e-4
+    draw = search.draws[0]
 
-    def at(logs):
-        gains = jnp.asarray(search.given) * jnp.exp(logs)
-        return cost(gains, draw.loop, draw.state, search._weights, 50)
+    def at(controller, slopes):
+        return cost(controller, slopes, draw.loop, draw.state, search._weights, 50)
 
-    found = at(jnp.zeros_like(search.given))
-    assert found.converged
-    for gain, name in search._at:
-        step = jnp.zeros_like(search.given).at[gain, name].set(h)
-        difference = (at(step).total - at(-step).total) / (2 * h)
-        assert difference != 0
-        # tolerance: that of the steps
-        np.testing.assert_allclose(found.slope[gain, name], difference, rtol=1e-4)
-    idle = search.given == 0
-    assert (np.asarray(found.slope)[idle] == 0).all()
+    slope, differences = slopes_and_differences(search._design, at, 1e-3)
+    assert (differences != 0).all()
+    # tolerance: that of both steps
+    np.testing.assert_allclose(slope, differences, rtol=1e-4)
+
+
+# the horizon of a predictive controller takes long to compile
+@pytest.mark.parametrize("kind", ["lqg", "mpc"])
+def test_the_slope_by_weights_is_that_of_the_whole_design(kind):
+    # gentle enough for no limit to begin or end to be met between the differences
+    weight = {f"control.{kind}.smoothness": 0.02}
+    values = {"control.kind": kind, "control.mpc.horizon": 0.2} | weight
+    tuning = Tuning(Scenario.from_toml(SCENARIO).with_values(values), 1, 1)
+    draw = tuning.draws[0]
+
+    def at(controller, slopes):
+        return cost(controller, slopes, draw.loop, draw.state, tuning._weights, 50)
+
+    slope, differences = slopes_and_differences(tuning._design, at, 3e-4)
+    names = [f"control.{kind}.{name}" for name in ("smoothness", "integral_time")]
+    assert list(tuning.given) == names
+    assert (differences != 0).all()
+    np.testing.assert_allclose(slope, differences, rtol=1e-4)  # round-off of the design
 
 
 def test_the_cost_is_error_and_effort(search):
     draw = search.draws[0]
-    found = cost(jnp.asarray(search.given), draw.loop, draw.state, search._weights, 50)
+    around = search._design.around(np.zeros(3))
+    found = cost(around.here, around.slopes, draw.loop, draw.state, search._weights, 50)
     seen = eqx.filter_jit(crinoid.rollout, compiler_options=QUICKLY)(draw.loop, draw.state, 50).kept
     z, angle = seen.error[:, 1], 0.5 * seen.error[:, 2]
     speed = np.diff(seen.command, axis=0, prepend=0.0)[:, 1:] * [1.0, 0.5] / 0.02
@@ -104,11 +145,10 @@ def test_the_cost_is_error_and_effort(search):
 # --- the search ------------------------------------------------------------------------------
 
 
-def bowl(gains, loop, state, weights, steps):
+def bowl(controller, slopes, loop, state, weights, steps):
     """Return a cost that is least at ten times the gains, and none where one is above 1.3."""
-    gains = np.asarray(gains)
-    there = gains != 0
-    away = np.log(np.where(there, gains, 1.0) / np.where(there, [[0.2], [1.0], [1.0]], 1.0))
+    gains = np.array([controller.kp[1], controller.ki[1], controller.ki[2]])
+    away = np.log(gains / [0.2, 1.0, 1.0])
     total = np.nan if (gains > 1.3).any() else 1.0 + np.sum(away**2)
     numbers = (total, 2 * away, total, bool(np.isfinite(total)), 1, 7)
     return Cost(*map(jnp.asarray, numbers))
@@ -126,9 +166,49 @@ def test_the_best_gains_are_kept_and_what_cannot_be_run_is_stepped_back_from(sea
     np.testing.assert_allclose(np.nanmin(others, axis=1), 1.0, rtol=1e-3)  # each got there
     start, number = np.unravel_index(np.nanargmin(tuning.cost), tuning.cost.shape)
     assert tuning.least == tuning.cost[start, number]
-    best = [tuning.best[at] for at in tuning._at]
-    np.testing.assert_array_equal(best, tuning.gains[start, number])
-    np.testing.assert_allclose(best, [0.2, 1.0, 1.0], rtol=0.05)
+    np.testing.assert_array_equal(tuning.best, tuning.logs[start, number])
+    np.testing.assert_allclose(np.exp(tuning.best), 10.0, rtol=0.05)
+    given = tuning.tuned().control.pid.present["heave"].kp
+    assert given == pytest.approx(0.02 * np.exp(tuning.best[0]), rel=1e-5)
+
+
+def test_a_constraint_is_met_where_the_cost_wants_beyond_it():
+    """The least distance from (3, 1) within the unit circle, and beyond |x| = 2 nothing runs."""
+
+    def attempt(x):
+        far = float(np.linalg.norm(x))
+        value = np.nan if far > 2 else (x[0] - 3) ** 2 + (x[1] - 1) ** 2
+        slope = 2 * (x - [3.0, 1.0])
+        return Trial(value, slope, 0.5 * (far**2 - 1), x)
+
+    seen = []
+    constrain(lambda x: seen.append(x) or attempt(x), np.array([0.2, 0.1]))
+    np.testing.assert_allclose(seen[-1], np.array([3.0, 1.0]) / np.sqrt(10), atol=0.02)
+    # a penalty holds it up to its weight
+    seen.clear()
+    descend(lambda x: seen.append(x) or attempt(x), np.array([0.2, 0.1]))
+    assert 1.0 < np.linalg.norm(seen[-1]) < 1.25
+    found = nearest(lambda x: (0.5 * float(x @ x - 1), x), np.array([1.2, 1.6]))
+    np.testing.assert_allclose(found, [0.6, 0.8], atol=0.02)
+
+
+def test_the_nearness_has_the_slope_of_its_differences_and_bounds_the_margin(search):
+    stability, design = search._stability, search._design
+    logs = np.log([5.0, 8.0, 3.0])
+    found = stability.nearness(design.around(logs), MARGIN)
+    assert found.margin.stable
+    # tolerance: that of fewer frequencies
+    assert found.excess > 1 - found.margin.modulus / MARGIN - 2e-3 > 0.1
+    h = 1e-2 * np.eye(3)
+    more, less = (
+        [stability.nearness(design.around(logs + s * step), MARGIN).excess for step in h]
+        for s in (1, -1)
+    )
+    np.testing.assert_allclose(found.slope, (np.array(more) - less) / 2e-2, rtol=0.01, atol=1e-4)
+    swinging = stability.nearness(design.around(logs + 3.0), MARGIN)
+    assert not swinging.margin.stable
+    assert swinging.excess >= 1
+    assert swinging.slope.sum() > 0  # smaller gains grow more slowly
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
@@ -143,13 +223,15 @@ def test_a_search_that_is_stopped_keeps_what_it_has(tmp_path, monkeypatch):
 
     def interrupted(*arguments):
         calls.append(arguments)
+        number = len(calls)
         time.sleep(0.05)  # by then there is something to save
-        if len(calls) == 7:
+        if number == 7:
             os.kill(os.getpid(), signal.SIGINT)
         return bowl(*arguments)
 
     monkeypatch.setattr(module, "cost", interrupted)
-    ended = call("tune", path, "--seeds", 1, "--iterations", 12, "--out", tmp_path)
+    numbers = ("--seeds", 1, "--iterations", 12, "--margin", 0)
+    ended = call("tune", path, *numbers, "--out", tmp_path)
     assert ended.exit_code == 130, ended.output
     assert "interrupted after" in ended.output
     data = xr.load_dataset(tmp_path / "tune.nc")
@@ -158,11 +240,17 @@ def test_a_search_that_is_stopped_keeps_what_it_has(tmp_path, monkeypatch):
     assert tuned.control.pid.present["heave"].kp == pytest.approx(float(data["tuned"][0]), rel=1e-5)
 
 
+def failing(*arguments):
+    found = bowl(*arguments)
+    nothing = jnp.full_like(found.total, jnp.nan)
+    return eqx.tree_at(lambda x: (x.total, x.converged), found, (nothing, jnp.asarray(False)))
+
+
 def test_where_nothing_can_be_run_nothing_is_written(tmp_path, monkeypatch):
     path = tmp_path / "small.toml"
     path.write_text(SCENARIO)
-    monkeypatch.setattr(module, "cost", lambda *a: bowl(np.full((3, 3), 2.0), *a[1:]))
-    ended = call("tune", path, "--seeds", 1, "--out", tmp_path / "out")
+    monkeypatch.setattr(module, "cost", failing)
+    ended = call("tune", path, "--seeds", 1, "--margin", 0, "--out", tmp_path / "out")
     assert ended.exit_code == 3
     assert "failed at t = 0.14 s" in ended.output
     assert not (tmp_path / "out").exists()
@@ -177,13 +265,27 @@ def test_the_tuned_scenario_has_the_best_gains_and_nothing_else_changed(folder):
     present = tuned.control.pid.present
     found = [present["heave"].kp, present["heave"].ki, present["tilt"].ki]
     np.testing.assert_allclose(found, data["tuned"], rtol=1e-5)
-    assert data["gain"].values.tolist() == ["heave.kp", "heave.ki", "tilt.ki"]
+    assert data["key"].values.tolist() == ["heave.kp", "heave.ki", "tilt.ki"]
     np.testing.assert_allclose(data["given"], [0.02, 0.1, 0.1])
-    start, iteration = np.unravel_index(np.nanargmin(data["cost"]), data["cost"].shape)
-    np.testing.assert_array_equal(data["tuned"], data["gains"][start, iteration])
+    kept = data["cost"].where(data["modulus"] >= MARGIN)
+    start, iteration = np.unravel_index(np.nanargmin(kept), kept.shape)
+    np.testing.assert_allclose(data["tuned"], data["tried"][start, iteration], rtol=1e-12)
     back = {f"control.pid.{name}.{gain}": getattr(given.control.pid.present[name], gain)
             for name, gain in (("heave", "kp"), ("heave", "ki"), ("tilt", "ki"))}  # fmt: skip
     assert tuned.with_values(back) == given
+
+
+def test_the_margins_are_those_that_the_linear_loop_has(folder):
+    data = xr.load_dataset(folder / "tune.nc")
+    given = (folder / "small.toml", folder / "tuned.toml")
+    for when, path in zip(("before", "after"), given, strict=True):
+        found = find_margins(Prepared(Scenario.from_toml(path.read_text())))
+        for name in ("modulus", "gain", "phase", "delay"):
+            expected = float(found[f"{name}_margin"])
+            assert float(data[f"{when}_{name}_margin"]) == pytest.approx(expected, rel=1e-4)
+    assert float(data["after_modulus_margin"]) >= MARGIN
+    # else it would not have had to be kept to
+    assert np.nanmin(data["modulus"]) < MARGIN
 
 
 def test_it_gets_better_in_draws_that_it_was_not_tuned_for(folder):
@@ -197,8 +299,8 @@ def test_the_figure_shows_the_search(folder, tmp_path):
     assert figure.name == "tune.png"
     assert_shows_something(figure)
     broken = tmp_path / "tune.nc"
-    xr.load_dataset(folder / "tune.nc").drop_vars("gains").to_netcdf(broken)
-    with pytest.raises(ReportError, match="it has no gains over start, iteration, gain"):
+    xr.load_dataset(folder / "tune.nc").drop_vars("tried").to_netcdf(broken)
+    with pytest.raises(ReportError, match="it has no tried over start, iteration, key"):
         write_report(broken)
 
 
@@ -208,7 +310,7 @@ IDLE = {"kind": "pid", "controlled": ["angle"], "pid": {"tilt": {}}}
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"control": {"kind": "none"}}, 'control.kind: got "none", which has no gains to tune'),
+        ({"control": {"kind": "none"}}, 'control.kind: got "none", which has nothing to tune'),
         (
             {"control": {"kind": "pid", "controlled": ["angle"], "pid": {"tilt": {}}}},
             "control.pid: has no gains to tune",
@@ -219,7 +321,7 @@ IDLE = {"kind": "pid", "controlled": ["angle"], "pid": {"tilt": {}}}
 def test_what_has_nothing_to_tune_is_refused(values, words):
     scenario = Scenario.from_dict(Scenario.from_toml(SCENARIO).to_dict() | values)
     with pytest.raises(ScenarioError, match=words):
-        check_tunable(scenario)
+        tuned_numbers(scenario)
 
 
 @pytest.mark.parametrize("option", ["--seeds", "--iterations"])
@@ -227,3 +329,20 @@ def test_numbers_below_one_are_refused(option, tmp_path):
     ended = call("tune", "station-keeping", option, 0, "--out", tmp_path / "out")
     assert ended.exit_code == 2
     assert f"{option}: got 0, takes a number of 1 or more" in ended.output
+
+
+@pytest.mark.parametrize("margin", [-0.1, 1.0, "nan"])
+def test_a_margin_that_no_loop_has_is_refused(margin, tmp_path):
+    ended = call("tune", "station-keeping", f"--margin={margin}", "--out", tmp_path / "out")
+    assert ended.exit_code == 2
+    assert f"--margin: got {margin}" in ended.output.replace("got 1,", "got 1.0,")
+
+
+def test_the_default_weights_are_those_of_the_design():
+    described = Scenario.from_toml(SCENARIO).with_values({"control.kind": "lqg"})
+    plan = Tuning(described, 1, 1)._design._plan
+    design = Design(plan)
+    here, given = design.controller(np.zeros(2)), design._plan.scenario.control.lqg
+    assert given.smoothness is None
+    loop = crinoid.closed_loop(described)[0]
+    np.testing.assert_allclose(here.gain, loop.controller.gain, rtol=1e-6)

@@ -192,20 +192,22 @@ def margins(
 @_told()
 def tune(
     scenario: ScenarioName,
-    seeds: Annotated[int, typer.Option(help="Number of seeds that gains are tuned for.")] = 4,
-    iterations: Annotated[
-        int, typer.Option(help="Largest number of gains that are tried from each start.")
-    ] = 25,
+    seeds: Annotated[int, typer.Option(help="Number of seeds that it is tuned for.")] = 4,
+    iterations: Annotated[int, typer.Option(help="Largest number of trials from each start.")] = 25,
+    margin: Annotated[
+        float, typer.Option(help="Modulus margin that the loop is to keep; 0: none.")
+    ] = 0.5,
     settings: Settings = None,
     out: Annotated[Path | None, out_option("results/SCENARIO-tune")] = None,
     force: Force = False,
 ) -> None:
-    """Tune the gains of a PID by gradient, from several starts over several seeds."""
+    """Tune a PID, LQG or MPC by gradient, from several starts over several seeds."""
     described, folder = _load(scenario, settings), _folder(out, scenario, "-tune")
     with Loading():
-        from crinoid.cli.tune import tune_gains
+        from crinoid.cli.tune import tune_controller
 
-    _end(tune_gains(described, seeds, iterations, folder, force=force, console=console))
+    numbers = seeds, iterations, margin
+    _end(tune_controller(described, *numbers, folder, force=force, console=console))
 
 
 @app.command()

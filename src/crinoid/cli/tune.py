@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
@@ -16,23 +17,35 @@ from crinoid.cli.progress import progress_bar
 from crinoid.programs import keep_programs
 from crinoid.replacement import replacing
 from crinoid.report import write_report
+from crinoid.report.units import DEGREES, si_unit
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.status import Status
 from crinoid.tuning import TUNING
-from crinoid.tuning.tuning import Tuning, check_tunable
+from crinoid.tuning.design import tuned_numbers
+from crinoid.tuning.tuning import MARGINS, Tuning
 
 TUNED = "tuned.toml"
-_HEAD = "# gains by `crinoid tune`\n\n"
+_HEAD = "# by `crinoid tune`\n\n"
 
 
-def tune_gains(
-    scenario: Scenario, seeds: int, iterations: int, folder: Path, *, force: bool, console: Console
+def tune_controller(
+    scenario: Scenario,
+    seeds: int,
+    iterations: int,
+    margin: float,
+    folder: Path,
+    *,
+    force: bool,
+    console: Console,
 ) -> str:
-    """Search for gains, save and draw what was found, and sum it up; return what went wrong."""
+    """Search, save and draw what was found, and sum it up; return what went wrong."""
+    if not 0 <= margin < 1:
+        text = f"got {margin:g}, takes a number from 0 (none) to below 1"
+        raise ScenarioError([Mistake("--margin", text)])
     for name, value in (("--seeds", seeds), ("--iterations", iterations)):
         if value < 1:
             raise ScenarioError([Mistake(name, f"got {value}, takes a number of 1 or more")])
-    check_tunable(scenario)
+    tuned_numbers(scenario)
     keep_programs()
     prepared = Prepared(scenario)
     prepared.check()
@@ -43,7 +56,7 @@ def tune_gains(
         with Interruption() as interruption:
             with progress_bar(console) as bar:
                 (task,) = bar.task_ids
-                tuning = _built(scenario, seeds, iterations)
+                tuning = _built(scenario, seeds, iterations, margin)
 
                 def report(done: int, total: int, least: float) -> None:
                     reached = f"{done} of {total}, root of cost {1e3 * least**0.5:.3g} mm"
@@ -61,46 +74,43 @@ def tune_gains(
                     tuning.hold_out(interruption.stop)
             stopped = interruption.stop()
             if not np.isfinite(tuning.least):
-                return (
-                    f"{tuning.failure}; no start could be run; try a smaller simulation.time_step"
-                )
-            _save(tuning, folder)
+                return f"no start could be run: {tuning.failure}"
+            data = tuning.dataset()
+            with replacing(folder / TUNED) as temporary:
+                temporary.write_text(_HEAD + tuning.tuned().to_toml(), "utf-8")
+            with replacing(folder / TUNING) as temporary:
+                data.to_netcdf(temporary, engine="netcdf4")
             figures = write_report(folder / TUNING)
-            console.print(tuning_table(tuning))
-            say_notes(console, _notes(tuning))
+            console.print(tuning_table(data, tuning.random))
+            say_notes(console, _notes(tuning, data))
             for each in (folder / TUNED, folder / TUNING, *figures):
                 console.print(f"wrote {each}", soft_wrap=True)
     if stopped:
-        words = f"after {int(tuning.tried.sum())} trials; the best gains so far are saved"
+        words = f"after {int(tuning.tried.sum())} trials; the best so far is saved"
         return f"{Status.INTERRUPTED} {words}"
     return ""
 
 
-def _built(scenario: Scenario, seeds: int, iterations: int) -> Tuning:
+def _built(scenario: Scenario, seeds: int, iterations: int, margin: float) -> Tuning:
     try:
-        return Tuning(scenario, seeds, iterations)
+        return Tuning(scenario, seeds, iterations, margin)
     except RuntimeError as error:  # no equilibrium to start from
         raise ScenarioError([Mistake("", str(error))]) from error
 
 
-def _save(tuning: Tuning, folder: Path) -> None:
-    with replacing(folder / TUNED) as temporary:
-        temporary.write_text(_HEAD + tuning.tuned().to_toml(), "utf-8")
-    with replacing(folder / TUNING) as temporary:
-        tuning.dataset().to_netcdf(temporary, engine="netcdf4")
-
-
-def tuning_table(tuning: Tuning) -> Table:
-    """Sum up a search: gains, and costs in draws that were not tuned for, before and after."""
-    table = Table(title=tuning.scenario.title, title_justify="left")
+def tuning_table(data: xr.Dataset, random: bool) -> Table:
+    """Sum up a search: what was tuned, margins, and costs in other draws, before and after."""
+    table = Table(title=str(data.attrs["title"]), title_justify="left")
     for name in ("", "before", "after"):
         table.add_column(name, justify="right" if name else "left")
-    data = tuning.dataset()
     for name, given, tuned in zip(
-        data["gain"].values, data["given"].values, data["tuned"].values, strict=True
+        data["key"].values, data["given"].values, data["tuned"].values, strict=True
     ):
         table.add_row(str(name), f"{given:.4g}", f"{tuned:.4g}")
-    words = "other draws" if tuning.random else "the run"
+    for name in MARGINS if data.attrs["margin"] else ():
+        before, after = (float(data[f"{when}_{name}_margin"]) for when in ("before", "after"))
+        table.add_row(f"{name} margin", *(_margin(name, value) for value in (before, after)))
+    words = "other draws" if random else "the run"
     before, after = (np.sqrt(np.mean(data[name].values)) for name in ("before", "after"))
     table.add_row(f"root of cost, {words}", *map(_length, (before, after)))
     before, after = (
@@ -110,18 +120,33 @@ def tuning_table(tuning: Tuning) -> Table:
     return table
 
 
+def _margin(name: str, value: float) -> str:
+    if np.isnan(value):
+        return "unstable"
+    unit = {"phase": DEGREES, "delay": si_unit(value if np.isfinite(value) else 1.0, "s")}.get(name)
+    return f"{value:.3g}" if unit is None else unit.text(value)
+
+
 def _length(value: float) -> str:
     return "-" if np.isnan(value) else f"{1e3 * value:.4g} mm"
 
 
-def _notes(tuning: Tuning) -> list[str]:
+def _notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
     notes = []
     if not tuning.random:
         notes.append("nothing in this scenario is random: all seeds give the same run")
-    lost = int(np.isnan(tuning.cost[:, 0]).sum())
+    if not tuning.keeps_margin:
+        notes.append(
+            f"none of the {int(tuning.tried.sum())} trials keeps the modulus margin asked for, "
+            f"{tuning.asked:g}"
+        )
+    lost = int(np.isnan(tuning.cost).all(axis=1).sum())
     if lost:
         notes.append(f"{lost} of {len(tuning.cost)} starts could not be run: {tuning.failure}")
-    worse = tuning.held_out and tuning.held_out["after"].mean() > tuning.held_out["before"].mean()
-    if worse and tuning.random:
-        notes.append("in draws that were not tuned for it is worse: take more --seeds")
+    held = tuning.held_out
+    if held and held["after"].mean() > held["before"].mean():
+        if tuning.asked and not data["before_modulus_margin"] >= tuning.asked:
+            notes.append("it costs more than before, as it had less margin then")
+        elif tuning.random:
+            notes.append("in draws that were not tuned for it is worse: take more --seeds")
     return notes

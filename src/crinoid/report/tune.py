@@ -1,4 +1,4 @@
-"""The search of `crinoid tune`: cost and gains over its iterations."""
+"""The search of `crinoid tune`: cost, margin and what is tuned over its iterations."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from crinoid.tuning import TUNING as TUNING
 
 _REQUIRED = {
     "cost": ("start", "iteration"),
-    "gains": ("start", "iteration", "gain"),
-    "given": ("gain",),
-    "tuned": ("gain",),
+    "modulus": ("start", "iteration"),
+    "tried": ("start", "iteration", "key"),
+    "given": ("key",),
+    "tuned": ("key",),
 }
 _COLUMNS = 3
 
 
 def open_tuning(path: Path) -> xr.Dataset:
-    """Read a search for gains into memory.
+    """Read a search into memory.
 
     Raises
     ------
@@ -40,34 +41,44 @@ def open_tuning(path: Path) -> xr.Dataset:
 
 
 def draw_tuning(data: xr.Dataset) -> Figure:
-    """Draw the cost of each start over the iterations, and below it each gain."""
-    names = [str(name) for name in data["gain"].values]
-    rows = math.ceil(len(names) / _COLUMNS)
-    figure = Figure(figsize=(WIDTH, 3.2 + 1.7 * rows), layout="constrained")
+    """Draw cost and margin of each start over the iterations, and below them what was tuned."""
+    names = [str(name) for name in data["key"].values]
+    rows, asked = math.ceil(len(names) / _COLUMNS), float(data.attrs.get("margin", 0.0))
+    tops = [2.7, 1.6] if asked else [2.7]
+    figure = Figure(figsize=(WIDTH, 0.5 + sum(tops) + 1.7 * rows), layout="constrained")
     head(figure, str(data.attrs.get("title", "")), str(data.attrs.get("status", "ok")))
-    upper, lower = figure.subfigures(2, 1, height_ratios=[2.7, 1.7 * rows])
-    iteration = data["iteration"].values
-    axes = upper.subplots()
-    # the square root of a cost is a distance
-    for start, cost in enumerate(data["cost"].values):
-        colour, root = SERIES[start % len(SERIES)], 1e3 * np.sqrt(cost)
-        tried = np.flatnonzero(np.isfinite(root))
-        axes.plot(iteration, root, ".", color=colour, alpha=0.35)
-        least = np.minimum.accumulate(root[tried])
-        axes.plot(iteration[tried], least, "-", color=colour, label=f"start {start + 1}")
+    upper, lower = figure.subfigures(2, 1, height_ratios=[sum(tops), 1.7 * rows])
+    iteration, modulus = data["iteration"].values, data["modulus"].values
+    costs, *margins = upper.subplots(len(tops), 1, squeeze=False, sharex=True, height_ratios=tops)
+    root = 1e3 * np.sqrt(data["cost"].values)  # a distance
+    kept = (modulus >= asked) | (asked == 0)
+    for start, each in enumerate(root):
+        colour = SERIES[start % len(SERIES)]
+        costs[0].plot(iteration, each, "-", color=colour, alpha=0.3)
+        costs[0].plot(iteration, each, "o", color=colour, mfc="none", ms=4)
+        inside = np.where(kept[start], each, np.nan)
+        costs[0].plot(iteration, inside, "o", color=colour, ms=4, label=f"start {start + 1}")
+        for axes in margins:
+            axes[0].plot(iteration, modulus[start], "o-", color=colour, ms=3, lw=0.7, alpha=0.7)
+    words = "trial; filled: the margin is kept" if asked else "trial"
+    axes = costs[0]
     axes.set_yscale("log")
     axes.set_ylabel("root of mean cost (mm)")
-    axes.set_xlabel("trial; points: each, lines: the least so far")
-    if np.isfinite(data["cost"].values).any():
-        axes.set_ylim(top=3.0 * 1e3 * np.sqrt(np.nanmax(data["cost"].values)))
+    (margins or [costs])[-1][0].set_xlabel(words)
+    if np.isfinite(root).any():
+        axes.set_ylim(top=3.0 * np.nanmax(root))
     axes.legend(ncols=4, loc="upper right")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=9))
     axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.yaxis.set_minor_formatter(NullFormatter())
+    for (axes,) in margins:
+        axes.set_ylim(0.0, 1.0)
+        axes.axhline(asked, color=INK, linestyle="--", linewidth=1.0)
+        axes.set_ylabel("modulus margin")
     grid = list(lower.subplots(rows, _COLUMNS, squeeze=False, sharex=True).flat)
     for index, (axes, name) in enumerate(zip(grid, names, strict=False)):
-        for start, gains in enumerate(np.abs(data["gains"].values[..., index])):
-            axes.plot(iteration, gains, ".", color=SERIES[start % len(SERIES)], alpha=0.5)
+        for start, tried in enumerate(np.abs(data["tried"].values[..., index])):
+            axes.plot(iteration, tried, ".", color=SERIES[start % len(SERIES)], alpha=0.5)
         axes.axhline(abs(float(data["given"][index])), color=GREY, linestyle=":")
         axes.axhline(abs(float(data["tuned"][index])), color=INK, linestyle="--", linewidth=1.0)
         axes.set_yscale("log")

@@ -34,7 +34,7 @@ from crinoid.simulation.loop import Loop
 from crinoid.simulation.margin import OpenLoop, age
 from crinoid.simulation.setup import Setup, set_up
 
-__all__ = ["LinearLoop", "linear_loop"]
+__all__ = ["LinearLoop", "LinearPlant", "linear_controller", "linear_loop"]
 
 Matrix = Float[np.ndarray, "m n"]
 
@@ -86,6 +86,77 @@ class LinearLoop(NamedTuple):
     """Poles of the closed loop (1/s), the one that dies down last first."""
 
 
+class LinearPlant(NamedTuple):
+    """What a controller acts on: arm, actuators and sensors over a control period."""
+
+    system: System
+    """From commands to readings and states of the actuators."""
+    inputs: tuple[str, ...]
+    period: float
+    """Time between two commands (s)."""
+    frequency: Float[np.ndarray, " f"]
+    """Where its response is known (Hz)."""
+    response: Complex[np.ndarray, "f output input"]
+
+    @staticmethod
+    def of(prepared: Prepared, setup: Setup) -> LinearPlant:
+        """Return that of a scenario about the state in which its arm starts.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no equilibrium to start from.
+        """
+        if not setup.outcome.converged:
+            text = 'got "equilibrium", and there is none to start from; takes "rest" as well'
+            raise ScenarioError([Mistake("simulation.start", text)])
+        system, period = _plant(prepared, setup)
+        system = system.minimal()
+        frequency = _frequencies(np.linalg.eigvals(system.A), 1 / period)
+        names = tuple(each.name for each in setup.loop.system.inputs)
+        response = system.response(np.exp(2j * np.pi * frequency * period))
+        return LinearPlant(system, names, period, frequency, response)
+
+    def every(self, count: int) -> LinearPlant:
+        """Return it at fewer frequencies, one of so many, but for those beside resonances."""
+        apart = np.diff(np.log(self.frequency), prepend=-np.inf, append=np.inf)
+        beside = np.minimum(apart[1:], apart[:-1]) < 0.9 * np.median(apart)
+        kept = beside | (np.arange(self.frequency.size) % count == 0)
+        return self._replace(frequency=self.frequency[kept], response=self.response[kept])
+
+    def transfer(self, controller: System) -> OpenLoop:
+        """Return the loop by a controller, cut open, without knowing if it is stable closed."""
+        own = controller.minimal()
+        driven = _driven(own)
+        z = np.exp(2j * np.pi * self.frequency * self.period)
+        answer = own.response(z)[:, driven]
+        none = np.zeros((driven.size, driven.size))
+        return OpenLoop(self.frequency, -answer @ self.response[:, :, driven], none)
+
+    def poles(self, controller: System) -> Complex[np.ndarray, " pole"]:
+        """Return the poles of the loop closed by a controller (1/s), as `LinearLoop` has them."""
+        own, plant = controller.minimal(), self.system
+        driven = _driven(own)
+        plant = plant._replace(B=plant.B[:, driven], D=plant.D[:, driven]).minimal()
+        closed = np.block(
+            [
+                [plant.A + plant.B @ own.D[driven] @ plant.C, plant.B @ own.C[driven]],
+                [own.B @ plant.C, own.A],
+            ]
+        )
+        found = np.linalg.eigvals(closed).astype(complex)
+        found = found[np.argsort(-np.abs(found))]
+        # others are gone after a period
+        return np.log(found[np.abs(found) > 0]) / self.period
+
+    def closed(self, controller: System) -> LinearLoop:
+        """Close the loop by a controller."""
+        poles = self.poles(controller)
+        stable = bool(poles[0].real * self.period <= _GROWS)
+        names = tuple(self.inputs[index] for index in _driven(controller.minimal()))
+        return LinearLoop(self.transfer(controller)._replace(stable=stable), names, poles)
+
+
 def linear_loop(prepared: Prepared) -> LinearLoop:
     """Return the loop of a scenario about the state in which its arm starts.
 
@@ -100,38 +171,16 @@ def linear_loop(prepared: Prepared) -> LinearLoop:
         text = 'got "none", a loop takes a controller such as "pid"'
         raise ScenarioError([Mistake("control.kind", text)])
     setup = set_up(prepared)
-    if not setup.outcome.converged:
-        text = 'got "equilibrium", and there is none to start from; takes "rest" as well'
-        raise ScenarioError([Mistake("simulation.start", text)])
-    plant, period = _plant(prepared, setup)
-    controller = _controller(setup.loop, setup.state, period)
+    plant = LinearPlant.of(prepared, setup)
+    controller = linear_controller(setup.loop, setup.state, plant.period)
     if not all(np.isfinite(part).all() for part in controller):
         text = f"got {kind!r}, which has no derivatives where the arm stands still"
         raise ScenarioError([Mistake("control.kind", text)])
-    names = [each.name for each in setup.loop.system.inputs]
-    controller = controller.minimal()
-    driven = np.flatnonzero((controller.C != 0).any(axis=1) | (controller.D != 0).any(axis=1))
-    controller = controller._replace(C=controller.C[driven], D=controller.D[driven])
-    plant = plant._replace(B=plant.B[:, driven], D=plant.D[:, driven]).minimal()
-    closed = np.block(
-        [
-            [plant.A + plant.B @ controller.D @ plant.C, plant.B @ controller.C],
-            [controller.B @ plant.C, controller.A],
-        ]
-    )
-    poles = np.linalg.eigvals(closed).astype(complex)
-    poles = poles[np.argsort(-np.abs(poles))]
-    poles = poles[np.abs(poles) > 0]  # else it is gone after a period
-    frequency = _frequencies(np.linalg.eigvals(plant.A), 1 / period)
-    z = np.exp(2j * np.pi * frequency * period)
-    transfer = -controller.response(z) @ plant.response(z)
-    loop = OpenLoop(
-        frequency,
-        transfer,
-        np.zeros((driven.size, driven.size)),
-        stable=bool(np.abs(poles[0]) <= 1 + _GROWS),
-    )
-    return LinearLoop(loop, tuple(names[index] for index in driven), np.log(poles) / period)
+    return plant.closed(controller)
+
+
+def _driven(controller: System) -> Int[np.ndarray, " driven"]:
+    return np.flatnonzero((controller.C != 0).any(axis=1) | (controller.D != 0).any(axis=1))
 
 
 def _plant(prepared: Prepared, setup: Setup) -> tuple[System, float]:
@@ -187,7 +236,7 @@ def _with_late(total: System, read: System, arm: int, periods: int) -> System:
     return System(A, B, C, np.concatenate([total.D, 0 * read.D]))
 
 
-def _controller(loop: Loop, state: State, period: float) -> System:
+def linear_controller(loop: Loop, state: State, period: float) -> System:
     """Return the controller, from readings and the states of the actuators to commands."""
     calls = jnp.asarray(int(_SETTLED / period) + 2)
     slopes = _slopes(loop, state, calls)

@@ -43,6 +43,8 @@ class Setup(NamedTuple):
 
     loop: Loop
     state: State
+    plan: Plan
+    """What the controller was built from."""
     outcome: Outcome
     """Outcome of the static solve; a converged one where the arm starts undeformed."""
     modes: Modes | None
@@ -111,7 +113,7 @@ def set_up(prepared: Prepared) -> Setup:
     if control.kind == "pid" and modes is not None and np.all(modes.frequency > 0):
         open_loop = _open_loop(loop, small, influence, modes)
     found = loop_doubts(open_loop, control.pid.present) if open_loop is not None else []
-    return Setup(loop, state, outcome, modes, told, open_loop, found)
+    return Setup(loop, state, plan, outcome, modes, told, open_loop, found)
 
 
 def _controller(plan: Plan, parts: Parts | None) -> Controller:

@@ -1,64 +1,47 @@
-"""The search for gains: several starts at once, over several draws of what is random."""
+"""The search for a controller's numbers: several starts at once, over draws of what is random."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from contextvars import copy_context
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from scipy.optimize import minimize
 
+from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics import Reason, State
-from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Loop, closed_loop
 from crinoid.simulation.batch import cores
+from crinoid.simulation.linear_loop import LinearPlant
+from crinoid.simulation.setup import set_up
 from crinoid.status import Status
-from crinoid.tuning.cost import GAINS, Cost, Weights, cost, gains_of
+from crinoid.tuning.cost import Cost, Weights, cost
+from crinoid.tuning.design import Around, Design, Logs, tuned_numbers
+from crinoid.tuning.search import Trial, constrain, descend, nearest
+from crinoid.tuning.stability import Stability
 
-__all__ = ["Tuning", "check_tunable"]
+__all__ = ["Tuning"]
 
 STARTS = (1.0, 2.0, 16.0, 0.25)
 """Factors on the gains of the scenario that the search begins with."""
-_MOST = 7.0
-"""Largest change of the logarithm of a gain."""
-_STEP = 0.2
-"""Change of the logarithm of the gains by the first step of a search: farther out a loop may be
-unstable."""
-_FAILED = 5.0
-"""By how much the logarithm of the cost of gains that cannot be run is above the best one."""
+_FIRST = 0.5
+"""Share of the margin asked for that a search keeps to at first, and of the trials it has then."""
+MARGINS = {"modulus": "1", "gain": "1", "phase": "rad", "delay": "s"}
+"""Margins of a loop (`crinoid.simulation.margin.Margin`), and their units."""
 _LOOK = 0.1
 """Time between two looks at what the threads do (s)."""
 
-Gains = Float[np.ndarray, "gain input"]
 Report = Callable[[int, int, float], None]
-
-
-def check_tunable(scenario: Scenario) -> None:
-    """Refuse a scenario whose controller has no gains to tune.
-
-    Raises
-    ------
-    ScenarioError
-        If there are none.
-    """
-    if scenario.vary:
-        text = "tuning is of one case; give its values with --set and leave out vary"
-        raise ScenarioError([Mistake("vary", text)])
-    kind = scenario.control.kind
-    if kind != "pid":
-        text = f'got "{kind}", which has no gains to tune, takes "pid"'
-        raise ScenarioError([Mistake("control.kind", text)])
-    if not _keys(scenario):
-        text = "has no gains to tune, takes some that are not 0 to begin with"
-        raise ScenarioError([Mistake("control.pid", text)])
+T = TypeVar("T")
+_Found = tuple[float, Logs]
 
 
 class _Draw(NamedTuple):
@@ -69,12 +52,14 @@ class _Draw(NamedTuple):
 
 
 class Tuning:
-    """A search for the gains of a PID, and what it has found so far.
+    """A search for the numbers of a controller, and what it has found so far.
 
     Each start is improved by a quasi-Newton method (L-BFGS-B, Byrd et al. 1995) on the logarithms
-    of its gains, by the slope of the logarithm of its mean cost over the draws, all starts at once.
-    Gains that cannot be run, as their cost is no number, are stepped back from; a start that cannot
-    be run is left where it is.
+    of its numbers, by the slope of the logarithm of its mean cost over the draws, all starts at
+    once. Where a margin is asked for (`crinoid.tuning.stability`) half of it is held by a penalty
+    first. The best start goes on, from numbers close by that keep all of it, with the margin as a
+    constraint (SLSQP, Kraft 1988). An unstable loop is not run. What cannot be run is stepped back
+    from; a start that cannot be run is left where it is.
 
     Parameters
     ----------
@@ -83,19 +68,21 @@ class Tuning:
     seeds
         Number of draws: seeds from that of the scenario on. As many more are held out.
     iterations
-        Largest number of gains that are tried from each start.
+        Largest number of trials from each start.
+    asked
+        Modulus margin that is asked for; 0: none.
 
     Raises
     ------
     ScenarioError
-        If there is nothing to tune.
+        If there is nothing to tune, or the controller has no margins.
     RuntimeError
         If a draw has no equilibrium to start from.
     """
 
-    def __init__(self, scenario: Scenario, seeds: int, iterations: int) -> None:
-        check_tunable(scenario)
-        self.scenario, self.keys = scenario, _keys(scenario)
+    def __init__(self, scenario: Scenario, seeds: int, iterations: int, asked: float = 0.0) -> None:
+        tuned_numbers(scenario)
+        self.scenario, self.asked = scenario, asked
         first = scenario.seed
         self.draws = [self._draw(first + number) for number in range(min(seeds, 2))]
         self.random = len(self.draws) < 2 or not _equal(*self.draws)
@@ -104,18 +91,21 @@ class Tuning:
         else:  # they are all the same
             self.draws = self.draws[:1]
         self.seeds = [first + number for number in range(len(self.draws))]
-        loop = self.draws[0].loop
-        self.given = gains_of(loop)
-        self._weights = Weights.of(scenario, loop)
-        names = [each.name for each in loop.system.inputs]
-        self._at = [(GAINS.index(gain), names.index(name)) for name, gain in self.keys]
-        shape = len(STARTS), iterations
-        self.cost = np.full(shape, np.nan)
-        self.gains = np.full((*shape, len(self.keys)), np.nan)
-        self.best, self.least = self.given, np.inf
+        prepared = Prepared(scenario)
+        setup = set_up(prepared)
+        self._design = Design(setup.plan)
+        self.given = self._design.given
+        self._stability = Stability(LinearPlant.of(prepared, setup), setup) if asked else None
+        self._weights = Weights.of(scenario, setup.loop)
+        self.first = max(1, round(_FIRST * iterations)) if asked else iterations
+        count, shape = len(self.given), (len(STARTS), self.first + (iterations if asked else 0))
+        self.total = len(STARTS) * self.first + shape[1] - self.first
+        self.cost, self.modulus = np.full(shape, np.nan), np.full(shape, np.nan)
+        self.logs = np.full((*shape, count), np.nan)
+        self.best, self.least, self._rank = np.zeros(count), np.inf, (True, np.inf)
         self.tried = np.zeros(len(STARTS), int)
         self.failure = ""
-        self._lock = threading.Lock()
+        self._lock, self._pool = threading.Lock(), ThreadPoolExecutor(cores())
         self.held_out: dict[str, Float[np.ndarray, " seed"]] = {}
 
     def _draw(self, seed: int) -> _Draw:
@@ -123,98 +113,150 @@ class Tuning:
 
     @property
     def done(self) -> int:
-        """The largest number of gains that were tried from a start."""
+        """The largest number of trials from a start."""
         return int(self.tried.max())
 
+    @property
+    def keeps_margin(self) -> bool:
+        """Whether the best ones keep the margin that is asked for."""
+        return not self._rank[0]
+
     def run(self, report: Report, stop: Callable[[], bool]) -> None:
-        """Search; `best` are the gains of the least cost that was found so far."""
+        """Search; `best` are the logarithms of the best numbers so far, over those given."""
+        around = self._design.around(self.best)
+        if self._stability is not None:
+            self._stability.nearness(around, self.asked)
+        self._costs(around, self.draws[:1], lambda: False)  # compiles for all
         stopped = threading.Event()
-        self._try(0, np.log(STARTS[0]) * np.ones(len(self.keys)), stopped)  # compiles for all
-        with ThreadPoolExecutor(cores()) as pool:
-            # a thread has a context of its own, in which programs would not be kept
-            futures = {
-                pool.submit(copy_context().run, self._improve, start, stopped)
-                for start in range(len(STARTS))
-            }
-            while futures:
-                done, futures = wait(futures, _LOOK, FIRST_EXCEPTION)
-                report(int(self.tried.sum()), self.cost.size, self.least)
-                if stop():
-                    stopped.set()
-                for future in done:
-                    future.result()
+        with ThreadPoolExecutor(len(STARTS)) as pool:
 
-    def _improve(self, start: int, stopped: threading.Event) -> None:
-        """Search from one start."""
-        begin = np.full(len(self.keys), np.log(STARTS[start])) / _STEP
-        highest = np.nan
+            def together(improve: Callable[..., T], *each: tuple[Any, ...]) -> list[T]:
+                futures = [_submit(pool, improve, stopped, *given) for given in each]
+                waiting = set(futures)
+                while waiting:
+                    done, waiting = wait(waiting, _LOOK, FIRST_EXCEPTION)
+                    report(int(self.tried.sum()), self.total, self.least)
+                    if stop():
+                        stopped.set()
+                    for future in done:
+                        future.result()
+                return [future.result() for future in futures]
 
-        def of(steps: Any) -> tuple[float, Any]:
-            nonlocal highest
+            try:
+                found = together(self._begin, *((start,) for start in range(len(STARTS))))
+                best = min(range(len(STARTS)), key=lambda start: found[start][0])
+                if self._stability is not None and np.isfinite(found[best][0]):
+                    together(self._go_on, (self._stability, best, found[best][1]))
+            finally:
+                stopped.set()
+
+    def _begin(self, stopped: threading.Event, start: int) -> _Found:
+        """Search from one start; return the best penalised value and where it is."""
+        best: _Found = np.inf, self.best
+
+        def attempt(logs: Logs) -> Trial:
+            nonlocal best
+            if self.tried[start] == self.first:
+                raise StopIteration
+            found = self._try(start, logs, _FIRST * self.asked, stopped)
+            if found.stable and found.penalised < best[0]:
+                best = found.penalised, logs.copy()
+            return found
+
+        with suppress(_StoppedError, StopIteration):
+            descend(attempt, np.full(len(self.given), np.log(STARTS[start])))
+        return best
+
+    def _go_on(
+        self, stopped: threading.Event, stability: Stability, start: int, begin: Logs
+    ) -> None:
+        """Search on with the whole margin."""
+
+        def attempt(logs: Logs) -> Trial:
             if self.tried[start] == self.cost.shape[1]:
                 raise StopIteration
-            total, slope = self._try(start, _STEP * steps, stopped)
-            if not np.isfinite(total):
-                if np.isnan(highest):  # nothing to step back to
-                    raise StopIteration
-                return highest + _FAILED, np.zeros_like(slope)
-            value = float(np.log(total))
-            highest = max(highest, value) if np.isfinite(highest) else value
-            return value, _STEP * slope / total
+            return self._try(start, logs, self.asked, stopped)
 
-        bounds = [(-_MOST / _STEP, _MOST / _STEP)] * len(begin)
-        with suppress(_StoppedError, StopIteration):
-            minimize(of, begin, jac=True, method="L-BFGS-B", bounds=bounds)
-
-    def _try(self, start: int, logs: Any, stopped: threading.Event) -> tuple[float, Any]:
-        """Return cost and slope of gains, by their logarithms over those of the scenario."""
-        runs = []
-        for draw in self.draws:
+        def excess(logs: Logs) -> tuple[float, Logs]:
             if stopped.is_set():
                 raise _StoppedError
-            runs.append(self._cost(self._full(logs), draw))
-        total = float(np.mean([each.total for each in runs]))
-        slope = np.mean([[each.slope[at] for at in self._at] for each in runs], axis=0)
-        if not np.isfinite(slope).all():
-            total = np.nan
+            found = stability.nearness(self._design.around(logs), self.asked)
+            return found.excess, found.slope
+
+        with suppress(_StoppedError, StopIteration, ScenarioError):
+            constrain(attempt, nearest(excess, begin))
+
+    def _try(self, start: int, logs: Logs, asked: float, stopped: threading.Event) -> Trial:
+        """Run the draws, if the loop is stable."""
+        if stopped.is_set():
+            raise _StoppedError
+        none = np.zeros_like(logs)
+        found, modulus, runs = Trial(np.nan, none, 0.0, none), np.nan, []
+        try:
+            around = self._design.around(logs)
+        except ScenarioError as error:  # there is no such controller
+            self.failure = self.failure or "; ".join(error.lines)
+        else:
+            if self._stability is not None:
+                margin, excess, by = self._stability.nearness(around, asked)
+                modulus = margin.modulus if margin.stable else 0.0
+                found = Trial(np.nan, none, excess, by)
+            if found.stable:
+                runs = self._costs(around, self.draws, stopped.is_set)
+                mean = np.mean([each.total for each in runs])
+                slope = np.mean([each.slope for each in runs], axis=0) / mean
+                if np.isfinite(slope).all():
+                    found = found._replace(value=float(np.log(mean)), slope=slope)
+            else:
+                self.failure = self.failure or "the closed loop is unstable, take other numbers"
+        total = float(np.exp(found.value))
         with self._lock:
             number = self.tried[start]
             self.tried[start] += 1
-            gains = self._full(logs)
-            self.gains[start, number] = [gains[at] for at in self._at]
-            self.cost[start, number] = total
-            if not np.isfinite(total):
-                self._explain(runs)
-            elif total < self.least:
-                self.best, self.least = gains, total
-        return total, slope
+            self.logs[start, number] = logs
+            self.cost[start, number], self.modulus[start, number] = total, modulus
+            self._explain(runs)
+            # what keeps the margin comes before what does not, and that before what is farther off
+            misses = bool(modulus < self.asked)
+            rank = misses, -modulus if misses else total
+            if np.isfinite(total) and rank < self._rank:
+                self.best, self.least, self._rank = logs.copy(), total, rank
+        return found
 
-    def _full(self, logs: Any) -> Gains:
-        """Return all gains, from the logarithms of those that are tuned over the given ones."""
-        gains = self.given.copy()
-        for at, log in zip(self._at, logs, strict=True):
-            gains[at] *= np.exp(log)
-        return gains
+    def _costs(
+        self, around: Around, draws: Sequence[_Draw], stop: Callable[[], bool]
+    ) -> list[Cost]:
+        """Run draws, as many at a time as there are cores."""
+        slopes, steps = around.slopes, self.scenario.simulation.steps
 
-    def _cost(self, gains: Gains, draw: _Draw) -> Cost:
-        steps = self.scenario.simulation.steps
-        found = cost(jax.device_put(gains), draw.loop, draw.state, self._weights, steps)
-        return jax.tree.map(np.asarray, found)
+        def run(draw: _Draw) -> Cost:
+            found = cost(around.here, slopes, draw.loop, draw.state, self._weights, steps)
+            return jax.tree.map(np.asarray, found)
+
+        futures = [_submit(self._pool, run, draw) for draw in draws]
+        waiting = set(futures)
+        while waiting:
+            _, waiting = wait(waiting, _LOOK)
+            if stop():
+                for each in waiting:
+                    each.cancel()
+                raise _StoppedError
+        return [future.result() for future in futures]
 
     def hold_out(self, stop: Callable[[], bool]) -> None:
-        """Find what the gains before and after cost in draws that were not tuned for."""
+        """Find what the numbers before and after cost in draws that were not tuned for."""
         draws = self.draws
         if self.random:
             first = self.seeds[-1] + 1
             draws = [self._draw(first + number) for number in range(len(draws))]
         found = []
-        for gains in (self.given, self.best):
-            for draw in draws:
-                if stop():
-                    return
-                found.append(self._cost(gains, draw))
-        costs = np.array([float(each.total) for each in found]).reshape(2, -1)
-        errors = np.sqrt([float(each.error) for each in found]).reshape(2, -1)
+        for logs in (np.zeros_like(self.best), self.best):
+            with suppress(_StoppedError):
+                found.append(self._costs(self._design.around(logs), draws, stop))
+        if len(found) < 2:
+            return
+        costs = np.array([[float(each.total) for each in runs] for runs in found])
+        errors = np.sqrt([[float(each.error) for each in runs] for runs in found])
         self.held_out = {
             "before": costs[0],
             "after": costs[1],
@@ -223,35 +265,50 @@ class Tuning:
         }
 
     def tuned(self) -> Scenario:
-        """Return the scenario with the best gains."""
-        values = {
-            f"control.pid.{name}.{gain}": float(f"{self.best[at]:.6g}")
-            for (name, gain), at in zip(self.keys, self._at, strict=True)
-        }
-        return self.scenario.with_values(values)
+        """Return the scenario with the best numbers."""
+        found = self._values(self.best)
+        rounded = {key: float(f"{value:.6g}") for key, value in found.items()}
+        return self.scenario.with_values(rounded)
+
+    def _values(self, logs: Logs) -> dict[str, float]:
+        factors = np.exp(logs)
+        return {key: given * f for (key, given), f in zip(self.given.items(), factors, strict=True)}
 
     def dataset(self) -> xr.Dataset:
         """Return how the search went."""
-        names = [f"{name}.{gain}" for name, gain in self.keys]
-        given, best = ([float(values[at]) for at in self._at] for values in (self.given, self.best))
+        given = np.array(list(self.given.values()))
+        tried = given * np.exp(self.logs[:, : self.done])
         variables: dict[str, Any] = {
             "cost": (("start", "iteration"), self.cost[:, : self.done], {"units": "m2"}),
-            "gains": (("start", "iteration", "gain"), self.gains[:, : self.done]),
-            "given": (("gain",), given),
-            "tuned": (("gain",), best),
+            "modulus": (("start", "iteration"), self.modulus[:, : self.done], {"units": "1"}),
+            "tried": (("start", "iteration", "key"), tried),
+            "given": (("key",), given),
+            "tuned": (("key",), given * np.exp(self.best)),
         }
         units = {"before": "m2", "after": "m2", "before_error": "m", "after_error": "m"}
         for name, unit in units.items():
             row = self.held_out.get(name, np.full(len(self.draws), np.nan))
             variables[name] = (("held_out",), row, {"units": unit})
+        for when, logs in (("before", np.zeros_like(self.best)), ("after", self.best)):
+            if self._stability is None:
+                continue
+            margin = self._stability.margin(self._design.controller(logs))
+            for name, unit in MARGINS.items():
+                value = getattr(margin, name) if margin.stable else np.nan
+                variables[f"{when}_{name}_margin"] = ((), value, {"units": unit})
         status = self.failure if not np.isfinite(self.least) else Status.OK.value
+        kind = self.scenario.control.kind
         return xr.Dataset(
             variables,
-            {"gain": names, "iteration": np.arange(1, self.done + 1)},
+            {
+                "key": [key.removeprefix(f"control.{kind}.") for key in self.given],
+                "iteration": np.arange(1, self.done + 1),
+            },
             {
                 "title": self.scenario.title,
                 "scenario": self.scenario.to_toml(),
                 "status": status,
+                "margin": self.asked,
             },
         )
 
@@ -260,22 +317,17 @@ class Tuning:
         for each in runs:
             if not each.converged and not self.failure:
                 reason = Reason(int(each.reason)).words
-                self.failure = f"failed at t = {int(each.steps) * step:.6g} s: {reason}"
+                when = f"failed at t = {int(each.steps) * step:.6g} s"
+                self.failure = f"{when}: {reason}; try a smaller simulation.time_step"
+
+
+def _submit(pool: ThreadPoolExecutor, call: Callable[..., T], *given: Any) -> Future[T]:
+    # a thread has a context of its own, in which programs would not be kept
+    return pool.submit(copy_context().run, call, *given)
 
 
 class _StoppedError(Exception):
     """The search was asked to stop."""
-
-
-def _keys(scenario: Scenario) -> list[tuple[str, str]]:
-    """Return input and name of each gain that is not 0."""
-    present = scenario.control.pid.present
-    return [
-        (name, gain)
-        for name in scenario.driven
-        for gain in GAINS
-        if getattr(present[name], gain) != 0
-    ]
 
 
 def _equal(one: _Draw, other: _Draw) -> bool:
