@@ -16,7 +16,7 @@ from crinoid.assembly.observer import Arrivals, Augmented, Water, augmented, bui
 from crinoid.control import Inclination, Lqg, Observer, Shape, damped_inverse
 from crinoid.scenario import Mistake, ScenarioError, one_of
 from crinoid.scenario.errors import shown
-from crinoid.scenario.lqg import ModelBased
+from crinoid.scenario.lqg import SMOOTHNESS, ModelBased
 
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
@@ -28,8 +28,6 @@ _MOST_SHAPES = 3
 """Most shapes along the arm that the water's velocity is made of."""
 _EFFORT = 0.02
 """Cost of an input at the end of its range over that of one at its greatest speed."""
-_SMOOTHNESS = 0.005
-"""Share of the arm's length by which the tip may be off for an input at its greatest speed."""
 _RANK = 1e-2
 """Movement of the tip, over the largest that the inputs make, that is none."""
 _BRISK = 0.1
@@ -109,7 +107,7 @@ class Known(NamedTuple):
             parts,
             build_observer(plan, model, parts, arrivals),
             *_most(plan, model.rows),
-            settings.smoothness or _SMOOTHNESS * scenario.arm.length,
+            settings.smoothness or SMOOTHNESS * scenario.arm.length,
             integrating,
             model.usual[:, None] * damped_inverse(jacobian) @ integrating,
         )

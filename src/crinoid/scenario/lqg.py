@@ -11,6 +11,9 @@ from crinoid.scenario.quantity import AsTuple, Metres, Quantity, Seconds
 
 __all__ = ["Lqg"]
 
+SMOOTHNESS = 0.005
+"""Smoothness over the arm's length, where it is left out."""
+
 _Inputs = Annotated[
     tuple[str, ...], AsTuple, Field(min_length=1), Quantity(takes="a list of names of inputs")
 ]
@@ -28,7 +31,7 @@ class ModelBased(Model):
         default=None,
         gt=0,
         description="Error of the tip that counts as much as an input at its greatest speed: the "
-        "smaller, the harder it works; a hundredth of the arm's length if left out.",
+        "smaller, the harder it works; 0.005 of the arm's length if left out.",
     )
     integral_time: Seconds = Field(
         default=5.0, gt=0, description="Time in which a lasting error is undone."
