@@ -20,6 +20,7 @@ from crinoid.comparison import COMPARISON
 from crinoid.current import FLOW
 from crinoid.identification import IDENTIFICATION
 from crinoid.replacement import remove_unfinished
+from crinoid.report.run import PAGE
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import MODES
@@ -198,7 +199,13 @@ def remove_table(folder: Path) -> None:
 
 
 def clear_figures(folder: Path) -> None:
-    """Remove the figures of an earlier result, but for those of other commands."""
+    """Remove the figures and the page of an earlier result, but not those of other commands."""
+    with suppress(OSError):
+        page = folder / PAGE
+        with page.open("rb") as file:
+            ours = b'name="generator" content="crinoid' in file.read(2000)
+        if ours:
+            page.unlink()
     for path in folder.glob("*.png"):
         with suppress(OSError), path.open("rb") as file:
             head = file.read(2000)
@@ -304,7 +311,7 @@ def _rescue(result: Result, reason: str) -> tuple[list[Path], str]:
 
 
 def say_where(console: Console, paths: list[Path]) -> None:
-    """Show where the results are."""
+    """Show where the results are; the first of them is in their folder."""
     for path in paths:
         console.print(f"wrote {path}", soft_wrap=True)
     if paths:

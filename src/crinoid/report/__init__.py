@@ -1,21 +1,27 @@
-"""Figures from a result file.
+"""Figures and the page of a result.
 
-The only package that draws. Importing it costs nothing: the plotting library is loaded when
-`write_report` is called, not before.
+The only package that draws. Importing it costs nothing: the plotting libraries are loaded when
+they draw, not before.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from crinoid.report.run import ReportError
 
-__all__ = ["ReportError", "write_report"]
+if TYPE_CHECKING:
+    from crinoid.result import Result
+
+__all__ = ["ReportError", "write_page", "write_report"]
 
 
 def write_report(path: Path, out: Path | None = None) -> list[Path]:
     """Draw the figures of a result, or of a study of several cases.
 
     A result gives `shape.png`, `tip_error.png`, `tip_path.png`, `commands.png`, `energy.png` and
-    `bending.png`, and with obstacles `contact.png`; a file `uncontrolled.nc` beside it is drawn as
+    `bending.png`, with obstacles `contact.png`, and the page `report.html`; a file `uncontrolled.nc` beside it is drawn as
     the comparison. A study (a folder with `cases.csv`) gives `cases.png`, and the figures of each
     case in the folder of that case. The current that `crinoid flow` sampled (`flow.nc`) gives
     `flow.png`, `spectrum.png` and `profile.png`, what `crinoid modes` found (`modes.nc`)
@@ -44,3 +50,29 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
     from crinoid.report.book import write_book
 
     return write_book(Path(path), None if out is None else Path(out))
+
+
+def write_page(result: Result, folder: Path) -> Path:
+    """Write the page of a run, `report.html`: the run moving, its charts and its numbers.
+
+    Parameters
+    ----------
+    result
+        The run.
+    folder
+        Where, made if needed.
+
+    Raises
+    ------
+    ReportError
+        If the result holds too little to be drawn, or the page cannot be written.
+    """
+    from crinoid.report.page.write import write_run
+    from crinoid.report.run import PAGE, RESULT, UNCONTROLLED, Run, checked
+
+    other = result.uncontrolled
+    run = Run(
+        checked(result.dataset, folder / RESULT),
+        None if other is None else checked(other.dataset, folder / UNCONTROLLED),
+    )
+    return write_run(run, folder / PAGE)

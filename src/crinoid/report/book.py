@@ -24,9 +24,10 @@ from crinoid.report.flow import FLOW, open_flow
 from crinoid.report.identify import IDENTIFICATION, draw_identification, open_identification
 from crinoid.report.margins import MARGINS, draw_bode, draw_nyquist, open_margins
 from crinoid.report.modes import MODES, draw_modes, open_modes
+from crinoid.report.page.write import write_run
 from crinoid.report.paper import draw_chart
 from crinoid.report.profile import draw_profile
-from crinoid.report.run import RESULT, ReportError, Run, open_run
+from crinoid.report.run import PAGE, RESULT, ReportError, Run, open_run
 from crinoid.report.series import draw_series
 from crinoid.report.shape import draw_shape
 from crinoid.report.sheet import draw_sheet
@@ -89,7 +90,8 @@ def _write_run(path: Path, out: Path) -> list[Path]:
     run = open_run(path)
     figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
     figures |= {"contact.png": _of(contact_chart)} if has_contact(run) else {}
-    return [_save(lambda draw=draw: draw(run), out / name, path) for name, draw in figures.items()]
+    drawn = [_save(lambda draw=draw: draw(run), out / name, path) for name, draw in figures.items()]
+    return [*drawn, write_run(run, out / PAGE)]
 
 
 def _write_flow(path: Path, out: Path) -> list[Path]:

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.pieces import pieces
 from crinoid.report.charts.pose import base_directions
 from crinoid.report.solids import find_bodies
 from crinoid.space import AXES
@@ -17,6 +18,7 @@ from crinoid.status import Status
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
+PAGE = "report.html"
 
 # What makes a netCDF file a result; without any other variable a figure drops the panel it fed.
 _REQUIRED = {
@@ -98,7 +100,17 @@ def open_result(path: Path) -> xr.Dataset:
         raise ReportError(f"{path}: no such file")
     if path.stat().st_size == 0:
         raise ReportError(f"{path}: the file is empty")
-    dataset = load(path)
+    return checked(load(path), path)
+
+
+def checked(dataset: xr.Dataset, path: Path) -> xr.Dataset:
+    """Return a result, records whose shape is not finite left out, if it can be drawn.
+
+    Raises
+    ------
+    ReportError
+        If it is not a result, with the path that it is of.
+    """
     for name, dims in _REQUIRED.items():
         if name not in dataset:
             if "crinoid_version" in dataset.attrs and name == "position":
@@ -135,7 +147,12 @@ def open_result(path: Path) -> xr.Dataset:
         raise ReportError(f"{path}: not a crinoid result, {text}") from error
 
     # A run that diverged may end in records that no axis can hold.
-    finite = np.isfinite(dataset["position"].values).all(axis=(1, 2))
+    finite = np.concatenate(
+        [
+            np.isfinite(piece["position"].values).all(axis=(1, 2))
+            for piece in pieces(dataset, ["position"])
+        ]
+    )
     if not finite.any():
         raise ReportError(f"{path}: the result holds no record with a finite shape")
     return dataset if finite.all() else dataset.isel(time=np.flatnonzero(finite))

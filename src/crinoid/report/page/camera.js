@@ -1,0 +1,70 @@
+// The eye: what it looks at, from where, and how much of it fits.
+
+const PRESETS = { side: [-90, 0], above: [-90, 90], ahead: [0, 0], angle: [-58, 27] };
+
+class Camera {
+  constructor(low, high) {
+    this.low = low;
+    this.high = high;
+    this.fit("side", 1);
+  }
+
+  get axes() {
+    const y = (this.yaw * Math.PI) / 180, p = (this.pitch * Math.PI) / 180;
+    const toward = [Math.cos(p) * Math.cos(y), Math.cos(p) * Math.sin(y), Math.sin(p)];
+    const across = [-Math.sin(y), Math.cos(y), 0];
+    return { across, up: V.cross(toward, across), toward };
+  }
+
+  // Look from a direction at everything.
+  fit(name, aspect) {
+    [this.yaw, this.pitch] = PRESETS[name];
+    this.preset = name;
+    this.flat = name !== "angle"; // a parallel projection
+    this.centre = V.by(V.add(this.low, this.high), 0.5);
+    const { across, up, toward } = this.axes;
+    let wide = 0, high = 0;
+    for (let i = 0; i < 8; i++) {
+      const corner = [0, 1, 2].map((d) => ((i >> d) & 1 ? this.high[d] : this.low[d]) - this.centre[d]);
+      const nearer = this.flat ? 1 : 1 + 0.25 * V.dot(corner, toward) / V.size(V.sub(this.high, this.low));
+      wide = Math.max(wide, Math.abs(V.dot(corner, across)) * nearer);
+      high = Math.max(high, Math.abs(V.dot(corner, up)) * nearer);
+    }
+    this.half = 1.08 * Math.max(high, wide / aspect, 1e-6);
+  }
+
+  turn(right, up) {
+    this.yaw -= right;
+    this.pitch = Math.max(-89.9, Math.min(90, this.pitch + up));
+    this.flat = false;
+    this.preset = "";
+  }
+
+  move(right, up) { // in halves of the height
+    const { across, up: top } = this.axes;
+    this.centre = V.sub(this.centre, V.add(V.by(across, right * this.half), V.by(top, up * this.half)));
+  }
+
+  zoom(by) {
+    this.half = Math.max(1e-5, this.half * by);
+  }
+
+  view(aspect) {
+    const { across, up, toward } = this.axes, far = this.half * (this.flat ? 200 : 1 / Math.tan(0.24));
+    const eye = V.add(this.centre, V.by(toward, far));
+    const look = new Float32Array([
+      across[0], up[0], toward[0], 0, across[1], up[1], toward[1], 0, across[2], up[2], toward[2], 0,
+      -V.dot(across, eye), -V.dot(up, eye), -V.dot(toward, eye), 1,
+    ]);
+    const reach = Math.max(V.size(V.sub(this.high, this.low)), this.half) * 3;
+    const lens = new Float32Array(16), s = 1 / this.half;
+    const near = Math.max(far * 0.02, far - reach), end = far + reach;
+    if (this.flat) {
+      lens.set([s / aspect, 0, 0, 0, 0, s, 0, 0, 0, 0, -2 / (end - near), 0, 0, 0, -(end + near) / (end - near), 1]);
+    } else {
+      const f = far * s;
+      lens.set([f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, -(end + near) / (end - near), -1, 0, 0, (-2 * end * near) / (end - near), 0]);
+    }
+    return { matrix: product(lens, look), eye, across, up, toward };
+  }
+}

@@ -1,0 +1,151 @@
+// The charts: Bokeh draws them; a cursor and the values under it are told beside them.
+
+class Charts {
+  constructor(said, root, seek, settled) {
+    this.panels = [];
+    this.seek = seek;
+    for (const chart of said.charts) {
+      const section = make("section", "chart", root);
+      make("h2", "", section, chart.title);
+      for (const panel of chart.panels) this.add(panel, section);
+    }
+    this.ready = this.draw(said.document);
+    this.span = said.span;
+  }
+
+  add(said, section) {
+    const box = make("div", "panel", section), head = make("header", "", box);
+    make("span", "label", head, said.unit ? `${said.label} (${said.unit})` : said.label);
+    const key = make("span", "key", head);
+    const entries = [...said.traces, ...said.rows].map((trace) => {
+      const entry = make("span", "entry", key), mark = make("i", trace.line === "solid" || !trace.line ? "" : trace.line, entry);
+      if (said.traces.length > 1 || said.rows.length) make("span", "", entry, trace.name);
+      return { ...trace, mark, told: make("b", "", entry, "") };
+    });
+    const words = [...said.traces.filter((t) => t.told).map((t) => (said.traces.length > 1 ? `${t.name}: ${t.told}` : t.told)), ...said.also, said.left_out].filter(Boolean);
+    if (words.length) make("div", "told", box, words.join(" · "));
+    const plot = make("div", "plot", box), place = make("div", "", plot), cursor = make("div", "cursor", plot);
+    place.id = `plot-${said.root}`;
+    if (said.nothing) make("div", "nothing", plot, said.nothing);
+    const panel = { said, entries, plot, place, cursor };
+    this.listen(panel);
+    this.panels.push(panel);
+  }
+
+  async draw(doc) {
+    const roots = Object.fromEntries(this.panels.map((panel) => [panel.said.root, panel.place.id]));
+    const item = { docid: "run", roots, root_ids: Object.keys(roots) };
+    const [views] = await Bokeh.embed.embed_items({ run: doc }, [item]);
+    for (const panel of this.panels) {
+      panel.view = views.get_by_id ? views.get_by_id(panel.said.root) : [...views].find((view) => view.model.id === panel.said.root);
+      const named = (name) => panel.view.model.renderers.find((each) => each.name === name);
+      panel.traces = panel.said.traces.map((_, i) => named(`trace ${i}`));
+      panel.rows = panel.said.rows.map((_, i) => named(`row ${i}`));
+    }
+    this.recolour();
+  }
+
+  recolour() {
+    const style = getComputedStyle(document.documentElement), read = (name) => style.getPropertyValue(`--${name}`).trim();
+    const tone = (role) => {
+      const [kind, which] = role.split(" ");
+      if (kind === "series") return read(`s${which % 8}`);
+      if (kind === "part") return mixed(RAMPS.one, 0.05 + 0.8 * which);
+      return read(role);
+    };
+    const [soft, grid, ink] = ["soft", "grid", "ink"].map(read);
+    for (const { view, traces, rows, entries } of this.panels) {
+      const { model } = view;
+      model.outline_line_color = null;
+      for (const axis of [...model.below, ...model.left]) {
+        if (!axis.major_label_text_color && axis.major_label_text_color !== null) continue;
+        Object.assign(axis, { major_label_text_color: soft, axis_line_color: grid, major_tick_line_color: grid, minor_tick_line_color: null, major_label_text_font_size: "11px", major_label_text_font: getComputedStyle(document.body).fontFamily });
+      }
+      for (const line of model.center) {
+        if ("grid_line_color" in line) line.grid_line_color = grid;
+        else if ("location" in line) Object.assign(line, { line_color: tone(line.name || "faint"), line_width: 1, line_alpha: line.name === "faint" ? 0.8 : 0.7 });
+      }
+      [...traces, ...rows].forEach((renderer, i) => {
+        const colour = tone(entries[i].role), { glyph } = renderer;
+        entries[i].mark.style.borderTopColor = colour;
+        if ("line_color" in glyph && !rows.length) glyph.line_color = colour;
+        if ("fill_color" in glyph) glyph.fill_color = colour;
+      });
+    }
+    return ink;
+  }
+
+  // The time under a pointer, by the scale of the plot.
+  at(panel, event) {
+    const frame = panel.view.frame, left = panel.plot.getBoundingClientRect().left;
+    return frame.x_scale.invert(event.clientX - left);
+  }
+
+  listen(panel) {
+    let held = false;
+    const go = (event) => panel.view && this.seek(this.at(panel, event));
+    panel.plot.addEventListener("pointerdown", (event) => {
+      held = event.button === 0;
+      if (held) { panel.plot.setPointerCapture(event.pointerId); go(event); }
+    }, true);
+    panel.plot.addEventListener("pointermove", (event) => held && go(event), true);
+    for (const name of ["pointerup", "pointercancel"]) panel.plot.addEventListener(name, () => { held = false; }, true);
+    panel.plot.addEventListener("dblclick", () => this.zoom(panel, 0, 0));
+    panel.plot.addEventListener("wheel", (event) => {
+      if (!event.ctrlKey && !event.metaKey) return;
+      event.preventDefault();
+      this.zoom(panel, Math.exp(event.deltaY / 300), this.at(panel, event));
+    }, { passive: false });
+  }
+
+  // All charts share their time; a zoom by nothing shows all of it.
+  zoom(panel, by, about) {
+    const range = panel.view.model.x_range, [begin, end] = this.span;
+    const start = by ? Math.max(begin, about + (range.start - about) * by) : begin;
+    const stop = by ? Math.min(end, about + (range.end - about) * by) : end;
+    if (stop - start > 1e-9 * (end - begin)) range.setv({ start, end: stop });
+    this.go(this.time, true);
+  }
+
+  // Move the cursor, and tell the values under it.
+  go(time, tell) {
+    this.time = time;
+    for (const { view, cursor, traces, rows, entries, said } of this.panels) {
+      if (!view || !view.frame) continue;
+      const { frame } = view, { left, right, top, height } = frame.bbox, x = frame.x_scale.compute(time);
+      const seen = x >= left - 0.5 && x <= right + 0.5;
+      cursor.style.cssText = seen ? `display:block;top:${top}px;height:${height}px;transform:translateX(${x}px)` : "";
+      if (!tell) continue;
+      traces.forEach((trace, i) => { entries[i].told.textContent = digits(valueAt(trace.data_source.data, time, entries[i].line)); });
+      rows.forEach((row, i) => {
+        const { left: begins, right: ends } = row.data_source.data;
+        entries[i].told.textContent = [...begins].some((begin, j) => begin <= time && time <= ends[j]) ? "yes" : "no";
+      });
+    }
+  }
+}
+
+// The value at the saved instant nearest to a time.
+function valueAt({ t, v }, time, line) {
+  const { at, share } = locate(t, time);
+  return v[line !== "filled" && share > 0.5 ? at + 1 : at];
+}
+
+function digits(value) {
+  if (!Number.isFinite(value)) return "–";
+  const text = Math.abs(value) >= 1e5 ? value.toExponential(3) : Number(value.toPrecision(4)).toString();
+  return text.replace("-", "−");
+}
+
+function mixed(stops, share) {
+  const place = share * (stops.length - 1), i = Math.min(stops.length - 2, Math.floor(place)), a = rgb(stops[i]), b = rgb(stops[i + 1]);
+  return `rgb(${a.map((p, d) => Math.round(255 * (p + (place - i) * (b[d] - p)))).join(",")})`;
+}
+
+function make(kind, name, parent, text) {
+  const found = document.createElement(kind);
+  if (name) found.className = name;
+  if (text !== undefined) found.textContent = text;
+  parent.append(found);
+  return found;
+}

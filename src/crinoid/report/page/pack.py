@@ -1,0 +1,56 @@
+"""Numbers over time in few bytes, which the page takes apart again (`unpack.js`).
+
+They are rounded to steps, each instant is told by its difference from the one before, and bytes of
+the same weight lie together: so they compress well.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+_LEVEL = 6  # of compression: more takes longer and gains little
+
+
+class Pack:
+    """Arrays one after the other."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+        self._size = 0
+
+    def add(
+        self, values: Float[np.ndarray, "time ..."], step: float, low: float | None = None
+    ) -> dict[str, Any]:
+        """Add an array, rounded to whole steps from its lowest value, and say where it is.
+
+        What is not finite becomes the lowest value.
+        """
+        finite = np.isfinite(values)
+        least = float(values[finite].min()) if low is None and finite.any() else (low or 0.0)
+        whole = np.where(finite, np.rint((values - least) / step), 0.0).reshape(len(values), -1)
+        most = float(whole.max(initial=0.0))
+        wide = next(size for size in (1, 2, 4) if most < 256**size)
+        kind = np.dtype(f"<u{wide}")
+        numbers = np.clip(whole, 0.0, 256.0**wide - 1).astype(kind)
+        changes = np.diff(numbers, axis=0, prepend=np.zeros_like(numbers[:1]))
+        planes = changes.ravel().view(np.uint8).reshape(-1, wide).T
+        said = {
+            "at": self._size,
+            "count": int(numbers.size),
+            "row": int(numbers.shape[1]),
+            "wide": wide,
+            "low": least,
+            "step": step,
+        }
+        self._parts.append(planes.tobytes())
+        self._size += planes.size
+        return said
+
+    def text(self) -> str:
+        """Return all of them, compressed and in letters."""
+        return base64.b64encode(zlib.compress(b"".join(self._parts), _LEVEL)).decode("ascii")

@@ -1,0 +1,205 @@
+"""The charts of the page, as documents of Bokeh, and what the page writes beside them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from bokeh.document import Document
+from bokeh.models import (
+    BasicTicker,
+    ColumnDataSource,
+    FixedTicker,
+    Grid,
+    HBar,
+    Line,
+    LinearAxis,
+    Plot,
+    Range1d,
+    VAreaStep,
+)
+from bokeh.models.annotations import Span
+from jaxtyping import Float, Int
+
+from crinoid.report.charts.chart import Chart, Panel, Trace
+from crinoid.report.units import largest
+
+RECORDS = 1500
+"""Most values of a trace, over which all but its extremes are left out."""
+_EDGE = 58
+"""Pixels for the numbers of the axes, the same for all panels so that their times line up."""
+_DASHES = {"solid": [], "dashed": [6, 3], "dotted": [2, 3], "filled": []}
+
+
+@dataclass(frozen=True)
+class Plots:
+    """Charts ready to be shown."""
+
+    document: dict[str, Any]
+    """What Bokeh takes."""
+    charts: list[dict[str, Any]]
+    """Titles, names and units, and which root of the document each panel is."""
+    left_out: list[str]
+    version: str
+
+
+def plots_of(charts: list[Chart], begin: float, end: float) -> Plots:
+    """Make plots of charts over a time (s)."""
+    import bokeh
+
+    document = Document()
+    span = Range1d(start=begin, end=end if end > begin else begin + 1.0)
+    listed: list[dict[str, Any]] = []
+    most = 0
+    for chart in charts:
+        panels = []
+        for panel in chart.panels:
+            last = panel is chart.panels[-1]
+            plot, said, count = _panel(panel, span, last)
+            document.add_root(plot)
+            panels.append(said | {"root": plot.id})
+            most = max(most, count)
+        listed.append({"name": chart.name, "title": chart.title, "panels": panels})
+    left_out = []
+    if most > RECORDS:
+        left_out.append(
+            f"Charts show at most {RECORDS} of {most} saved instants of a trace: of each stretch "
+            "of time the smallest and the largest value, so that no peak is lost."
+        )
+    return Plots(dict(document.to_json(deferred=False)), listed, left_out, bokeh.__version__)
+
+
+def _panel(panel: Panel, span: Range1d, last: bool) -> tuple[Plot, dict[str, Any], int]:
+    rows = len(panel.rows)
+    low, high = (-0.5, rows - 0.5) if rows else _ends(panel)
+    plot = Plot(
+        name=panel.name,
+        x_range=span,
+        y_range=Range1d(start=high, end=low) if rows else Range1d(start=low, end=high),
+        height=max(56, 24 * rows) + 24 * last if rows else 112 + 24 * last,
+        sizing_mode="stretch_width",
+        toolbar_location=None,
+        min_border_left=_EDGE,
+        min_border_right=10,
+        min_border_top=6,
+        min_border_bottom=24 if last else 6,
+        outline_line_color=None,
+        background_fill_color=None,
+        border_fill_color=None,
+        output_backend="canvas",
+    )
+    across = LinearAxis(visible=last, ticker=BasicTicker(desired_num_ticks=8))
+    if rows:
+        names = {i: row.name.split(":")[0] for i, row in enumerate(panel.rows)}
+        words: Any = {i: text.replace("without control", "without") for i, text in names.items()}
+        ticker: Any = FixedTicker(ticks=list(range(rows)))
+        up = LinearAxis(ticker=ticker, major_label_overrides=words)
+    else:
+        up = LinearAxis(ticker=BasicTicker(desired_num_ticks=4))
+    plot.add_layout(across, "below")
+    plot.add_layout(up, "left")
+    plot.add_layout(Grid(dimension=0, ticker=across.ticker))
+    if not rows:
+        plot.add_layout(Grid(dimension=1, ticker=up.ticker))
+    for level in panel.levels:
+        where = level.value * panel.factor
+        if math.isfinite(where):
+            dash = _DASHES[level.line]
+            plot.add_layout(
+                Span(location=where, dimension="width", line_dash=dash, name=level.role)
+            )
+    for index, row in enumerate(panel.rows):
+        source = ColumnDataSource({"left": row.spans[:, 0], "right": row.spans[:, 1]})
+        glyph = HBar(y=index, left="left", right="right", height=0.7, line_color=None)
+        glyph.fill_alpha = 0.5 if row.behind else 1.0
+        plot.add_glyph(source, glyph, name=f"row {index}")
+    count = 0
+    for index, trace in enumerate(panel.traces):
+        chosen = kept(trace, panel.traces)
+        source = ColumnDataSource(
+            {
+                "t": trace.time[chosen].astype(np.float32),
+                "v": (trace.values[chosen] * panel.factor).astype(np.float32),
+            }
+        )
+        plot.add_glyph(source, _glyph(trace), name=f"trace {index}")
+        count = max(count, trace.time.size)
+    plot.renderers.sort(key=lambda renderer: _order(panel, str(renderer.name)))
+    return plot, _said(panel), count
+
+
+def _glyph(trace: Trace) -> Line | VAreaStep:
+    if trace.line == "filled":
+        alpha = 0.15 if trace.behind else 0.3
+        return VAreaStep(x="t", y1=0.0, y2="v", step_mode="after", fill_alpha=alpha)
+    fainter = trace.behind and trace.role not in ("run", "free")
+    return Line(
+        x="t",
+        y="v",
+        line_width=1.0 if trace.line != "solid" or fainter else 1.6,
+        line_alpha=0.5 if fainter else 0.9,
+        line_dash=[4, 2] if fainter else _DASHES[trace.line],
+        line_join="round",
+    )
+
+
+def _order(panel: Panel, name: str) -> int:
+    """Put what is there to be compared with behind."""
+    kind, index = name.split()
+    return -int(kind == "trace" and panel.traces[int(index)].behind)
+
+
+def _ends(panel: Panel) -> tuple[float, float]:
+    """Return the ends of an axis, in the unit of its panel."""
+    found = [trace.values[np.isfinite(trace.values)] for trace in panel.traces]
+    found += [np.array([level.value]) for level in panel.levels if math.isfinite(level.value)]
+    together = np.concatenate([*found, [0.0]] if not any(map(np.size, found)) else found)
+    low, high = float(together.min()), float(together.max())
+    room = 0.06 * (high - low) or 0.1 * largest(together) or 1.0
+    low = low - room if panel.low is None else panel.low
+    high = high + room if panel.high is None else panel.high
+    return low * panel.factor, high * panel.factor
+
+
+def kept(trace: Trace, together: tuple[Trace, ...]) -> Int[np.ndarray, " kept"]:
+    """Choose instants of a trace: all, or those of the extremes of stretches of equal length.
+
+    Traces of one time share their instants, so that a cursor reads them all at once.
+    """
+    count = trace.time.size
+    if count <= RECORDS:
+        return np.arange(count)
+    group = [each.values for each in together if each.time is trace.time] or [trace.values]
+    stretches = max(1, (RECORDS - 2) // (2 * len(group)))
+    ends = np.linspace(0, count, stretches + 1).astype(int)
+    chosen: list[Float[np.ndarray, " stretch"]] = [np.array([0, count - 1])]
+    for values in group:
+        known = np.where(np.isfinite(values), values, 0.0)
+        for pick in (np.argmin, np.argmax):
+            chosen.append(np.array([a + pick(known[a:b]) for a, b in pairwise(ends)]))
+    return np.unique(np.concatenate(chosen).astype(int))
+
+
+def _said(panel: Panel) -> dict[str, Any]:
+    return {
+        "name": panel.name,
+        "label": panel.label.replace("\n", " ").strip(),
+        "unit": panel.unit.name if panel.unit else "",
+        "nothing": panel.nothing,
+        "left_out": panel.left_out,
+        "also": [words for words, look in panel.also if look == "none"],
+        "traces": [
+            {
+                "name": trace.name or panel.label.replace("\n", " ").strip(),
+                "told": trace.told.replace(" (dashed)", ""),
+                "role": trace.role,
+                "line": trace.line,
+                "behind": trace.behind,
+            }
+            for trace in panel.traces
+        ],
+        "rows": [{"name": row.name, "role": row.role, "behind": row.behind} for row in panel.rows],
+    }

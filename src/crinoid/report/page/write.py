@@ -1,0 +1,200 @@
+"""Writing the page: everything that it shows and that shows it, in one file."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from crinoid.replacement import replacing
+from crinoid.report.charts.chart import Chart
+from crinoid.report.charts.drive import drive_chart
+from crinoid.report.charts.effort import effort_chart
+from crinoid.report.charts.energy import energy_chart
+from crinoid.report.charts.summary import summary
+from crinoid.report.charts.tip import tip_chart
+from crinoid.report.charts.touch import contact_chart, has_contact
+from crinoid.report.page.plots import plots_of
+from crinoid.report.page.scene import scene_of
+from crinoid.report.page.still import still_of
+from crinoid.report.run import ReportError, Run
+from crinoid.result import Result
+from crinoid.scenario import ScenarioError
+from crinoid.status import Status
+
+_SCRIPTS = ("unpack", "space", "camera", "paint", "scene", "charts", "main")
+_LONGEST = 200_000
+"""Characters of a scenario, over which the page does not show it whole."""
+
+
+def write_run(run: Run, path: Path) -> Path:
+    """Write the page of a run.
+
+    Raises
+    ------
+    ReportError
+        If it cannot be written.
+    """
+    text = page_of(run)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ReportError(f"{path}: cannot write the page ({error.strerror})") from error
+    return path
+
+
+def page_of(run: Run) -> str:
+    """Return the page of a run as HTML.
+
+    What a user wrote is text in it: it is escaped, and scripts run by their digests only.
+    """
+    table, numbers, left_out = scene_of(run.members)
+    time = np.asarray(run.result["time"].values, float)
+    span = [float(time[0]), float(time[-1])]
+    plots = plots_of(charts_of(run), *span)
+    table = {
+        "span": span,
+        "times": table["members"][0]["time"],
+        "scene": table,
+        "charts": plots.charts,
+    }
+    bokeh, script = _bokeh(), _own_script()
+    scripts = " ".join(f"'sha256-{_digest(text)}'" for text in (bokeh, script))
+    attributes = run.result.attrs
+    scenario = str(attributes.get("scenario", ""))
+    if len(scenario) > _LONGEST:
+        left_out.append(f"The scenario is cut off after {_LONGEST} characters.")
+    failed = Status.of(run.status) is not Status.OK
+    return Template(_part("page.html")).substitute(
+        policy=f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'",
+        version=escape(str(attributes.get("crinoid_version", ""))),
+        title=escape(run.title),
+        subtitle=escape(_subtitle(run)),
+        status=f'<p class="status">{escape(run.status)}</p>' if failed else "",
+        style=_part("page.css"),
+        still=still_of(run.members),
+        metrics=_metrics(run),
+        notes=_notes(run),
+        scenario=escape(scenario[:_LONGEST]),
+        facts=_facts(run),
+        left_out=_list("What was left out", [*left_out, *plots.left_out]),
+        footer=f"Charts by Bokeh {escape(plots.version)} (BSD 3-Clause, in this file).",
+        table=_json(table),
+        document=_json(plots.document),
+        numbers=numbers,
+        bokeh=bokeh,
+        script=script,
+    )
+
+
+def charts_of(run: Run) -> list[Chart]:
+    """Return the charts of a run in the order of the page."""
+    contact = [contact_chart(run)] if has_contact(run) else []
+    return [tip_chart(run), drive_chart(run), *contact, energy_chart(run), effort_chart(run)]
+
+
+def _subtitle(run: Run) -> str:
+    data = run.result
+    kind = "arm in space" if data.sizes["axis"] == 3 else "planar arm"
+    span = float(data["time"].values[-1] - data["time"].values[0])
+    parts = [kind, f"{data.sizes['node']} nodes", f"{span:g} s"]
+    if run.uncontrolled is not None:
+        parts.append("with and without control")
+    return " · ".join(parts)
+
+
+def _metrics(run: Run) -> str:
+    try:
+        found = summary(_result(run))
+    except (LookupError, ValueError, ScenarioError):
+        return "<h2>Numbers</h2><p>The result holds too little to sum it up.</p>"
+    heads = "".join(f'<th scope="col">{escape(head)}</th>' for head in found.heads)
+    rows = "".join(f"<tr>{_cells(row, len(found.heads))}</tr>" for row in found.rows)
+    table = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+    return f'<h2>Numbers</h2><div class="scroll">{table}</div>'
+
+
+def _cells(row: list[str], count: int) -> str:
+    return "".join(f"<td>{escape(cell)}</td>" for cell in [*row, *[""] * (count - len(row))])
+
+
+def _result(run: Run) -> Result:
+    other = None if run.uncontrolled is None else Result(run.uncontrolled)
+    return Result(run.result, uncontrolled=other)
+
+
+def _notes(run: Run) -> str:
+    return _list("Notes", _result(run).notes)
+
+
+def _list(title: str, lines: list[str]) -> str:
+    if not lines:
+        return ""
+    entries = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f'<h2>{title}</h2><ul class="notes">{entries}</ul>'
+
+
+def _facts(run: Run) -> str:
+    attributes, name = run.result.attrs, _file_name(run.title)
+    facts: dict[str, Any] = {
+        "crinoid": attributes.get("crinoid_version", "unknown"),
+        "seed": attributes.get("seed", "unknown"),
+        "status": run.status,
+        "computing time": f"{float(attributes.get('wall_time', 0.0)):.3g} s",
+        "saved instants": run.result.sizes["time"],
+    }
+    rows = "".join(f"<tr><td>{k}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
+    command = f"crinoid run {name}.toml --out results/{name}"
+    return (
+        f"{rows}<tr><td>to repeat it</td><td>save the scenario above as {name}.toml, then "
+        f"<code>{command}</code></td></tr>"
+    )
+
+
+def _file_name(title: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40].strip("-") or "scenario"
+
+
+def _json(value: Any) -> str:
+    """Write JSON that no HTML parser takes for markup."""
+    text = json.dumps(value, separators=(",", ":"), default=_plain, allow_nan=False)
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is no JSON")
+
+
+def _own_script() -> str:
+    parts = "\n".join(_part(f"{name}.js") for name in _SCRIPTS)
+    return f'"use strict";\n(() => {{\n{parts}\n}})();'
+
+
+def _bokeh() -> str:
+    """Return Bokeh's own script, from the package that is installed, licence and all."""
+    import bokeh
+
+    folder = Path(bokeh.__file__).parent / "server" / "static" / "js"
+    text = (folder / "bokeh.min.js").read_text(encoding="utf-8")
+    return text.replace("</script", "<\\/script")
+
+
+def _digest(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+
+
+def _part(name: str) -> str:
+    return (files("crinoid.report.page") / name).read_text(encoding="utf-8")
