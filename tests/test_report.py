@@ -1,6 +1,7 @@
 """The figures: they are written, they show something, and they refuse what is no result."""
 
 import csv
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ from crinoid.report import ReportError, write_report
 from crinoid.report.arm import hull
 from crinoid.report.charts.drive import drawn_in, drive_chart
 from crinoid.report.paper import draw_chart
-from crinoid.report.run import Run
+from crinoid.report.run import PAGE, Run
 from crinoid.report.style import STYLE
 from crinoid.variables import large_names, quantity
 from made_results import of_values
@@ -159,7 +160,19 @@ def study_row(number, **changes):
     } | changes
 
 
+def assert_is_a_page(path: Path):
+    text = path.read_text("utf-8")
+    assert text.endswith("</html>\n")
+    assert len(text) < 3e6
+    for part in ("table", "document"):
+        begun = text.index(f'<script type="application/json" id="{part}">')
+        json.loads(text[text.index(">", begun) + 1 : text.index("</script>", begun)])
+
+
 def assert_shows_something(path: Path):
+    if path.suffix == ".html":
+        assert_is_a_page(path)
+        return
     with Image.open(path) as opened:
         wide, high = np.divide(opened.size, opened.info["dpi"])
         pixels = opened.convert("RGB")
@@ -182,7 +195,7 @@ def _coarse():
 
 def assert_report(folder: Path, **kwargs):
     written = write_report(folder, **kwargs)
-    assert [path.name for path in written] == FIGURES
+    assert [path.name for path in written] == [*FIGURES, PAGE]
     for path in written:
         assert_shows_something(path)
     return written
@@ -201,7 +214,7 @@ def test_figures_are_written_beside_the_result_and_show_the_uncontrolled_run(alo
     compared = assert_report(tmp_path)
     assert {path.parent for path in compared} == {tmp_path}
     same = [a.read_bytes() == b.read_bytes() for a, b in zip(alone[1], compared, strict=True)]
-    assert same == [False, False, False, True, True, False]
+    assert same == [False, False, False, True, True, False, False]
 
 
 def test_figures_go_where_they_are_told_from_the_file_itself(alone):
@@ -310,7 +323,7 @@ def among_obstacles(*, drift=0.01, touching=True, **changes):
 def test_obstacles_are_drawn_and_so_are_their_contacts(changes, tmp_path):
     save(among_obstacles(**changes), tmp_path / "result.nc")
     written = write_report(tmp_path)
-    assert [path.name for path in written] == [*FIGURES, "contact.png"]
+    assert [path.name for path in written] == [*FIGURES, "contact.png", PAGE]
     for path in written:
         assert_shows_something(path)
 
@@ -324,7 +337,7 @@ def test_obstacles_change_the_shapes_and_nothing_else_but_add_contacts(tmp_path)
     without = [path.read_bytes() for path in write_report(tmp_path)]
     assert len(among) == len(without) + 1
     same = [a == b for a, b in zip(among, without, strict=False)]
-    assert same == [False, True, True, True, True, True]
+    assert same == [False, True, True, True, True, True, False]
 
 
 def test_a_title_is_text_and_no_formula(tmp_path):
@@ -370,8 +383,8 @@ def test_a_study_is_drawn_with_each_of_its_cases(tmp_path):
     for number, made in ((1, swaying_arm(sway=0.1)), (2, among_obstacles(sway=0.05))):
         save(made, tmp_path / f"case-{number:02d}" / "result.nc")
     written = write_report(tmp_path)
-    names = [Path("case-01") / name for name in FIGURES]
-    names += [Path("case-02") / name for name in [*FIGURES, "contact.png"]]
+    names = [Path("case-01") / name for name in [*FIGURES, PAGE]]
+    names += [Path("case-02") / name for name in [*FIGURES, "contact.png", PAGE]]
     assert [p.relative_to(tmp_path) for p in written] == [Path("cases.png"), *names]
     for path in written:
         assert_shows_something(path)

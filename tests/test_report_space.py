@@ -17,7 +17,7 @@ from crinoid.report.charts.drive import drive_chart
 from crinoid.report.charts.tip import tip_chart
 from crinoid.report.current import find_current
 from crinoid.report.paper import draw_chart
-from crinoid.report.run import Run, base_direction
+from crinoid.report.run import PAGE, Run, base_direction
 from crinoid.report.scene import Scene, solid_surface
 from crinoid.report.sheet import draw_sheet
 from crinoid.report.solids import find_bodies
@@ -97,7 +97,7 @@ def test_obstacles_and_the_uncontrolled_run_are_drawn(tmp_path):
     save(among_obstacles(records=9), tmp_path / "result.nc")
     save(among_obstacles(records=9, driven=False), tmp_path / "uncontrolled.nc")
     written = write_report(tmp_path)
-    assert [path.name for path in written] == [*FIGURES, "contact.png"]
+    assert [path.name for path in written] == [*FIGURES, "contact.png", PAGE]
     for path in written:
         assert_shows_something(path)
     high, wide = image.imread(tmp_path / "shape.png").shape[:2]
@@ -113,7 +113,9 @@ def test_a_study_in_space_is_drawn_with_each_of_its_cases(tmp_path):
         save(data, tmp_path / f"case-{number:02d}" / "result.nc")
     written = write_report(tmp_path)
     names = [Path("cases.png")]
-    names += [Path(f"case-{n:02d}") / name for n in (1, 2) for name in [*FIGURES, "contact.png"]]
+    names += [
+        Path(f"case-{n:02d}") / name for n in (1, 2) for name in [*FIGURES, "contact.png", PAGE]
+    ]
     assert [path.relative_to(tmp_path) for path in written] == names
     assert_shows_something(tmp_path / "cases.png")
 

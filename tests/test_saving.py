@@ -25,6 +25,7 @@ from crinoid.cli.app import app
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.replacement import remove_unfinished, replacing
+from crinoid.report.run import PAGE
 from crinoid.result import Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.stream import open_lazily
@@ -67,7 +68,8 @@ def one_line(ended: Ended, code: int) -> str:
 
 
 def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
+    """Names of what is in a folder, but for the page of a run."""
+    return sorted(path.name for path in folder.iterdir() if path.name != PAGE)
 
 
 @pytest.fixture
@@ -394,6 +396,26 @@ def test_a_run_leaves_nothing_of_another_and_all_of_the_users(here):
     (out / "tip_error.png").write_bytes(b"\x89PNG of the users as well")
     assert call("run", "small.toml", "--out", out).exit_code == 0
     assert names(out) == ["notes.md", "photo.png", "result.nc", "tip_error.png"]
+
+
+def test_a_run_writes_its_page_over_its_own_only(here):
+    ended = call("run", "small.toml", "--out", "out")
+    assert f"wrote out/{PAGE}" in ended.stdout
+    page = here / "out" / PAGE
+    assert "<h1>small</h1>" in page.read_text("utf-8")
+    assert call("run", "small.toml", "--out", "out").exit_code == 0
+    page.write_text("mine")
+    again = call("run", "small.toml", "--out", "out")
+    assert again.exit_code == 0
+    assert f"no page: out/{PAGE}: not written by crinoid" in again.stdout
+    assert page.read_text() == "mine"
+    assert f"out/{PAGE}: not written by crinoid" in one_line(call("report", "out"), 2)
+
+
+def test_the_page_of_another_run_goes(here):
+    assert call("run", "small.toml", "--out", "out").exit_code == 0
+    assert call("run", "study.toml", "--out", "out", "--force").exit_code == 0
+    assert not (here / "out" / PAGE).exists()
 
 
 def test_a_smaller_study_a_run_and_a_study_replace_each_other_wholly(here):

@@ -20,7 +20,7 @@ from crinoid.comparison import COMPARISON
 from crinoid.current import FLOW
 from crinoid.identification import IDENTIFICATION
 from crinoid.replacement import remove_unfinished
-from crinoid.report.run import PAGE
+from crinoid.report.run import PAGE, is_page
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import MODES
@@ -200,12 +200,9 @@ def remove_table(folder: Path) -> None:
 
 def clear_figures(folder: Path) -> None:
     """Remove the figures and the page of an earlier result, but not those of other commands."""
-    with suppress(OSError):
-        page = folder / PAGE
-        with page.open("rb") as file:
-            ours = b'name="generator" content="crinoid' in file.read(2000)
-        if ours:
-            page.unlink()
+    if is_page(folder / PAGE):
+        with suppress(OSError):
+            (folder / PAGE).unlink()
     for path in folder.glob("*.png"):
         with suppress(OSError), path.open("rb") as file:
             head = file.read(2000)

@@ -21,13 +21,14 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
     """Draw the figures of a result, or of a study of several cases.
 
     A result gives `shape.png`, `tip_error.png`, `tip_path.png`, `commands.png`, `energy.png` and
-    `bending.png`, with obstacles `contact.png`, and the page `report.html`; a file `uncontrolled.nc` beside it is drawn as
-    the comparison. A study (a folder with `cases.csv`) gives `cases.png`, and the figures of each
-    case in the folder of that case. The current that `crinoid flow` sampled (`flow.nc`) gives
-    `flow.png`, `spectrum.png` and `profile.png`, what `crinoid modes` found (`modes.nc`)
-    `modes.png`, what `crinoid compare` compared (`compare.nc`) `compare.png`, the loop of
-    `crinoid margins` (`margins.nc`) `bode.png` and `nyquist.png`, the search of `crinoid tune`
-    (`tune.nc`) `tune.png`, and that of `crinoid identify` (`identify.nc`) `identify.png`.
+    `bending.png`, with obstacles `contact.png`, and the page `report.html`; a file
+    `uncontrolled.nc` beside it is drawn as the comparison. A study (a folder with `cases.csv`)
+    gives `cases.png`, and those of each case in the folder of that case. The current that
+    `crinoid flow` sampled (`flow.nc`) gives `flow.png`, `spectrum.png` and `profile.png`, what
+    `crinoid modes` found (`modes.nc`) `modes.png`, what `crinoid compare` compared (`compare.nc`)
+    `compare.png`, the loop of `crinoid margins` (`margins.nc`) `bode.png` and `nyquist.png`, the
+    search of `crinoid tune` (`tune.nc`) `tune.png`, and that of `crinoid identify`
+    (`identify.nc`) `identify.png`.
 
     Parameters
     ----------

@@ -72,6 +72,15 @@ def open_run(path: Path) -> Run:
     return Run(result, open_result(beside) if compared else None)
 
 
+def is_page(path: Path) -> bool:
+    """Tell whether a file is a page that crinoid wrote."""
+    try:
+        with path.open("rb") as file:
+            return b'name="generator" content="crinoid' in file.read(2000)
+    except OSError:
+        return False
+
+
 def load(path: Path) -> xr.Dataset:
     """Read a netCDF file into memory, times as plain seconds.
 

@@ -18,7 +18,8 @@ class Charts {
     make("span", "label", head, said.unit ? `${said.label} (${said.unit})` : said.label);
     const key = make("span", "key", head);
     const entries = [...said.traces, ...said.rows].map((trace) => {
-      const entry = make("span", "entry", key), mark = make("i", trace.line === "solid" || !trace.line ? "" : trace.line, entry);
+      const entry = make("span", "entry", key), fainter = trace.behind && !/^(run|free)$/.test(trace.role);
+      const mark = make("i", fainter && trace.line === "solid" ? "dashed" : trace.line === "solid" || !trace.line ? "" : trace.line, entry);
       if (said.traces.length > 1 || said.rows.length) make("span", "", entry, trace.name);
       return { ...trace, mark, told: make("b", "", entry, "") };
     });

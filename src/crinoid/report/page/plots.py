@@ -11,6 +11,7 @@ import numpy as np
 from bokeh.document import Document
 from bokeh.models import (
     BasicTicker,
+    BasicTickFormatter,
     ColumnDataSource,
     FixedTicker,
     Grid,
@@ -53,16 +54,20 @@ def plots_of(charts: list[Chart], begin: float, end: float) -> Plots:
     document = Document()
     span = Range1d(start=begin, end=end if end > begin else begin + 1.0)
     listed: list[dict[str, Any]] = []
+    drawn: list[Plot] = []
     most = 0
     for chart in charts:
         panels = []
         for panel in chart.panels:
             last = panel is chart.panels[-1]
             plot, said, count = _panel(panel, span, last)
-            document.add_root(plot)
+            drawn.append(plot)
             panels.append(said | {"root": plot.id})
             most = max(most, count)
         listed.append({"name": chart.name, "title": chart.title, "panels": panels})
+    with document.models.freeze():  # else all models are counted anew for each
+        for plot in drawn:
+            document.add_root(plot)
     left_out = []
     if most > RECORDS:
         left_out.append(
@@ -99,6 +104,8 @@ def _panel(panel: Panel, span: Range1d, last: bool) -> tuple[Plot, dict[str, Any
         up = LinearAxis(ticker=ticker, major_label_overrides=words)
     else:
         up = LinearAxis(ticker=BasicTicker(desired_num_ticks=4))
+    for axis in () if rows else (across, up):
+        axis.formatter = BasicTickFormatter(power_limit_low=-5, power_limit_high=6)
     plot.add_layout(across, "below")
     plot.add_layout(up, "left")
     plot.add_layout(Grid(dimension=0, ticker=across.ticker))

@@ -25,7 +25,7 @@ from crinoid.report.charts.touch import contact_chart, has_contact
 from crinoid.report.page.plots import plots_of
 from crinoid.report.page.scene import scene_of
 from crinoid.report.page.still import still_of
-from crinoid.report.run import ReportError, Run
+from crinoid.report.run import ReportError, Run, is_page
 from crinoid.result import Result
 from crinoid.scenario import ScenarioError
 from crinoid.status import Status
@@ -41,8 +41,10 @@ def write_run(run: Run, path: Path) -> Path:
     Raises
     ------
     ReportError
-        If it cannot be written.
+        If it cannot be written, or would replace what crinoid did not write.
     """
+    if path.exists() and not is_page(path):
+        raise ReportError(f"{path}: not written by crinoid; move it away first")
     text = page_of(run)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

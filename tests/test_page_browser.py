@@ -1,0 +1,212 @@
+"""The page of a run in a browser: it plays, it can be turned, and it tells what the result has."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from crinoid.report.page.write import write_run
+from crinoid.report.run import Run
+from spatial_arm import among_obstacles, curling_arm
+from test_page import HOSTILE
+from test_report import swaying_arm
+
+playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's package chromium")
+SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
+SOFTWARE += ["--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        yield opened
+        opened.close()
+
+
+class Opened:
+    """A page that is open, and what it complained of or asked for."""
+
+    def __init__(self, browser, path, wide=1200, high=800, **context):
+        context = {"reduced_motion": "reduce"} | context
+        self.context = browser.new_context(viewport={"width": wide, "height": high}, **context)
+        self.page, self.complaints, self.requests = self.context.new_page(), [], []
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("console", self._hear)
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(path.as_uri())
+        self.page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
+
+    def _hear(self, message):
+        if message.type in ("error", "warning"):
+            self.complaints.append(message.text)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.context.close()
+
+    def ask(self, script, *arguments):
+        return self.page.evaluate(script, *arguments)
+
+    def picture(self):
+        """Return what the canvas shows."""
+        return self.ask(
+            "() => { crinoid.show(true); return document.getElementById('scene').toDataURL(); }"
+        )
+
+    def told(self, panel):
+        """Return the numbers beside a chart, in its unit."""
+        told = self.ask(
+            """(name) => crinoid.charts.panels.find((p) => p.said.name === name)
+            .entries.map((entry) => entry.told.textContent)""",
+            panel,
+        )
+        return [float(text.replace("\N{MINUS SIGN}", "-")) for text in told]
+
+
+@pytest.fixture(scope="module")
+def spatial(tmp_path_factory):
+    run = Run(among_obstacles(records=121), curling_arm(records=121, driven=False))
+    return run, write_run(run, tmp_path_factory.mktemp("spatial") / "report.html")
+
+
+@pytest.fixture(scope="module")
+def shown(browser, spatial):
+    with Opened(browser, spatial[1]) as opened:
+        yield opened
+
+
+def test_a_page_opens_without_a_complaint_and_asks_for_nothing(shown, spatial):
+    assert shown.complaints == []
+    assert shown.requests == [spatial[1].as_uri()]
+    assert shown.ask("() => document.querySelector('.stage').classList.contains('drawn')")
+
+
+def test_all_nodes_are_drawn_where_the_result_has_them(shown, spatial):
+    result = spatial[0].result
+    assert shown.ask("() => crinoid.scene.arms.map((arm) => arm.nodes)") == [31, 31]
+    for record in (0, 50, 120):
+        shown.ask("(time) => crinoid.go(time)", float(result["time"][record]))
+        points = shown.ask("() => [...crinoid.scene.members[0].points]")
+        found = np.reshape(points, (-1, 3))
+        np.testing.assert_allclose(found, result["position"].values[record], atol=1e-4)
+
+
+def test_numbers_under_the_cursor_are_those_of_the_result(shown, spatial):
+    result, other = spatial[0].result, spatial[0].uncontrolled
+    for record in (0, 37, 120):
+        shown.ask("(time) => crinoid.go(time)", float(result["time"][record]))
+        errors = [1e3 * float(data["tip_error"][record]) for data in (result, other)]
+        np.testing.assert_allclose(shown.told("tip_error"), errors, rtol=1e-3, atol=1e-4)
+        force = result["base_force"].values[record]
+        np.testing.assert_allclose(shown.told("base_force"), force, rtol=1e-3, atol=1e-6)
+    clock = shown.page.text_content("#clock")
+    assert clock == f"{float(result['time'][120]):.2f} s"
+
+
+def test_a_chart_that_is_dragged_moves_the_animation(shown):
+    plot = shown.page.locator(".plot").first
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    left, right = box["x"] + 58, box["x"] + box["width"] - 10
+    for share in (0.25, 0.6):
+        shown.page.mouse.move(left, box["y"] + 40)
+        shown.page.mouse.down()
+        shown.page.mouse.move(left + share * (right - left), box["y"] + 40)
+        shown.page.mouse.up()
+        assert shown.ask("() => crinoid.time") == pytest.approx(share * 12.0, abs=0.1)
+    cursor = shown.page.locator(".cursor").first.bounding_box()
+    assert cursor["x"] == pytest.approx(left + 0.6 * (right - left), abs=2.0)
+
+
+def test_it_plays_pauses_and_steps(shown):
+    shown.ask("() => crinoid.go(1)")
+    shown.page.click("#play")
+    shown.page.wait_for_function("() => crinoid.time > 1.2", timeout=30_000)
+    shown.page.click("#play")
+    stopped = shown.ask("() => crinoid.time")
+    shown.page.wait_for_timeout(200)
+    assert shown.ask("() => crinoid.time") == stopped
+    shown.ask("() => crinoid.go(1)")
+    shown.page.focus("#scene")
+    shown.page.keyboard.press("ArrowRight")
+    assert shown.ask("() => crinoid.time") == pytest.approx(1.1, abs=1e-6)
+    shown.page.keyboard.press("ArrowLeft")
+    assert shown.ask("() => crinoid.time") == pytest.approx(1.0, abs=1e-6)
+    shown.page.keyboard.press("End")
+    assert shown.ask("() => crinoid.time") == 12.0
+
+
+def test_scrubbing_turning_and_colours_change_the_picture(shown):
+    shown.ask("() => crinoid.go(2)")
+    pictures = [shown.picture()]
+    shown.ask("() => crinoid.go(9)")
+    pictures.append(shown.picture())
+    box = shown.page.locator("#scene").bounding_box()
+    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    before = shown.ask("() => crinoid.scene.camera.yaw")
+    shown.page.mouse.move(*middle)
+    shown.page.mouse.down()
+    shown.page.mouse.move(middle[0] + 80, middle[1] + 20)
+    shown.page.mouse.up()
+    assert shown.ask("() => crinoid.scene.camera.yaw") == pytest.approx(before - 32.0)
+    pictures.append(shown.picture())
+    for name in ("Side", "Above", "Ahead"):
+        shown.page.click(f"text={name}")
+        pictures.append(shown.picture())
+    for label, option in [("Colour", "tension"), ("Without control", "beside"), ("Follow", "tip")]:
+        shown.page.select_option(f"label.pick:has-text('{label}') select", option)
+        pictures.append(shown.picture())
+    assert len(set(pictures)) == len(pictures) - 1  # what is followed is there already
+    assert shown.ask("() => crinoid.scene.drawn.parts") == 2
+    assert shown.complaints == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_shows_all_of_a_planar_run_in_its_width(scheme, browser, tmp_path):
+    path = write_run(Run(swaying_arm(), swaying_arm(driven=False)), tmp_path / "report.html")
+    with Opened(browser, path, 390, 844, color_scheme=scheme) as opened:
+        assert opened.ask("() => document.documentElement.scrollWidth") <= 390
+        paper = opened.ask("() => getComputedStyle(document.body).backgroundColor")
+        assert (paper == "rgb(18, 23, 26)") == (scheme == "dark")
+        assert opened.complaints == []
+
+
+def test_a_hostile_title_does_nothing(browser, tmp_path):
+    data = swaying_arm(records=5).assign_attrs(title=HOSTILE, notes=HOSTILE)
+    with Opened(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
+        assert opened.page.title() == HOSTILE
+        assert opened.page.text_content("h1") == HOSTILE
+        assert opened.page.locator("img").count() == 0
+        assert (opened.complaints, len(opened.requests)) == ([], 1)
+
+
+def test_one_instant_is_shown_and_does_not_play(browser, tmp_path):
+    data = swaying_arm(records=1, duration=0.0)
+    with Opened(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
+        assert opened.page.is_disabled("#play")
+        assert opened.complaints == []
+
+
+def test_without_webgl_a_picture_stands_and_charts_still_read(browser, tmp_path):
+    path = write_run(Run(swaying_arm()), tmp_path / "report.html")
+    context = browser.new_context(reduced_motion="reduce")
+    page = context.new_page()
+    page.add_init_script(
+        """const canvas = HTMLCanvasElement.prototype, get = canvas.getContext;
+        canvas.getContext = function (kind, ...rest) {
+          return kind === 'webgl2' ? null : get.call(this, kind, ...rest);
+        };"""
+    )
+    page.goto(path.as_uri())
+    page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
+    assert page.is_visible(".still svg polyline >> nth=0")
+    assert not page.is_visible("#scene")
+    assert "cannot draw the animation" in page.text_content("#trouble")
+    page.evaluate("() => crinoid.go(5)")
+    assert page.text_content(".entry b") not in ("", "\N{EN DASH}")
+    context.close()
