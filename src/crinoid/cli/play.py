@@ -87,16 +87,16 @@ def _run_case(
         if not unsaved:
             clear(folder, wanted, resume=resume, force=force)
         _say_run(console, result, told)
-        say_where(console, paths + _page(result, paths, console))
+        say_where(console, paths + _page(paths, console))
     return unsaved or trouble(result, folder, paths)
 
 
-def _page(result: Result, paths: list[Path], console: Console) -> list[Path]:
+def _page(paths: list[Path], console: Console) -> list[Path]:
     """Write the page of a run beside its files; a run without one is a run all the same."""
     if not paths:
         return []
     try:
-        return [write_page(result, paths[0].parent)]
+        return [write_page(paths[0].parent)]
     except ReportError as error:
         say_notes(console, [f"no page: {error}"])
         return []

@@ -4,15 +4,9 @@ The only package that draws. Importing it costs nothing: the plotting libraries 
 they draw, not before.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from crinoid.report.run import ReportError
-
-if TYPE_CHECKING:
-    from crinoid.result import Result
 
 __all__ = ["ReportError", "write_page", "write_report"]
 
@@ -53,15 +47,13 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
     return write_book(Path(path), None if out is None else Path(out))
 
 
-def write_page(result: Result, folder: Path) -> Path:
+def write_page(folder: Path) -> Path:
     """Write the page of a run, `report.html`: the run moving, its charts and its numbers.
 
     Parameters
     ----------
-    result
-        The run.
     folder
-        Where, made if needed.
+        Where its `result.nc` is, and the page will be.
 
     Raises
     ------
@@ -69,11 +61,6 @@ def write_page(result: Result, folder: Path) -> Path:
         If the result holds too little to be drawn, or the page cannot be written.
     """
     from crinoid.report.page.write import write_run
-    from crinoid.report.run import PAGE, RESULT, UNCONTROLLED, Run, checked
+    from crinoid.report.run import PAGE, RESULT, open_run
 
-    other = result.uncontrolled
-    run = Run(
-        checked(result.dataset, folder / RESULT),
-        None if other is None else checked(other.dataset, folder / UNCONTROLLED),
-    )
-    return write_run(run, folder / PAGE)
+    return write_run(open_run(folder / RESULT, lazily=True), folder / PAGE)

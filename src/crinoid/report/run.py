@@ -15,6 +15,7 @@ from crinoid.report.charts.pose import base_directions
 from crinoid.report.solids import find_bodies
 from crinoid.space import AXES
 from crinoid.status import Status
+from crinoid.stream import open_lazily
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
@@ -58,18 +59,20 @@ class Run:
         return [("with control", self.result), ("without control", self.uncontrolled)]
 
 
-def open_run(path: Path) -> Run:
+def open_run(path: Path, *, lazily: bool = False) -> Run:
     """Read a result file and the uncontrolled one beside it.
+
+    What is large may stay in its file until it is asked for.
 
     Raises
     ------
     ReportError
         If either file is not a readable result with at least one finite record.
     """
-    result = open_result(path)
+    result = open_result(path, lazily=lazily)
     beside = path.with_name(UNCONTROLLED)
     compared = beside.is_file() and path.name != UNCONTROLLED
-    return Run(result, open_result(beside) if compared else None)
+    return Run(result, open_result(beside, lazily=lazily) if compared else None)
 
 
 def is_page(path: Path) -> bool:
@@ -81,8 +84,8 @@ def is_page(path: Path) -> bool:
         return False
 
 
-def load(path: Path) -> xr.Dataset:
-    """Read a netCDF file into memory, times as plain seconds.
+def load(path: Path, *, lazily: bool = False) -> xr.Dataset:
+    """Read a netCDF file, times as plain seconds: into memory, or but for what is large.
 
     Raises
     ------
@@ -90,6 +93,8 @@ def load(path: Path) -> xr.Dataset:
         If the file is broken.
     """
     try:
+        if lazily:
+            return open_lazily(path)
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
             return stored.load()
     except (OSError, RuntimeError, ValueError, KeyError) as error:
@@ -97,8 +102,8 @@ def load(path: Path) -> xr.Dataset:
         raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
 
 
-def open_result(path: Path) -> xr.Dataset:
-    """Read one result file into memory; records whose shape is not finite are left out.
+def open_result(path: Path, *, lazily: bool = False) -> xr.Dataset:
+    """Read one result file; records whose shape is not finite are left out.
 
     Raises
     ------
@@ -109,17 +114,7 @@ def open_result(path: Path) -> xr.Dataset:
         raise ReportError(f"{path}: no such file")
     if path.stat().st_size == 0:
         raise ReportError(f"{path}: the file is empty")
-    return checked(load(path), path)
-
-
-def checked(dataset: xr.Dataset, path: Path) -> xr.Dataset:
-    """Return a result, records whose shape is not finite left out, if it can be drawn.
-
-    Raises
-    ------
-    ReportError
-        If it is not a result, with the path that it is of.
-    """
+    dataset = load(path, lazily=lazily)
     for name, dims in _REQUIRED.items():
         if name not in dataset:
             if "crinoid_version" in dataset.attrs and name == "position":

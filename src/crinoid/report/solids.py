@@ -98,9 +98,12 @@ class Body:
         return bool(abs(view.depth(self.solid.out)) < 1e-9)
 
     def nearest(
-        self, record: int, points: Float[np.ndarray, "*shape axis=3"]
+        self, record: int | tuple[slice, None], points: Float[np.ndarray, "*shape axis=3"]
     ) -> Float[np.ndarray, "*shape axis=3"]:
-        """Points nearest to others, of a wall's surface or of the line within what is round."""
+        """Points nearest to others, of a wall's surface or of the line within what is round.
+
+        Of points at each record, ``np.s_[:, None]`` takes it where it is at the same.
+        """
         place, half, out = self.path[record], self.solid.half_axis, self.solid.out
         if self.solid.kind == "plane":
             return np.asarray(points - ((points - place) @ out)[..., None] * out)

@@ -8,6 +8,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
+from crinoid.dataset import join
+from crinoid.pieces import pieces
 from crinoid.report.charts.pose import attitudes, base_directions, channel_of, read_scenario
 from crinoid.report.charts.tool import ball, held
 from crinoid.report.solids import Body, find_bodies
@@ -20,6 +22,12 @@ _REACH = 0.2  # length of the longest arrow, of the arm's length
 _CLEAR = 0.06  # between the arrows and what the arm sweeps, of its length
 _FAR = 0.25  # distance from obstacles from which on it does not matter, of the arm's length
 _SHIFTS = {row.name: "xyz".index(row.axis) for row in CHANNEL_TABLE if not row.turns}
+
+_DRAWN = (
+    *("position", "velocity", "curvature", "tension", "tip_target", "flow_velocity", "tool_held"),
+    *("base_servo", "base_pose", "channel_lower", "channel_upper", "vehicle_pose"),
+    "obstacle_position",
+)
 
 Path = Float[np.ndarray, "time axis=3"]
 
@@ -108,10 +116,22 @@ def evenly(count: int, most: int) -> Int[np.ndarray, " chosen"]:
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
 
 
+def thinned(data: xr.Dataset, records: Int[np.ndarray, " chosen"]) -> xr.Dataset:
+    """Return chosen instants of what is drawn here of a run, which may lie in a file."""
+    parts, first = [], 0
+    for piece in pieces(data, [name for name in _DRAWN if name in data]):
+        last = first + piece.sizes["time"]
+        here = records[(records >= first) & (records < last)] - first
+        if here.size:
+            parts.append(piece.isel(time=here))
+        first = last
+    return join(parts)
+
+
 def _moving(label: str, data: xr.Dataset, most: int, most_nodes: int) -> Moving:
     records = data.sizes["time"]
     nodes = evenly(data.sizes["node"], most_nodes)
-    some = data.isel(time=evenly(records, most))
+    some = thinned(data, evenly(records, most))
     position = in_space(some, "position")
     length = arm_length(some)
     bodies = tuple(find_bodies(some))
@@ -170,10 +190,10 @@ def _distance(
     body: Body, points: Float[np.ndarray, "time node axis=3"]
 ) -> Float[np.ndarray, "time node"]:
     """Return the distance of points from the surface of an obstacle (m)."""
-    apart = [at - body.nearest(record, at) for record, at in enumerate(points)]
+    apart = points - body.nearest(np.s_[:, None], points)
     if body.solid.kind == "plane":
-        return np.asarray(np.stack(apart) @ body.solid.out)
-    return np.linalg.norm(np.stack(apart), axis=-1) - body.solid.radius
+        return np.asarray(apart @ body.solid.out)
+    return np.linalg.norm(apart, axis=-1) - body.solid.radius
 
 
 def _mount(data: xr.Dataset, position: Float[np.ndarray, "time node axis=3"]) -> Mount:
