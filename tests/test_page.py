@@ -13,7 +13,7 @@ from crinoid.report.charts.chart import Trace
 from crinoid.report.charts.space import base_directions, evenly, space_of
 from crinoid.report.page.pack import Pack
 from crinoid.report.page.plots import RECORDS, kept
-from crinoid.report.page.scene import scene_of
+from crinoid.report.page.scene import scene_of, shown
 from crinoid.report.page.write import page_of
 from crinoid.report.run import Run
 from spatial_arm import among_obstacles, curling_arm
@@ -65,7 +65,7 @@ def test_packed_numbers_come_back_to_half_a_step(rows):
 
 def test_the_scene_holds_the_arm_where_the_result_has_it():
     data = among_obstacles(records=61)
-    table, numbers, left_out = scene_of([("", data)])
+    table, numbers, left_out = scene_of(shown([("", data)]))
     (member,) = table["members"]
     assert member["nodes"] == data.sizes["node"]
     assert not left_out

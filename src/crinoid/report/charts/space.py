@@ -95,6 +95,8 @@ class Space:
     length: float
     nodes: int
     """Nodes of the result."""
+    ahead: Float[np.ndarray, "axis=3"]
+    """Where the arm leaves a submarine that is level."""
     members: tuple[Moving, ...]
 
 
@@ -105,6 +107,7 @@ def space_of(members: list[tuple[str, xr.Dataset]], most: int, most_nodes: int) 
         is_spatial(first),
         arm_length(first.isel(time=[0])),
         first.sizes["node"],
+        _set_direction(first),
         tuple(_moving(label, data, most, most_nodes) for label, data in members),
     )
 
@@ -213,7 +216,7 @@ def _mount(data: xr.Dataset, position: Float[np.ndarray, "time node axis=3"]) ->
     return Mount(anchor, base_directions(data, every), frame, tuple(rails))
 
 
-def set_direction(data: xr.Dataset) -> Float[np.ndarray, "axis=3"]:
+def _set_direction(data: xr.Dataset) -> Float[np.ndarray, "axis=3"]:
     """Return where the arm leaves a submarine that is level, by the scenario."""
     base = read_scenario(data).get("base", {})
     tilt, pan = (np.deg2rad(float(base.get(f"{name}_deg", 0.0))) for name in ("tilt", "pan"))

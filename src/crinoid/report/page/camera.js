@@ -3,9 +3,9 @@
 const PRESETS = { side: [-90, 0], above: [-90, 90], ahead: [0, 0], angle: [-58, 27] };
 
 class Camera {
-  constructor(low, high) {
-    this.low = low;
-    this.high = high;
+  // `cloud` is a list of points that are to be seen.
+  constructor(low, high, cloud) {
+    Object.assign(this, { low, high, cloud });
     this.fit("side", 1);
   }
 
@@ -21,16 +21,16 @@ class Camera {
     [this.yaw, this.pitch] = PRESETS[name];
     this.preset = name;
     this.flat = name !== "angle"; // a parallel projection
-    this.centre = V.by(V.add(this.low, this.high), 0.5);
-    const { across, up, toward } = this.axes;
-    let wide = 0, high = 0;
-    for (let i = 0; i < 8; i++) {
-      const corner = [0, 1, 2].map((d) => ((i >> d) & 1 ? this.high[d] : this.low[d]) - this.centre[d]);
-      const nearer = this.flat ? 1 : 1 + 0.25 * V.dot(corner, toward) / V.size(V.sub(this.high, this.low));
-      wide = Math.max(wide, Math.abs(V.dot(corner, across)) * nearer);
-      high = Math.max(high, Math.abs(V.dot(corner, up)) * nearer);
+    const { across, up, toward } = this.axes, middle = V.by(V.add(this.low, this.high), 0.5), size = V.size(V.sub(this.high, this.low));
+    let [left, right, bottom, top] = [Infinity, -Infinity, Infinity, -Infinity];
+    for (const point of this.cloud) {
+      const off = V.sub(point, middle), nearer = this.flat ? 1 : 1 / (1 - (0.12 * V.dot(off, toward)) / size);
+      const x = V.dot(off, across) * nearer, y = V.dot(off, up) * nearer;
+      left = Math.min(left, x); right = Math.max(right, x); bottom = Math.min(bottom, y); top = Math.max(top, y);
     }
-    this.half = 1.08 * Math.max(high, wide / aspect, 1e-6);
+    this.centre = V.add(middle, V.add(V.by(across, (left + right) / 2), V.by(up, (bottom + top) / 2)));
+    const [wide, high] = [(right - left) / 2, (top - bottom) / 2];
+    this.half = 1.12 * Math.max(high, wide / aspect, 1e-6);
   }
 
   turn(right, up) {

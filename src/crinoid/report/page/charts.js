@@ -16,9 +16,10 @@ class Charts {
   add(said, section) {
     const box = make("div", "panel", section), head = make("header", "", box);
     make("span", "label", head, said.unit ? `${said.label} (${said.unit})` : said.label);
-    const key = make("span", "key", head);
+    const key = make("span", said.traces.length + said.rows.length > 2 ? "key many" : "key", head);
     const entries = [...said.traces, ...said.rows].map((trace) => {
-      const entry = make("span", "entry", key), fainter = trace.behind && !/^(run|free)$/.test(trace.role);
+      const filled = trace.line === "filled"; // one word tells of all of them
+      const entry = make("span", "entry", filled ? new DocumentFragment() : key), fainter = trace.behind && !/^(run|free)$/.test(trace.role);
       const mark = make("i", fainter && trace.line === "solid" ? "dashed" : trace.line === "solid" || !trace.line ? "" : trace.line, entry);
       if (said.traces.length > 1 || said.rows.length) make("span", "", entry, trace.name);
       return { ...trace, mark, told: make("b", "", entry, "") };

@@ -28,7 +28,7 @@ from jaxtyping import Float, Int
 from crinoid.report.charts.chart import Chart, Panel, Trace
 from crinoid.report.units import largest
 
-RECORDS = 1500
+RECORDS = 1501
 """Most values of a trace, over which all but its extremes are left out."""
 _EDGE = 58
 """Pixels for the numbers of the axes, the same for all panels so that their times line up."""
@@ -197,7 +197,11 @@ def _said(panel: Panel) -> dict[str, Any]:
         "unit": panel.unit.name if panel.unit else "",
         "nothing": panel.nothing,
         "left_out": panel.left_out,
-        "also": [words for words, look in panel.also if look == "none"],
+        "also": [
+            f"filled: {words}" if look == "filled" else words
+            for words, look in panel.also
+            if look != "dashed"
+        ],
         "traces": [
             {
                 "name": trace.name or panel.label.replace("\n", " ").strip(),

@@ -53,19 +53,24 @@ class Scene {
     this.other = this.members.length > 1 ? "ghost" : "none";
     this.follow = "";
     this.window();
-    this.camera = new Camera(this.low, this.high);
+    this.camera = new Camera(this.low, this.high, this.cloud);
     this.recolour();
   }
 
   // A box that holds everything at all times.
   window() {
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    const hold = (point, by = 0) => point.forEach((p, d) => { low[d] = Math.min(low[d], p - by); high[d] = Math.max(high[d], p + by); });
+    this.cloud = [];
+    const hold = (point, by = 0) => {
+      point.forEach((p, d) => { low[d] = Math.min(low[d], p - by); high[d] = Math.max(high[d], p + by); });
+      for (const way of by ? [-by, by] : [0]) this.cloud.push(point.map((p) => p + way));
+    };
     for (const member of this.members) {
-      const step = Math.max(1, Math.floor(member.time.length / 200));
+      const step = Math.max(1, Math.floor(member.time.length / 100));
       for (let k = 0; k < member.time.length; k += step) {
         member.go(member.time[k]);
-        for (let i = 0; i < member.nodes; i++) hold([0, 1, 2].map((d) => member.points[3 * i + d]), member.diameter[i] / 2);
+        for (let i = 0; i < member.nodes; i += Math.max(1, Math.floor(member.nodes / 20))) hold([0, 1, 2].map((d) => member.points[3 * i + d]), member.diameter[i] / 2);
+        hold(member.now.tip, member.diameter[member.nodes - 1] / 2);
         hold(member.now.target);
         hold(member.now.anchor, 0.05 * this.length);
       }
@@ -160,7 +165,7 @@ class Scene {
     if (!this.spatial) return;
     const shadow = [];
     const { points, nodes } = this.members[0];
-    for (let i = 0; i + 1 < nodes; i++) shadow.push([[points[3 * i], points[3 * i + 1], level], [points[3 * i + 3], points[3 * i + 4], level], [...tones.soft, 0.35]]);
+    for (let i = 0; i + 1 < nodes; i++) shadow.push([[points[3 * i], points[3 * i + 1], level], [points[3 * i + 3], points[3 * i + 4], level], this.dark ? [0, 0, 0, 0.5] : [...tones.soft, 0.35]]);
     paint.lines(shadow, 4);
   }
 
@@ -191,7 +196,7 @@ class Scene {
     const { paint, size } = this, stone = [...this.stone, 1], round = (r, p) => paint.draw(paint.meshes.ball, placed([r, 0, 0], [0, r, 0], [0, 0, r], p), stone);
     if (body.kind === "plane") {
       const foot = this.foot(body, at, V.by(V.add(this.low, this.high), 0.5)), y = V.aside(body.out), r = 1.1 * size;
-      paint.draw(paint.meshes.field, placed(V.by(body.out, 1), V.by(y, r), V.by(V.cross(body.out, y), r), foot), [...this.stone, 0.75]);
+      paint.draw(paint.meshes.field, placed(V.by(body.out, 1), V.by(y, r), V.by(V.cross(body.out, y), r), foot), [...this.stone, this.dark ? 0.3 : 0.7]);
       return;
     }
     let half = body.half;

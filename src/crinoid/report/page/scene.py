@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from crinoid.report.charts.space import Field, Moving, Space, set_direction, space_of
+from crinoid.report.charts.space import Field, Moving, Space, space_of
 from crinoid.report.page.pack import Pack
 from crinoid.report.solids import Body
 from crinoid.report.units import largest
@@ -23,18 +23,20 @@ _LEVELS = 250
 """Levels of a colour."""
 
 
-def scene_of(members: list[tuple[str, xr.Dataset]]) -> tuple[dict[str, Any], str, list[str]]:
-    """Return the table of a scene, its numbers in letters, and what was left out, in words."""
+def shown(members: list[tuple[str, xr.Dataset]]) -> Space:
+    """Return what the page shows of some runs: no more instants and nodes than it may hold."""
     first = members[0][1]
-    axes = first.sizes["axis"]
-    coordinates = min(first.sizes["node"], NODES) * axes * len(members)
-    space = space_of(members, max(2, min(FRAMES, NUMBERS // coordinates)), NODES)
-    pack = Pack()
-    ranges = _ranges(space)
+    coordinates = min(first.sizes["node"], NODES) * first.sizes["axis"] * len(members)
+    return space_of(members, max(2, min(FRAMES, NUMBERS // coordinates)), NODES)
+
+
+def scene_of(space: Space) -> tuple[dict[str, Any], str, list[str]]:
+    """Return the table of a scene, its numbers in letters, and what was left out, in words."""
+    pack, ranges = Pack(), _ranges(space)
     table = {
         "spatial": space.spatial,
         "length": space.length,
-        "set": set_direction(first).tolist(),
+        "set": space.ahead.tolist(),
         "fields": [
             {"name": f.name, "label": f.label, "unit": f.unit, "signed": f.signed}
             | dict(zip(("low", "high"), ranges[f.name], strict=True))

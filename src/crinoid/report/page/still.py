@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Float
 
-from crinoid.report.charts.space import evenly
-from crinoid.report.view import OBLIQUE, SIDE, arm_length, in_space, is_spatial
+from crinoid.report.charts.space import Space, evenly
+from crinoid.report.view import OBLIQUE, SIDE
 
 _SHAPES = 14
 _NODES = 60
 _MARGIN = 0.12  # of the larger side
 
 
-def still_of(members: list[tuple[str, xr.Dataset]]) -> str:
+def still_of(space: Space) -> str:
     """Return a drawing (SVG) of the arm over time, the last shape of each run in its colour."""
-    view = OBLIQUE if is_spatial(members[0][1]) else SIDE
-    length = arm_length(members[0][1].isel(time=[0]))
+    view = OBLIQUE if space.spatial else SIDE
     lines: list[tuple[str, float, Float[np.ndarray, "node 2"]]] = []
-    for index, (_, data) in reversed(list(enumerate(members))):
-        some = data.isel(
-            time=evenly(data.sizes["time"], _SHAPES), node=evenly(data.sizes["node"], _NODES)
-        )
-        shapes = view.project(some, "position")
+    for index, member in reversed(list(enumerate(space.members))):
+        some = evenly(len(member.position), _SHAPES)
+        shapes = view.paper(member.position[some][:, evenly(len(member.diameter), _NODES)])
         if not index:
             parts = np.linspace(0.12, 0.4, len(shapes))
             lines += [("arm", o, shape) for o, shape in zip(parts, shapes, strict=True)]
         lines.append(("arm other" if index else "arm last", 1.0, shapes[-1]))
-    target = view.paper(in_space(members[0][1].isel(time=[-1]), "tip_target"))[0]
+    target = view.paper(space.members[0].target)[-1]
     points = np.concatenate([*(shape for _, _, shape in lines), target[None]])
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
-    room = _MARGIN * max(float((high - low).max()), 0.2 * length)
+    room = _MARGIN * max(float((high - low).max()), 0.2 * space.length)
     low, high = low - room, high + room
     scale = 1000.0 / float((high - low).max())
 

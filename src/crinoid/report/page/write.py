@@ -23,7 +23,7 @@ from crinoid.report.charts.summary import summary
 from crinoid.report.charts.tip import tip_chart
 from crinoid.report.charts.touch import contact_chart, has_contact
 from crinoid.report.page.plots import plots_of
-from crinoid.report.page.scene import scene_of
+from crinoid.report.page.scene import scene_of, shown
 from crinoid.report.page.still import still_of
 from crinoid.report.run import ReportError, Run, is_page
 from crinoid.result import Result
@@ -60,7 +60,8 @@ def page_of(run: Run) -> str:
 
     What a user wrote is text in it: it is escaped, and scripts run by their digests only.
     """
-    table, numbers, left_out = scene_of(run.members)
+    space = shown(run.members)
+    table, numbers, left_out = scene_of(space)
     time = np.asarray(run.result["time"].values, float)
     span = [float(time[0]), float(time[-1])]
     plots = plots_of(charts_of(run), *span)
@@ -85,7 +86,7 @@ def page_of(run: Run) -> str:
         subtitle=escape(_subtitle(run)),
         status=f'<p class="status">{escape(run.status)}</p>' if failed else "",
         style=_part("page.css"),
-        still=still_of(run.members),
+        still=still_of(space),
         metrics=_metrics(run),
         notes=_notes(run),
         scenario=escape(scenario[:_LONGEST]),
