@@ -26,7 +26,7 @@ _NEAR = 0.01
 
 
 class Trial(NamedTuple):
-    """What one set of numbers has led to; slopes are by the logarithms of these."""
+    """Outcome of one set of numbers; slopes are by the logarithms of these."""
 
     value: float
     """Logarithm of the cost; not a number where it was not run, or could not be."""

@@ -20,7 +20,7 @@ _SHARPNESS = 100.0
 _TIME = 1.0
 """Time in which an unstable loop is looked at (s)."""
 _EVERY = 5
-"""Of how many frequencies one is enough for the slope."""
+"""One frequency of so many is enough for the slope."""
 
 
 class Nearness(NamedTuple):
