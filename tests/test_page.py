@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from crinoid.report import ReportError, write_page
 from crinoid.report.charts.chart import Trace
 from crinoid.report.charts.space import base_directions, evenly, space_of
 from crinoid.report.page.pack import Pack
@@ -17,7 +18,7 @@ from crinoid.report.page.scene import scene_of, shown
 from crinoid.report.page.write import page_of
 from crinoid.report.run import Run
 from spatial_arm import among_obstacles, curling_arm
-from test_report import swaying_arm
+from test_report import save, swaying_arm
 
 
 def unpacked(text, said):
@@ -139,6 +140,37 @@ def test_a_million_instants_are_thinned_and_the_page_says_so():
 
 
 HOSTILE = "</script><img src=x onerror=alert(1)>&amp;\"'$title ${style}<!--"
+
+
+def test_a_run_that_ends_in_nan_has_a_page_up_to_there(tmp_path):
+    broken = swaying_arm(status="diverged at 18 s")
+    for name in ("position", "tip_position", "tip_error", "energy", "base_force"):
+        broken[name][180:] = np.nan
+    save(broken, tmp_path / "result.nc")
+    text = write_page(tmp_path).read_text("utf-8")
+    assert "planar arm · 21 nodes · 17.9 s" in text
+    assert '<p class="status">diverged at 18 s</p>' in text
+
+
+def test_a_result_without_positions_has_no_page(tmp_path):
+    save(swaying_arm(records=5).drop_vars("position"), tmp_path / "result.nc")
+    with pytest.raises(ReportError, match=r"left out position, which all figures need$"):
+        write_page(tmp_path)
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_floating_submarine_carries_its_mount_and_a_servo_moves_the_root_from_it():
+    data = swaying_arm(records=5)
+    pan = 0.0 * data["base_pose"]
+    pan[:, 2] = np.linspace(0.0, 0.5, 5)  # the vehicle pitches
+    data = data.assign(base_servo=data["base_pose"], vehicle_pose=pan)
+    (moving,) = space_of([("", data)], 10, 50).members
+    slide = data["base_servo"].values[:, 0]
+    ahead = np.stack([np.cos(pan[:, 2]), 0.0 * slide, np.sin(pan[:, 2])], axis=1)
+    root = moving.mount.anchor + slide[:, None] * ahead
+    np.testing.assert_allclose(root, moving.position[:, 0], atol=1e-12)
+    tilt = data["base_pose"].values[:, 2] + pan[:, 2].values
+    np.testing.assert_allclose(moving.mount.ahead[:, 2], np.sin(tilt), atol=1e-12)
 
 
 def test_what_a_user_writes_stays_text():

@@ -281,7 +281,7 @@ def report(
     ],
     out: Annotated[Path | None, out_option("beside the result")] = None,
 ) -> None:
-    """Draw the figures of a result."""
+    """Draw the figures of a result, and write its page."""
     with Loading():
         from crinoid.report import ReportError, write_report
 

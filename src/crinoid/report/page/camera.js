@@ -30,7 +30,7 @@ class Camera {
     }
     this.centre = V.add(middle, V.add(V.by(across, (left + right) / 2), V.by(up, (bottom + top) / 2)));
     const [wide, high] = [(right - left) / 2, (top - bottom) / 2];
-    this.half = 1.12 * Math.max(high, wide / aspect, 1e-6);
+    this.half = 1.18 * Math.max(high, wide / aspect, 1e-6);
   }
 
   turn(right, up) {
