@@ -217,7 +217,7 @@ def test_charts_tell_apart_names_and_units():
     begun = text.index('id="table">') + len('id="table">')
     table = json.loads(text[begun : text.index("</script>", begun)])
     charts = {chart["name"]: chart["panels"] for chart in table["charts"]}
-    assert list(charts) == ["tip_error", "commands", "contact", "energy", "effort"]
+    assert list(charts) == ["tip_error", "spectrum", "commands", "contact", "energy", "effort"]
     error = charts["tip_error"][0]
     assert (error["label"], error["unit"]) == ("tip error", "mm")
     assert [trace["name"] for trace in error["traces"]] == ["with control", "without control"]

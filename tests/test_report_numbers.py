@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from crinoid.report.charts.spectrum import error_spectrum
 from crinoid.report.charts.tip import off_direction
 from crinoid.report.charts.touch import spike_limit
-from crinoid.report.closeup import draw_close_up, error_spectrum
+from crinoid.report.closeup import draw_close_up
 from crinoid.report.frame import beside_base, in_best_frame, travel
 from crinoid.report.run import Run
 from crinoid.report.shape import draw_shape

@@ -10,28 +10,22 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from crinoid.current.spectrum import spectrum
+from crinoid.report.charts.spectrum import miss, spectrum_panel
+from crinoid.report.paper import draw_panel
 from crinoid.report.run import Run
 from crinoid.report.style import (
-    BLUE,
     GREY,
     INK,
     VERMILLION,
     WIDTH,
     head,
-    key,
     key_below,
-    note,
     time_map,
     time_norm,
 )
-from crinoid.report.units import Unit, largest, length_unit
-from crinoid.report.view import ABOVE, AHEAD, SIDE, View, in_space, is_spatial
-
-_LEAST_RECORDS = 16
-_DECADES = 6  # of the spectral density, from its top
+from crinoid.report.units import largest, length_unit
+from crinoid.report.view import ABOVE, AHEAD, SIDE, View, is_spatial
 
 
 def draw_close_up(run: Run) -> Figure:
@@ -63,34 +57,12 @@ def draw_close_up(run: Run) -> Figure:
         times = ScalarMappable(time_norm(run.result), time_map())
         bar = figure.colorbar(times, ax=panels, label="time (s)", aspect=25)
         bar.ax.grid(visible=False)
-    _spectra(figure.add_subplot(rows[1]), run, misses)
+    spectrum = figure.add_subplot(rows[1])
+    draw_panel(spectrum, spectrum_panel(run))
+    spectrum.set_xlabel("frequency (Hz)")
     key_below(figure, panels.flat, "outside lower center")
     head(figure, run.title, run.status)
     return figure
-
-
-def miss(data: xr.Dataset) -> Float[np.ndarray, "time axis=3"]:
-    """Return where the tip is, from where it should be (m)."""
-    return in_space(data, "tip_position") - in_space(data, "tip_target")
-
-
-def error_spectrum(
-    time: Float[np.ndarray, " time"], off: Float[np.ndarray, "time axis=3"]
-) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, " frequency"]] | None:
-    """Return frequencies (Hz) and the one-sided density (m2/Hz) of the error's fluctuation.
-
-    That of all its parts together, by Welch's method; none where the run is too short. The last
-    instant is left out where it does not lie at the interval of the others.
-    """
-    if time.size < _LEAST_RECORDS:
-        return None
-    interval = float(time[1] - time[0])
-    even = np.isclose(np.diff(time), interval, rtol=1e-3)
-    count = time.size if even.all() else int(np.argmin(even)) + 1
-    if count < _LEAST_RECORDS or not np.isfinite(off[:count]).all():
-        return None
-    found = spectrum(off[:count, None, :], interval)
-    return found.frequency, np.asarray(found.density.sum(axis=(1, 2)))
 
 
 def _rms_text(off: Float[np.ndarray, "time axis=3"], half: float) -> str:
@@ -116,38 +88,3 @@ def _path(
     across, up = (label.split()[0] for label in view.labels)
     axes.set_xlabel(f"{across} \N{MINUS SIGN} target ({unit.name})")
     axes.set_ylabel(f"{up} \N{MINUS SIGN} target ({unit.name})")
-
-
-def _spectra(axes: Axes, run: Run, misses: list[Float[np.ndarray, "time axis=3"]]) -> None:
-    """Draw the error's spectral density, with control before without."""
-    axes.set_xlabel("frequency (Hz)")
-    found = [
-        error_spectrum(data["time"].values, off)
-        for (_, data), off in zip(run.members, misses, strict=True)
-    ]
-    known = [each for each in found if each is not None]
-    top = largest(*(density for _, density in known))
-    if not known or top == 0.0:
-        note(axes, "too short for a spectrum" if not known else "the tip never errs")
-        axes.set_ylabel("density of\nthe tip's error")
-        return
-    squares = length_unit(top**0.5)
-    unit = Unit(squares.factor**2, f"{squares.name}²/Hz")
-    axes.set(xscale="log", yscale="log")
-    # plain numbers, wide enough apart over one decade and over four
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    for order, ((label, _), each, colour) in enumerate(
-        zip(run.members, found, (BLUE, VERMILLION), strict=False)
-    ):
-        if each is not None:
-            frequency, density = each
-            values = np.where(density > 0.0, density, np.nan) * unit.factor
-            name = label or "tip error"
-            axes.plot(frequency, values, color=colour, zorder=3 - order, label=name)
-    axes.set_ylim(top * unit.factor / 10**_DECADES, 3 * top * unit.factor)
-    seen = [f[density > top / 10**_DECADES] for f, density in known]
-    axes.set_xlim(min(f[0] for f, _ in known), 1.3 * max(f[-1] for f in seen if f.size))
-    axes.set_ylabel(f"density of\nthe tip's error ({unit.name})")
-    key(axes)

@@ -7,6 +7,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from crinoid.report.charts.chart import Chart, Panel, Role, Trace
 from crinoid.report.run import Run
@@ -38,7 +39,7 @@ def draw_chart(chart: Chart, run: Run) -> Figure:
         figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False).flat
     )
     for axes, panel in zip(drawn, chart.panels, strict=True):
-        _draw_panel(axes, panel)
+        draw_panel(axes, panel)
     share_time(drawn, run.result["time"].values)
     figure.align_ylabels([axes for axes in drawn if axes.get_ylabel()])
     head(figure, run.title, run.status)
@@ -57,11 +58,19 @@ def colour(role: Role) -> str:
     return _COLOURS[role]
 
 
-def _draw_panel(axes: Axes, panel: Panel) -> None:
+def draw_panel(axes: Axes, panel: Panel) -> None:
+    """Draw a panel of a chart."""
     if panel.rows:
         _draw_rows(axes, panel)
         return
     axes.set_ylabel(panel.axis)
+    if panel.over:
+        axes.set(xscale="log", yscale="log")
+        # plain numbers, wide enough apart over one decade and over four
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlim(panel.over)
     for level in panel.levels:
         limit = level.role != "faint" and level.line == "solid"
         axes.axhline(
@@ -95,16 +104,16 @@ def _draw_trace(axes: Axes, panel: Panel, trace: Trace) -> None:
     values, ink = trace.values * panel.factor, colour(trace.role)
     if trace.line == "filled":
         alpha = 0.15 if trace.behind else 0.3
-        axes.stairs(values[:-1], trace.time, fill=True, color=ink, alpha=alpha, linewidth=0)
+        axes.stairs(values[:-1], trace.at, fill=True, color=ink, alpha=alpha, linewidth=0)
         return
     axes.plot(
-        trace.time,
+        trace.at,
         values,
         color=ink,
         label=trace.words if trace.words and not trace.quiet else None,
         **_look(trace.line, trace.behind and trace.role not in ("free", "run")),
         zorder=2 if trace.behind else 3,
-        **line_style(trace.time.size),
+        **line_style(trace.at.size),
     )
 
 

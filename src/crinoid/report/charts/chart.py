@@ -21,10 +21,10 @@ Series = Float[np.ndarray, " time"]
 
 @dataclass(frozen=True)
 class Trace:
-    """Values (SI) over time (s)."""
+    """Values (SI) over time (s), or over frequency (Hz) where their panel is."""
 
     name: str
-    time: Series
+    at: Series
     values: Series
     role: Role
     line: Literal["solid", "dashed", "dotted", "filled"] = "solid"
@@ -81,6 +81,8 @@ class Panel:
     """Ends of its axis (SI); None where the data say."""
     tall: float = 1.6
     """Its height on paper, with its key (inches)."""
+    over: tuple[float, float] | None = None
+    """Ends of its frequencies (Hz), both axes logarithmic; None of what is over time."""
     columns: int = 4
     """Of the key."""
     nothing: str = ""

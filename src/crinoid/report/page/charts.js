@@ -30,7 +30,7 @@ class Charts {
     place.id = `plot-${said.root}`;
     if (said.nothing) make("div", "nothing", plot, said.nothing);
     const panel = { said, entries, plot, place, cursor };
-    this.listen(panel);
+    if (said.timed) this.listen(panel);
     this.panels.push(panel);
   }
 
@@ -113,7 +113,7 @@ class Charts {
   go(time, tell) {
     this.time = time;
     for (const { view, cursor, traces, rows, entries, said } of this.panels) {
-      if (!view || !view.frame) continue;
+      if (!view || !view.frame || !said.timed) continue;
       const { frame } = view, { left, right, top, height } = frame.bbox, x = frame.x_scale.compute(time);
       const seen = x >= left - 0.5 && x <= right + 0.5;
       cursor.style.cssText = seen ? `display:block;top:${top}px;height:${height}px;transform:translateX(${x}px)` : "";

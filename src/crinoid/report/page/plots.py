@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from bokeh.document import Document
 from bokeh.models import (
+    Axis,
     BasicTicker,
     BasicTickFormatter,
     ColumnDataSource,
@@ -18,6 +19,10 @@ from bokeh.models import (
     HBar,
     Line,
     LinearAxis,
+    LinearScale,
+    LogAxis,
+    LogScale,
+    LogTicker,
     Plot,
     Range1d,
     VAreaStep,
@@ -63,7 +68,7 @@ def plots_of(charts: list[Chart], begin: float, end: float) -> Plots:
             plot, said, count = _panel(panel, span, last)
             drawn.append(plot)
             panels.append(said | {"root": plot.id})
-            most = max(most, count)
+            most = max(most, count if panel.over is None else 0)
         listed.append({"name": chart.name, "title": chart.title, "panels": panels})
     with document.models.freeze():  # else all models are counted anew for each
         for plot in drawn:
@@ -82,7 +87,9 @@ def _panel(panel: Panel, span: Range1d, last: bool) -> tuple[Plot, dict[str, Any
     low, high = (-0.5, rows - 0.5) if rows else _ends(panel)
     plot = Plot(
         name=panel.name,
-        x_range=span,
+        x_range=Range1d(start=panel.over[0], end=panel.over[1]) if panel.over else span,
+        x_scale=LogScale() if panel.over else LinearScale(),
+        y_scale=LogScale() if panel.over else LinearScale(),
         y_range=Range1d(start=high, end=low) if rows else Range1d(start=low, end=high),
         height=max(56, 24 * rows) + 24 * last if rows else 112 + 24 * last,
         sizing_mode="stretch_width",
@@ -96,21 +103,13 @@ def _panel(panel: Panel, span: Range1d, last: bool) -> tuple[Plot, dict[str, Any
         border_fill_color=None,
         output_backend="canvas",
     )
-    across = LinearAxis(visible=last, ticker=BasicTicker(desired_num_ticks=8))
-    if rows:
-        names = {i: row.name.split(":")[0] for i, row in enumerate(panel.rows)}
-        words: Any = {i: text.replace("without control", "without") for i, text in names.items()}
-        ticker: Any = FixedTicker(ticks=list(range(rows)))
-        up = LinearAxis(ticker=ticker, major_label_overrides=words)
-    else:
-        up = LinearAxis(ticker=BasicTicker(desired_num_ticks=4))
-    for axis in () if rows else (across, up):
-        axis.formatter = BasicTickFormatter(power_limit_low=-5, power_limit_high=6)
+    across, up = _axes(panel)
+    across.visible = last
     plot.add_layout(across, "below")
     plot.add_layout(up, "left")
-    plot.add_layout(Grid(dimension=0, ticker=across.ticker))
+    plot.add_layout(Grid(dimension=0, axis=across))
     if not rows:
-        plot.add_layout(Grid(dimension=1, ticker=up.ticker))
+        plot.add_layout(Grid(dimension=1, axis=up))
     for level in panel.levels:
         where = level.value * panel.factor
         if math.isfinite(where):
@@ -128,14 +127,35 @@ def _panel(panel: Panel, span: Range1d, last: bool) -> tuple[Plot, dict[str, Any
         chosen = kept(trace, panel.traces)
         source = ColumnDataSource(
             {
-                "t": trace.time[chosen].astype(np.float32),
+                "t": trace.at[chosen].astype(np.float32),
                 "v": (trace.values[chosen] * panel.factor).astype(np.float32),
             }
         )
         plot.add_glyph(source, _glyph(trace), name=f"trace {index}")
-        count = max(count, trace.time.size)
+        count = max(count, trace.at.size)
     plot.renderers.sort(key=lambda renderer: _order(panel, str(renderer.name)))
     return plot, _said(panel), count
+
+
+def _axes(panel: Panel) -> tuple[Axis, Axis]:
+    """Return the axes across and up."""
+    if panel.over:
+        low, high = panel.over
+        rounds = [m * 10.0**k for k in range(-12, 13) for m in (1.0, 2.0, 5.0)]
+        ticks: Any = FixedTicker(ticks=[each for each in rounds if low <= each <= high])
+        plain: Any = BasicTickFormatter()
+        return LogAxis(ticker=ticks, formatter=plain), LogAxis(ticker=LogTicker())
+    across, up = LinearAxis(ticker=BasicTicker(desired_num_ticks=8)), LinearAxis()
+    if panel.rows:
+        names = {i: row.name.split(":")[0] for i, row in enumerate(panel.rows)}
+        words: Any = {i: text.replace("without control", "without") for i, text in names.items()}
+        ticks = FixedTicker(ticks=list(range(len(panel.rows))))
+        up.update(ticker=ticks, major_label_overrides=words)
+        return across, up
+    up.ticker = BasicTicker(desired_num_ticks=4)
+    for axis in (across, up):
+        axis.formatter = BasicTickFormatter(power_limit_low=-5, power_limit_high=6)
+    return across, up
 
 
 def _glyph(trace: Trace) -> Line | VAreaStep:
@@ -176,10 +196,10 @@ def kept(trace: Trace, together: tuple[Trace, ...]) -> Int[np.ndarray, " kept"]:
 
     Traces of one time share their instants, so that a cursor reads them all at once.
     """
-    count = trace.time.size
+    count = trace.at.size
     if count <= RECORDS:
         return np.arange(count)
-    group = [each.values for each in together if each.time is trace.time] or [trace.values]
+    group = [each.values for each in together if each.at is trace.at] or [trace.values]
     stretches = max(1, (RECORDS - 2) // (2 * len(group)))
     ends = np.linspace(0, count, stretches + 1).astype(int)
     chosen: list[Float[np.ndarray, " stretch"]] = [np.array([0, count - 1])]
@@ -193,6 +213,7 @@ def kept(trace: Trace, together: tuple[Trace, ...]) -> Int[np.ndarray, " kept"]:
 def _said(panel: Panel) -> dict[str, Any]:
     return {
         "name": panel.name,
+        "timed": panel.over is None,
         "label": panel.label.replace("\n", " ").strip(),
         "unit": panel.unit.name if panel.unit else "",
         "nothing": panel.nothing,

@@ -19,6 +19,7 @@ from crinoid.report.charts.chart import Chart
 from crinoid.report.charts.drive import drive_chart
 from crinoid.report.charts.effort import effort_chart
 from crinoid.report.charts.energy import energy_chart
+from crinoid.report.charts.spectrum import spectrum_chart
 from crinoid.report.charts.summary import summary
 from crinoid.report.charts.tip import tip_chart
 from crinoid.report.charts.touch import contact_chart, has_contact
@@ -104,7 +105,8 @@ def page_of(run: Run) -> str:
 def charts_of(run: Run) -> list[Chart]:
     """Return the charts of a run in the order of the page."""
     contact = [contact_chart(run)] if has_contact(run) else []
-    return [tip_chart(run), drive_chart(run), *contact, energy_chart(run), effort_chart(run)]
+    first = [tip_chart(run), spectrum_chart(run), drive_chart(run)]
+    return [*first, *contact, energy_chart(run), effort_chart(run)]
 
 
 def _subtitle(run: Run) -> str:
