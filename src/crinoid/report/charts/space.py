@@ -229,11 +229,13 @@ def _water(
 ) -> Water | None:
     """Return the current at some places along the arm, told beside all that it sweeps.
 
-    They lie where the water comes from if it comes from a side.
+    They lie where the water comes from if it comes from a side, and from the root, wherever the
+    base goes, always at the same position.
     """
     if "flow_velocity" not in data:
         return None
-    shape = np.nanmean(position, axis=0)
+    root = position[:, :1]
+    shape = np.nanmean(position - root, axis=0) + np.nanmean(root, axis=0)
     chosen: list[int] = []
     for node in evenly(len(shape), _PLACES):
         apart = [np.linalg.norm(shape[node] - shape[other]) for other in chosen]
@@ -253,7 +255,8 @@ def _water(
         aside = np.zeros(3)
         aside[[0, 2]] = left_of(chord[[0, 2]])
         aside = aside if aside.any() else np.array([1.0, 0.0, 0.0])
-    swept = np.concatenate([position.reshape(-1, 3), in_space(data, "tip_target")]) - shape[0]
+    target = in_space(data, "tip_target") - root[:, 0]
+    swept = np.concatenate([(position - root).reshape(-1, 3), target])
     clear = float(np.nanmax(swept @ aside)) + (_CLEAR + _REACH) * length
     inward = clear - (shape[chosen] - shape[0]) @ aside
     start = shape[chosen] + inward[:, None] * aside

@@ -152,8 +152,7 @@ class Page {
 
   preset(name) {
     if (!this.scene) return false;
-    this.scene.camera.fit(name, this.aspect());
-    this.scene.followed = undefined;
+    this.scene.look(name, this.aspect());
     this.marked();
     return true;
   }

@@ -51,17 +51,27 @@ class Scene {
     this.arms = this.members.map((member) => this.paint.arm(member.nodes));
     this.colour = said.fields.length ? said.fields[0].name : "";
     this.other = this.members.length > 1 ? "ghost" : "none";
-    this.follow = "";
     this.window();
     this.camera = new Camera(this.low, this.high, this.cloud);
     this.recolour();
   }
 
-  // A box that holds everything at all times.
+  // How far the first arm's root is from where it began, of a base that travels far; else nothing.
+  drift() {
+    return this.far ? V.sub(this.members[0].now.root, this.begun) : [0, 0, 0];
+  }
+
+  // A box that holds everything at all times, or moves along with a base that travels far.
   window() {
+    const { root } = this.members[0], at = (i) => [...root.values.slice(3 * i, 3 * i + 3)];
+    this.begun = at(0);
+    this.far = Array.from({ length: root.rows }, (_, i) => V.size(V.sub(at(i), this.begun))).some((gone) => gone > 1.5 * this.length);
+    this.mean = V.by(Array.from({ length: root.rows }, (_, i) => at(i)).reduce(V.add), 1 / root.rows);
+    this.follow = this.far ? "root" : "";
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
     this.cloud = [];
-    const hold = (point, by = 0) => {
+    const hold = (seen, by = 0, drift = [0, 0, 0]) => {
+      const point = V.sub(seen, drift);
       point.forEach((p, d) => { low[d] = Math.min(low[d], p - by); high[d] = Math.max(high[d], p + by); });
       for (const way of by ? [-by, by] : [0]) this.cloud.push(point.map((p) => p + way));
     };
@@ -69,10 +79,11 @@ class Scene {
       const step = Math.max(1, Math.floor(member.time.length / 100));
       for (let k = 0; k < member.time.length; k += step) {
         member.go(member.time[k]);
-        for (let i = 0; i < member.nodes; i += Math.max(1, Math.floor(member.nodes / 20))) hold([0, 1, 2].map((d) => member.points[3 * i + d]), member.diameter[i] / 2);
-        hold(member.now.tip, member.diameter[member.nodes - 1] / 2);
-        hold(member.now.target);
-        hold(member.now.anchor, 0.05 * this.length);
+        const drift = this.far ? V.sub(member.now.root, this.begun) : [0, 0, 0];
+        for (let i = 0; i < member.nodes; i += Math.max(1, Math.floor(member.nodes / 20))) hold([0, 1, 2].map((d) => member.points[3 * i + d]), member.diameter[i] / 2, drift);
+        hold(member.now.tip, member.diameter[member.nodes - 1] / 2, drift);
+        hold(member.now.target, 0, drift);
+        hold(member.now.anchor, 0.05 * this.length, drift);
       }
     }
     const near = 0.35 * this.length, a = low.map((p) => p - near), b = high.map((p) => p + near);
@@ -83,7 +94,8 @@ class Scene {
         hold(foot.map((p, d) => Math.min(b[d], Math.max(a[d], p))), body.kind === "plane" ? 0 : Math.min(body.radius, near));
       }
     }
-    if (this.water) this.water.start.forEach((start) => hold(start, 0.04 * this.length));
+    const back = this.far ? V.sub(this.mean, this.begun) : [0, 0, 0];
+    if (this.water) this.water.start.forEach((start) => hold(start, 0.04 * this.length, back));
     [this.low, this.high] = [low, high];
     const size = Math.max(...low.map((p, d) => high[d] - p));
     this.size = size;
@@ -91,6 +103,12 @@ class Scene {
 
   foot(plane, at, point) {
     return V.sub(point, V.by(plane.out, V.dot(V.sub(point, at), plane.out)));
+  }
+
+  // Look at everything from a direction.
+  look(name, aspect) {
+    this.camera.fit(name, aspect);
+    this.followed = this.far && this.follow === "root" ? this.begun : undefined;
   }
 
   // Colours from the style sheet, which knows whether it is dark.
@@ -155,7 +173,7 @@ class Scene {
 
   // A floor in space, squared paper behind what is planar.
   grid() {
-    const { low, high, tones, paint } = this, step = nice(this.size / 6), [a, b] = this.spatial ? [0, 1] : [0, 2], c = 3 - a - b, room = this.spatial ? 0.3 : 1.5;
+    const drift = this.drift(), low = V.add(this.low, drift), high = V.add(this.high, drift), { tones, paint } = this, step = nice(this.size / 6), [a, b] = this.spatial ? [0, 1] : [0, 2], c = 3 - a - b, room = this.spatial ? 0.3 : 1.5;
     const level = this.spatial ? low[2] - 0.02 * this.size : high[1] + 0.1 * this.size, ink = [...tones.faint, this.dark ? 0.22 : 0.3];
     const from = [low[a], low[b]].map((p) => Math.floor((p - room * this.size) / step) * step), to = [high[a], high[b]].map((p) => Math.ceil((p + room * this.size) / step) * step);
     const pieces = [], point = (p, q) => { const at = [0, 0, 0]; at[a] = p; at[b] = q; at[c] = level; return at; };
@@ -241,7 +259,9 @@ class Scene {
     if (!this.water) return;
     const { at, share } = locate(this.members[0].time, time), v = between(this.velocity, at, share, new Float32Array(this.velocity.row));
     const tone = this.tones.accent, pieces = [], { paint, length } = this;
-    this.water.start.forEach((start, i) => {
+    const along = this.far ? V.sub(this.members[0].now.root, this.mean) : [0, 0, 0];
+    this.water.start.forEach((begin, i) => {
+      const start = V.add(begin, along);
       const way = V.by([v[3 * i], v[3 * i + 1], v[3 * i + 2]], 1 / this.water.scale), long = V.size(way);
       if (long < 1e-3 * length) return;
       const head = Math.min(0.035 * length, 0.5 * long), x = V.unit(way), y = V.by(V.aside(x), 0.32 * head), end = V.add(start, way), neck = V.sub(end, V.by(x, head));
