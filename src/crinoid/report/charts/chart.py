@@ -12,7 +12,7 @@ from jaxtyping import Float
 from crinoid.report.units import Unit
 
 Role = str
-"""What a trace is of, by which it gets its colour: `"run"`, `"free"` (without control), an axis
+"""Meaning of a trace, which gives it its colour: `"run"`, `"free"` (without control), an axis
 `"x"`, `"y"` or `"z"`, `"ink"`, `"faint"`, a number of a series such as `"series 2"`, or a part of
 many such as `"part 0.25"`."""
 
@@ -50,7 +50,7 @@ class Level:
     role: Role
     line: Literal["solid", "dashed"] = "solid"
     of: str = ""
-    """What it is, such as a limit."""
+    """Its meaning, such as a limit."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Panel:
     traces: tuple[Trace, ...] = ()
     levels: tuple[Level, ...] = ()
     rows: tuple[Row, ...] = ()
-    """Of a panel without traces."""
+    """Rows of a panel that has no traces."""
     low: float | None = None
     high: float | None = None
     """Ends of its axis (SI); None where the data say."""
@@ -84,11 +84,11 @@ class Panel:
     over: tuple[float, float] | None = None
     """Ends of its frequencies (Hz), both axes logarithmic; None of what is over time."""
     columns: int = 4
-    """Of the key."""
+    """Columns of the key."""
     nothing: str = ""
     """Why there is nothing to see, where that is so."""
     left_out: str = ""
-    """What is cut off, if anything is."""
+    """A remark on data that are cut off; empty if none are."""
     also: tuple[tuple[str, Literal["dashed", "filled", "none"]], ...] = ()
     """Further entries of the key, and how their lines look."""
 
@@ -99,7 +99,7 @@ class Panel:
 
     @property
     def axis(self) -> str:
-        """What stands beside the axis."""
+        """Text beside the axis."""
         return f"{self.label} ({self.unit.name})" if self.unit else self.label
 
 

@@ -1,4 +1,4 @@
-"""What the run cost: how often Newton's method had to go on, and how well it ended."""
+"""Work of the solver: how many iterations of Newton's method a step took."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Mount:
-    """What holds the arm's root."""
+    """The submarine and the clamp that hold the arm's root."""
 
     anchor: Path
     """Where the submarine carries it, the servos at rest (m)."""

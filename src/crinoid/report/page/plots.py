@@ -45,7 +45,7 @@ class Plots:
     """Charts ready to be shown."""
 
     document: dict[str, Any]
-    """What Bokeh takes."""
+    """The document, as Bokeh's script reads it."""
     charts: list[dict[str, Any]]
     """Titles, names and units, and which root of the document each panel is."""
     left_out: list[str]

@@ -1,4 +1,4 @@
-"""What the page's scene is drawn from: a table of all there is, and the numbers packed."""
+"""The scene of the page as data: a table of all there is, and the numbers packed."""
 
 from __future__ import annotations
 
