@@ -1,4 +1,4 @@
-"""What commands have in common: their arguments, and how they speak."""
+"""The arguments that commands have in common, and how they speak."""
 
 from __future__ import annotations
 

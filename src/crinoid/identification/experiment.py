@@ -34,9 +34,9 @@ class Comparison(NamedTuple):
     """A run beside the record, at the times of the record."""
 
     computed: Float[np.ndarray, "time quantity"]
-    """What would have been measured (m, rad, 1); not a number where the run failed."""
+    """Computed coordinates (m, rad, 1); not a number where the run failed."""
     left: Float[np.ndarray, "time quantity"]
-    """What was measured less that; angles the short way round."""
+    """Measured less computed ones; angles the short way round."""
     slope: Float[np.ndarray, "time quantity parameter"]
     """Derivatives of what is computed by the logarithms of the numbers."""
 
