@@ -60,7 +60,9 @@ def main(draws: int) -> None:
         row = "".join(f"{each:7.2f}" for each in z)
         print(f"{seed:4} {found.trials:6} {taken:5.1f} {row}", flush=True)
     size = np.abs(apart)
-    print(f"all five within their joint 95 % intervals: {(size < ALL).all(axis=1).sum()} of {draws}")
+    print(
+        f"all five within their joint 95 % intervals: {(size < ALL).all(axis=1).sum()} of {draws}"
+    )
     print(f"single numbers within their 95 % intervals: {(size < ONE).mean():.0%}")
 
 

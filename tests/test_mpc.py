@@ -7,6 +7,7 @@ from scipy.linalg import solve_discrete_are
 
 import crinoid
 from crinoid.assembly.mpc import Problem, blocks, condensed
+from crinoid.assembly.regulator import Regulator
 from crinoid.control import Along
 
 # --- the horizon, without an arm ----------------------------------------------------------------
@@ -29,23 +30,23 @@ def problem(seed: int = 0) -> Problem:
     steady = np.zeros((size, inputs))
     steady[:2] = np.linalg.solve(np.eye(2) - arm, drive)
     steady[2:4] = np.eye(inputs)
-    return Problem(A, B, cost, rate, solve_discrete_are(A, B, cost, rate), steady, 1)
+    return Problem(Regulator(A, B, cost, rate, 1), solve_discrete_are(A, B, cost, rate), steady)
 
 
 def spent(given: Problem, lengths, start, moves, aims, water, pushes) -> float:
     """Return the cost of a horizon, simulated tick by tick."""
-    z, total = start.copy(), 0.0
+    z, total, (A, B, cost, rate, _) = start.copy(), 0.0, given.regulator
     stirred, hastened = pushes
     each = np.repeat(moves.T, lengths.astype(int), axis=0)
     for tick, move in enumerate(each):
         at = given.steady @ aims[tick]
-        z = given.A @ z + given.B @ move
+        z = A @ z + B @ move
         # the integral is that of the distance from where it should be
-        z[-1] -= given.A[-1, :-1] @ at[:-1]
+        z[-1] -= A[-1, :-1] @ at[:-1]
         z[:2] += stirred @ water[tick + 1] + hastened @ (water[tick + 1] - water[tick])
         away = z - given.steady @ aims[tick + 1]
-        weight = given.last if tick == len(each) - 1 else given.cost
-        total += away @ weight @ away + move @ given.rate @ move
+        weight = given.last if tick == len(each) - 1 else cost
+        total += away @ weight @ away + move @ rate @ move
     return 0.5 * total
 
 
@@ -69,9 +70,8 @@ def test_the_condensed_cost_is_that_of_a_simulated_horizon(lengths):
 
 def test_without_limits_the_first_move_is_that_of_the_regulator():
     given = problem()
-    gain = np.linalg.solve(
-        given.rate + given.B.T @ given.last @ given.B, given.B.T @ given.last @ given.A
-    )
+    (A, B, _, rate, _), last = given.regulator, given.last
+    gain = np.linalg.solve(rate + B.T @ last @ B, B.T @ last @ A)
     start = np.random.default_rng(2).normal(size=5)
     none = np.zeros((2, 1))
     for ticks in (1, 5, 30):

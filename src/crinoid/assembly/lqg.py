@@ -2,115 +2,22 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.assembly.fluctuation import fluctuations
+from crinoid.assembly.known import Known
 from crinoid.assembly.lags import lags
-from crinoid.assembly.linear import LinearModel, linear_model
 from crinoid.assembly.numbers import array
-from crinoid.assembly.observer import Arrivals, Augmented, Water, augmented, build_observer
-from crinoid.control import Inclination, Lqg, Observer, Shape, damped_inverse
-from crinoid.scenario import Mistake, ScenarioError, one_of
-from crinoid.scenario.errors import shown
-from crinoid.scenario.lqg import SMOOTHNESS, ModelBased
+from crinoid.assembly.regulator import Regulator
+from crinoid.control import Lqg
+from crinoid.scenario import Mistake, ScenarioError
 
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
 
 Matrix = Float[np.ndarray, "_ _"]
-PerInput = Float[np.ndarray, " u"]
-
-_MOST_SHAPES = 3
-"""Most shapes along the arm that the water's velocity is made of."""
-_EFFORT = 0.02
-"""Cost of an input at the end of its range over that of one at its greatest speed."""
-_RANK = 1e-2
-"""Movement of the tip, over the largest that the inputs make, that is none."""
-_BRISK = 0.1
-"""Time in which inputs without a limit of acceleration reach their greatest speed (s)."""
-
-
-class Known(NamedTuple):
-    """All that controllers know that are designed on a linear model."""
-
-    model: LinearModel
-    parts: Augmented
-    observer: Observer
-    reach: PerInput
-    """Half the range of each driven input."""
-    speed: PerInput
-    """Its greatest speed (1/s)."""
-    acceleration: PerInput
-    """Its greatest acceleration (1/s2)."""
-    worth: float
-    """Error of the tip that counts as much as an input at its greatest speed (m)."""
-    integrating: Float[np.ndarray, "controlled pose"]
-    """Error of what is controlled and can be, in metres, by the error of the pose."""
-    mapping: Float[np.ndarray, "u pose"]
-    """Commands that move the tip at rest."""
-
-    @property
-    def tip(self) -> Float[np.ndarray, "controlled known"]:
-        """How what is controlled follows the estimate (m)."""
-        return self.integrating @ self.parts.tip
-
-    @staticmethod
-    def of(plan: Plan, settings: ModelBased, *, foreseen: int = 0) -> Known:
-        """Linearise the arm of a plan, and design its observer.
-
-        The model is of water with at least ``foreseen`` shapes along the arm.
-
-        Raises
-        ------
-        ScenarioError
-            If the inputs that are to be driven do not move what is controlled.
-        """
-        scenario = plan.scenario
-        there = (*scenario.base.channels.present, *scenario.thread_names)
-        if missing := [name for name in settings.inputs or () if name not in there]:
-            text = f"got {shown(missing[0])}, takes {one_of(there, 'and')}"
-            raise ScenarioError([Mistake(f"control.{scenario.control.kind}.inputs", text)])
-        stations = [
-            each.measurand.stations.shape[0]
-            for each in plan.sensors
-            if isinstance(each.measurand, (Shape, Inclination))
-        ]
-        shapes = min(1 + sum(stations), _MOST_SHAPES)
-        expected = fluctuations(scenario, plan.recordings)
-        deviation = np.sqrt(np.sum([each.deviation**2 for each in expected], axis=0))
-        model = linear_model(plan, scenario.driven, max(shapes, foreseen), deviation)
-        water, most = Water.of(expected, shapes, plan.period), shapes * deviation.size
-        observed = model._replace(
-            stirred=model.stirred[:, :most],
-            hastened=model.hastened[:, :most],
-            observed_water=model.observed_water[:, :most],
-        )
-        arrivals = Arrivals.of(plan.sensors, plan.period, float(plan.system.time_step))
-        parts = augmented(observed, water, arrivals, plan)
-        columns, scale = plan.controlled
-        integrating = np.zeros((len(columns), plan.sensors[0].noise.shape[0]))
-        integrating[np.arange(len(columns)), columns] = scale
-        jacobian = integrating @ _jacobian(model)[: integrating.shape[1]] * model.usual
-        # of what inputs do not move an integral would never end
-        ways, moved, _ = np.linalg.svd(jacobian, full_matrices=False)
-        moves = moved > _RANK * moved.max(initial=0.0)
-        integrating, jacobian = (ways[:, moves].T @ each for each in (integrating, jacobian))
-        if not moves.any():
-            text = "nothing of the tip that is controlled follows what is driven"
-            raise ScenarioError([Mistake(f"control.{scenario.control.kind}", text)])
-        return Known(
-            model,
-            parts,
-            build_observer(plan, model, parts, arrivals),
-            *_most(plan, model.rows),
-            settings.smoothness or SMOOTHNESS * scenario.arm.length,
-            integrating,
-            model.usual[:, None] * damped_inverse(jacobian) @ integrating,
-        )
 
 
 def build_lqg(plan: Plan) -> Lqg:
@@ -144,58 +51,26 @@ def build_lqg(plan: Plan) -> Lqg:
     )
 
 
-def _jacobian(model: LinearModel) -> Float[np.ndarray, "y u"]:
-    """Return how readings follow commands that move slowly."""
-    followed = np.linalg.solve(np.eye(model.actuators.shape[0]) - model.actuators, model.commanded)
-    arm = np.linalg.solve(np.eye(model.arm.shape[0]) - model.arm, model.held + model.driven)
-    return (model.observed @ arm + model.observed_actuators) @ followed
-
-
 def _gain(known: Known, integral_time: float, period: float) -> Matrix:
-    """Return the gain of the least quadratic cost (discrete Riccati equation)."""
-    from scipy.linalg import solve_discrete_are  # slow to load
+    """Return the gain of the least quadratic cost (discrete Riccati equation).
 
-    model, parts, size = known.model, known.parts, known.parts.known
-    states, inputs = model.commanded.shape
-    controlled = known.tip.shape[0]
-    ends = list(np.cumsum([size, states, inputs, inputs, controlled]))
-    x, s, u, r, q = (slice(*pair) for pair in pairwise([0, *ends]))
-    A, B = np.zeros((ends[-1], ends[-1])), np.zeros((ends[-1], inputs))
-    one = np.eye(inputs)
-    # a command moves at the rate that its acceleration has brought it to
-    A[u, u], A[u, r], B[u] = one, period * one, period**2 * one
-    A[r, r], B[r] = one, period * one
-    A[s, s] = model.actuators
-    A[x, x] = parts.move[:size, :size]
-    A[x, s] = parts.held[:size] + parts.driven[:size] @ model.actuators
-    for rows, by in ((s, model.commanded), (x, parts.driven[:size] @ model.commanded)):
-        A[rows, u], A[rows, r], B[rows] = by, period * by, period**2 * by
-    A[q, x] = period * known.tip
-    A[q, q] = np.eye(controlled)
-    cost = np.zeros_like(A)
-    cost[x, x] = known.tip.T @ known.tip
-    cost[q, q] = np.eye(controlled) / integral_time**2
-    cost[u, u] = np.diag((_EFFORT * known.worth / known.reach) ** 2)
-    cost[r, r] = np.diag((known.worth / known.speed) ** 2)
+    A command moves at the rate that its acceleration has brought it to, ``du = T (r + T a)``: rates
+    ``r`` are states, behind the others.
+    """
+    from scipy.linalg import block_diag, solve_discrete_are  # slow to load
+
+    A, B, cost, rate, controlled = Regulator.of(known, integral_time, period)
+    inputs, one = B.shape[1], np.eye(B.shape[1])
+    A = np.block([[A, period * B], [np.zeros((inputs, A.shape[0])), one]])
+    B = period * np.concatenate([period * B, one])
+    cost = block_diag(cost, period**2 * rate)
     push = np.diag((known.worth / known.acceleration) ** 2)
     found = solve_discrete_are(A, B, cost, push)
     gain = np.linalg.solve(push + B.T @ found @ B, B.T @ found @ A)
-    # readings under way tell nothing more of what is to come
-    under_way = np.zeros((inputs, parts.move.shape[0] - size))
-    return np.hstack([gain[:, :size], under_way, gain[:, size:]])
-
-
-def _most(plan: Plan, rows: tuple[int, ...]) -> tuple[PerInput, PerInput, PerInput]:
-    """Return half the range, and greatest speed and acceleration, of each driven input.
-
-    One that has no limit of its own may pass its range in a second.
-    """
-    servo = plan.system.base.servo
-    lower = np.array([float(each.lower) for each in plan.inputs])
-    upper = np.array([float(each.upper) for each in plan.inputs])
-    speed = upper - lower
-    speed[: servo.max_speed.shape[0]] = servo.max_speed
-    acceleration = speed / _BRISK
-    acceleration[: servo.max_speed.shape[0]] = servo.max_acceleration
-    chosen = list(rows)
-    return 0.5 * (upper - lower)[chosen], speed[chosen], acceleration[chosen]
+    # readings under way tell nothing more of what is to come; integrals go behind the rates
+    size = known.parts.known
+    under_way = np.zeros((inputs, known.parts.move.shape[0] - size))
+    estimate, rest, integrals, rates = np.split(
+        gain, [size, gain.shape[1] - controlled - inputs, gain.shape[1] - inputs], axis=1
+    )
+    return np.hstack([estimate, under_way, rest, rates, integrals])

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from crinoid.assembly.forecast import SHAPES, carried_water, known_water
+from crinoid.assembly.known import Known
 from crinoid.assembly.linear import LinearModel
-from crinoid.assembly.lqg import Known
 from crinoid.assembly.numbers import array
+from crinoid.assembly.regulator import Regulator
 from crinoid.control import Forecast, HorizonQp, Mpc, WaterVelocity
 from crinoid.scenario import Mistake, ScenarioError
 
@@ -28,8 +28,6 @@ _LONGEST = 8
 """Share of the horizon of the longest move."""
 _LOOKS = 12
 """Times at which water is foreseen."""
-_EFFORT = 0.02
-"""Cost of an input at the end of its range over that of one at its greatest speed."""
 
 
 def build_mpc(plan: Plan) -> Mpc:
@@ -83,52 +81,30 @@ def build_mpc(plan: Plan) -> Mpc:
 
 
 class Problem(NamedTuple):
-    """The regulator: ``z' = A z + B du`` for estimate, actuators, commands and integrals."""
+    """The regulator over a horizon, and what comes after it."""
 
-    A: Matrix
-    B: Matrix
-    cost: Matrix
-    """Cost of a state ``z``."""
-    rate: Matrix
-    """Cost of changes ``du`` of the commands."""
+    regulator: Regulator
     last: Matrix
     """Cost of all that follows a state."""
     steady: Matrix
     """State at rest by the commands that keep it there."""
-    controlled: int
-    """How many integrals there are, at the end of a state."""
 
     @staticmethod
     def of(known: Known, integral_time: float, period: float) -> Problem:
         """Build it, with the cost to go of the discrete Riccati equation."""
         from scipy.linalg import solve_discrete_are  # slow to load
 
-        model, parts, size = known.model, known.parts, known.parts.known
-        states, inputs = model.commanded.shape
-        controlled = known.tip.shape[0]
-        ends = list(np.cumsum([size, states, inputs, controlled]))
-        x, s, u, q = (slice(*pair) for pair in pairwise([0, *ends]))
-        A, B = np.zeros((ends[-1], ends[-1])), np.zeros((ends[-1], inputs))
-        A[x, x] = parts.move[:size, :size]
-        A[x, s] = parts.held[:size] + parts.driven[:size] @ model.actuators
-        A[x, u] = B[x] = parts.driven[:size] @ model.commanded
-        A[s, s] = model.actuators
-        A[s, u] = B[s] = model.commanded
-        A[u, u] = B[u] = np.eye(inputs)
-        A[q, x] = period * known.tip
-        A[q, q] = np.eye(controlled)
-        cost = np.zeros_like(A)
-        cost[x, x] = known.tip.T @ known.tip
-        cost[q, q] = np.eye(controlled) / integral_time**2
-        cost[u, u] = np.diag((_EFFORT * known.worth / known.reach) ** 2)
-        rate = np.diag((known.worth / (period * known.speed)) ** 2)
+        regulator = Regulator.of(known, integral_time, period)
+        A, B, cost, rate, controlled = regulator
         # only the arm, first of the estimate, and the actuators answer to commands
-        moving = np.r_[np.arange(parts.arm), np.arange(size, size + states)]
-        still = np.linalg.solve(np.eye(moving.size) - A[np.ix_(moving, moving)], A[moving][:, u])
-        steady = np.zeros((ends[-1], inputs))
-        steady[moving], steady[u] = still, np.eye(inputs)
-        found = solve_discrete_are(A, B, cost, rate)
-        return Problem(A, B, cost, rate, found, steady, controlled)
+        size, inputs = known.parts.known, B.shape[1]
+        commands = A.shape[0] - controlled - inputs + np.arange(inputs)
+        moving = np.r_[np.arange(known.parts.arm), np.arange(size, commands[0])]
+        still = np.eye(moving.size) - A[np.ix_(moving, moving)]
+        steady = np.zeros_like(B)
+        steady[moving] = np.linalg.solve(still, A[np.ix_(moving, commands)])
+        steady[commands] = np.eye(inputs)
+        return Problem(regulator, solve_discrete_are(A, B, cost, rate), steady)
 
 
 def blocks(ticks: int) -> Lengths:
@@ -161,7 +137,7 @@ def condensed(
     ``pushes`` are what water at the end of a period and its change do to the arm; the water is
     given at the ticks ``looks``, and between them by straight lines.
     """
-    A, B, cost, rate, last, steady, controlled = problem
+    (A, B, cost, rate, controlled), last, steady = problem
     count, ticks = lengths.size, int(lengths.sum())
     block = np.repeat(np.arange(count), lengths.astype(int))
     inputs, size = B.shape[1], A.shape[0]
