@@ -11,13 +11,16 @@ from crinoid.assembly.known import Known
 from crinoid.assembly.lags import lags
 from crinoid.assembly.numbers import array
 from crinoid.assembly.regulator import Regulator
-from crinoid.control import Lqg
+from crinoid.control import Braking, Lqg
 from crinoid.scenario import Mistake, ScenarioError
 
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
 
 Matrix = Float[np.ndarray, "_ _"]
+
+
+_FAMILY = 2.0**np.arange(8)
 
 
 def build_lqg(plan: Plan) -> Lqg:
@@ -31,7 +34,8 @@ def build_lqg(plan: Plan) -> Lqg:
     settings = plan.scenario.control.lqg
     try:
         known = Known.of(plan, settings)
-        gain = _gain(known, settings.integral_time, plan.period)
+        gains = [_gain(known._replace(worth=known.worth*k), settings.integral_time, plan.period) for k in _FAMILY]
+        gain = np.stack([g for g,_ in gains]); worth = np.stack([w for _,w in gains])
     except np.linalg.LinAlgError as error:  # of the Riccati equations
         text = f'got "lqg", for which there is no gain here: {error}; takes another'
         raise ScenarioError([Mistake("control.kind", text)]) from error
@@ -45,32 +49,26 @@ def build_lqg(plan: Plan) -> Lqg:
         commanded=array(known.model.commanded),
         mapping=array(known.mapping),
         lead=array(lag + 0.5 * plan.period),
-        max_speed=array(known.speed),
-        max_acceleration=array(known.acceleration),
+        braking=Braking.of(
+            known.speed * plan.period, known.acceleration * plan.period**2, np.ones(1)
+        ),
+        worth=array(worth),
         rows=known.model.rows,
     )
 
 
-def _gain(known: Known, integral_time: float, period: float) -> Matrix:
-    """Return the gain of the least quadratic cost (discrete Riccati equation).
+def _gain(known: Known, integral_time: float, period: float) -> tuple[Matrix, Matrix]:
+    """Return the gain of the least quadratic cost, and its second derivative by the moves.
 
     A command moves at the rate that its acceleration has brought it to, ``du = T (r + T a)``: rates
     ``r`` are states, behind the others.
     """
-    from scipy.linalg import block_diag, solve_discrete_are  # slow to load
+    from scipy.linalg import solve_discrete_are  # slow to load
 
-    A, B, cost, rate, controlled = Regulator.of(known, integral_time, period)
-    inputs, one = B.shape[1], np.eye(B.shape[1])
-    A = np.block([[A, period * B], [np.zeros((inputs, A.shape[0])), one]])
-    B = period * np.concatenate([period * B, one])
-    cost = block_diag(cost, period**2 * rate)
-    push = np.diag((known.worth / known.acceleration) ** 2)
-    found = solve_discrete_are(A, B, cost, push)
-    gain = np.linalg.solve(push + B.T @ found @ B, B.T @ found @ A)
-    # readings under way tell nothing more of what is to come; integrals go behind the rates
-    size = known.parts.known
-    under_way = np.zeros((inputs, known.parts.move.shape[0] - size))
-    estimate, rest, integrals, rates = np.split(
-        gain, [size, gain.shape[1] - controlled - inputs, gain.shape[1] - inputs], axis=1
-    )
-    return np.hstack([estimate, under_way, rest, rates, integrals])
+    A, B, cost, rate, _ = Regulator.of(known, integral_time, period)
+    found = solve_discrete_are(A, B, cost, rate)
+    worth = rate + B.T @ found @ B
+    gain = np.linalg.solve(worth, B.T @ found @ A)
+    # readings under way tell nothing more of what is to come
+    under_way = [known.parts.known] * (known.parts.move.shape[0] - known.parts.known)
+    return np.insert(gain, under_way, 0.0, axis=1), worth

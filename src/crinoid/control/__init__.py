@@ -1,6 +1,7 @@
 """Parts that close the loop: sensor, target and controllers."""
 
 from crinoid.control.allocation import Allocation as Allocation
+from crinoid.control.braking import Braking as Braking
 from crinoid.control.clock import Clock as Clock
 from crinoid.control.controller import Controller as Controller
 from crinoid.control.controller import Idle as Idle

@@ -86,6 +86,16 @@ class Braking(eqx.Module):
         _, kept = jax.lax.scan(cut, (upper, -lower, moving), (*each, self.lengths, first))
         return kept.T
 
+    def next(self, moving: Inputs, down: Inputs, up: Inputs) -> tuple[Inputs, Inputs]:
+        """Return the least and the largest move of one period from which each input can stop.
+
+        ``moving`` is the last move, ``down`` and ``up`` are how far each may still go.
+        """
+        ends = jnp.stack([moving - self.acceleration, moving + self.acceleration])
+        ends = jnp.clip(ends, -self.rate, self.rate)
+        ends = jnp.clip(ends, -self.stoppable(down), self.stoppable(up))
+        return ends[0], ends[1]
+
     def stoppable(self, room: Inputs) -> Inputs:
         """Return the largest move after which full braking, period by period, ends in ``room``."""
         ratio = jnp.maximum(room, 0.0) / self.acceleration

@@ -5,11 +5,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.control.braking import Braking
 from crinoid.control.controller import Controller
 from crinoid.control.observer import Observer, ObserverState
 from crinoid.control.seen import Command, Seen
 from crinoid.control.target import pose_error
 from crinoid.products import product
+
+
+_SWEEPS = 20
+"""Times that each input is gone through to find the best moves within limits."""
 
 
 class Course(eqx.Module):
@@ -61,8 +66,10 @@ class Lqg(Controller):
     """Command for a displacement of the tip."""
     lead: Float[Array, " driven"]
     """How far each command looks ahead (s)."""
-    max_speed: Float[Array, " driven"]
-    max_acceleration: Float[Array, " driven"]
+    braking: Braking
+    """Limits of the commands, one period ahead."""
+    worth: Float[Array, "driven driven"]
+    """Second derivative of the cost by the moves of the commands."""
     rows: tuple[int, ...] = eqx.field(static=True)
     """Which inputs are driven."""
 
@@ -83,18 +90,21 @@ class Lqg(Controller):
                 observed.estimate - course.estimate,
                 observed.actuators - course.actuators,
                 before - course.command,
-                rate - course.rate,
                 memory.integral,
             ]
         )
-        wanted = (course.rate - memory.course.rate) / self.period - product(self.gain, away)
-        # as much as the actuators can do, so that they follow
-        push = jnp.clip(wanted, -self.max_acceleration, self.max_acceleration)
-        moving = jnp.clip(rate + self.period * push, -self.max_speed, self.max_speed)
-        held = jnp.clip(before + self.period * moving, seen.lower[rows], seen.upper[rows])
+        # the course has moved on since the last command by its own
+        moves = self.period * course.rate - jnp.sum(self.gain * away, axis=-1)
+        lower, upper = seen.lower[rows], seen.upper[rows]
+        slowest, fastest = self.braking.next(self.period * rate, before - lower, upper - before)
+        feasible = jnp.all((moves >= slowest) & (moves <= fastest), axis=1)
+        which = jnp.where(jnp.any(feasible), jnp.argmax(feasible), len(self.gain) - 1)
+        move = moves[which]
+        kept = nearest(move, slowest, fastest, self.worth[which])
+        held = jnp.clip(before + kept, lower, upper)
         error = product(self.integrating, pose_error(seen.measured, seen.wanted))
         # at a limit an integral would only wind up
-        free = jnp.all(held == before + self.period * (rate + self.period * wanted))
+        free = jnp.all(kept == move)
         integral = memory.integral + jnp.where(free, self.period, 0.0) * error
         command = jnp.zeros_like(seen.command).at[rows].set(held)
         return command, LqgMemory(observed, course, integral, (held - before) / self.period)
@@ -115,5 +125,32 @@ class Lqg(Controller):
         shifted = jax.vmap(lambda pose: pose_error(pose, start))(ahead)
         step = jnp.sum(self.mapping * shifted, axis=1) - before.command
         # a target that jumps is gone after at half the greatest speed
-        rate = jnp.clip(step / self.period, -0.5 * self.max_speed, 0.5 * self.max_speed)
+        most = 0.5 * self.braking.rate / self.period
+        rate = jnp.clip(step / self.period, -most, most)
         return Course(estimate, actuators, before.command + self.period * rate, rate)
+
+
+def nearest(
+    wanted: Float[Array, " input"],
+    lower: Float[Array, " input"],
+    upper: Float[Array, " input"],
+    worth: Float[Array, "input input"],
+) -> Float[Array, " input"]:
+    """Return what costs least within limits, where ``wanted`` would cost least without.
+
+    What one input cannot do others make up for as far as it is worth it: coordinate descent on a
+    quadratic cost with the second derivative ``worth``.
+    """
+    size = wanted.size
+
+    def one(number: Array, moves: Array) -> Array:
+        at = number % size
+        slope = jnp.sum(worth[at] * (moves - wanted))
+        return moves.at[at].set(jnp.clip(moves[at] - slope / worth[at, at], lower[at], upper[at]))
+
+    within = jnp.clip(wanted, lower, upper)
+    return jax.lax.cond(
+        jnp.all(within == wanted),
+        lambda: within,
+        lambda: jax.lax.fori_loop(0, _SWEEPS * size, one, within),
+    )
