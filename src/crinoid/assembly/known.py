@@ -13,7 +13,7 @@ from crinoid.assembly.observer import Arrivals, Augmented, Water, augmented, bui
 from crinoid.control import Inclination, Observer, Shape, damped_inverse
 from crinoid.scenario import Mistake, ScenarioError, one_of
 from crinoid.scenario.errors import shown
-from crinoid.scenario.lqg import SMOOTHNESS, ModelBased
+from crinoid.scenario.lqg import ModelBased
 
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
@@ -101,7 +101,7 @@ class Known(NamedTuple):
             parts,
             build_observer(plan, model, parts, arrivals),
             *_most(plan, model.rows),
-            settings.smoothness or SMOOTHNESS * scenario.arm.length,
+            settings.smoothness_on(scenario.arm.length),
             integrating,
             model.usual[:, None] * damped_inverse(jacobian) @ integrating,
         )

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 Matrix = Float[np.ndarray, "_ _"]
 
-
-_FAMILY = 2.0**np.arange(8)
+_GENTLER = 2.0 ** np.arange(0, 4.1, 0.25)
+"""Smoothness of each gain, over the first: errors are worth less speed."""
 
 
 def build_lqg(plan: Plan) -> Lqg:
@@ -34,15 +34,19 @@ def build_lqg(plan: Plan) -> Lqg:
     settings = plan.scenario.control.lqg
     try:
         known = Known.of(plan, settings)
-        gains = [_gain(known._replace(worth=known.worth*k), settings.integral_time, plan.period) for k in _FAMILY]
-        gain = np.stack([g for g,_ in gains]); worth = np.stack([w for _,w in gains])
+        found = [
+            _gain(known._replace(worth=factor * known.worth), settings.integral_time, plan.period)
+            for factor in _GENTLER
+        ]
     except np.linalg.LinAlgError as error:  # of the Riccati equations
         text = f'got "lqg", for which there is no gain here: {error}; takes another'
         raise ScenarioError([Mistake("control.kind", text)]) from error
+    gains, curved = map(np.stack, zip(*found, strict=True))
     lag = lags(plan.system.followers)[list(known.model.rows)]
     return Lqg(
         observer=known.observer,
-        gain=array(gain),
+        gains=array(gains),
+        curved=array(curved),
         integrating=array(known.integrating),
         period=array(plan.period),
         actuators=array(known.model.actuators),
@@ -52,23 +56,18 @@ def build_lqg(plan: Plan) -> Lqg:
         braking=Braking.of(
             known.speed * plan.period, known.acceleration * plan.period**2, np.ones(1)
         ),
-        worth=array(worth),
         rows=known.model.rows,
     )
 
 
 def _gain(known: Known, integral_time: float, period: float) -> tuple[Matrix, Matrix]:
-    """Return the gain of the least quadratic cost, and its second derivative by the moves.
-
-    A command moves at the rate that its acceleration has brought it to, ``du = T (r + T a)``: rates
-    ``r`` are states, behind the others.
-    """
+    """Return the gain of the least quadratic cost, and how that is curved by the next move."""
     from scipy.linalg import solve_discrete_are  # slow to load
 
     A, B, cost, rate, _ = Regulator.of(known, integral_time, period)
-    found = solve_discrete_are(A, B, cost, rate)
-    worth = rate + B.T @ found @ B
-    gain = np.linalg.solve(worth, B.T @ found @ A)
+    later = solve_discrete_are(A, B, cost, rate)
+    curved = rate + B.T @ later @ B
+    gain = np.linalg.solve(curved, B.T @ later @ A)
     # readings under way tell nothing more of what is to come
     under_way = [known.parts.known] * (known.parts.move.shape[0] - known.parts.known)
-    return np.insert(gain, under_way, 0.0, axis=1), worth
+    return np.insert(gain, under_way, 0.0, axis=1), curved

@@ -25,7 +25,7 @@ _TICKS = 60
 _ROUNDS = 100
 """Times that this order is gone through until the gains have settled, at most."""
 _SETTLED = 1e-6
-_MODEL_ERROR = 5e-3
+_MODEL_ERROR = 2e-2
 """Error of the model in the effect of the inputs over a period, over what they usually do."""
 _LEAST_NOISE = 1e-3
 """Noise that readings have at least, over what they usually vary by."""

@@ -12,7 +12,6 @@ from crinoid.control.seen import Command, Seen
 from crinoid.control.target import pose_error
 from crinoid.products import product
 
-
 _SWEEPS = 20
 """Times that each input is gone through to find the best moves within limits."""
 
@@ -39,21 +38,27 @@ class LqgMemory(eqx.Module):
 
 
 class Lqg(Controller):
-    """Linear quadratic Gaussian control with integral action.
+    """Linear quadratic Gaussian control with integral action, within the limits of the inputs.
 
-    An observer estimates the arm and the water; a gain makes of both an acceleration of the command
-    that is the best one for a linear model, a quadratic cost of errors, speeds and
-    accelerations, and white noise (Anderson and Moore 1990; Astrom and Wittenmark 1997, section
-    11.4). What is estimated of the water is thereby fed forward.
+    An observer estimates the arm and the water; a gain makes of both the next move of each command,
+    the best one for a linear model, a quadratic cost of errors and speeds, and white noise
+    (Anderson and Moore 1990; Astrom and Wittenmark 1997, section 11.4). What is estimated of the
+    water is thereby fed forward.
+
+    What is best without limits can be unstable with them. So there are several gains, each gentler
+    than the one before, and the first one counts whose move the inputs can do (Wredenhagen and
+    Belanger, Automatica 30 (1994) 403-416).
 
     Where the target moves, commands that the static Jacobian tells move with it, ahead by the lag
     of the actuators. The model says how the arm would then move; the gain acts on what differs.
     """
 
     observer: Observer
-    gain: Float[Array, "driven full"]
-    """Acceleration of the commands by estimate of arm and water, actuators, commands, their rate
-    and the integral."""
+    gains: Float[Array, "gain driven full"]
+    """Moves of the commands by estimate of arm and water, actuators, commands and the integral; the
+    gentlest last."""
+    curved: Float[Array, "gain driven driven"]
+    """Second derivative of the cost of each by the moves."""
     integrating: Float[Array, "controlled pose"]
     """Error that is integrated, in metres, by the error of the pose."""
     period: Float[Array, ""]
@@ -68,8 +73,6 @@ class Lqg(Controller):
     """How far each command looks ahead (s)."""
     braking: Braking
     """Limits of the commands, one period ahead."""
-    worth: Float[Array, "driven driven"]
-    """Second derivative of the cost by the moves of the commands."""
     rows: tuple[int, ...] = eqx.field(static=True)
     """Which inputs are driven."""
 
@@ -84,28 +87,28 @@ class Lqg(Controller):
     def command(self, memory: LqgMemory, seen: Seen) -> tuple[Command, LqgMemory]:
         rows = jnp.asarray(self.rows, int)
         observed = self.observer.update(memory.observed, seen)
-        course, before, rate = self.follow(memory.course, seen), seen.command[rows], memory.rate
+        course, before = self.follow(memory.course, seen), seen.command[rows]
         away = jnp.concatenate(
             [
                 observed.estimate - course.estimate,
                 observed.actuators - course.actuators,
-                before - course.command,
+                before - memory.course.command,
                 memory.integral,
             ]
         )
         # the course has moved on since the last command by its own
-        moves = self.period * course.rate - jnp.sum(self.gain * away, axis=-1)
+        moves = self.period * course.rate - jnp.sum(self.gains * away, axis=2)
         lower, upper = seen.lower[rows], seen.upper[rows]
-        slowest, fastest = self.braking.next(self.period * rate, before - lower, upper - before)
-        feasible = jnp.all((moves >= slowest) & (moves <= fastest), axis=1)
-        which = jnp.where(jnp.any(feasible), jnp.argmax(feasible), len(self.gain) - 1)
-        move = moves[which]
-        kept = nearest(move, slowest, fastest, self.worth[which])
+        slowest, fastest = self.braking.next(
+            self.period * memory.rate, before - lower, upper - before
+        )
+        can = jnp.all((moves >= slowest) & (moves <= fastest), axis=1)
+        chosen = jnp.where(jnp.any(can), jnp.argmax(can), can.size - 1)
+        kept = nearest(moves[chosen], slowest, fastest, self.curved[chosen])
         held = jnp.clip(before + kept, lower, upper)
         error = product(self.integrating, pose_error(seen.measured, seen.wanted))
         # at a limit an integral would only wind up
-        free = jnp.all(kept == move)
-        integral = memory.integral + jnp.where(free, self.period, 0.0) * error
+        integral = memory.integral + jnp.where(jnp.any(can), self.period, 0.0) * error
         command = jnp.zeros_like(seen.command).at[rows].set(held)
         return command, LqgMemory(observed, course, integral, (held - before) / self.period)
 
@@ -134,19 +137,19 @@ def nearest(
     wanted: Float[Array, " input"],
     lower: Float[Array, " input"],
     upper: Float[Array, " input"],
-    worth: Float[Array, "input input"],
+    curved: Float[Array, "input input"],
 ) -> Float[Array, " input"]:
-    """Return what costs least within limits, where ``wanted`` would cost least without.
+    """Return the moves that cost least within limits, where ``wanted`` cost least without.
 
-    What one input cannot do others make up for as far as it is worth it: coordinate descent on a
-    quadratic cost with the second derivative ``worth``.
+    Others make up for what one input cannot do: coordinate descent on a quadratic cost with the
+    second derivative ``curved``.
     """
     size = wanted.size
 
     def one(number: Array, moves: Array) -> Array:
         at = number % size
-        slope = jnp.sum(worth[at] * (moves - wanted))
-        return moves.at[at].set(jnp.clip(moves[at] - slope / worth[at, at], lower[at], upper[at]))
+        slope = jnp.sum(curved[at] * (moves - wanted))
+        return moves.at[at].set(jnp.clip(moves[at] - slope / curved[at, at], lower[at], upper[at]))
 
     within = jnp.clip(wanted, lower, upper)
     return jax.lax.cond(

@@ -16,7 +16,6 @@ from crinoid.assembly.parameters import PidParameters
 from crinoid.assembly.plan import Plan
 from crinoid.control import Controller
 from crinoid.scenario import Mistake, Scenario, ScenarioError
-from crinoid.scenario.lqg import SMOOTHNESS
 
 GAINS = ("kp", "ki", "kd")
 KINDS = ("pid", "lqg", "mpc")
@@ -49,7 +48,7 @@ def tuned_numbers(scenario: Scenario) -> dict[str, float]:
         return found
     settings = scenario.control.settings
     return {
-        f"control.{kind}.smoothness": settings.smoothness or SMOOTHNESS * scenario.arm.length,
+        f"control.{kind}.smoothness": settings.smoothness_on(scenario.arm.length),
         f"control.{kind}.integral_time": settings.integral_time,
     }
 
