@@ -7,12 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import lsq_linear
 
 import crinoid
 from crinoid.assembly.fluctuation import Fluctuation, fluctuations
 from crinoid.assembly.observer import Arrivals, gains
 from crinoid.assembly.prepared import Prepared
-from crinoid.control import Clock, Sensor, TipPose
+from crinoid.control import Braking, Clock, Sensor, TipPose
+from crinoid.control.lqg import nearest
 from crinoid.metrics import tip_error
 from crinoid.reduction import balanced
 from crinoid.simulation.setup import set_up
@@ -150,6 +152,44 @@ def test_a_meter_of_the_current_does_no_harm():
         tip_error(simulated(control__kind="lqg", sensors=sensors)).rms for sensors in ([], [meter])
     )
     assert told < 1.1 * alone
+
+
+def test_lqg_holds_where_inputs_are_at_their_limits_much_of_the_time():
+    """In eddies of 0.2 m the base cannot accelerate as fast as the gain without limits asks."""
+    eddies = {"mean": [0.15, 0.0], "intensity": 0.8, "length_scale": 0.2}
+    water = {f"flow__1__{name}": value for name, value in eddies.items()}
+    pid, lqg = (
+        tip_error(simulated(control__kind=kind, flow__0__amplitude=[0.0, 0.0], seed=1, **water)).rms
+        for kind in ("pid", "lqg")
+    )
+    assert lqg < pid
+
+
+def test_the_best_moves_within_limits_are_those_of_a_second_solver():
+    draw = np.random.default_rng(5)
+    root = draw.standard_normal((4, 4))
+    curved, wanted = root @ root.T + 0.1 * np.eye(4), 2 * draw.standard_normal(4)
+    lower, upper = -np.ones(4), np.array([0.2, 1.0, 3.0, 0.5])
+    found = nearest(*map(jnp.asarray, (wanted, lower, upper, curved)))
+    half = np.linalg.cholesky(curved).T
+    best = lsq_linear(half, half @ wanted, (lower, upper), tol=1e-14).x
+    np.testing.assert_allclose(found, best, atol=1e-6)
+    assert (np.abs(best - np.clip(wanted, lower, upper)) > 0.01).any()
+
+
+def test_moves_that_are_allowed_end_within_limits_when_braked():
+    rate, acceleration = np.array([0.02]), np.array([0.001])
+    braking = Braking.of(rate, acceleration, np.ones(1))
+    value, move = np.array([0.0]), np.array([0.0])
+    largest = 0.0
+    for _ in range(200):  # always as fast up as is allowed
+        room = jnp.asarray(value + 1.0), jnp.asarray(0.3 - value)
+        move = np.asarray(braking.next(jnp.asarray(move), *room)[1])
+        value = value + move
+        largest = max(largest, float(move[0]))
+        assert value[0] <= 0.3 + 1e-12
+    assert largest == pytest.approx(0.02)
+    assert value[0] == pytest.approx(0.3, abs=1e-6)
 
 
 @pytest.mark.parametrize("modulus", [2.8e6, 5.2e6])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from pydantic import Field
 
@@ -11,6 +11,9 @@ from crinoid.scenario.quantity import AsTuple, Metres, Quantity, Seconds
 
 __all__ = ["Lqg"]
 
+_SMOOTHNESS = 0.01
+"""Smoothness over the arm's length, where it is left out."""
+
 _Inputs = Annotated[
     tuple[str, ...], AsTuple, Field(min_length=1), Quantity(takes="a list of names of inputs")
 ]
@@ -18,9 +21,6 @@ _Inputs = Annotated[
 
 class ModelBased(Model):
     """Settings of controllers that know a linear model of the arm."""
-
-    usual_smoothness: ClassVar[float] = 0.005
-    """Smoothness over the arm's length, where it is left out."""
 
     inputs: _Inputs | None = Field(
         default=None,
@@ -31,8 +31,7 @@ class ModelBased(Model):
         default=None,
         gt=0,
         description="Error of the tip that counts as much as an input at its greatest speed: the "
-        "smaller, the harder it works; of the arm's length 0.01 for lqg and 0.005 for mpc if left "
-        "out.",
+        "smaller, the harder it works; a hundredth of the arm's length if left out.",
     )
     integral_time: Seconds = Field(
         default=5.0, gt=0, description="Time in which a lasting error is undone."
@@ -40,10 +39,8 @@ class ModelBased(Model):
 
     def smoothness_on(self, length: float) -> float:
         """Return the smoothness (m) for an arm of a length (m)."""
-        return self.smoothness or self.usual_smoothness * length
+        return self.smoothness or _SMOOTHNESS * length
 
 
 class Lqg(ModelBased):
     """LQG control: linear quadratic regulator on the estimate of a Kalman filter."""
-
-    usual_smoothness: ClassVar[float] = 0.01
