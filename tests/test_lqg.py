@@ -183,13 +183,13 @@ def test_moves_that_are_allowed_end_within_limits_when_braked():
     value, move = np.array([0.0]), np.array([0.0])
     largest = 0.0
     for _ in range(200):  # always as fast up as is allowed
-        room = jnp.asarray(value + 1.0), jnp.asarray(0.3 - value)
+        room = jnp.asarray(value + 1.0), jnp.asarray(0.6 - value)
         move = np.asarray(braking.next(jnp.asarray(move), *room)[1])
         value = value + move
         largest = max(largest, float(move[0]))
-        assert value[0] <= 0.3 + 1e-12
+        assert value[0] <= 0.6 + 1e-12
     assert largest == pytest.approx(0.02)
-    assert value[0] == pytest.approx(0.3, abs=1e-6)
+    assert value[0] == pytest.approx(0.6, abs=1e-6)
 
 
 @pytest.mark.parametrize("modulus", [2.8e6, 5.2e6])
