@@ -87,7 +87,7 @@ class LinearLoop(NamedTuple):
 
 
 class LinearPlant(NamedTuple):
-    """What a controller acts on: arm, actuators and sensors over a control period."""
+    """Arm, actuators and sensors over a control period."""
 
     system: System
     """From commands to readings and states of the actuators."""

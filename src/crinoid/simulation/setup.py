@@ -44,7 +44,7 @@ class Setup(NamedTuple):
     loop: Loop
     state: State
     plan: Plan
-    """What the controller was built from."""
+    """Plan that the controller was built from."""
     outcome: Outcome
     """Outcome of the static solve; a converged one where the arm starts undeformed."""
     modes: Modes | None
