@@ -210,7 +210,7 @@ def test_an_input_that_rests_at_the_end_of_its_range_is_modelled_as_any_other():
     for low in (-20.0, 0.0):
         values = {"control.kind": "lqg", "base.channels.tilt.range_deg": [low, low + 40.0]}
         setup = set_up(Prepared(Scenario.from_toml(SCENARIO).with_values(values)))
-        found.append(np.asarray(setup.loop.controller.gain))
+        found.append(np.asarray(setup.loop.controller.gains))
     assert np.abs(found[0]).max() > 0
     np.testing.assert_allclose(found[1], found[0], rtol=1e-6, atol=1e-9 * np.abs(found[0]).max())
 

@@ -345,4 +345,4 @@ def test_the_default_weights_are_those_of_the_design():
     here, given = design.controller(np.zeros(2)), design._plan.scenario.control.lqg
     assert given.smoothness is None
     loop = crinoid.closed_loop(described)[0]
-    np.testing.assert_allclose(here.gain, loop.controller.gain, rtol=1e-6)
+    np.testing.assert_allclose(here.gains, loop.controller.gains, rtol=1e-6)
