@@ -361,4 +361,4 @@ def test_a_command_that_is_killed_is_resumed(tmp_path):
     assert ended.exit_code == 0, ended.output
     same(Result.load(tmp_path / "killed"), crinoid.simulate(scenario(3.0)))
     names = sorted(path.name for path in (tmp_path / "killed").iterdir())
-    assert names == ["result.nc", "uncontrolled.nc"]
+    assert names == ["report.html", "result.nc", "uncontrolled.nc"]

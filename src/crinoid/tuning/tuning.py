@@ -304,12 +304,7 @@ class Tuning:
                 "key": [key.removeprefix(f"control.{kind}.") for key in self.given],
                 "iteration": np.arange(1, self.done + 1),
             },
-            {
-                "title": self.scenario.title,
-                "scenario": self.scenario.to_toml(),
-                "status": status,
-                "margin": self.asked,
-            },
+            describe(self.scenario) | {"status": status, "margin": self.asked},
         )
 
     def _explain(self, runs: Sequence[Cost]) -> None:
