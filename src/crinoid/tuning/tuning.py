@@ -16,6 +16,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.dataset import describe
 from crinoid.dynamics import Reason, State
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Loop, closed_loop
