@@ -535,16 +535,23 @@ def test_importing_the_report_loads_no_plotting():
 
 
 def test_drawing_leaves_the_settings_of_the_caller_alone(tmp_path):
-    import matplotlib as mpl
-
-    def settings():  # asking for the backend would load one
-        return {name: mpl.rcParams[name] for name in mpl.rcParams if name != "backend"}
-
-    before = settings()
     save(swaying_arm(records=5), tmp_path / "result.nc")
-    write_report(tmp_path)
-    assert settings() == before
-    assert "matplotlib.pyplot" not in sys.modules
+    # in a process of its own, as other tests may have loaded pyplot
+    code = """
+import sys
+from pathlib import Path
+import matplotlib as mpl
+from crinoid.report import write_report
+
+def settings():  # asking for the backend would load one
+    return {name: mpl.rcParams[name] for name in mpl.rcParams if name != "backend"}
+
+before = settings()
+write_report(Path(sys.argv[1]))
+assert settings() == before
+assert "matplotlib.pyplot" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
 
 
 @pytest.mark.parametrize(

@@ -23,10 +23,10 @@ _NEAR = 1e-6
 """Share of it from which on it only falls."""
 _STIFFEST = 1e12
 """Weight of a limit over the curvature of the costs, beyond which round-off would win."""
-_PENALTY = 1e4
-"""Weight of an active limit in the polish, over the curvature of the costs."""
-_POLISHES = 2
-_REFINEMENTS = 5
+_PENALTY = 1e3
+"""Weight of an active limit in the polish, over the curvature of the costs; more adds round-off."""
+_POLISHES = 3
+_REFINEMENTS = 8
 _EXACT = 1e-9
 """Violation over the width of a limit, and gradient over that of the start, that count as none."""
 _NARROWEST = 1e-9
