@@ -24,6 +24,8 @@ os.environ["XLA_FLAGS"] = (
     f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
     f" --xla_cpu_parallel_codegen_split_count=1 --xla_disable_hlo_passes={_PASSES}"
 )
+# Two workers use two cores; threads of linear algebra would but wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Most of what the tests compile runs for less time than XLA would spend on making it faster.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
 

@@ -5,8 +5,6 @@ import threading
 import time
 from contextvars import copy_context
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -25,9 +23,9 @@ from crinoid.programs.store import STORE
 from crinoid.report import ReportError, write_report
 from crinoid.result import Result
 from crinoid.scenario import Scenario, ScenarioError
+from crinoid.simulation import tick
 from crinoid.simulation.batch import run_batch
 from crinoid.simulation.setup import set_up
-from crinoid.simulation.tick import tick_time
 from test_cli import call
 from test_report import assert_shows_something
 
@@ -223,26 +221,41 @@ def test_gains_of_the_scenario_are_left_alone():
     assert controlled_by(follows, "none").target.feed_forward is False
 
 
-class Busy(Controller):
-    """Takes a time in proportion to its sweeps."""
-
-    sweeps: jax.Array
+class Counting(Controller):
+    """Commands a little more each time, and the time that has passed."""
 
     def start(self, seen):
-        return jnp.linspace(0.0, 1.0, 64)
+        return jnp.zeros(())
 
     def command(self, memory, seen):
-        matrix = jnp.eye(64) + 1e-9 * seen.measured[0]
-        swept = jax.lax.fori_loop(0, self.sweeps, lambda _, x: jnp.tanh(matrix @ x), memory)
-        return 0.0 * seen.command + 1e-9 * jnp.sum(swept), swept
+        slide = jnp.zeros(())  # which the scenario does not have
+        return jnp.stack([slide, 1e-6 * memory, 1e-6 * seen.time]), memory + 1.0
 
 
-def test_the_time_of_a_tick_is_that_of_the_controller(compared):
-    prepared = Prepared(under(compared, "none"), Parts(controller=Busy(jnp.asarray(10))))
-    setup = set_up(prepared)
-    short = tick_time(setup.loop, setup.state)
-    busy = eqx.tree_at(lambda loop: loop.controller.sweeps, setup.loop, jnp.asarray(1000))
-    assert 20 * short < tick_time(busy, setup.state) < 500 * short
+@pytest.fixture(scope="module")
+def setup(compared):
+    return set_up(Prepared(under(compared, "none"), Parts(controller=Counting())))
+
+
+def test_each_call_that_is_timed_follows_the_one_before(setup):
+    total = tick._commands(setup.loop, setup.state, jnp.asarray(100))
+    late = setup.loop.clock.period * 99 * 100 / 2
+    np.testing.assert_allclose(total, [0.0, 1e-6 * 99 * 100 / 2, 1e-6 * late], rtol=1e-9)
+
+
+@pytest.mark.parametrize("takes", [3e-7, 2e-4, 0.2])
+def test_the_time_of_a_tick_is_that_of_one_call(monkeypatch, setup, takes):
+    timed = []
+
+    def run(loop, state, calls):
+        timed.append(calls)
+        return 1e-5 + takes * calls  # with what starting the program takes
+
+    monkeypatch.setattr(tick, "_run", run)
+    assert tick.tick_time(setup.loop, setup.state) == pytest.approx(takes, rel=0.01)
+    assert len(set(timed[-5:])) == 1
+    assert takes * timed[-1] > 0.04
+    assert takes * timed[-1] < max(0.2, 17 * takes)
 
 
 # --- numbers, table, figure --------------------------------------------------------------------
@@ -355,7 +368,7 @@ def test_kinds_come_with_commas():
         (("--controllers", "pid,pid"), '--controllers: got "pid" twice'),
         (("--seeds", 0), "--seeds: got 0, takes a number of 1 or more"),
         (("--first-seed", -1), "--first-seed: got -1, takes a number of 0 or more"),
-        (("--set", "vary={'arm.length'=[0.5, 0.6]}"), "vary: a comparison is that of one case"),
+        (("--set", "vary={'arm.length'=[0.5, 0.6]}"), "vary: a comparison is of one case"),
         (("--set", "control.controlled=['y']"), "control.controlled"),
     ],
 )

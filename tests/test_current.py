@@ -287,7 +287,7 @@ def test_still_water_is_said_and_a_study_refused(here):
     write(here, "sine", '[vary]\n"flow.0.frequency_hz" = [1.0, 2.0]')
     study = call("flow", "mine.toml")
     assert study.exit_code == 2
-    assert study.stderr.startswith("crinoid: vary: a current is that of one case")
+    assert study.stderr.startswith("crinoid: vary: a current is of one case")
     assert sorted(path.name for path in here.iterdir()) == ["a.nc", "mine.toml"]
 
 

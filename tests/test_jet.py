@@ -51,7 +51,9 @@ def flows(dimension):
         LogarithmicShear(onset, vector(dimension, 0.8, 0.0), *numbers(10.0, -30.0, 0.01)),
         Gust(onset, vector(dimension, 0.6, -0.2), *numbers(4.0)),
         Sine(onset, vector(dimension, 0.3, 0.1), *numbers(0.25, 0.4)),
-        MeasuredPoint(onset, record(mean), *map(jnp.asarray, (0 * mean, mean / (mean @ mean)))),
+        MeasuredPoint(
+            onset, record(mean), *map(jnp.asarray, (0 * mean, mean / (mean @ mean))), True
+        ),
         MeasuredProfile(onset, record(np.tile(mean, 6)), *numbers([-8.0, -5.0, -1.0])),
         GaussMarkov.of(
             onset,

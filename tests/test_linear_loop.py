@@ -21,7 +21,7 @@ from crinoid.simulation.linear_loop import (
     linear_loop,
 )
 from crinoid.simulation.margins import find_margins
-from crinoid.simulation.run import _begin
+from crinoid.simulation.run import begin
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.stretch import stretch
 from test_cli import call
@@ -77,7 +77,7 @@ def linear(prepared):
 
 def rolled(loop, state, steps):
     """Return the commands of a loop, at each time step."""
-    carry, _ = _begin(loop, state)
+    carry, _ = begin(loop, state)
     end, stride = jnp.asarray(steps, int), jnp.asarray(1, int)
     _, kept, filled, outcome = stretch(loop, carry, end, stride, steps)
     assert outcome.converged

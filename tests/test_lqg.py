@@ -11,6 +11,7 @@ from scipy.optimize import lsq_linear
 
 import crinoid
 from crinoid.assembly.fluctuation import Fluctuation, fluctuations
+from crinoid.assembly.linear import calm
 from crinoid.assembly.observer import Arrivals, gains
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Braking, Clock, Sensor, TipPose
@@ -72,6 +73,27 @@ def test_fluctuating_water_has_the_variance_and_the_memory_that_it_should(dampin
     )
     assert lasting == pytest.approx(expected, rel=1e-9)
 
+    # and so has what a forecast takes for granted
+    later = water.covariance(np.zeros((3, 2)), np.array([0.0, 1.0, -1.0]))
+    same = np.array([1.0, expected, expected])
+    np.testing.assert_allclose(later, same[:, None, None] * np.eye(2), rtol=1e-9, atol=1e-15)
+
+
+def test_water_that_drifts_past_comes_later_downstream():
+    record = Fluctuation(np.array([0.2, 0.1]), 2.0, slowness=np.array([4.0, 0.0]))
+    here, there = (record.covariance(np.array([away, 0.3]), np.array(1.0)) for away in (0.25, 0.0))
+    np.testing.assert_allclose(here, np.diag([0.04, 0.01]))
+    np.testing.assert_allclose(there, np.exp(-0.5) * here)
+    assert not record.accelerates
+
+
+def test_drag_is_linear_about_the_water_of_calm_moments():
+    current, steeper = calm(np.array([-0.06, 0.01]), np.array([0.2, 0.05]))
+    speed = np.abs(np.random.default_rng(1).normal(0.06, 0.2, 400_000))
+    assert current[0] == pytest.approx(-np.quantile(speed, 0.25), rel=0.02)
+    assert current[1] == 0.01
+    assert steeper * abs(current[0]) == pytest.approx(speed.mean(), rel=0.02)
+
 
 def test_what_is_expected_of_the_water_comes_from_its_flows():
     scenario = crinoid.load("station-keeping")
@@ -80,6 +102,9 @@ def test_what_is_expected_of_the_water_comes_from_its_flows():
     assert swell.time == pytest.approx(1 / 0.0833)
     np.testing.assert_allclose(drift.deviation, 0.8 * 0.06)
     assert drift.time == pytest.approx(1.0 / 0.06)
+    np.testing.assert_allclose(drift.slowness, [1 / 0.06, 0.0])
+    assert drift.length == 1.0
+    assert swell.accelerates
     assert (rest.deviation > 0).all()
 
 
@@ -143,6 +168,23 @@ def simulated(**values):
 def test_lqg_holds_the_tip_better_than_the_pid():
     pid, lqg = (tip_error(simulated(control__kind=kind)).rms for kind in ("pid", "lqg"))
     assert lqg < 0.65 * pid
+
+
+def test_a_target_that_moves_is_followed_ahead_of_it():
+    values = SMALL | {"simulation.duration": 8.0, "flow.0.intensity": 0.01}
+    ahead, late, pid = (
+        tip_error(
+            crinoid.simulate(
+                crinoid.load("trace").with_values(
+                    values | {"control.kind": kind, "target.feed_forward": forward}
+                )
+            )
+        ).rms
+        for kind, forward in (("lqg", True), ("lqg", False), ("pid", True))
+    )
+    assert ahead < 0.1 * late
+    assert ahead < 0.5 * pid
+    assert ahead < 2e-4
 
 
 def test_a_meter_of_the_current_does_no_harm():

@@ -3,17 +3,16 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.linalg import solve_discrete_are
 
 import crinoid
-from crinoid.assembly.mpc import Problem, blocks, condensed
-from crinoid.assembly.regulator import Regulator
+from crinoid.assembly.mpc import blocks, condensed
+from crinoid.assembly.regulator import Regulator, straight
 from crinoid.control import Along
 
 # --- the horizon, without an arm ----------------------------------------------------------------
 
 
-def problem(seed: int = 0) -> Problem:
+def problem(seed: int = 0) -> Regulator:
     """Draw an oscillator with two inputs, their values and the integral of its position."""
     draw = np.random.default_rng(seed)
     turn, states, inputs = 0.2, 2, 2
@@ -30,22 +29,23 @@ def problem(seed: int = 0) -> Problem:
     steady = np.zeros((size, inputs))
     steady[:2] = np.linalg.solve(np.eye(2) - arm, drive)
     steady[2:4] = np.eye(inputs)
-    return Problem(Regulator(A, B, cost, rate, 1), solve_discrete_are(A, B, cost, rate), steady)
+    shift = np.zeros_like(B)
+    shift[4] = -0.01 * tip @ steady[:2]
+    return Regulator(A, B, cost, rate, steady, shift)
 
 
-def spent(given: Problem, lengths, start, moves, aims, water, pushes) -> float:
+def spent(given: Regulator, lengths, start, moves, aims, water, pushed) -> float:
     """Return the cost of a horizon, simulated tick by tick."""
-    z, total, (A, B, cost, rate, _) = start.copy(), 0.0, given.regulator
-    stirred, hastened = pushes
+    z, total, (A, B, cost, rate, _, _), last = start.copy(), 0.0, given, given.to_come()
     each = np.repeat(moves.T, lengths.astype(int), axis=0)
     for tick, move in enumerate(each):
         at = given.steady @ aims[tick]
         z = A @ z + B @ move
         # the integral is that of the distance from where it should be
         z[-1] -= A[-1, :-1] @ at[:-1]
-        z[:2] += stirred @ water[tick + 1] + hastened @ (water[tick + 1] - water[tick])
+        z[:2] += pushed @ water[tick + 1]
         away = z - given.steady @ aims[tick + 1]
-        weight = given.last if tick == len(each) - 1 else cost
+        weight = last if tick == len(each) - 1 else cost
         total += away @ weight @ away + move @ rate @ move
     return 0.5 * total
 
@@ -53,9 +53,8 @@ def spent(given: Problem, lengths, start, moves, aims, water, pushes) -> float:
 @pytest.mark.parametrize("lengths", [np.ones(6), blocks(20)], ids=["even", "blocks"])
 def test_the_condensed_cost_is_that_of_a_simulated_horizon(lengths):
     given, draw, ticks = problem(), np.random.default_rng(1), int(lengths.sum())
-    pushes = draw.normal(size=(2, 2, 3))
-    looks = np.arange(ticks + 1)
-    found = condensed(given, lengths, tuple(pushes), looks)
+    pushed = draw.normal(size=(2, 3))
+    found = condensed(given, lengths, pushed)
     start, aims = draw.normal(size=5), draw.normal(size=(ticks + 1, 2))
     water, moves = draw.normal(size=(ticks + 1, 3)), draw.normal(size=(2, lengths.size))
     gradient = found.by_state @ start
@@ -63,23 +62,53 @@ def test_the_condensed_cost_is_that_of_a_simulated_horizon(lengths):
     gradient += np.einsum("iktw,tw->ik", found.by_water, water)
     curved = 0.5 * np.einsum("ik,ikjl,jl", moves, found.hessian, moves)
     with_moves, without = (
-        spent(given, lengths, start, each, aims, water, pushes) for each in (moves, 0 * moves)
+        spent(given, lengths, start, each, aims, water, pushed) for each in (moves, 0 * moves)
     )
     assert with_moves - without == pytest.approx(curved + np.sum(gradient * moves), rel=1e-9)
 
 
 def test_without_limits_the_first_move_is_that_of_the_regulator():
     given = problem()
-    (A, B, _, rate, _), last = given.regulator, given.last
+    (A, B, _, rate, _, _), last = given, given.to_come()
     gain = np.linalg.solve(rate + B.T @ last @ B, B.T @ last @ A)
     start = np.random.default_rng(2).normal(size=5)
     none = np.zeros((2, 1))
     for ticks in (1, 5, 30):
-        found = condensed(given, np.ones(ticks), (none, none), np.array([0, ticks]))
+        found = condensed(given, np.ones(ticks), none)
         size = 2 * ticks
         best = np.linalg.solve(found.hessian.reshape(size, size), found.by_state.reshape(size, -1))
         first = -(best @ start).reshape(2, ticks)[:, 0]
         assert first == pytest.approx(-gain @ start, rel=1e-8)
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 12])
+def test_without_limits_what_is_ahead_counts_as_in_a_horizon(ticks):
+    given, draw = problem(), np.random.default_rng(3)
+    # the target stays where it is at the last tick, over a horizon or for ever
+    aims = draw.normal(size=(ticks + 1, 2))
+    found = condensed(given, np.ones(ticks), np.zeros((2, 1)))
+    gradient = np.einsum("iktd,td->ik", found.by_aim, aims).reshape(-1)
+    best = -np.linalg.solve(found.hessian.reshape(2 * ticks, -1), gradient).reshape(2, ticks)
+    move = np.einsum("tud,td->u", given.by_aim(given.to_come(), ticks), aims)
+    assert move == pytest.approx(best[:, 0], rel=1e-8)
+
+
+def test_a_target_that_stands_still_is_reached_and_asks_for_nothing_more():
+    given = problem()
+    A, B, _, rate, steady, shift = given
+    later, aim = given.to_come(), np.array([0.3, -0.2])
+    gain = np.linalg.solve(rate + B.T @ later @ B, B.T @ later @ A)
+    by_aim = given.by_aim(later, 4).sum(axis=0)
+    z = np.zeros(5)
+    for _ in range(20000):
+        z = A @ z + B @ (by_aim @ aim - gain @ z) + shift @ aim
+    assert z == pytest.approx(steady @ aim, abs=1e-9)
+
+
+def test_numbers_told_at_some_ticks_go_straight_in_between():
+    weights = straight(np.array([0, 1, 4]), 5)
+    assert np.array([1.0, 3.0, 6.0]) @ weights == pytest.approx([1.0, 3.0, 4.0, 5.0, 6.0, 6.0])
+    assert straight(np.zeros(1, int), 2).tolist() == [[1.0, 1.0, 1.0]]
 
 
 @pytest.mark.parametrize("ticks", [1, 3, 10, 60, 137])
@@ -94,11 +123,12 @@ def test_moves_of_a_horizon_last_longer_and_longer(ticks):
 def test_velocities_of_the_same_drag():
     # across the arm drag is |u| u, along it there is none to speak of; steady current 0.2 m/s
     along = Along(jnp.eye(2), jnp.array([[0.0, 1.0]] * 2), jnp.array([[0.2, 0.0]] * 2))
-    found = np.asarray(along(jnp.array([[0.3, 0.1], [-0.1, 0.05]])))
-    alike, true = found.reshape(2, 2, 2)
+    hastening = jnp.array([[1.0, 2.0], [3.0, 4.0]])
+    found = np.asarray(along(jnp.array([[0.3, 0.1], [-0.1, 0.05]]), hastening))
+    alike, acceleration = found.reshape(2, 2, 2)
     assert 2 * 0.2 * alike[:, 0] == pytest.approx([0.3**2, -(0.1**2)])
     assert alike[:, 1] == pytest.approx([0.1, 0.05])
-    assert true == pytest.approx(np.array([[0.3, 0.1], [-0.1, 0.05]]))
+    assert acceleration == pytest.approx(np.asarray(hastening))
 
 
 # --- in closed loop -----------------------------------------------------------------------------
@@ -125,6 +155,25 @@ def test_it_holds_the_tip_better_than_the_pid_where_it_measures_the_current():
     given = "simulation.duration=8"
     pid = rms(played("station-keeping", given, 'control.kind="pid"'))
     assert rms(played("station-keeping", given, *mpc("measured"), METER)) < 0.5 * pid
+
+
+SMALL_EDDIES = (
+    "simulation.duration=14",
+    "seed=2",
+    "flow.0.amplitude=[0.15, 0.0]",
+    "flow.1={kind='turbulence', mean=[0.15, 0.0], intensity=0.5, length_scale=0.2, ramp_time=3.0}",
+)
+
+
+def test_it_does_not_shake_the_arm_where_swell_and_drift_cancel():
+    # then drag hardly damps the arm, whatever the mean current
+    lqg = rms(played("station-keeping", *SMALL_EDDIES, 'control.kind="lqg"'))
+    assert rms(played("station-keeping", *SMALL_EDDIES, *mpc("unknown"))) < 1.5 * lqg
+
+
+def test_a_meter_that_tells_little_of_small_eddies_does_not_mislead():
+    without = rms(played("station-keeping", *SMALL_EDDIES, *mpc("unknown")))
+    assert rms(played("station-keeping", *SMALL_EDDIES, *mpc("measured"), METER)) < 1.2 * without
 
 
 def test_with_a_preview_of_the_waves_the_tip_hardly_moves():

@@ -382,7 +382,7 @@ TAMPERED = {
 @pytest.fixture(scope="module")
 def begun() -> tuple[LoopState, xr.Dataset]:
     setup = set_up(Prepared(scenario()))
-    carry, first = running._begin(setup.loop, setup.state)
+    carry, first = running.begin(setup.loop, setup.state)
     diameters = scenario().arm.diameters
     return carry, build_dataset(setup.loop.system, diameters, running._one(first))
 

@@ -60,6 +60,7 @@ def arm(kinds, tilt, seed=0, *, pinned=False, mean=0.2, intensity=0.2, scale=0.3
         PiecewisePolynomial(CubicSpline(when, past * wandering)),
         jnp.zeros(2),
         jnp.asarray(past / (past @ past)),
+        carried=True,
     )
     system = crinoid.system(scenario)
     flows = (*system.forces.water.flows, record)

@@ -206,6 +206,11 @@ def test_the_nearness_has_the_slope_of_its_differences_and_bounds_the_margin(sea
         for s in (1, -1)
     )
     np.testing.assert_allclose(found.slope, (np.array(more) - less) / 2e-2, rtol=0.01, atol=1e-4)
+    assert stability.lack(found.margin, MARGIN) > 0.1
+    # one that is well away from -1 but would not bear late commands is no good either
+    brief = found.margin._replace(modulus=0.9, delay=0.5 * stability._late)
+    assert stability.lack(brief, MARGIN) == pytest.approx(0.5)
+    assert stability.lack(brief._replace(delay=3 * stability._late), MARGIN) < 0
     swinging = stability.nearness(design.around(logs + 3.0), MARGIN)
     assert not swinging.margin.stable
     assert swinging.excess >= 1

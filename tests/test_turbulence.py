@@ -11,6 +11,7 @@ from scipy.integrate import quad
 from scipy.special import gamma, kv
 
 import crinoid
+from crinoid.assembly.fluctuation import Fluctuation
 from crinoid.flow import Turbulence, Water
 from crinoid.onset import Onset
 
@@ -154,6 +155,26 @@ def test_longitudinal_correlation_and_its_integral(many):
     # the eddies that the spectrum is cut by would take 3.2 % off at any but the smallest lags
     assert correlation == pytest.approx(known, abs=0.04)
     assert np.trapezoid(correlation, lags) == pytest.approx(LENGTH, rel=0.1)
+
+
+@pytest.mark.parametrize("lag", [0.0, 1.5])
+def test_controllers_expect_its_covariance_in_space_and_time(many, lag):
+    mean = np.asarray(many.mean[0])
+    expected = Fluctuation(
+        np.full(3, INTENSITY * np.linalg.norm(mean)),
+        LENGTH / np.linalg.norm(mean),
+        slowness=mean / (mean @ mean),
+        length=LENGTH,
+    )
+    assert not expected.accelerates
+    start = np.random.default_rng(9).uniform(-500, 500, (150, 3))
+    for away in ([0.0, 0.0, 0.0], [0.3, 0.0, 0.5], [-0.2, 0.4, 0.1]):
+        apart = np.asarray(away) * LENGTH
+        here = np.asarray(fluctuations(many, start))
+        there = np.asarray(fluctuations(many, start + apart, lag))
+        found = np.einsum("spa,spb->ab", there, here) / here[..., 0].size
+        wanted = expected.covariance(apart, np.array(lag))
+        assert found == pytest.approx(wanted, abs=0.06 * expected.deviation[0] ** 2)
 
 
 def test_it_is_carried_by_the_mean():

@@ -114,7 +114,7 @@ def test_in_space_the_arm_has_the_same_modes_in_both_directions(light, tmp_path,
     with pytest.raises(ReportError, match="not a readable netCDF file"):
         write_report(folder / "modes.nc")
     xr.Dataset({"a": ("b", [1.0])}).to_netcdf(folder / "modes.nc")
-    with pytest.raises(ReportError, match="no modes of crinoid, it has no frequency"):
+    with pytest.raises(ReportError, match="not a file of crinoid with modes, it has no frequency"):
         write_report(folder / "modes.nc")
 
 
@@ -124,7 +124,7 @@ def test_mistakes_are_one_line_and_nothing_is_written(tmp_path, monkeypatch):
     for mistake, named in (
         (("--count", "0"), "--count: got 0, takes 1 to 10"),
         (("--set", "arm.length=-1"), "arm.length"),
-        (("--set", "vary.seed=[1, 2]"), "vary: modes are those of one case"),
+        (("--set", "vary.seed=[1, 2]"), "vary: a mode is of one case"),
     ):
         ended = call("modes", "mine.toml", *mistake)
         assert ended.exit_code == 2

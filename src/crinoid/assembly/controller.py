@@ -11,7 +11,7 @@ from crinoid.assembly.plan import Plan
 from crinoid.control import Controller, FeedForward, Idle, Pid
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 
-_TAKE_UP = 1.0
+TAKE_UP = 1.0
 """How long a controller takes to answer in full to what is there when it is switched on (s)."""
 
 
@@ -78,7 +78,7 @@ def _pid(plan: Plan) -> Pid:
         **plan.parameters.pid.gains(plan.inputs),
         mapping=array(mapping),
         period=array(plan.period),
-        take_up=array(_TAKE_UP if bumps else 0.0),
+        take_up=array(TAKE_UP if bumps else 0.0),
         allocation=allocation,
     )
 

@@ -44,6 +44,38 @@ class Fluctuation(NamedTuple):
     """Correlation time (s), of an oscillation its period."""
     damping: float | None = None
     """Damping ratio of what oscillates; None: it does not."""
+    slowness: Float[np.ndarray, " d"] | None = None
+    """Delay over distance (s/m) of a frozen pattern that drifts past; None: it does not."""
+    length: float | None = None
+    """Longitudinal integral scale of its eddies (m); None: it is the same across the drift."""
+
+    def covariance(
+        self, apart: Float[np.ndarray, "... d"], lag: Float[np.ndarray, ...]
+    ) -> Float[np.ndarray, "... d d"]:
+        """Return that of the velocities at two points ``apart`` (m), the first ``lag`` (s) later.
+
+        Turbulence is isotropic (Batchelor 1953, chapter 3), with von Karman's longitudinal
+        correlation (1948).
+        """
+        if self.length is not None and self.slowness is not None:
+            drift = self.slowness / (self.slowness @ self.slowness)
+            away = apart - drift * lag[..., None]
+            return np.outer(self.deviation, self.deviation) * _isotropic(away, self.length)
+        carried = 0.0 if self.slowness is None else apart @ self.slowness
+        later = np.abs(lag - carried)
+        if self.damping is None:
+            kept = np.exp(-later / self.time)
+        else:
+            rate, share = 2 * math.pi / self.time, math.sqrt(1 - self.damping**2)
+            angle = rate * share * later
+            swing = np.cos(angle) + self.damping / share * np.sin(angle)
+            kept = np.exp(-self.damping * rate * later) * swing
+        return kept[..., None, None] * np.diag(self.deviation**2)
+
+    @property
+    def accelerates(self) -> bool:
+        """Whether particles of the water feel it change: not in a pattern that drifts with them."""
+        return self.slowness is None
 
     def process(self, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return ``F``, ``Q`` and ``S`` of ``d' = F d + v``, ``w = S d``, with ``w`` of variance 1.
@@ -72,7 +104,8 @@ def fluctuations(
             case TurbulenceFlow():
                 speed = math.hypot(*flow.mean)
                 spread = np.full(axes, flow.intensity * speed)
-                found.append(Fluctuation(spread, flow.length_scale / speed if speed else _SLOW))
+                slowness, length = np.array(flow.mean) / speed**2, flow.length_scale
+                found.append(Fluctuation(spread, length / speed, slowness=slowness, length=length))
             case GaussMarkovFlow():
                 spread = np.broadcast_to(flow.standard_deviation, axes)
                 found.append(Fluctuation(spread, flow.correlation_time))
@@ -90,6 +123,21 @@ def fluctuations(
     total = np.sqrt(sum((each.deviation**2 for each in found), np.zeros(axes)))
     found.append(Fluctuation(np.maximum(_LEAST, _SHARE * total), _SLOW))
     return tuple(found)
+
+
+def _isotropic(away: Float[np.ndarray, "... d"], length: float) -> Float[np.ndarray, "... d d"]:
+    """Return the correlation of isotropic turbulence at two points, by component."""
+    from scipy.special import gamma, kv  # slow to load
+
+    energetic = length * gamma(1 / 3) / (math.sqrt(math.pi) * gamma(5 / 6))
+    distance = np.linalg.norm(away, axis=-1)
+    scaled = np.maximum(distance / energetic, 1e-9)
+    factor = 2 ** (2 / 3) / gamma(1 / 3) * scaled ** (1 / 3)
+    steep = 0.5 * factor * scaled * kv(2 / 3, scaled)
+    along = away / np.maximum(distance, 1e-300)[..., None]
+    radial = along[..., :, None] * along[..., None, :]
+    across = factor * kv(1 / 3, scaled) - steep
+    return across[..., None, None] * np.eye(away.shape[-1]) + steep[..., None, None] * radial
 
 
 def _waves(flow: WavesFlow, scenario: Scenario) -> Fluctuation:
@@ -112,4 +160,6 @@ def _measured(recording: Recording) -> Fluctuation:
     series = recording.velocity[:, int(np.argmax(varies.sum(axis=1)))].T
     times = [integral_time(each, recording.interval) for each in series if np.ptp(each)]
     deviation = np.sqrt(varies.mean(axis=0))
-    return Fluctuation(deviation, recording.time_scale * min(times) if times else _SLOW)
+    slowness = recording.slowness if np.any(recording.slowness) else None
+    time = recording.time_scale * min(times) if times else _SLOW
+    return Fluctuation(deviation, time, slowness=slowness)

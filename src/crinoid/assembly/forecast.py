@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import jax
@@ -12,6 +13,7 @@ from numpy.polynomial import legendre
 from crinoid.assembly.fluctuation import Fluctuation, fluctuations
 from crinoid.assembly.numbers import array
 from crinoid.control import Along, CarriedWater, KnownWater, WaterVelocity
+from crinoid.flow import Water
 
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
@@ -38,9 +40,14 @@ def known_water(plan: Plan, steady: Float[np.ndarray, " d"], lead: Times) -> Kno
 
     @jax.jit
     def begin() -> jax.Array:
-        return along(jax.vmap(lambda point: water.velocity(point, plan.state.time))(points))
+        velocity = jax.vmap(lambda point: water.velocity(point, plan.state.time))(points)
+        still = Water(water.flows, frozen_at=plan.state.time)
+        lasting = jax.vmap(lambda point: still.current(point, plan.state.time))(points)
+        return along(velocity, lasting.acceleration)
 
-    return KnownWater(water, points, along, begin(), array(lead))
+    # a pattern that drifts hardly accelerates its water but in small eddies, all over the arm
+    hastening = Water(tuple(flow for flow in water.flows if not flow.drifts))
+    return KnownWater(water, hastening, points, along, begin(), array(lead))
 
 
 def carried_water(
@@ -48,9 +55,9 @@ def carried_water(
 ) -> CarriedWater:
     """Return what a sensor's readings tell of the water at the arm, carried by the mean current.
 
-    What is measured at a point comes to a station ``d`` downstream of it after ``d / U`` (Taylor
-    1938). What is yet to be measured is the mean given the readings so far, of a random process
-    with the covariance that the flows of the scenario have (Wiener 1949).
+    The mean at each station now and later, given the readings so far, of a random process with
+    the covariance in space and time that the flows of the scenario have (Wiener 1949): what a
+    meter does not tell is taken for the mean current.
     """
     stations, along = _along(plan, steady)
     sensor = next(each for each in plan.sensors if each.name == name)
@@ -58,41 +65,42 @@ def carried_water(
     points = np.asarray(sensor.measurand.points) + np.asarray(plan.system.forces.origin)
     mean = np.asarray(plan.current, float)
     speed = float(np.linalg.norm(mean))
-    away = stations[:, None] - points
-    downstream = away @ mean / speed if speed else np.zeros(away.shape[:2])
-    beside = np.sum(away**2, axis=2) - downstream**2
-    nearest = np.argmin(beside + 1e-6 * np.abs(downstream), axis=1)
-    reach = downstream[np.arange(len(stations)), nearest]
-    lag = np.clip(reach / speed if speed else 0.0 * reach, 0.0, _MOST_MEMORY)
+    reach = (stations[:, None] - points) @ mean / speed if speed else np.zeros(1)
+    memory = float(np.clip(reach.max() / max(speed, 1e-9), _LEAST_MEMORY, _MOST_MEMORY))
     stride = max(1, round(_SPACING / plan.period))
-    memory = max(_LEAST_MEMORY, float(lag.max()))
     count = int(np.ceil(memory / (stride * plan.period))) + 1
-    # of the newest reading and those before it, in periods from now
-    taken = -(np.arange(count) * stride + round(float(sensor.delay) / plan.period))
-    wanted = np.round((lead[:, None] - lag) / plan.period).astype(int)
+    taken = -np.arange(count) * stride * plan.period - float(sensor.delay)
     expected = fluctuations(plan.scenario, plan.recordings)
-    noise = np.asarray(sensor.noise).reshape(points.shape)[0]
-    weights = np.zeros((*wanted.shape, count, mean.size))
-    for axis in range(mean.size):
-        longest = int(max(np.ptp(taken), np.abs(wanted[..., None] - taken).max()))
-        likeness = sum(
-            each.deviation[axis] ** 2 * _correlation(each, plan.period, longest)
-            for each in expected
-        )
-        least = noise[axis] ** 2 + _LEAST_NOISE**2 * likeness[0]
-        between = likeness[np.abs(taken[:, None] - taken)] + least * np.eye(count)
-        weights[..., axis] = likeness[np.abs(wanted[..., None] - taken)] @ np.linalg.inv(between)
-    numbers = (along, array(weights), array(mean))
-    return CarriedWater(*numbers, name, tuple(map(int, nearest)), stride)
 
+    def covariance(
+        counted: Sequence[Fluctuation],
+        here: Float[np.ndarray, "point d"],
+        now: Float[np.ndarray, " time"],
+        there: Float[np.ndarray, "meter d"],
+        then: Float[np.ndarray, " sample"],
+    ) -> Float[np.ndarray, "time point d sample meter d"]:
+        apart = here[:, None, None] - there
+        lag = now[:, None, None, None] - then[:, None]
+        shape = np.broadcast_shapes(lag.shape, apart.shape[:-1])
+        apart = np.broadcast_to(apart, (*shape, mean.size))
+        lag = np.broadcast_to(lag, shape)
+        found = np.sum([each.covariance(apart, lag) for each in counted], axis=0)
+        return np.moveaxis(found, -2, 2)
 
-def _correlation(each: Fluctuation, period: float, longest: int) -> Float[np.ndarray, " lag"]:
-    move, _, velocity = each.process(period)
-    state, found = velocity.T, []
-    for _ in range(longest + 1):
-        found.append(float((velocity @ state)[0, 0]))
-        state = move @ state
-    return np.array(found)
+    between = covariance(expected, points, taken, points, taken)
+    size = count * points.size
+    square = between.reshape(size, size)
+    noise = np.tile(np.asarray(sensor.noise) ** 2, count) + _LEAST_NOISE**2 * np.diag(square)
+    told = covariance(expected, stations, lead, points, taken)
+    hastening = [each for each in expected if each.accelerates]
+    soon, before = (
+        covariance(hastening, stations, lead + shift * plan.period, points, taken)
+        for shift in (0.5, -0.5)
+    )
+    told = np.stack([told, (soon - before) / plan.period], axis=1).reshape(-1, size)
+    weights = np.linalg.solve(square + np.diag(noise), told.T).T
+    shape = (lead.size, 2, *stations.shape, count, *points.shape)
+    return CarriedWater(along, array(weights.reshape(shape)), array(mean), name, stride)
 
 
 def _along(plan: Plan, steady: Float[np.ndarray, " d"]) -> tuple[Points, Along]:

@@ -79,7 +79,7 @@ class Known(NamedTuple):
         model = linear_model(plan, scenario.driven, max(shapes, foreseen), deviation)
         water, most = Water.of(expected, shapes, plan.period), shapes * deviation.size
         observed = model._replace(
-            stirred=model.stirred[:, :most],
+            stirred=model.steeper * model.stirred[:, :most],
             hastened=model.hastened[:, :most],
             observed_water=model.observed_water[:, :most],
         )

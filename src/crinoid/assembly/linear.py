@@ -38,6 +38,8 @@ _DISCOUNT = 0.9999
 """Share of a motion that a period leaves in the Gramians, so that undamped arms have some."""
 _USUAL = 0.1
 """Share of its range by which an input is usually moved."""
+_CALM = 0.25
+"""Share of the time in which the water is slower than that which the arm is linear about."""
 _SETTLED = 100
 """Steps over which the answer to inputs is looked at."""
 
@@ -69,6 +71,8 @@ class LinearModel(NamedTuple):
     """By how much the driven inputs are usually moved."""
     current: Float[np.ndarray, " d"]
     """Steady current that it is linear about (m/s)."""
+    steeper: float
+    """Slope of the drag on average over that in this current."""
     hankel: Float[np.ndarray, " h"]
     """Hankel singular values, of which the largest were kept."""
 
@@ -89,7 +93,7 @@ def linear_model(
     deviation
         Standard deviation of the water's velocity along each axis (m/s).
     """
-    current = _effective(plan, deviation)
+    current, steeper = calm(np.array(plan.current, float), deviation)
     found, values, at_rest = jax.tree.map(
         np.asarray, linearised(plan.system, plan.state, array(current), plan.sensors)
     )
@@ -143,21 +147,29 @@ def linear_model(
         rows=tuple(rows),
         usual=usual,
         current=current,
+        steeper=steeper,
         hankel=reduced.hankel,
     )
 
 
-def _effective(plan: Plan, deviation: Float[np.ndarray, " d"]) -> Float[np.ndarray, " d"]:
-    """Return a steady current whose drag answers to changes as that of the varying one does.
+def calm(
+    mean: Float[np.ndarray, " d"], deviation: Float[np.ndarray, " d"]
+) -> tuple[Float[np.ndarray, " d"], float]:
+    """Return a steady current for calm moments, and how much steeper drag is on average.
 
-    The mean slope of ``u |u|`` is ``2 E|u|`` (stochastic linearisation; Borgman 1967), along the
-    axis where there is most of it.
+    Along the axis where there is most of the varying current. Drag damps the arm the less the
+    slower the water is: a controller that counts on the damping of the mean would shake the arm in
+    between. The slope of ``u |u|`` is ``2 |u|``, its mean ``2 E|u|`` (Borgman 1967).
     """
-    current = np.array(plan.current, float)
-    axis = int(np.argmax(current**2 + deviation**2))
-    sign = 1.0 if current[axis] >= 0 else -1.0
-    current[axis] = sign * np.hypot(current[axis], np.sqrt(2 / np.pi) * deviation[axis])
-    return current
+    from scipy.special import ndtr  # slow to load
+
+    axis = int(np.argmax(mean**2 + deviation**2))
+    middle, spread = abs(mean[axis]), deviation[axis]
+    speeds = np.linspace(0.0, middle + 5 * spread, 1001)
+    share = ndtr((speeds - middle) / spread) - ndtr((-speeds - middle) / spread)
+    slow, current = np.interp(_CALM, share, speeds), mean.copy()
+    current[axis] = slow if mean[axis] >= 0 else -slow
+    return current, float(np.trapezoid(1 - share, speeds) / slow)
 
 
 @compiled(**ONCE)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from crinoid.assembly.known import Known
-from crinoid.assembly.lags import lags
 from crinoid.assembly.numbers import array
-from crinoid.assembly.regulator import Regulator
+from crinoid.assembly.regulator import Regulator, straight
 from crinoid.control import Braking, Lqg
 from crinoid.scenario import Mistake, ScenarioError
 
@@ -18,9 +17,14 @@ if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
 
 Matrix = Float[np.ndarray, "_ _"]
+Ticks = Int[np.ndarray, " look"]
 
 _GENTLER = 2.0 ** np.arange(0, 4.1, 0.25)
 """Smoothness of each gain, over the first: errors are worth less speed."""
+_PREVIEW = 2.0
+"""How far it looks ahead to the target (s)."""
+_LOOKS = 24
+"""Times at which it does so."""
 
 
 def build_lqg(plan: Plan) -> Lqg:
@@ -31,28 +35,34 @@ def build_lqg(plan: Plan) -> Lqg:
     ScenarioError
         If the inputs do not move what is controlled, or there is no gain that does.
     """
-    settings = plan.scenario.control.lqg
+    settings, looks = plan.scenario.control.lqg, np.zeros(1, int)
+    if plan.scenario.target.feeds_forward:
+        ticks = max(_LOOKS, round(_PREVIEW / plan.period))
+        looks = np.unique(np.round(np.geomspace(1, 1 + ticks, _LOOKS)).astype(int)) - 1
     try:
         known = Known.of(plan, settings)
         found = [
-            _gain(known._replace(worth=factor * known.worth), settings.integral_time, plan.period)
+            _Gain.of(
+                known._replace(worth=factor * known.worth),
+                settings.integral_time,
+                plan.period,
+                looks,
+            )
             for factor in _GENTLER
         ]
     except np.linalg.LinAlgError as error:  # of the Riccati equations
         text = f'got "lqg", for which there is no gain here: {error}; takes another'
         raise ScenarioError([Mistake("control.kind", text)]) from error
-    gains, curved = map(np.stack, zip(*found, strict=True))
-    lag = lags(plan.system.followers)[list(known.model.rows)]
+    gains, by_aim, curved = map(np.stack, zip(*found, strict=True))
     return Lqg(
         observer=known.observer,
         gains=array(gains),
+        by_aim=array(by_aim),
         curved=array(curved),
         integrating=array(known.integrating),
         period=array(plan.period),
-        actuators=array(known.model.actuators),
-        commanded=array(known.model.commanded),
         mapping=array(known.mapping),
-        lead=array(lag + 0.5 * plan.period),
+        lead=array(looks * plan.period),
         braking=Braking.of(
             known.speed * plan.period, known.acceleration * plan.period**2, np.ones(1)
         ),
@@ -60,14 +70,24 @@ def build_lqg(plan: Plan) -> Lqg:
     )
 
 
-def _gain(known: Known, integral_time: float, period: float) -> tuple[Matrix, Matrix]:
-    """Return the gain of the least quadratic cost, and how that is curved by the next move."""
-    from scipy.linalg import solve_discrete_are  # slow to load
+class _Gain(NamedTuple):
+    """Gain of the least quadratic cost."""
 
-    A, B, cost, rate, _ = Regulator.of(known, integral_time, period)
-    later = solve_discrete_are(A, B, cost, rate)
-    curved = rate + B.T @ later @ B
-    gain = np.linalg.solve(curved, B.T @ later @ A)
-    # readings under way tell nothing more of what is to come
-    under_way = [known.parts.known] * (known.parts.move.shape[0] - known.parts.known)
-    return np.insert(gain, under_way, 0.0, axis=1), curved
+    by_state: Matrix
+    by_aim: Float[np.ndarray, "u look aim"]
+    curved: Matrix
+    """How the cost is curved by the next move."""
+
+    @staticmethod
+    def of(known: Known, integral_time: float, period: float, looks: Ticks) -> _Gain:
+        """Work it out, for aims that are told at ``looks`` and go straight in between."""
+        regulator = Regulator.of(known, integral_time, period)
+        A, B, _, rate, _, _ = regulator
+        later = regulator.to_come()
+        curved = rate + B.T @ later @ B
+        gain = np.linalg.solve(curved, B.T @ later @ A)
+        # readings under way tell nothing more of what is to come
+        under_way = [known.parts.known] * (known.parts.move.shape[0] - known.parts.known)
+        ticks = max(1, int(looks[-1]))
+        by_aim = straight(looks, ticks) @ regulator.by_aim(later, ticks).swapaxes(0, 1)
+        return _Gain(np.insert(gain, under_way, 0.0, axis=1), by_aim, curved)

@@ -35,6 +35,7 @@ def measured(
             played(recording.velocity[:, 0]),
             array(origin),
             array(recording.slowness),
+            carried=bool(np.any(recording.slowness)),
         )
     values = recording.velocity
     slopes = CubicSpline(recording.levels, values, axis=1)(recording.levels, 1)

@@ -6,13 +6,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from crinoid.assembly.forecast import SHAPES, carried_water, known_water
 from crinoid.assembly.known import Known
-from crinoid.assembly.linear import LinearModel
 from crinoid.assembly.numbers import array
-from crinoid.assembly.regulator import Regulator
+from crinoid.assembly.regulator import Regulator, straight
 from crinoid.control import Forecast, HorizonQp, Mpc, WaterVelocity
 from crinoid.scenario import Mistake, ScenarioError
 
@@ -43,14 +42,15 @@ def build_mpc(plan: Plan) -> Mpc:
     ticks = max(1, round(settings.horizon / plan.period))
     lengths = blocks(ticks)
     looks = np.unique(np.round(np.linspace(0, ticks, _LOOKS)).astype(int))
+    aimed = np.arange(ticks + 1 if plan.scenario.target.feeds_forward else 1)
     foreseen, sensors = settings.current != "unknown", plan.sensors
     if foreseen:  # what measures the current tells the observer nothing more
         sensors = tuple(x for x in sensors if not isinstance(x.measurand, WaterVelocity))
     shapes = SHAPES if foreseen else 0
     known = Known.of(replace(plan, sensors=sensors), settings, foreseen=shapes)
-    problem = Problem.of(known, settings.integral_time, plan.period)
-    pushes = _pushes(known.model, plan.period)
-    program = condensed(problem, lengths, pushes, looks)
+    regulator = Regulator.of(known, settings.integral_time, plan.period)
+    pushed = np.hstack([known.model.stirred, known.model.hastened])  # as `Along` has the water
+    program = condensed(regulator, lengths, pushed)
     forecast: Forecast | None = None
     if settings.current == "known":
         forecast = known_water(plan, known.model.current, looks * plan.period)
@@ -68,43 +68,16 @@ def build_mpc(plan: Plan) -> Mpc:
         ),
         # readings under way tell nothing more of what is to come
         by_state=array(np.insert(program.by_state, [known.parts.known] * under_way, 0.0, axis=2)),
-        by_aim=array(program.by_aim),
-        by_water=array(program.by_water),
-        pushed=array(_padded(pushes[0], size)),
-        hastened=array(_padded(pushes[1], size)),
+        by_aim=array(straight(aimed, ticks) @ program.by_aim),
+        by_water=array(straight(looks, ticks) @ program.by_water),
+        pushed=array(np.pad(pushed, ((0, size - pushed.shape[0]), (0, 0)))),
         integrating=array(known.integrating),
         mapping=array(known.mapping),
+        lead=array(aimed * plan.period),
         period=array(plan.period),
         forecast=forecast,
         rows=known.model.rows,
     )
-
-
-class Problem(NamedTuple):
-    """The regulator over a horizon, and what comes after it."""
-
-    regulator: Regulator
-    last: Matrix
-    """Cost of all that follows a state."""
-    steady: Matrix
-    """State at rest by the commands that keep it there."""
-
-    @staticmethod
-    def of(known: Known, integral_time: float, period: float) -> Problem:
-        """Build it, with the cost to go of the discrete Riccati equation."""
-        from scipy.linalg import solve_discrete_are  # slow to load
-
-        regulator = Regulator.of(known, integral_time, period)
-        A, B, cost, rate, controlled = regulator
-        # only the arm, first of the estimate, and the actuators answer to commands
-        size, inputs = known.parts.known, B.shape[1]
-        commands = A.shape[0] - controlled - inputs + np.arange(inputs)
-        moving = np.r_[np.arange(known.parts.arm), np.arange(size, commands[0])]
-        still = np.eye(moving.size) - A[np.ix_(moving, moving)]
-        steady = np.zeros_like(B)
-        steady[moving] = np.linalg.solve(still, A[np.ix_(moving, commands)])
-        steady[commands] = np.eye(inputs)
-        return Problem(regulator, solve_discrete_are(A, B, cost, rate), steady)
 
 
 def blocks(ticks: int) -> Lengths:
@@ -123,21 +96,16 @@ class Condensed(NamedTuple):
     hessian: Float[np.ndarray, "driven move driven move"]
     by_state: Float[np.ndarray, "driven move z"]
     by_aim: Float[np.ndarray, "driven move tick aim"]
-    by_water: Float[np.ndarray, "driven move look w"]
+    by_water: Float[np.ndarray, "driven move tick w"]
 
 
-def condensed(
-    problem: Problem,
-    lengths: Lengths,
-    pushes: tuple[Matrix, Matrix],
-    looks: Int[np.ndarray, " look"],
-) -> Condensed:
+def condensed(regulator: Regulator, lengths: Lengths, pushed: Matrix) -> Condensed:
     """Eliminate the states from the horizon, with the cost of all that follows at its end.
 
-    ``pushes`` are what water at the end of a period and its change do to the arm; the water is
-    given at the ticks ``looks``, and between them by straight lines.
+    ``pushed`` is what water at the end of a period does to the arm.
     """
-    (A, B, cost, rate, controlled), last, steady = problem
+    A, B, cost, rate, steady, shift = regulator
+    last = regulator.to_come()
     count, ticks = lengths.size, int(lengths.sum())
     block = np.repeat(np.arange(count), lengths.astype(int))
     inputs, size = B.shape[1], A.shape[0]
@@ -158,34 +126,14 @@ def condensed(
         later = weighed[tick] + later @ A
         behind[tick] = later
     by_state = behind[0] @ A
-    shift = np.zeros((size, size))  # the integral counts from where the tip should be
-    shift[-controlled:] = -(A[-controlled:] - np.eye(size)[-controlled:])
-    shift[:, -controlled:] = 0.0
     by_aim = np.zeros((inputs, count, ticks + 1, steady.shape[1]))
     for tick in range(ticks):
         by_aim[:, :, tick + 1] -= weighed[tick] @ steady
-        by_aim[:, :, tick] += behind[tick] @ shift @ steady
-    stirred, hastened = pushes
-    by_water = np.zeros((inputs, count, ticks + 1, stirred.shape[1]))
+        by_aim[:, :, tick] += behind[tick] @ shift
+    by_water = np.zeros((inputs, count, ticks + 1, pushed.shape[1]))
     for tick in range(ticks):
-        into = behind[tick][:, :, : stirred.shape[0]]
-        by_water[:, :, tick + 1] += into @ (stirred + hastened)
-        by_water[:, :, tick] -= into @ hastened
-    between = np.stack([np.interp(np.arange(ticks + 1), looks, row) for row in np.eye(looks.size)])
-    return Condensed(hessian, by_state, by_aim, np.einsum("iktw,lt->iklw", by_water, between))
-
-
-def _pushes(model: LinearModel, period: float) -> tuple[Matrix, Matrix]:
-    """Return what the water at the end of a period does to the arm, and what its change does.
-
-    Water as `crinoid.control.Along` has it: velocities of the same drag, then true ones.
-    """
-    none = np.zeros_like(model.stirred)
-    return np.hstack([model.stirred, none]), np.hstack([none, model.hastened / period])
-
-
-def _padded(rows: Matrix, size: int) -> Matrix:
-    return np.pad(rows, ((0, size - rows.shape[0]), (0, 0)))
+        by_water[:, :, tick + 1] = behind[tick][:, :, : pushed.shape[0]] @ pushed
+    return Condensed(hessian, by_state, by_aim, by_water)
 
 
 def _meter(plan: Plan) -> str:

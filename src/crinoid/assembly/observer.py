@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from crinoid.assembly.fluctuation import Fluctuation
 from crinoid.assembly.linear import LinearModel
 from crinoid.assembly.numbers import array
-from crinoid.control import Observer, Sensor, WaterVelocity
+from crinoid.control import Inclination, Observer, Sensor, Shape, WaterVelocity
 
 if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
@@ -32,6 +32,9 @@ _LEAST_NOISE = 1e-3
 _ELSEWHERE = 0.5
 """Noise of the water's velocity at a meter, over what it varies by: at the arm it is another, and
 drag is not linear in it."""
+_LOCAL = 0.03
+"""Noise of curvatures or inclinations along the arm, over the largest that is usual: eddies shorter
+than the shapes of the model's water bend it, too."""
 _BENT = 0.05
 """Share of its length by which the tip of an arm at work is moved at least."""
 _OFFSET_TIME = 1.0
@@ -45,13 +48,15 @@ class Water(NamedTuple):
     noise: Float[np.ndarray, "d d"]
     """Covariance of ``v``."""
     velocity: Float[np.ndarray, "w d"]
+    sped: Float[np.ndarray, "w d"]
+    """The part of it by which particles of the water accelerate."""
 
     @staticmethod
     def of(fluctuations: Sequence[Fluctuation], shapes: int, period: float) -> Water:
         """Build the water of independent fluctuations, each of all shapes."""
         from scipy.linalg import block_diag  # slow to load
 
-        moves, noises, velocities = [], [], []
+        moves, noises, velocities, sped = [], [], [], []
         for each in fluctuations:
             move, noise, velocity = each.process(period)
             for shape in range(shapes):
@@ -64,7 +69,9 @@ class Water(NamedTuple):
                     # a shape with more zeros has less of it
                     row[shape * each.deviation.size + axis] = deviation * velocity / (1 + shape)
                     velocities.append(row)
-        return Water(block_diag(*moves), block_diag(*noises), np.hstack(velocities))
+                    sped.append(row * each.accelerates)
+        parts = block_diag(*moves), block_diag(*noises), np.hstack(velocities), np.hstack(sped)
+        return Water(*parts)
 
 
 class Arrivals(NamedTuple):
@@ -129,7 +136,7 @@ def augmented(model: LinearModel, water: Water, arrivals: Arrivals, plan: Plan) 
     arm, states, pose = model.arm.shape[0], water.move.shape[0], plan.sensors[0].noise.shape[0]
     known = arm + states + pose
     inner = np.zeros((known, known))
-    change = water.velocity @ (water.move - np.eye(states)) / plan.period
+    change = water.sped @ (water.move - np.eye(states)) / plan.period
     inner[:arm, :arm] = model.arm
     inner[:arm, arm:-pose] = model.stirred @ water.velocity @ water.move + model.hastened @ change
     inner[arm:-pose, arm:-pose] = water.move
@@ -138,7 +145,7 @@ def augmented(model: LinearModel, water: Water, arrivals: Arrivals, plan: Plan) 
     seen = np.hstack([model.observed, model.observed_water @ water.velocity])
     seen = np.hstack([seen, np.eye(seen.shape[0], pose)])
     random = np.zeros((known, known))
-    push = (model.stirred + model.hastened / plan.period) @ water.velocity
+    push = model.stirred @ water.velocity + model.hastened @ water.sped / plan.period
     by_noise = np.concatenate([push, np.eye(states)])
     random[:-pose, :-pose] = by_noise @ water.noise @ by_noise.T
     usual = np.sqrt(np.einsum("yz,zv,yv->y", seen, _lasting(inner, random), seen))
@@ -188,7 +195,7 @@ def build_observer(
     sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
     meters = [isinstance(sensor.measurand, WaterVelocity) for sensor in plan.sensors]
     least = np.repeat(np.where(meters, _ELSEWHERE, _LEAST_NOISE), sizes)
-    noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2
+    noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + _local(plan, parts) ** 2
     noise = np.maximum(noise, 1e-16 * max(noise.max(), 1e-300))
     every = np.repeat(arrivals.fresh, sizes, axis=1)
     sets, found = gains(parts.move, parts.noise, parts.expect, noise, every)
@@ -210,6 +217,17 @@ def build_observer(
         kept=model.kept,
         sensors=plan.readings,
     )
+
+
+def _local(plan: Plan, parts: Augmented) -> Float[np.ndarray, " y"]:
+    """Return the standard deviation of what readings have of motions that the model has not."""
+    first, found = 0, np.zeros_like(parts.usual)
+    for sensor in plan.sensors:
+        rows = slice(first, first + sensor.noise.shape[0])
+        first = rows.stop
+        if isinstance(sensor.measurand, (Shape, Inclination)):
+            found[rows] = _LOCAL * parts.usual[rows].max()
+    return found
 
 
 def _lasting(move: Matrix, noise: Matrix) -> Matrix:

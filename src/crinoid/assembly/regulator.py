@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from crinoid.assembly.known import Known
 
@@ -14,6 +14,12 @@ Matrix = Float[np.ndarray, "_ _"]
 
 _EFFORT = 0.02
 """Cost of an input at the end of its range over that of one at its greatest speed."""
+
+
+def straight(looks: Int[np.ndarray, " look"], ticks: int) -> Float[np.ndarray, "look tick"]:
+    """Return the weight of each look at each tick, for numbers that go straight in between."""
+    every = np.arange(ticks + 1)
+    return np.stack([np.interp(every, looks, row) for row in np.eye(looks.size)])
 
 
 class Regulator(NamedTuple):
@@ -25,8 +31,11 @@ class Regulator(NamedTuple):
     """Cost of a state ``z``."""
     rate: Matrix
     """Cost of changes ``du`` of the commands in a period."""
-    controlled: int
-    """How many integrals there are, at the end of a state."""
+    steady: Matrix
+    """State at rest by the commands that keep it there."""
+    shift: Matrix
+    """Change of a state in a period by the commands at which the tip would stand still where it is
+    wanted: the integrals count from there."""
 
     @staticmethod
     def of(known: Known, integral_time: float, period: float) -> Regulator:
@@ -50,4 +59,35 @@ class Regulator(NamedTuple):
         cost[q, q] = np.eye(controlled) / integral_time**2
         cost[u, u] = np.diag((_EFFORT * known.worth / known.reach) ** 2)
         rate = np.diag((known.worth / (period * known.speed)) ** 2)
-        return Regulator(A, B, cost, rate, controlled)
+        # only the arm, first of the estimate, and the actuators answer to commands
+        moving = np.r_[np.arange(parts.arm), np.arange(size, u.start)]
+        still = np.eye(moving.size) - A[np.ix_(moving, moving)]
+        steady, shift = np.zeros_like(B), np.zeros_like(B)
+        steady[moving] = np.linalg.solve(still, A[moving, u])
+        steady[u] = np.eye(inputs)
+        shift[q] = -A[q, x] @ steady[x]
+        return Regulator(A, B, cost, rate, steady, shift)
+
+    def by_aim(self, later: Matrix, ticks: int) -> Float[np.ndarray, "tick u aim"]:
+        """Return the best next move by the commands ``aim`` for where the tip is wanted at ticks.
+
+        The first one is now; the target stays where it is at the last one. ``later`` is the cost of
+        all that follows (`to_come`). The cost to go has a part that is linear in the state, which
+        follows backward from the aims (Katayama, Ohki, Inoue and Kato 1985).
+        """
+        A, B, cost, rate, steady, shift = self
+        known = np.linalg.solve(rate + B.T @ later @ B, B.T)
+        closed = (A - B @ known @ later @ A).T
+        pull = cost @ steady - closed @ later @ shift
+        found = [-known @ later @ shift]
+        for _ in range(ticks - 1):
+            found.append(known @ pull)
+            pull = closed @ pull
+        lasting = np.linalg.solve(np.eye(A.shape[0]) - closed, pull)
+        return np.stack([*found, known @ lasting])
+
+    def to_come(self) -> Matrix:
+        """Return the cost of all that follows a state, by the Riccati equation."""
+        from scipy.linalg import solve_discrete_are  # slow to load
+
+        return solve_discrete_are(self.A, self.B, self.cost, self.rate)

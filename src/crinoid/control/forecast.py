@@ -16,7 +16,7 @@ Foreseen = Float[Array, "ahead w"]
 
 
 class Forecast(eqx.Module):
-    """Tells the velocity of the water along the arm, now and at times ahead."""
+    """Tells how the water moves along the arm, now and at times ahead."""
 
     @abstractmethod
     def start(self, seen: Seen) -> Any:
@@ -24,23 +24,25 @@ class Forecast(eqx.Module):
 
     @abstractmethod
     def ahead(self, memory: Any, seen: Seen) -> tuple[Any, Foreseen]:
-        """Return its memory, and the water's velocity less that at the start, now and later (m/s).
+        """Return its memory, and how the water moves now and later, as `Along` has it.
 
-        As `Along` has it.
+        Less that at the start.
         """
 
 
 class Along(eqx.Module):
-    """From velocities at stations along the arm to what a linear model of its drag takes."""
+    """From the water at stations along the arm to what a linear model of its loads takes."""
 
     shapes: Float[Array, "shape station"]
-    """Weight of each shape in a velocity given at the stations."""
+    """Weight of each shape in numbers given at the stations."""
     tangents: Float[Array, "station d"]
     steady: Float[Array, "station d"]
     """Across the arm, the steady current in which the drag was linearised (m/s)."""
 
-    def __call__(self, velocity: Float[Array, "station d"]) -> Float[Array, " w"]:
-        """Return velocities by shapes: those that have the same drag there, then the true ones.
+    def __call__(
+        self, velocity: Float[Array, "station d"], acceleration: Float[Array, "station d"]
+    ) -> Float[Array, " w"]:
+        """Return by shapes velocities that have the same drag there (m/s), then accelerations.
 
         Drag grows with the square of the velocity across the arm, ``|u| u``; in a current ``U`` it
         changes by ``2 U`` times a change along ``U``, and by ``U`` times one across it.
@@ -53,7 +55,7 @@ class Along(eqx.Module):
         speed = jnp.sqrt(jnp.sum(across**2, axis=1, keepdims=True))
         alike = inline + speed / current * (across - 0.5 * main)
         return jnp.concatenate(
-            [product(self.shapes, each).reshape(-1) for each in (alike, velocity)]
+            [product(self.shapes, each).reshape(-1) for each in (alike, acceleration)]
         )
 
 
@@ -61,6 +63,8 @@ class KnownWater(Forecast):
     """The water is known: the flows themselves, evaluated ahead along the arm at its start."""
 
     water: Water
+    hastening: Water
+    """The flows that accelerate their water."""
     stations: Float[Array, "station d"]
     """Positions (m)."""
     along: Along
@@ -74,8 +78,9 @@ class KnownWater(Forecast):
 
     def ahead(self, memory: None, seen: Seen) -> tuple[None, Foreseen]:
         def at(time: Array) -> Float[Array, " w"]:
-            flow = jax.vmap(lambda point: self.water.velocity(point, time))(self.stations)
-            return self.along(flow) - self.begin
+            velocity = jax.vmap(lambda point: self.water.velocity(point, time))(self.stations)
+            found = jax.vmap(lambda point: self.hastening.current(point, time))(self.stations)
+            return self.along(velocity, found.acceleration) - self.begin
 
         return None, jax.vmap(at)(seen.time + self.lead)
 
@@ -90,29 +95,33 @@ class Passed(eqx.Module):
 
 
 class CarriedWater(Forecast):
-    """The water is measured, and carried along the arm by the mean current."""
+    """The water is measured; what it does along the arm, now and later, follows by its statistics.
+
+    Most of all, the mean current carries it along.
+    """
 
     along: Along
-    weights: Float[Array, "ahead station sample d"]
-    """Weight of each reading, less the mean current, in what a station will see."""
+    weights: Float[Array, "ahead kind=2 station d sample p d"]
+    """Weight of each reading, less the mean current, in velocity and acceleration at a station."""
     mean: Float[Array, " d"]
     """Mean current (m/s)."""
     name: str = eqx.field(static=True)
     """Name of the sensor."""
-    nearest: tuple[int, ...] = eqx.field(static=True)
-    """Which of its points is upstream of each station."""
     stride: int = eqx.field(static=True)
     """Calls from one reading that counts to the next."""
 
     def start(self, seen: Seen) -> Passed:
         first = seen.readings[self.name].value.reshape(-1, self.mean.size)
-        kept = (self.weights.shape[2] - 1) * self.stride + 1
-        begin = self.along(first[jnp.asarray(self.nearest)])
-        return Passed(jnp.broadcast_to(first, (kept, *first.shape)), begin)
+        kept = (self.weights.shape[4] - 1) * self.stride + 1
+        readings = jnp.broadcast_to(first, (kept, *first.shape))
+        return Passed(readings, self._flow(readings)[0])
 
     def ahead(self, memory: Passed, seen: Seen) -> tuple[Passed, Foreseen]:
         newest = seen.readings[self.name].value.reshape(1, -1, self.mean.size)
         readings = jnp.concatenate([newest, memory.readings[:-1]])
-        away = readings[:: self.stride, jnp.asarray(self.nearest)] - self.mean
-        flow = self.mean + jnp.sum(self.weights * jnp.moveaxis(away, 0, 1), axis=2)
-        return Passed(readings, memory.begin), jax.vmap(self.along)(flow) - memory.begin
+        return Passed(readings, memory.begin), self._flow(readings) - memory.begin
+
+    def _flow(self, readings: Float[Array, "kept p d"]) -> Foreseen:
+        away = (readings[:: self.stride] - self.mean).reshape(-1)
+        flow = product(self.weights.reshape(-1, away.size), away).reshape(self.weights.shape[:4])
+        return jax.vmap(lambda each: self.along(self.mean + each[0], each[1]))(flow)

@@ -16,21 +16,10 @@ _SWEEPS = 20
 """Times that each input is gone through to find the best moves within limits."""
 
 
-class Course(eqx.Module):
-    """How arm, actuators and commands would move with the target, if nothing disturbed them."""
-
-    estimate: Float[Array, " z"]
-    actuators: Float[Array, " s"]
-    command: Float[Array, " driven"]
-    rate: Float[Array, " driven"]
-    """Rate at which the commands move (1/s)."""
-
-
 class LqgMemory(eqx.Module):
     """Numbers that an LQG controller carries from one call to the next."""
 
     observed: ObserverState
-    course: Course
     integral: Float[Array, " controlled"]
     """Integral of the error of what is controlled (m s)."""
     rate: Float[Array, " driven"]
@@ -49,55 +38,41 @@ class Lqg(Controller):
     than the one before, and the first one counts whose move the inputs can do (Wredenhagen and
     Belanger, Automatica 30 (1994) 403-416).
 
-    Where the target moves, commands that the static Jacobian tells move with it, ahead by the lag
-    of the actuators. The model says how the arm would then move; the gain acts on what differs.
+    Where the target moves, a part of each move is for where it will be (Katayama, Ohki, Inoue and
+    Kato 1985).
     """
 
     observer: Observer
     gains: Float[Array, "gain driven full"]
     """Moves of the commands by estimate of arm and water, actuators, commands and the integral; the
     gentlest last."""
+    by_aim: Float[Array, "gain driven look driven"]
+    """And by the commands at which the tip would stand still where it is wanted, now and later."""
     curved: Float[Array, "gain driven driven"]
     """Second derivative of the cost of each by the moves."""
     integrating: Float[Array, "controlled pose"]
     """Error that is integrated, in metres, by the error of the pose."""
     period: Float[Array, ""]
     """Time between two commands (s)."""
-    actuators: Float[Array, "s s"]
-    """States of the actuators after a period, by those before."""
-    commanded: Float[Array, "s driven"]
-    """And by the commands."""
     mapping: Float[Array, "driven pose"]
     """Command for a displacement of the tip."""
-    lead: Float[Array, " driven"]
-    """How far each command looks ahead (s)."""
+    lead: Float[Array, " look"]
+    """How far it looks ahead to the target (s), first not at all."""
     braking: Braking
     """Limits of the commands, one period ahead."""
     rows: tuple[int, ...] = eqx.field(static=True)
     """Which inputs are driven."""
 
     def start(self, seen: Seen) -> LqgMemory:
-        none = jnp.zeros(len(self.rows))
-        observed = self.observer.start(seen)
-        course = Course(
-            jnp.zeros_like(observed.estimate), jnp.zeros_like(observed.actuators), none, none
-        )
-        return LqgMemory(observed, course, jnp.zeros(self.integrating.shape[0]), none)
+        none = jnp.zeros(self.integrating.shape[0])
+        return LqgMemory(self.observer.start(seen), none, jnp.zeros(len(self.rows)))
 
     def command(self, memory: LqgMemory, seen: Seen) -> tuple[Command, LqgMemory]:
         rows = jnp.asarray(self.rows, int)
-        observed = self.observer.update(memory.observed, seen)
-        course, before = self.follow(memory.course, seen), seen.command[rows]
-        away = jnp.concatenate(
-            [
-                observed.estimate - course.estimate,
-                observed.actuators - course.actuators,
-                before - memory.course.command,
-                memory.integral,
-            ]
-        )
-        # the course has moved on since the last command by its own
-        moves = self.period * course.rate - jnp.sum(self.gains * away, axis=2)
+        observed, before = self.observer.update(memory.observed, seen), seen.command[rows]
+        full = jnp.concatenate([observed.estimate, observed.actuators, before, memory.integral])
+        aims = wanted_commands(seen, self.mapping, self.observer.values, self.lead)
+        moves = jnp.sum(self.by_aim * aims, axis=(2, 3)) - jnp.sum(self.gains * full, axis=2)
         lower, upper = seen.lower[rows], seen.upper[rows]
         slowest, fastest = self.braking.next(
             self.period * memory.rate, before - lower, upper - before
@@ -110,27 +85,24 @@ class Lqg(Controller):
         # at a limit an integral would only wind up
         integral = memory.integral + jnp.where(jnp.any(can), self.period, 0.0) * error
         command = jnp.zeros_like(seen.command).at[rows].set(held)
-        return command, LqgMemory(observed, course, integral, (held - before) / self.period)
+        return command, LqgMemory(observed, integral, (held - before) / self.period)
 
-    def follow(self, before: Course, seen: Seen) -> Course:
-        """Return how all would move by now with the target."""
-        observer = self.observer
-        actuators = product(self.actuators, before.actuators) + product(
-            self.commanded, before.command
-        )
-        estimate = (
-            product(observer.move, before.estimate)
-            + product(observer.held, before.actuators)
-            + product(observer.driven, actuators)
-        )
-        start = observer.values[: seen.wanted.size]
-        ahead = jax.vmap(seen.target.in_frame)(seen.time + self.lead)
-        shifted = jax.vmap(lambda pose: pose_error(pose, start))(ahead)
-        step = jnp.sum(self.mapping * shifted, axis=1) - before.command
-        # a target that jumps is gone after at half the greatest speed
-        most = 0.5 * self.braking.rate / self.period
-        rate = jnp.clip(step / self.period, -most, most)
-        return Course(estimate, actuators, before.command + self.period * rate, rate)
+
+def wanted_commands(
+    seen: Seen,
+    mapping: Float[Array, "driven pose"],
+    start: Float[Array, " y"],
+    lead: Float[Array, " look"],
+) -> Float[Array, "look driven"]:
+    """Return the commands at which the tip would stand still where it is wanted ``lead`` ahead.
+
+    By the linear model: ``mapping`` gives them for a displacement of the tip, whose pose comes
+    first in ``start``.
+    """
+    wanted = jax.vmap(seen.target.in_frame)(seen.time + lead)
+    return jax.vmap(lambda pose: product(mapping, pose_error(pose, start[: seen.wanted.size])))(
+        wanted
+    )
 
 
 def nearest(

@@ -3,12 +3,12 @@
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.control.controller import Controller
 from crinoid.control.forecast import Forecast
+from crinoid.control.lqg import wanted_commands
 from crinoid.control.observer import Observer, ObserverState
 from crinoid.control.qp import HorizonQp
 from crinoid.control.seen import Command, Seen
@@ -16,7 +16,6 @@ from crinoid.control.target import pose_error
 from crinoid.products import product
 
 Driven = Float[Array, " driven"]
-Water = Float[Array, " w"]
 
 _AT_LIMIT = 1e-6
 """Distance from a limit, over it, that counts as none."""
@@ -30,8 +29,6 @@ class MpcMemory(eqx.Module):
     """Integral of the error of what is controlled (m s)."""
     moving: Driven
     """Last change of the commands."""
-    water: Water
-    """Water's velocity, by shapes along the arm, that was foreseen for now (m/s)."""
     passed: Any
 
 
@@ -54,18 +51,18 @@ class Mpc(Controller):
     by_state: Float[Array, "driven move full"]
     """Gradient of the cost by the moves, for each number known: estimate of arm and water,
     actuators, commands, integral."""
-    by_aim: Float[Array, "driven move tick aim"]
-    """And for the commands at which the tip would stand still where it is wanted at each tick."""
+    by_aim: Float[Array, "driven move look driven"]
+    """And for the commands at which the tip would stand still where it is wanted, now and later."""
     by_water: Float[Array, "driven move ahead w"]
     """And for the water at each time for which it is foreseen."""
     pushed: Float[Array, "z w"]
     """Effect of foreseen water on the estimate over a period."""
-    hastened: Float[Array, "z w"]
-    """Effect of its change."""
     integrating: Float[Array, "controlled pose"]
     """Error that is integrated, in metres, by the error of the pose."""
     mapping: Float[Array, "driven pose"]
     """Command for a displacement of the tip."""
+    lead: Float[Array, " look"]
+    """How far it looks ahead to the target (s), first not at all."""
     period: Float[Array, ""]
     """Time between two commands (s)."""
     forecast: Forecast | None
@@ -75,21 +72,17 @@ class Mpc(Controller):
 
     def start(self, seen: Seen) -> MpcMemory:
         none, still = jnp.zeros(self.integrating.shape[0]), jnp.zeros(len(self.rows))
-        water = jnp.zeros(self.by_water.shape[3])
-        passed = None
-        if self.forecast is not None:
-            passed = self.forecast.start(seen)
-            water = self.forecast.ahead(passed, seen)[1][0]
-        return MpcMemory(self.observer.start(seen), none, still, water, passed)
+        passed = None if self.forecast is None else self.forecast.start(seen)
+        return MpcMemory(self.observer.start(seen), none, still, passed)
 
     def command(self, memory: MpcMemory, seen: Seen) -> tuple[Command, MpcMemory]:
         rows = jnp.asarray(self.rows, int)
-        pushed, water, passed = None, memory.water, memory.passed
-        gradient = jnp.sum(self.by_aim * self._aims(seen), axis=(2, 3))
+        pushed, passed = None, memory.passed
+        aims = wanted_commands(seen, self.mapping, self.observer.values, self.lead)
+        gradient = jnp.sum(self.by_aim * aims, axis=(2, 3))
         if self.forecast is not None:
             passed, ahead = self.forecast.ahead(memory.passed, seen)
-            water = ahead[0]
-            pushed = product(self.pushed, water) + product(self.hastened, water - memory.water)
+            pushed = product(self.pushed, ahead[0])
             gradient += jnp.sum(self.by_water * ahead, axis=(2, 3))
         observed = self.observer.update(memory.observed, seen, pushed)
         last = seen.command[rows]
@@ -105,11 +98,4 @@ class Mpc(Controller):
         free = jnp.all(room & (jnp.abs(move) < (1 - _AT_LIMIT) * self.qp.braking.rate))
         integral = memory.integral + jnp.where(free, self.period, 0.0) * error
         command = jnp.zeros_like(seen.command).at[rows].set(held)
-        return command, MpcMemory(observed, integral, held - last, water, passed)
-
-    def _aims(self, seen: Seen) -> Float[Array, "tick aim"]:
-        """Return the commands at which the tip would stand still where it is wanted, by ticks."""
-        start, ticks = self.observer.values[: seen.wanted.size], self.by_aim.shape[2]
-        times = seen.time + self.period * jnp.arange(ticks)
-        wanted = jax.vmap(seen.target.in_frame)(times)
-        return jax.vmap(lambda pose: product(self.mapping, pose_error(pose, start)))(wanted)
+        return command, MpcMemory(observed, integral, held - last, passed)

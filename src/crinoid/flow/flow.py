@@ -32,6 +32,11 @@ class Flow(eqx.Module):
     def fully_on(self, point: Point, time: Time) -> Point:
         """Return the velocity (m/s) at a point in the world (m) and a time (s), its onset aside."""
 
+    @property
+    def drifts(self) -> bool:
+        """Whether it is a pattern that drifts past, which hardly accelerates the water in it."""
+        return False
+
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         """Return it with its derivatives; a flow may override this where it has cheaper ones."""
         return Jet.of(self.fully_on, point, time)

@@ -1,5 +1,6 @@
 """Currents as they were measured."""
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -24,6 +25,12 @@ class MeasuredPoint(Flow):
     """Position at which the record is met at its own time (m)."""
     slowness: Float[Array, " b"]
     """Delay of the record over distance (s/m)."""
+    carried: bool = eqx.field(static=True)
+    """Whether there is one."""
+
+    @property
+    def drifts(self) -> bool:
+        return self.carried
 
     def fully_on(self, point: Point, time: Time) -> Point:
         return self.record(time - product(self.slowness, point - self.met))

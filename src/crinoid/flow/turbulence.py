@@ -89,6 +89,10 @@ class Turbulence(Flow):
             jax.device_put(generator.random(modes)),
         )
 
+    @property
+    def drifts(self) -> bool:
+        return True
+
     def fully_on(self, point: Point, time: Time) -> Point:
         return self.mean + product(cosine(self._turns(point, time)), self.amplitudes)
 

@@ -87,7 +87,9 @@ class _Pickler(pickle.Pickler):
 
 def setting(name: str) -> Any:
     """Return a setting of JAX, as it is in this context."""
-    return getattr(jax.config, name, jax.config.values[name])
+    if hasattr(jax.config, name):  # the others are in a dictionary that is made each time
+        return getattr(jax.config, name)
+    return jax.config.values[name]
 
 
 def _is_sound(named: Any) -> bool:

@@ -21,7 +21,7 @@ class Mpc(ModelBased):
     current: Literal["unknown", "measured", "known"] = Field(
         default="unknown",
         description="What it knows of the water beside what the observer makes of the sensors: "
-        "nothing; what the first sensor of kind current measures, carried along the arm by the "
-        "mean current; or the flows of the scenario themselves, ahead of time, as no controller in "
-        "the sea would.",
+        "nothing; what the readings of the first sensor of kind current tell of the water at the "
+        "arm, now and later, by the statistics of the flows; or the flows of the scenario "
+        "themselves, ahead of time, as no controller in the sea would.",
     )

@@ -206,7 +206,7 @@ def settle(prepared: Prepared) -> Result:
     """
     begun = time.perf_counter()
     setup = set_up(prepared)._replace(doubts=doubts(prepared, AT_REST))
-    carry, first = _begin(setup.loop, _stand(setup.loop.system, setup.state))
+    carry, first = begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
     trouble = start_failure(prepared.scenario, setup.loop.system, setup.outcome)
     dataset = builder(prepared, setup)(_one(first), None)
@@ -240,7 +240,7 @@ def _run(
     scenario, loop = prepared.scenario, setup.loop
     stride = scenario.output_steps
     duration, total = scenario.simulation.duration, scenario.simulation.steps
-    carry, first = _begin(loop, setup.state)
+    carry, first = begin(loop, setup.state)
     build = builder(prepared, setup)
     sink = Sink(_one(first), build, path, attributes_of(prepared, UNFINISHED, 0.0, []))
     spent = 0.0
@@ -287,7 +287,8 @@ def _stand(system: System, state: State) -> State:
 
 
 @compiled(**ONCE)
-def _begin(loop: Loop, state: State) -> tuple[LoopState, Record]:
+def begin(loop: Loop, state: State) -> tuple[LoopState, Record]:
+    """Close a loop around a state; return that with its first instant."""
     carry = loop.start(state)
     # of no weak type, as what comes back from a file: both take the same compiled stretch
     carry = jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), carry)

@@ -65,7 +65,9 @@ def set_up(prepared: Prepared) -> Setup:
     mapped = control.kind != "none" and control.mapping == "static-jacobian"
     loaded = scenario.simulation.start == "equilibrium"
     current = Facts(prepared).mean_current
-    state, outcome, tip, small, influence, jacobian = _start(system, array(current), loaded, mapped)
+    state, outcome, tip, small, influence, jacobian = find_start(
+        system, array(current), loaded, mapped
+    )
     modes, told = None, doubts(prepared)
     if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
         jacobian = None
@@ -142,7 +144,7 @@ def _open_loop(loop: Loop, small: SmallMotions, influence: Influence, modes: Mod
 
 
 @compiled(**ONCE)
-def _start(
+def find_start(
     system: System, current: Float[Array, " d"], loaded: bool, mapped: bool
 ) -> tuple[
     State,
@@ -152,6 +154,7 @@ def _start(
     Influence,
     Float[Array, "pose input"] | None,
 ]:
+    """Return the state that an arm starts from, loaded or not, and what is known of it then."""
     state, outcome = (
         system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
     )

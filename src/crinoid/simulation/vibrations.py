@@ -96,7 +96,7 @@ def find_vibrations(
     prepared.check()
     scenario = prepared.scenario
     if scenario.vary:
-        text = "modes are those of one case; give its values with --set and leave out vary"
+        text = "a mode is of one case; give its values with --set and leave out vary"
         raise ScenarioError([Mistake("vary", text)])
     most = (scenario.arm.nodes - 1) * (2 if scenario.arm.dimension == 2 else 4)
     if not 1 <= count <= most:

@@ -19,6 +19,10 @@ _SHARPNESS = 100.0
 """How sharp the smooth maximum over the frequencies is."""
 _TIME = 1.0
 """Time in which an unstable loop is looked at (s)."""
+_LATE = 2.0
+"""By how much later commands may come in any case, in control periods."""
+_KEPT = 0.5
+"""Share of the modulus margin that is kept when they do."""
 _EVERY = 5
 """One frequency of so many is enough for the slope."""
 
@@ -38,13 +42,15 @@ class Stability:
 
     The excess over a modulus margin ``m`` (`crinoid.simulation.margin`) is the smooth maximum, over
     the frequencies and the eigenvalues ``l`` of the open loop, of ``1 - |1 + l| / m``. It is never
-    below the largest one. Of an unstable loop these tell nothing: its excess is 1 and more, by how
-    fast it grows.
+    below the largest one. So that late commands do no harm at once, half of the margin is to be
+    left when they come two control periods later. Of an unstable loop these tell nothing: its
+    excess is 1 and more, by how fast it grows.
     """
 
     def __init__(self, plant: LinearPlant, setup: Setup) -> None:
         self._plant, self._setup = plant, setup
         self._fewer = plant.every(_EVERY)
+        self._late = _LATE * plant.period
 
     def margin(self, controller: Controller) -> Margin:
         """Return how far the loop is from swinging by itself.
@@ -55,6 +61,12 @@ class Stability:
             If the controller has no derivatives where the arm stands still.
         """
         return self._plant.closed(self._linear(controller)).open.margin()
+
+    def lack(self, margin: Margin, asked: float) -> float:
+        """Return the share of the margins that a loop lacks; 0 and less: none."""
+        if not margin.stable:
+            return 1.0
+        return 1 - min(margin.modulus / asked, margin.delay / self._late)
 
     def nearness(self, around: Around, asked: float) -> Nearness:
         """Return the excess over the modulus margin that is asked for, with its slope.
@@ -84,8 +96,11 @@ class Stability:
         return found.minimal()
 
     def _excess(self, controller: System, asked: float) -> float:
-        away = np.abs(1 + np.linalg.eigvals(self._fewer.transfer(controller).transfer))
-        return float(logsumexp(_SHARPNESS * (1 - away / asked)) / _SHARPNESS)
+        loop = self._fewer.transfer(controller)
+        loci = np.linalg.eigvals(loop.transfer)
+        late = loci * np.exp(-2j * np.pi * self._late * loop.frequency)[:, None]
+        near = [1 - np.abs(1 + loci) / asked, 1 - np.abs(1 + late) / (_KEPT * asked)]
+        return float(logsumexp(_SHARPNESS * np.array(near)) / _SHARPNESS)
 
     def _growth(self, controller: System) -> float:
         rate = max(float(self._plant.poles(controller)[0].real), 0.0)

@@ -192,7 +192,7 @@ class Tuning:
         if stopped.is_set():
             raise _StoppedError
         none = np.zeros_like(logs)
-        found, modulus, runs = Trial(np.nan, none, 0.0, none), np.nan, []
+        found, modulus, lack, runs = Trial(np.nan, none, 0.0, none), np.nan, 0.0, []
         try:
             around = self._design.around(logs)
         except ScenarioError as error:  # there is no such controller
@@ -201,6 +201,7 @@ class Tuning:
             if self._stability is not None:
                 margin, excess, by = self._stability.nearness(around, asked)
                 modulus = margin.modulus if margin.stable else 0.0
+                lack = self._stability.lack(margin, self.asked)
                 found = Trial(np.nan, none, excess, by)
             if found.stable:
                 runs = self._costs(around, self.draws, stopped.is_set)
@@ -218,8 +219,8 @@ class Tuning:
             self.cost[start, number], self.modulus[start, number] = total, modulus
             self._explain(runs)
             # what keeps the margin comes before what does not, and that before what is farther off
-            misses = bool(modulus < self.asked)
-            rank = misses, -modulus if misses else total
+            misses = lack > 0
+            rank = misses, lack if misses else total
             if np.isfinite(total) and rank < self._rank:
                 self.best, self.least, self._rank = logs.copy(), total, rank
         return found
