@@ -43,9 +43,9 @@ nitpick_ignore_regex = [
     # other projects: links to them take their indexes, which each build would have to fetch
     (
         r"py:.*",
-        r"(collections|enum|equinox|jax|jaxlib|jaxtyping|numpy|os|pathlib|pydantic|xarray)\..*",
+        r"(collections|enum|equinox|jax|jaxlib|jaxtyping|matplotlib|numpy|os|pathlib|pydantic|xarray)\..*",
     ),
-    (r"py:.*", r"(types|typing)\..*|(np\.)?ndarray|Array|Bool|Float|Int|PPoly|NoneType"),
+    (r"py:.*", r"(types|typing)\..*|(np\.)?ndarray|Array|Axes|Bool|Float|Int|PPoly|NoneType"),
     # types of arguments that no user makes (names in docstrings are py:obj)
     (r"py:class", r"crinoid\.dynamics\..*"),
     (r"py:class", r"crinoid\.scenario\.sensor\.Reading|Builder|Numbers"),

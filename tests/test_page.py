@@ -152,6 +152,25 @@ def test_a_run_that_ends_in_nan_has_a_page_up_to_there(tmp_path):
     assert '<p class="status">diverged at 18 s</p>' in text
 
 
+@pytest.mark.parametrize("name", ["base_servo", "flow_velocity", "tip_target"])
+def test_instants_that_lack_a_number_are_left_out_of_the_animation_and_told(name):
+    broken = swaying_arm(records=40)
+    if name == "base_servo":
+        broken = broken.assign(base_servo=broken["base_pose"].copy())
+    broken[name][[3, 20, 21]] = np.nan
+    space = space_of([("", broken)], 100, 50)
+    (moving,) = space.members
+    np.testing.assert_array_equal(moving.time, np.delete(broken["time"], [3, 20, 21]))
+    table, _, left_out = scene_of(space)
+    assert len(table["members"][0]["time"]) == 37
+    assert left_out == [
+        "3 instants of the animation are left out: at these a number is not finite."
+    ]
+    broken[name][:] = np.nan
+    with pytest.raises(ReportError, match="no instant can be drawn"):
+        space_of([("", broken)], 100, 50)
+
+
 def test_a_result_without_positions_has_no_page(tmp_path):
     save(swaying_arm(records=5).drop_vars("position"), tmp_path / "result.nc")
     with pytest.raises(ReportError, match=r"left out position, which all figures need$"):

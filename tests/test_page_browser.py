@@ -7,6 +7,7 @@ import pytest
 
 from crinoid.report.page.write import write_run
 from crinoid.report.run import Run
+from crinoid.result import Result
 from spatial_arm import among_obstacles, curling_arm
 from test_page import HOSTILE
 from test_report import swaying_arm
@@ -225,3 +226,23 @@ def test_without_webgl_a_picture_stands_and_charts_still_read(browser, tmp_path)
     page.evaluate("() => crinoid.go(5)")
     assert page.text_content(".entry b") not in ("", "\N{EN DASH}")
     context.close()
+
+
+def test_what_a_notebook_shows_moves_within_its_frame(browser, tmp_path):
+    data = among_obstacles(records=21, duration=4.0, nodes=9).assign_attrs(title=HOSTILE)
+    path = tmp_path / "cell.html"
+    path.write_text(f"<meta charset=utf-8>{Result(data)._repr_html_()}", encoding="utf-8")
+    page = browser.new_context(reduced_motion="reduce").new_page()
+    complaints = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
+    page.goto(path.as_uri())
+    (frame,) = page.frames[1:]
+    frame.wait_for_selector("html[data-ready=yes]", timeout=60_000)
+    frame.evaluate("() => crinoid.play(false)")  # a frame hears late that motion is to be less
+    picture = "document.getElementById('scene').toDataURL()"
+    shown = [frame.evaluate(f"() => {{ crinoid.go({t}); return {picture}; }}") for t in (0, 3)]
+    assert shown[0] != shown[1]
+    assert frame.text_content("#clock") == "3.000 s"
+    assert complaints == []
+    page.context.close()

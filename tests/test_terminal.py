@@ -93,7 +93,7 @@ def test_a_figure_that_cannot_be_written_is_one_line(call, monkeypatch):
     def refused(*_: object) -> None:
         raise ReportError("flow.png: cannot write the figure (Permission denied)")
 
-    monkeypatch.setattr("crinoid.cli.current.write_report", refused)
+    monkeypatch.setattr("crinoid.cli.finding.write_report", refused)
     monkeypatch.setattr("crinoid.cli.current.sample_current", lambda scenario: _current())
     flow = 'flow=[{kind="uniform", velocity=[0.1, 0.0]}]'
     ended = call("flow", "odd.toml", "--set", flow, "--out", "out")

@@ -3,8 +3,9 @@
 import os
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
+from crinoid import showing
 from crinoid.version import __version__
 
 if TYPE_CHECKING:
@@ -117,6 +118,9 @@ _LOOPS = "xla_cpu_small_while_loop_byte_threshold"
 _given = os.environ.get("XLA_FLAGS", "")
 if _LOOPS not in _given:
     os.environ["XLA_FLAGS"] = f"{_given} --xla_backend_extra_options={_LOOPS}={1 << 24}".strip()
+
+
+showing.shown_by = lambda: cast("showing.Showing", import_module("crinoid.notebook"))
 
 
 def __getattr__(name: str) -> Any:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-__all__ = ["piece_length", "pieces", "turned_on"]
+__all__ = ["chosen_pieces", "piece_length", "pieces", "turned_on"]
 
 _NUMBERS = 1 << 15
 """Nodes times instants of a piece: a few megabytes of vectors."""
@@ -37,6 +37,29 @@ def pieces(
     for start in range(0, dataset.sizes["time"], length):
         begin = start - 1 if overlap and start else start
         yield part.isel(time=slice(begin, start + length)).load()
+
+
+def chosen_pieces(
+    dataset: xr.Dataset, names: Iterable[str], records: Int[np.ndarray, " chosen"]
+) -> Iterator[xr.Dataset]:
+    """Yield chosen instants of a run, which may lie in a file, one piece after the other.
+
+    Parameters
+    ----------
+    dataset
+        The run.
+    names
+        Variables to take.
+    records
+        Numbers of the instants, rising.
+    """
+    first = 0
+    for piece in pieces(dataset, names):
+        last = first + piece.sizes["time"]
+        here = records[(records >= first) & (records < last)] - first
+        if here.size:
+            yield piece.isel(time=here)
+        first = last
 
 
 def turned_on(angle: Float[np.ndarray, " time"], before: float | None) -> np.ndarray:

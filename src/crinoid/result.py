@@ -14,6 +14,7 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
+from crinoid import showing
 from crinoid.pieces import piece_length, pieces
 from crinoid.replacement import replacing
 from crinoid.scenario import Scenario
@@ -104,6 +105,15 @@ class Result:
     def scenario(self) -> Scenario:
         """The scenario that was run."""
         return Scenario.from_toml(str(self.dataset.attrs["scenario"]))
+
+    @property
+    def plot(self) -> Any:
+        """Its plots by matplotlib, a `crinoid.notebook.Plots`, such as ``plot.tip_error()``."""
+        return showing.shown_by().plots_of(self)
+
+    def _repr_html_(self) -> str:
+        """Return it as notebooks show it: its numbers, and a small animation."""
+        return showing.shown_by().html_of(self)
 
     def restore(self, like: Tree) -> Tree:
         """Return the state at the end, in the shape of ``like``.

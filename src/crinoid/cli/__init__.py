@@ -14,6 +14,8 @@ _ALLOCATIONS = 50_000
 def main() -> None:
     """Run the command line."""
     gc.set_threshold(_ALLOCATIONS)
+    # matrices are small here: threads of linear algebra would but wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         heed()
         with Loading():

@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading
+from crinoid.cli.command import end, folder_for, load_scenario, told
+from crinoid.cli.film import film
+from crinoid.cli.interruption import Loading
+from crinoid.cli.live import live
 from crinoid.cli.options import (
     Force,
     ScenarioName,
     Settings,
     complete_name,
     console,
-    errors,
     out_option,
     stop,
 )
-from crinoid.status import Status
-
-if TYPE_CHECKING:
-    from crinoid.scenario import Scenario
-
-FAILED = 3
 
 app = typer.Typer(
     name="crinoid",
@@ -49,27 +42,8 @@ def _version(
         raise typer.Exit
 
 
-@contextmanager
-def _told(interrupted: str = "interrupted before there was anything to save") -> Iterator[None]:
-    """Turn what a user can mend into one line each, and no traceback."""
-    with Loading():
-        from crinoid.scenario import ScenarioError
-
-    try:
-        yield
-    except (ScenarioError, OSError) as error:
-        if isinstance(error, ScenarioError):
-            stop(*error.lines)
-        if error.errno == errno.EPIPE:  # who read what is shown, such as `head`, has seen enough
-            raise
-        stop(f"{error.filename or 'file'}: {error.strerror or error}")
-    except (Interrupted, KeyboardInterrupt):
-        errors.print(f"crinoid: {interrupted}")
-        raise typer.Exit(INTERRUPTED) from None
-
-
 @app.command()
-@_told()
+@told()
 def run(
     scenario: ScenarioName = "station-keeping",
     settings: Settings = None,
@@ -80,15 +54,15 @@ def run(
     force: Force = False,
 ) -> None:
     """Run a scenario and save what happened."""
-    described, folder = _load(scenario, settings), _folder(out, scenario)
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario)
     with Loading():
         from crinoid.cli.play import run_scenario
 
-    _end(run_scenario(described, folder, resume=resume, force=force, console=console))
+    end(run_scenario(described, folder, resume=resume, force=force, console=console))
 
 
 @app.command()
-@_told()
+@told()
 def equilibrium(
     scenario: ScenarioName,
     settings: Settings = None,
@@ -96,15 +70,15 @@ def equilibrium(
     force: Force = False,
 ) -> None:
     """Find the shape of the arm at rest under the loads of t = 0, and save it."""
-    described, folder = _load(scenario, settings), _folder(out, scenario, "-equilibrium")
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-equilibrium")
     with Loading():
         from crinoid.cli.play import find_equilibrium
 
-    _end(find_equilibrium(described, folder, force=force, console=console))
+    end(find_equilibrium(described, folder, force=force, console=console))
 
 
 @app.command()
-@_told("interrupted")
+@told("interrupted")
 def flow(
     scenario: ScenarioName,
     settings: Settings = None,
@@ -112,7 +86,7 @@ def flow(
     force: Force = False,
 ) -> None:
     """Draw and sum up the current of a scenario at its arm, without simulating the arm."""
-    described, folder = _load(scenario, settings), _folder(out, scenario, "-flow")
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-flow")
     with Loading():
         from crinoid.cli.current import show_current
         from crinoid.report import ReportError
@@ -124,7 +98,7 @@ def flow(
 
 
 @app.command()
-@_told()
+@told()
 def compare(
     scenario: ScenarioName,
     controllers: Annotated[
@@ -138,16 +112,16 @@ def compare(
     force: Force = False,
 ) -> None:
     """Run a scenario under several controllers over several seeds, and compare them."""
-    described, folder = _load(scenario, settings), _folder(out, scenario, "-compare")
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-compare")
     with Loading():
         from crinoid.cli.compare import compare_controllers, kinds_of, seeds_of
 
     kinds, every = kinds_of(controllers), seeds_of(seeds, first_seed)
-    _end(compare_controllers(described, kinds, every, folder, force=force, console=console))
+    end(compare_controllers(described, kinds, every, folder, force=force, console=console))
 
 
 @app.command()
-@_told("interrupted")
+@told("interrupted")
 def modes(
     scenario: ScenarioName,
     settings: Settings = None,
@@ -159,21 +133,19 @@ def modes(
     force: Force = False,
 ) -> None:
     """Find small vibrations about the equilibrium: frequencies, damping ratios and shapes."""
-    described, folder = _load(scenario, settings), _folder(out, scenario, "-modes")
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-modes")
     with Loading():
         from crinoid.cli.modes import show_modes
         from crinoid.report import ReportError
 
     try:
-        _end(
-            show_modes(described, folder, count=count, in_air=in_air, force=force, console=console)
-        )
+        end(show_modes(described, folder, count=count, in_air=in_air, force=force, console=console))
     except ReportError as error:
         stop(str(error))
 
 
 @app.command()
-@_told("interrupted")
+@told("interrupted")
 def margins(
     scenario: ScenarioName,
     settings: Settings = None,
@@ -181,7 +153,7 @@ def margins(
     force: Force = False,
 ) -> None:
     """Find how far the control loop of a scenario is from swinging by itself, and draw it."""
-    described, folder = _load(scenario, settings), _folder(out, scenario, "-margins")
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-margins")
     with Loading():
         from crinoid.cli.margins import show_margins
 
@@ -189,7 +161,7 @@ def margins(
 
 
 @app.command()
-@_told()
+@told()
 def tune(
     scenario: ScenarioName,
     seeds: Annotated[int, typer.Option(help="Number of seeds that it is tuned for.")] = 4,
@@ -202,16 +174,16 @@ def tune(
     force: Force = False,
 ) -> None:
     """Tune a PID, LQG or MPC by gradient, from several starts over several seeds."""
-    described, folder = _load(scenario, settings), _folder(out, scenario, "-tune")
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-tune")
     with Loading():
         from crinoid.cli.tune import tune_controller
 
     numbers = seeds, iterations, margin
-    _end(tune_controller(described, *numbers, folder, force=force, console=console))
+    end(tune_controller(described, *numbers, folder, force=force, console=console))
 
 
 @app.command()
-@_told()
+@told()
 def identify(
     scenario: ScenarioName,
     record: Annotated[
@@ -236,16 +208,16 @@ def identify(
     force: Force = False,
 ) -> None:
     """Find stiffness, damping, drag and other numbers from a recorded motion of the tip."""
-    described, folder = _load(scenario, settings), _folder(out, scenario, "-identify")
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-identify")
     with Loading():
         from crinoid.cli.identify import identify_numbers
 
     keys = [each for each in (part.strip() for part in of.split(",")) if each]
-    _end(identify_numbers(described, record, keys, folder, force=force, console=console))
+    end(identify_numbers(described, record, keys, folder, force=force, console=console))
 
 
 @app.command()
-@_told("interrupted")
+@told("interrupted")
 def scenarios(
     copy: Annotated[
         str | None,
@@ -274,7 +246,7 @@ def scenarios(
 
 
 @app.command()
-@_told("interrupted")
+@told("interrupted")
 def report(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="A folder that `crinoid run` wrote.")
@@ -283,14 +255,70 @@ def report(
 ) -> None:
     """Draw the figures of a result, and write its page."""
     with Loading():
+        from crinoid.cli.folder import say_written
         from crinoid.report import ReportError, write_report
 
     try:
         paths = write_report(result, out)
     except ReportError as error:
         stop(str(error))
-    for path in paths:
-        console.print(f"wrote {path}", soft_wrap=True)
+    say_written(console, paths)
+
+
+@app.command()
+@told("interrupted")
+def export(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT", help="A folder that `crinoid run` wrote, or a result in it."
+        ),
+    ],
+    to: Annotated[
+        str,
+        typer.Option("--to", metavar="FORMAT", show_default=False, help="vtkhdf, csv or gltf."),
+    ],
+    variables: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME,NAME",
+            show_default="all that are not along the arm",
+            help="Of a table: variables, such as tip_position,tip_error.",
+        ),
+    ] = None,
+    nodes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N",
+            show_default="all",
+            help="Of a table: nodes or edges of variables along the arm; -1 is the last.",
+        ),
+    ] = None,
+    instants: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            show_default="1501, in a table 1000000",
+            help="Largest number of instants, evenly chosen.",
+        ),
+    ] = None,
+    out: Annotated[Path | None, out_option("beside the result")] = None,
+    force: Force = False,
+) -> None:
+    """Write a result for ParaView (vtkhdf), for spreadsheets (csv) or for Blender (gltf)."""
+    with Loading():
+        from crinoid.cli.export import Table, export_result
+        from crinoid.report import ReportError
+
+    table = Table(variables, nodes)
+    try:
+        export_result(result, to, out, table, instants=instants, force=force, console=console)
+    except ReportError as error:
+        stop(str(error))
+
+
+app.command()(film)
+app.command()(live)
 
 
 def _copy(name: str) -> None:
@@ -305,23 +333,3 @@ def _copy(name: str) -> None:
         with path.open("xb") as file:  # not through a link that came in between
             file.write(content)
         console.print(f"wrote {path}")
-
-
-def _load(name: str, settings: list[str] | None) -> Scenario:
-    with Loading():
-        from crinoid.scenario import load
-
-    return load(name, settings or ())
-
-
-def _folder(out: Path | None, name: str, ending: str = "") -> Path:
-    folder = out if out is not None else Path("results") / f"{Path(name).stem}{ending}"
-    if folder.exists() and not folder.is_dir():
-        stop(f"--out: {folder} is a file, takes a folder")
-    return folder
-
-
-def _end(trouble: str) -> None:
-    if trouble:
-        errors.print(f"crinoid: {trouble}")
-        raise typer.Exit(INTERRUPTED if Status.of(trouble) is Status.INTERRUPTED else FAILED)

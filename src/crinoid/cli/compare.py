@@ -9,15 +9,12 @@ import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
-from crinoid.assembly.prepared import Prepared
-from crinoid.cli.folder import check_own, claimed
+from crinoid.cli.finding import place_of, prepare_one, save_finding
+from crinoid.cli.folder import say_written
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.notes import notes_of_cases, say_doubts, say_notes
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.comparison import COMPARISON, Comparison
-from crinoid.programs import keep_programs
-from crinoid.replacement import replacing
-from crinoid.report import write_report
 from crinoid.report.compare import speed_unit
 from crinoid.report.units import DEGREES, Unit, largest, length_unit, si_unit
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, shown
@@ -73,16 +70,9 @@ def compare_controllers(
     console: Console,
 ) -> str:
     """Run a scenario under each controller, save, draw and sum up; return what went wrong."""
-    if scenario.vary:
-        text = "a comparison is that of one case; give its values with --set and leave out vary"
-        raise ScenarioError([Mistake("vary", text)])
-    keep_programs()
-    prepared = Prepared(scenario)
+    prepared = prepare_one(scenario, "a comparison")
     prepared.check()
-    with claimed(folder):
-        path = folder / COMPARISON
-        if not force:
-            check_own(path)
+    with place_of(folder / COMPARISON, force=force):
         doubted = say_doubts(console, prepared)
         with Interruption() as interruption:
             with progress_bar(console) as bar:
@@ -95,17 +85,14 @@ def compare_controllers(
                 comparison.run(reporter(bar, ""), stop)
                 interruption.stop()
             dataset = comparison.dataset()
-            with replacing(path) as temporary:
-                dataset.to_netcdf(temporary, engine="netcdf4")
-            figures = write_report(path)
+            files = save_finding(dataset, folder / COMPARISON)
             console.print(comparison_table(dataset))
             told = {
                 name: [note for note in notes if note not in doubted]
                 for name, notes in comparison.notes.items()
             }
             say_notes(console, [*_alike(dataset), *notes_of_cases(told)])
-            for each in (path, *figures):
-                console.print(f"wrote {each}", soft_wrap=True)
+            say_written(console, files)
     return _trouble(dataset)
 
 

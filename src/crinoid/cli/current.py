@@ -8,37 +8,26 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from crinoid.assembly.prepared import Prepared
-from crinoid.cli.folder import check_own, claimed
+from crinoid.cli.finding import place_of, prepare_one, save_finding
+from crinoid.cli.folder import say_written
 from crinoid.cli.notes import say_doubts, say_notes
 from crinoid.current import FLOW, Statistics, sample_current, statistics
 from crinoid.plausibility import IN_THE_WATER
-from crinoid.programs import keep_programs
 from crinoid.recording import Recording
-from crinoid.replacement import replacing
-from crinoid.report import write_report
-from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario import Scenario
 
 
 def show_current(scenario: Scenario, folder: Path, *, force: bool, console: Console) -> None:
     """Sample the current of a scenario at its arm, save and draw it, and sum it up."""
-    if scenario.vary:
-        text = "a current is that of one case; give its values with --set and leave out vary"
-        raise ScenarioError([Mistake("vary", text)])
+    prepared = prepare_one(scenario, "a current")
     if not scenario.flow:
         console.print("still water: the scenario has no [[flow]]")
         return
-    keep_programs()
-    prepared = Prepared(scenario)
     prepared.notes()  # which reads the files
-    with claimed(folder):
-        if not force:
-            check_own(folder / FLOW)
+    with place_of(folder / FLOW, force=force):
         say_doubts(console, prepared, IN_THE_WATER)
         dataset = sample_current(prepared)
-        with replacing(folder / FLOW) as temporary:
-            dataset.to_netcdf(temporary, engine="netcdf4")
-        figures = write_report(folder / FLOW)
+        files = save_finding(dataset, folder / FLOW)
     time = dataset["time"].values
     late = time >= dataset.attrs["settled"] - 1e-9
     found = [
@@ -50,8 +39,7 @@ def show_current(scenario: Scenario, folder: Path, *, force: bool, console: Cons
     for index, recording in prepared.recordings.items():
         console.print(f"flow.{index}: {_described(recording)}", soft_wrap=True)
     say_notes(console, dataset.attrs["notes"].splitlines())
-    for path in (folder / FLOW, *figures):
-        console.print(f"wrote {path}", soft_wrap=True)
+    say_written(console, files)
 
 
 def _table(title: str, axes: str, time: np.ndarray, root: Statistics, tip: Statistics) -> Table:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import re
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
@@ -18,8 +18,10 @@ from rich.console import Console
 from crinoid.cases import CASES, is_table
 from crinoid.comparison import COMPARISON
 from crinoid.current import FLOW
+from crinoid.export.files import exports_in
 from crinoid.identification import IDENTIFICATION
 from crinoid.replacement import remove_unfinished
+from crinoid.report.film.file import films_in
 from crinoid.report.run import PAGE, is_page
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -124,15 +126,15 @@ def check_replaced(
             raise ScenarioError([Mistake("--out", f"{text}--force to replace it")])
 
 
-def check_own(path: Path) -> None:
-    """Refuse to replace a netCDF file that crinoid did not write.
+def check_own(path: Path, is_own: Callable[[Path], object] = attributes) -> None:
+    """Refuse to replace a file that crinoid did not write, a netCDF file if nothing else is told.
 
     Raises
     ------
     ScenarioError
         If it is one.
     """
-    if path.exists() and not attributes(path):
+    if path.exists() and not is_own(path):
         _refuse(path)
 
 
@@ -199,10 +201,12 @@ def remove_table(folder: Path) -> None:
 
 
 def clear_figures(folder: Path) -> None:
-    """Remove the figures and the page of an earlier result, but not those of other commands."""
-    if is_page(folder / PAGE):
+    """Remove all that was made of an earlier result, but not what is of other commands."""
+    page = [folder / PAGE] if is_page(folder / PAGE) else []
+    exports = (*exports_in(folder, "result"), *exports_in(folder, "uncontrolled"))
+    for path in (*page, *films_in(folder), *exports):
         with suppress(OSError):
-            (folder / PAGE).unlink()
+            path.unlink()
     for path in folder.glob("*.png"):
         with suppress(OSError), path.open("rb") as file:
             head = file.read(2000)
@@ -307,10 +311,15 @@ def _rescue(result: Result, reason: str) -> tuple[list[Path], str]:
     return [], f"{reason}; what was computed could be saved nowhere and is lost"
 
 
-def say_where(console: Console, paths: list[Path]) -> None:
-    """Show where the results are; the first of them is in their folder."""
+def say_written(console: Console, paths: list[Path]) -> None:
+    """Name files that were written."""
     for path in paths:
         console.print(f"wrote {path}", soft_wrap=True)
+
+
+def say_where(console: Console, paths: list[Path]) -> None:
+    """Show where the results are; the first of them is in their folder."""
+    say_written(console, paths)
     if paths:
         console.print(f"figures: crinoid report {paths[0].parent}", soft_wrap=True)
 

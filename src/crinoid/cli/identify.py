@@ -11,8 +11,8 @@ import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
-from crinoid.assembly.prepared import Prepared
-from crinoid.cli.folder import check_own, claimed
+from crinoid.cli.finding import place_of, prepare_one, save_finding
+from crinoid.cli.folder import say_written
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.notes import say_doubts, say_notes
 from crinoid.cli.progress import progress_bar
@@ -20,9 +20,7 @@ from crinoid.identification import IDENTIFICATION
 from crinoid.identification.experiment import given_values
 from crinoid.identification.identification import Identification
 from crinoid.identification.record import read_record
-from crinoid.programs import keep_programs
 from crinoid.replacement import replacing
-from crinoid.report import write_report
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.status import Status
 
@@ -44,20 +42,14 @@ def identify_numbers(
     console: Console,
 ) -> str:
     """Search for numbers, save and draw what was found, and sum it up; return what went wrong."""
-    if scenario.vary:
-        text = "a record is of one case; give its values with --set and leave out vary"
-        raise ScenarioError([Mistake("vary", text)])
     if not keys:
         text = "got no key, takes keys of numbers such as arm.youngs_modulus,water.drag_normal"
         raise ScenarioError([Mistake("--of", text)])
     given_values(scenario, keys)
-    keep_programs()
-    prepared = Prepared(scenario)
+    prepared = prepare_one(scenario, "a record")
     prepared.check()
     read = read_record(record, scenario.arm.dimension, prepared.system.inputs)
-    with claimed(folder):
-        if not force:
-            check_own(folder / IDENTIFICATION)
+    with place_of(folder / IDENTIFICATION, force=force):
         say_doubts(console, prepared)
         with Interruption() as interruption:
             with progress_bar(console) as bar:
@@ -79,13 +71,10 @@ def identify_numbers(
             data = search.dataset(status or Status.OK.value)
             with replacing(folder / IDENTIFIED) as temporary:
                 temporary.write_text(_HEAD + search.identified().to_toml(), "utf-8")
-            with replacing(folder / IDENTIFICATION) as temporary:
-                data.to_netcdf(temporary, engine="netcdf4")
-            figures = write_report(folder / IDENTIFICATION)
+            files = save_finding(data, folder / IDENTIFICATION)
             console.print(identification_table(data))
             say_notes(console, [*read.notes, *_notes(search, data)])
-            for each in (folder / IDENTIFIED, folder / IDENTIFICATION, *figures):
-                console.print(f"wrote {each}", soft_wrap=True)
+            say_written(console, [folder / IDENTIFIED, *files])
     return status
 
 

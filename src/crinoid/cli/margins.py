@@ -9,14 +9,11 @@ import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
-from crinoid.assembly.prepared import Prepared
-from crinoid.cli.folder import check_own, claimed
+from crinoid.cli.finding import place_of, prepare_one, save_finding
+from crinoid.cli.folder import say_written
 from crinoid.cli.notes import say_doubts, say_notes
-from crinoid.programs import keep_programs
-from crinoid.replacement import replacing
-from crinoid.report import write_report
 from crinoid.report.units import DEGREES, Unit, si_unit
-from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario import Scenario
 from crinoid.simulation.margins import MARGINS, find_margins
 
 
@@ -28,26 +25,16 @@ def show_margins(scenario: Scenario, folder: Path, *, force: bool, console: Cons
     ScenarioError
         If a file that the scenario names is not what it takes, or there is no loop.
     """
-    if scenario.vary:
-        text = "margins are those of one case; give its values with --set and leave out vary"
-        raise ScenarioError([Mistake("vary", text)])
-    keep_programs()
-    prepared = Prepared(scenario)
+    prepared = prepare_one(scenario, "a margin")
     prepared.check()
-    path = folder / MARGINS
-    with claimed(folder):
-        if not force:
-            check_own(path)
+    with place_of(folder / MARGINS, force=force):
         say_doubts(console, prepared)
         with console.status("linearising the loop"):
             dataset = find_margins(prepared)
-        with replacing(path) as temporary:
-            dataset.to_netcdf(temporary, engine="netcdf4")
-        figures = write_report(path)
+        files = save_finding(dataset, folder / MARGINS)
     console.print(margins_table(dataset))
     say_notes(console, dataset.attrs["notes"].splitlines())
-    for each in (path, *figures):
-        console.print(f"wrote {each}", soft_wrap=True)
+    say_written(console, files)
 
 
 def margins_table(data: xr.Dataset) -> Table:

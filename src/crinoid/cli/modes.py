@@ -9,13 +9,10 @@ import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
-from crinoid.assembly.prepared import Prepared
-from crinoid.cli.folder import check_own, claimed
+from crinoid.cli.finding import place_of, prepare_one, save_finding
+from crinoid.cli.folder import say_written
 from crinoid.cli.notes import say_doubts, say_notes
 from crinoid.plausibility import AT_REST
-from crinoid.programs import keep_programs
-from crinoid.replacement import replacing
-from crinoid.report import write_report
 from crinoid.scenario import Scenario
 from crinoid.simulation import MODES, find_vibrations
 
@@ -30,26 +27,20 @@ def show_modes(
     ScenarioError
         If a file that the scenario names is not what it takes, or there are not as many modes.
     """
-    keep_programs()
-    prepared = Prepared(scenario)
-    with claimed(folder):
-        if not force:
-            check_own(folder / MODES)
+    prepared = prepare_one(scenario, "a mode")
+    with place_of(folder / MODES, force=force):
         with console.status("looking for equilibria and modes"):
             dataset, trouble = find_vibrations(prepared, count=count, in_air=in_air)
         say_doubts(console, prepared, AT_REST)
         if dataset is None:
             return trouble
-        with replacing(folder / MODES) as temporary:
-            dataset.to_netcdf(temporary, engine="netcdf4")
-        figures = write_report(folder / MODES)
+        files = save_finding(dataset, folder / MODES)
     console.print(_table(dataset))
     for medium in dataset["medium"].values:
         here = dataset.sel(medium=medium)
         console.print(f"{medium}: {_described(here)}", soft_wrap=True)
     say_notes(console, dataset.attrs["notes"].splitlines())
-    for path in (folder / MODES, *figures):
-        console.print(f"wrote {path}", soft_wrap=True)
+    say_written(console, files)
     return trouble
 
 

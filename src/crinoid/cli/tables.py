@@ -9,7 +9,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from crinoid.report.charts.summary import summary
+from crinoid.report.charts.summary import equilibrium_summary, summary
 from crinoid.report.units import largest, length_unit
 from crinoid.result import Result
 from crinoid.scenario import Scenario
@@ -31,38 +31,10 @@ def run_table(result: Result) -> Table:
 
 def equilibrium_table(result: Result) -> Table:
     """Sum up an equilibrium."""
-    dataset = result.dataset
-    table = Table(title=dataset.attrs["title"], title_justify="left", show_header=False)
-    axes = [str(axis) for axis in dataset["axis"].values]
-
-    def parts(vector: np.ndarray, unit: str, digits: int = 4) -> str:
-        named = zip(axes, vector, strict=True)
-        return ", ".join(f"{axis} {part:.{digits}g}{unit}" for axis, part in named)
-
-    table.add_row("tip", parts(dataset["tip_position"].values[0], " m", 6))
-    if "tip_direction" in dataset:
-        table.add_row("tip direction", parts(dataset["tip_direction"].values[0], ""))
-    else:
-        angle = np.rad2deg(float(dataset["tip_angle"][0]))
-        table.add_row("tip direction", f"{angle:.4g} degrees")
-    moment = dataset["base_moment"].values[0]
-    table.add_row("force on the submarine", parts(dataset["base_force"].values[0], " N"))
-    table.add_row(
-        "moment on the submarine", parts(moment, " N m") if moment.ndim else f"{moment:.4g} N m"
-    )
-    table.add_row("greatest tension", f"{float(dataset['tension'].max()):.4g} N")
-    bending = dataset["curvature"].values
-    curvature = np.linalg.norm(bending, axis=-1) if bending.ndim == 3 else np.abs(bending)
-    table.add_row("greatest curvature", f"{float(curvature.max()):.4g} 1/m")
-    if "twist" in dataset:
-        table.add_row("greatest twist", f"{float(np.abs(dataset['twist']).max()):.4g} rad/m")
-    if "contact_force" in dataset:
-        for index, push in enumerate(dataset["contact_force"].values[0]):
-            if np.any(push):
-                table.add_row(f"force of obstacle {index}", parts(push, " N"))
-    if "natural_frequency" in dataset:
-        first = ", ".join(f"{value:.3g}" for value in dataset["natural_frequency"].values[:4])
-        table.add_row("lowest natural frequencies", f"{first} Hz")
+    title = result.dataset.attrs["title"]
+    table = Table(title=title, title_justify="left", show_header=False)
+    for row in equilibrium_summary(result).rows:
+        table.add_row(*row)
     return table
 
 

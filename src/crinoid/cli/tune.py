@@ -9,14 +9,12 @@ import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
-from crinoid.assembly.prepared import Prepared
-from crinoid.cli.folder import check_own, claimed
+from crinoid.cli.finding import place_of, prepare_one, save_finding
+from crinoid.cli.folder import say_written
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.notes import say_doubts, say_notes
 from crinoid.cli.progress import progress_bar
-from crinoid.programs import keep_programs
 from crinoid.replacement import replacing
-from crinoid.report import write_report
 from crinoid.report.units import DEGREES, si_unit
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.status import Status
@@ -46,12 +44,9 @@ def tune_controller(
         if value < 1:
             raise ScenarioError([Mistake(name, f"got {value}, takes a number of 1 or more")])
     tuned_numbers(scenario)
-    keep_programs()
-    prepared = Prepared(scenario)
+    prepared = prepare_one(scenario, "a tuning")
     prepared.check()
-    with claimed(folder):
-        if not force:
-            check_own(folder / TUNING)
+    with place_of(folder / TUNING, force=force):
         say_doubts(console, prepared)
         with Interruption() as interruption:
             with progress_bar(console) as bar:
@@ -78,13 +73,10 @@ def tune_controller(
             data = tuning.dataset()
             with replacing(folder / TUNED) as temporary:
                 temporary.write_text(_HEAD + tuning.tuned().to_toml(), "utf-8")
-            with replacing(folder / TUNING) as temporary:
-                data.to_netcdf(temporary, engine="netcdf4")
-            figures = write_report(folder / TUNING)
+            files = save_finding(data, folder / TUNING)
             console.print(tuning_table(data, tuning.random))
             say_notes(console, _notes(tuning, data))
-            for each in (folder / TUNED, folder / TUNING, *figures):
-                console.print(f"wrote {each}", soft_wrap=True)
+            say_written(console, [folder / TUNED, *files])
     if stopped:
         words = f"after {int(tuning.tried.sum())} trials; the best so far is saved"
         return f"{Status.INTERRUPTED} {words}"
@@ -138,7 +130,7 @@ def _notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
     if not tuning.keeps_margin:
         notes.append(
             f"none of the {int(tuning.tried.sum())} trials keeps the modulus margin asked for, "
-            f"{tuning.asked:g}"
+            f"{tuning.asked:g}, and bears commands two control periods later"
         )
     lost = int(np.isnan(tuning.cost).all(axis=1).sum())
     if lost:

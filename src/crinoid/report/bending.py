@@ -31,13 +31,14 @@ from crinoid.report.style import (
 from crinoid.report.units import largest
 from crinoid.report.view import in_space, is_spatial
 
-_ROWS = {
+ROWS = {
     "curvature": "curvature\n(1/m)",
     "kappa_1": "curvature $\\kappa_1$\n(1/m)",
     "kappa_2": "curvature $\\kappa_2$\n(1/m)",
     "twist": "twist\n(rad/m)",
     "tension": "tension\n(N)",
 }
+"""Quantities along the arm, and how they are labelled."""
 _KAPPAS = ("kappa_1", "kappa_2")
 _STRAIGHT = 1e-9  # 1/m, rad/m or N: less is nothing
 
@@ -64,9 +65,9 @@ def draw_bending(run: Run) -> Figure:
         else:
             panels[0, column].set_title(label, loc="left")
         for axes, name in zip(panels[:, column], rows, strict=True):
-            _draw_lines(axes, data, name)
+            draw_lines(axes, data, name)
             if not column:
-                axes.set_ylabel(_ROWS[name])
+                axes.set_ylabel(ROWS[name])
         panels[-1, column].set_xlabel("distance from the root (m)")
     for (axes, *_), name in zip(panels, rows, strict=True):
         shown = [_values(data, name) for _, data in run.members]
@@ -103,7 +104,8 @@ def _draw_frame(axes: Axes, run: Run, data: xr.Dataset) -> None:
     scene.draw()
 
 
-def _draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
+def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
+    """Draw one of `ROWS` along the arm, over time."""
     axes.axhline(0.0, color=GREY, linewidth=0.7)
     values = _values(data, name)
     if values is None:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-from crinoid.report.run import ReportError, load
+from crinoid.report.run import load_as
 from crinoid.report.style import GREY, INK, SERIES, WIDTH, head
 from crinoid.report.units import DEGREES, Unit, largest, length_unit, si_unit
 
@@ -39,12 +39,7 @@ def open_comparison(path: Path) -> xr.Dataset:
     ReportError
         If the file is broken, or not a comparison that crinoid wrote.
     """
-    dataset = load(path)
-    for name, dims in _REQUIRED.items():
-        if name not in dataset or dataset[name].dims != dims:
-            text = f"not a comparison of crinoid, it has no {name} over {', '.join(dims)}"
-            raise ReportError(f"{path}: {text}")
-    return dataset
+    return load_as(path, "a comparison", _REQUIRED)
 
 
 def draw_comparison(data: xr.Dataset) -> Figure:

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.report.run import ReportError, load
+from crinoid.report.run import load_as
 
 FLOW = "flow.nc"
 
@@ -28,11 +28,7 @@ def open_flow(path: Path) -> xr.Dataset:
     ReportError
         If the file is broken, or not a current that crinoid sampled.
     """
-    dataset = load(path)
-    for name, dims in _REQUIRED.items():
-        if name not in dataset or dataset[name].dims != dims:
-            raise ReportError(f"{path}: not a current of crinoid, it has no {name} over {dims}")
-    return dataset
+    return load_as(path, "a current", _REQUIRED)
 
 
 def title(flow: xr.Dataset) -> str:

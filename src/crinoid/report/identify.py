@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from crinoid.identification import IDENTIFICATION as IDENTIFICATION
-from crinoid.report.run import ReportError, load
+from crinoid.report.run import load_as
 from crinoid.report.style import BLUE, GREY, INK, VERMILLION, WIDTH, head, key
 
 _REQUIRED = {
@@ -30,12 +30,7 @@ def open_identification(path: Path) -> xr.Dataset:
     ReportError
         If the file is broken, or not one that crinoid wrote.
     """
-    dataset = load(path)
-    for name, dims in _REQUIRED.items():
-        if name not in dataset or dataset[name].dims != dims:
-            text = f"not an identification of crinoid, it has no {name} over {', '.join(dims)}"
-            raise ReportError(f"{path}: {text}")
-    return dataset
+    return load_as(path, "an identification", _REQUIRED)
 
 
 def draw_identification(data: xr.Dataset) -> Figure:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MultipleLocator
 
-from crinoid.report.run import ReportError, load
+from crinoid.report.run import load_as
 from crinoid.report.style import GREY, INK, PALE, SERIES, VERMILLION, WIDTH, head, key
 from crinoid.report.units import si_unit
 
@@ -41,11 +41,7 @@ def open_margins(path: Path) -> xr.Dataset:
     ReportError
         If the file is broken, or holds no margins that crinoid found.
     """
-    dataset = load(path)
-    for name, dims in _REQUIRED.items():
-        if name not in dataset or dataset[name].dims != dims:
-            raise ReportError(f"{path}: no margins of crinoid, it has no {name} over {dims}")
-    return dataset
+    return load_as(path, "margins", _REQUIRED)
 
 
 def draw_bode(data: xr.Dataset) -> Figure:

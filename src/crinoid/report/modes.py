@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from crinoid.report.run import ReportError, load
+from crinoid.report.run import load_as
 from crinoid.report.style import (
     BLUE,
     GREY,
@@ -54,11 +54,7 @@ def open_modes(path: Path) -> xr.Dataset:
     ReportError
         If the file is broken, or holds no modes that crinoid found.
     """
-    dataset = load(path)
-    for name, dims in _REQUIRED.items():
-        if name not in dataset or dataset[name].dims != dims:
-            raise ReportError(f"{path}: no modes of crinoid, it has no {name} over {dims}")
-    return dataset
+    return load_as(path, "modes", _REQUIRED)
 
 
 def draw_modes(modes: xr.Dataset) -> Figure:

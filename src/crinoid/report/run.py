@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -102,8 +103,30 @@ def load(path: Path, *, lazily: bool = False) -> xr.Dataset:
         raise ReportError(f"{path}: not a readable netCDF file ({reason})") from error
 
 
-def open_result(path: Path, *, lazily: bool = False) -> xr.Dataset:
-    """Read one result file; records whose shape is not finite are left out.
+def load_as(path: Path, kind: str, required: Mapping[str, tuple[str, ...]]) -> xr.Dataset:
+    """Read a file that must hold some variables over some dimensions into memory.
+
+    Raises
+    ------
+    ReportError
+        If the file is broken, or lacks one of them.
+    """
+    dataset = load(path)
+    for name, dims in required.items():
+        if name not in dataset or dataset[name].dims != dims:
+            over = f" over {', '.join(dims)}" if dims else ""
+            text = f"not a file of crinoid with {kind}, it has no {name}{over}"
+            raise ReportError(f"{path}: {text}")
+    return dataset
+
+
+def read_result(
+    path: Path,
+    required: Mapping[str, tuple[str, ...]] = _REQUIRED,
+    *,
+    lazily: bool = False,
+) -> xr.Dataset:
+    """Read one result file, which must hold some variables over some dimensions.
 
     Raises
     ------
@@ -115,7 +138,7 @@ def open_result(path: Path, *, lazily: bool = False) -> xr.Dataset:
     if path.stat().st_size == 0:
         raise ReportError(f"{path}: the file is empty")
     dataset = load(path, lazily=lazily)
-    for name, dims in _REQUIRED.items():
+    for name, dims in required.items():
         if name not in dataset:
             if "crinoid_version" in dataset.attrs and name == "position":
                 text = "output.variables left out position, which all figures need"
@@ -135,9 +158,53 @@ def open_result(path: Path, *, lazily: bool = False) -> xr.Dataset:
         )
     if dataset.sizes["time"] == 0:
         raise ReportError(f"{path}: the result holds no records")
-    if dataset.sizes["node"] < 2:
+    if dataset.sizes.get("node", 0) < 2:
         raise ReportError(f"{path}: not a crinoid result, the arm has fewer than two nodes")
+    return dataset
 
+
+def open_result(path: Path, *, lazily: bool = False) -> xr.Dataset:
+    """Read one result file; records whose shape is not finite are left out.
+
+    Raises
+    ------
+    ReportError
+        If the file is missing, empty, broken, or not a result.
+    """
+    dataset = read_result(path, lazily=lazily)
+    check_bodies(dataset, path)
+
+    return with_shapes(dataset, str(path))
+
+
+def with_shapes(dataset: xr.Dataset, name: str) -> xr.Dataset:
+    """Return the records whose shape is finite, of a result of some name.
+
+    Raises
+    ------
+    ReportError
+        If there are none.
+    """
+    # A run that diverged may end in records that no axis can hold.
+    finite = np.concatenate(
+        [
+            np.isfinite(piece["position"].values).all(axis=(1, 2))
+            for piece in pieces(dataset, ["position"])
+        ]
+    )
+    if not finite.any():
+        raise ReportError(f"{name}: the result holds no record with a finite shape")
+    return dataset if finite.all() else dataset.isel(time=np.flatnonzero(finite))
+
+
+def check_bodies(dataset: xr.Dataset, path: Path) -> None:
+    """Refuse a result whose obstacles cannot be drawn.
+
+    Raises
+    ------
+    ReportError
+        If its scenario does not describe them.
+    """
     try:
         find_bodies(dataset)
     except (
@@ -149,17 +216,6 @@ def open_result(path: Path, *, lazily: bool = False) -> xr.Dataset:
     ) as error:
         text = f"its scenario does not describe its obstacles ({type(error).__name__}: {error})"
         raise ReportError(f"{path}: not a crinoid result, {text}") from error
-
-    # A run that diverged may end in records that no axis can hold.
-    finite = np.concatenate(
-        [
-            np.isfinite(piece["position"].values).all(axis=(1, 2))
-            for piece in pieces(dataset, ["position"])
-        ]
-    )
-    if not finite.any():
-        raise ReportError(f"{path}: the result holds no record with a finite shape")
-    return dataset if finite.all() else dataset.isel(time=np.flatnonzero(finite))
 
 
 def base_direction(dataset: xr.Dataset, record: int) -> Float[np.ndarray, "axis=3"]:

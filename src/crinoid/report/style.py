@@ -144,12 +144,13 @@ def _head_lines(title: str, status: str, wide: float) -> tuple[list[str], list[s
 
 
 def key(axes: Axes, columns: int = 4) -> None:
-    """Put the legend above the panel, where no data can be under it."""
+    """Put the legend above the panel, where no data can be under it, each entry once."""
     handles, labels = axes.get_legend_handles_labels()
-    if handles:
+    entries = dict(zip(labels, handles, strict=True))
+    if entries:
         axes.legend(
-            handles,
-            labels,
+            list(entries.values()),
+            list(entries),
             loc="lower left",
             bbox_to_anchor=(0.0, 1.0),
             ncols=columns,

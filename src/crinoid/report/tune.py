@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-from crinoid.report.run import ReportError, load
+from crinoid.report.run import load_as
 from crinoid.report.style import GREY, INK, SERIES, WIDTH, head
 from crinoid.tuning import TUNING as TUNING
 
@@ -32,12 +32,7 @@ def open_tuning(path: Path) -> xr.Dataset:
     ReportError
         If the file is broken, or not one that crinoid wrote.
     """
-    dataset = load(path)
-    for name, dims in _REQUIRED.items():
-        if name not in dataset or dataset[name].dims != dims:
-            text = f"not a tuning of crinoid, it has no {name} over {', '.join(dims)}"
-            raise ReportError(f"{path}: {text}")
-    return dataset
+    return load_as(path, "a tuning", _REQUIRED)
 
 
 def draw_tuning(data: xr.Dataset) -> Figure:

@@ -72,4 +72,4 @@ def _turn(
     angle = np.full(len(records), math.radians(set_pose.get(f"{channel}_deg", 0.0)))
     if "base_pose" in dataset and "channel" in dataset.coords:
         angle = angle + channel_of(dataset["base_pose"].isel(time=records), channel)
-    return np.where(np.isfinite(angle), angle, 0.0)
+    return angle

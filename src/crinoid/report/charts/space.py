@@ -9,11 +9,14 @@ import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from crinoid.dataset import join
-from crinoid.pieces import pieces
+from crinoid.pieces import chosen_pieces
 from crinoid.report.charts.pose import attitudes, base_directions, channel_of, read_scenario
 from crinoid.report.charts.tool import ball, held
+from crinoid.report.run import ReportError
 from crinoid.report.solids import Body, find_bodies
+from crinoid.report.units import largest
 from crinoid.report.view import arm_length, in_space, is_spatial, left_of
+from crinoid.scenario.errors import counted
 from crinoid.space import CHANNEL_TABLE
 
 _PLACES = 7
@@ -74,6 +77,10 @@ class Moving:
     label: str
     records: int
     """How many instants the result has."""
+    lacking: int
+    """How many of those chosen are left out, as a number that is drawn is not finite."""
+    at: Int[np.ndarray, " time"]
+    """Which of them these are."""
     time: Float[np.ndarray, " time"]
     position: Float[np.ndarray, "time node axis=3"]
     diameter: Float[np.ndarray, " node"]
@@ -112,6 +119,28 @@ def space_of(members: list[tuple[str, xr.Dataset]], most: int, most_nodes: int) 
     )
 
 
+def ranges_of(space: Space) -> dict[str, tuple[float, float]]:
+    """Return the values between which colours lie, the same for all runs."""
+    found = {}
+    for name in {field.name for field in space.members[0].fields}:
+        some = [f for each in space.members for f in each.fields if f.name == name]
+        top = largest(*(field.values for field in some)) or 1.0
+        signed = some[0].signed and any(field.values.min() < 0 for field in some)
+        found[name] = (-top if signed else 0.0, top)
+    return found
+
+
+def lacking(space: Space) -> list[str]:
+    """Say of each run how many instants are left out, as a number of theirs is not finite."""
+    return [
+        f"{counted(each.lacking, 'instant')} of the animation "
+        f"{'is' if each.lacking == 1 else 'are'} left out: at "
+        f"{'it' if each.lacking == 1 else 'these'} a number is not finite."
+        for each in space.members
+        if each.lacking
+    ]
+
+
 def evenly(count: int, most: int) -> Int[np.ndarray, " chosen"]:
     """Choose records evenly, the first and the last among them."""
     if count <= most:
@@ -121,20 +150,18 @@ def evenly(count: int, most: int) -> Int[np.ndarray, " chosen"]:
 
 def thinned(data: xr.Dataset, records: Int[np.ndarray, " chosen"]) -> xr.Dataset:
     """Return chosen instants of what is drawn here of a run, which may lie in a file."""
-    parts, first = [], 0
-    for piece in pieces(data, [name for name in _DRAWN if name in data]):
-        last = first + piece.sizes["time"]
-        here = records[(records >= first) & (records < last)] - first
-        if here.size:
-            parts.append(piece.isel(time=here))
-        first = last
-    return join(parts)
+    return join(list(chosen_pieces(data, [name for name in _DRAWN if name in data], records)))
 
 
 def _moving(label: str, data: xr.Dataset, most: int, most_nodes: int) -> Moving:
     records = data.sizes["time"]
     nodes = evenly(data.sizes["node"], most_nodes)
-    some = thinned(data, evenly(records, most))
+    at = evenly(records, most)
+    chosen = thinned(data, at)
+    whole = _whole(chosen)
+    if not whole.any():
+        raise ReportError("no instant can be drawn: at each a number is not finite")
+    some = chosen.isel(time=np.flatnonzero(whole))
     position = in_space(some, "position")
     length = arm_length(some)
     bodies = tuple(find_bodies(some))
@@ -146,6 +173,8 @@ def _moving(label: str, data: xr.Dataset, most: int, most_nodes: int) -> Moving:
     return Moving(
         label,
         records,
+        int(np.sum(~whole)),
+        at[whole],
         np.asarray(some["time"].values, float),
         position[:, nodes],
         diameter[nodes],
@@ -157,6 +186,16 @@ def _moving(label: str, data: xr.Dataset, most: int, most_nodes: int) -> Moving:
         ball(some) if has_tool else None,
         held(some),
     )
+
+
+def _whole(data: xr.Dataset) -> Bool[np.ndarray, " time"]:
+    """Tell at which instants all that is drawn is finite."""
+    whole = np.ones(data.sizes["time"], bool)
+    for name in _DRAWN:
+        if name in data and "time" in data[name].dims:
+            numbers = data[name].transpose("time", ...).values.astype(float)
+            whole &= np.isfinite(numbers.reshape(whole.size, -1)).all(axis=1)
+    return whole
 
 
 def _thinned(field: Field, nodes: Int[np.ndarray, " chosen"]) -> Field:
@@ -206,7 +245,7 @@ def _mount(data: xr.Dataset, position: Float[np.ndarray, "time node axis=3"]) ->
     shift, rails = np.zeros((every.size, 3)), []
     if servo is not None and "channel" in data.coords:
         for name, axis in _SHIFTS.items():
-            shift[:, axis] = np.nan_to_num(channel_of(servo, name))
+            shift[:, axis] = channel_of(servo, name)
             if shift[:, axis].any() and "channel_lower" in data:
                 low = float(data["channel_lower"].sel(channel=name))
                 high = float(data["channel_upper"].sel(channel=name))
@@ -235,13 +274,13 @@ def _water(
     if "flow_velocity" not in data:
         return None
     root = position[:, :1]
-    shape = np.nanmean(position - root, axis=0) + np.nanmean(root, axis=0)
+    shape = position.mean(axis=0)
     chosen: list[int] = []
     for node in evenly(len(shape), _PLACES):
         apart = [np.linalg.norm(shape[node] - shape[other]) for other in chosen]
         if not apart or min(apart) > _SPACING * length:
             chosen.append(int(node))
-    velocity = np.nan_to_num(in_space(data.isel(node=chosen), "flow_velocity"))
+    velocity = in_space(data.isel(node=chosen), "flow_velocity")
     fastest = float(np.linalg.norm(velocity, axis=-1).max(initial=0.0))
     if fastest < 1e-9:
         return None
@@ -257,7 +296,7 @@ def _water(
         aside = aside if aside.any() else np.array([1.0, 0.0, 0.0])
     target = in_space(data, "tip_target") - root[:, 0]
     swept = np.concatenate([(position - root).reshape(-1, 3), target])
-    clear = float(np.nanmax(swept @ aside)) + (_CLEAR + _REACH) * length
+    clear = float(np.max(swept @ aside)) + (_CLEAR + _REACH) * length
     inward = clear - (shape[chosen] - shape[0]) @ aside
     start = shape[chosen] + inward[:, None] * aside
     return Water(start, velocity, fastest / (_REACH * length))

@@ -82,6 +82,45 @@ def summary(result: Result) -> Summary:
     return Summary(heads[: 2 if len(runs) == 1 else 4], rows)
 
 
+def equilibrium_summary(result: Result) -> Summary:
+    """Sum up an equilibrium."""
+    dataset = result.dataset
+    rows: list[list[str]] = []
+
+    def add(*row: str) -> None:
+        rows.append([*row])
+
+    axes = [str(axis) for axis in dataset["axis"].values]
+
+    def parts(vector: np.ndarray, unit: str, digits: int = 4) -> str:
+        named = zip(axes, vector, strict=True)
+        return ", ".join(f"{axis} {part:.{digits}g}{unit}" for axis, part in named)
+
+    add("tip", parts(dataset["tip_position"].values[0], " m", 6))
+    if "tip_direction" in dataset:
+        add("tip direction", parts(dataset["tip_direction"].values[0], ""))
+    else:
+        angle = np.rad2deg(float(dataset["tip_angle"][0]))
+        add("tip direction", f"{angle:.4g} degrees")
+    moment = dataset["base_moment"].values[0]
+    add("force on the submarine", parts(dataset["base_force"].values[0], " N"))
+    add("moment on the submarine", parts(moment, " N m") if moment.ndim else f"{moment:.4g} N m")
+    add("greatest tension", f"{float(dataset['tension'].max()):.4g} N")
+    bending = dataset["curvature"].values
+    curvature = np.linalg.norm(bending, axis=-1) if bending.ndim == 3 else np.abs(bending)
+    add("greatest curvature", f"{float(curvature.max()):.4g} 1/m")
+    if "twist" in dataset:
+        add("greatest twist", f"{float(np.abs(dataset['twist']).max()):.4g} rad/m")
+    if "contact_force" in dataset:
+        for index, push in enumerate(dataset["contact_force"].values[0]):
+            if np.any(push):
+                add(f"force of obstacle {index}", parts(push, " N"))
+    if "natural_frequency" in dataset:
+        first = ", ".join(f"{value:.3g}" for value in dataset["natural_frequency"].values[:4])
+        add("lowest natural frequencies", f"{first} Hz")
+    return Summary(["", "at rest"], rows)
+
+
 def _unit_of(name: str, result: Result, most: float) -> Unit:
     """Return the unit of an input: of a channel of the base, or as its actuator has it."""
     if name in ANGLES:

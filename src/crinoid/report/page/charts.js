@@ -35,6 +35,7 @@ class Charts {
   }
 
   async draw(doc) {
+    if (!this.panels.length) return; // a scene by itself, without Bokeh
     const roots = Object.fromEntries(this.panels.map((panel) => [panel.said.root, panel.place.id]));
     const item = { docid: "run", roots, root_ids: Object.keys(roots) };
     const [views] = await Bokeh.embed.embed_items({ run: doc }, [item]);

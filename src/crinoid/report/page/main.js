@@ -118,7 +118,7 @@ class Page {
       if (keys[event.key] && keys[event.key]()) event.preventDefault();
     });
     const copy = this.byId("copy");
-    copy.addEventListener("click", async () => {
+    if (copy) copy.addEventListener("click", async () => {
       try { await navigator.clipboard.writeText(this.byId("toml").textContent); copy.textContent = "Copied"; } catch { getSelection().selectAllChildren(this.byId("toml")); copy.textContent = "Selected"; }
     });
   }

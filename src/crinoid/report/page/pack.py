@@ -26,13 +26,12 @@ class Pack:
     def add(
         self, values: Float[np.ndarray, "time ..."], step: float, low: float | None = None
     ) -> dict[str, Any]:
-        """Add an array, rounded to whole steps from its lowest value, and say where it is.
+        """Add an array of finite numbers, rounded to whole steps, and say where it is.
 
-        What is not finite becomes the lowest value.
+        Steps count from ``low``, or from the lowest value.
         """
-        finite = np.isfinite(values)
-        least = float(values[finite].min()) if low is None and finite.any() else (low or 0.0)
-        whole = np.where(finite, np.rint((values - least) / step), 0.0).reshape(len(values), -1)
+        least = float(values.min()) if low is None else low
+        whole = np.rint((values - least) / step).reshape(len(values), -1)
         most = float(whole.max(initial=0.0))
         wide = next(size for size in (1, 2, 4) if most < 256**size)
         kind = np.dtype(f"<u{wide}")

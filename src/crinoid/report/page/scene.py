@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from crinoid.report.charts.space import Field, Moving, Space, space_of
+from crinoid.report.charts.space import Field, Moving, Space, lacking, ranges_of, space_of
 from crinoid.report.page.pack import Pack
 from crinoid.report.solids import Body
-from crinoid.report.units import largest
 
 FRAMES = 1501
 """Most instants of a run: 30 s at 50 a second."""
@@ -32,7 +31,7 @@ def shown(members: list[tuple[str, xr.Dataset]]) -> Space:
 
 def scene_of(space: Space) -> tuple[dict[str, Any], str, list[str]]:
     """Return the table of a scene, its numbers in letters, and what was left out, in words."""
-    pack, ranges = Pack(), _ranges(space)
+    pack, ranges = Pack(), ranges_of(space)
     table = {
         "spatial": space.spatial,
         "length": space.length,
@@ -46,17 +45,6 @@ def scene_of(space: Space) -> tuple[dict[str, Any], str, list[str]]:
         "water": _water(space, pack),
     }
     return table, pack.text(), _left_out(space)
-
-
-def _ranges(space: Space) -> dict[str, tuple[float, float]]:
-    """Return the values between which colours lie, the same for all runs."""
-    found = {}
-    for name in {field.name for field in space.members[0].fields}:
-        some = [f for each in space.members for f in each.fields if f.name == name]
-        top = largest(*(field.values for field in some)) or 1.0
-        signed = some[0].signed and any(np.nanmin(field.values) < 0 for field in some)
-        found[name] = (-top if signed else 0.0, top)
-    return found
 
 
 def _member(
@@ -111,9 +99,9 @@ def _water(space: Space, pack: Pack) -> dict[str, Any] | None:
 
 
 def _left_out(space: Space) -> list[str]:
-    said = []
+    said = lacking(space)
     for each in space.members:
-        if each.records > each.time.size:
+        if each.records > each.time.size + each.lacking:
             whose = f" {each.label}" if each.label else ""
             said.append(
                 f"The animation{whose} shows {each.time.size} of {each.records} saved instants, "

@@ -26,7 +26,7 @@ def still_of(space: Space) -> str:
         lines.append(("arm other" if index else "arm last", 1.0, shapes[-1]))
     target = view.paper(space.members[0].target)[-1]
     points = np.concatenate([*(shape for _, _, shape in lines), target[None]])
-    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    low, high = points.min(axis=0), points.max(axis=0)
     room = _MARGIN * max(float((high - low).max()), 0.2 * space.length)
     low, high = low - room, high + room
     scale = 1000.0 / float((high - low).max())

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 import re
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -23,6 +19,7 @@ from crinoid.report.charts.spectrum import spectrum_chart
 from crinoid.report.charts.summary import summary
 from crinoid.report.charts.tip import tip_chart
 from crinoid.report.charts.touch import contact_chart, has_contact
+from crinoid.report.page.parts import json_of, list_of, own_script, part, policy_of, table_of
 from crinoid.report.page.plots import plots_of
 from crinoid.report.page.scene import scene_of, shown
 from crinoid.report.page.still import still_of
@@ -31,7 +28,6 @@ from crinoid.result import Result
 from crinoid.scenario import ScenarioError
 from crinoid.status import Status
 
-_SCRIPTS = ("unpack", "space", "camera", "paint", "scene", "charts", "main")
 _LONGEST = 200_000
 """Characters of a scenario, over which the page does not show it whole."""
 
@@ -72,30 +68,28 @@ def page_of(run: Run) -> str:
         "scene": table,
         "charts": plots.charts,
     }
-    bokeh, script = _bokeh(), _own_script()
-    scripts = " ".join(f"'sha256-{_digest(text)}'" for text in (bokeh, script))
+    bokeh, script = _bokeh(), own_script()
     attributes = run.result.attrs
     scenario = str(attributes.get("scenario", ""))
     if len(scenario) > _LONGEST:
         left_out.append(f"The scenario is cut off after {_LONGEST} characters.")
     failed = Status.of(run.status) is not Status.OK
-    return Template(_part("page.html")).substitute(
-        policy=f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; "
-        "img-src data: blob:; base-uri 'none'; form-action 'none'",
+    return Template(part("page.html")).substitute(
+        policy=policy_of([bokeh, script]),
         version=escape(str(attributes.get("crinoid_version", ""))),
         title=escape(run.title),
         subtitle=escape(_subtitle(run)),
         status=f'<p class="status">{escape(run.status)}</p>' if failed else "",
-        style=_part("page.css"),
-        still=still_of(space),
+        style=part("page.css"),
+        stage=Template(part("stage.html")).substitute(still=still_of(space)),
         metrics=_metrics(run),
         notes=_notes(run),
         scenario=escape(scenario[:_LONGEST]),
         facts=_facts(run),
-        left_out=_list("What was left out", [*left_out, *plots.left_out]),
+        left_out=list_of("What was left out", [*left_out, *plots.left_out]),
         footer=f"Charts by Bokeh {escape(plots.version)} (BSD 3-Clause, in this file).",
-        table=_json(table),
-        document=_json(plots.document),
+        table=json_of(table),
+        document=json_of(plots.document),
         numbers=numbers,
         bokeh=bokeh,
         script=script,
@@ -124,14 +118,7 @@ def _metrics(run: Run) -> str:
         found = summary(_result(run))
     except (LookupError, ValueError, ScenarioError):
         return "<h2>Numbers</h2><p>The result holds too little to sum it up.</p>"
-    heads = "".join(f'<th scope="col">{escape(head)}</th>' for head in found.heads)
-    rows = "".join(f"<tr>{_cells(row, len(found.heads))}</tr>" for row in found.rows)
-    table = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
-    return f'<h2>Numbers</h2><div class="scroll">{table}</div>'
-
-
-def _cells(row: list[str], count: int) -> str:
-    return "".join(f"<td>{escape(cell)}</td>" for cell in [*row, *[""] * (count - len(row))])
+    return f'<h2>Numbers</h2><div class="scroll">{table_of(found)}</div>'
 
 
 def _result(run: Run) -> Result:
@@ -140,14 +127,7 @@ def _result(run: Run) -> Result:
 
 
 def _notes(run: Run) -> str:
-    return _list("Notes", _result(run).notes)
-
-
-def _list(title: str, lines: list[str]) -> str:
-    if not lines:
-        return ""
-    entries = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return f'<h2>{title}</h2><ul class="notes">{entries}</ul>'
+    return list_of("Notes", _result(run).notes)
 
 
 def _facts(run: Run) -> str:
@@ -171,23 +151,6 @@ def _file_name(title: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40].strip("-") or "scenario"
 
 
-def _json(value: Any) -> str:
-    """Write JSON that no HTML parser takes for markup."""
-    text = json.dumps(value, separators=(",", ":"), default=_plain, allow_nan=False)
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{type(value).__name__} is no JSON")
-
-
-def _own_script() -> str:
-    parts = "\n".join(_part(f"{name}.js") for name in _SCRIPTS)
-    return f'"use strict";\n(() => {{\n{parts}\n}})();'
-
-
 def _bokeh() -> str:
     """Return Bokeh's own script, from the package that is installed, licence and all."""
     import bokeh
@@ -195,11 +158,3 @@ def _bokeh() -> str:
     folder = Path(bokeh.__file__).parent / "server" / "static" / "js"
     text = (folder / "bokeh.min.js").read_text(encoding="utf-8")
     return text.replace("</script", "<\\/script")
-
-
-def _digest(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
-
-
-def _part(name: str) -> str:
-    return (files("crinoid.report.page") / name).read_text(encoding="utf-8")

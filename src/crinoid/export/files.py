@@ -1,0 +1,61 @@
+"""The files that exports are written to, beside the result and named after it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import struct
+from pathlib import Path
+
+from crinoid.result import attributes
+from crinoid.variables import VARIABLES
+
+TIME = "time (s)"
+"""Head of the first column of a table."""
+_ENDINGS = {"vtkhdf": (".vtkhdf", "-surroundings.vtkhdf"), "csv": (".csv",), "gltf": (".glb",)}
+KINDS = tuple(_ENDINGS)
+"""Formats to export to."""
+
+
+def files_of(folder: Path, name: str, kind: str) -> list[Path]:
+    """Return the files in a folder of the export of a result of some name."""
+    return [folder / f"{name}{ending}" for ending in _ENDINGS[kind]]
+
+
+def exports_in(folder: Path, name: str) -> list[Path]:
+    """Return all exports of a result in a folder."""
+    every = (path for kind in KINDS for path in files_of(folder, name, kind))
+    return [path for path in every if path.is_file() and is_own(path)]
+
+
+def is_own(path: Path) -> bool:
+    """Tell whether a file is an export that crinoid wrote."""
+    look = {".csv": _is_table, ".glb": _is_gltf}.get(
+        path.suffix, lambda path: bool(attributes(path))
+    )
+    return look(path)
+
+
+def _is_table(path: Path) -> bool:
+    """Tell by the head of a table."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            head = next(csv.reader(file), [])
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return False
+    names = {re.split("[. ]", each)[0] for each in head[1:]}
+    return head[:1] == [TIME] and names <= {each.name for each in VARIABLES}
+
+
+def _is_gltf(path: Path) -> bool:
+    """Tell by the generator that a file names."""
+    try:
+        with path.open("rb") as file:
+            magic, _, _, length, kind = struct.unpack("<4sIII4s", file.read(20))
+            if (magic, kind) != (b"glTF", b"JSON"):
+                return False
+            asset = json.loads(file.read(length))["asset"]
+            return str(asset["generator"]).startswith("crinoid")
+    except (OSError, struct.error, ValueError, LookupError, TypeError):
+        return False
