@@ -5,10 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import crinoid
 from crinoid.base import SineMotion
 from crinoid.dynamics import Chart, Integrator
 from crinoid.flow import Uniform
-from physics import QUICKLY, always, arm
+from physics import QUICKLY, always, arm, vehicle
 
 BEFORE = 8
 """Steps after which a step is linearised: the arm moves by then."""
@@ -41,6 +42,43 @@ def example(axes, integrator, current=(0.0, 0.0, 0.0)):
         integrator=integrator,
         tolerance=1e-13,
     )
+
+
+def afloat():
+    """Build an arm with a chamber on a submarine that floats."""
+    quick = {"max_speed": 10.0, "max_acceleration": 1e3}
+    turning = {"max_speed_deg": 1e3, "max_acceleration_deg": 1e5, "range_deg": [-60.0, 60.0]}
+    return crinoid.system(
+        crinoid.Scenario.from_dict(
+            {
+                "arm": {"nodes": 5, "length": 0.5, "youngs_modulus": 4e5, "damping_time": 0.05},
+                "base": {
+                    "channels": {
+                        "slide": {"range": [-0.3, 0.3]} | quick,
+                        "heave": {"range": [-0.3, 0.3]} | quick,
+                        "tilt": turning,
+                    }
+                },
+                "vehicle": {
+                    "mass": 5.0, "inertia": 0.3, "offset": [-0.3, 0.05], "added_mass": [3.0, 4.0],
+                    "drag_area": [0.05, 0.1], "angular_drag": 2.0, "metacentric_height": 0.04,
+                    "hold": "thrusters", "bandwidth_hz": 0.5,
+                },
+                "chamber": [
+                    {"offset": 0.008, "area": 2e-4, "max_pressure": 3e4, "time_constant": 0.05}
+                ],
+                "flow": [{"kind": "uniform", "velocity": [0.2, -0.1]}],
+                "simulation": {"tolerance": 1e-13},
+            }
+        )
+    )  # fmt: skip
+
+
+CASES = {
+    f"{name}-{axes}": (lambda axes=axes, integrator=integrator: example(axes, integrator))
+    for axes in (2, 3)
+    for name, integrator in INTEGRATORS.items()
+} | {"chamber, afloat": afloat}
 
 
 @eqx.filter_jit(compiler_options=QUICKLY)
@@ -81,11 +119,10 @@ def scaled(size_arm, size, seed):
     return change
 
 
-@pytest.mark.parametrize("axes", [2, 3])
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_b_c_are_those_of_the_step(axes, integrator):
-    system = example(axes, INTEGRATORS[integrator])
-    command = jnp.linspace(0.1, 0.2, 3 * (axes - 1))
+@pytest.mark.parametrize("case", CASES)
+def test_a_b_c_are_those_of_the_step(case):
+    system = CASES[case]()
+    command = jnp.linspace(0.1, 0.2, len(system.inputs))
     state = moving(system, command)
     found, A, B, C = linear(system, state, command)
     after = system.step(state, command)[0]
@@ -121,16 +158,43 @@ def test_a_change_of_the_current_is_what_the_water_at_the_nodes_does():
     np.testing.assert_allclose(differences, change, atol=1e-6 * np.abs(change).max())
 
 
-def test_a_chart_gives_back_what_it_was_given():
+@eqx.filter_jit(compiler_options=QUICKLY)
+def there_and_back(system, changes):
+    """Return a state, what a chart about it reads of one nearby, and the state of that reading."""
+    start = Chart(system, system.rest())
+
+    def nearby(chart, change):
+        arm_change, actuator_change = jnp.split(change, [chart.arm.size])
+        return chart.at(chart.arm + arm_change, chart.actuators + actuator_change)
+
+    # on from one that is far, by two ways
+    chart = Chart(system, nearby(start, changes[0]))
+    by_step = nearby(start, changes[0] + changes[1])
+    near = nearby(chart, changes[1])
+    read = jnp.concatenate(chart.read(near)) - jnp.concatenate([chart.arm, chart.actuators])
+    held = system.base.prescribe(chart.state.time, near.servo).position
+    return read, near, held, by_step, chart.at(*chart.read(by_step))
+
+
+@pytest.mark.parametrize("floats", [False, True])
+def test_a_chart_gives_back_what_it_was_given(floats):
     system = example(3, INTEGRATORS["newmark"])
-    state = moving(system, jnp.full(6, 0.1))
-    chart = Chart(system, state)
-    change = scaled(chart.arm.size, chart.arm.size + chart.actuators.size, 0)
-    arm_change, actuator_change = np.split(change, [chart.arm.size])
-    nearby = chart.at(chart.arm + arm_change, chart.actuators + actuator_change)
-    found = chart.read(nearby)
-    np.testing.assert_allclose(found[0] - chart.arm, arm_change, atol=1e-12)
-    np.testing.assert_allclose(found[1] - chart.actuators, actuator_change, atol=1e-15)
-    # what the base holds has moved along
-    held = system.base.prescribe(state.time, nearby.servo)
-    np.testing.assert_allclose(nearby.position[:2], held.position, atol=1e-15)
+    if floats:
+        system = eqx.tree_at(
+            lambda s: s.forces.vehicle, system, vehicle(3), is_leaf=lambda x: x is None
+        )
+    size = 4 * (4 * 4 + (6 if floats else 0))
+    near = scaled(size, size + 25, 0)
+    far = 1e3 * scaled(size, size + 25, 1)
+    read, nearby, held, other, again = there_and_back(system, jnp.asarray([far, near]))
+    np.testing.assert_allclose(read[:size], near[:size], atol=1e-12)
+    np.testing.assert_allclose(read[size:], near[size:], atol=1e-15)
+    if not floats:  # what the base holds has moved along
+        np.testing.assert_allclose(nearby.position[:2], held, atol=1e-15)
+    # a state is where its coordinates say, whichever way it came
+    np.testing.assert_allclose(again.position, other.position, rtol=0, atol=1e-13)
+    # no edge ends at the ghost
+    director, expected = (each.motion.orientation.director[1:] for each in (again, other))
+    np.testing.assert_allclose(director, expected, rtol=0, atol=1e-13)
+    if floats:
+        np.testing.assert_allclose(again.attitude, other.attitude, rtol=0, atol=1e-15)

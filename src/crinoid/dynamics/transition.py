@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from crinoid.actuation import drives, followed
 from crinoid.dynamics import start
@@ -26,7 +27,9 @@ from crinoid.dynamics.prescribed import prescribed
 from crinoid.dynamics.state import State
 from crinoid.dynamics.surroundings import Stir
 from crinoid.dynamics.tangent import HELD
+from crinoid.dynamics.vehicle import ROWS, turn_of, unknowns
 from crinoid.frames import angle_between, tangents, transport
+from crinoid.products import product
 
 if TYPE_CHECKING:
     from crinoid.dynamics.system import System
@@ -109,9 +112,15 @@ class Chart:
             director = state.motion.orientation.director
             spin = frames.spin + angle_between(carried, director, now)
             rows = rows.at[: nodes.shape[0], 3].set(spin)
-        motion = state.motion
+        before, attitude = self.state.attitude, state.attitude
+        if before is not None:  # likewise attitudes more than turns
+            assert attitude is not None
+            turn = turn_of(product(before.T, attitude))
+            turned = self.state.motion.position[-1, : turn.size] + turn
+            rows = rows.at[-1, : turn.size].set(turned)
+        motion, at = state.motion, self._entries
         parts = (rows, motion.velocity, motion.acceleration, state.ahead)
-        arm = jnp.concatenate([forces.unknown(part).reshape(-1) for part in parts])
+        arm = jnp.concatenate([part.reshape(-1)[at] for part in parts])
         return arm, numbers_of((state.servo, *state.actuators))[0]
 
     def at(self, arm: Coordinates, actuators: Following) -> State:
@@ -120,11 +129,10 @@ class Chart:
         servo, *others = self._shaped(actuators)
         forces = self._forces(servo, others)
         known = (motion.position, motion.velocity, motion.acceleration, state.ahead)
-        unknown, place = jax.vjp(forces.unknown, motion.position)
-        parts = arm.reshape(len(known), *unknown.shape)
+        at, shape = self._entries, motion.position.shape
         position, velocity, acceleration, ahead = (
-            rows + place(part - forces.unknown(rows))[0]
-            for rows, part in zip(known, parts, strict=True)
+            rows.reshape(-1).at[at].set(part, unique_indices=True).reshape(shape)
+            for rows, part in zip(known, arm.reshape(len(known), at.size), strict=True)
         )
         one, zero = jnp.ones(()), jnp.zeros(())
         stage = Stage(state.time, position, velocity, acceleration, one, zero, zero, state.frames)
@@ -146,6 +154,17 @@ class Chart:
     def driven(self, actuators: Following) -> list[Any]:
         """Return the states of the actuators, the base's servos first."""
         return list(self._shaped(actuators))
+
+    @property
+    def _entries(self) -> Int[np.ndarray, " entry"]:
+        """Which entries of all rows, one after the other, a step solves for."""
+        forces, rows = self.system.forces, self.state.motion.position
+        moves, nodes = np.zeros(rows.shape, bool), forces.nodes(rows).shape[0]
+        moves[HELD:nodes] = True
+        moves[nodes + np.array(forces.free, int), : forces.axes] = True
+        if forces.vehicle is not None:
+            moves[-ROWS:].reshape(-1)[list(unknowns(forces.axes, rows.shape[1]))] = True
+        return np.flatnonzero(moves)
 
     def _forces(self, servo: Any, actuators: Sequence[Any]) -> Forces:
         system, state = self.system, self.state

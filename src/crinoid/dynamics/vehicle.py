@@ -131,12 +131,7 @@ class Thrusters(eqx.Module):
         """Return force (N) and moment (N m) in the vehicle's axes."""
         turn = ride.attitude
         off = product(ride.position - set_point, turn)
-        if ride.rate.size == 1:
-            error = turn[1, :1]
-        else:
-            error = 0.5 * jnp.stack(
-                [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-            )
+        error = turn_of(turn)
         force = -self.stiffness * off - self.damping * product(ride.velocity, turn)
         moment = -self.turn_stiffness * error - self.turn_damping * ride.rate
         return (
@@ -235,6 +230,14 @@ class Vehicle(eqx.Module):
             attitude,
             turn,
         )
+
+
+def turn_of(rotation: Float[Array, "d d"]) -> Turns:
+    """Return the turn of a rotation matrix (rad) if it is small, else the sine of it."""
+    if rotation.shape[0] == 2:
+        return rotation[1, :1]
+    difference = rotation - rotation.T
+    return 0.5 * jnp.stack([difference[2, 1], difference[0, 2], difference[1, 0]])
 
 
 def swung(rate: Turns, points: Float[Array, "*many d"]) -> Float[Array, "*many d"]:
