@@ -5,12 +5,16 @@ import shutil
 import numpy as np
 import pytest
 
+from crinoid.report.page.study import write_study
 from crinoid.report.page.write import write_run
 from crinoid.report.run import Run
+from crinoid.report.table import read_cases
 from crinoid.result import Result
 from spatial_arm import among_obstacles, curling_arm
 from test_page import HOSTILE
-from test_report import swaying_arm
+from test_report import save, study_row, swaying_arm
+from test_report import write_study as write_table
+from test_study_page import grid
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -246,3 +250,56 @@ def test_what_a_notebook_shows_moves_within_its_frame(browser, tmp_path):
     assert frame.text_content("#clock") == "3.000 s"
     assert complaints == []
     page.context.close()
+
+
+def test_a_study_sorts_says_what_is_pointed_at_and_opens_a_case(browser, tmp_path):
+    cases = grid(tmp_path)
+    save(swaying_arm(records=5), tmp_path / "case-05" / "result.nc")
+    write_run(Run(swaying_arm(records=5)), tmp_path / "case-05" / "report.html")
+    path = write_study(cases, "study", tmp_path)
+    with Opened(browser, path) as opened:
+        page, names = opened.page, "[...document.querySelectorAll('tbody td:first-child')]"
+        shown = f"() => {names}.map((each) => each.textContent)"
+        assert opened.ask(shown) == [f"case-0{n}" for n in range(1, 7)]
+        page.click("th:has-text('settling') button")
+        page.click("th:has-text('settling') button")
+        assert opened.ask(shown) == [f"case-0{n}" for n in range(6, 0, -1)]
+        assert page.get_attribute("th:has-text('settling')", "aria-sort") == "descending"
+        left, top = opened.ask("() => crinoid.where(4)")
+        plot = page.locator("#plot").bounding_box()
+        page.mouse.move(plot["x"] + left, plot["y"] + top)
+        text = "case-05 · youngs_modulus 400000.0 · kind none · RMS error 30 mm"
+        assert page.text_content("#said") == text
+        assert opened.ask("() => document.querySelector('tr.on').dataset.case") == "4"
+        page.select_option("#measure", label="settling time")
+        page.select_option("#over", label="kind")
+        page.wait_for_function("crinoid.view.kind === 'lines'")
+        low, high = opened.ask("() => [crinoid.where(0)[1], crinoid.where(4)[1]]")
+        assert high < low  # 3 s is drawn below 7 s
+        assert not opened.complaints
+        assert opened.requests == [path.as_uri()]
+        page.mouse.click(plot["x"] + opened.ask("() => crinoid.where(4)[0]"), plot["y"] + high)
+        page.wait_for_url("**/case-05/report.html")
+
+
+def test_a_cell_of_several_cases_leaves_only_these_in_the_table(browser, tmp_path):
+    rows = [
+        study_row(
+            n, **{"arm.youngs_modulus": 1e5 * (n % 2), "flow.0.velocity": n % 3, "seed": n % 4}
+        )
+        for n in range(1, 13)
+    ]
+    write_table(tmp_path, rows)
+    path = write_study(read_cases(tmp_path / "cases.csv"), "study", tmp_path)
+    with Opened(browser, path, color_scheme="dark") as opened:
+        at = opened.ask("() => crinoid.where(3)")
+        plot = opened.page.locator("#plot").bounding_box()
+        opened.page.mouse.click(plot["x"] + at[0], plot["y"] + at[1])
+        found = opened.ask(
+            "() => [...document.querySelectorAll('tbody tr')].map((e) => +e.dataset.case)"
+        )
+        assert found == [3, 9]  # 4 % 2, 4 % 3
+        assert opened.page.text_content("#only span").startswith("2 cases · youngs_modulus 0.0")
+        opened.page.click("#only button")
+        assert opened.page.locator("tbody tr").count() == 12
+        assert not opened.complaints

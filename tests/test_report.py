@@ -15,8 +15,9 @@ from crinoid.elements import WORKS
 from crinoid.report import ReportError, write_report
 from crinoid.report.arm import hull
 from crinoid.report.charts.drive import drawn_in, drive_chart
+from crinoid.report.page.file import PAGE
 from crinoid.report.paper import draw_chart
-from crinoid.report.run import PAGE, Run
+from crinoid.report.run import Run
 from crinoid.report.style import STYLE
 from crinoid.variables import large_names, quantity
 from made_results import of_values
@@ -385,8 +386,9 @@ def test_a_study_is_drawn_with_each_of_its_cases(tmp_path):
     written = write_report(tmp_path)
     names = [Path("case-01") / name for name in [*FIGURES, PAGE]]
     names += [Path("case-02") / name for name in [*FIGURES, "contact.png", PAGE]]
-    assert [p.relative_to(tmp_path) for p in written] == [Path("cases.png"), *names]
-    for path in written:
+    drawn = [Path("cases.png"), *names, Path(PAGE)]
+    assert [p.relative_to(tmp_path) for p in written] == drawn
+    for path in written[:-1]:
         assert_shows_something(path)
 
 
@@ -395,7 +397,7 @@ def test_a_study_of_which_nothing_is_left_is_drawn(tmp_path):
         ["deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time"], ""
     )
     write_study(tmp_path, [study_row(1, status="diverged at 3 s", **empty)])
-    assert write_report(tmp_path) == [tmp_path / "cases.png"]
+    assert write_report(tmp_path) == [tmp_path / "cases.png", tmp_path / PAGE]
     assert_shows_something(tmp_path / "cases.png")
 
 

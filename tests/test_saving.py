@@ -25,7 +25,7 @@ from crinoid.cli.app import app
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.replacement import remove_unfinished, replacing
-from crinoid.report.run import PAGE
+from crinoid.report.page.file import PAGE
 from crinoid.result import Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.stream import open_lazily
@@ -415,7 +415,8 @@ def test_a_run_writes_its_page_over_its_own_only(here):
 def test_the_page_of_another_run_goes(here):
     assert call("run", "small.toml", "--out", "out").exit_code == 0
     assert call("run", "study.toml", "--out", "out", "--force").exit_code == 0
-    assert not (here / "out" / PAGE).exists()
+    assert "study of " in (here / "out" / PAGE).read_text("utf-8")
+    assert (here / "out" / "case-01" / PAGE).is_file()
 
 
 def test_a_smaller_study_a_run_and_a_study_replace_each_other_wholly(here):

@@ -22,7 +22,7 @@ from crinoid.export.files import exports_in
 from crinoid.identification import IDENTIFICATION
 from crinoid.replacement import remove_unfinished
 from crinoid.report.film.file import films_in
-from crinoid.report.run import PAGE, is_page
+from crinoid.report.page.file import PAGE, is_page
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import MODES

@@ -21,12 +21,12 @@ from crinoid.cli.folder import (
 )
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.notes import say_doubts, say_notes
+from crinoid.cli.pages import page_beside
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.cli.study import run_study
 from crinoid.cli.tables import equilibrium_table, run_table
 from crinoid.plausibility import AT_REST
 from crinoid.programs import keep_programs
-from crinoid.report import ReportError, write_page
 from crinoid.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import SimulationError, at_rest, settle
@@ -87,19 +87,10 @@ def _run_case(
         if not unsaved:
             clear(folder, wanted, resume=resume, force=force)
         _say_run(console, result, told)
-        say_where(console, paths + _page(paths, console))
+        pages, lacking = page_beside(paths[0].parent) if paths else ([], [])
+        say_notes(console, lacking)
+        say_where(console, paths + pages)
     return unsaved or trouble(result, folder, paths)
-
-
-def _page(paths: list[Path], console: Console) -> list[Path]:
-    """Write the page of a run beside its files; a run without one is a run all the same."""
-    if not paths:
-        return []
-    try:
-        return [write_page(paths[0].parent)]
-    except ReportError as error:
-        say_notes(console, [f"no page: {error}"])
-        return []
 
 
 def find_equilibrium(scenario: Scenario, folder: Path, *, force: bool, console: Console) -> str:

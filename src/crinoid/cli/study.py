@@ -28,10 +28,12 @@ from crinoid.cli.folder import (
 )
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.cli.notes import notes_of_cases, say_notes
+from crinoid.cli.pages import page_beside
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.cli.tables import cases_table
 from crinoid.metrics import deflection, settling_time, tip_error
 from crinoid.plausibility import doubts
+from crinoid.report.page.file import PAGE, is_page
 from crinoid.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import Progress
@@ -125,7 +127,8 @@ def _run_cases(
                 rows[name] = _row(name, values, result, wrong) | {"directory": run.directory}
             done.add(name)
             table = [rows[each] for each in names if each in rows]
-            told[name] = [note for note in (result.notes if result else []) if note not in doubted]
+            notes = [note for note in (result.notes if result else []) if note not in doubted]
+            told[name] = [*notes, *run.lacking]
             if wrong:
                 failures.append(f"{name}: {wrong}")
             try:
@@ -147,8 +150,9 @@ def _run_cases(
                 gc.collect()
     if done:
         console.print(cases_table(scenario, table))
-        say_notes(console, notes_of_cases(told))
-        say_where(console, [folder / CASES])
+        pages, lacking = page_beside(folder)
+        say_notes(console, [*notes_of_cases(told), *lacking])
+        say_where(console, [folder / CASES, *pages])
     return ended or _listed(failures)
 
 
@@ -159,6 +163,8 @@ class _Run:
         self.prepared, self.folder, self.resume = prepared, folder, resume
         self.saved = True
         self.directory = folder.name
+        self.lacking: list[str] = []
+        """Notes of a page that could not be written."""
 
     def play(
         self, report: Callable[[Progress], None], stop: Callable[[], bool]
@@ -167,6 +173,8 @@ class _Run:
         prepared = self.prepared
         earlier = find_earlier(prepared, self.folder) if self.resume else None
         if earlier is not None and (earlier.failure or is_complete(earlier, prepared.scenario)):
+            if not is_page(self.folder / PAGE):
+                _, self.lacking = page_beside(self.folder)
             return earlier, trouble(earlier, self.folder, [])
         place = place_for(self.folder, prepared.scenario)
         try:
@@ -180,6 +188,7 @@ class _Run:
         self.saved = not wrong
         if self.saved:
             self.directory = paths[0].parent.name
+            _, self.lacking = page_beside(paths[0].parent)
         return result, wrong or trouble(result, self.folder, paths)
 
 

@@ -10,6 +10,7 @@ from rich import box
 from rich.table import Table
 
 from crinoid.report.charts.summary import equilibrium_summary, summary
+from crinoid.report.table import short_keys
 from crinoid.report.units import largest, length_unit
 from crinoid.result import Result
 from crinoid.scenario import Scenario
@@ -42,7 +43,7 @@ def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
     """Compare the cases of a study; what no case knows has no column."""
     table = Table(title=scenario.title, title_justify="left", box=box.SIMPLE, pad_edge=False)
     table.add_column("case", no_wrap=True)
-    names = _short_keys(list(scenario.vary))
+    names = short_keys(list(scenario.vary))
     values = [[_value(row[key]) for key in names] for row in rows]
     wide = [
         max(len(text) for text in (*_folded(short).split("\n"), *column))
@@ -77,20 +78,6 @@ def cases_table(scenario: Scenario, rows: list[dict[str, Any]]) -> Table:
             "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f}",
         )
     return table
-
-
-def _short_keys(keys: list[str]) -> dict[str, str]:
-    """Return keys with as many of their last parts as tell them apart."""
-    short = {}
-    for key in keys:
-        parts, others = key.split("."), [other.split(".") for other in keys if other != key]
-        taken = 1
-        while taken < len(parts) and (
-            parts[-taken].isdigit() or any(o[-taken:] == parts[-taken:] for o in others)
-        ):
-            taken += 1
-        short[key] = ".".join(parts[-taken:])
-    return short
 
 
 def _folded(key: str, width: int = 9, value: str = "") -> str:

@@ -17,12 +17,12 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
     A result gives `shape.png`, `tip_error.png`, `tip_path.png`, `commands.png`, `energy.png` and
     `bending.png`, with obstacles `contact.png`, and the page `report.html`; a file
     `uncontrolled.nc` beside it is drawn as the comparison. A study (a folder with `cases.csv`)
-    gives `cases.png`, and those of each case in the folder of that case. The current that
-    `crinoid flow` sampled (`flow.nc`) gives `flow.png`, `spectrum.png` and `profile.png`, what
-    `crinoid modes` found (`modes.nc`) `modes.png`, what `crinoid compare` compared (`compare.nc`)
-    `compare.png`, the loop of `crinoid margins` (`margins.nc`) `bode.png` and `nyquist.png`, the
-    search of `crinoid tune` (`tune.nc`) `tune.png`, and that of `crinoid identify`
-    (`identify.nc`) `identify.png`.
+    gives `cases.png`, those of each case in the folder of that case, and a page of all. The
+    current that `crinoid flow` sampled (`flow.nc`) gives `flow.png`, `spectrum.png` and
+    `profile.png`, what `crinoid modes` found (`modes.nc`) `modes.png`, what `crinoid compare`
+    compared (`compare.nc`) `compare.png`, the loop of `crinoid margins` (`margins.nc`) `bode.png`
+    and `nyquist.png`, the search of `crinoid tune` (`tune.nc`) `tune.png`, and that of
+    `crinoid identify` (`identify.nc`) `identify.png`.
 
     Parameters
     ----------
@@ -48,19 +48,28 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
 
 
 def write_page(folder: Path) -> Path:
-    """Write the page of a run, `report.html`: the run moving, its charts and its numbers.
+    """Write the page `report.html` of a run, or of a study whose table is in the folder.
+
+    That of a run shows it moving, its charts and its numbers; that of a study its cases in a table,
+    in a chart over what varied, and their arms at the end.
 
     Parameters
     ----------
     folder
-        Where its `result.nc` is, and the page will be.
+        Where `result.nc` or `cases.csv` is, and the page will be.
 
     Raises
     ------
     ReportError
-        If the result holds too little to be drawn, or the page cannot be written.
+        If there is too little to be drawn, or the page cannot be written.
     """
+    from crinoid.cases import CASES
+    from crinoid.report.page.file import PAGE
+    from crinoid.report.page.study import write_study
     from crinoid.report.page.write import write_run
-    from crinoid.report.run import PAGE, RESULT, open_run
+    from crinoid.report.run import RESULT, open_run
+    from crinoid.report.table import read_cases
 
+    if not (folder / RESULT).is_file() and (folder / CASES).is_file():
+        return write_study(read_cases(folder / CASES), folder.resolve().name, folder)
     return write_run(open_run(folder / RESULT, lazily=True), folder / PAGE)

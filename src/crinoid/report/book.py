@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from crinoid.cases import CASES, is_table
 from crinoid.replacement import replacing
 from crinoid.report.bending import draw_bending
-from crinoid.report.cases import draw_cases, read_cases
+from crinoid.report.cases import draw_cases
 from crinoid.report.charts.chart import Chart
 from crinoid.report.charts.drive import drive_chart
 from crinoid.report.charts.energy import energy_chart
@@ -24,15 +24,18 @@ from crinoid.report.flow import FLOW, open_flow
 from crinoid.report.identify import IDENTIFICATION, draw_identification, open_identification
 from crinoid.report.margins import MARGINS, draw_bode, draw_nyquist, open_margins
 from crinoid.report.modes import MODES, draw_modes, open_modes
+from crinoid.report.page.file import PAGE
+from crinoid.report.page.study import write_study
 from crinoid.report.page.write import write_run
 from crinoid.report.paper import draw_chart
 from crinoid.report.profile import draw_profile
-from crinoid.report.run import PAGE, RESULT, ReportError, Run, open_run
+from crinoid.report.run import RESULT, ReportError, Run, open_run
 from crinoid.report.series import draw_series
 from crinoid.report.shape import draw_shape
 from crinoid.report.sheet import draw_sheet
 from crinoid.report.spectrum import draw_spectrum
 from crinoid.report.style import STYLE
+from crinoid.report.table import read_cases
 from crinoid.report.tune import TUNING, draw_tuning, open_tuning
 from crinoid.report.view import is_spatial
 from crinoid.version import __version__
@@ -133,7 +136,8 @@ def _write_study(folder: Path, out: Path) -> list[Path]:
     for case in cases:
         if case.result is not None:
             written += _write_run(case.result, out / case.directory)
-    return written
+    # a result beside the table has the page of that name
+    return written if (folder / RESULT).is_file() else [*written, write_study(cases, title, out)]
 
 
 def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:

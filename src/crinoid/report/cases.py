@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import textwrap
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpecBase
 
-from crinoid.cases import COLUMNS, MEASURES, read_rows
+from crinoid.cases import MEASURES
 from crinoid.report.finals import draw_finals, draw_finals_in_space, lay_out
-from crinoid.report.run import RESULT, ReportError, open_result
+from crinoid.report.run import open_result
 from crinoid.report.style import (
     GREY,
     INK,
@@ -29,69 +25,12 @@ from crinoid.report.style import (
     time_map,
 )
 from crinoid.report.sweep import draw_errors, draw_settling, find_sweep
+from crinoid.report.table import Case, short_keys
 from crinoid.report.units import Unit, largest, length_unit
 from crinoid.report.view import is_spatial
 from crinoid.status import Status
 
 _WIDTHS = [1.0, 1.5, 1.0]  # of the panels of measures
-
-
-@dataclass(frozen=True)
-class Case:
-    """One row of the study: its name, what was varied, what came of it, and where it lies."""
-
-    name: str
-    varied: dict[str, str]
-    measures: dict[str, float]  # SI; NaN where the table says nothing
-    status: str
-    directory: str
-    result: Path | None
-
-
-def read_cases(path: Path) -> list[Case]:
-    """Read the table of a study.
-
-    Raises
-    ------
-    ReportError
-        If the table is unreadable, lacks a column, holds no case, or points out of its folder.
-    """
-    try:
-        columns, rows = read_rows(path)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ReportError(f"{path}: not a readable table ({error})") from error
-    missing = [name for name in COLUMNS if name not in columns]
-    if missing:
-        text = f"not the table of a study of crinoid's, it lacks the column {missing[0]!r}"
-        raise ReportError(f"{path}: {text}")
-    if not rows:
-        raise ReportError(f"{path}: the table holds no case")
-    return [_read_case(path, row) for row in rows]
-
-
-def _read_case(path: Path, row: dict[str, str | None]) -> Case:
-    texts = {name: (value or "").strip() for name, value in row.items() if name is not None}
-    measures = {}
-    for name in MEASURES:
-        try:
-            measures[name] = float(texts[name]) if texts[name] else math.nan
-        except ValueError as error:
-            raise ReportError(
-                f"{path}: {name} of {texts['case']} is {texts[name]!r}, not a number"
-            ) from error
-    # The figures of a case are written into its folder, which a table must not choose freely.
-    folder = Path(texts["directory"] or texts["case"])
-    if folder.is_absolute() or ".." in folder.parts:
-        raise ReportError(f"{path}: {str(folder)!r} is not a folder inside the study")
-    result = path.parent / folder / RESULT
-    return Case(
-        name=texts["case"],
-        varied={name: text for name, text in texts.items() if name not in COLUMNS},
-        measures=measures,
-        status=texts["status"] or Status.OK.value,
-        directory=str(folder),
-        result=result if result.is_file() else None,
-    )
 
 
 def draw_cases(cases: Sequence[Case], title: str) -> Figure:
@@ -165,11 +104,9 @@ def _values(cases: Sequence[Case], measure: str) -> np.ndarray:
 
 def _label(case: Case, cases: Sequence[Case]) -> str:
     """Name of a case and what was varied in it, keys shortened while that keeps them apart."""
-    last = Counter(key.rsplit(".", 1)[-1] for key in case.varied)
-    parts = []
-    for key, value in case.varied.items():
-        short = key.rsplit(".", 1)[-1]
-        parts.append(f"{short if last[short] == 1 else key} {_short(value)}".replace("_", " "))
+    short = short_keys(list(case.varied))
+    told = (f"{short[key]} {_short(value)}" for key, value in case.varied.items())
+    parts = [each.replace("_", " ") for each in told]
     together = ", ".join(parts)
     lines = [case.name, *([together] if len(together) <= 30 else parts)]
     if Status.of(case.status) is not Status.OK:

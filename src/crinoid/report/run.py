@@ -20,7 +20,6 @@ from crinoid.stream import open_lazily
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
-PAGE = "report.html"
 
 # What makes a netCDF file a result; without any other variable a figure drops the panel it fed.
 _REQUIRED = {
@@ -74,15 +73,6 @@ def open_run(path: Path, *, lazily: bool = False) -> Run:
     beside = path.with_name(UNCONTROLLED)
     compared = beside.is_file() and path.name != UNCONTROLLED
     return Run(result, open_result(beside, lazily=lazily) if compared else None)
-
-
-def is_page(path: Path) -> bool:
-    """Tell whether a file is a page that crinoid wrote."""
-    try:
-        with path.open("rb") as file:
-            return b'name="generator" content="crinoid' in file.read(2000)
-    except OSError:
-        return False
 
 
 def load(path: Path, *, lazily: bool = False) -> xr.Dataset:

@@ -56,17 +56,11 @@ class Charts {
       if (kind === "part") return mixed(RAMPS.one, 0.05 + 0.8 * which);
       return read(role);
     };
-    const [soft, grid, ink] = ["soft", "grid", "ink"].map(read);
     for (const { view, traces, rows, entries } of this.panels) {
       const { model } = view;
-      model.outline_line_color = null;
-      for (const axis of [...model.below, ...model.left]) {
-        if (!axis.major_label_text_color && axis.major_label_text_color !== null) continue;
-        Object.assign(axis, { major_label_text_color: soft, axis_line_color: grid, major_tick_line_color: grid, minor_tick_line_color: null, major_label_text_font_size: "11px", major_label_text_font: getComputedStyle(document.body).fontFamily });
-      }
+      dress(model, read);
       for (const line of model.center) {
-        if ("grid_line_color" in line) line.grid_line_color = grid;
-        else if ("location" in line) Object.assign(line, { line_color: tone(line.name || "faint"), line_width: 1, line_alpha: line.name === "faint" ? 0.8 : 0.7 });
+        if ("location" in line) Object.assign(line, { line_color: tone(line.name || "faint"), line_width: 1, line_alpha: line.name === "faint" ? 0.8 : 0.7 });
       }
       [...traces, ...rows].forEach((renderer, i) => {
         const colour = tone(entries[i].role), { glyph } = renderer;
@@ -75,7 +69,6 @@ class Charts {
         if ("fill_color" in glyph) glyph.fill_color = colour;
       });
     }
-    return ink;
   }
 
   // The time under a pointer, by the scale of the plot.
@@ -132,23 +125,4 @@ class Charts {
 function valueAt({ t, v }, time, line) {
   const { at, share } = locate(t, time);
   return v[line !== "filled" && share > 0.5 ? at + 1 : at];
-}
-
-function digits(value) {
-  if (!Number.isFinite(value)) return "–";
-  const text = Math.abs(value) >= 1e5 ? value.toExponential(3) : Number(value.toPrecision(4)).toString();
-  return text.replace("-", "−");
-}
-
-function mixed(stops, share) {
-  const place = share * (stops.length - 1), i = Math.min(stops.length - 2, Math.floor(place)), a = rgb(stops[i]), b = rgb(stops[i + 1]);
-  return `rgb(${a.map((p, d) => Math.round(255 * (p + (place - i) * (b[d] - p)))).join(",")})`;
-}
-
-function make(kind, name, parent, text) {
-  const found = document.createElement(kind);
-  if (name) found.className = name;
-  if (text !== undefined) found.textContent = text;
-  parent.append(found);
-  return found;
 }

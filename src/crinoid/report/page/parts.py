@@ -8,17 +8,35 @@ import json
 from collections.abc import Iterable
 from html import escape
 from importlib.resources import files
+from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
 
 from crinoid.report.charts.summary import Summary
 
-_SCRIPTS = ("unpack", "space", "camera", "paint", "scene", "charts", "main")
+
+def framed(
+    body: str, scripts: Iterable[str], *, title: str, version: object, kind: str = ""
+) -> str:
+    """Return a page of a body, in HTML, with its scripts, which run by their digests only.
+
+    ``title`` and ``version`` are text and become HTML here; ``kind`` is the class of the body.
+    """
+    scripts = list(scripts)
+    return Template(part("frame.html")).substitute(
+        policy=_policy_of(scripts),
+        version=escape(str(version)),
+        title=escape(title),
+        style=part("page.css"),
+        kind=kind,
+        body=body,
+        scripts="\n".join(f"<script>{text}</script>" for text in scripts),
+    )
 
 
-def policy_of(scripts: Iterable[str]) -> str:
-    """Return what a page may load: its own scripts by their digests, and nothing else."""
+def _policy_of(scripts: list[str]) -> str:
     digests = " ".join(f"'sha256-{_digest(text)}'" for text in scripts)
     return (
         f"default-src 'none'; script-src {digests}; style-src 'unsafe-inline'; "
@@ -57,10 +75,31 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} is no JSON")
 
 
-def own_script() -> str:
-    """Return the script of the pages."""
-    parts = "\n".join(part(f"{name}.js") for name in _SCRIPTS)
+def own_script(*names: str) -> str:
+    """Return a script of a page, which is made of files of some names."""
+    parts = "\n".join(part(f"{name}.js") for name in names)
     return f'"use strict";\n(() => {{\n{parts}\n}})();'
+
+
+def run_script() -> str:
+    """Return the script that shows a run."""
+    return own_script("tools", "unpack", "space", "camera", "paint", "scene", "charts", "main")
+
+
+def bokeh_script() -> str:
+    """Return Bokeh's own script, from the package that is installed, licence and all."""
+    import bokeh
+
+    folder = Path(bokeh.__file__).parent / "server" / "static" / "js"
+    text = (folder / "bokeh.min.js").read_text(encoding="utf-8")
+    return text.replace("</script", "<\\/script")
+
+
+def bokeh_credit() -> str:
+    """Return the line that says who draws the charts, in HTML."""
+    import bokeh
+
+    return f"Charts by Bokeh {escape(bokeh.__version__)} (BSD 3-Clause, in this file)."
 
 
 def _digest(text: str) -> str:

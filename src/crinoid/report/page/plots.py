@@ -49,13 +49,10 @@ class Plots:
     charts: list[dict[str, Any]]
     """Titles, names and units, and which root of the document each panel is."""
     left_out: list[str]
-    version: str
 
 
 def plots_of(charts: list[Chart], begin: float, end: float) -> Plots:
     """Make plots of charts over a time (s)."""
-    import bokeh
-
     document = Document()
     span = Range1d(start=begin, end=end if end > begin else begin + 1.0)
     listed: list[dict[str, Any]] = []
@@ -79,7 +76,7 @@ def plots_of(charts: list[Chart], begin: float, end: float) -> Plots:
             f"Charts show at most {RECORDS} of {most} saved instants of a trace: of each stretch "
             "of time the smallest and the largest value, so that no peak is lost."
         )
-    return Plots(dict(document.to_json(deferred=False)), listed, left_out, bokeh.__version__)
+    return Plots(dict(document.to_json(deferred=False)), listed, left_out)
 
 
 def _panel(panel: Panel, span: Range1d, last: bool) -> tuple[Plot, dict[str, Any], int]:

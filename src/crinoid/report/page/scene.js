@@ -1,11 +1,5 @@
 // What there is to see: the arm, what holds it, where it should be, obstacles, and the water.
 
-const RAMPS = {
-  one: ["#3b2a6b", "#3a5a92", "#2b8593", "#35ac80", "#8fcf4e", "#f4dd3b"],
-  two: ["#1b5fa5", "#6ea3cf", "#d9dcdd", "#e59a63", "#c2500a"],
-};
-const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
-
 class Member {
   constructor(said, bytes, spatial) {
     Object.assign(this, said);

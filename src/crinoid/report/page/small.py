@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from html import escape
 from string import Template
 
 import numpy as np
 
 from crinoid.report.charts.space import space_of
-from crinoid.report.page.parts import json_of, own_script, part, policy_of
+from crinoid.report.page.parts import framed, json_of, part, run_script
 from crinoid.report.page.scene import scene_of
 from crinoid.report.page.still import still_of
 from crinoid.report.run import ReportError, Run
@@ -47,15 +46,11 @@ def _page(run: Run, frames: int) -> tuple[str, list[str]]:
         "scene": scene,
         "charts": [],
     }
-    script = own_script()
-    page = Template(part("scene.html")).substitute(
-        policy=policy_of([script]),
-        version=escape(str(run.result.attrs.get("crinoid_version", ""))),
-        title=escape(run.title),
-        style=part("page.css"),
+    body = Template(part("scene.html")).substitute(
         stage=Template(part("stage.html")).substitute(still=still_of(space)),
         table=json_of(table),
         numbers=numbers,
-        script=script,
     )
+    version = run.result.attrs.get("crinoid_version", "")
+    page = framed(body, [run_script()], title=run.title, version=version, kind="small")
     return page, left_out

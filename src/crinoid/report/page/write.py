@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from crinoid.replacement import replacing
 from crinoid.report.charts.chart import Chart
 from crinoid.report.charts.drive import drive_chart
 from crinoid.report.charts.effort import effort_chart
@@ -19,11 +18,21 @@ from crinoid.report.charts.spectrum import spectrum_chart
 from crinoid.report.charts.summary import summary
 from crinoid.report.charts.tip import tip_chart
 from crinoid.report.charts.touch import contact_chart, has_contact
-from crinoid.report.page.parts import json_of, list_of, own_script, part, policy_of, table_of
+from crinoid.report.page.file import save_page
+from crinoid.report.page.parts import (
+    bokeh_credit,
+    bokeh_script,
+    framed,
+    json_of,
+    list_of,
+    part,
+    run_script,
+    table_of,
+)
 from crinoid.report.page.plots import plots_of
 from crinoid.report.page.scene import scene_of, shown
 from crinoid.report.page.still import still_of
-from crinoid.report.run import ReportError, Run, is_page
+from crinoid.report.run import Run
 from crinoid.result import Result
 from crinoid.scenario import ScenarioError
 from crinoid.status import Status
@@ -40,16 +49,7 @@ def write_run(run: Run, path: Path) -> Path:
     ReportError
         If it cannot be written, or would replace what crinoid did not write.
     """
-    if path.exists() and not is_page(path):
-        raise ReportError(f"{path}: not written by crinoid; move it away first")
-    text = page_of(run)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ReportError(f"{path}: cannot write the page ({error.strerror})") from error
-    return path
+    return save_page(page_of(run), path)
 
 
 def page_of(run: Run) -> str:
@@ -68,32 +68,28 @@ def page_of(run: Run) -> str:
         "scene": table,
         "charts": plots.charts,
     }
-    bokeh, script = _bokeh(), own_script()
     attributes = run.result.attrs
     scenario = str(attributes.get("scenario", ""))
     if len(scenario) > _LONGEST:
         left_out.append(f"The scenario is cut off after {_LONGEST} characters.")
     failed = Status.of(run.status) is not Status.OK
-    return Template(part("page.html")).substitute(
-        policy=policy_of([bokeh, script]),
-        version=escape(str(attributes.get("crinoid_version", ""))),
+    body = Template(part("run.html")).substitute(
         title=escape(run.title),
         subtitle=escape(_subtitle(run)),
         status=f'<p class="status">{escape(run.status)}</p>' if failed else "",
-        style=part("page.css"),
         stage=Template(part("stage.html")).substitute(still=still_of(space)),
         metrics=_metrics(run),
         notes=_notes(run),
         scenario=escape(scenario[:_LONGEST]),
         facts=_facts(run),
         left_out=list_of("What was left out", [*left_out, *plots.left_out]),
-        footer=f"Charts by Bokeh {escape(plots.version)} (BSD 3-Clause, in this file).",
+        footer=bokeh_credit(),
         table=json_of(table),
         document=json_of(plots.document),
         numbers=numbers,
-        bokeh=bokeh,
-        script=script,
     )
+    version = attributes.get("crinoid_version", "")
+    return framed(body, [bokeh_script(), run_script()], title=run.title, version=version)
 
 
 def charts_of(run: Run) -> list[Chart]:
@@ -149,12 +145,3 @@ def _facts(run: Run) -> str:
 
 def _file_name(title: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40].strip("-") or "scenario"
-
-
-def _bokeh() -> str:
-    """Return Bokeh's own script, from the package that is installed, licence and all."""
-    import bokeh
-
-    folder = Path(bokeh.__file__).parent / "server" / "static" / "js"
-    text = (folder / "bokeh.min.js").read_text(encoding="utf-8")
-    return text.replace("</script", "<\\/script")
