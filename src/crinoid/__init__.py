@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from crinoid.assembly.plan import Plan
     from crinoid.assembly.prepared import parameters, system
     from crinoid.assembly.system import assemble
+    from crinoid.batch import simulate_batch
     from crinoid.control import Controller, Measurand, Seen, Sensor
     from crinoid.dynamics import Outcome, State, System
     from crinoid.elements import Element, Motion
@@ -62,6 +63,7 @@ _HOMES = {
     "modes": "crinoid.simulation",
     "rollout": "crinoid.simulation",
     "simulate": "crinoid.simulation",
+    "simulate_batch": "crinoid.batch",
     "system": "crinoid.assembly.prepared",
     "assemble": "crinoid.assembly.system",
     "parameters": "crinoid.assembly.prepared",
@@ -100,6 +102,7 @@ __all__ = [
     "parameters",
     "rollout",
     "simulate",
+    "simulate_batch",
     "system",
     "with_parameters",
 ]

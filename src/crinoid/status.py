@@ -1,5 +1,6 @@
 """How a run ended."""
 
+from collections.abc import Iterable
 from enum import StrEnum
 
 
@@ -16,3 +17,15 @@ class Status(StrEnum):
     def of(words: object) -> "Status | None":
         """Return the status that words begin with; None where they tell none."""
         return next((status for status in Status if str(words).startswith(status)), None)
+
+
+def summed(statuses: Iterable[object]) -> str:
+    """Return the status of many runs together, from that of each."""
+    words = [str(each) for each in statuses]
+    wrong = [each for each in words if Status.of(each) is not Status.OK]
+    if not wrong:
+        return Status.OK.value
+    stopped = [each for each in wrong if Status.of(each) is Status.INTERRUPTED]
+    if stopped:
+        return f"{Status.INTERRUPTED}: {len(words) - len(wrong)} of {len(words)} runs are complete"
+    return f"{Status.FAILED}: {len(wrong)} of {len(words)} runs did not reach their end"

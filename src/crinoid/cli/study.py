@@ -13,6 +13,7 @@ import jax
 from rich.console import Console
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.batch import measures
 from crinoid.cases import CASES, COLUMNS, MEASURES, is_table, read_rows, write_rows
 from crinoid.cli.attempt import attempt, find_earlier, is_complete, trouble
 from crinoid.cli.folder import (
@@ -31,7 +32,6 @@ from crinoid.cli.notes import notes_of_cases, say_notes
 from crinoid.cli.pages import page_beside
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.cli.tables import cases_table
-from crinoid.metrics import deflection, settling_time, tip_error
 from crinoid.plausibility import doubts
 from crinoid.report.page.file import PAGE, is_page
 from crinoid.result import Result
@@ -193,18 +193,11 @@ class _Run:
 
 
 def _row(name: str, values: dict[str, Any], result: Result | None, wrong: str) -> dict[str, Any]:
-    measures: dict[str, Any] = dict.fromkeys(MEASURES, "")
+    row: dict[str, Any] = dict.fromkeys(MEASURES, "")
     if result is not None:
-        other = result.uncontrolled
-        found = {
-            "deflection": deflection(result),
-            "steady_error": tip_error(result).steady,
-            "rms_error": tip_error(result).rms,
-            "rms_error_uncontrolled": None if other is None else tip_error(other).rms,
-            "settling_time": settling_time(result),
-        }
-        measures |= {name: value for name, value in found.items() if value is not None}
-    return {"case": name, **values, **measures, "status": wrong or Status.OK.value}
+        found = {name: measures.MEASURES[name].of(result) for name in MEASURES}
+        row |= {name: value for name, value in found.items() if value is not None}
+    return {"case": name, **values, **row, "status": wrong or Status.OK.value}
 
 
 def _earlier_rows(
@@ -225,8 +218,8 @@ def _earlier_rows(
         if Status.of(row["status"]) is Status.INTERRUPTED or not holds(folder / name, wanted[name]):
             continue
         with suppress(ValueError):
-            measures = {key: float(row[key]) if row[key] else "" for key in MEASURES}
-            found[name] = row | values[name] | measures
+            numbers = {key: float(row[key]) if row[key] else "" for key in MEASURES}
+            found[name] = row | values[name] | numbers
     return found
 
 

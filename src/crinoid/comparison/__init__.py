@@ -2,5 +2,4 @@
 
 from crinoid.comparison.comparison import COMPARISON as COMPARISON
 from crinoid.comparison.comparison import Comparison as Comparison
-from crinoid.comparison.comparison import Measures as Measures
 from crinoid.comparison.gains import controlled_by as controlled_by

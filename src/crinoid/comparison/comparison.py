@@ -3,51 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.batch.measures import EFFORT, MEASURES, Measures, measured
 from crinoid.comparison.gains import controlled_by
 from crinoid.dataset import describe
-from crinoid.metrics import angle_error, input_speed, spent_work, tip_error
 from crinoid.result import Result
 from crinoid.scenario import Scenario
 from crinoid.simulation import Progress
 from crinoid.simulation.batch import Arm, run_batch
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.tick import tick_time
-from crinoid.status import Status
+from crinoid.status import Status, summed
 
-__all__ = ["COMPARISON", "Comparison", "Measures"]
+__all__ = ["COMPARISON", "Comparison"]
 
 COMPARISON = "compare.nc"
 
-_NUMBERS = {
-    "rms_error": ("m", "RMS distance of the tip from where it should be"),
-    "max_error": ("m", "largest distance of the tip from where it should be"),
-    "fluctuation": ("m", "RMS distance of the tip from its own mean position"),
-    "rms_angle_error": ("rad", "RMS angle between where the tip points and where it should"),
-    "max_angle_error": ("rad", "largest angle between where the tip points and where it should"),
-    "work": ("J", "work that base and actuators did on the arm, what it gave back not counted"),
-}
-"""Unit and meaning of the numbers of each run."""
+_NUMBERS = (
+    *("rms_error", "max_error", "fluctuation"),
+    *("rms_angle_error", "max_angle_error", "work"),
+)
 _TICK = (
     "CPU time on one core of one call of the compiled controller alone, in the run of the first "
     "seed; median of five measurements over many calls in a row"
 )
-
-
-class Measures(NamedTuple):
-    """Sums of one run."""
-
-    numbers: dict[str, float]
-    """By name, such as ``rms_error``."""
-    speed: dict[str, float]
-    """RMS speed of each input that can move."""
-    unit: dict[str, str]
-    """Units of the speeds."""
 
 
 class Comparison:
@@ -136,16 +120,12 @@ class Comparison:
                         values[row, column] = measures.numbers[name]
                     effort[row, column] = [measures.speed[name] for name in units]
         found: dict[str, tuple[Any, ...]] = {
-            name: (over, numbers[name], {"units": unit, "long_name": meaning})
-            for name, (unit, meaning) in _NUMBERS.items()
+            name: (over, values, MEASURES[name].attributes) for name, values in numbers.items()
         }
         found["effort"] = (
             (*over, "input"),
             effort,
-            {
-                "long_name": "RMS speed of the inputs, of means between saved instants",
-                "comment": "in input_unit",  # CF has none for a mixture
-            },
+            {"long_name": EFFORT, "comment": "in input_unit"},  # CF has none for a mixture
         )
         found["tick_time"] = (
             "controller",
@@ -168,45 +148,11 @@ class Comparison:
                 "input": ("input", list(units), {"long_name": "input that can move"}),
                 "input_unit": ("input", list(units.values()), {"long_name": "unit of effort"}),
             },
-            attrs=describe(self.scenario) | {"status": _summed(status)},
+            attrs=describe(self.scenario) | {"status": summed(status.flat)},
         )
-
-
-def measured(result: Result) -> Measures:
-    """Return the sums of a run."""
-    tip, angle, data = tip_error(result), angle_error(result), result.dataset
-    speed = input_speed(result)
-    unit = dict(zip(data["channel"].values, data["channel_unit"].values, strict=True))
-    if "input" in data:
-        unit |= dict(zip(data["input"].values, data["input_unit"].values, strict=True))
-    values = (
-        *(tip.rms, tip.maximum, tip.fluctuation),
-        *(angle.rms, angle.maximum, spent_work(result)),
-    )
-    return Measures(
-        dict(zip(_NUMBERS, values, strict=True)),
-        speed,
-        {name: _per_second(str(unit[name])) for name in speed},
-    )
-
-
-def _per_second(unit: str) -> str:
-    return "s-1" if unit == "1" else f"{unit} s-1"
 
 
 def _tick_time(case: Scenario) -> float:
     """Return the time that a controller takes for a command (s); NaN where it has no start."""
     setup = set_up(Prepared(case))
     return tick_time(setup.loop, setup.state) if setup.outcome.converged else float("nan")
-
-
-def _summed(status: np.ndarray) -> str:
-    """Return the status of all runs together."""
-    words = [str(each) for each in status.flat]
-    wrong = [each for each in words if Status.of(each) is not Status.OK]
-    if not wrong:
-        return Status.OK.value
-    stopped = [each for each in wrong if Status.of(each) is Status.INTERRUPTED]
-    if stopped:
-        return f"{Status.INTERRUPTED}: {len(words) - len(wrong)} of {len(words)} runs are complete"
-    return f"{Status.FAILED}: {len(wrong)} of {len(words)} runs did not reach their end"

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from crinoid.scenario.errors import join
+from crinoid.scenario.quantity import unit_of
 
-__all__ = ["all_keys"]
+__all__ = ["all_keys", "unit_at"]
 
 Schema = dict[str, Any]
 
@@ -17,14 +18,23 @@ def all_keys(schema: Schema) -> dict[str, bool]:
 
     A list of tables stands with its first index: ``flow.0.velocity``.
     """
-    return dict(_below("", schema, schema["$defs"]))
+    found = _below("", schema, schema["$defs"])
+    return {key: any(_tables(entry)) for key, entry in found}
 
 
-def _below(prefix: str, table: Schema, definitions: Schema) -> Iterator[tuple[str, bool]]:
+def unit_at(schema: Schema, key: str) -> str:
+    """Return the unit of what a dotted key takes, in the schema of all tables; empty if none."""
+    first = ".".join("0" if part.isdecimal() else part for part in key.split("."))
+    wanted = {first, first.removesuffix(".0")}  # one component of a vector
+    keys = _below("", schema, schema["$defs"])
+    return next(filter(None, (unit_of(entry) for name, entry in keys if name in wanted)), "")
+
+
+def _below(prefix: str, table: Schema, definitions: Schema) -> Iterator[tuple[str, Schema]]:
     for name, entry in table["properties"].items():
         key = join(prefix, name)
         inner = list(_tables(entry))
-        yield key, bool(inner)
+        yield key, entry
         for index, found in inner:
             place = join(key, index)
             yield from _below(place, definitions[found.rpartition("/")[2]], definitions)

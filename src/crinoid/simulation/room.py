@@ -10,7 +10,7 @@ from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.space import AXES, CHANNELS
 from crinoid.variables import numbers, of_dimension
 
-__all__ = ["check_room"]
+__all__ = ["check_room", "room_for"]
 
 _MAX_BYTES = 8e9
 _AT_THE_END = 2.7
@@ -25,6 +25,29 @@ def check_room(scenario: Scenario, into: Path | None) -> None:
     ScenarioError
         If it does.
     """
+    nodes, runs = scenario.arm.nodes, _runs(scenario)
+    instants = scenario.simulation.steps // scenario.output_steps + 1
+    whole = _bytes(scenario, large=True)
+    # of a run on the disk, memory holds what has one number an instant
+    held = whole if into is None else _bytes(scenario, large=False)
+    _refuse(instants, nodes, held * (_AT_THE_END + runs - 1), _MAX_BYTES, "of memory")
+    if into is not None:
+        folder = next(each for each in (into, *into.resolve().parents) if each.is_dir())
+        free = shutil.disk_usage(folder).free
+        _refuse(instants, nodes, whole * runs, float(free), f"on the disk of {folder}")
+
+
+def room_for(scenario: Scenario) -> int:
+    """Return how many such runs memory can hold, at least one."""
+    return max(1, int(_MAX_BYTES / (_bytes(scenario, large=True) * _runs(scenario))))
+
+
+def _runs(scenario: Scenario) -> int:
+    return 1 + (scenario.control.kind != "none" and scenario.control.compare)
+
+
+def _bytes(scenario: Scenario, *, large: bool) -> float:
+    """Return the size of the instants that a run keeps, with what is large or without."""
     dimension, nodes = scenario.arm.dimension, scenario.arm.nodes
     sizes = {
         "node": nodes,
@@ -38,17 +61,9 @@ def check_room(scenario: Scenario, into: Path | None) -> None:
     parts = {"obstacles": scenario.obstacle, "tool": scenario.tool}
     without = [name for name, found in parts.items() if not found]
     there = of_dimension(dimension, without=without).values()
-    runs = 1 + (scenario.control.kind != "none" and scenario.control.compare)
+    kept = [variable for variable in there if large or not variable.large]
     instants = scenario.simulation.steps // scenario.output_steps + 1
-    whole = 8.0 * instants * numbers(there, sizes)
-    # of a run on the disk, memory holds what has one number an instant
-    small = [variable for variable in there if not variable.large]
-    held = whole if into is None else 8.0 * instants * numbers(small, sizes)
-    _refuse(instants, nodes, held * (_AT_THE_END + runs - 1), _MAX_BYTES, "of memory")
-    if into is not None:
-        folder = next(each for each in (into, *into.resolve().parents) if each.is_dir())
-        free = shutil.disk_usage(folder).free
-        _refuse(instants, nodes, whole * runs, float(free), f"on the disk of {folder}")
+    return 8.0 * instants * numbers(kept, sizes)
 
 
 def _refuse(instants: int, nodes: int, size: float, most: float, where: str) -> None:

@@ -36,7 +36,7 @@ from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.room import check_room
 from crinoid.simulation.setup import Setup, require_one_case, set_up
 from crinoid.simulation.sink import Sink
-from crinoid.simulation.stretch import record, stretch
+from crinoid.simulation.stretch import begun_with, one_instant, record, stretch
 
 _CAPACITY = 256
 _CHUNK_SECONDS = 0.25
@@ -163,18 +163,27 @@ def play(
         path = None if into is None else into / RESULT
         result = _run(prepared, setup, label, report, resume, asked, path)
         if controlled and scenario.control.compare:
-            idle = setup._replace(
-                loop=eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False)),
-                loop_doubts=[],
-            )
+            idle = without_control(setup)
             earlier = resume.uncontrolled if resume is not None else None
             path = None if into is None else into / UNCONTROLLED
             result.uncontrolled = _run(prepared, idle, "uncontrolled", report, earlier, asked, path)
+    return rounded_off(result)
+
+
+def without_control(setup: Setup) -> Setup:
+    """Return the same case with the controller off."""
+    loop = eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False))
+    return setup._replace(loop=loop, loop_doubts=[])
+
+
+def rounded_off(result: Result) -> Result:
+    """Say of a run, and the one without control, how the loop did; leave out what is not wanted."""
     result.dataset.attrs["notes"] = "\n".join([*result.notes, *loop_notes(result)])
     if not result.interrupted:  # else what is to go on needs all
+        variables = result.scenario.output.variables
         for run in (result, result.uncontrolled):
             if run is not None:
-                run.dataset = chosen(run.dataset, scenario.output.variables)
+                run.dataset = chosen(run.dataset, variables)
     return result
 
 
@@ -209,7 +218,7 @@ def settle(prepared: Prepared) -> Result:
     carry, first = begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - begun
     trouble = start_failure(prepared.scenario, setup.loop.system, setup.outcome)
-    dataset = builder(prepared, setup)(_one(first), None)
+    dataset = builder(prepared, setup)(one_instant(first), None)
     result = conclude(prepared, setup, carry, dataset, trouble, None, wall_time)
     if result.failure:
         raise SimulationError(result)
@@ -242,10 +251,10 @@ def _run(
     duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = begin(loop, setup.state)
     build = builder(prepared, setup)
-    sink = Sink(_one(first), build, path, attributes_of(prepared, UNFINISHED, 0.0, []))
+    sink = Sink(one_instant(first), build, path, attributes_of(prepared, UNFINISHED, 0.0, []))
     spent = 0.0
     if earlier is not None:
-        carry, held = restored(earlier, carry, build(_one(first), None), stride)
+        carry, held = restored(earlier, carry, build(one_instant(first), None), stride)
         spent = earlier.dataset.attrs["wall_time"]
         sink.go_on(held, carry, spent)
     done, chunk = int(carry.steps), 16
@@ -274,7 +283,7 @@ def _run(
             report(Progress(label, float(carry.state.time), duration, elapsed))
     wall_time = time.perf_counter() - begun
     if int(carry.tally.steps):  # steps that no kept instant tells of yet
-        sink.append(_one(_keep(loop, carry)))
+        sink.append(one_instant(_keep(loop, carry)))
     if done < total and not (trouble or failed):
         trouble = f"interrupted at t = {float(carry.state.time):.6g} s"
     dataset = sink.close(carry, wall_time)
@@ -289,14 +298,7 @@ def _stand(system: System, state: State) -> State:
 @compiled(**ONCE)
 def begin(loop: Loop, state: State) -> tuple[LoopState, Record]:
     """Close a loop around a state; return that with its first instant."""
-    carry = loop.start(state)
-    # of no weak type, as what comes back from a file: both take the same compiled stretch
-    carry = jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), carry)
-    return carry, record(loop, carry)
+    return begun_with(loop, state)
 
 
 _keep = compiled(**ONCE)(record)
-
-
-def _one(record: Record) -> Record:
-    return jax.tree.map(lambda x: np.asarray(x)[None], record)

@@ -1,0 +1,232 @@
+"""Many runs as one dataset: each is that of `simulate`, in threads and together under vmap."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import crinoid
+import crinoid.batch.batch
+from crinoid.batch.measures import MEASURES, measured
+from crinoid.batch.records import stacked
+from crinoid.batch.variation import Variation
+from crinoid.control import Controller
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario.keys import unit_at
+from crinoid.simulation import setup
+from crinoid.simulation.batch import run_batch
+
+SCENARIO = crinoid.Scenario.from_toml("""
+title = "a batch"
+[arm]
+nodes = 5
+youngs_modulus = 1e6
+[base.channels.tilt]
+[[flow]]
+kind = "uniform"
+velocity = [0.2, 0.0]
+[[load]]
+kind = "tip"
+force = [0.0, 0.0]
+start = 0.1
+[sensor]
+noise_position = 1e-3
+[control]
+kind = "pid"
+controlled = ["z"]
+[control.pid.tilt]
+kp = 0.5
+ki = 2.0
+[simulation]
+duration = 0.2
+max_halvings = 0
+[output]
+interval = 0.05
+variables = ["position"]
+""")
+BREAKS = 1e7
+"""Force at the tip (N) that no arm stands."""
+OVER = {
+    "arm.youngs_modulus": [1e6, 2e6, 1e6],
+    "load.0.force": [[0.0, 0.0], [0.0, 0.1], [0.0, BREAKS]],
+}
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return crinoid.simulate_batch(SCENARIO, OVER, [3, 4], records=True)
+
+
+@pytest.fixture(scope="module")
+def together():
+    """Return the same batch, computed as on an accelerator."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(crinoid.batch.batch, "run_batch", partial(run_batch, together=True))
+        return crinoid.simulate_batch(SCENARIO, OVER, [3, 4], records=True)
+
+
+def test_each_run_is_that_of_simulate_to_the_bit(batch):
+    values = {"arm.youngs_modulus": 2e6, "load.0.force": [0.0, 0.1], "seed": 4}
+    alone = crinoid.simulate(SCENARIO.with_values(values))
+    found = batch.isel(run=3)
+    expected = measured(alone)
+    for name in MEASURES:
+        np.testing.assert_array_equal(found[name], expected.numbers[name], name)
+    assert found["effort"].sel(driven="tilt") == expected.speed["tilt"] > 0
+    for name in ("tip_position", "position", "energy", "natural_frequency"):
+        np.testing.assert_array_equal(found[name], alone.dataset[name], name)
+    assert len(set(batch["rms_error"].values[:4])) == 4
+
+
+def test_seeds_change_fastest_and_what_varies_stands_along_the_runs(batch):
+    assert batch.sizes["run"] == 6
+    assert batch["seed"].values.tolist() == [3, 4, 3, 4, 3, 4]
+    assert batch["arm.youngs_modulus"].values.tolist() == [1e6, 1e6, 2e6, 2e6, 1e6, 1e6]
+    assert batch["arm.youngs_modulus"].attrs["units"] == "Pa"
+    assert batch["load.0.force"].values[2].tolist() == [0.0, 0.1]
+    assert batch["rms_error"].attrs["units"] == "m"
+    assert batch["position"].dims == ("run", "time", "node", "axis")
+    assert batch["arc_length"].dims == ("node",)  # the same in all
+    assert "velocity" not in batch  # [output] does not ask for it
+    assert Scenario.from_toml(batch.attrs["scenario"]) == SCENARIO
+
+
+def test_a_run_that_fails_is_told_and_masked_from_where_it_stopped(batch):
+    words = batch["status"].values.tolist()
+    assert words[:4] == ["ok"] * 4
+    assert all(each.startswith("failed at t = 0.1 s") for each in words[4:])
+    assert batch.attrs["status"] == "failed: 2 of 6 runs did not reach their end"
+    assert np.isfinite(batch["rms_error"][:4]).all()
+    assert np.isnan(batch["rms_error"][4:]).all()
+    assert np.isfinite(batch["tip_position"][:4]).all()
+    late = batch["time"].values > 0.1 + 1e-9
+    assert np.isnan(batch["tip_position"].values[4:, late]).all()
+    np.testing.assert_array_equal(
+        batch["tip_position"].values[4:, ~late], batch["tip_position"].values[:2, ~late]
+    )
+    assert batch["newton_iterations"].dtype == float
+
+
+def test_a_batch_is_kept_in_a_file(batch, tmp_path):
+    batch.to_netcdf(tmp_path / "batch.nc")
+    xr.testing.assert_identical(xr.load_dataset(tmp_path / "batch.nc"), batch.load())
+
+
+def test_runs_together_are_those_in_threads(batch, together):
+    assert batch.attrs == together.attrs
+    assert set(batch.variables) == set(together.variables)
+    for name, values in batch.variables.items():
+        found = together[name].values
+        if values.dtype.kind != "f":
+            assert found.tolist() == values.values.tolist(), name
+        elif name != "residual":  # round-off of the last iteration
+            scale = np.nanmax(np.abs(values.values), initial=0.0)
+            np.testing.assert_allclose(found, values, atol=1e-10 * scale, rtol=0, err_msg=name)
+    ours, theirs = batch["residual"].values, together["residual"].values
+    np.testing.assert_array_equal(np.isnan(ours), np.isnan(theirs))
+
+
+class Elsewhere(Controller):
+    """Computes its command in Python, where no batch can follow."""
+
+    def start(self, seen):
+        return jnp.zeros(())
+
+    def command(self, memory, seen):
+        shape = jax.ShapeDtypeStruct(seen.command.shape, seen.command.dtype)
+        return jax.pure_callback(
+            lambda time: np.full(shape.shape, 0.01 * time), shape, seen.time
+        ), (memory)
+
+
+def test_controllers_that_cannot_be_batched_run_in_threads(monkeypatch):
+    monkeypatch.setattr(setup, "_controller", lambda plan, parts: Elsewhere())
+    case = SCENARIO.with_values({"control.compare": False, "simulation.duration": 0.1})
+    (found,) = run_batch([case], lambda result: result.dataset, together=True)
+    assert found.status == "ok"
+    expected = 0.01 * found.taken["time"][-2:].values - 1e-4
+    np.testing.assert_allclose(found.taken["base_command"].sel(channel="tilt")[-2:], expected)
+
+
+def test_what_is_complete_is_returned_when_it_is_stopped():
+    done = []
+    found = crinoid.simulate_batch(
+        SCENARIO, seeds=5, threads=1, report=done.append, stop=lambda: bool(done)
+    )
+    unfinished = found["status"] == "interrupted before its end"
+    assert unfinished.any()
+    assert np.isnan(found["rms_error"][unfinished]).all()
+    assert found.attrs["status"].startswith("interrupted: ")
+    assert done[-1].duration == pytest.approx(5 * 0.2)
+
+
+def test_what_all_runs_lack_and_what_only_one_has():
+    time, about = [0.0, 0.1, 0.2], {"units": "m"}
+    steps = ("time", np.array([0, 1, 1]))
+    whole = xr.Dataset({"x": ("time", [1.0, 2.0, 3.0], about), "steps": steps}, {"time": time})
+    failed = whole.isel(time=slice(0, 2)).assign_coords(time=[0.0, 0.05]) + 1
+    found = stacked([None, whole, failed])
+    assert found["x"].attrs == about
+    np.testing.assert_array_equal(
+        found["x"], [[np.nan] * 3, [1.0, 2.0, 3.0], [2.0, np.nan, np.nan]]
+    )
+    assert stacked([whole, whole])["steps"].dtype == int
+    assert stacked([whole, whole])["time"].dims == ("time",)
+    assert not stacked([None, None]).variables
+
+
+def test_units_of_keys():
+    schema = Scenario.model_json_schema()
+    keys = ("arm.youngs_modulus", "flow.3.velocity", "flow.0.velocity.1", "arm.nodes", "arm.none")
+    assert [unit_at(schema, key) for key in keys] == ["Pa", "m/s", "m/s", "", ""]
+
+
+YOUNG = "arm.youngs_modulus"
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({}, "over: missing, and so are seeds; takes at least one of them"),
+        ({"over": {}}, "over: missing, and so are seeds"),
+        ({"over": [YOUNG]}, "over: got ["),
+        ({"over": {"arm.young": [1.0]}}, "over: entry 0, arm.young: unknown key"),
+        ({"over": {YOUNG: 1e6}}, f"over: {YOUNG}: got 1000000.0, takes a list"),
+        ({"over": {YOUNG: []}}, f"over: {YOUNG}: got no values, takes one or more"),
+        ({"over": {YOUNG: [1e6, -1.0]}}, f"over: entry 1, {YOUNG}: got -1.0, takes a number"),
+        (
+            {"over": {YOUNG: [1e6, 2e6], "water.density": [1.0]}},
+            f"over: got 2 values of {YOUNG}, 1 value of water.density; takes as many of each",
+        ),
+        (
+            {"over": {YOUNG: [1e6, 2e6], "arm.nodes": [5, 7]}},
+            "over: entry 1, arm.nodes: got 7 after 5, which changes the compiled program",
+        ),
+        (
+            {"over": {"control.kind": ["pid", "none"]}},
+            'over: entry 1, control.kind: got "none" after "pid", which changes',
+        ),
+        (
+            {"over": {"simulation.duration": [0.1, 0.2]}, "records": True},
+            "over: entry 1, simulation.duration: got 0.2 after 0.1, which changes the instants",
+        ),
+        ({"seeds": 0}, "seeds: got 0, takes a number of 1 or more, or a list of seeds"),
+        ({"seeds": 2.5}, "seeds: got 2.5, takes a number of 1 or more"),
+        ({"seeds": True}, "seeds: got true, takes a number of 1 or more"),
+        ({"seeds": [1, -1]}, "seeds: entry 1, seed: got -1, takes a whole number"),
+        ({"seeds": 2, "over": {"seed": [1]}}, 'seeds: given beside over["seed"]'),
+    ],
+)
+def test_a_mistake_is_one_line(given, words):
+    with pytest.raises(ScenarioError) as caught:
+        Variation.of(SCENARIO, **({"over": None, "seeds": None, "records": False} | given))
+    (line,) = caught.value.lines
+    assert line.startswith(words)
+
+
+def test_a_study_is_no_batch():
+    with pytest.raises(ValueError, match=r"\[vary\] stands for several cases"):
+        crinoid.simulate_batch(SCENARIO.model_copy(update={"vary": {YOUNG: [1e6]}}), seeds=2)
