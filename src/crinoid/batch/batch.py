@@ -105,7 +105,7 @@ def simulate_batch(
     found = _sums(arms, variation.coordinates)
     if records:
         data = stacked([None if arm.taken is None else arm.taken.data for arm in arms])
-        found = xr.merge([found, data], join="exact", combine_attrs="drop")
+        found = xr.merge([found, data], join="exact", combine_attrs="override")
     status = summed(arm.status for arm in arms)
     return found.assign_attrs(describe(scenario) | {"status": status})
 

@@ -196,6 +196,8 @@ class _Batch(Generic[T]):
             return Arm(None, f"refused: {'; '.join(result.lines)}", [])
         if result.failure or result.interrupted:
             status = result.failure or _NOT_RUN
+            if result.failure and result.ended is Status.OK:
+                status = status.replace(Status.FAILED, f"{Status.FAILED} without control", 1)
             return Arm(self.take_unfinished(result), status, result.notes)
         return Arm(self.take(result), result.status, result.notes)
 
