@@ -25,7 +25,7 @@ __all__ = ["simulate_batch"]
 
 
 class _Kept(NamedTuple):
-    """What is kept of one run."""
+    """The part of one run that is kept."""
 
     measures: Measures | None
     """None of a run that did not reach its end."""
@@ -72,7 +72,7 @@ def simulate_batch(
     -------
     xarray.Dataset
         Along ``run``: coordinates of what varies and the ``seed``; ``status``, ``ok`` or what went
-        wrong and when; ``notes``, a line each; the measures of `crinoid compare` and of a study
+        wrong and when; ``notes``, a line each; the measures of ``crinoid compare`` and of a study
         with their units, NaN of a run that did not reach its end; and ``effort (run, driven)``.
         With ``records`` also the variables of a result, ``(run, time, ...)``, NaN from where a run
         ended.

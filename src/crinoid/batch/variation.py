@@ -1,4 +1,4 @@
-"""What differs between the runs of a batch: values of keys, and seeds."""
+"""Runs that differ in values of keys, or in seeds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Variation(NamedTuple):
 
     runs: list[Scenario]
     coordinates: dict[str, tuple[Any, ...]]
-    """What varies and the seed, along ``run``, for xarray."""
+    """The keys that vary and the seed, along ``run``, for xarray."""
 
     @staticmethod
     def of(scenario: Scenario, over: Any, seeds: Any, *, records: bool) -> Variation:

@@ -153,6 +153,8 @@ def _run(
     for row, (ready, sink) in enumerate(zip(group, sinks, strict=True)):
         carry, outcome = _of(carries, row), _of(outcomes, row)
         trouble, failed = failures[row], None if outcome.converged else outcome
+        if failed is not None:  # what is told of it is computed
+            carry = jax.tree.map(jnp.asarray, carry)
         if carry.tally.steps:  # steps that no kept instant tells of yet
             sink.append(one_instant(_of(lasts, row)))
         if carry.steps < totals[row] and not (trouble or failed):
