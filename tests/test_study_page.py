@@ -8,9 +8,19 @@ import pytest
 from bokeh.document import Document
 
 from crinoid.report import ReportError, write_page, write_report
-from crinoid.report.charts.study import QUANTILE_CASES, gridded, key_of, means_of, study_of
+from crinoid.report.charts.effects import effects_of
+from crinoid.report.charts.study import (
+    QUANTILE_CASES,
+    Measure,
+    Study,
+    gridded,
+    key_of,
+    means_of,
+    study_of,
+)
 from crinoid.report.page.study import MOST_CASES, study_page_of
 from crinoid.report.table import read_cases
+from crinoid.report.units import Unit
 from test_page import HOSTILE, Tags
 from test_report import save, study_row, swaying_arm, write_study
 
@@ -74,6 +84,42 @@ def test_a_grid_is_shown_in_cells_and_scattered_numbers_as_points(tmp_path):
     write_study(tmp_path, drawn)
     (scattered, *_) = study_of(read_cases(tmp_path / "cases.csv")).views()
     assert not gridded(scattered)
+
+
+def test_shares_of_the_variance_are_those_of_a_function_whose_indices_are_known(tmp_path):
+    """Of Ishigami's function (1990), and of a sum on a grid, whose shares add up to one."""
+    rng, count = np.random.default_rng(0), 3000
+    x = rng.uniform(-np.pi, np.pi, (count, 3))
+    y = 100.0 + np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+    study = Study(
+        [""] * count,
+        ["ok"] * count,
+        [key_of(f"x{i}", [repr(v) for v in x[:, i].tolist()]) for i in range(3)],
+        [],
+    )
+    found = {e.key.name: e for e in effects_of(study, Measure("y", "y", Unit(1.0, "m"), y))}
+    for name, index in (("x0", 0.3139), ("x1", 0.4424), ("x2", 0.0)):
+        assert found[name].share == pytest.approx(index, abs=0.04)
+        assert found[name].low - 0.03 <= index <= found[name].high + 0.03
+        assert found[name].high - found[name].low < 0.1
+    rows = [(a, b, n) for a in range(4) for b in range(3) for n in range(6)]
+    sums = np.array([1.0 * a + 2.0 * b for a, b, _ in rows])
+    keys = [key_of(str(i), [str(row[i]) for row in rows]) for i in range(3)]
+    study = Study([""] * len(rows), ["ok"] * len(rows), keys, [])
+    shares = {
+        e.key.name: e.share for e in effects_of(study, Measure("y", "y", Unit(1.0, "m"), sums))
+    }
+    of_a, of_b = np.var(np.arange(4)), np.var(2.0 * np.arange(3))
+    expected = {"0": of_a / (of_a + of_b), "1": of_b / (of_a + of_b), "2": 0.0}
+    assert shares == pytest.approx(expected, abs=1e-9)
+
+
+def test_keys_that_never_repeat_have_no_share(tmp_path):
+    write_study(tmp_path, [study_row(n) for n in range(1, 6)])
+    study = study_of(read_cases(tmp_path / "cases.csv"))
+    assert [effects_of(study, each) for each in study.measures] == [[]] * 5
+    same = Measure("y", "y", Unit(1.0, "m"), np.full(60, 2.0))
+    assert effects_of(Study([""] * 60, [""] * 60, [key_of("a", ["1", "2"] * 30)], []), same) == []
 
 
 def test_the_page_holds_what_the_table_has(tmp_path):

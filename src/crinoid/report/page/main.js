@@ -41,10 +41,18 @@ class Page {
     addEventListener("beforeprint", redo);
     addEventListener("afterprint", redo);
     new ResizeObserver(() => this.show(true)).observe(this.byId("charts"));
-    new ResizeObserver(() => this.show(true)).observe(this.byId("stage"));
+    // a frame within a page may be laid out late
+    const laidOut = new Promise((done) => {
+      new ResizeObserver(([{ contentRect }]) => {
+        if (contentRect.width && contentRect.height) done();
+        this.show(true);
+      }).observe(this.byId("stage"));
+    });
     this.go(this.begin);
     setTimeout(() => this.show(true), 300); // once Bokeh has laid out
     if (this.scene && this.end > this.begin && !matchMedia("(prefers-reduced-motion: reduce)").matches) this.play(true);
+    await laidOut;
+    if (this.scene) this.refit();
     document.documentElement.dataset.ready = "yes";
   }
 

@@ -80,6 +80,7 @@ class StudyPage {
     const legend = this.byId("legend"), [from, to] = legend.querySelectorAll("b");
     legend.querySelector("i").style.background = `linear-gradient(90deg, ${RAMPS.one.join(",")})`;
     [from.textContent, to.textContent] = [`${digits(low)}`, `${digits(high)} ${measure.unit}`];
+    this.effects();
     if (!view) return;
     const { model } = view.drawn;
     dress(model, read);
@@ -99,6 +100,22 @@ class StudyPage {
       if (name === "cells") glyph.line_color = read("paper");
       if (name === "line") glyph.line_color = read("soft");
       if (name === "band" || name === "means") glyph.fill_color = read("soft");
+    }
+  }
+
+  // What explains the spread of the measure.
+  effects() {
+    const box = this.byId("effects"), table = box.querySelector("table"), { effects } = this.measure;
+    box.hidden = !effects.length;
+    table.replaceChildren();
+    for (const { key, share, low, high } of effects) {
+      const row = make("tr", "", table), percent = (value) => `${(100 * value).toFixed(0)} %`;
+      make("td", "", row, this.keys[key].short).title = this.keys[key].name;
+      const bar = make("div", "bar-of", make("td", "wide", row));
+      make("i", "", bar).style.width = `${100 * share}%`;
+      Object.assign(make("b", "", bar).style, { left: `${100 * low}%`, width: `${100 * (high - low)}%` });
+      make("td", "", row, percent(share));
+      make("td", "range", row, `${percent(low)} to ${percent(high)}`);
     }
   }
 

@@ -10,6 +10,7 @@ from string import Template
 from typing import Any
 from urllib.parse import quote
 
+from crinoid.report.charts.effects import effects_of
 from crinoid.report.charts.space import evenly
 from crinoid.report.charts.study import MOST_KEYS, Study, study_of
 from crinoid.report.page.file import PAGE, is_page, save_page
@@ -108,6 +109,15 @@ def _table(study: Study, pages: Sequence[str | None]) -> dict[str, Any]:
                 "values": [
                     float(f"{value:.8g}") if math.isfinite(value) else None
                     for value in (measure.values * measure.unit.factor).tolist()
+                ],
+                "effects": [
+                    {
+                        "key": study.keys.index(effect.key),
+                        "share": round(effect.share, 4),
+                        "low": round(effect.low, 4),
+                        "high": round(effect.high, 4),
+                    }
+                    for effect in effects_of(study, measure)
                 ],
             }
             for measure in study.measures
