@@ -87,7 +87,7 @@ def test_a_grid_is_shown_in_cells_and_scattered_numbers_as_points(tmp_path):
 
 
 def test_shares_of_the_variance_are_those_of_a_function_whose_indices_are_known(tmp_path):
-    """Of Ishigami's function (1990), and of a sum on a grid, whose shares add up to one."""
+    """Here Ishigami's function (1990), and a sum on a grid, whose shares add up to one."""
     rng, count = np.random.default_rng(0), 3000
     x = rng.uniform(-np.pi, np.pi, (count, 3))
     y = 100.0 + np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
