@@ -19,7 +19,7 @@ from rich.table import Table
 from crinoid.control.qp import HorizonQp
 
 HERE = Path(__file__).parent
-SIZES = [(2, 15), (2, 30), (4, 15), (4, 30)]
+SIZES = [(2, 15), (2, 30), (4, 15), (4, 30), (4, 60)]
 TOGETHER = 64
 
 
