@@ -383,6 +383,20 @@ def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, monkeypatch, opt
     assert [path.name for path in tmp_path.iterdir()] == ["small.toml"]
 
 
+def test_a_hybrid_sees_by_inclinations_that_it_is_given_where_there_are_none():
+    values = {"base.tilt_deg": 90.0, "base.channels.slide": {}, "arm.nodes": 6}
+    own = Scenario.from_toml(SCENARIO).with_values(values)
+    (sensor,) = controlled_by(own, "hybrid").sensors
+    assert sensor.kind == "inclination"
+    assert sensor.stations[0] == 0.0
+    assert sensor.stations[-1] == 1.0
+    given = {"sensors": [{"kind": "inclination", "stations": [0.1, 0.3, 0.5, 0.7, 0.9]}]}
+    assert controlled_by(own.with_values(given), "hybrid").sensors[0].stations[0] == 0.1
+    # where it makes no sense one line tells why
+    with pytest.raises(ScenarioError, match=r"^base\.tilt_deg: got [^\n]*takes 90[^\n]*$"):
+        controlled_by(own.with_values({"base.tilt_deg": 0.0}), "hybrid")
+
+
 def test_a_controller_without_inputs_is_a_mistake():
     fixed = Scenario.from_toml(SCENARIO.replace("[base.channels.tilt]", ""))
     fixed = fixed.with_values({"base.channels": {}})

@@ -1,4 +1,4 @@
-"""A scenario under another controller, with gains where it has none of its own."""
+"""A scenario under another controller, with what that takes where it has none of its own."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario.hybrid import inclinations
+from crinoid.scenario.sensor import InclinationSensor
 from crinoid.simulation.margin import factor_for
 from crinoid.simulation.setup import Setup, set_up
 
@@ -20,6 +22,8 @@ _KP, _KD = 0.25, 0.5
 """Proportional gain over ``ki / w`` and derivative gain over ``ki / w^2``, ``w`` the first natural
 frequency (rad/s): in four built-in scenarios they let ``ki`` be 1.4 to 2 times as large."""
 _PID = "control.pid."
+_STATIONS = tuple(station / 10 for station in range(11))
+"""Where a hybrid controller sees the inclination of an arm whose scenario does not say."""
 
 
 def controlled_by(scenario: Scenario, kind: str) -> Scenario:
@@ -31,6 +35,9 @@ def controlled_by(scenario: Scenario, kind: str) -> Scenario:
     of 0.4 in the linear loop (`crinoid.simulation.margin`). Beside it ``kp = ki / 4 w``,
     ``kd = ki / 2 w^2`` and a filter of the derivative at ``w``, the arm's first natural frequency.
 
+    A hybrid controller sees by inclinations along the arm: at eleven stations, without noise, where
+    the scenario has no such sensor.
+
     Raises
     ------
     ScenarioError
@@ -39,6 +46,9 @@ def controlled_by(scenario: Scenario, kind: str) -> Scenario:
     values: dict[str, Any] = {"control.kind": kind, "control.compare": False}
     if kind == "none" and scenario.target.feed_forward:
         values["target.feed_forward"] = False
+    if kind == "hybrid" and inclinations(scenario) is None:
+        sensor = InclinationSensor(kind="inclination", stations=_STATIONS)
+        values["sensors"] = [*scenario.sensors, sensor]
     if kind != "pid" or scenario.control.pid.present:
         return scenario.with_values(values)
     start = 2 * math.pi * _CROSSOVER
