@@ -8,6 +8,7 @@ import equinox.internal as eqxi
 import jax
 import jax.numpy as jnp
 from jax.ad_checkpoint import checkpoint_name
+from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
@@ -180,7 +181,25 @@ def solve(
     Returns the correction (m, zero on what is prescribed), the forces that hold the ghost node and
     the root where they are prescribed to be (N), and the outcome; a failure is an outcome, never an
     exception.
+
+    In a batch each solution is found by itself: together all would take as many iterations as the
+    slowest, a tangent in each, and as much memory as no cache has.
     """
+    arrays, rest = eqx.partition(
+        (forces, around, stage, guess, settings, load_factor), eqx.is_array
+    )
+    return sequential_vmap(lambda given: _search(*eqx.combine(given, rest)))(arrays)
+
+
+def _search(
+    forces: Forces,
+    around: Surroundings,
+    stage: Stage,
+    guess: Rows,
+    settings: Settings,
+    load_factor: Array | None,
+) -> tuple[Rows, Float[Array, "held b"], Outcome]:
+    """Do what `solve` does, for one."""
 
     def enough(outcome: Outcome) -> Bool[Array, ""]:
         return outcome.residual <= settings.tolerance * outcome.scale + _NOISE * settings.floor
