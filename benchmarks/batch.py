@@ -1,146 +1,204 @@
-"""Time many arms, together under `vmap` and in turn under `lax.map`, on one core and on all.
+"""Time steps a second of many arms, and the memory they take: `crinoid.simulate_batch`.
 
-Each arm of a batch has its own commands. Beside it stands one arm alone, and what XLA makes of the
-batch without the options of crinoid's own programs.
+Each batch is run in a process of its own by the programs of `crinoid run`, from the start of its
+first arm to its dataset: that is with starts, controllers, energy ledgers, records and measures.
+Beside it, in turn with it, MuJoCo's rod in the threads of its `rollout` and PyElastica's in as many
+processes, both without water, control and records, where they are installed.
 """
 
 import argparse
 import json
 import os
+import resource
+import subprocess
+import sys
 import time
 from collections.abc import Callable
-from functools import partial
+from concurrent.futures import ProcessPoolExecutor
+from importlib.util import find_spec
 from typing import Any
 
-CORES = len(os.sched_getaffinity(0))
-# before JAX is imported: as many devices as cores, for a batch to be split over
-os.environ["XLA_FLAGS"] = (
-    f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={CORES}"
-)
+import numpy as np
+from rich.console import Console
+from rich.table import Table
 
-import equinox as eqx  # noqa: E402
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from jax.sharding import AxisType, PartitionSpec  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
+import crinoid
+from crinoid.simulation.batch import cores
+from step import PLANAR, RESULTS, SOFT, STEADY
 
-import crinoid  # noqa: E402
-from crinoid.programs import OFTEN  # noqa: E402
-from step import IN_SPACE, PLANAR, RESULTS, SOFT, STEADY, STEADY_IN_SPACE  # noqa: E402
-
-STEPS = 100
 CASES = {
-    "plane, uniform current": (PLANAR, [STEADY]),
-    "plane, turbulence": (PLANAR, []),
-    "space, uniform current": (IN_SPACE, [STEADY_IN_SPACE]),
+    "uniform, control off": [STEADY, "control.kind=none"],
+    "uniform, PID": [STEADY],
+    "turbulence, control off": ["flow.0.modes=64", "control.kind=none"],
+    "turbulence, PID": ["flow.0.modes=64"],
 }
+NODES = 21
+MUJOCO_STEP = 0.005
+ELASTICA_STEP = 0.0008
+"""Time steps (s) with which the others go well (``space.py``)."""
+SWINGS = 100
+"""Time steps of MuJoCo's arms, and a tenth of those of PyElastica's."""
 
 
 def main() -> None:
-    """Time all cases and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--nodes", type=int, default=21)
-    parser.add_argument("--arms", type=int, default=64)
-    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--arms", type=int, nargs="+", default=[1, 4, 16, 64, 256, 1024, 4096])
+    parser.add_argument("--duration", type=float, default=30.0, help="of each arm (s)")
+    parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--cases", nargs="+", choices=list(CASES), default=list(CASES))
+    parser.add_argument("--one", action="store_true", help="run one batch in this process")
     options = parser.parse_args()
-    jax.config.update("jax_enable_compilation_cache", False)
-    console = Console(highlight=False, markup=False, width=110)
+    if options.one:
+        print(json.dumps(batch(options.cases[0], options.arms[0], options.duration)))
+        return
+    console = Console(highlight=False, markup=False, width=120)
+    contestants: dict[str, Callable[[int], dict[str, Any]]] = {
+        case: lambda arms, case=case: alone(case, arms, options.duration) for case in options.cases
+    }
+    for name, module, run in (
+        ("MuJoCo, 5 ms", "mujoco", mujoco_arms),
+        ("PyElastica, 0.8 ms", "elastica", elastica_arms),
+    ):
+        if find_spec(module) is None:
+            console.print(f"without {name.partition(',')[0]}: pip install '.[bench]'")
+        else:
+            contestants[name] = run
     rows = []
-    for case in options.cases:
-        with console.status(case):
-            rows += measure(case, options.nodes, options.arms, options.repeats)
-    table = Table(title=f"{options.arms} arms of {options.nodes} nodes", title_justify="left")
-    for name in ("", "arms", "compile (s)", "us per arm-step", "arm-steps/s", "largest difference"):
-        table.add_column(name, justify="left" if not name else "right")
+    for arms in options.arms:
+        found: dict[str, list[dict[str, Any]]] = {name: [] for name in contestants}
+        for _ in range(options.repeats):  # in turn, so that a busy machine slows all of them alike
+            for name, run in contestants.items():
+                with console.status(f"{arms} arms: {name}"):
+                    found[name].append(run(arms))
+        rows += [summed_up(name, arms, each) for name, each in found.items()]
+    table = Table(title=f"{NODES} nodes, {cores()} cores", title_justify="left")
+    heads = ("", "arms", "steps/s", "most", "CPU us a step", "x real time", "MB", "not ok")
+    for head in heads:
+        table.add_column(head, justify="right" if head else "left")
     for row in rows:
         table.add_row(
             row["name"],
             str(row["arms"]),
-            f"{row['compile']:.1f}",
-            f"{row['each']:.1f}",
-            f"{1e6 / row['each']:,.0f}",
-            f"{row['difference']:.1e}",
+            f"{row['rate']:,.0f}",
+            f"{row['most']:,.0f}",
+            f"{row['cpu']:.1f}",
+            f"{row['real_time']:,.0f}",
+            f"{row['memory']:.0f}" if row["memory"] else "",
+            str(row["failed"]),
         )
     console.print(table)
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / "batch.json").write_text(json.dumps(rows, indent=2), "utf-8")
 
 
-def measure(case: str, nodes: int, arms: int, repeats: int) -> list[dict[str, Any]]:
-    """Time one arm alone, and batches, in turn."""
-    file, extra = CASES[case]
-    system = crinoid.system(crinoid.load(file, [f"arm.nodes={nodes}", *SOFT, *extra]))
-    state = system.rest()
-    commands = jnp.linspace(-0.03, 0.03, arms)[:, None] * jnp.ones(len(system.inputs))
+def summed_up(name: str, arms: int, found: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the medians of repeats, and the best of them."""
+    rates = [each["steps"] / each["seconds"] for each in found]
+    return {
+        "name": name,
+        "arms": arms,
+        "rate": float(np.median(rates)),
+        "most": max(rates),
+        "cpu": 1e6 * float(np.median([each["cpu"] / each["steps"] for each in found])),
+        "real_time": float(np.median(rates)) * found[0]["time_step"],
+        "memory": max(each["memory"] for each in found) / 1e6,
+        "failed": max(each["failed"] for each in found),
+    }
 
-    def roll(system: Any, state: Any, command: jax.Array) -> Any:
-        def step(state: Any, _: None) -> tuple[Any, jax.Array]:
-            state, outcome = system.step(state, command)
-            return state, outcome.converged
 
-        end, converged = jax.lax.scan(step, state, length=STEPS)
-        return jnp.where(converged.all(), end.position[-1], jnp.nan)
+def alone(case: str, arms: int, duration: float) -> dict[str, Any]:
+    """Run a batch in a process of its own."""
+    command = [sys.executable, __file__, "--one", "--cases", case]
+    command += ["--arms", str(arms), "--duration", str(duration)]
+    ended = subprocess.run(command, check=True, capture_output=True, text=True)
+    return json.loads(ended.stdout.splitlines()[-1])
 
-    def together(system: Any, state: Any, commands: jax.Array) -> Any:
-        return jax.vmap(partial(roll, system, state))(commands)
 
-    def in_turn(system: Any, state: Any, commands: jax.Array) -> Any:
-        return jax.lax.map(partial(roll, system, state), commands)
+def batch(case: str, arms: int, duration: float) -> dict[str, Any]:
+    """Time a batch, its programs loaded."""
+    from crinoid.programs import keep_programs
 
-    def split(how: Callable[..., Any], system: Any, state: Any, commands: jax.Array) -> Any:
-        arrays, rest = eqx.partition((system, state), eqx.is_array)
+    keep_programs()
+    settings = [f"arm.nodes={NODES}", f"simulation.duration={duration}", "control.compare=false"]
+    scenario = crinoid.load(PLANAR, [*SOFT, *settings, *CASES[case]])
+    over = {
+        "arm.youngs_modulus": np.linspace(4.5e5, 5.5e5, arms),
+        "seed": range(arms),
+    }
+    crinoid.simulate_batch(scenario, seeds=1)
+    begun, used = time.perf_counter(), time.process_time()
+    found = crinoid.simulate_batch(scenario, over)
+    return {
+        "seconds": time.perf_counter() - begun,
+        "cpu": time.process_time() - used,
+        "steps": arms * scenario.simulation.steps,
+        "time_step": scenario.simulation.time_step,
+        "failed": int((found["status"] != "ok").sum()),
+        "memory": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+    }
 
-        def part(arrays: Any, commands: jax.Array) -> Any:
-            return how(*eqx.combine(arrays, rest), commands)
 
-        mesh = jax.make_mesh((CORES,), ("arms",), axis_types=(AxisType.Auto,))
-        spread = PartitionSpec("arms")
-        over = jax.shard_map(
-            part,
-            mesh=mesh,
-            in_specs=(PartitionSpec(), spread),
-            out_specs=spread,
-            check_vma=False,
-        )
-        return over(arrays, commands)
+def bare() -> crinoid.Scenario:
+    """Return the arm that the others swing in air."""
+    return crinoid.load(PLANAR, [f"arm.nodes={NODES}", *SOFT, STEADY])
 
-    contestants: list[tuple[str, int, Callable[..., Any], dict[str, Any], Any]] = [
-        ("one alone", 1, roll, OFTEN, commands[-1]),
-        ("XLA's defaults", arms, together, {}, commands),
-        ("together", arms, together, OFTEN, commands),
-        (f"together, over {CORES} cores", arms, partial(split, together), OFTEN, commands),
-        ("in turn", arms, in_turn, OFTEN, commands),
-        (f"in turn, over {CORES} cores", arms, partial(split, in_turn), OFTEN, commands),
-    ]
-    rows, runs = [], []
-    for name, count, function, options, command in contestants:
-        compiled = eqx.filter_jit(function, **({"compiler_options": options} if options else {}))
-        run = partial(compiled, system, state, command)
+
+def mujoco_arms(arms: int) -> dict[str, Any]:
+    """Time MuJoCo's rods, in the threads of its rollout."""
+    import mujoco
+    from mujoco import rollout
+
+    import mujoco_rod
+
+    model = mujoco_rod.rod(bare(), MUJOCO_STEP)
+    data = [mujoco.MjData(model) for _ in range(cores())]
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    start = np.zeros(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, data[0], start, kind)
+    starts = np.tile(start, (arms, 1))
+    with rollout.Rollout(nthread=cores()) as pool:
+        pool.rollout(model, data, starts[:1], nstep=1)
+        begun, used = time.perf_counter(), time.process_time()
+        pool.rollout(model, data, starts, nstep=SWINGS)
+        seconds, cpu = time.perf_counter() - begun, time.process_time() - used
+    return {
+        "seconds": seconds,
+        "cpu": cpu,
+        "steps": arms * SWINGS,
+        "time_step": MUJOCO_STEP,
+        "failed": arms if any(map(mujoco_rod.warnings, data)) else 0,
+        "memory": 0,
+    }
+
+
+def elastica_arms(arms: int) -> dict[str, Any]:
+    """Time PyElastica's rods, in as many processes as there are cores."""
+    share = [arms // cores() + (number < arms % cores()) for number in range(cores())]
+    with ProcessPoolExecutor(cores()) as pool:
+        list(pool.map(swing, [1] * cores()))  # compiles
         begun = time.perf_counter()
-        tips = np.atleast_2d(np.asarray(run()))
-        rows.append(
-            {
-                "name": f"{case}: {name}",
-                "arms": count,
-                "compile": time.perf_counter() - begun,
-                "tips": tips,
-            }
-        )
-        runs.append(run)
-    alone = rows[0]["tips"][0]
-    times: list[list[float]] = [[] for _ in runs]
-    for _ in range(repeats):  # in turn, so that a busy machine slows all of them alike
-        for run, taken in zip(runs, times, strict=True):
-            begun = time.perf_counter()
-            jax.block_until_ready(run())
-            taken.append(time.perf_counter() - begun)
-    for row, taken in zip(rows, times, strict=True):
-        row["each"] = 1e6 * float(np.median(taken)) / STEPS / row["arms"]
-        row["difference"] = float(np.abs(row.pop("tips")[-1] - alone).max())
-    return rows
+        found = list(pool.map(swing, share))
+        seconds = time.perf_counter() - begun
+    return {
+        "seconds": seconds,
+        "cpu": sum(cpu for cpu, _ in found),
+        "steps": arms * 10 * SWINGS,
+        "time_step": ELASTICA_STEP,
+        "failed": sum(failed for _, failed in found),
+        "memory": 0,
+    }
+
+
+def swing(arms: int) -> tuple[float, int]:
+    """Let arms of PyElastica swing; return the time that it took (s) and how many diverged."""
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    import elastica_rod
+
+    rod, failed = elastica_rod.ElasticaRod(bare()), 0
+    begun = time.process_time()
+    for _ in range(arms):
+        failed += not np.isfinite(rod.tips(ELASTICA_STEP, 1, 10 * SWINGS)).all()
+    return time.process_time() - begun, failed
 
 
 if __name__ == "__main__":

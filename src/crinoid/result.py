@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from contextlib import ExitStack
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -104,7 +105,7 @@ class Result:
     @property
     def scenario(self) -> Scenario:
         """The scenario that was run."""
-        return Scenario.from_toml(str(self.dataset.attrs["scenario"]))
+        return _read_scenario(str(self.dataset.attrs["scenario"]))
 
     @property
     def plot(self) -> Any:
@@ -267,6 +268,12 @@ def _read(path: Path, lazily: bool) -> Result:
         if not isinstance(dataset.attrs.get(name), kind):
             raise ResultError(f"{path}: not a result of crinoid, it does not say its {name}")
     return Result(dataset, checkpoint)
+
+
+@lru_cache(maxsize=8)
+def _read_scenario(text: str) -> Scenario:
+    """Return the scenario of a result, which is asked for many times."""
+    return Scenario.from_toml(text)
 
 
 def _has_left_out(dataset: xr.Dataset) -> bool:

@@ -1,7 +1,7 @@
 """Many arms at once: one compiled program for all of one structure, on all that computes.
 
 On a CPU a batch of arms under `jax.vmap` takes as long for each as one arm alone
-(``benchmarks/batch.py``). So each arm is run by itself, as `play` does, in as many threads as there
+(``benchmarks/vmap.py``). So each arm is run by itself, as `play` does, in as many threads as there
 are cores: what comes out is equal to the bit, an arm that fails holds up no other one, and memory
 holds no more arms than there are threads. On an accelerator they take their steps together
 (`crinoid.simulation.together`).

@@ -272,7 +272,8 @@ def _run(
         carry, kept, new, outcome = stretch(
             loop, carry, jnp.asarray(done, int), jnp.asarray(stride, int), _CAPACITY
         )
-        sink.append(jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept))  # noqa: B023
+        count = int(new)
+        sink.append(jax.tree.map(lambda x: np.asarray(x)[:count], kept))  # noqa: B023
         took = time.perf_counter() - chunk_begun
         chunk = max(1, int(min(steps * _CHUNK_SECONDS / took, 4 * chunk)))
         if not outcome.converged:
