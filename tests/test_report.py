@@ -392,6 +392,11 @@ def test_a_study_is_drawn_with_each_of_its_cases(tmp_path):
         assert_shows_something(path)
 
 
+def test_a_study_of_many_cases_has_a_page_and_no_figure(tmp_path):
+    write_study(tmp_path, [study_row(n) for n in range(1, 101)])
+    assert write_report(tmp_path) == [tmp_path / PAGE]
+
+
 def test_a_study_of_which_nothing_is_left_is_drawn(tmp_path):
     empty = dict.fromkeys(
         ["deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time"], ""

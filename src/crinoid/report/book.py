@@ -40,6 +40,9 @@ from crinoid.report.tune import TUNING, draw_tuning, open_tuning
 from crinoid.report.view import is_spatial
 from crinoid.version import __version__
 
+_MOST_CASES = 60
+"""Cases that fit a printed page; the page of a study shows more."""
+
 
 def _of(chart: Callable[[Run], Chart]) -> Callable[[Run], Figure]:
     return lambda run: draw_chart(chart(run), run)
@@ -132,7 +135,9 @@ def _write_identification(path: Path, out: Path) -> list[Path]:
 def _write_study(folder: Path, out: Path) -> list[Path]:
     cases = read_cases(folder / CASES)
     title, path = folder.resolve().name, folder / CASES
-    written = [_save(lambda: draw_cases(cases, title), out / "cases.png", path)]
+    written = []
+    if len(cases) <= _MOST_CASES:
+        written.append(_save(lambda: draw_cases(cases, title), out / "cases.png", path))
     for case in cases:
         if case.result is not None:
             written += _write_run(case.result, out / case.directory)
