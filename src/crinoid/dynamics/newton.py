@@ -182,13 +182,18 @@ def solve(
     the root where they are prescribed to be (N), and the outcome; a failure is an outcome, never an
     exception.
 
-    In a batch each solution is found by itself: together all would take as many iterations as the
-    slowest, a tangent in each, and as much memory as no cache has.
+    In a batch on a processor each solution is found by itself: together all would take as many
+    iterations as the slowest, a tangent in each, and as much memory as no cache has.
     """
     arrays, rest = eqx.partition(
         (forces, around, stage, guess, settings, load_factor), eqx.is_array
     )
-    return sequential_vmap(lambda given: _search(*eqx.combine(given, rest)))(arrays)
+
+    def search(given: Any) -> tuple[Rows, Float[Array, "held b"], Outcome]:
+        return _search(*eqx.combine(given, rest))
+
+    alone = jax.default_backend() == "cpu"
+    return (sequential_vmap(search) if alone else search)(arrays)
 
 
 def _search(
