@@ -91,6 +91,17 @@ def test_a_page_opens_without_a_complaint_and_asks_for_nothing(shown, spatial):
     assert shown.ask("() => document.querySelector('.stage').classList.contains('drawn')")
 
 
+@pytest.mark.parametrize("wide", [390, 1200])
+def test_the_colours_and_whose_arm_is_whose_stand_apart(wide, browser, spatial):
+    with Opened(browser, spatial[1], wide, 800) as opened:
+        stage, colours, names = (
+            opened.page.locator(place).bounding_box() for place in ("#stage", "#legend", "#names")
+        )
+        assert names["y"] + names["height"] < colours["y"]
+        assert colours["y"] + colours["height"] < stage["y"] + stage["height"]
+        assert colours["x"] + colours["width"] < stage["x"] + stage["width"]
+
+
 def test_all_nodes_are_drawn_where_the_result_has_them(shown, spatial):
     result = spatial[0].result
     assert shown.ask("() => crinoid.scene.arms.map((arm) => arm.nodes)") == [31, 31]
@@ -111,6 +122,20 @@ def test_numbers_under_the_cursor_are_those_of_the_result(shown, spatial):
         np.testing.assert_allclose(shown.told("base_force"), force, rtol=1e-3, atol=1e-6)
     clock = shown.page.text_content("#clock")
     assert clock == f"{float(result['time'][120]):.2f} s"
+
+
+def test_round_off_is_told_as_zero_and_powers_have_one_kind_of_minus(browser, tmp_path):
+    data = swaying_arm(records=5)
+    moment = np.array([3e-12, 0.1, -0.2, 2e-7, 0.0])
+    data["base_moment"] = data["base_moment"].copy(data=moment)
+    with Opened(browser, write_run(Run(data), tmp_path / "report.html")) as opened:
+        assert opened.told("base_moment") == [0.0]
+        opened.ask("(time) => crinoid.go(time)", float(data["time"][3]))
+        (text,) = opened.ask(
+            """() => crinoid.charts.panels.find((p) => p.said.name === "base_moment")
+            .entries.map((entry) => entry.told.textContent)"""
+        )
+        assert text == "2e\N{MINUS SIGN}7"
 
 
 def test_a_chart_that_is_dragged_moves_the_animation(shown):
@@ -176,6 +201,8 @@ def test_a_phone_shows_all_of_a_planar_run_in_its_width(scheme, browser, tmp_pat
     path = write_run(Run(swaying_arm(), swaying_arm(driven=False)), tmp_path / "report.html")
     with Opened(browser, path, 390, 844, color_scheme=scheme) as opened:
         assert opened.ask("() => document.documentElement.scrollWidth") <= 390
+        table = opened.page.locator(".numbers")
+        assert table.evaluate("(e) => e.scrollWidth <= e.clientWidth")
         paper = opened.ask("() => getComputedStyle(document.body).backgroundColor")
         assert (paper == "rgb(18, 23, 26)") == (scheme == "dark")
         assert opened.complaints == []

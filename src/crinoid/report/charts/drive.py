@@ -20,6 +20,8 @@ _ABOUT = {channel.name: channel.axis for channel in CHANNEL_TABLE}
 """The axis that a channel moves along or turns about, which it has the colour of."""
 _FEW = 5
 """Actuators of a panel up to which each has its name in the key."""
+THROUGH = "... "
+"""Before the name of the last of many actuators, where those between have none in the key."""
 _DRIVES = ("actuator_state", "actuator_command")
 _SMALL = 1e-3
 """Share below which it is told in a power of ten."""
@@ -67,7 +69,7 @@ def _actuators(data: xr.Dataset, unit: str, tall: float) -> Panel:
         role = f"part {index / max(1, len(names) - 1):g}"
         state, command = (data[each].sel(input=name).values for each in _DRIVES)
         quiet = not few and 0 < index < len(names) - 1
-        shown = name if few or not index else f"... {name}" if not quiet else name
+        shown = name if few or not index else f"{THROUGH}{name}" if not quiet else name
         traces.append(Trace(shown, time, state, role, quiet=quiet))
         if largest(command) > _STILL:
             words = f"{name}, command"

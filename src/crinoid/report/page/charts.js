@@ -16,7 +16,7 @@ class Charts {
   add(said, section) {
     const box = make("div", "panel", section), head = make("header", "", box);
     make("span", "label", head, said.unit ? `${said.label} (${said.unit})` : said.label);
-    const key = make("span", said.traces.length + said.rows.length > 2 ? "key many" : "key", head);
+    const count = said.traces.length + said.rows.length, key = make("span", count > 2 ? "key many" : count > 1 ? "key" : "key one", head);
     const entries = [...said.traces, ...said.rows].map((trace) => {
       const filled = trace.line === "filled"; // one word tells of all of them
       const entry = make("span", "entry", filled ? new DocumentFragment() : key), fainter = trace.behind && !/^(run|free)$/.test(trace.role);
@@ -112,7 +112,11 @@ class Charts {
       const seen = x >= left - 0.5 && x <= right + 0.5;
       cursor.style.cssText = seen ? `display:block;top:${top}px;height:${height}px;transform:translateX(${x}px)` : "";
       if (!tell) continue;
-      traces.forEach((trace, i) => { entries[i].told.textContent = digits(valueAt(trace.data_source.data, time, entries[i].line)); });
+      const { start, end } = view.model.y_range, noise = 1e-9 * Math.abs(end - start); // round-off is no number to read
+      traces.forEach((trace, i) => {
+        const value = valueAt(trace.data_source.data, time, entries[i].line);
+        entries[i].told.textContent = digits(Math.abs(value) < noise ? 0 : value);
+      });
       rows.forEach((row, i) => {
         const { left: begins, right: ends } = row.data_source.data;
         entries[i].told.textContent = [...begins].some((begin, j) => begin <= time && time <= ends[j]) ? "yes" : "no";

@@ -31,6 +31,7 @@ from bokeh.models.annotations import Span
 from jaxtyping import Float, Int
 
 from crinoid.report.charts.chart import Chart, Panel, Trace
+from crinoid.report.charts.drive import THROUGH
 from crinoid.report.units import largest
 
 RECORDS = 1501
@@ -222,7 +223,9 @@ def _said(panel: Panel) -> dict[str, Any]:
         ],
         "traces": [
             {
-                "name": trace.name or panel.label.replace("\n", " ").strip(),
+                # all are in the key, so that none stands for those before it
+                "name": trace.name.removeprefix(THROUGH)
+                or panel.label.replace("\n", " ").strip(),
                 "told": trace.told.replace(" (dashed)", ""),
                 "role": trace.role,
                 "line": trace.line,

@@ -9,7 +9,7 @@ const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 25
 function digits(value) {
   if (!Number.isFinite(value)) return "–";
   const text = Math.abs(value) >= 1e5 ? value.toExponential(3) : Number(value.toPrecision(4)).toString();
-  return text.replace("-", "−");
+  return text.replaceAll("-", "−");
 }
 
 function mixed(stops, share) {

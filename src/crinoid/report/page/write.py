@@ -114,7 +114,7 @@ def _metrics(run: Run) -> str:
         found = summary(_result(run))
     except (LookupError, ValueError, ScenarioError):
         return "<h2>Numbers</h2><p>The result holds too little to sum it up.</p>"
-    return f'<h2>Numbers</h2><div class="scroll">{table_of(found)}</div>'
+    return f'<h2>Numbers</h2><div class="scroll numbers">{table_of(found)}</div>'
 
 
 def _result(run: Run) -> Result:
