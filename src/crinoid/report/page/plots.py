@@ -224,8 +224,7 @@ def _said(panel: Panel) -> dict[str, Any]:
         "traces": [
             {
                 # all are in the key, so that none stands for those before it
-                "name": trace.name.removeprefix(THROUGH)
-                or panel.label.replace("\n", " ").strip(),
+                "name": trace.name.removeprefix(THROUGH) or panel.label.replace("\n", " ").strip(),
                 "told": trace.told.replace(" (dashed)", ""),
                 "role": trace.role,
                 "line": trace.line,
