@@ -459,3 +459,16 @@ def test_a_missing_library_is_said_and_only_gltf_needs_it(tmp_path, monkeypatch)
     assert {kind: each.exit_code for kind, each in done.items()} == codes
     line = 'crinoid: glTF is written by pygltflib: pip install "crinoid[export]"\n'
     assert done["gltf"].stderr == line
+
+
+def test_a_table_that_looks_like_ours_but_was_made_elsewhere_stays(tmp_path):
+    save(swaying_arm(**SMALL), tmp_path / "result.nc")
+    assert call("export", tmp_path, "--to", "csv").exit_code == 0
+    assert call("export", tmp_path, "--to", "csv").exit_code == 0  # our own is replaced
+    table = pd.read_csv(tmp_path / "result.csv")
+    table.to_csv(tmp_path / "result.csv", index=False)  # as a user saves it, with changes
+    kept = (tmp_path / "result.csv").read_text()
+    refused = call("export", tmp_path, "--to", "csv")
+    assert (refused.exit_code, "--force" in refused.output) == (2, True)
+    clear_figures(tmp_path)
+    assert (tmp_path / "result.csv").read_text() == kept

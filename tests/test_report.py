@@ -466,6 +466,18 @@ def spoil_obstacles(path):
     save(among_obstacles(records=5).assign_attrs(scenario="[[obstacle]]".join(fewer[:-1])), path)
 
 
+def spoil_axis(path):
+    path.unlink()
+    text = OBSTACLES.replace("[0.1, 0.0, 1.0]", "[0.1, 1.0]")
+    save(among_obstacles(records=5).assign_attrs(scenario=text), path)
+
+
+def spoil_normal(path):
+    path.unlink()
+    text = OBSTACLES.replace("[0.1, 1.0]", "[0.0, 0.0]")
+    save(among_obstacles(records=5).assign_attrs(scenario=text), path)
+
+
 def spoil_solid(path):
     path.unlink()
     save(
@@ -486,6 +498,8 @@ def spoil_solid(path):
         (spoil_axes, "not labelled x and z"),
         (spoil_dimensions, "has dimensions"),
         (spoil_obstacles, "does not describe its obstacles"),
+        (spoil_axis, r"does not describe its obstacles .*axis \[0.1, 1.0\]"),
+        (spoil_normal, r"does not describe its obstacles .*normal \[0.0, 0.0\]"),
         (spoil_solid, "does not describe its obstacles .*radius"),
     ],
 )

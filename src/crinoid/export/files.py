@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 from crinoid.result import attributes
@@ -13,6 +15,8 @@ from crinoid.variables import VARIABLES
 
 TIME = "time (s)"
 """Head of the first column of a table."""
+_LONGEST = 1 << 24
+"""Characters of a head beyond which nobody reads it."""
 _ENDINGS = {"vtkhdf": (".vtkhdf", "-surroundings.vtkhdf"), "csv": (".csv",), "gltf": (".glb",)}
 KINDS = tuple(_ENDINGS)
 """Formats to export to."""
@@ -37,15 +41,28 @@ def is_own(path: Path) -> bool:
     return look(path)
 
 
+def head_of(names: Sequence[str]) -> str:
+    """Return the head of a table: each name in quotation marks.
+
+    Programs of tables read these, but write none where none are needed. So they tell a table of
+    crinoid's from one that was made or saved elsewhere.
+    """
+    quoted = io.StringIO()
+    csv.writer(quoted, quoting=csv.QUOTE_ALL).writerow(names)
+    return quoted.getvalue()
+
+
 def _is_table(path: Path) -> bool:
     """Tell by the head of a table."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            head = next(csv.reader(file), [])
+            line = file.readline(_LONGEST)
+        head = next(csv.reader([line]), [])
     except (OSError, UnicodeDecodeError, csv.Error):
         return False
     names = {re.split("[. ]", each)[0] for each in head[1:]}
-    return head[:1] == [TIME] and names <= {each.name for each in VARIABLES}
+    known = head[:1] == [TIME] and names <= {each.name for each in VARIABLES}
+    return known and line == head_of(head)
 
 
 def _is_gltf(path: Path) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.export.files import TIME
+from crinoid.export.files import TIME, head_of
 from crinoid.export.parts import Part, parts_of
 from crinoid.export.source import Source
 from crinoid.pieces import chosen_pieces
@@ -104,8 +104,8 @@ def write_table(
     names = list(dict.fromkeys(name for name, _ in columns))
     written = empty = 0
     with path.open("w", newline="", encoding="utf-8") as file:
+        file.write(head_of([TIME, *(_head(name, part) for name, part in columns)]))
         writer = csv.writer(file)
-        writer.writerow([TIME, *(_head(name, part) for name, part in columns)])
         for piece in chosen_pieces(source.data, names, source.records):
             table = [piece["time"].values, *(part.of(piece[name]).values for name, part in columns)]
             rows = np.stack([np.asarray(column, float) for column in table], axis=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,12 +40,20 @@ class Solid:
         """Read a table of the scenario, of a planar one or one in space."""
         kind = str(table["kind"])
         if kind == "plane":
-            normal = [float(part) for part in table["normal"]]
-            out = np.array([normal[0], normal[1] if len(normal) == 3 else 0.0, normal[-1]])
-            return Solid(kind, 0.0, np.zeros(3), out / math.hypot(*normal))
+            return Solid(kind, 0.0, np.zeros(3), _direction("normal", table["normal"], (2, 3)))
         half = {"cylinder": _ENDLESS, "capsule": table.get("length", 0.0) / 2}.get(kind, 0.0)
-        axis = np.array(table.get("axis", [0.0, 1.0, 0.0]), dtype=float)
-        return Solid(kind, float(table["radius"]), half / math.hypot(*axis) * axis, np.zeros(3))
+        axis = _direction("axis", table.get("axis", [0.0, 1.0, 0.0]), (3,))
+        return Solid(kind, float(table["radius"]), half * axis, np.zeros(3))
+
+
+def _direction(name: str, parts: Sequence[float], counts: tuple[int, ...]) -> Point:
+    """Return a direction, of length one, from its parts: x and z, or x, y and z."""
+    numbers = [float(part) for part in parts]
+    size = math.hypot(*numbers)
+    if len(numbers) not in counts or not 0.0 < size < math.inf:
+        raise ValueError(f"{name} {numbers}")
+    x, *y, z = numbers
+    return np.array([x, *(y or [0.0]), z]) / size
 
 
 @dataclass(frozen=True)
