@@ -292,10 +292,12 @@ def test_without_pyav_a_gif_is_written_and_an_mp4_refused(planar, tmp_path, monk
 def test_instants_without_numbers_are_left_out_and_said(tmp_path):
     data = swaying_arm(records=11, duration=2.0, nodes=6)
     data["curvature"][4, 2] = np.nan
+    data["position"][6, 5] = np.nan
     save(data, tmp_path / "result.nc")
     ended = call(tmp_path, "--size", "160x160", "--fps", 5, "--speed", 1)
     assert ended.exit_code == 0
     assert "note: 1 instant of the animation is left out" in ended.stdout
+    assert "note: 1 saved instant is left out: at it the arm's shape is not finite" in ended.stdout
     assert len(decoded(tmp_path / "film.mp4")) == 11
 
 

@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import zlib
+from html import escape
 from html.parser import HTMLParser
 
 import numpy as np
@@ -150,6 +151,8 @@ def test_a_run_that_ends_in_nan_has_a_page_up_to_there(tmp_path):
     text = write_page(tmp_path).read_text("utf-8")
     assert "planar arm · 21 nodes · 17.9 s" in text
     assert '<p class="status">diverged at 18 s</p>' in text
+    told = "21 saved instants are left out: at these the arm's shape is not finite."
+    assert f"<li>{escape(told)}</li>" in text
 
 
 @pytest.mark.parametrize("name", ["base_servo", "flow_velocity", "tip_target"])

@@ -466,6 +466,17 @@ def spoil_obstacles(path):
     save(among_obstacles(records=5).assign_attrs(scenario="[[obstacle]]".join(fewer[:-1])), path)
 
 
+def spoil_order(path):
+    path.unlink()
+    save(swaying_arm(records=5).isel(time=slice(None, None, -1)), path)
+
+
+def spoil_time(path):
+    path.unlink()
+    data = swaying_arm(records=5)
+    save(data.assign_coords(time=np.where(data["time"] > 12.0, np.nan, data["time"])), path)
+
+
 def spoil_axis(path):
     path.unlink()
     text = OBSTACLES.replace("[0.1, 0.0, 1.0]", "[0.1, 1.0]")
@@ -498,6 +509,8 @@ def spoil_solid(path):
         (spoil_axes, "not labelled x and z"),
         (spoil_dimensions, "has dimensions"),
         (spoil_obstacles, "does not describe its obstacles"),
+        (spoil_order, "its times do not rise"),
+        (spoil_time, "its times do not rise"),
         (spoil_axis, r"does not describe its obstacles .*axis \[0.1, 1.0\]"),
         (spoil_normal, r"does not describe its obstacles .*normal \[0.0, 0.0\]"),
         (spoil_solid, "does not describe its obstacles .*radius"),

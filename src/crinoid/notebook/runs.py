@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import xarray as xr
-
-from crinoid.report.run import Run, with_shapes
+from crinoid.report import run
 from crinoid.result import Result
 
 
-def run_of(result: Result) -> Run:
+def run_of(result: Result) -> run.Run:
     """Return a result and the one without control, as far as their shapes are finite.
 
     Raises
@@ -16,9 +14,7 @@ def run_of(result: Result) -> Run:
     ReportError
         If there is no finite shape.
     """
-    other = result.uncontrolled
-    return Run(_shown(result.dataset), None if other is None else _shown(other.dataset))
-
-
-def _shown(data: xr.Dataset) -> xr.Dataset:
-    return with_shapes(data, "result") if "position" in data else data
+    results = {"result": result.dataset}
+    if result.uncontrolled is not None:
+        results["result without control"] = result.uncontrolled.dataset
+    return run.run_of(results)

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from crinoid.pieces import pieces
 from crinoid.report.charts.pose import base_directions
 from crinoid.report.solids import find_bodies
+from crinoid.scenario.errors import counted
 from crinoid.space import AXES
 from crinoid.status import Status
 from crinoid.stream import open_lazily
@@ -40,6 +41,8 @@ class Run:
 
     result: xr.Dataset
     uncontrolled: xr.Dataset | None = None
+    shapeless: int = 0
+    """Saved instants of both that are left out, as the arm's shape is not finite."""
 
     @property
     def title(self) -> str:
@@ -58,6 +61,16 @@ class Run:
             return [("", self.result)]
         return [("with control", self.result), ("without control", self.uncontrolled)]
 
+    @property
+    def left_out(self) -> list[str]:
+        """Sentences on saved instants that are left out."""
+        if not self.shapeless:
+            return []
+        many = "these" if self.shapeless > 1 else "it"
+        verb = "are" if self.shapeless > 1 else "is"
+        count = counted(self.shapeless, "saved instant")
+        return [f"{count} {verb} left out: at {many} the arm's shape is not finite."]
+
 
 def open_run(path: Path, *, lazily: bool = False) -> Run:
     """Read a result file and the uncontrolled one beside it.
@@ -69,10 +82,23 @@ def open_run(path: Path, *, lazily: bool = False) -> Run:
     ReportError
         If either file is not a readable result with at least one finite record.
     """
-    result = open_result(path, lazily=lazily)
     beside = path.with_name(UNCONTROLLED)
     compared = beside.is_file() and path.name != UNCONTROLLED
-    return Run(result, open_result(beside, lazily=lazily) if compared else None)
+    return run_of({str(each): _checked(each, lazily) for each in [path, beside][: 1 + compared]})
+
+
+def run_of(results: Mapping[str, xr.Dataset]) -> Run:
+    """Return a result, and where there is one that without control, by their names.
+
+    Raises
+    ------
+    ReportError
+        If either has no record with a finite shape.
+    """
+    found = [with_shapes(data, name) for name, data in results.items()]
+    saved = sum(data.sizes["time"] for data in results.values())
+    gone = saved - sum(data.sizes["time"] for data in found)
+    return Run(found[0], found[1] if len(found) > 1 else None, gone)
 
 
 def load(path: Path, *, lazily: bool = False) -> xr.Dataset:
@@ -148,6 +174,9 @@ def read_result(
         )
     if dataset.sizes["time"] == 0:
         raise ReportError(f"{path}: the result holds no records")
+    time = dataset["time"].values.astype(float)
+    if not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
+        raise ReportError(f"{path}: not a crinoid result, its times do not rise")
     if dataset.sizes.get("node", 0) < 2:
         raise ReportError(f"{path}: not a crinoid result, the arm has fewer than two nodes")
     return dataset
@@ -161,20 +190,25 @@ def open_result(path: Path, *, lazily: bool = False) -> xr.Dataset:
     ReportError
         If the file is missing, empty, broken, or not a result.
     """
+    return with_shapes(_checked(path, lazily), str(path))
+
+
+def _checked(path: Path, lazily: bool) -> xr.Dataset:
     dataset = read_result(path, lazily=lazily)
     check_bodies(dataset, path)
-
-    return with_shapes(dataset, str(path))
+    return dataset
 
 
 def with_shapes(dataset: xr.Dataset, name: str) -> xr.Dataset:
-    """Return the records whose shape is finite, of a result of some name.
+    """Return the records whose shape is finite, of a result of some name that may have shapes.
 
     Raises
     ------
     ReportError
         If there are none.
     """
+    if "position" not in dataset:
+        return dataset
     # A run that diverged may end in records that no axis can hold.
     finite = np.concatenate(
         [

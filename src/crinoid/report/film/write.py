@@ -91,7 +91,7 @@ def film_run(
             few = [picture.at(reel.times[i]) for i in some]
             count = reel.times.size
             write_gif(temporary, pictures, fps=reel.fps, count=count, few=few, comment=comment)
-    return target, lacking(space)
+    return target, [*run.left_out, *lacking(space)]
 
 
 def _told(picture: Picture, reel: Reel, report: Report) -> Iterator[Image]:

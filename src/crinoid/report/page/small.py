@@ -32,7 +32,7 @@ def small_page_of(run: Run) -> tuple[str, list[str]]:
     for frames in _FRAMES:
         page, left_out = _page(run, frames)
         if len(page) <= LARGEST:
-            return page, left_out
+            return page, [*run.left_out, *left_out]
     raise ReportError("there is too much about the arm for a small animation")
 
 

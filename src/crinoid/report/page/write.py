@@ -82,7 +82,7 @@ def page_of(run: Run) -> str:
         notes=_notes(run),
         scenario=escape(scenario[:_LONGEST]),
         facts=_facts(run),
-        left_out=list_of("What was left out", [*left_out, *plots.left_out]),
+        left_out=list_of("What was left out", [*run.left_out, *left_out, *plots.left_out]),
         footer=bokeh_credit(),
         table=json_of(table),
         document=json_of(plots.document),
@@ -128,11 +128,12 @@ def _notes(run: Run) -> str:
 
 def _facts(run: Run) -> str:
     attributes, name = run.result.attrs, _file_name(run.title)
+    spent = attributes.get("wall_time")
     facts: dict[str, Any] = {
         "crinoid": attributes.get("crinoid_version", "unknown"),
         "seed": attributes.get("seed", "unknown"),
         "status": run.status,
-        "computing time": f"{float(attributes.get('wall_time', 0.0)):.3g} s",
+        "computing time": f"{spent:.3g} s" if isinstance(spent, float) else "unknown",
         "saved instants": run.result.sizes["time"],
     }
     rows = "".join(f"<tr><td>{k}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
