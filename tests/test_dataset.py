@@ -10,11 +10,11 @@ from rich.console import Console
 import crinoid
 from crinoid.base import Servo
 from crinoid.cli.tables import equilibrium_table
-from crinoid.dataset import build_dataset, join
+from crinoid.dataset import build_dataset
 from crinoid.dynamics import Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.metrics import tip_error
-from crinoid.pieces import turned_on
+from crinoid.pieces import join, turned_on
 from crinoid.record import Record
 from crinoid.report.run import Run
 from crinoid.report.sheet import draw_sheet

@@ -2,12 +2,15 @@
 
 import re
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import av
 import matplotlib as mpl
 import numpy as np
 import pytest
+import xarray as xr
 from PIL import Image, ImageSequence
 from typer.testing import CliRunner, Result
 
@@ -141,6 +144,18 @@ def test_between_saved_instants_the_arm_glides():
         np.testing.assert_allclose(found, data["position"].values[record], atol=1e-12)
 
 
+@pytest.mark.parametrize("nearer", [0.1, -0.1])
+def test_in_space_what_is_nearer_hides_what_is_behind_with_control_or_without(nearer):
+    data = curling_arm(records=3, nodes=11, flow=(0.0, 0.0, 0.0))
+    other = data.copy(deep=True)
+    yaw, pitch = np.deg2rad([-40.0, 35.0])
+    toward = [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
+    other["position"] = other["position"] + nearer * xr.DataArray(toward, dims="axis")
+    picture, times = pictures(data, other, azimuth=-40.0, elevation=35.0)
+    pixel = picture.at(float(times[0]))[place(picture, data["position"].values[0, 8])]
+    assert is_blue(pixel) == (nearer < 0.0)
+
+
 def test_beside_each_other_are_the_run_and_that_without_control():
     still = swaying_arm(records=11, duration=2.0, nodes=6, sway=0.0, flow=0.0)
     moving = swaying_arm(records=11, duration=2.0, nodes=6, sway=0.4, flow=0.0, driven=False)
@@ -200,11 +215,11 @@ def test_all_that_the_page_colours_by_can_be_filmed(colour):
 
 
 def test_views_colours_and_speeds_are_those_of_the_page():
-    scripts = {name: parts.part(f"{name}.js") for name in ("camera", "scene", "main")}
+    scripts = {name: parts.part(f"{name}.js") for name in ("camera", "tools", "main")}
     presets = re.findall(r"(\w+): \[(-?\d+), (-?\d+)\]", scripts["camera"].split(";")[0])
     assert {name: (float(a), float(e)) for name, a, e in presets} == PRESETS
     for name, signed in (("one", False), ("two", True)):
-        listed = re.search(rf"{name}: \[(.*?)\]", scripts["scene"])[1]
+        listed = re.search(rf"{name}: \[(.*?)\]", scripts["tools"])[1]
         assert tuple(re.findall(r"#\w+", listed)) == RAMPS[signed]
     speeds = re.search(r"const speeds = \[(.*?)\]", scripts["main"])[1]
     assert tuple(map(float, speeds.split(","))) == SPEEDS
@@ -435,3 +450,23 @@ def test_interrupted_nothing_is_left_and_an_earlier_film_stays(planar, tmp_path,
         assert len(drawn) == 12
         assert [each.name for each in tmp_path.iterdir()] == [name] * earlier
     assert path.read_bytes() == b"made by crinoid 0.0.1"
+
+
+def test_filming_needs_no_jax():
+    code = "import sys, crinoid.cli.filming; sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_wish_to_stop_that_a_destructor_loses_is_no_words_on_the_terminal():
+    code = """from crinoid.cli.interruption import Interrupted, heed
+
+class Loses:
+    def __init__(self, error): self.error = error
+    def __del__(self): raise self.error
+
+heed()
+Loses(Interrupted())
+Loses(ValueError("told"))
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ("Interrupted" in ended.stderr, "ValueError: told" in ended.stderr) == (False, True)

@@ -37,14 +37,6 @@ def describe(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Put the stretches of one run after each other; what only the first one holds is left out."""
-    if len(parts) == 1:
-        return parts[0]
-    parts = [part[list(parts[-1].data_vars)] for part in parts]
-    return xr.concat(parts, "time", data_vars="minimal", coords="minimal", compat="override")
-
-
 def chosen(dataset: xr.Dataset, names: Sequence[str] | None) -> xr.Dataset:
     """Leave out what a scenario does not want of the variables along the arm; None wants all."""
     if names is None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
-__all__ = ["chosen_pieces", "piece_length", "pieces", "turned_on"]
+__all__ = ["chosen_pieces", "join", "piece_length", "pieces", "turned_on"]
 
 _NUMBERS = 1 << 15
 """Nodes times instants of a piece: a few megabytes of vectors."""
@@ -70,3 +70,11 @@ def turned_on(angle: Float[np.ndarray, " time"], before: float | None) -> np.nda
     start = angle[:1] if before is None else np.array([before])
     turns = np.cumsum(np.round(np.diff(angle, prepend=start) / (2 * np.pi)))
     return angle - 2 * np.pi * turns
+
+
+def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Put the stretches of one run after each other; what only the first one holds is left out."""
+    if len(parts) == 1:
+        return parts[0]
+    parts = [part[list(parts[-1].data_vars)] for part in parts]
+    return xr.concat(parts, "time", data_vars="minimal", coords="minimal", compat="override")

@@ -255,7 +255,7 @@ def report(
 ) -> None:
     """Draw the figures of a result, and write its page."""
     with Loading():
-        from crinoid.cli.folder import say_written
+        from crinoid.cli.lines import say_written
         from crinoid.report import ReportError, write_report
 
     try:

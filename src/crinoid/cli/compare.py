@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from crinoid.cli.finding import place_of, prepare_one, save_finding
-from crinoid.cli.folder import say_written
 from crinoid.cli.interruption import Interruption
-from crinoid.cli.notes import notes_of_cases, say_doubts, say_notes
+from crinoid.cli.lines import say_notes, say_written
+from crinoid.cli.notes import notes_of_cases, say_doubts
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.comparison import COMPARISON, Comparison
 from crinoid.report.compare import speed_unit

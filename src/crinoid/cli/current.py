@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.table import Table
 
 from crinoid.cli.finding import place_of, prepare_one, save_finding
-from crinoid.cli.folder import say_written
-from crinoid.cli.notes import say_doubts, say_notes
+from crinoid.cli.lines import say_notes, say_written
+from crinoid.cli.notes import say_doubts
 from crinoid.current import FLOW, Statistics, sample_current, statistics
 from crinoid.plausibility import IN_THE_WATER
 from crinoid.recording import Recording

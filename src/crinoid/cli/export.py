@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from crinoid.cli.folder import check_own, claimed, say_written
-from crinoid.cli.notes import say_notes
+from crinoid.cli.folder import check_own, claimed
+from crinoid.cli.lines import say_notes, say_written
 from crinoid.cli.progress import progress_bar
 from crinoid.export import Written, write_csv, write_gltf, write_vtkhdf
 from crinoid.export.files import KINDS, files_of, is_own

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from crinoid.cli.folder import say_written
 from crinoid.cli.interruption import Interrupted, Interruption
-from crinoid.cli.notes import say_notes
+from crinoid.cli.lines import say_notes, say_written
 from crinoid.cli.progress import progress_bar
 from crinoid.report.film.file import NO_ENCODER, has_encoder
 from crinoid.report.film.shot import Shot

@@ -16,6 +16,7 @@ import netCDF4
 from rich.console import Console
 
 from crinoid.cases import CASES, is_table
+from crinoid.cli.lines import say_written
 from crinoid.comparison import COMPARISON
 from crinoid.current import FLOW
 from crinoid.export.files import exports_in
@@ -309,12 +310,6 @@ def _rescue(result: Result, reason: str) -> tuple[list[Path], str]:
         text = f"of what was computed only {' and '.join(map(str, parts))} could be saved"
         return [], f"{reason}; {text}, the rest is lost"
     return [], f"{reason}; what was computed could be saved nowhere and is lost"
-
-
-def say_written(console: Console, paths: list[Path]) -> None:
-    """Name files that were written."""
-    for path in paths:
-        console.print(f"wrote {path}", soft_wrap=True)
 
 
 def say_where(console: Console, paths: list[Path]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import stat
+import sys
 from typing import Any
 
 INTERRUPTED = 130
@@ -21,6 +22,7 @@ _SIGNALS = [number for number in (signal.SIGINT, signal.SIGTERM, _HANG_UP) if nu
 
 def heed() -> None:
     """Let a request to end the program, and the end of its terminal, do what Ctrl-C does."""
+    sys.unraisablehook = _overlook
     Interruption().__enter__()
 
 
@@ -85,6 +87,12 @@ class Loading(Interruption):
             _leave_terminal()
         os.write(2, b"crinoid: interrupted\n")
         os._exit(INTERRUPTED)
+
+
+def _overlook(lost: Any) -> None:
+    """Say nothing of a wish to stop that a destructor lost: it is kept, and heard later."""
+    if lost.exc_type is not Interrupted:
+        sys.__unraisablehook__(lost)
 
 
 def _heeded() -> list[signal.Signals]:

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from crinoid.cli.finding import place_of, prepare_one, save_finding
-from crinoid.cli.folder import say_written
-from crinoid.cli.notes import say_doubts, say_notes
+from crinoid.cli.lines import say_notes, say_written
+from crinoid.cli.notes import say_doubts
 from crinoid.report.units import DEGREES, Unit, si_unit
 from crinoid.scenario import Scenario
 from crinoid.simulation.margins import MARGINS, find_margins

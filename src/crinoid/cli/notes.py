@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from rich.console import Console
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.cli.lines import say_notes
 from crinoid.plausibility import doubts
 
 _MOST = 6
 _NUMBER = re.compile(r"\d[\d.]*(?:e[+-]?\d+)?")
-
-
-def say_notes(console: Console, notes: Iterable[str]) -> None:
-    """Show notes, a paragraph each."""
-    for note in notes:
-        console.print(f"note: {note}", soft_wrap=True)
 
 
 def say_doubts(console: Console, prepared: Prepared, tables: Collection[str] = ()) -> list[str]:

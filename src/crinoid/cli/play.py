@@ -20,7 +20,8 @@ from crinoid.cli.folder import (
     stopped,
 )
 from crinoid.cli.interruption import Interruption
-from crinoid.cli.notes import say_doubts, say_notes
+from crinoid.cli.lines import say_notes
+from crinoid.cli.notes import say_doubts
 from crinoid.cli.pages import page_beside
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.cli.study import run_study

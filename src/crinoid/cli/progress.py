@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from crinoid.simulation import Progress as Reached
+if TYPE_CHECKING:  # a film has a bar too, and no need of JAX
+    from crinoid.simulation import Progress as Reached
 
 
 @contextmanager

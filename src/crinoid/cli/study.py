@@ -28,7 +28,8 @@ from crinoid.cli.folder import (
     stopped,
 )
 from crinoid.cli.interruption import Interrupted, Interruption
-from crinoid.cli.notes import notes_of_cases, say_notes
+from crinoid.cli.lines import say_notes
+from crinoid.cli.notes import notes_of_cases
 from crinoid.cli.pages import page_beside
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.cli.tables import cases_table

@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from crinoid.cli.finding import place_of, prepare_one, save_finding
-from crinoid.cli.folder import say_written
 from crinoid.cli.interruption import Interruption
-from crinoid.cli.notes import say_doubts, say_notes
+from crinoid.cli.lines import say_notes, say_written
+from crinoid.cli.notes import say_doubts
 from crinoid.cli.progress import progress_bar
 from crinoid.replacement import replacing
 from crinoid.report.units import DEGREES, si_unit

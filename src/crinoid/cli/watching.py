@@ -14,7 +14,7 @@ from rich.console import Console
 from crinoid.cli.finding import prepare_one
 from crinoid.cli.folder import claimed, save
 from crinoid.cli.interruption import Interruption
-from crinoid.cli.notes import say_notes
+from crinoid.cli.lines import say_notes
 from crinoid.cli.options import stop
 from crinoid.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError

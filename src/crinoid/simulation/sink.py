@@ -10,8 +10,7 @@ import jax
 import numpy as np
 import xarray as xr
 
-from crinoid.dataset import join
-from crinoid.pieces import pieces
+from crinoid.pieces import join, pieces
 from crinoid.record import Record
 from crinoid.result import RESULT, UNCONTROLLED, attributes, named_leaves
 from crinoid.simulation.loop import LoopState

@@ -8,8 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from crinoid.dataset import join
-from crinoid.pieces import chosen_pieces
+from crinoid.pieces import chosen_pieces, join
 from crinoid.report.charts.pose import attitudes, base_directions, channel_of, read_scenario
 from crinoid.report.charts.tool import ball, held
 from crinoid.report.run import ReportError

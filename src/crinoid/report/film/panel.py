@@ -105,18 +105,23 @@ class Panel:
         self._put_walls(now)
         self._put_shadow(now)
         self._put_rails(now)
-        lift = 2 * float(course.moving.diameter[0])  # what clasps the arm is not to be cut by it
+        thick = float(course.moving.diameter[0])
+        lift = 2 * thick  # what clasps the arm is not to be cut by it
         parts = [
             _tinted(facets, ink, lift if ink == STEEL else 0.0) for facets, ink in self._things(now)
         ]
         parts.append(self._arm(course, now, tone))
-        self._put_surfaces(self.solids, parts)
         others = [(ghost.at(time), ghost, colour) for ghost, colour in self.ghosts]
+        # by as much farther as an arm is thick: two that meet are not to be patched together
         arms = [
-            _tinted(tube(other.position, ghost.moving.diameter, None), pale(colour))
+            _tinted(tube(other.position, ghost.moving.diameter, None), pale(colour), -thick)
             for other, ghost, colour in others
         ]
-        self._put_surfaces(self.ghost_arms, arms)
+        if self.space.spatial:
+            parts += arms
+        else:  # in one plane: always behind
+            self._put_surfaces(self.ghost_arms, arms)
+        self._put_surfaces(self.solids, parts)
         trails = [self._trail(ghost, other, time, colour, 0.5) for other, ghost, colour in others]
         self._put_lines(self.ghost_trails, trails)
         self._put_lines(self.trail, [self._trail(course, now, time, tone, 1.0)])
