@@ -439,7 +439,7 @@ def test_files_of_others_stay_and_own_ones_are_replaced_and_cleared(tmp_path):
 
 @pytest.mark.parametrize("kind", ["csv", "vtkhdf", "gltf"])
 def test_an_export_that_is_interrupted_leaves_nothing(kind, tmp_path, monkeypatch):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         raise Interrupted
 
     path = save(swaying_arm(**SMALL), tmp_path / "result.nc")
