@@ -21,6 +21,7 @@ from crinoid.report.film.camera import PRESETS
 from crinoid.report.film.course import Course
 from crinoid.report.film.file import is_film
 from crinoid.report.film.panel import WATER
+from crinoid.report.film.parts import CLAMP
 from crinoid.report.film.picture import RAMPS, Picture
 from crinoid.report.film.shot import SPEEDS, Shot, reel_of
 from crinoid.report.page import parts
@@ -142,6 +143,16 @@ def test_between_saved_instants_the_arm_glides():
     for time, record in ((-1.0, 0), (0.5, 1), (2.0, 4), (9.0, 4)):
         found = course.at(time).position[:, [0, 2]]
         np.testing.assert_allclose(found, data["position"].values[record], atol=1e-12)
+
+
+def test_the_arm_comes_out_of_the_end_of_its_clamp_toward_the_eye():
+    data = curling_arm(records=3, nodes=11, flow=(0.0, 0.0, 0.0))
+    picture, times = pictures(data, colour="none", azimuth=-40.0, elevation=25.0)
+    root, beyond = data["position"].values[0, 0], CLAMP * float(data["diameter"][0]) / 2 + 0.006
+    drawn = picture.at(float(times[0]))
+    ahead = np.array([1.0, 0.0, 0.0])
+    assert is_blue(drawn[place(picture, root + beyond * ahead)])
+    assert not is_blue(drawn[place(picture, root + beyond / 2 * ahead)])
 
 
 @pytest.mark.parametrize("nearer", [0.1, -0.1])

@@ -10,9 +10,11 @@ import numpy as np
 from crinoid.report.charts.space import Moving, Space
 from crinoid.report.film.course import Now, Point
 from crinoid.report.solids import Solid
-from crinoid.report.surface import Facets, perpendicular, turned_body
+from crinoid.report.surface import AROUND, Facets, perpendicular, turned_body
 
 HULL, STEEL, STONE, TOOL = "#C7D1D6", "#75858F", "#C2B8A8", "#B87399"
+SOCKET = "#74848E"
+CLAMP = 4.0  # its length, of the arm's radius
 
 _BALL = np.linspace(0.0, np.pi, 13)
 _RING = 0.05  # of the arm's length: pieces of what is long, so that all is sorted by distance
@@ -34,7 +36,9 @@ def mount_parts(now: Now, moving: Moving, space: Space) -> Iterator[tuple[Facets
     if np.linalg.norm(root - now.anchor) > 0.2 * thick:
         yield rod(now.anchor, root, 0.6 * thick, length), STEEL
     yield ball(root, 1.35 * thick), STEEL
-    yield rod(root, root + 4 * thick * now.ahead, 1.18 * thick, length), STEEL
+    clamp = rod(root, root + CLAMP * thick * now.ahead, 1.18 * thick, length)
+    yield clamp[:-AROUND], STEEL
+    yield clamp[-AROUND:], SOCKET  # the end of it, out of which the arm comes
 
 
 def tool_parts(now: Now, moving: Moving, space: Space) -> Iterator[tuple[Facets, str]]:
