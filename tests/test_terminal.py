@@ -15,7 +15,7 @@ import crinoid
 from crinoid.cli.app import app
 from crinoid.cli.notes import notes_of_cases
 from crinoid.cli.options import complete_key, complete_name
-from crinoid.cli.study import _crowded
+from crinoid.programs.room import _crowded
 from crinoid.report import ReportError, write_report
 from crinoid.scenario import Scenario
 from made_results import Player, made_result

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from crinoid.replacement import replacing
 
-__all__ = ["CASES", "COLUMNS", "MEASURES", "is_table", "read_rows", "write_rows"]
+__all__ = ["CASES", "COLUMNS", "MEASURES", "case_name", "is_table", "read_rows", "write_rows"]
 
 CASES = "cases.csv"
 MEASURES = ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time")
 COLUMNS = ("case", *MEASURES, "status", "directory")
 """Columns that every table has; those of the keys that vary stand after the first."""
+
+
+def case_name(number: int, cases: int) -> str:
+    """Return the name of a study's case, from 1 on, which is that of its folder."""
+    return f"case-{number:0{max(2, len(str(cases)))}d}"
 
 
 def is_table(path: Path) -> bool:
@@ -39,7 +45,7 @@ def read_rows(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
         return list(table.fieldnames or []), list(table)
 
 
-def write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
+def write_rows(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     """Write a table of at least one row, whole or not at all.
 
     Raises
@@ -51,6 +57,9 @@ def write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
         replacing(path) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as file,
     ):
-        writer = csv.DictWriter(file, list(rows[0]))
+        following = iter(rows)
+        first = next(following)
+        writer = csv.DictWriter(file, list(first))
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerow(first)
+        writer.writerows(following)

@@ -13,7 +13,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.scenario import Mistake, Scenario, ScenarioError, counted, shown
 from crinoid.scenario.keys import unit_at
 
-__all__ = ["Variation"]
+__all__ = ["Variation", "coordinate"]
 
 _DRAWN = "seed"
 """The key of what is random."""
@@ -69,7 +69,7 @@ class Variation(NamedTuple):
             ]
         repeats = len(runs) // count
         coordinates = {
-            key: _coordinate(key, [value for value in values for _ in range(repeats)])
+            key: coordinate(key, [value for value in values for _ in range(repeats)])
             for key, values in columns.items()
         }
         about = {"long_name": "seed of everything random"}
@@ -172,7 +172,7 @@ def _instants(scenario: Scenario) -> tuple[float, float]:
     return float(f"{scenario.output_interval:.9g}"), float(f"{duration:.9g}")
 
 
-def _coordinate(key: str, values: list[Any]) -> tuple[Any, ...]:
+def coordinate(key: str, values: list[Any]) -> tuple[Any, ...]:
     """Return a key's values along ``run``; tables and lists of other lengths as JSON."""
     unit = unit_at(Scenario.model_json_schema(), key)
     about = {"long_name": key} | ({"units": unit} if unit else {})

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from crinoid.cli.case import Case, RunName, load_run
 from crinoid.cli.command import end, folder_for, load_scenario, told
 from crinoid.cli.film import film
 from crinoid.cli.interruption import Loading
@@ -22,6 +23,7 @@ from crinoid.cli.options import (
     out_option,
     stop,
 )
+from crinoid.cli.sweep import sweep
 
 app = typer.Typer(
     name="crinoid",
@@ -45,8 +47,9 @@ def _version(
 @app.command()
 @told()
 def run(
-    scenario: ScenarioName = "station-keeping",
+    scenario: RunName = None,
     settings: Settings = None,
+    case: Case = None,
     out: Annotated[Path | None, out_option("results/SCENARIO")] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from where an interrupted run stopped.")
@@ -54,7 +57,7 @@ def run(
     force: Force = False,
 ) -> None:
     """Run a scenario and save what happened."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario)
+    described, folder = load_run(scenario, settings, case, out)
     with Loading():
         from crinoid.cli.play import run_scenario
 
@@ -319,6 +322,7 @@ def export(
 
 app.command()(film)
 app.command()(live)
+app.command()(sweep)
 
 
 def _copy(name: str) -> None:

@@ -30,6 +30,7 @@ from crinoid.simulation import MODES
 from crinoid.simulation.margins import MARGINS
 from crinoid.status import Status
 from crinoid.stream import is_stream, remove_checkpoints
+from crinoid.sweep import PLAN
 from crinoid.tuning import TUNING
 
 _CASE = re.compile(r"case-\d+")
@@ -40,12 +41,6 @@ _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 
 Wanted = Mapping[str, Scenario]
 """Scenarios to run, by the folder below the one given; "" for that one itself."""
-
-
-def case_names(cases: int) -> list[str]:
-    """Return the names of a study's cases, which are those of their folders."""
-    digits = max(2, len(str(cases)))
-    return [f"case-{number:0{digits}d}" for number in range(1, cases + 1)]
 
 
 @contextmanager
@@ -117,6 +112,9 @@ def check_replaced(
     """
     for path in _foreign(folder, wanted, resume=resume):
         _refuse(path)
+    if (folder / PLAN).exists():
+        text = f"{folder} holds a sweep; takes another folder, or --force to write beside it"
+        raise ScenarioError([Mistake("--out", text)])
     for place in ("", *(each.name for each in _case_folders(folder))):
         path = folder / place / RESULT
         found = attributes(path)

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import csv
-import gc
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import jax
 from rich.console import Console
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.batch import measures
-from crinoid.cases import CASES, COLUMNS, MEASURES, is_table, read_rows, write_rows
+from crinoid.cases import CASES, COLUMNS, MEASURES, case_name, is_table, read_rows, write_rows
 from crinoid.cli.attempt import attempt, find_earlier, is_complete, trouble
+from crinoid.cli.checking import of_case
 from crinoid.cli.folder import (
-    case_names,
     check_replaced,
     claimed,
     clear,
@@ -34,9 +32,10 @@ from crinoid.cli.pages import page_beside
 from crinoid.cli.progress import progress_bar, reporter
 from crinoid.cli.tables import cases_table
 from crinoid.plausibility import doubts
+from crinoid.programs import make_room
 from crinoid.report.page.file import PAGE, is_page
 from crinoid.result import Result
-from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
+from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Progress
 from crinoid.status import Status
 
@@ -56,7 +55,7 @@ def run_study(
     the others from being run.
     """
     cases = scenario.cases()
-    names = case_names(len(cases))
+    names = [case_name(number, len(cases)) for number in range(1, len(cases) + 1)]
     odd: dict[str, list[str]] = {}
     ready: dict[str, Prepared] = {}
     held = 0
@@ -76,13 +75,9 @@ def run_study(
 
 def _checked(values: dict[str, Any], prepared: Prepared) -> list[str]:
     """Check the files and the room of a case; return what is odd about it."""
-    try:
+    with of_case("vary", values):
         prepared.check()
         return doubts(prepared)
-    except ScenarioError as error:
-        told = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
-        mistakes = [Mistake("vary", f"case {told}: {mistake}") for mistake in error.mistakes]
-        raise ScenarioError(mistakes) from error
 
 
 def _run_cases(
@@ -96,7 +91,7 @@ def _run_cases(
     force: bool,
     console: Console,
 ) -> str:
-    names = case_names(len(cases))
+    names = [case_name(number, len(cases)) for number in range(1, len(cases) + 1)]
     wanted = {name: case for name, (_, case) in zip(names, cases, strict=True)}
     if not force:
         check_replaced(folder, wanted, resume=resume)
@@ -146,9 +141,7 @@ def _run_cases(
                     ended += f"; what there is of it is in {folder / run.directory}, "
                     ended += "its finished result stays"
                 break
-            if _crowded():
-                jax.clear_caches()
-                gc.collect()
+            make_room()
     if done:
         console.print(cases_table(scenario, table))
         pages, lacking = page_beside(folder)
@@ -228,15 +221,3 @@ def _listed(failures: list[str]) -> str:
     left = len(failures) - _MOST_FAILURES
     more = [f"{left} more {'is' if left == 1 else 'are'} in {CASES}"] if left > 0 else []
     return "; ".join([*failures[:_MOST_FAILURES], *more])
-
-
-def _crowded() -> bool:
-    """Tell whether compiled code fills half of the memory maps that Linux gives a process.
-
-    A program takes some; a process that has none left crashes. Other systems do not count them.
-    """
-    try:
-        most = int(Path("/proc/sys/vm/max_map_count").read_text())
-        return 2 * Path("/proc/self/maps").read_bytes().count(b"\n") > most
-    except OSError:
-        return False

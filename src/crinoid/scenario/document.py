@@ -7,7 +7,7 @@ from typing import Any
 
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
 
-__all__ = ["assign", "override", "parse"]
+__all__ = ["assign", "override", "parse", "value_at", "value_of"]
 
 
 def parse(text: str) -> dict[str, Any]:
@@ -30,15 +30,12 @@ def parse(text: str) -> dict[str, Any]:
 
 
 def override(document: dict[str, Any], setting: str) -> None:
-    """Change a document by one ``key=value``, in place.
-
-    The value is TOML; what is not TOML is taken as text, so that words need no quotes.
-    """
+    """Change a document by one ``key=value``, in place; see `value_of`."""
     key, equals, text = setting.partition("=")
     if not equals or not key.strip():
         takes = "key=value, such as arm.length=0.6"
         raise ScenarioError([Mistake("", f"got {shown(setting)}, takes {takes}")])
-    assign(document, key.strip(), _value(text.strip()))
+    assign(document, key.strip(), value_of(text.strip()))
 
 
 def assign(document: dict[str, Any], key: str, value: Any) -> None:
@@ -56,6 +53,28 @@ def assign(document: dict[str, Any], key: str, value: Any) -> None:
             entry = table[index] = [] if following.isdecimal() else {}
         table = entry
     table[_index(table, last, key, outer)] = value
+
+
+def value_of(text: str) -> Any:
+    """Return a TOML value; what is not TOML is taken as text, so that words need no quotes."""
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text
+    return table["value"] if len(table) == 1 else text
+
+
+def value_at(document: dict[str, Any], key: str) -> Any:
+    """Return what stands at a dotted key of a document; None where nothing does."""
+    found: Any = document
+    for part in _parts(key):
+        if isinstance(found, list) and part.isdecimal() and int(part) < len(found):
+            found = found[int(part)]
+        elif isinstance(found, dict):
+            found = found.get(part)
+        else:
+            return None
+    return found
 
 
 def _index(table: Any, part: str, key: str, outer: list[str]) -> Any:
@@ -87,11 +106,3 @@ def _parts(key: str) -> list[str]:
         part, table = next(iter(table.items()))
         parts.append(part)
     return parts
-
-
-def _value(text: str) -> Any:
-    try:
-        table = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
-        return text
-    return table["value"] if len(table) == 1 else text

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from itertools import product
 from math import prod
 from typing import Annotated, Any
 
@@ -45,6 +44,7 @@ from crinoid.scenario.sensor import Sensor, Sensors, sensor_conflicts
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
 from crinoid.scenario.tool import Tool, tool_conflicts
+from crinoid.scenario.variation import combination
 from crinoid.scenario.vehicle import Vehicle
 from crinoid.scenario.water import Water
 
@@ -295,10 +295,12 @@ class Scenario(Model):
         interval = self.output.interval or min(_DEFAULT_INTERVAL, self.simulation.duration)
         return max(1, round(interval / self.simulation.time_step))
 
+    @property
+    def _count(self) -> int:
+        return prod(map(len, self.vary.values()))
+
     def _combinations(self) -> list[dict[str, Any]]:
-        return [
-            dict(zip(self.vary, values, strict=True)) for values in product(*self.vary.values())
-        ]
+        return [combination(self.vary, number) for number in range(self._count)]
 
     def _conflicts(self) -> Iterator[Mistake]:
         dimension = self.arm.dimension
@@ -333,9 +335,8 @@ class Scenario(Model):
             yield from self._case_conflicts()
 
     def _case_conflicts(self) -> Iterator[Mistake]:
-        count = prod(map(len, self.vary.values()))
-        if count > _MAX_CASES:
-            yield Mistake("vary", f"makes {count} cases, takes {_MAX_CASES} or fewer")
+        if self._count > _MAX_CASES:
+            yield Mistake("vary", f"makes {self._count} cases, takes {_MAX_CASES} or fewer")
             return
         told = set()
         for values in self._combinations():

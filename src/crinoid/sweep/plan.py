@@ -1,0 +1,297 @@
+"""The plan of a sweep: which runs it has, and which of them make a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+from jaxtyping import Int
+
+from crinoid.cases import case_name
+from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, shown
+from crinoid.scenario.document import parse, value_at
+from crinoid.scenario.files import digests
+from crinoid.scenario.variation import Span, combination, read_variation
+from crinoid.sweep.sample import SAMPLINGS, sample
+from crinoid.version import __version__
+
+__all__ = ["MOST_RUNS", "Batch", "Plan"]
+
+MOST_RUNS = 10_000_000
+_MOST_BATCHES, _MOST_IN_A_BATCH = 200, 100
+_SAMPLE = "\0sample"
+"""Stands among the keys that vary for all that are sampled together."""
+_FIXED = ("simulation", "output")
+"""Tables whose numbers make other programs."""
+
+
+class Batch(NamedTuple):
+    """Runs that one worker runs in one go."""
+
+    runs: Int[np.ndarray, " run"]
+    """Their numbers, from 1."""
+    structure: int
+    """Which of the structures they have."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All runs of a sweep: every combination of values, samples and seeds.
+
+    Parameters
+    ----------
+    scenario
+        One case; its ``seed`` is the first of the seeds, and draws the samples.
+    varied
+        Values of each key that varies: a list, or a `Span`, which without a count is sampled.
+    sampling
+        ``grid``, where nothing is sampled, ``lhs`` or ``sobol``.
+    count
+        How many points are sampled.
+    seeds
+        How many seeds each combination is run with.
+    batch
+        How many runs make a batch, at most.
+    files
+        Digest of each file that the scenario names.
+    """
+
+    scenario: Scenario
+    varied: Mapping[str, Span | list[Any]]
+    sampling: str = "grid"
+    count: int = 1
+    seeds: int = 1
+    batch: int = 1
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    @staticmethod
+    def of(
+        scenario: Scenario,
+        variations: Sequence[str],
+        *,
+        sampling: str = "grid",
+        count: int | None = None,
+        seeds: int = 1,
+        batch: int | None = None,
+    ) -> Plan:
+        """Make the plan of a scenario, its ``vary``, and what ``--vary`` says beside it.
+
+        Raises
+        ------
+        ScenarioError
+            If any of it is not what it takes.
+        """
+        varied: dict[str, Span | list[Any]] = dict(scenario.vary)
+        told = set()
+        for text in variations:
+            key, values = read_variation(text)
+            if key in told:
+                raise _mistake("--vary", f"got {key} twice, takes each key once")
+            told.add(key)
+            varied[key] = values
+        alone = scenario.with_values({})
+        found = {
+            key: values if isinstance(values, Span) else _settled(alone, key, values)
+            for key, values in varied.items()
+        }
+        _check(found, sampling, count, seeds, batch)
+        read = digests({**alone.to_dict(), "vary": found})
+        plan = Plan(alone, found, sampling, count or 1, seeds, files=read)
+        if plan.runs > MOST_RUNS:
+            raise _mistake("--vary", f"makes {plan.runs} runs, takes {MOST_RUNS} or fewer")
+        size = min(_MOST_IN_A_BATCH, -(-plan.runs // _MOST_BATCHES))
+        return replace(plan, batch=batch or size)
+
+    @cached_property
+    def runs(self) -> int:
+        """Number of runs."""
+        return prod(map(len, self._choices.values()))
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys that differ between runs; ``seed``, where there are several, is the last one."""
+        return [*self.varied, *(["seed"] if self.seeds > 1 else [])]
+
+    def values(self, run: int) -> dict[str, Any]:
+        """Return the values of a run by key, numbered from 1; the last key changes fastest."""
+        found = combination(self._choices, run - 1)
+        point = self._samples[found.pop(_SAMPLE)] if _SAMPLE in found else ()
+        sampled = zip(self._spans, point, strict=True)
+        found |= {key: self._spans[key].at(float(part)) for key, part in sampled}
+        return {key: found[key] for key in self.keys}
+
+    def case(self, run: int) -> Scenario:
+        """Return the scenario of a run.
+
+        Raises
+        ------
+        ScenarioError
+            If its values do not go together.
+        """
+        return self.scenario.with_values(self.values(run))
+
+    def name(self, run: int) -> str:
+        """Return the name of a run, which is that of its folder."""
+        return case_name(run, self.runs)
+
+    @cached_property
+    def batches(self) -> list[Batch]:
+        """The batches, each of runs of one structure."""
+        return [
+            Batch(runs, structure)
+            for structure, all_runs in enumerate(self.structures)
+            for runs in np.split(all_runs, range(self.batch, all_runs.size, self.batch))
+        ]
+
+    @cached_property
+    def structures(self) -> list[Int[np.ndarray, " run"]]:
+        """The runs that share their programs, as far as values tell."""
+        sizes = tuple(map(len, self._choices.values()))
+        places = np.unravel_index(np.arange(self.runs), sizes) if sizes else ()
+        structure = np.zeros(self.runs, np.int64)
+        for (key, choices), place in zip(self._choices.items(), places, strict=True):
+            if key in (_SAMPLE, "seed") or _is_number(self.scenario, key, choices[0]):
+                continue
+            kinds: dict[str, int] = {}
+            of_each = [kinds.setdefault(repr(each), len(kinds)) for each in choices]
+            structure = structure * len(kinds) + np.array(of_each)[place]
+        order = np.argsort(structure, kind="stable")
+        return np.split(order + 1, np.flatnonzero(np.diff(structure[order])) + 1)
+
+    def examples(self, most: int) -> list[int]:
+        """Return runs that stand for all: of each structure, each value, and the ends of samples.
+
+        Of a key with more than ``most`` values there are as many, its ends among them.
+        """
+        found = {int(runs[0]) for runs in self.structures}
+        stride = 1
+        for key, choices in reversed(self._choices.items()):
+            if key == _SAMPLE:
+                ends = (self._samples.argmin(axis=0), self._samples.argmax(axis=0))
+                places = np.concatenate(ends)
+            else:
+                places = np.linspace(0, len(choices) - 1, min(most, len(choices))).astype(int)
+            found.update(int(place) * stride + 1 for place in places)
+            stride *= len(choices)
+        return sorted(found)
+
+    def to_toml(self) -> str:
+        """Return all of it as TOML; `from_toml` gives it back."""
+        return tomli_w.dumps(self.to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as tables."""
+        spans = {key: str(v) if isinstance(v, Span) else v for key, v in self.varied.items()}
+        return {
+            "version": __version__,
+            "sampling": self.sampling,
+            "count": self.count,
+            "seeds": self.seeds,
+            "batch": self.batch,
+            "files": dict(self.files),
+            "varied": spans,
+            "scenario": self.scenario.to_dict(),
+        }
+
+    @staticmethod
+    def from_toml(text: str) -> Plan:
+        """Read a plan that `to_toml` wrote.
+
+        Raises
+        ------
+        ScenarioError
+            If it is none, or of another version.
+        """
+        found = parse(text)
+        version = found.pop("version", None)
+        if version != __version__:
+            raise _mistake("version", f"got {shown(version)}, takes {shown(__version__)}")
+        varied = {
+            key: read_variation(f"{key}={values}")[1] if isinstance(values, str) else values
+            for key, values in found.pop("varied").items()
+        }
+        return Plan(Scenario.from_dict(found.pop("scenario")), varied, **found)
+
+    @cached_property
+    def _spans(self) -> dict[str, Span]:
+        return {k: v for k, v in self.varied.items() if isinstance(v, Span) and v.count is None}
+
+    @cached_property
+    def _choices(self) -> dict[str, Sequence[Any]]:
+        """Choices that are combined: values of keys, samples, seeds."""
+        found: dict[str, Sequence[Any]] = {}
+        for key, values in self.varied.items():
+            if key not in self._spans:
+                found[key] = values.values() if isinstance(values, Span) else values
+        if self._spans:
+            found[_SAMPLE] = range(self.count)
+        if self.seeds > 1:
+            found["seed"] = range(self.scenario.seed, self.scenario.seed + self.seeds)
+        return found
+
+    @cached_property
+    def _samples(self) -> np.ndarray:
+        return sample(self.sampling, self.count, len(self._spans), self.scenario.seed)
+
+
+def _check(
+    varied: Mapping[str, Span | list[Any]],
+    sampling: str,
+    count: int | None,
+    seeds: int,
+    batch: int | None,
+) -> None:
+    known = ("grid", *SAMPLINGS)
+    if sampling not in known:
+        raise _mistake("--sample", f"got {shown(sampling)}, takes {one_of(known)}")
+    for option, number in {"--count": count, "--seeds": seeds, "--batch": batch}.items():
+        if number is not None and number < 1:
+            raise _mistake(option, f"got {number}, takes a number of 1 or more")
+    if count is not None and count > MOST_RUNS:
+        raise _mistake("--count", f"got {count}, takes {MOST_RUNS} or fewer")
+    spans = [key for key, values in varied.items() if isinstance(values, Span)]
+    long = [v for v in varied.values() if isinstance(v, Span) and (v.count or 0) > MOST_RUNS]
+    if long:
+        raise _mistake("--vary", f"makes {long[0].count} runs, takes {MOST_RUNS} or fewer")
+    without = [key for key in spans if varied[key].count is None]
+    if sampling == "grid":
+        if without:
+            key = without[0]
+            text = f"got {key}={varied[key]}, takes a count behind it (FROM:TO:COUNT), "
+            raise _mistake("--vary", f"{text}or --sample {one_of(SAMPLINGS)}")
+        if count is not None:
+            raise _mistake("--count", f"takes --sample {one_of(SAMPLINGS)} beside it")
+    elif not without:
+        raise _mistake("--sample", "takes a range to sample, such as --vary arm.length=0.3:0.6")
+    elif count is None:
+        raise _mistake("--sample", "takes --count N beside it, how many points to sample")
+    if seeds > 1 and "seed" in varied:
+        raise _mistake("--seeds", "takes no other values of seed beside it")
+
+
+def _settled(scenario: Scenario, key: str, values: list[Any]) -> list[Any]:
+    """Return values as the scenario holds them, such as absolute paths, where it takes them."""
+    found = []
+    for value in values:
+        try:
+            held = value_at(scenario.with_values({key: value}).to_dict(), key)
+        except ScenarioError:  # wrong, or only by itself: the runs will tell
+            held = None
+        found.append(value if held is None else held)
+    return found
+
+
+def _is_number(scenario: Scenario, key: str, value: Any) -> bool:
+    """Tell whether the values of a key are numbers, or vectors, that make no other program."""
+    (held,) = _settled(scenario, key, [value])
+    parts = held if isinstance(held, list) and held else [held]
+    return key.partition(".")[0] not in _FIXED and all(isinstance(each, float) for each in parts)
+
+
+def _mistake(key: str, text: str) -> ScenarioError:
+    return ScenarioError([Mistake(key, text)])
