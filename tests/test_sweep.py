@@ -141,6 +141,12 @@ def test_the_table_is_that_of_a_study(clean):
     assert [float(row["rms_error"]) for row in rows] == data["rms_error"].values.tolist()
 
 
+def test_a_sweep_has_the_page_of_a_study(clean):
+    page = (clean / "report.html").read_text("utf-8")
+    for name in [f"case-0{run}" for run in range(1, 7)]:
+        assert name in page
+
+
 def test_batches_are_files_of_their_own(clean):
     assert [path.name for path in saved(clean)] == ["00000.nc", "00001.nc", "00002.nc"]
     with xr.open_dataset(saved(clean)[1]) as batch:

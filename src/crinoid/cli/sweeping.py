@@ -17,6 +17,7 @@ from crinoid.cli.crew import Hands, count_of, open_crew
 from crinoid.cli.folder import claimed, clear, say_written
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.notes import notes_of_cases, say_notes
+from crinoid.cli.pages import page_beside
 from crinoid.cli.progress import progress_bar
 from crinoid.cli.sweep_table import estimate_table, sweep_table, worst_lines
 from crinoid.cli.trial import time_run
@@ -78,8 +79,9 @@ def run_sweep(
             except CrewError as error:
                 return f"{error}; {_saved(plan, done)}"
     console.print(sweep_table(data))
-    say_notes(console, [] if has_zarr() else [_NO_ZARR])
-    say_written(console, files)
+    pages, lacking = page_beside(folder)
+    say_notes(console, lacking if has_zarr() else [_NO_ZARR, *lacking])
+    say_written(console, [*files, *pages])
     for line in worst_lines(plan, data, folder):
         console.print(line, soft_wrap=True)
     return _failures(data)
