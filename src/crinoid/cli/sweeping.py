@@ -14,9 +14,10 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.cases import CASES
 from crinoid.cli.checking import of_case
 from crinoid.cli.crew import Hands, count_of, open_crew
-from crinoid.cli.folder import claimed, clear, say_written
+from crinoid.cli.folder import claimed, clear
 from crinoid.cli.interruption import Interruption
-from crinoid.cli.notes import notes_of_cases, say_notes
+from crinoid.cli.lines import say_notes, say_written
+from crinoid.cli.notes import notes_of_cases
 from crinoid.cli.pages import page_beside
 from crinoid.cli.progress import progress_bar
 from crinoid.cli.sweep_table import estimate_table, sweep_table, worst_lines
