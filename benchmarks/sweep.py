@@ -32,7 +32,7 @@ correlation_time = 0.3
 [simulation]
 duration = 1.0
 """
-RUN = "from crinoid.cli import main; main()"
+PROGRAM = ["from crinoid.cli import main", "main()"]
 MACHINES, CORES = 100, 16
 MANY = 1_000_000
 
@@ -47,6 +47,7 @@ def main() -> None:
     parser.add_argument("--processes", action="store_true", help="workers without dask")
     options = parser.parse_args()
     if options.processes:
+        PROGRAM.insert(0, "import sys; sys.modules['distributed'] = None")
         sys.modules["distributed"] = None  # type: ignore[assignment]
     folder = Path(tempfile.mkdtemp())
     (folder / "short.toml").write_text(SHORT, "utf-8")
@@ -140,7 +141,7 @@ def timed(arguments: list[str]) -> float:
 def command(arguments: list[str]) -> None:
     """Run the command line in a process of its own."""
     subprocess.run(
-        [sys.executable, "-c", RUN, *arguments],
+        [sys.executable, "-c", "; ".join(PROGRAM), *arguments],
         check=True,
         stdout=subprocess.DEVNULL,
         env=os.environ,

@@ -54,7 +54,7 @@ class Cluster:
                 self._own = distributed.LocalCluster(
                     n_workers=number,
                     threads_per_worker=1,
-                    dashboard_address=None,
+                    dashboard_address="127.0.0.1:0",  # any free port: several sweeps may run
                     silence_logs=logging.CRITICAL,
                 )
             try:
