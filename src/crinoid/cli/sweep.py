@@ -34,11 +34,17 @@ def sweep(
     ] = None,
     sample: Annotated[
         str,
-        typer.Option(metavar="KIND", help="How ranges without a count are filled: lhs or sobol."),
+        typer.Option(
+            metavar="KIND", help="How ranges without a count are filled: lhs, sobol or saltelli."
+        ),
     ] = "grid",
     count: Annotated[
         int | None,
-        typer.Option(metavar="N", help="How many points to sample.", show_default=False),
+        typer.Option(
+            metavar="N",
+            help="How many points to sample; of saltelli, blocks of as many as keys and two.",
+            show_default=False,
+        ),
     ] = None,
     seeds: Annotated[
         int, typer.Option(metavar="N", help="How many seeds to run each with, from seed on.")

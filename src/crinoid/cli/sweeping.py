@@ -117,7 +117,7 @@ def notes_of(plan: Plan) -> list[str]:
         If a run of it cannot be run.
     """
     found = notes_of_cases(check_runs(plan))
-    if plan.sampling == "sobol" and plan.count.bit_count() > 1:
+    if plan.sampling in ("sobol", "saltelli") and plan.count.bit_count() > 1:
         found.append(f"--count: {plan.count} is no power of two, which Sobol points balance by")
     return found
 

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from crinoid.cases import case_name
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, shown
 from crinoid.scenario.document import parse, value_at
 from crinoid.scenario.files import digests
 from crinoid.scenario.variation import Span, combination, read_variation
-from crinoid.sweep.sample import SAMPLINGS, sample
+from crinoid.sweep.sample import SAMPLINGS, points_of, sample
 from crinoid.version import __version__
 
 __all__ = ["MOST_RUNS", "Batch", "Plan"]
@@ -50,9 +50,9 @@ class Plan:
     varied
         Values of each key that varies: a list, or a `Span`, which without a count is sampled.
     sampling
-        ``grid``, where nothing is sampled, ``lhs`` or ``sobol``.
+        ``grid``, where nothing is sampled, ``lhs``, ``sobol`` or ``saltelli``.
     count
-        How many points are sampled.
+        How many points are sampled, or blocks of points (`sample`).
     seeds
         How many seeds each combination is run with.
     batch
@@ -138,6 +138,17 @@ class Plan:
     def name(self, run: int) -> str:
         """Return the name of a run, which is that of its folder."""
         return case_name(run, self.runs)
+
+    @property
+    def sampled(self) -> list[str]:
+        """Keys that are sampled."""
+        return list(self._spans)
+
+    def by_point(self, values: Float[np.ndarray, " run"]) -> Float[np.ndarray, "point other"]:
+        """Return a number of each run by the sampled point, and by all else that varies."""
+        sizes = {key: len(choices) for key, choices in self._choices.items()}
+        found = np.moveaxis(values.reshape(*sizes.values()), list(sizes).index(_SAMPLE), 0)
+        return found.reshape(sizes[_SAMPLE], -1)
 
     @cached_property
     def batches(self) -> list[Batch]:
@@ -229,7 +240,7 @@ class Plan:
             if key not in self._spans:
                 found[key] = values.values() if isinstance(values, Span) else values
         if self._spans:
-            found[_SAMPLE] = range(self.count)
+            found[_SAMPLE] = range(points_of(self.sampling, self.count, len(self._spans)))
         if self.seeds > 1:
             found["seed"] = range(self.scenario.seed, self.scenario.seed + self.seeds)
         return found
