@@ -283,7 +283,7 @@ def test_a_study_sorts_says_what_is_pointed_at_and_opens_a_case(browser, tmp_pat
     cases = grid(tmp_path)
     save(swaying_arm(records=5), tmp_path / "case-05" / "result.nc")
     write_run(Run(swaying_arm(records=5)), tmp_path / "case-05" / "report.html")
-    path = write_study(cases, "study", tmp_path)
+    path = write_study(cases, tmp_path, tmp_path)
     with Opened(browser, path) as opened:
         page, names = opened.page, "[...document.querySelectorAll('tbody td:first-child')]"
         shown = f"() => {names}.map((each) => each.textContent)"
@@ -317,7 +317,7 @@ def test_a_cell_of_several_cases_leaves_only_these_in_the_table(browser, tmp_pat
         for n in range(1, 13)
     ]
     write_table(tmp_path, rows)
-    path = write_study(read_cases(tmp_path / "cases.csv"), "study", tmp_path)
+    path = write_study(read_cases(tmp_path / "cases.csv"), tmp_path, tmp_path)
     with Opened(browser, path, color_scheme="dark") as opened:
         at = opened.ask("() => crinoid.where(3)")
         plot = opened.page.locator("#plot").bounding_box()

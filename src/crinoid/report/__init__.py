@@ -71,5 +71,5 @@ def write_page(folder: Path) -> Path:
     from crinoid.report.table import read_cases
 
     if not (folder / RESULT).is_file() and (folder / CASES).is_file():
-        return write_study(read_cases(folder / CASES), folder.resolve().name, folder)
+        return write_study(read_cases(folder / CASES), folder, folder)
     return write_run(open_run(folder / RESULT, lazily=True), folder / PAGE)

@@ -142,7 +142,7 @@ def _write_study(folder: Path, out: Path) -> list[Path]:
         if case.result is not None:
             written += _write_run(case.result, out / case.directory)
     # a result beside the table has the page of that name
-    return written if (folder / RESULT).is_file() else [*written, write_study(cases, title, out)]
+    return written if (folder / RESULT).is_file() else [*written, write_study(cases, folder, out)]
 
 
 def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:

@@ -108,14 +108,18 @@ class StudyPage {
     const box = this.byId("effects"), table = box.querySelector("table"), { effects } = this.measure;
     box.hidden = !effects.length;
     table.replaceChildren();
-    for (const { key, share, low, high } of effects) {
+    this.byId("totals").hidden = !effects.some(({ total }) => total !== undefined);
+    for (const { key, share, low, high, total, within } of effects) {
       const row = make("tr", "", table), percent = (value) => `${(100 * value).toFixed(0)} %`;
       make("td", "", row, this.keys[key].short).title = this.keys[key].name;
       const bar = make("div", "bar-of", make("td", "wide", row));
-      make("i", "", bar).style.width = `${100 * share}%`;
-      Object.assign(make("b", "", bar).style, { left: `${100 * low}%`, width: `${100 * (high - low)}%` });
+      const inside = (value) => 100 * Math.max(0, Math.min(1, value));
+      if (total !== undefined) make("i", "total", bar).style.width = `${inside(total)}%`;
+      make("i", "", bar).style.width = `${inside(share)}%`;
+      Object.assign(make("b", "", bar).style, { left: `${inside(low)}%`, width: `${inside(high) - inside(low)}%` });
       make("td", "", row, percent(share));
       make("td", "range", row, `${percent(low)} to ${percent(high)}`);
+      if (total !== undefined) make("td", "", row, `${percent(total)} ± ${percent(within)}`);
     }
   }
 
