@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from bokeh.document import Document
 
+from crinoid.cases import MEASURES
 from crinoid.report import ReportError, write_page, write_report
 from crinoid.report.charts.effects import effects_of
 from crinoid.report.charts.study import (
@@ -21,6 +22,8 @@ from crinoid.report.charts.study import (
 from crinoid.report.page.study import MOST_CASES, study_page_of
 from crinoid.report.table import read_cases
 from crinoid.report.units import Unit
+from crinoid.scenario.library import load
+from crinoid.sweep.plan import Plan
 from test_page import HOSTILE, Tags
 from test_report import save, study_row, swaying_arm, write_study
 
@@ -170,6 +173,33 @@ def test_many_cases_are_thinned_and_the_page_says_so(tmp_path):
     assert len(page.encode()) < 3e6
     assert f"The page holds {MOST_CASES} of {count} cases, evenly chosen." in page
     assert len(told(page)["names"]) == MOST_CASES
+
+
+def test_the_page_of_a_sweep_has_the_indices_of_its_plan(tmp_path):
+    pytest.importorskip("SALib", reason="needs SALib")
+    spans = ["arm.length=0.4:0.6", "arm.radius=0.01:0.02"]
+    plan = Plan.of(load("still-water"), spans, sampling="saltelli", count=64)
+    (tmp_path / "plan.toml").write_text(plan.to_toml(), "utf-8")
+    values = [plan.values(run) for run in range(1, plan.runs + 1)]
+    rows = [
+        {"case": f"case-{n}", **v, **dict.fromkeys(MEASURES, ""), "status": "ok", "directory": "x"}
+        | {"rms_error": 10.0 * v["arm.length"] + 50.0 * v["arm.radius"]}
+        for n, v in enumerate(values)
+    ]
+    write_study(tmp_path, rows)
+    page = write_page(tmp_path).read_text("utf-8")
+    assert plan.scenario.title in page
+    (measure,) = told(page)["measures"]
+    # of a sum the indices are the shares of the variances, first and total alike
+    of_length, of_radius = (10.0 * 0.2) ** 2, (50.0 * 0.01) ** 2
+    share = of_length / (of_length + of_radius)
+    for each, expected in zip(measure["effects"], (share, 1.0 - share), strict=True):
+        assert each["share"] == pytest.approx(expected, abs=0.1)
+        assert each["total"] == pytest.approx(expected, abs=0.1)
+    (tmp_path / "plan.toml").write_text("version = 1", "utf-8")
+    (measure,) = told(write_page(tmp_path).read_text("utf-8"))["measures"]
+    assert measure["effects"]
+    assert not any("total" in each for each in measure["effects"])
 
 
 def test_a_study_of_which_nothing_is_known_has_a_page(tmp_path):

@@ -13,7 +13,7 @@ class StudyPage {
     this.lines = [...document.querySelectorAll(".finals [data-case]")];
     this.columns = [
       { label: "case", of: (i) => this.names[i], title: "" },
-      ...this.keys.map((key) => ({ label: key.short, title: key.name, of: (i) => (key.numbers ? key.numbers[key.level[i]] : key.levels[key.level[i]]), text: (i) => key.levels[key.level[i]] })),
+      ...this.keys.map((key) => ({ label: key.short, title: key.name, of: (i) => (key.numbers ? key.numbers[key.level[i]] : key.levels[key.level[i]]), text: (i) => this.level(key, i) })),
       ...this.measures.map((each) => ({ label: `${each.label} (${each.unit})`, title: "", measure: each, of: (i) => each.values[i], text: (i) => digits(each.values[i] ?? NaN) })),
       ...(this.status.some((each) => each !== "ok") ? [{ label: "status", title: "", of: (i) => this.status[i] }] : []),
     ];
@@ -103,6 +103,12 @@ class StudyPage {
     }
   }
 
+  // The value of a key in a case, as it is written, or a long number in six digits.
+  level({ levels, level, numbers }, i) {
+    const text = levels[level[i]];
+    return numbers && text.length > 10 ? String(Number(Number(text).toPrecision(6))) : text;
+  }
+
   // What explains the spread of the measure.
   effects() {
     const box = this.byId("effects"), table = box.querySelector("table"), { effects } = this.measure;
@@ -110,7 +116,7 @@ class StudyPage {
     table.replaceChildren();
     this.byId("totals").hidden = !effects.some(({ total }) => total !== undefined);
     for (const { key, share, low, high, total, within } of effects) {
-      const row = make("tr", "", table), percent = (value) => `${(100 * value).toFixed(0)} %`;
+      const row = make("tr", "", table), percent = (value) => `${(100 * value).toFixed(0)} %`.replace("-", "−");
       make("td", "", row, this.keys[key].short).title = this.keys[key].name;
       const bar = make("div", "bar-of", make("td", "wide", row));
       const inside = (value) => 100 * Math.max(0, Math.min(1, value));
@@ -178,7 +184,7 @@ class StudyPage {
 
   told(cases) {
     const { measure } = this;
-    const shared = this.keys.filter((key) => new Set(cases.map((i) => key.level[i])).size === 1).map((key) => `${key.short} ${key.levels[key.level[cases[0]]]}`);
+    const shared = this.keys.filter((key) => new Set(cases.map((i) => key.level[i])).size === 1).map((key) => `${key.short} ${this.level(key, cases[0])}`);
     const known = cases.map((i) => measure.values[i]).filter((value) => value !== null);
     const mean = known.length ? `${measure.label} ${digits(known.reduce((a, b) => a + b) / known.length)} ${measure.unit}` : `${measure.label} unknown`;
     if (cases.length > 1) return `${cases.length} cases · ${[...shared, `mean ${mean}`].join(" · ")}`;
