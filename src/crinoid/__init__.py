@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from crinoid.control import Controller, Measurand, Seen, Sensor
     from crinoid.dynamics import Outcome, State, System
     from crinoid.elements import Element, Motion
+    from crinoid.environment.make import make_env, make_vec_env
     from crinoid.flow import Flow
     from crinoid.onset import Onset
     from crinoid.result import Result
@@ -64,6 +65,8 @@ _HOMES = {
     "rollout": "crinoid.simulation",
     "simulate": "crinoid.simulation",
     "simulate_batch": "crinoid.batch",
+    "make_env": "crinoid.environment.make",
+    "make_vec_env": "crinoid.environment.make",
     "system": "crinoid.assembly.prepared",
     "assemble": "crinoid.assembly.system",
     "parameters": "crinoid.assembly.prepared",
@@ -98,6 +101,8 @@ __all__ = [
     "flow_onset",
     "load",
     "load_onset",
+    "make_env",
+    "make_vec_env",
     "modes",
     "parameters",
     "rollout",
@@ -122,6 +127,10 @@ _given = os.environ.get("XLA_FLAGS", "")
 if _LOOPS not in _given:
     os.environ["XLA_FLAGS"] = f"{_given} --xla_backend_extra_options={_LOOPS}={1 << 24}".strip()
 
+
+# `gymnasium.make("crinoid:crinoid/Reach-v0")` imports this, to find the id afterwards
+if "gymnasium" in sys.modules:
+    import_module("crinoid.environment")
 
 showing.shown_by = lambda: cast("showing.Showing", import_module("crinoid.notebook"))
 

@@ -13,7 +13,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.scenario import Mistake, Scenario, ScenarioError, counted, shown
 from crinoid.scenario.keys import unit_at
 
-__all__ = ["Variation", "coordinate"]
+__all__ = ["Variation", "coordinate", "structure"]
 
 _DRAWN = "seed"
 """The key of what is random."""
@@ -56,7 +56,7 @@ class Variation(NamedTuple):
         cases = [
             _placed(f"over: entry {row}, ", scenario, each) for row, each in enumerate(entries)
         ]
-        _require_alike(scenario, entries, cases, _structure, _OTHER_STRUCTURE)
+        _require_alike(scenario, entries, cases, structure, _OTHER_STRUCTURE)
         if records:
             _require_alike(scenario, entries, cases, _instants, _OTHER_INSTANTS)
         runs = cases
@@ -151,7 +151,7 @@ def _require_alike(
         _refuse("over", f"entry {row}, {key}: got {shown(value)} after {first}, {why}")
 
 
-def _structure(scenario: Scenario) -> Any:
+def structure(scenario: Scenario) -> Any:
     """Return what decides on the programs that a scenario compiles, and on the sizes of results."""
     numbers, tree = jax.tree.flatten(Prepared(scenario).parameters)
     document = scenario.to_dict()

@@ -40,6 +40,16 @@ def command_failure(inputs: Sequence[Input], command: Sequence[float], time: flo
     return f"failed at t = {time:.6g} s: the controller commanded {words}, which is no number"
 
 
+def short_step_failure(scenario: Scenario, system: System, state: State, outcome: Outcome) -> str:
+    """Say why no step was found that goes on from ``state``, of which no past is known."""
+    what, remedy = _trouble(scenario, system, state, outcome)
+    return f"{_when(state)}: {what}; try {remedy}"
+
+
+def _when(state: State) -> str:
+    return f"failed at t = {float(state.time):.6g} s"
+
+
 def step_failure(
     scenario: Scenario,
     system: System,
@@ -50,9 +60,8 @@ def step_failure(
 ) -> str:
     """Say why no step was found that goes on from ``state``, the end of ``dataset``."""
     simulation, obstacles = scenario.simulation, system.forces.obstacles
-    when = f"failed at t = {float(state.time):.6g} s"
-    halvings = f"even after {counted(simulation.max_halvings, 'halving')}"
-    what, remedy = _trouble(scenario, system, state, outcome, halvings)
+    when = _when(state)
+    what, remedy = _trouble(scenario, system, state, outcome)
     if defect is not None and defect.gained:
         return f"{when}: {defect.told}; {defect.cause}, until {what}; try {defect.remedy}"
     if outcome.resolved and turned(dataset, simulation, -_LATELY) > 1.0:
@@ -73,10 +82,9 @@ def step_failure(
     return f"{when}: {what}; try {remedy}{room}"
 
 
-def _trouble(
-    scenario: Scenario, system: System, state: State, outcome: Outcome, halvings: str
-) -> tuple[str, str]:
+def _trouble(scenario: Scenario, system: System, state: State, outcome: Outcome) -> tuple[str, str]:
     """Return what is wrong with the step, and what helps where nothing else is known."""
+    halvings = f"even after {counted(scenario.simulation.max_halvings, 'halving')}"
     smaller = "a smaller simulation.time_step"
     if not outcome.resolved:
         assert state.gap is not None

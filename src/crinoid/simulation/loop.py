@@ -155,13 +155,16 @@ class Loop(eqx.Module):
         progress = Progress(outcome, outcome.residual, outcome.error, one, outcome.iterations)
         return self._after(told, state, None, progress), outcome
 
-    def _told(self, carry: LoopState) -> LoopState:
-        """Return the loop when sensors and controller have acted, before the arm has moved."""
-        before = carry.state
-        sensors = tuple(
-            self._sampled(sensor, samples, before)
+    def sensed(self, carry: LoopState) -> tuple[SensorState, ...]:
+        """Return the sensors when those have measured whose time has come."""
+        return tuple(
+            self._sampled(sensor, samples, carry.state)
             for sensor, samples in zip(self.sensors, carry.sensors, strict=True)
         )
+
+    def _told(self, carry: LoopState) -> LoopState:
+        """Return the loop when sensors and controller have acted, before the arm has moved."""
+        before, sensors = carry.state, self.sensed(carry)
         due = self.clock.due(carry.ticks, before.time - self.switched_on)
 
         def act() -> tuple[Array, Any]:

@@ -6,7 +6,14 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
 from crinoid.report.charts.space import Space, ranges_of
-from crinoid.report.film.camera import PRESETS, camera_of, followed_by, path_of, window_of
+from crinoid.report.film.camera import (
+    PRESETS,
+    Window,
+    camera_of,
+    followed_by,
+    path_of,
+    window_of,
+)
 from crinoid.report.film.course import Course, between
 from crinoid.report.film.encode import Image
 from crinoid.report.film.frame import Frame
@@ -24,13 +31,32 @@ RAMPS = {
 class Picture:
     """The pictures of a film, all of one size.
 
+    Parameters
+    ----------
+    space
+        The run.
+    shot, reel
+        How it is filmed.
+    title, status
+        Of the run; the status is empty if nothing went wrong.
+    window
+        What the camera is to see; all of the run if left out.
+
     Raises
     ------
     ReportError
         If an option of the shot asks for what the run does not have.
     """
 
-    def __init__(self, space: Space, shot: Shot, reel: Reel, title: str, status: str) -> None:
+    def __init__(
+        self,
+        space: Space,
+        shot: Shot,
+        reel: Reel,
+        title: str,
+        status: str,
+        window: Window | None = None,
+    ) -> None:
         first = space.members[0]
         parts = _parts(space, shot.uncontrolled)
         shading = _shading(space, shot.colour, plain=len(parts[0]) > 1)
@@ -38,7 +64,7 @@ class Picture:
         followed = followed_by(space, shot.follow)
         self._path, self._course = path_of(first, followed), Course(first)
         shown = [space.members[i] for part in parts for i in part]
-        window = window_of(space, shown, self._path)
+        window = window or window_of(space, shown, self._path)
         name = shot.view or ("angle" if space.spatial else "side")
         azimuth, elevation = PRESETS[name]
         turned = shot.azimuth is not None or shot.elevation is not None

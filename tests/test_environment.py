@@ -1,0 +1,421 @@
+"""Environments of Gymnasium: they are the closed loop, seeded, drawn anew, alone and many."""
+
+import subprocess
+import sys
+
+import gymnasium
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+import crinoid
+from crinoid.control import Controller, pose_error
+from crinoid.environment.reward import Moment, closeness
+from crinoid.environment.success import Success
+from crinoid.environment.tasks import TASKS
+
+SCENARIO = crinoid.Scenario.from_toml("""
+[arm]
+nodes = 5
+youngs_modulus = 1e6
+[base.channels.slide]
+range = [-0.1, 0.1]
+[base.channels.tilt]
+[[chamber]]
+offset = 0.01
+area = 2e-4
+max_pressure = 1e5
+time_constant = 0.1
+pair = true
+[[base.motion]]
+channel = "heave"
+kind = "sine"
+amplitude = 0.01
+frequency_hz = 1.0
+[[flow]]
+kind = "gauss-markov"
+mean = [0.1, 0.1]
+standard_deviation = 0.05
+correlation_time = 1.0
+[[load]]
+kind = "tip"
+force = [0.0, 0.0]
+start = 0.1
+[target]
+time = [0.0, 0.2]
+tip = [[0.5, -10.0], [0.5, -9.95]]
+[sensor]
+delay = 0.013
+noise_position = 1e-3
+[[sensors]]
+kind = "wrench"
+[control]
+rate_hz = 50.0
+start = 0.03
+controlled = ["x", "z"]
+[simulation]
+duration = 0.25
+max_halvings = 0
+[output]
+interval = 0.01
+""")
+SMALL = {"arm.nodes": 5, "simulation.duration": 0.1}
+TOLD = ("is -infinity", "is infinity", "recommend using a symmetric and normalized space")
+"""What Gymnasium says of limits that are those of physics."""
+BREAKS = {"load.0.force": [-1e5, 0.0]}
+"""A force along the arm that folds any."""
+
+
+@pytest.fixture(scope="module")
+def env():
+    return crinoid.make_env(SCENARIO, render_mode="rgb_array")
+
+
+def episode(env, act, **reset):
+    """Return observations, rewards and infos of an episode, from the reset on."""
+    seen, info = env.reset(**reset)
+    told, over = [(seen, 0.0, info)], False
+    while not over:
+        seen, reward, ended, late, info = env.step(act(seen))
+        told.append((seen, reward, info))
+        over = ended or late
+    seen, rewards, infos = zip(*told, strict=True)
+    return np.array(seen), np.array(rewards), infos
+
+
+def idle(seen):
+    return np.zeros(3)
+
+
+def pushed(seen):
+    """Bring the tip up by what is wrong with it."""
+    return np.array([seen[0], 2.0 * seen[1], 3.0 * seen[1]])
+
+
+class Pushed(Controller):
+    def start(self, seen):
+        return None
+
+    def command(self, memory, seen):
+        x, z = pose_error(seen.wanted, seen.measured)[:2]
+        # slide, heave, tilt and the chamber
+        return jnp.stack([x, 0.0, 2.0 * z, 3.0 * z]), None
+
+
+@pytest.mark.parametrize(("act", "controlled"), [(pushed, True), (idle, False)])
+def test_an_episode_is_the_closed_loop(env, act, controlled):
+    if not hasattr(test_an_episode_is_the_closed_loop, "run"):
+        seeded = SCENARIO.with_values({"seed": 7})
+        test_an_episode_is_the_closed_loop.run = crinoid.simulate(seeded, controller=Pushed())
+    run = test_an_episode_is_the_closed_loop.run
+    data = (run if controlled else run.uncontrolled).dataset
+    _, _, infos = episode(env, act, seed=7)
+    times = np.array([info["time"] for info in infos])
+    assert times == pytest.approx([*np.arange(0.03, 0.25, 0.02), 0.25], abs=1e-12)
+    wanted = data["tip_error"].sel(time=times, method="nearest")
+    assert [info["error"] for info in infos] == pytest.approx(wanted.values, abs=1e-12)
+    assert infos[-1] | {"time": 0, "error": 0} == {
+        "time": 0,
+        "error": 0,
+        "status": "ok",
+        "is_success": False,
+    }
+
+
+def test_what_is_observed_has_names_units_and_limits(env):
+    names = env.unwrapped.observation_names
+    space = env.observation_space
+    assert len(names) == len(env.observation_units) == space.shape[0] == len(set(names))
+    units = dict(zip(names, env.observation_units, strict=True))
+    assert units["error.z"] == units["heave.pose"] == "m"
+    assert units["rate.angle"] == "rad s-1"
+    assert units["wrench.force_x"] == "N"
+    lower = dict(zip(names, space.low, strict=True))
+    assert lower["slide.position"] == lower["slide.command"] == -0.1
+    assert lower["chamber_0.state"] == -1.0
+    assert lower["error.x"] == -np.inf
+    assert env.action_names == ("slide", "tilt", "chamber_0")
+    assert env.action_units == ("m", "rad", "1")
+    assert env.action_space.low == pytest.approx([-0.1, -np.pi / 3, -1.0])
+
+
+def test_observations_tell_of_the_arm(env):
+    seen, _, infos = episode(env, pushed, seed=7)
+    of = dict(zip(env.observation_names, seen.T, strict=True))
+    assert of["slide.command"][1:] == pytest.approx(np.clip(of["error.x"][:-1], -0.1, 0.1))
+    assert of["rate.x"][0] == 0.0
+    # the target stands still in x: what changes is the tip
+    assert of["rate.x"][1:-1] == pytest.approx(-np.diff(of["error.x"])[:-1] * 50)
+    assert of["error.sin_angle"] ** 2 + of["error.cos_angle"] ** 2 == pytest.approx(1.0)
+    assert of["ahead.z"][0] > 0.03
+    assert of["ahead.z"][-1] == pytest.approx(0.0, abs=1e-12)
+    times = np.array([info["time"] for info in infos])
+    assert of["heave.pose"] == pytest.approx(0.01 * np.sin(2 * np.pi * times))
+
+
+def test_limits_hold_all_that_is_observed(env):
+    env.action_space.seed(1)
+    for seed in range(3):
+        seen, _, _ = episode(env, lambda _: env.action_space.sample(), seed=seed)
+        assert all(row in env.observation_space for row in seen)
+
+
+def test_a_seed_gives_the_same_episode(env):
+    first, rewards, _ = episode(env, pushed, seed=3)
+    later, _, _ = episode(env, pushed)
+    again, same, _ = episode(env, pushed, seed=3)
+    assert np.array_equal(first, again)
+    assert np.array_equal(rewards, same)
+    assert np.array_equal(later, episode(env, pushed)[0]) is False
+    other, _, _ = episode(env, pushed, seed=4)
+    assert np.abs(other - first).max() > 1e-4
+
+
+def test_numbers_are_set_and_drawn_without_compiling(env):
+    ranges = {"arm.youngs_modulus": (8e5, 1.2e6), "flow.0.mean.0": (0.0, 0.3)}
+    options = {"set": {"water.drag_normal": 1.3}, "draw": ranges}
+    plain, _, _ = episode(env, idle, seed=3)
+    compiled = env._go_on._cache_size()
+    drawn, found = [], []
+    for seed in (3, 4, 3):
+        drawn.append(episode(env, idle, seed=seed, options=options)[0])
+        scenario = env.scenario
+        found.append((scenario.arm.youngs_modulus, scenario.flow[0].mean[0]))
+        assert scenario.water.drag_normal == 1.3
+        assert all(
+            low <= x <= high for x, (low, high) in zip(found[-1], ranges.values(), strict=True)
+        )
+    assert found[0] == found[2] != found[1]
+    assert np.array_equal(drawn[0], drawn[2])
+    assert np.abs(drawn[0] - plain).max() > 1e-6
+    assert compiled == env._go_on._cache_size() == 1
+    # those of one reset are gone at the next
+    assert np.array_equal(plain, episode(env, idle, seed=3)[0])
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        ({"set": {"arm.nodes": 7}}, "arm.nodes: got 7, which changes the compiled program"),
+        (
+            {"set": {"base.channels.slide.range": [-0.2, 0.2]}},
+            "base.channels.slide.range: got [-0.2, 0.2], which changes the limits of actions",
+        ),
+        ({"set": {"arm.lenght": 1.0}}, "arm.lenght: unknown key; did you mean arm.length?"),
+        ({"sett": {}}, 'options: sett: unknown, takes "set" or "draw"'),
+        ({"set": 3}, "options: set: got 3, takes dotted keys with values"),
+        (
+            {"draw": {"arm.length": 0.5}},
+            "options: draw: arm.length: got 0.5, takes two numbers, the smaller one first",
+        ),
+        (
+            {"draw": {"arm.length": (0.5, float("nan"))}},
+            "options: draw: arm.length: got [0.5, nan], takes two numbers, the smaller one first",
+        ),
+        ({"draw": {"arm.length": (-2.0, -1.0)}}, "arm.length: got -"),
+    ],
+)
+def test_wrong_options_are_refused(env, options, line):
+    with pytest.raises(crinoid.ScenarioError) as caught:
+        env.reset(seed=0, options=options)
+    (told,) = caught.value.lines
+    assert told.startswith(line)
+
+
+def test_wrong_arguments_are_refused():
+    still = crinoid.Scenario()
+    for given, line in [
+        ({"draw": {"arm.length": 1}}, "draw: arm.length: got 1, takes two numbers"),
+        ({"render_mode": "human"}, 'render_mode: got "human", takes "rgb_array" or None'),
+        ({"reward": lambda moment: moment.error}, "reward: got an array of shape (3,), takes"),
+    ]:
+        with pytest.raises(crinoid.ScenarioError) as caught:
+            crinoid.make_env(SCENARIO, **given)
+        assert str(caught.value).startswith(line)
+    with pytest.raises(crinoid.ScenarioError, match=r"^base.channels: none of them can move"):
+        crinoid.make_env(still)
+    for given, line in [
+        ({"time": -1.0, "position": 0.1}, "success.time: got -1.0, takes seconds of 0 or more"),
+        ({"time": 1.0, "position": 0.0}, "success.position: got 0.0, takes a share above 0"),
+        ({"time": 1.0}, "success: takes a position, an angle_deg or both"),
+    ]:
+        with pytest.raises(crinoid.ScenarioError) as caught:
+            Success(**given)
+        assert str(caught.value) == line
+    with pytest.raises(crinoid.ScenarioError, match=r"^num_envs: got 0, takes"):
+        crinoid.make_vec_env(SCENARIO, 0)
+
+
+def test_wrong_actions_are_refused(env):
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"^action: got the shape \(2,\), takes \(3,\)"):
+        env.step([0.0, 0.0])
+    with pytest.raises(ValueError, match=r"^action: got \[nan, 0.0, 0.0\], takes numbers"):
+        env.step([float("nan"), 0.0, 0.0])
+    episode(env, idle)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(3))
+
+
+def test_a_failure_ends_it_and_costs_what_was_left(env):
+    _, rewards, infos = episode(env, idle, seed=0, options={"set": BREAKS})
+    assert infos[-1]["time"] < 0.2
+    assert infos[-1]["status"].startswith("failed at t = ")
+    assert "; try " in infos[-1]["status"]
+    left = (0.25 - infos[-1]["time"]) * 50
+    assert rewards[-1] == pytest.approx(-1.1 * (1 + left))
+
+
+def test_pictures_show_the_arm(env):
+    env.reset(seed=0)
+    first = env.render()
+    for _ in range(5):
+        env.step([0.1, 1.0, 1.0])
+    later = env.render()
+    assert first.shape == later.shape == (480, 640, 3)
+    assert first.dtype == np.uint8
+    changed = np.any(first != later, axis=2)
+    assert 200 < changed.sum() < 0.3 * changed.size
+    # the camera stands still: the length and the grid are where they were
+    assert not changed[440:].any()
+
+
+def moment(**given):
+    zero = jnp.zeros(())
+    told = {
+        "time": zero,
+        "error": jnp.zeros(3),
+        "deviation": zero,
+        "command": jnp.zeros(2),
+        "change": jnp.zeros(2),
+        "left": zero,
+        "failed": jnp.asarray(False),
+        "success": jnp.asarray(False),
+    }
+    return Moment(**told | {name: jnp.asarray(value) for name, value in given.items()})
+
+
+def test_the_reward_is_bounded_and_falls_with_the_error():
+    errors = [0.0, 0.005, 0.02, 0.1, 1.0, 1e6]
+    rewards = [float(closeness(moment(deviation=error))) for error in errors]
+    assert rewards == sorted(rewards, reverse=True)
+    assert rewards[0] == 0.0
+    assert rewards[2] == pytest.approx(-0.25, abs=1e-3)
+    assert rewards[-1] == pytest.approx(-1.0)
+    assert float(closeness(moment(change=[1.0, 0.0]))) == pytest.approx(-0.05)
+
+
+class TestMany:
+    @pytest.fixture(scope="class")
+    @staticmethod
+    def given():
+        """Return what both take: a success that comes for some, a reward and a draw."""
+
+        def reward(moment):
+            return -moment.deviation - 0.5 * moment.success
+
+        return {
+            "draw": {"arm.youngs_modulus": (3e5, 1e6)},
+            "reward": reward,
+            "success": Success(time=0.1, position=0.06),
+        }
+
+    def test_they_are_those_that_run_alone(self, given):
+        alone = crinoid.make_env(SCENARIO, **given)
+        many = crinoid.make_vec_env(SCENARIO, 3, draws=5, **given)
+        assert many.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+        actions = np.random.default_rng(0).uniform(-0.1, 0.1, (30, 3, 3))
+        seen, _ = many.reset(seed=20)
+        told = [(seen, *many.step(some)) for some in actions[:0]]
+        for some in actions:
+            told.append(many.step(some))
+            assert told[-1][0] in many.observation_space
+        outcomes = set()
+        for arm in range(3):
+            draw, fresh = arm, False
+            one, _ = alone.reset(seed=20 + draw)
+            assert one == pytest.approx(seen[arm], abs=1e-10)
+            for some, (rows, rewards, ended, late, infos) in zip(actions, told, strict=True):
+                if fresh:
+                    draw = (draw + 3) % 5
+                    one, info = alone.reset(seed=20 + draw)
+                    reward, is_ended, is_late = 0.0, False, False
+                else:
+                    one, reward, is_ended, is_late, info = alone.step(some[arm])
+                assert one == pytest.approx(rows[arm], abs=1e-10)
+                assert reward == pytest.approx(rewards[arm], abs=1e-10)
+                assert (is_ended, is_late) == (ended[arm], late[arm])
+                for name, value in info.items():
+                    assert infos[name][arm] == (
+                        pytest.approx(value, abs=1e-10) if name in ("time", "error") else value
+                    )
+                fresh = is_ended or is_late
+                outcomes |= {(is_ended, is_late)} if fresh else set()
+        assert outcomes == {(True, False), (False, True)}
+
+    def test_a_failure_is_told(self):
+        many = crinoid.make_vec_env(SCENARIO, 2, draws=2)
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            many.step(np.zeros((2, 3)))
+        many.reset(seed=0, options={"set": BREAKS})
+        for _ in range(12):
+            _, _, ended, _, infos = many.step(np.zeros((2, 3)))
+            if ended.any():
+                break
+        assert ended.all()
+        assert all(status.startswith("failed at t = ") for status in infos["status"])
+        with pytest.raises(ValueError, match=r"^action: got the shape \(3,\), takes \(2, 3\)"):
+            many.step(np.zeros(3))
+        many.close()
+
+
+@pytest.mark.parametrize("name", ["StationKeeping", "Reach3D", "SwingUp"])
+def test_gymnasium_finds_nothing_wrong(name, recwarn):
+    env = gymnasium.make(f"crinoid:crinoid/{name}-v0", values=SMALL)
+    check_env(env.unwrapped, skip_render_check=True)
+    said = [str(warning.message) for warning in recwarn]
+    assert [words for words in said if not any(part in words for part in TOLD)] == []
+
+
+def test_stable_baselines_finds_nothing_wrong(env, recwarn):
+    checker = pytest.importorskip(
+        "stable_baselines3.common.env_checker", reason="Stable-Baselines3 is not installed"
+    )
+    checker.check_env(gymnasium.wrappers.RescaleAction(env, -1.0, 1.0))
+    assert [str(warning.message) for warning in recwarn] == []
+
+
+def test_targets_of_tasks_are_drawn():
+    for name in ("crinoid/Reach-v0", "crinoid/Reach3D-v0"):
+        task = TASKS[name]
+        scenario = crinoid.load(task.scenario).with_values(task.values)
+        # a key for each axis, within its range where it stands
+        assert len(task.draw) == scenario.arm.dimension
+        for (low, high), value in zip(task.draw.values(), scenario.target.tip, strict=True):
+            assert low <= value <= high
+
+
+def test_gymnasium_is_loaded_when_it_is_asked_for():
+    program = """
+import sys
+import crinoid
+assert "gymnasium" not in sys.modules
+sys.modules["gymnasium"] = None
+try:
+    crinoid.make_env
+except ImportError as error:
+    print(error)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert ended.stdout == 'environments need Gymnasium: pip install "crinoid[learn]"\n', (
+        ended.stderr
+    )
+    program = """
+import gymnasium
+spec = gymnasium.spec("crinoid:crinoid/SwingUp-v0")
+print(spec.id, spec.kwargs)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert ended.stdout == "crinoid/SwingUp-v0 {'task': 'crinoid/SwingUp-v0'}\n", ended.stderr
