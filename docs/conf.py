@@ -43,7 +43,8 @@ nitpick_ignore_regex = [
     # other projects: links to them take their indexes, which each build would have to fetch
     (
         r"py:.*",
-        r"(collections|enum|equinox|jax|jaxlib|jaxtyping|matplotlib|numpy|os|pathlib|pydantic|xarray)\..*",
+        r"(collections|enum|equinox|gymnasium|jax|jaxlib|jaxtyping|matplotlib|numpy|os|pathlib|pydantic"
+        r"|xarray)\..*",
     ),
     (r"py:.*", r"(types|typing)\..*|(np\.)?ndarray|Array|Axes|Bool|Float|Int|PPoly|NoneType"),
     # types of arguments that no user makes (names in docstrings are py:obj)

@@ -46,6 +46,7 @@ start = 0.1
 [target]
 time = [0.0, 0.2]
 tip = [[0.5, -10.0], [0.5, -9.95]]
+feed_forward = false
 [sensor]
 delay = 0.013
 noise_position = 1e-3
@@ -61,9 +62,9 @@ max_halvings = 0
 [output]
 interval = 0.01
 """)
-SMALL = {"arm.nodes": 5, "simulation.duration": 0.1}
+SMALL = {"arm.nodes": 7, "simulation.duration": 0.1}
 TOLD = ("is -infinity", "is infinity", "recommend using a symmetric and normalized space")
-"""What Gymnasium says of limits that are those of physics."""
+"""Words of Gymnasium on limits that are those of physics."""
 BREAKS = {"load.0.force": [-1e5, 0.0]}
 """A force along the arm that folds any."""
 
@@ -104,12 +105,14 @@ class Pushed(Controller):
         return jnp.stack([x, 0.0, 2.0 * z, 3.0 * z]), None
 
 
+@pytest.fixture(scope="module")
+def run():
+    """Return the run of the controller that stands inside."""
+    return crinoid.simulate(SCENARIO.with_values({"seed": 7}), controller=Pushed())
+
+
 @pytest.mark.parametrize(("act", "controlled"), [(pushed, True), (idle, False)])
-def test_an_episode_is_the_closed_loop(env, act, controlled):
-    if not hasattr(test_an_episode_is_the_closed_loop, "run"):
-        seeded = SCENARIO.with_values({"seed": 7})
-        test_an_episode_is_the_closed_loop.run = crinoid.simulate(seeded, controller=Pushed())
-    run = test_an_episode_is_the_closed_loop.run
+def test_an_episode_is_the_closed_loop(env, run, act, controlled):
     data = (run if controlled else run.uncontrolled).dataset
     _, _, infos = episode(env, act, seed=7)
     times = np.array([info["time"] for info in infos])
@@ -168,7 +171,7 @@ def test_a_seed_gives_the_same_episode(env):
     again, same, _ = episode(env, pushed, seed=3)
     assert np.array_equal(first, again)
     assert np.array_equal(rewards, same)
-    assert np.array_equal(later, episode(env, pushed)[0]) is False
+    assert np.abs(later - first).max() > 1e-4
     other, _, _ = episode(env, pushed, seed=4)
     assert np.abs(other - first).max() > 1e-4
 
@@ -227,7 +230,7 @@ def test_wrong_options_are_refused(env, options, line):
 def test_wrong_arguments_are_refused():
     still = crinoid.Scenario()
     for given, line in [
-        ({"draw": {"arm.length": 1}}, "draw: arm.length: got 1, takes two numbers"),
+        ({"draw": {"arm.length": (2.0, 1.0)}}, "draw: arm.length: got [2.0, 1.0], takes two"),
         ({"render_mode": "human"}, 'render_mode: got "human", takes "rgb_array" or None'),
         ({"reward": lambda moment: moment.error}, "reward: got an array of shape (3,), takes"),
     ]:
@@ -319,7 +322,7 @@ class TestMany:
         return {
             "draw": {"arm.youngs_modulus": (3e5, 1e6)},
             "reward": reward,
-            "success": Success(time=0.1, position=0.06),
+            "success": Success(time=0.1, position=0.12),
         }
 
     def test_they_are_those_that_run_alone(self, given):
@@ -328,10 +331,8 @@ class TestMany:
         assert many.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
         actions = np.random.default_rng(0).uniform(-0.1, 0.1, (30, 3, 3))
         seen, _ = many.reset(seed=20)
-        told = [(seen, *many.step(some)) for some in actions[:0]]
-        for some in actions:
-            told.append(many.step(some))
-            assert told[-1][0] in many.observation_space
+        told = [many.step(some) for some in actions]
+        assert all(rows in many.observation_space for rows, *_ in told)
         outcomes = set()
         for arm in range(3):
             draw, fresh = arm, False
@@ -371,10 +372,11 @@ class TestMany:
         many.close()
 
 
-@pytest.mark.parametrize("name", ["StationKeeping", "Reach3D", "SwingUp"])
-def test_gymnasium_finds_nothing_wrong(name, recwarn):
-    env = gymnasium.make(f"crinoid:crinoid/{name}-v0", values=SMALL)
-    check_env(env.unwrapped, skip_render_check=True)
+@pytest.mark.parametrize("name", [None, "StationKeeping3D", "SwingUp"])
+def test_gymnasium_finds_nothing_wrong(env, name, recwarn):
+    if name is not None:
+        env = gymnasium.make(f"crinoid:crinoid/{name}-v0", values=SMALL).unwrapped
+    check_env(env, skip_render_check=True)
     said = [str(warning.message) for warning in recwarn]
     assert [words for words in said if not any(part in words for part in TOLD)] == []
 
@@ -383,7 +385,9 @@ def test_stable_baselines_finds_nothing_wrong(env, recwarn):
     checker = pytest.importorskip(
         "stable_baselines3.common.env_checker", reason="Stable-Baselines3 is not installed"
     )
-    checker.check_env(gymnasium.wrappers.RescaleAction(env, -1.0, 1.0))
+    scaled = gymnasium.wrappers.RescaleAction(env, -1.0, 1.0)
+    recwarn.clear()  # what the wrapper says of its own numbers
+    checker.check_env(scaled)
     assert [str(warning.message) for warning in recwarn] == []
 
 
@@ -412,10 +416,11 @@ except ImportError as error:
     assert ended.stdout == 'environments need Gymnasium: pip install "crinoid[learn]"\n', (
         ended.stderr
     )
+    # as gymnasium.make("crinoid:crinoid/SwingUp-v0") does
     program = """
 import gymnasium
-spec = gymnasium.spec("crinoid:crinoid/SwingUp-v0")
-print(spec.id, spec.kwargs)
+import crinoid
+print(gymnasium.spec("crinoid/SwingUp-v0").kwargs)
 """
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert ended.stdout == "crinoid/SwingUp-v0 {'task': 'crinoid/SwingUp-v0'}\n", ended.stderr
+    assert ended.stdout == "{'task': 'crinoid/SwingUp-v0'}\n", ended.stderr

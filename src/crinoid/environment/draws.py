@@ -27,6 +27,8 @@ from crinoid.simulation.together import on_processor
 OPTIONS = ("set", "draw")
 """Names in the options of a reset."""
 
+_PROGRAM = "the compiled program"
+
 
 class Drawn(NamedTuple):
     """An episode that is ready to begin."""
@@ -92,9 +94,12 @@ class Draws:
         values = {"seed": int(random.integers(2**31)) if seed is None else seed}
         values |= {key: random.uniform(low, high) for key, (low, high) in ranges.items()}
         values |= given["set"]
-        drawn = self._built(self.scenario.with_values(values))
+        scenario = self.scenario.with_values(values)
+        if given["set"] and structure(scenario) != structure(self.scenario):
+            self._refuse(values, structure, _PROGRAM)  # before it is compiled
+        drawn = self._built(scenario)
         if Form(drawn.case) != self._form:
-            self._refuse(values, structure, "the compiled program")
+            self._refuse(values, structure, _PROGRAM)
         limits = Observer(drawn.case.loop, drawn.setup.plan)
         if (limits.entries, limits.actions) != (self.observer.entries, self.observer.actions):
             self._refuse(values, _limits, "the limits of actions or observations")

@@ -52,7 +52,7 @@ class Success:
     def near(
         self, distance: Float[Array, ""], angle: Float[Array, ""], length: Float[Array, ""]
     ) -> Bool[Array, ""]:
-        """Return whether the tip is near enough, by its errors (m, rad) and the length of the arm."""
+        """Return whether the tip is near enough, by its errors (m, rad) and the arm's length."""
         near = jnp.asarray(True)
         if self.position is not None:
             near &= distance <= self.position * length
