@@ -12,8 +12,9 @@ import numpy as np
 import xarray as xr
 from jaxtyping import UInt8
 
-from crinoid.dataset import describe, join
+from crinoid.dataset import describe
 from crinoid.environment.draws import Drawn
+from crinoid.pieces import join
 from crinoid.programs import ONCE, compiled
 from crinoid.report.charts.space import Space, space_of
 from crinoid.report.film.camera import Window, window_of
