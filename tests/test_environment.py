@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 import crinoid
 from crinoid.control import Controller, pose_error
+from crinoid.environment import vector
 from crinoid.environment.reward import Moment, closeness
 from crinoid.environment.success import Success
 from crinoid.environment.tasks import TASKS
@@ -65,6 +66,8 @@ interval = 0.01
 SMALL = {"arm.nodes": 7, "simulation.duration": 0.1}
 TOLD = ("is -infinity", "is infinity", "recommend using a symmetric and normalized space")
 """Words of Gymnasium on limits that are those of physics."""
+ACTIONS = np.random.default_rng(0).uniform(-0.1, 0.1, (30, 3, 3))
+"""Commands of three arms, more than for two episodes."""
 BREAKS = {"load.0.force": [-1e5, 0.0]}
 """A force along the arm that folds any."""
 
@@ -325,20 +328,28 @@ class TestMany:
             "success": Success(time=0.1, position=0.12),
         }
 
-    def test_they_are_those_that_run_alone(self, given):
-        alone = crinoid.make_env(SCENARIO, **given)
-        many = crinoid.make_vec_env(SCENARIO, 3, draws=5, **given)
-        assert many.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
-        actions = np.random.default_rng(0).uniform(-0.1, 0.1, (30, 3, 3))
+    @pytest.fixture(scope="class")
+    @staticmethod
+    def told(given):
+        """Return what many tell from the reset on."""
+        return TestMany.played(crinoid.make_vec_env(SCENARIO, 3, draws=5, **given))
+
+    @staticmethod
+    def played(many):
         seen, _ = many.reset(seed=20)
-        told = [many.step(some) for some in actions]
+        told = [many.step(some) for some in ACTIONS]
         assert all(rows in many.observation_space for rows, *_ in told)
+        return seen, told
+
+    def test_they_are_those_that_run_alone(self, given, told):
+        alone = crinoid.make_env(SCENARIO, **given)
+        seen, told = told
         outcomes = set()
         for arm in range(3):
             draw, fresh = arm, False
             one, _ = alone.reset(seed=20 + draw)
             assert one == pytest.approx(seen[arm], abs=1e-10)
-            for some, (rows, rewards, ended, late, infos) in zip(actions, told, strict=True):
+            for some, (rows, rewards, ended, late, infos) in zip(ACTIONS, told, strict=True):
                 if fresh:
                     draw = (draw + 3) % 5
                     one, info = alone.reset(seed=20 + draw)
@@ -356,8 +367,21 @@ class TestMany:
                 outcomes |= {(is_ended, is_late)} if fresh else set()
         assert outcomes == {(True, False), (False, True)}
 
+    def test_they_are_those_that_step_together(self, given, told, monkeypatch):
+        seen, told = told
+        # as where JAX computes on an accelerator
+        monkeypatch.setattr(vector, "on_accelerator", lambda: True)
+        first, together = self.played(crinoid.make_vec_env(SCENARIO, 3, draws=5, **given))
+        assert first == pytest.approx(seen, abs=1e-10)
+        for one, other in zip(told, together, strict=True):
+            for mine, its in zip(one[:2], other[:2], strict=True):
+                assert its == pytest.approx(mine, abs=1e-10)
+            for mine, its in zip(one[2:4], other[2:4], strict=True):
+                assert np.array_equal(mine, its)
+
     def test_a_failure_is_told(self):
         many = crinoid.make_vec_env(SCENARIO, 2, draws=2)
+        assert many.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
         with pytest.raises(gymnasium.error.ResetNeeded):
             many.step(np.zeros((2, 3)))
         many.reset(seed=0, options={"set": BREAKS})

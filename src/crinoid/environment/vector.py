@@ -85,7 +85,7 @@ class ArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             every = rows, fresh, some, acts
             return jax.lax.map(each, every) if self._alone else jax.vmap(each)(every)
 
-        self._alone = jax.default_backend() == "cpu"
+        self._alone = not on_accelerator()
         most = min(cores(), num_envs) if self._alone else 1
         parts = next(k for k in range(most, 0, -1) if count % k == 0)
         self._threads = ThreadPoolExecutor(parts)
@@ -208,6 +208,11 @@ class ArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         }
         every = np.ones(self.num_envs, bool)
         return values | {f"_{name}": every for name in values}
+
+
+def on_accelerator() -> bool:
+    """Tell whether JAX computes elsewhere than on the processor."""
+    return jax.default_backend() != "cpu"
 
 
 def _stacked(every: Sequence[Numbers]) -> Numbers:
