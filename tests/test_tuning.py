@@ -173,6 +173,19 @@ def test_the_best_gains_are_kept_and_what_cannot_be_run_is_stepped_back_from(sea
     assert given == pytest.approx(0.02 * np.exp(tuning.best[0]), rel=1e-5)
 
 
+def test_numbers_close_by_are_looked_for_so_often_only():
+    """Where there are none that keep the margin: the least excess of all that were looked at."""
+    seen = []
+
+    def excess(x):
+        seen.append(1 + float(np.abs(x).sum()) ** 0.5)
+        return seen[-1], np.sign(x) / (2 * (seen[-1] - 1))
+
+    found = nearest(excess, np.array([1.3, -0.7]))
+    assert len(seen) <= 60
+    assert 1 + float(np.abs(found).sum()) ** 0.5 == min(seen) < seen[0]
+
+
 def test_a_constraint_is_met_where_the_cost_wants_beyond_it():
     """The least distance from (3, 1) within the unit circle, and beyond |x| = 2 nothing runs."""
 

@@ -21,6 +21,8 @@ _WEIGHT = 10.0
 """Weight of the penalty on a loop that comes too near to -1."""
 _ENOUGH = 1e-3
 """Change of the logarithm of the cost that is no improvement any more."""
+_LOOKS = 60
+"""Times that numbers close by are looked for."""
 _NEAR = 0.01
 """Excess from which a search with a constraint may begin."""
 
@@ -114,14 +116,14 @@ def nearest(excess: Callable[[Logs], tuple[float, Logs]], begin: Logs) -> Logs:
 
     Or those that come least near of all that were looked at.
     """
-    best = np.inf, begin
+    best, looks = (np.inf, begin), 0
 
     def attempt(logs: Logs) -> Trial:
-        nonlocal best
-        found, away = excess(logs), logs - begin
+        nonlocal best, looks
+        found, away, looks = excess(logs), logs - begin, looks + 1
         if found[0] < best[0]:
             best = found[0], logs.copy()
-        if best[0] < _NEAR:
+        if best[0] < _NEAR or looks == _LOOKS:
             raise StopIteration
         return Trial(0.5 * float(away @ away), away, *found)
 

@@ -58,9 +58,9 @@ class Tuning:
     Each start is improved by a quasi-Newton method (L-BFGS-B, Byrd et al. 1995) on the logarithms
     of its numbers, by the slope of the logarithm of its mean cost over the draws, all starts at
     once. Where a margin is asked for (`crinoid.tuning.stability`) half of it is held by a penalty
-    first. The best start goes on, from numbers close by that keep all of it, with the margin as a
-    constraint (SLSQP, Kraft 1988). An unstable loop is not run. What cannot be run is stepped back
-    from; a start that cannot be run is left where it is.
+    first. Then numbers close by that keep all of it are looked for from each; the best of these go
+    on with the margin as a constraint (SLSQP, Kraft 1988). An unstable loop is not run. A start
+    that cannot be run is left where it is, other numbers are stepped back from.
 
     Parameters
     ----------
@@ -99,8 +99,9 @@ class Tuning:
         self._stability = Stability(LinearPlant.of(prepared, setup), setup) if asked else None
         self._weights = Weights.of(scenario, setup.loop)
         self.first = max(1, round(_FIRST * iterations)) if asked else iterations
-        count, shape = len(self.given), (len(STARTS), self.first + (iterations if asked else 0))
-        self.total = len(STARTS) * self.first + shape[1] - self.first
+        begun, more = (self.first + 1, iterations) if asked else (self.first, 0)
+        count, shape = len(self.given), (len(STARTS), begun + more)
+        self.total = len(STARTS) * begun + more
         self.cost, self.modulus = np.full(shape, np.nan), np.full(shape, np.nan)
         self.logs = np.full((*shape, count), np.nan)
         self.best, self.least, self._rank = np.zeros(count), np.inf, (True, np.inf)
@@ -147,12 +148,12 @@ class Tuning:
                 found = together(self._begin, *((start,) for start in range(len(STARTS))))
                 best = min(range(len(STARTS)), key=lambda start: found[start][0])
                 if self._stability is not None and np.isfinite(found[best][0]):
-                    together(self._go_on, (self._stability, best, found[best][1]))
+                    together(self._go_on, (best, found[best][1]))
             finally:
                 stopped.set()
 
     def _begin(self, stopped: threading.Event, start: int) -> _Found:
-        """Search from one start; return the best penalised value and where it is."""
+        """Search from one start; return the best value that keeps the margin, and where it is."""
         best: _Found = np.inf, self.best
 
         def attempt(logs: Logs) -> Trial:
@@ -166,11 +167,14 @@ class Tuning:
 
         with suppress(_StoppedError, StopIteration):
             descend(attempt, np.full(len(self.given), np.log(STARTS[start])))
+        if self._stability is not None and np.isfinite(best[0]):
+            with suppress(_StoppedError, ScenarioError):
+                close = self._close(stopped, self._stability, best[1])
+                found = self._try(start, close, self.asked, stopped)
+                return found.penalised if found.stable else np.inf, close
         return best
 
-    def _go_on(
-        self, stopped: threading.Event, stability: Stability, start: int, begin: Logs
-    ) -> None:
+    def _go_on(self, stopped: threading.Event, start: int, begin: Logs) -> None:
         """Search on with the whole margin."""
 
         def attempt(logs: Logs) -> Trial:
@@ -178,14 +182,19 @@ class Tuning:
                 raise StopIteration
             return self._try(start, logs, self.asked, stopped)
 
+        with suppress(_StoppedError, StopIteration):
+            constrain(attempt, begin)
+
+    def _close(self, stopped: threading.Event, stability: Stability, begin: Logs) -> Logs:
+        """Return numbers close by that keep all of the margin, if there are such."""
+
         def excess(logs: Logs) -> tuple[float, Logs]:
             if stopped.is_set():
                 raise _StoppedError
             found = stability.nearness(self._design.around(logs), self.asked)
             return found.excess, found.slope
 
-        with suppress(_StoppedError, StopIteration, ScenarioError):
-            constrain(attempt, nearest(excess, begin))
+        return nearest(excess, begin)
 
     def _try(self, start: int, logs: Logs, asked: float, stopped: threading.Event) -> Trial:
         """Run the draws, if the loop is stable."""
