@@ -1,6 +1,7 @@
 """Time the environments: steps a second of many arms in one call, and of one process for each.
 
-The arms follow random commands. All contestants are measured in turn, in one run.
+The arms follow random commands. All contestants are measured in turn, in one run; where
+gym-softrobot is installed (it needs Python 3.12 or newer) its SoftPendulum-v0 is one of them.
 """
 
 import argparse
@@ -8,8 +9,10 @@ import json
 import time
 from collections.abc import Callable
 from functools import partial
+from importlib.util import find_spec
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv
 from rich.console import Console
@@ -42,14 +45,25 @@ def main() -> None:
             for count in options.processes
         ),
     ]
+    period = 1.0 / crinoid.load(options.scenario).control_rate_hz
+    periods = [period] * len(contestants)
+    if find_spec("gym_softrobot") is not None:
+        import gym_softrobot  # noqa: F401
+
+        other = gymnasium.make("SoftPendulum-v0", disable_env_checker=True)
+        periods.append(other.unwrapped.time_step * other.unwrapped.step_skip)
+        contestants.append(
+            (f"SoftPendulum-v0, {other.unwrapped.n_elems + 1} nodes", 1, partial(alone, other))
+        )
     rows: list[dict[str, Any]] = []
     envs = []
-    for name, count, build in contestants:
+    for (name, count, build), step in zip(contestants, periods, strict=True):
         begun = time.perf_counter()
         env = build()
         env.reset(seed=0)
         run(env, 1)
-        rows.append({"name": name, "count": count, "ready": time.perf_counter() - begun})
+        ready = time.perf_counter() - begun
+        rows.append({"name": name, "count": count, "ready": ready, "step": step})
         envs.append(env)
     speeds: list[list[float]] = [[] for _ in envs]
     for _ in range(options.repeats):  # in turn, so that a busy machine slows all of them alike
@@ -64,15 +78,23 @@ def main() -> None:
         env.close()
     console = Console(highlight=False, markup=False, width=100)
     table = Table(title=options.scenario, title_justify="left")
-    for title in ("environments", "ready after (s)", "steps/s, median", "steps/s, most"):
+    for title in (
+        *("environments", "ready after (s)", "steps/s, median", "steps/s, most"),
+        "simulated s/s",
+    ):
         table.add_column(title, justify="left" if title == "environments" else "right")
     for row, found in zip(rows, speeds, strict=True):
         row |= {"median": float(np.median(found)), "most": max(found)}
         told = f"{row['ready']:.1f}", f"{row['median']:,.0f}", f"{row['most']:,.0f}"
-        table.add_row(row["name"], *told)
+        table.add_row(row["name"], *told, f"{row['median'] * row['step']:.1f}")
     console.print(table)
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / "environments.json").write_text(json.dumps(rows, indent=2), "utf-8")
+
+
+def alone(env: gymnasium.Env) -> VectorEnv:
+    """Return one environment as a vector of one."""
+    return SyncVectorEnv([lambda: env])
 
 
 def run(env: VectorEnv, steps: int) -> None:
