@@ -384,7 +384,7 @@ def begun() -> tuple[LoopState, xr.Dataset]:
     setup = set_up(Prepared(scenario()))
     carry, first = running.begin(setup.loop, setup.state)
     diameters = scenario().arm.diameters
-    return carry, build_dataset(setup.loop.system, diameters, running._one(first))
+    return carry, build_dataset(setup.loop.system, diameters, running.one_instant(first))
 
 
 @pytest.fixture(scope="module")
