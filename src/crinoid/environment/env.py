@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from crinoid.dynamics import Outcome
 from crinoid.environment.draws import Drawn, Draws
 from crinoid.environment.episode import Case, Episode, Rules, Told
+from crinoid.environment.named import Named
 from crinoid.environment.observer import Entry
 from crinoid.environment.program import Form, Numbers, numbers_of, often
 from crinoid.environment.reward import Moment, closeness
@@ -29,7 +30,7 @@ Reward = Callable[[Moment], Float[Array, ""]]
 RENDER_MODES = ("rgb_array",)
 
 
-class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class ArmEnv(Named, gymnasium.Env[np.ndarray, np.ndarray]):
     """The closed loop of a scenario, of which the controller stands outside.
 
     Made by `crinoid.make_env`. A step is a control period: servos and actuators follow the action
@@ -87,26 +88,6 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def scenario(self) -> Scenario:
         """The scenario of this episode, with what was drawn."""
         return (self._drawn or self._draws.first).scenario
-
-    @property
-    def observation_names(self) -> tuple[str, ...]:
-        """Name of each number of an observation."""
-        return tuple(entry.name for entry in self._draws.observer.entries)
-
-    @property
-    def observation_units(self) -> tuple[str, ...]:
-        """Unit of each of them."""
-        return tuple(entry.unit for entry in self._draws.observer.entries)
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """Name of the input that each number of an action commands."""
-        return tuple(entry.name for entry in self._draws.observer.actions)
-
-    @property
-    def action_units(self) -> tuple[str, ...]:
-        """Unit of each of them."""
-        return tuple(entry.unit for entry in self._draws.observer.actions)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -18,6 +18,7 @@ from jaxtyping import Array
 from crinoid.environment.draws import Drawn, Draws
 from crinoid.environment.env import Reward, checked, failure, rules_of, space_of
 from crinoid.environment.episode import Episode, Told
+from crinoid.environment.named import Named
 from crinoid.environment.program import Form, Numbers, numbers_of, often
 from crinoid.environment.reward import closeness
 from crinoid.environment.success import Success
@@ -29,7 +30,7 @@ _FEWEST = 16
 """Episodes that are prepared at least, where nothing is said."""
 
 
-class ArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class ArmVectorEnv(Named, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many arms of one scenario; made by `crinoid.make_vec_env`.
 
     After the step that ended its episode an arm begins the next one: the action of that step is not
@@ -101,16 +102,6 @@ class ArmVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def scenarios(self) -> list[Scenario]:
         """The scenarios that were drawn."""
         return [drawn.scenario for drawn in self._pool]
-
-    @property
-    def observation_names(self) -> tuple[str, ...]:
-        """Name of each number of an observation."""
-        return tuple(entry.name for entry in self._draws.observer.entries)
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """Name of the input that each number of an action commands."""
-        return tuple(entry.name for entry in self._draws.observer.actions)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

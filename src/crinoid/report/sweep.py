@@ -9,24 +9,22 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from crinoid.report.style import GREY, INK, VERMILLION, key
+from crinoid.report.charts.study import key_of, spread_far
+from crinoid.report.style import GREY, INK, VERMILLION
+from crinoid.report.style import key as legend
 from crinoid.report.units import largest, length_unit
-
-_WIDE = 20.0  # ratio of the numbers from which on their axis is logarithmic
 
 
 def find_sweep(
     varied: Sequence[Mapping[str, str]],
 ) -> tuple[str, Float[np.ndarray, " case"]] | None:
     """Return the one key of a study that varies, if its values are at least three numbers."""
-    changing = [key for key in varied[0] if len({case[key] for case in varied}) > 1]
-    if len(changing) != 1:
+    keys = [key_of(name, [case[name] for case in varied]) for name in varied[0]]
+    changing = [key for key in keys if len(key.levels) > 1]
+    if len(changing) != 1 or changing[0].numbers is None:
         return None
-    try:
-        values = np.array([float(case[changing[0]]) for case in varied])
-    except ValueError:
-        return None
-    return (changing[0], values) if np.unique(values).size >= 3 else None
+    (key,) = changing
+    return (key.name, key.values) if np.unique(key.values).size >= 3 else None
 
 
 def draw_errors(
@@ -53,7 +51,7 @@ def draw_errors(
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel(f"tip error ({unit.name})")
     _number_axis(axes, name, values)
-    key(axes, columns=2)
+    legend(axes, columns=2)
 
 
 def draw_settling(
@@ -72,10 +70,10 @@ def draw_settling(
     axes.set_ylim(bottom=-0.02 * (largest(times) or 1.0))
     axes.set_ylabel("settling time (s)")
     _number_axis(axes, name, values)
-    key(axes)
+    legend(axes)
 
 
 def _number_axis(axes: Axes, name: str, values: Float[np.ndarray, " case"]) -> None:
-    if values.min() > 0 and values.max() > _WIDE * values.min():
+    if spread_far(values):
         axes.set_xscale("log")
     axes.set_xlabel(name)

@@ -28,6 +28,11 @@ _LABELS = {
 }
 
 
+def spread_far(numbers: Float[np.ndarray, " number"]) -> bool:
+    """Tell whether numbers spread so far that their axis is logarithmic."""
+    return bool(0 < numbers.min() < numbers.max() / _WIDE)
+
+
 @dataclass(frozen=True)
 class Key:
     """A key of the scenario that was varied."""
@@ -45,8 +50,12 @@ class Key:
     @property
     def logarithmic(self) -> bool:
         """Whether its numbers spread so far that their axis is logarithmic."""
-        far = self.numbers
-        return far is not None and bool(0 < far[0] < far[-1] / _WIDE)
+        return self.numbers is not None and spread_far(self.numbers)
+
+    @property
+    def values(self) -> Float[np.ndarray, " case"]:
+        """The number of each case, or which of the levels it has where these are none."""
+        return self.level.astype(float) if self.numbers is None else self.numbers[self.level]
 
     @property
     def repeated(self) -> bool:

@@ -92,7 +92,7 @@ def _cells(study: Study, across: Key, up: Key) -> Plot:
 
 def _points(study: Study, across: Key, up: Key) -> Plot:
     plot = _plot(_Side(across), _Side(up), 420)
-    source = _source({"x": _at(across), "y": _at(up)})
+    source = _source({"x": across.values, "y": up.values})
     glyph = Scatter(x="x", y="y", size=_size(study), fill_color="fill", line_color=None)
     plot.add_glyph(source, glyph, name="points")
     return plot
@@ -116,7 +116,7 @@ def _lines(study: Study, key: Key) -> Plot:
         plot.add_glyph(source, mark, name="means")
     points = Scatter(x="x", y="v", size=_size(study), fill_color="fill", line_color=None)
     points.fill_alpha = 0.75
-    plot.add_glyph(_source({"x": _at(key)}), points, name="points")
+    plot.add_glyph(_source({"x": key.values}), points, name="points")
     return plot
 
 
@@ -132,10 +132,6 @@ def _source(columns: dict[str, Any], *, bands: bool = False) -> ColumnDataSource
     if bands:
         filled |= {"low": np.full(count, np.nan), "high": np.full(count, np.nan)}
     return ColumnDataSource(columns | filled)
-
-
-def _at(key: Key) -> Float[np.ndarray, " case"]:
-    return key.level.astype(float) if key.numbers is None else key.numbers[key.level]
 
 
 def _size(study: Study) -> float:
