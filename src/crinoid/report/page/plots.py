@@ -80,26 +80,33 @@ def plots_of(charts: list[Chart], begin: float, end: float) -> Plots:
     return Plots(dict(document.to_json(deferred=False)), listed, left_out)
 
 
+def empty_plot(**options: Any) -> Plot:
+    """Return a plot as wide as its place on the page, which gives it its colours."""
+    return Plot(
+        sizing_mode="stretch_width",
+        toolbar_location=None,
+        min_border_left=_EDGE,
+        min_border_right=10,
+        min_border_top=6,
+        outline_line_color=None,
+        background_fill_color=None,
+        border_fill_color=None,
+        output_backend="canvas",
+        **options,
+    )
+
+
 def _panel(panel: Panel, span: Range1d, last: bool) -> tuple[Plot, dict[str, Any], int]:
     rows = len(panel.rows)
     low, high = (-0.5, rows - 0.5) if rows else _ends(panel)
-    plot = Plot(
+    plot = empty_plot(
         name=panel.name,
         x_range=Range1d(start=panel.over[0], end=panel.over[1]) if panel.over else span,
         x_scale=LogScale() if panel.over else LinearScale(),
         y_scale=LogScale() if panel.over else LinearScale(),
         y_range=Range1d(start=high, end=low) if rows else Range1d(start=low, end=high),
         height=max(56, 24 * rows) + 24 * last if rows else 112 + 24 * last,
-        sizing_mode="stretch_width",
-        toolbar_location=None,
-        min_border_left=_EDGE,
-        min_border_right=10,
-        min_border_top=6,
         min_border_bottom=24 if last else 6,
-        outline_line_color=None,
-        background_fill_color=None,
-        border_fill_color=None,
-        output_backend="canvas",
     )
     across, up = _axes(panel)
     across.visible = last

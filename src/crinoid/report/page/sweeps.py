@@ -34,9 +34,8 @@ from bokeh.models import (
 from jaxtyping import Float
 
 from crinoid.report.charts.study import Key, Measure, Study, gridded, means_of
+from crinoid.report.page.plots import empty_plot
 
-_EDGE = 58
-"""Pixels for the numbers of the upward axis."""
 _FEW = 200
 """Cells that have room for their number."""
 _CROWD = 300
@@ -191,22 +190,13 @@ def _short(text: str) -> str:
 
 def _plot(across: _Side, up: _Side | None, height: int) -> Plot:
     """Return an empty plot; without ``up`` a measure is upwards, whose ends the page sets."""
-    plot = Plot(
+    plot = empty_plot(
         x_range=across.range(),
         x_scale=across.scale(),
         y_range=Range1d(start=0.0, end=1.0) if up is None else up.range(),
         y_scale=LinearScale() if up is None else up.scale(),
         height=height,
-        sizing_mode="stretch_width",
-        toolbar_location=None,
-        min_border_left=_EDGE,
-        min_border_right=14,
-        min_border_top=8,
         min_border_bottom=26,
-        outline_line_color=None,
-        background_fill_color=None,
-        border_fill_color=None,
-        output_backend="canvas",
     )
     below, left = across.axis(), LinearAxis() if up is None else up.axis()
     plot.add_layout(below, "below")
