@@ -125,8 +125,8 @@ class ArmEnv(Named, gymnasium.Env[np.ndarray, np.ndarray]):
         Parameters
         ----------
         action
-            The command of each input that can move (`action_names`), in its unit; what goes beyond
-            the limits is cut off.
+            The command of each input that can move (``action_names``), in its unit; what goes
+            beyond the limits is cut off.
 
         Raises
         ------
