@@ -64,6 +64,7 @@ def store(tmp_path, monkeypatch):
 
 def in_a_new_process(function=pulled, **options):
     """Return the function as a process has it that has compiled nothing yet."""
+    keys.key_of.cache_clear()
     return compiled(**options)(function)
 
 

@@ -43,12 +43,36 @@ class Slot:
     array: int | str
 
 
-def key_of(function: Callable[..., Any], options: dict[str, Any], arguments: Any) -> bytes:
-    """Return the key of a function compiled for arguments, with slots where their arrays are.
+def settings() -> tuple[Any, ...]:
+    """Return what compiled code depends on and may change while a process runs."""
+    values, config = jax.config.values, jax.config  # the dictionary is made anew each time
+    found = (getattr(config, name, values[name]) for name in _names())
+    return (*found, os.environ.get("XLA_FLAGS"))
+
+
+@functools.lru_cache(256)  # a description takes longer than many a program
+def key_of(
+    function: Callable[..., Any],
+    options: tuple[tuple[str, Any], ...],
+    tree: Any,
+    form: tuple[Any, ...],
+    around: tuple[Any, ...],
+) -> bytes:
+    """Return the key of a function compiled for arguments.
 
     It describes everything that the compiled code depends on: the source of crinoid, the versions
     of the packages below it, the processor, the settings of JAX and XLA, the options, and the
     arguments but for the numbers in their arrays.
+
+    Parameters
+    ----------
+    function, options
+        What is compiled, and options of XLA.
+    tree, form
+        Structure of the arguments, and of each of its leaves the kind if it is an array, else its
+        type and itself: 1 is equal to 1.0 and to True.
+    around
+        `settings`.
 
     Raises
     ------
@@ -57,19 +81,18 @@ def key_of(function: Callable[..., Any], options: dict[str, Any], arguments: Any
     """
     if not _is_sound(function):
         raise UnkeepableError
+    leaves = [each[1] if isinstance(each, tuple) else Slot(_words(each)) for each in form]
     text = io.BytesIO()
     try:
         name = f"{function.__module__}.{function.__qualname__}"
         pickler = _Pickler(text)
         pickler.fast = True  # equal parts give equal text, be they one object or several
-        pickler.dump((name, options, arguments))
+        pickler.dump((name, options, jax.tree.unflatten(tree, leaves)))
     except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
         raise UnkeepableError from error
-    names = (name for name in jax.config.values if not any(part in name for part in _ELSEWHERE))
-    settings = [f"{name}={setting(name)!r}" for name in sorted(names)]
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
     found = hashlib.sha256(_surroundings())
-    found.update(repr((settings, devices, os.environ.get("XLA_FLAGS"))).encode())
+    found.update(repr((_names(), around, devices)).encode())
     found.update(text.getvalue())
     return found.digest()
 
@@ -85,11 +108,15 @@ class _Pickler(pickle.Pickler):
             raise UnkeepableError
 
 
-def setting(name: str) -> Any:
-    """Return a setting of JAX, as it is in this context."""
-    if hasattr(jax.config, name):  # the others are in a dictionary that is made each time
-        return getattr(jax.config, name)
-    return jax.config.values[name]
+def _words(kind: Any) -> str:
+    return f"{kind.dtype}{kind.shape}{'*' if kind.weak_type else ''}"
+
+
+@functools.cache
+def _names() -> tuple[str, ...]:
+    """Return the names of the settings of JAX that may change a program."""
+    names = (name for name in jax.config.values if not any(part in name for part in _ELSEWHERE))
+    return tuple(sorted(names))
 
 
 def _is_sound(named: Any) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from jax.experimental import serialize_executable
 from jax.experimental.compilation_cache import compilation_cache
 
-from crinoid.programs.key import Slot, UnkeepableError, key_of, setting
+from crinoid.programs.key import Slot, UnkeepableError, key_of, settings
 from crinoid.programs.store import STORE
 
 P = ParamSpec("P")
@@ -46,8 +46,9 @@ def compiled(**compiler_options: Any) -> Callable[[Callable[P, R]], Program[P, R
 class _Loaded(NamedTuple):
     run: Callable[..., Any]
     """From the arrays among the arguments to those of the result."""
-    result: Any
-    """The result, with slots where its arrays are."""
+    leaves: list[Any]
+    """Leaves of the result, with slots where there are arrays."""
+    tree: Any
 
 
 class Program(Generic[P, R]):
@@ -70,9 +71,11 @@ class Program(Generic[P, R]):
         arrays = [leaf for leaf in leaves if _is_array(leaf)]
         if STORE.get() is None or _is_observed() or any(map(_is_placed, arrays)):
             return self._unkept(*args, **kwargs)
-        form = [Slot(_kind(leaf)) if _is_array(leaf) else leaf for leaf in leaves]
+        form = tuple(
+            jax.typeof(leaf) if _is_array(leaf) else (type(leaf), leaf) for leaf in leaves
+        )
         try:
-            key = key_of(self._function, self._options, jax.tree.unflatten(tree, form))
+            key = key_of(self._function, tuple(self._options.items()), tree, form, settings())
         except UnkeepableError:
             return self._unkept(*args, **kwargs)
         with self._lock:  # threads that ask for the same form wait, and compile it once
@@ -83,9 +86,8 @@ class Program(Generic[P, R]):
             if len(self._loaded) > _MOST_LOADED:
                 self._loaded.popitem(last=False)
         found = loaded.run(*arrays)
-        return jax.tree.map(
-            lambda leaf: found[leaf.array] if isinstance(leaf, Slot) else leaf, loaded.result
-        )
+        result = [found[leaf.array] if isinstance(leaf, Slot) else leaf for leaf in loaded.leaves]
+        return jax.tree.unflatten(loaded.tree, result)
 
     def _load(self, key: bytes, count: int) -> _Loaded | None:
         store = STORE.get()
@@ -95,7 +97,8 @@ class Program(Generic[P, R]):
             return None
         try:
             code, result = pickle.loads(content)
-            returned = sum(isinstance(leaf, Slot) for leaf in jax.tree.leaves(result))
+            form, into = jax.tree.flatten(result)
+            returned = sum(isinstance(leaf, Slot) for leaf in form)
             run = serialize_executable.deserialize_and_load(
                 code,
                 jax.tree.structure(((0,) * count, {})),
@@ -105,7 +108,7 @@ class Program(Generic[P, R]):
         except Exception:  # of whatever kind: it is of no use
             store.remove(key)
             return None
-        return _Loaded(run, result)
+        return _Loaded(run, form, into)
 
     def _compile(self, key: bytes, leaves: list[Any], tree: Any) -> _Loaded:
         store = STORE.get()
@@ -133,7 +136,7 @@ class Program(Generic[P, R]):
             store.write(key, pickle.dumps((code, result)))
         except (AttributeError, NotImplementedError, TypeError, ValueError, pickle.PicklingError):
             pass  # it serves this process
-        return _Loaded(run, result)
+        return _Loaded(run, *jax.tree.flatten(result))
 
 
 def _is_array(leaf: Any) -> bool:
@@ -145,21 +148,17 @@ def _is_placed(array: Any) -> bool:
     return isinstance(array, jax.core.Tracer) or getattr(array, "committed", False)
 
 
-def _kind(array: Any) -> str:
-    kind = jax.typeof(array)
-    return f"{kind.dtype}{kind.shape}{'*' if kind.weak_type else ''}"
-
-
 def _is_observed() -> bool:
     """Tell whether JAX is asked to look into what is run."""
-    return any(map(setting, ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs")))
+    config = jax.config
+    return bool(config.jax_disable_jit or config.jax_debug_nans or config.jax_debug_infs)
 
 
 @contextmanager
 def _compiled_anew() -> Iterator[None]:
     """Compile without the cache of JAX: code that was read from there cannot be written again."""
     with _ONE_AT_A_TIME:
-        enabled = setting("jax_enable_compilation_cache")
+        enabled = jax.config.jax_enable_compilation_cache
         jax.config.update("jax_enable_compilation_cache", False)
         compilation_cache.reset_cache()  # else it goes on as it began
         try:
