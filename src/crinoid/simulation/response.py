@@ -29,44 +29,46 @@ class Plant(NamedTuple):
 
         ``(K + i w C - w^2 M) x = f`` of the free nodes, with the held ones given for the channels
         of the base and the forces of the other inputs, exact for the discrete arm: one banded solve
-        for each frequency (LU, LAPACK).
+        for all frequencies (LU, LAPACK).
         """
         held, loads, tip = map(np.asarray, self.influence[:3])
         size = self.stiffness.shape[-1]
         row, column, inside, known = _layout(*self.stiffness.shape[:3:2])
-        beyond = 3 * size - 1
-        free = (self.stiffness.shape[0] - HELD) * size
+        beyond, free = 3 * size - 1, (self.stiffness.shape[0] - HELD) * size
         pull, follow = _lines(self.influence, free)
-        forced = np.pad(loads[HELD:].reshape(free, -1), ((0, 0), (held.shape[-1], 0)))
         moved = np.pad(held.reshape(-1, held.shape[-1]), ((0, 0), (0, loads.shape[-1])))
-        nodes = np.zeros((free + moved.shape[0], moved.shape[1]), complex)
-        nodes[: moved.shape[0]] = moved
-        found = np.empty((frequency.size, tip.shape[0], moved.shape[1]), complex)
-        diagonals = np.zeros((2 * beyond + 1, free), complex)
-        for index, rate in enumerate(2 * np.pi * frequency):
-            dynamic = self.stiffness + 1j * rate * self.damping - rate**2 * self.mass
-            entries = dynamic[HELD:].reshape(-1)
-            diagonals[beyond + row[inside] - column[inside], column[inside]] = entries[inside]
-            pushed = forced.astype(complex)
-            np.add.at(
-                pushed,
-                row[known],
-                -entries[known, None] * moved[column[known] + moved.shape[0]],
-            )
-            # the loads of lines couple all nodes: eliminated last (Woodbury)
-            pushed = np.concatenate(
-                [pushed - pull @ (follow[:, : moved.shape[0]] @ moved), pull], 1
-            )
-            answers = solve_banded(
-                (beyond, beyond), diagonals, pushed, overwrite_b=True, check_finite=False
-            )
-            alone, taut = np.split(answers, [moved.shape[1]], axis=1)
-            followed = follow[:, moved.shape[0] :]
-            load = np.linalg.solve(np.eye(taut.shape[1]) + followed @ taut, followed @ alone)
-            nodes[moved.shape[0] :] = alone - taut @ load
-            last = nodes[-3 * size :].reshape(3, size, -1)[:, : tip.shape[2]]
-            found[index] = np.einsum("pnd,ndc->pc", tip, last)
-        return found
+        ahead = moved.shape[0]
+        rate = 2 * np.pi * frequency[:, None]
+        bands = (each[HELD:].reshape(-1) for each in (self.stiffness, self.damping, self.mass))
+        stiffness, damping, mass = bands
+        entries = stiffness + 1j * rate * damping - rate**2 * mass
+        # all frequencies one behind the other: one system, whose parts do not meet
+        diagonals = np.zeros((2 * beyond + 1, frequency.size, free), complex)
+        place = beyond + row[inside] - column[inside], slice(None), column[inside]
+        diagonals[place] = entries[:, inside].T
+        reached = np.zeros((frequency.size, free, ahead), complex)
+        reached[:, row[known], column[known]] = entries[:, known]
+        forced = np.pad(loads[HELD:].reshape(free, -1), ((0, 0), (held.shape[-1], 0)))
+        pushed = forced - reached @ moved - pull @ (follow[:, :ahead] @ moved)
+        # the loads of lines couple all nodes: eliminated last (Woodbury)
+        pulled = np.broadcast_to(pull, (frequency.size, *pull.shape))
+        answers = solve_banded(
+            (beyond, beyond),
+            diagonals.reshape(2 * beyond + 1, -1),
+            np.concatenate([pushed, pulled], axis=2).reshape(frequency.size * free, -1),
+            overwrite_ab=True,
+            overwrite_b=True,
+            check_finite=False,
+        ).reshape(frequency.size, free, -1)
+        alone, taut = np.split(answers, [moved.shape[1]], axis=2)
+        if pull.size:
+            followed = follow[:, ahead:]
+            load = np.linalg.solve(np.eye(pull.shape[1]) + followed @ taut, followed @ alone)
+            alone = alone - taut @ load
+        base = np.broadcast_to(moved, (frequency.size, *moved.shape))
+        nodes = np.concatenate([base, alone], axis=1)[:, -3 * size :]
+        last = nodes.reshape(frequency.size, 3, size, -1)[:, :, : tip.shape[2]]
+        return np.einsum("pnd,fndc->fpc", tip, last)
 
 
 def _lines(
