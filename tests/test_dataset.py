@@ -10,7 +10,7 @@ from rich.console import Console
 import crinoid
 from crinoid.base import Servo
 from crinoid.cli.tables import equilibrium_table
-from crinoid.dataset import build_dataset
+from crinoid.dataset import Instants, build_dataset
 from crinoid.dynamics import Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.metrics import tip_error
@@ -89,7 +89,7 @@ def kept(touch=None, **changes):
 
 def test_every_variable_in_space_has_its_dimensions_and_units(system):
     record = kept()
-    dataset = build_dataset(system, SCENARIO.arm.diameters, record)
+    dataset = build_dataset(Instants(system, record), SCENARIO.arm.diameters)
     expected = {
         "position": ("time", "node", "axis"),
         "tangent": ("time", "edge", "axis"),
@@ -134,7 +134,7 @@ def test_every_variable_in_space_has_its_dimensions_and_units(system):
 
 def test_values_in_space_are_those_kept(system):
     record = kept()
-    dataset = build_dataset(system, SCENARIO.arm.diameters, record)
+    dataset = build_dataset(Instants(system, record), SCENARIO.arm.diameters)
     np.testing.assert_array_equal(dataset["curvature"], record.curvature)
     np.testing.assert_array_equal(dataset["director"], record.director)
     np.testing.assert_array_equal(dataset["base_moment"], record.base_moment)
@@ -160,7 +160,7 @@ def test_values_in_space_are_those_kept(system):
 )
 def test_the_angle_of_the_tip_is_that_above_the_level_plane(system, direction, angle):
     tip = np.tile(np.concatenate([ORIGIN, direction]), (RECORDS, 1))
-    dataset = build_dataset(system, SCENARIO.arm.diameters, kept(tip=tip))
+    dataset = build_dataset(Instants(system, kept(tip=tip)), SCENARIO.arm.diameters)
     np.testing.assert_allclose(dataset["tip_angle"], angle, atol=1e-12)
 
 
@@ -179,7 +179,7 @@ def test_obstacles_in_space_have_three_axes(system):
     place = np.zeros((RECORDS, 2, 3))
     gap = np.full((RECORDS, 2, NODES - 1), 0.1)
     record = kept(touch, gap=gap, obstacle_position=place, obstacle_velocity=place)
-    dataset = build_dataset(system, SCENARIO.arm.diameters, record)
+    dataset = build_dataset(Instants(system, record), SCENARIO.arm.diameters)
     assert dataset["contact_force"].dims == ("time", "obstacle", "axis")
     np.testing.assert_allclose(dataset["obstacle_position"].values[0], np.tile(ORIGIN, (2, 1)))
 
@@ -210,7 +210,7 @@ def test_joined_stretches_leave_the_angle_above_the_level_as_it_is():
 
 
 def test_measures_tables_and_figures_read_a_run_in_space(system):
-    dataset = build_dataset(system, SCENARIO.arm.diameters, kept()).assign_attrs(
+    dataset = build_dataset(Instants(system, kept()), SCENARIO.arm.diameters).assign_attrs(
         title="in space", scenario="", status="ok"
     )
     result = Result(dataset)

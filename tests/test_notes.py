@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import crinoid
 import crinoid.pieces
-from crinoid.dimensionless import Swings, normal_velocity, with_dimensionless, with_swings
+from crinoid.dimensionless import Swings, dimensionless, normal_velocity, with_swings
 from crinoid.dynamics import Modes
 from crinoid.notes import Lasting, notes
 
@@ -44,8 +44,13 @@ def held_still(
     return numbered(dataset, scenario, Modes(FREQUENCY, shape))
 
 
-def numbered(dataset: xr.Dataset, scenario: crinoid.Scenario, modes: Modes) -> xr.Dataset:
-    return with_swings(with_dimensionless(dataset, scenario, modes))
+def numbered(
+    dataset: xr.Dataset, scenario: crinoid.Scenario, modes: Modes | None
+) -> xr.Dataset:
+    flow = (dataset["flow_velocity"] - dataset["velocity"]).values
+    along = dataset["tangent"].values, dataset["diameter"].values
+    found = dimensionless(flow, *along, scenario, modes)
+    return with_swings(dataset.assign_coords(found.coordinates).assign(found.variables))
 
 
 def bare(
@@ -151,7 +156,7 @@ def test_numbers_without_meaning_are_left_out():
     bare = held_still(np.ones(5)).drop_vars(
         [*flows, "natural_frequency", "mode_shape"], errors="ignore"
     )
-    assert "reduced_velocity" not in with_dimensionless(bare, WATER, None)
+    assert "reduced_velocity" not in numbered(bare, WATER, None)
     loose = Modes(np.zeros(1), np.zeros((1, NODES, 2)))
     assert flows - set(numbered(bare, WATER, loose)) == {"reduced_velocity"}
 

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import ArpackNoConvergence
 import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.sensor import build_sensors
-from crinoid.dataset import build_dataset
+from crinoid.dataset import Instants, build_dataset
 from crinoid.dynamics import Outcome
 from crinoid.metrics import tip_error
 from crinoid.result import Result, ResultError
@@ -383,8 +383,8 @@ TAMPERED = {
 def begun() -> tuple[LoopState, xr.Dataset]:
     setup = set_up(Prepared(scenario()))
     carry, first = running.begin(setup.loop, setup.state)
-    diameters = scenario().arm.diameters
-    return carry, build_dataset(setup.loop.system, diameters, running.one_instant(first))
+    instant = Instants(setup.loop.system, running.one_instant(first))
+    return carry, build_dataset(instant, scenario().arm.diameters)
 
 
 @pytest.fixture(scope="module")

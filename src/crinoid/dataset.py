@@ -15,7 +15,7 @@ from crinoid.pieces import turned_on
 from crinoid.record import Record
 from crinoid.scenario import Scenario
 from crinoid.space import ANGLES, AXES, CHANNELS
-from crinoid.variables import large_names, of_dimension, quantity
+from crinoid.variables import Content, large_names, of_dimension, quantity
 from crinoid.version import __version__
 
 Series = Float[np.ndarray, " time"]
@@ -69,6 +69,7 @@ class Instants:
         edges = np.diff(kept.position, axis=1)
         self._lengths = np.linalg.norm(edges, axis=2, keepdims=True)
         self.tangent = edges / self._lengths
+        self.relative_flow = np.asarray(kept.flow_velocity - kept.velocity)
         self.tip, self.target = kept.tip[:, : self.dimension], kept.wanted[:, : self.dimension]
 
     @property
@@ -121,32 +122,30 @@ class Instants:
         return np.stack([np.where(there, np.asarray(value), 0.0) for value in values])
 
 
-def build_dataset(
-    system: System, diameters: Sequence[float], kept: Record, before: float | None = None
-) -> xr.Dataset:
+def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> xr.Dataset:
     """Turn saved instants into a dataset with names, units and what follows from the motion.
 
-    ``diameters`` (m) are those that the water sees, one a node; for the rest see `Instants`.
+    ``diameters`` (m) are those that the water sees, one a node. It holds ``more`` as well.
     """
-    run = Instants(system, kept, before)
-    count = run.dimension
+    count, kept, system = run.dimension, run.kept, run.system
     missing = {"obstacles": kept.touch, "tool": kept.held, "vehicle": kept.vehicle}
     without = [name for name, found in missing.items() if found is None]
     there = of_dimension(count, without=without)
-    dataset = xr.Dataset(
-        {
-            name: quantity(name, variable.of(run), count)
-            for name, variable in there.items()
-            if variable.of is not None
-        },
-        coords=coordinates(
-            count,
-            np.asarray(kept.time),
-            np.concatenate([np.zeros(1), np.cumsum(np.asarray(system.reference.rest_length))]),
-            np.asarray(diameters),
-        ),
+    found = {
+        name: quantity(name, variable.of(run), count)
+        for name, variable in there.items()
+        if variable.of is not None
+    }
+    along = coordinates(
+        count,
+        np.asarray(kept.time),
+        np.concatenate([np.zeros(1), np.cumsum(np.asarray(system.reference.rest_length))]),
+        np.asarray(diameters),
     )
-    return with_comments(dataset)
+    for each in more:
+        found |= each.variables
+        along |= each.coordinates
+    return with_comments(xr.Dataset(found, along))
 
 
 def coordinates(

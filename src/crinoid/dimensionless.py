@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from crinoid.dynamics import Modes
 from crinoid.pieces import pieces
 from crinoid.scenario import Scenario
-from crinoid.variables import quantity
+from crinoid.variables import Content, quantity
 
 Vectors = Float[np.ndarray, "time node axis"]
 
@@ -19,26 +19,49 @@ MOTION = ("flow_velocity", "velocity", "tangent")
 """Variables that tell how the water moves past the arm."""
 
 
-def with_dimensionless(dataset: xr.Dataset, scenario: Scenario, modes: Modes | None) -> xr.Dataset:
-    """Add the numbers to instants of a run; ``modes`` are those of the state that it starts from.
+def dimensionless(
+    flow: Vectors,
+    tangent: Float[np.ndarray, "time edge axis"],
+    diameter: Float[np.ndarray, " node"],
+    scenario: Scenario,
+    modes: Modes | None,
+) -> Content:
+    """Return the numbers of instants of a run.
 
     What would have no meaning is left out: frequencies without modes, flow numbers without water
     or diameter, the reduced velocity of an arm that does not swing back.
+
+    Parameters
+    ----------
+    flow
+        Velocity of the water at the nodes, relative to the arm (m/s).
+    tangent
+        Direction of the edges.
+    diameter
+        That the water sees, of each node (m).
+    scenario
+        What is run.
+    modes
+        Those of the state that it starts from.
     """
-    first = 0.0
+    found: dict[str, Any] = {}
+    first, axes, numbered = 0.0, flow.shape[2], {}
     if modes is not None:
-        dataset = _with_modes(dataset, modes)
-        moving = modes.frequency[~spinning(dataset)]
+        found = {"natural_frequency": modes.frequency, "mode_shape": modes.shape[..., :axes]}
+        spin = None
+        if modes.shape.shape[2] > axes:
+            spin = found["mode_spin"] = modes.shape[:, 1:, axes]
+        number = np.arange(1, modes.frequency.size + 1)
+        numbered = {"mode": ("mode", number, {"long_name": "slowest first"})}
+        moving = modes.frequency[~spinning(found["mode_shape"], spin, diameter)]
         first = float(moving[0]) if moving.size else 0.0
-    diameter = dataset["diameter"].values
-    if scenario.water.density == 0 or diameter.min() == 0:
-        return dataset
-    speed = np.linalg.norm(_relative(dataset), axis=2)
-    found = {"reynolds_number": speed * diameter / scenario.water.kinematic_viscosity}
-    if first > 0:
-        across_it = np.linalg.norm(normal_velocity(dataset), axis=2)
-        found["reduced_velocity"] = across_it / (first * diameter)
-    return _with(dataset, found)
+    if scenario.water.density > 0 and diameter.min() > 0:
+        speed = np.linalg.norm(flow, axis=2)
+        found["reynolds_number"] = speed * diameter / scenario.water.kinematic_viscosity
+        if first > 0:
+            across_it = np.linalg.norm(across(flow, tangent), axis=2)
+            found["reduced_velocity"] = across_it / (first * diameter)
+    return Content({name: quantity(name, found[name], axes) for name in found}, numbered)
 
 
 def with_swings(dataset: xr.Dataset) -> xr.Dataset:
@@ -49,39 +72,26 @@ def with_swings(dataset: xr.Dataset) -> xr.Dataset:
     for piece in pieces(dataset, MOTION, overlap=True):
         swings = swings.followed_by(Swings.of(normal_velocity(piece), piece["time"].values))
     number = swings.keulegan_carpenter(dataset["diameter"].values)
-    return _with(dataset, {"keulegan_carpenter": number})
+    name = "keulegan_carpenter"
+    return dataset.assign({name: quantity(name, number, dataset.sizes["axis"])})
 
 
-def _with_modes(dataset: xr.Dataset, modes: Modes) -> xr.Dataset:
-    number = ("mode", np.arange(1, modes.frequency.size + 1), {"long_name": "slowest first"})
-    axes = dataset.sizes["axis"]
-    found = {"natural_frequency": modes.frequency, "mode_shape": modes.shape[..., :axes]}
-    if modes.shape.shape[2] > axes:
-        found["mode_spin"] = modes.shape[:, 1:, axes]
-    return _with(dataset.assign_coords(mode=number), found)
-
-
-def _with(dataset: xr.Dataset, found: dict[str, np.ndarray]) -> xr.Dataset:
-    axes = dataset.sizes["axis"]
-    return dataset.assign({name: quantity(name, found[name], axes) for name in found})
-
-
-def spinning(dataset: xr.Dataset) -> Bool[np.ndarray, " mode"]:
+def spinning(
+    shape: Float[np.ndarray, "mode node axis"],
+    spin: Float[np.ndarray, "mode edge"] | None,
+    diameter: Float[np.ndarray, " node"],
+) -> Bool[np.ndarray, " mode"]:
     """Return which modes move the arm's surface more by its spin than by where it goes."""
-    if "mode_spin" not in dataset:
-        return np.zeros(dataset.sizes["mode"], bool)
-    going = np.linalg.norm(dataset["mode_shape"].values, axis=2).max(axis=1)
-    spin = np.abs(dataset["mode_spin"].values).max(axis=1)
-    return going < spin * float(dataset["diameter"].max()) / 2
+    if spin is None:
+        return np.zeros(shape.shape[0], bool)
+    going = np.linalg.norm(shape, axis=2).max(axis=1)
+    return np.asarray(going < np.abs(spin).max(axis=1) * diameter.max() / 2)
 
 
 def normal_velocity(dataset: xr.Dataset) -> Float[np.ndarray, "time node across"]:
     """Return the part of the water's velocity relative to the arm that is across it (m/s)."""
-    return across(_relative(dataset), dataset["tangent"].values)
-
-
-def _relative(dataset: xr.Dataset) -> Vectors:
-    return dataset["flow_velocity"].values - dataset["velocity"].values
+    flow = dataset["flow_velocity"].values - dataset["velocity"].values
+    return across(flow, dataset["tangent"].values)
 
 
 def across(
@@ -96,9 +106,9 @@ def across(
     after = np.concatenate([tangent, tangent[:, -1:]], axis=1)
     along = before + after
     if along.shape[2] == 2:
-        turned = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-        normal = turned / np.linalg.norm(turned, axis=2, keepdims=True)
-        return np.sum(vectors * normal, axis=2, keepdims=True)
+        x, z = along[..., 0], along[..., 1]
+        across_it = (vectors[..., 1] * x - vectors[..., 0] * z) / np.sqrt(x**2 + z**2)
+        return np.asarray(across_it[..., None])
     along = along / np.linalg.norm(along, axis=2, keepdims=True)
     return vectors - np.sum(vectors * along, axis=2, keepdims=True) * along
 

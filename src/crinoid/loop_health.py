@@ -19,6 +19,12 @@ _AT_SPEED, _AT_ACCELERATION = 0.99, 0.95
 _OFTEN = {"range": 0.02, "speed": 0.1, "acceleration": 0.1}
 """Share of the time at a limit from which on it is worth a note."""
 
+_OF_LIMITS = (
+    *("base_servo", "channel_lower", "channel_upper", "channel_max_speed"),
+    *("channel_max_acceleration", "actuator_command"),
+)
+"""Variables that tell whether an input is at a limit."""
+
 _WINDOWS = 6
 _RISE, _GROWN = 1.25, 3.0
 """By how much the error rises from one window to the next, and over the last four."""
@@ -65,7 +71,7 @@ def limits_met(result: Result) -> dict[str, AtLimit]:
     scenario, data = result.scenario, result.dataset
     if scenario.control.kind == "none" or "channel_lower" not in data:  # of an earlier version
         return {}
-    data = data.isel(time=_controlled(result))
+    data = data[[name for name in _OF_LIMITS if name in data]].isel(time=_controlled(result))
     if data.sizes["time"] < 3:
         return {}
     return {

@@ -169,7 +169,8 @@ def _bending(dataset: xr.Dataset) -> list[int]:
     shape = dataset["mode_shape"].values
     normal = across(shape, dataset["tangent"].isel(time=[0]).values)
     bends = np.sum(normal**2, axis=(1, 2)) > 0.5 * np.sum(shape**2, axis=(1, 2))
-    bends &= ~spinning(dataset)
+    spin = dataset["mode_spin"].values if "mode_spin" in dataset else None
+    bends &= ~spinning(shape, spin, dataset["diameter"].values)
     return [int(mode) for mode in dataset["mode"].values[bends]]
 
 

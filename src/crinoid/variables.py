@@ -9,13 +9,29 @@ from collections.abc import Callable, Iterable, Mapping
 from math import prod
 from typing import Any, Literal, NamedTuple
 
-__all__ = ["LARGE", "VARIABLES", "Variable", "large_names", "numbers", "of_dimension", "quantity"]
+__all__ = [
+    "LARGE",
+    "VARIABLES",
+    "Content",
+    "Variable",
+    "large_names",
+    "numbers",
+    "of_dimension",
+    "quantity",
+]
 
 Of = Callable[[Any], Any]
 """From `crinoid.dataset.Instants` to values."""
 
 LARGE = frozenset({"node", "edge"})
 """Dimensions that make a variable over time a large one."""
+
+
+class Content(NamedTuple):
+    """Part of a dataset before xarray has it, which takes long to add to one."""
+
+    variables: dict[str, tuple[Any, ...]]
+    coordinates: dict[str, tuple[Any, ...]]
 
 
 class Variable(NamedTuple):

@@ -6,14 +6,14 @@ import numpy as np
 import xarray as xr
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.dataset import build_dataset, describe
-from crinoid.dimensionless import with_dimensionless, with_swings
+from crinoid.dataset import Instants, build_dataset, describe
+from crinoid.dimensionless import dimensionless, with_swings
 from crinoid.dynamics import Outcome
 from crinoid.ledger import find_defect
 from crinoid.notes import notes, tool_notes
 from crinoid.record import Record
 from crinoid.result import Result, named_leaves
-from crinoid.signals import with_signals
+from crinoid.signals import signals
 from crinoid.simulation.failure import command_failure, step_failure
 from crinoid.simulation.loop import LoopState
 from crinoid.simulation.setup import Setup
@@ -28,10 +28,14 @@ def builder(prepared: Prepared, setup: Setup) -> Build:
     loop, scenario = setup.loop, prepared.scenario
 
     def build(kept: Record, before: float | None) -> xr.Dataset:
-        dataset = build_dataset(loop.system, scenario.arm.diameters, kept, before)
-        system = loop.system
-        dataset = with_signals(dataset, kept, system.inputs, loop.readings, system.forces.lines)
-        return with_dimensionless(dataset, scenario, setup.modes)
+        system, diameters = loop.system, scenario.arm.diameters
+        run, modes = Instants(system, kept, before), setup.modes
+        return build_dataset(
+            run,
+            diameters,
+            signals(kept, system.inputs, loop.readings, system.forces.lines),
+            dimensionless(run.relative_flow, run.tangent, np.array(diameters), scenario, modes),
+        )
 
     return build
 
