@@ -44,9 +44,7 @@ def held_still(
     return numbered(dataset, scenario, Modes(FREQUENCY, shape))
 
 
-def numbered(
-    dataset: xr.Dataset, scenario: crinoid.Scenario, modes: Modes | None
-) -> xr.Dataset:
+def numbered(dataset: xr.Dataset, scenario: crinoid.Scenario, modes: Modes | None) -> xr.Dataset:
     flow = (dataset["flow_velocity"] - dataset["velocity"]).values
     along = dataset["tangent"].values, dataset["diameter"].values
     found = dimensionless(flow, *along, scenario, modes)

@@ -58,7 +58,11 @@ def signals(
     found.variables["actuator_state"] = _signal("actuator_state", kept.drive)
     for name, values, meaning in (
         ("input", [each.name for each in others], "input of an actuator"),
-        ("input_unit", [each.unit for each in others], "unit of actuator_command and actuator_state"),
+        (
+            "input_unit",
+            [each.unit for each in others],
+            "unit of actuator_command and actuator_state",
+        ),
         ("input_lower", [float(each.lower) for each in others], "lower limit"),
         ("input_upper", [float(each.upper) for each in others], "upper limit"),
     ):

@@ -127,10 +127,10 @@ class PidParameters(eqx.Module):
     def gains(self, inputs: Sequence[Input]) -> dict[str, Float[Array, " input"]]:
         """Return them by name, as `crinoid.control.Pid` takes them: 0 of what is not driven."""
         every = [each.name for each in inputs]
-        rows = np.array([every.index(name) for name in self.names], int)
+        rows = [every.index(name) for name in self.names]
+        place = np.eye(len(every))[:, rows]
         numbers = {name: value for name, value in vars(self).items() if name != "names"}
-        none = np.zeros(len(every))
-        return {name: jnp.asarray(none).at[rows].set(value) for name, value in numbers.items()}
+        return {name: jnp.dot(place, value) for name, value in numbers.items()}
 
     @staticmethod
     def of(scenario: Scenario) -> PidParameters:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -66,7 +67,7 @@ class Plan:
         """Names of the sensors beside that of the tip (`crinoid.Seen.readings`)."""
         return tuple(sensor.name for sensor in self.sensors[1:])
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[Input, ...]:
         """The inputs that the controller commands."""
         return self.system.inputs

@@ -43,10 +43,15 @@ class Slot:
     array: int | str
 
 
+def setting(name: str) -> Any:
+    """Return a setting of JAX, as it is in this context."""
+    return getattr(jax.config, name)
+
+
 def settings() -> tuple[Any, ...]:
     """Return what compiled code depends on and may change while a process runs."""
-    values, config = jax.config.values, jax.config  # the dictionary is made anew each time
-    found = (getattr(config, name, values[name]) for name in _names())
+    others = jax.config.values  # a dictionary that is made each time
+    found = (getattr(jax.config, name, others[name]) for name in _names())
     return (*found, os.environ.get("XLA_FLAGS"))
 
 

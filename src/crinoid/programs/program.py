@@ -15,7 +15,7 @@ import numpy as np
 from jax.experimental import serialize_executable
 from jax.experimental.compilation_cache import compilation_cache
 
-from crinoid.programs.key import Slot, UnkeepableError, key_of, settings
+from crinoid.programs.key import Slot, UnkeepableError, key_of, setting, settings
 from crinoid.programs.store import STORE
 
 P = ParamSpec("P")
@@ -71,9 +71,7 @@ class Program(Generic[P, R]):
         arrays = [leaf for leaf in leaves if _is_array(leaf)]
         if STORE.get() is None or _is_observed() or any(map(_is_placed, arrays)):
             return self._unkept(*args, **kwargs)
-        form = tuple(
-            jax.typeof(leaf) if _is_array(leaf) else (type(leaf), leaf) for leaf in leaves
-        )
+        form = tuple(jax.typeof(leaf) if _is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
         try:
             key = key_of(self._function, tuple(self._options.items()), tree, form, settings())
         except UnkeepableError:
@@ -150,15 +148,14 @@ def _is_placed(array: Any) -> bool:
 
 def _is_observed() -> bool:
     """Tell whether JAX is asked to look into what is run."""
-    config = jax.config
-    return bool(config.jax_disable_jit or config.jax_debug_nans or config.jax_debug_infs)
+    return any(map(setting, ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs")))
 
 
 @contextmanager
 def _compiled_anew() -> Iterator[None]:
     """Compile without the cache of JAX: code that was read from there cannot be written again."""
     with _ONE_AT_A_TIME:
-        enabled = jax.config.jax_enable_compilation_cache
+        enabled = setting("jax_enable_compilation_cache")
         jax.config.update("jax_enable_compilation_cache", False)
         compilation_cache.reset_cache()  # else it goes on as it began
         try:

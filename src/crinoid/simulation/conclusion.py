@@ -33,7 +33,7 @@ def builder(prepared: Prepared, setup: Setup) -> Build:
         return build_dataset(
             run,
             diameters,
-            signals(kept, system.inputs, loop.readings, system.forces.lines),
+            signals(kept, setup.plan.inputs, loop.readings, system.forces.lines),
             dimensionless(run.relative_flow, run.tangent, np.array(diameters), scenario, modes),
         )
 

@@ -81,13 +81,6 @@ def set_up(prepared: Prepared) -> Setup:
         # the stiffness is singular: what its inverse says is round-off
         jacobian = jnp.full_like(jacobian, jnp.nan)
     sensors = (*build_sensors(scenario), *(parts.sensors if parts is not None else ()))
-    for words, names in (
-        ("sensors", [sensor.name for sensor in sensors]),
-        ("inputs", [each.name for each in system.inputs]),
-    ):
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ValueError(f"two {words} are called {' and '.join(twice)}; each takes its own")
     target = build_target(scenario, prepared.series.get("target"), system, tip)
     plan = Plan(
         scenario,
@@ -100,6 +93,13 @@ def set_up(prepared: Prepared) -> Setup:
         current,
         prepared.recordings,
     )
+    for words, names in (
+        ("sensors", [sensor.name for sensor in sensors]),
+        ("inputs", [each.name for each in plan.inputs]),
+    ):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"two {words} are called {' and '.join(twice)}; each takes its own")
     loop = Loop(
         system=system,
         sensors=sensors,
