@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import jax
@@ -174,7 +175,7 @@ def _instants(scenario: Scenario) -> tuple[float, float]:
 
 def coordinate(key: str, values: list[Any]) -> tuple[Any, ...]:
     """Return a key's values along ``run``; tables and lists of other lengths as JSON."""
-    unit = unit_at(Scenario.model_json_schema(), key)
+    unit = unit_at(_schema(), key)
     about = {"long_name": key} | ({"units": unit} if unit else {})
     try:
         found = np.array(values)
@@ -185,6 +186,12 @@ def coordinate(key: str, values: list[Any]) -> tuple[Any, ...]:
     if found.dtype.kind == "U":
         found = found.astype(object)
     return ("run", *(f"{key}.{axis}" for axis in range(found.ndim - 1))), found, about
+
+
+@cache
+def _schema() -> dict[str, Any]:
+    """Return the schema of all tables, made once."""
+    return Scenario.model_json_schema()
 
 
 def _refuse(key: str, text: str) -> None:
