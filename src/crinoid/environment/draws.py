@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from crinoid.assembly.numbers import array
+from crinoid.assembly.observables import Observables
 from crinoid.assembly.parts import Parts
 from crinoid.assembly.plan import Plan
 from crinoid.assembly.prepared import Prepared
 from crinoid.batch.variation import structure
 from crinoid.environment.episode import Case
 from crinoid.environment.given import Given
-from crinoid.environment.observer import Observer
 from crinoid.environment.program import Form
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, shown
 from crinoid.simulation.failure import start_failure
@@ -64,7 +64,7 @@ class Draws:
         self.scenario = scenario.with_values({"control.kind": "custom"})
         self._ranges = _checked("draw", ranges)
         self.first = self._built(self.scenario)
-        self.observer = Observer(self.first.case.loop, self.first.setup.plan)
+        self.observables = Observables(self.first.setup.plan)
         self._form = Form(self.first.case)
 
     def draw(
@@ -100,8 +100,8 @@ class Draws:
         drawn = self._built(scenario)
         if Form(drawn.case) != self._form:
             self._refuse(values, structure, _PROGRAM)
-        limits = Observer(drawn.case.loop, drawn.setup.plan)
-        if (limits.entries, limits.actions) != (self.observer.entries, self.observer.actions):
+        limits = Observables(drawn.setup.plan)
+        if (limits.entries, limits.actions) != (self.observables.entries, self.observables.actions):
             self._refuse(values, _limits, "the limits of actions or observations")
         return drawn
 

@@ -13,11 +13,11 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from jaxtyping import Array, Float
 
+from crinoid.assembly.observables import Entry
 from crinoid.dynamics import Outcome
 from crinoid.environment.draws import Drawn, Draws
 from crinoid.environment.episode import Case, Episode, Rules, Told
 from crinoid.environment.named import Named
-from crinoid.environment.observer import Entry
 from crinoid.environment.program import Form, Numbers, numbers_of, often
 from crinoid.environment.reward import Moment, closeness
 from crinoid.environment.success import Success
@@ -56,8 +56,8 @@ class ArmEnv(Named, gymnasium.Env[np.ndarray, np.ndarray]):
         self._rules = rules_of(draws, reward, success)
         rate = draws.scenario.control_rate_hz
         self.metadata = {**type(self).metadata, "render_fps": round(rate)}
-        self.action_space = space_of(draws.observer.actions, np.float32)
-        self.observation_space = space_of(draws.observer.entries, np.float64)
+        self.action_space = space_of(draws.observables.actions, np.float32)
+        self.observation_space = space_of(draws.observables.entries, np.float64)
         case, rules = draws.first.case, self._rules
         cases = Form(case)
         with on_processor():
@@ -76,7 +76,7 @@ class ArmEnv(Named, gymnasium.Env[np.ndarray, np.ndarray]):
             return numbers_of(after), told.row(), numbers_of(outcome)
 
         self._begin, self._go_on = often(begin), often(go_on)
-        self._idle = np.zeros(len(draws.observer.driven))
+        self._idle = np.zeros(len(draws.observables.driven))
         self._drawn: Drawn | None = None
         self._case: Numbers = []
         self._episode: Numbers = []
@@ -205,7 +205,7 @@ def rules_of(draws: Draws, reward: Reward, success: Success | None) -> Rules:
     plan = draws.first.setup.plan
     scale = np.zeros(len(plan.system.tip(plan.state)))
     scale[plan.controlled[0]] = 1.0
-    rules = Rules(draws.observer, scale, reward, success)
+    rules = Rules(draws.observables, scale, reward, success)
     case = draws.first.case
 
     def tried(case: Case) -> Any:

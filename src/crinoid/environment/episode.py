@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from crinoid.assembly.observables import Observables
 from crinoid.control import pose_error
 from crinoid.dynamics import Outcome, State
 from crinoid.environment.given import Given
-from crinoid.environment.observer import Observer
 from crinoid.environment.reward import Moment
 from crinoid.environment.success import Success
 from crinoid.simulation import Loop, LoopState
@@ -76,7 +76,7 @@ class Rules:
 
     Parameters
     ----------
-    observer
+    observables
         Its observations.
     scale
         What makes the error of each coordinate one of the arm's deviation, times the length of the
@@ -87,7 +87,7 @@ class Rules:
         When the task is done; None where it never is.
     """
 
-    observer: Observer
+    observables: Observables
     scale: np.ndarray
     reward: Callable[[Moment], Float[Array, ""]]
     success: Success | None
@@ -125,7 +125,7 @@ class Rules:
         episode, told, outcome
             Where it is then, what is told of it, and the outcome of the last solve.
         """
-        driven = np.array(self.observer.driven)
+        driven = np.array(self.observables.driven)
         count = before.now.command.shape[0]
         command = jnp.zeros(count).at[driven].set(action)
         loop = replace(case.loop, controller=Given(command))
@@ -149,8 +149,8 @@ class Rules:
         self, case: Case, before: Episode, now: LoopState, *, failed: Bool[Array, ""]
     ) -> tuple[Episode, Told]:
         """Tell of an instant at which a command is due, and of the step that led to it."""
-        loop, axes = case.loop, self.observer.axes
-        driven = np.array(self.observer.driven)
+        loop, axes = case.loop, self.observables.axes
+        driven = np.array(self.observables.driven)
         seen = loop.seen(now.state, loop.sensed(now), now.command)
         # before the first command nothing has changed
         last = jnp.where(now.ticks > 0, before.seen, seen.measured)
@@ -164,7 +164,7 @@ class Rules:
             held = jnp.where(near & (now.ticks > 0), before.held + spent, 0.0)
             success = (held >= self.success.time - 1e-9) & (now.ticks > 0) & near & ~failed
         scale = self.scale * jnp.where(np.arange(error.size) < axes, 1 / case.length, 1.0)
-        limits = self.observer.actions
+        limits = self.observables.actions
         spans = np.array([each.upper - each.lower for each in limits])
         changed = now.command - before.now.command
         steps = loop.clock.period / loop.system.time_step
@@ -179,7 +179,7 @@ class Rules:
             success=success,
         )
         told = Told(
-            self.observer(loop, seen, last),
+            self.observables.observation(seen, last),
             jnp.asarray(self.reward(moment), float),
             now.state.time,
             distance,

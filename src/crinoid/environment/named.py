@@ -13,19 +13,19 @@ class Named:
     @property
     def observation_names(self) -> tuple[str, ...]:
         """Name of each number of an observation."""
-        return tuple(entry.name for entry in self._draws.observer.entries)
+        return tuple(entry.name for entry in self._draws.observables.entries)
 
     @property
     def observation_units(self) -> tuple[str, ...]:
         """Unit of each of them."""
-        return tuple(entry.unit for entry in self._draws.observer.entries)
+        return tuple(entry.unit for entry in self._draws.observables.entries)
 
     @property
     def action_names(self) -> tuple[str, ...]:
         """Name of the input that each number of an action commands."""
-        return tuple(entry.name for entry in self._draws.observer.actions)
+        return tuple(entry.name for entry in self._draws.observables.actions)
 
     @property
     def action_units(self) -> tuple[str, ...]:
         """Unit of each of them."""
-        return tuple(entry.unit for entry in self._draws.observer.actions)
+        return tuple(entry.unit for entry in self._draws.observables.actions)

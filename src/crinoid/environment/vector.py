@@ -53,11 +53,11 @@ class ArmVectorEnv(Named, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._count = max(num_envs, _FEWEST) if draws is None else _count("draws", draws)
         self._draws = source = Draws(scenario, draw)
         rules = rules_of(source, reward, success)
-        self.single_action_space = space_of(source.observer.actions, np.float32)
-        self.single_observation_space = space_of(source.observer.entries, np.float64)
+        self.single_action_space = space_of(source.observables.actions, np.float32)
+        self.single_observation_space = space_of(source.observables.entries, np.float64)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._shape = num_envs, len(source.observer.driven)
+        self._shape = num_envs, len(source.observables.driven)
         case = source.first.case
         cases, episodes = Form(case), Form(jax.eval_shape(rules.begin, case))
         self._form, count = episodes, num_envs
