@@ -336,7 +336,8 @@ ONE_MISTAKE = {
     ),
     "unknown controller": (
         'control.kind = "lqr"',
-        'control.kind: got "lqr", takes "none", "pid", "lqg", "hybrid", "mpc" or "custom"',
+        'control.kind: got "lqr", takes "none", "pid", "lqg", "hybrid", "mpc", "neural" or '
+        '"custom"',
     ),
     "missing key": (
         'load = [{kind = "distributed", direction = "normal"}]',

@@ -6,6 +6,7 @@ from crinoid.assembly.hybrid import build_hybrid
 from crinoid.assembly.lags import lags
 from crinoid.assembly.lqg import build_lqg
 from crinoid.assembly.mpc import build_mpc
+from crinoid.assembly.neural import build_neural
 from crinoid.assembly.numbers import array
 from crinoid.assembly.plan import Plan
 from crinoid.control import Controller, FeedForward, Idle, Pid
@@ -34,6 +35,8 @@ def build_controller(plan: Plan) -> Controller:
             return build_hybrid(plan)
         case "mpc":
             return build_mpc(plan)
+        case "neural":
+            return build_neural(plan)
         case "custom":
             text = 'got "custom", which takes a controller passed to crinoid.simulate'
             raise ScenarioError([Mistake("control.kind", text)])
@@ -50,7 +53,8 @@ def build_feed_forward(plan: Plan) -> FeedForward | None:
         As `build_controller` does.
     """
     scenario = plan.scenario
-    if scenario.control.kind == "none" or not scenario.target.feeds_forward:
+    # a network is told of a target by what it observes
+    if scenario.control.kind in ("none", "neural") or not scenario.target.feeds_forward:
         return None
     return FeedForward(
         array(plan.mapping(scenario.driven, _weights(scenario))),

@@ -114,17 +114,22 @@ def _jacobian(model: LinearModel) -> Float[np.ndarray, "y u"]:
     return (model.observed @ arm + model.observed_actuators) @ followed
 
 
-def _most(plan: Plan, rows: tuple[int, ...]) -> tuple[PerInput, PerInput, PerInput]:
-    """Return half the range, and greatest speed and acceleration, of each driven input.
+def fastest(plan: Plan) -> PerInput:
+    """Return the greatest speed of each input (1/s).
 
     One that has no limit of its own may pass its range in a second.
     """
     servo = plan.system.base.servo
-    lower = np.array([float(each.lower) for each in plan.inputs])
-    upper = np.array([float(each.upper) for each in plan.inputs])
-    speed = upper - lower
+    speed = np.array([float(each.upper) - float(each.lower) for each in plan.inputs])
     speed[: servo.max_speed.shape[0]] = servo.max_speed
+    return speed
+
+
+def _most(plan: Plan, rows: tuple[int, ...]) -> tuple[PerInput, PerInput, PerInput]:
+    """Return half the range, and greatest speed and acceleration, of each driven input."""
+    servo, speed = plan.system.base.servo, fastest(plan)
+    reach = np.array([0.5 * (float(each.upper) - float(each.lower)) for each in plan.inputs])
     acceleration = speed / _BRISK
     acceleration[: servo.max_speed.shape[0]] = servo.max_acceleration
     chosen = list(rows)
-    return 0.5 * (upper - lower)[chosen], speed[chosen], acceleration[chosen]
+    return reach[chosen], speed[chosen], acceleration[chosen]

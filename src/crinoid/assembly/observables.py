@@ -56,7 +56,7 @@ class Observables:
             carried=tuple(k for k, each in enumerate(inputs[:channels]) if each.name in moved),
             ahead=plan.target is not None and plan.target.path is not None,
         )
-        """What makes an observation of what is seen."""
+        """Makes an observation of what is seen."""
         self.actions = tuple(_limited(inputs[row]) for row in driven)
         """Name, unit and limits of each number of an action."""
         self.entries = tuple(self._entries(plan))

@@ -12,7 +12,7 @@ from crinoid.assembly.known import Known
 
 Matrix = Float[np.ndarray, "_ _"]
 
-_EFFORT = 0.02
+EFFORT = 0.02
 """Cost of an input at the end of its range over that of one at its greatest speed."""
 
 
@@ -57,7 +57,7 @@ class Regulator(NamedTuple):
         cost = np.zeros_like(A)
         cost[x, x] = known.tip.T @ known.tip
         cost[q, q] = np.eye(controlled) / integral_time**2
-        cost[u, u] = np.diag((_EFFORT * known.worth / known.reach) ** 2)
+        cost[u, u] = np.diag((EFFORT * known.worth / known.reach) ** 2)
         rate = np.diag((known.worth / (period * known.speed)) ** 2)
         # only the arm, first of the estimate, and the actuators answer to commands
         moving = np.r_[np.arange(parts.arm), np.arange(size, u.start)]

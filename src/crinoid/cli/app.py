@@ -24,6 +24,7 @@ from crinoid.cli.options import (
     stop,
 )
 from crinoid.cli.sweep import sweep
+from crinoid.cli.train import train
 
 app = typer.Typer(
     name="crinoid",
@@ -323,6 +324,7 @@ def export(
 app.command()(film)
 app.command()(live)
 app.command()(sweep)
+app.command()(train)
 
 
 def _copy(name: str) -> None:

@@ -24,6 +24,7 @@ from crinoid.identification import IDENTIFICATION
 from crinoid.replacement import remove_unfinished
 from crinoid.report.film.file import films_in
 from crinoid.report.page.file import PAGE, is_page
+from crinoid.report.train import TRAINING
 from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import MODES
@@ -35,7 +36,7 @@ from crinoid.tuning import TUNING
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
-_APART = (FLOW, MODES, COMPARISON, MARGINS, TUNING, IDENTIFICATION)
+_APART = (FLOW, MODES, COMPARISON, MARGINS, TUNING, IDENTIFICATION, TRAINING)
 """Files of commands that run no scenario by itself, which may lie beside a result."""
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 

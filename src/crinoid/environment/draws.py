@@ -15,7 +15,9 @@ from crinoid.assembly.observables import Observables
 from crinoid.assembly.parts import Parts
 from crinoid.assembly.plan import Plan
 from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.sensor import build_sensors
 from crinoid.batch.variation import structure
+from crinoid.control import Sensor
 from crinoid.environment.episode import Case
 from crinoid.environment.given import Given
 from crinoid.environment.program import Form
@@ -62,7 +64,9 @@ class Draws:
     def __init__(self, scenario: Scenario, ranges: Mapping[str, Any] | None) -> None:
         require_one_case(scenario)
         self.scenario = scenario.with_values({"control.kind": "custom"})
-        self._ranges = _checked("draw", ranges)
+        self.ranges = _checked("draw", ranges)
+        widest = self.scenario.with_values({key: high for key, (_, high) in self.ranges.items()})
+        self._kept = {sensor.name: sensor.kept for sensor in build_sensors(widest)}
         self.first = self._built(self.scenario)
         self.observables = Observables(self.first.setup.plan)
         self._form = Form(self.first.case)
@@ -90,7 +94,7 @@ class Draws:
             the limits of actions or observations.
         """
         given = _options(options)
-        ranges = self._ranges | _checked("options: draw", given["draw"])
+        ranges = self.ranges | _checked("options: draw", given["draw"])
         values = {"seed": int(random.integers(2**31)) if seed is None else seed}
         values |= {key: random.uniform(low, high) for key, (low, high) in ranges.items()}
         values |= given["set"]
@@ -113,7 +117,7 @@ class Draws:
             if trouble:
                 raise RuntimeError(trouble)
             # the target is followed by whoever commands
-            loop = replace(setup.loop, feed_forward=None)
+            loop = replace(setup.loop, feed_forward=None, sensors=self._roomy(setup.loop.sensors))
             case = Case(
                 loop,
                 setup.state,
@@ -121,6 +125,12 @@ class Draws:
                 array(scenario.arm.length),
             )
         return Drawn(prepared, case, setup)
+
+    def _roomy(self, sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
+        """Return sensors with room for as many samples as the longest delay has under way."""
+        return tuple(
+            replace(each, kept=max(each.kept, self._kept.get(each.name, 0))) for each in sensors
+        )
 
     def _refuse(self, values: Mapping[str, Any], trait: Any, what: str) -> None:
         """Refuse values that change what all episodes share, naming one that does."""

@@ -21,14 +21,16 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
     current that `crinoid flow` sampled (`flow.nc`) gives `flow.png`, `spectrum.png` and
     `profile.png`, what `crinoid modes` found (`modes.nc`) `modes.png`, what `crinoid compare`
     compared (`compare.nc`) `compare.png`, the loop of `crinoid margins` (`margins.nc`) `bode.png`
-    and `nyquist.png`, the search of `crinoid tune` (`tune.nc`) `tune.png`, and that of
-    `crinoid identify` (`identify.nc`) `identify.png`.
+    and `nyquist.png`, the search of `crinoid tune` (`tune.nc`) `tune.png`, that of
+    `crinoid identify` (`identify.nc`) `identify.png`, and what `crinoid train` went through
+    (`training.nc`) `training.png`.
 
     Parameters
     ----------
     path
         A result's folder, its `result.nc`, a study's folder or its `cases.csv`, a folder with
-        `flow.nc`, `modes.nc`, `compare.nc`, `margins.nc`, `tune.nc` or `identify.nc`, or that file.
+        `flow.nc`, `modes.nc`, `compare.nc`, `margins.nc`, `tune.nc`,
+        `identify.nc` or `training.nc`, or that file.
     out
         Folder for the figures, made if needed; beside the result by default.
 

@@ -36,6 +36,7 @@ from crinoid.report.sheet import draw_sheet
 from crinoid.report.spectrum import draw_spectrum
 from crinoid.report.style import STYLE
 from crinoid.report.table import read_cases
+from crinoid.report.train import TRAINING, draw_training, open_training
 from crinoid.report.tune import TUNING, draw_tuning, open_tuning
 from crinoid.report.view import is_spatial
 from crinoid.version import __version__
@@ -127,6 +128,11 @@ def _write_tuning(path: Path, out: Path) -> list[Path]:
     return [_save(lambda: draw_tuning(data), out / "tune.png", path)]
 
 
+def _write_training(path: Path, out: Path) -> list[Path]:
+    data = open_training(path)
+    return [_save(lambda: draw_training(data), out / "training.png", path)]
+
+
 def _write_identification(path: Path, out: Path) -> list[Path]:
     data = open_identification(path)
     return [_save(lambda: draw_identification(data), out / "identify.png", path)]
@@ -167,5 +173,6 @@ _APART: dict[str, Callable[[Path, Path], list[Path]]] = {
     MARGINS: _write_margins,
     TUNING: _write_tuning,
     IDENTIFICATION: _write_identification,
+    TRAINING: _write_training,
 }
 """Files of commands that run no scenario by itself, which may lie beside a result."""

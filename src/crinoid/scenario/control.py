@@ -19,13 +19,14 @@ from crinoid.scenario.kinds import installed, installed_table
 from crinoid.scenario.lqg import Lqg
 from crinoid.scenario.model import Model, unknown_key
 from crinoid.scenario.mpc import Mpc
+from crinoid.scenario.neural import Neural
 from crinoid.scenario.quantity import AsTuple, Hertz, Quantity, Seconds
 from crinoid.scenario.sensor import DEFAULT_RATE
 from crinoid.space import AXES, CHANNELS
 
 __all__ = ["Control", "ControllerTable", "Coordinate", "Pid", "PidGains"]
 
-KINDS = ("none", "pid", "lqg", "hybrid", "mpc", "custom")
+KINDS = ("none", "pid", "lqg", "hybrid", "mpc", "neural", "custom")
 COORDINATES = {2: (*AXES[2], "angle"), 3: (*AXES[3], "direction")}
 """Coordinates of the tip that a controller can bring to the target, by the number of axes."""
 
@@ -133,6 +134,7 @@ class Control(Model):
     lqg: Lqg = Field(default=Lqg(), description="Settings of kind lqg.")
     hybrid: Hybrid = Field(default=Hybrid(), description="Settings of kind hybrid.")
     mpc: Mpc = Field(default=Mpc(), description="Settings of kind mpc.")
+    neural: Neural = Field(default=Neural(), description="Settings of kind neural.")
 
     def __init__(self, /, **data: Any) -> None:
         known, brought, mistakes = type(self).model_fields, installed("controllers"), []
@@ -176,5 +178,8 @@ class Control(Model):
             yield Mistake("controlled", f"got {shown(self.controlled)}, takes each one once")
         if self.kind == "pid" and not self.pid.present:
             yield Mistake("pid", 'missing, kind = "pid" takes gains for at least one input')
+        if self.kind == "neural" and self.neural.weights is None:
+            text = 'missing, kind = "neural" takes a file that crinoid train wrote'
+            yield Mistake("neural.weights", text)
         if self.kind == "lqg" and self.mapping == "identity":
             yield Mistake("mapping", 'got "identity", goes with kind = "pid"; takes none here')

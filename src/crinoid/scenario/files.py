@@ -15,6 +15,9 @@ from crinoid.scenario.quantity import Quantity
 
 __all__ = ["File", "anchor", "digests", "named_files"]
 
+_KEYS = ("file", "weights")
+"""Keys that name a file."""
+
 # absolute, so that a scenario that is stored means the same file wherever it is read again
 File = Annotated[
     str,
@@ -47,12 +50,12 @@ def digests(document: dict[str, Any]) -> dict[str, str]:
 
 
 def _places(document: dict[str, Any]) -> Iterator[tuple[Any, Any]]:
-    """Yield what holds a file's name, and under which key: any key `file`, also in `vary`."""
+    """Yield what holds a file's name, and under which key: any of their keys, also in `vary`."""
     for name, value in document.items():
         # an empty name is no folder; the scenario refuses it
-        if name == "file" and _named(value):
+        if name in _KEYS and _named(value):
             yield document, name
-        elif name.endswith(".file") and isinstance(value, list):
+        elif name.endswith(tuple(f".{key}" for key in _KEYS)) and isinstance(value, list):
             yield from ((value, index) for index, item in enumerate(value) if _named(item))
         else:
             yield from _inner(value)

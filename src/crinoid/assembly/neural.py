@@ -1,0 +1,47 @@
+"""From the file of a policy to the controller that it stands in for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from crinoid.assembly.observables import Observables
+from crinoid.assembly.weights import KEY, Description, read_policy
+from crinoid.control.neural import Neural
+from crinoid.scenario import Mistake, ScenarioError
+
+if TYPE_CHECKING:
+    from crinoid.assembly.plan import Plan
+
+_SAME = 1e-6
+"""Difference of two rates, over one of them, that is none."""
+
+
+def build_neural(plan: Plan) -> Neural:
+    """Return the neural controller of a plan.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read, or its policy is for another arm, other sensors or another rate.
+    """
+    weights = plan.scenario.control.neural.weights
+    assert weights is not None, "a scenario without is refused"
+    policy, told = read_policy(Path(weights))
+    observables = Observables(plan)
+    here = Description.of(observables, plan.scenario, {})
+    for words, wanted, there in (
+        ("observes", told.observations, here.observations),
+        ("commands", told.actions, here.actions),
+    ):
+        if wanted != there:
+            text = f"{weights}: it {words} {_listed(wanted)}; here there are {_listed(there)}"
+            raise ScenarioError([Mistake(KEY, text)])
+    if abs(told.rate_hz - here.rate_hz) > _SAME * here.rate_hz:
+        text = f"got {here.rate_hz:g}, takes {told.rate_hz:g}: {weights} was trained for that"
+        raise ScenarioError([Mistake("control.rate_hz", text)])
+    return Neural(observables.observation, policy)
+
+
+def _listed(names: list[list[str]]) -> str:
+    return ", ".join(f"{name} ({unit})" for name, unit in names)

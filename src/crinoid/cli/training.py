@@ -1,0 +1,104 @@
+"""Training a policy: progress, its files, and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from crinoid.cli.finding import place_of, prepare_one, save_finding
+from crinoid.cli.interruption import Interruption
+from crinoid.cli.lines import say_notes, say_written
+from crinoid.cli.progress import progress_bar
+from crinoid.learning.training import LOOKS, Settings, Training, trained, usual_draws
+from crinoid.report.train import TRAINING
+from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.status import Status
+
+POLICY, CHECKPOINT = "policy.eqx", "training.npz"
+
+
+def drawn_keys(scenario: Scenario, given: Sequence[str] | None) -> dict[str, tuple[float, float]]:
+    """Return the keys that episodes draw, with the smallest and the largest value of each.
+
+    Raises
+    ------
+    ScenarioError
+        If one is not ``KEY=LOW:HIGH``.
+    """
+    if not given:
+        return usual_draws(scenario)
+    found = {}
+    for each in given:
+        key, _, pair = each.partition("=")
+        try:
+            low, high = map(float, pair.split(":"))
+        except ValueError:
+            text = f"got {each!r}, takes KEY=LOW:HIGH, such as arm.youngs_modulus=3e6:5e6"
+            raise ScenarioError([Mistake("--draw", text)]) from None
+        found[key.strip()] = low, high
+    return found
+
+
+def train_policy(
+    scenario: Scenario,
+    settings: Settings,
+    folder: Path,
+    *,
+    resume: bool,
+    force: bool,
+    console: Console,
+) -> str:
+    """Train, save and draw how it went, and sum it up; return what went wrong."""
+    prepare_one(scenario, "a training").check()
+    checkpoint = folder / CHECKPOINT
+    if resume and not checkpoint.exists():
+        text = f"there is no {checkpoint} to go on from; takes a training that was interrupted"
+        raise ScenarioError([Mistake("--resume", text)])
+    # what is gone on with is replaced
+    with place_of(folder / TRAINING, force=force or resume), Interruption() as interruption:
+        with progress_bar(console) as bar:
+            (task,) = bar.task_ids
+            bar.update(task, total=settings.updates, completed=0, description="imitating")
+            try:
+                training = Training(scenario, settings)
+                if resume:
+                    training.restore(checkpoint)
+                else:
+                    training.begin()
+            except RuntimeError as error:
+                raise ScenarioError([Mistake("", str(error))]) from error
+
+            def report(training: Training) -> None:
+                words = f"best {training.least:.3g}, error {1e3 * training.rows[-1][2]:.3g} mm"
+                bar.update(task, completed=training.updates, description="training", reached=words)
+                if training.updates % LOOKS == 0:
+                    training.save(checkpoint)
+
+            stopped = trained(training, report, interruption.stop)
+        training.save(checkpoint)
+        training.write(folder / POLICY)
+        files = save_finding(training.dataset(), folder / TRAINING)
+        console.print(training_table(training))
+        if training.lost:
+            say_notes(console, [f"{training.lost} stretches could not be run to their end"])
+        say_written(console, [folder / POLICY, *files])
+    if stopped:
+        words = f"after {training.updates} updates; go on with --resume"
+        return f"{Status.INTERRUPTED} {words}"
+    return "" if np.isfinite(training.least) else "no policy could be run"
+
+
+def training_table(training: Training) -> Table:
+    """Sum up a training: the imitation beside the policy that was kept."""
+    first, best = training.rows[0], min(training.rows, key=lambda row: row[1])
+    table = Table(title=training.scenario.title, title_justify="left")
+    for name in ("", "imitation", "policy"):
+        table.add_column(name, justify="right" if name else "left")
+    table.add_row("updates", "0", f"{best[0]:.0f} of {training.updates}")
+    table.add_row("cost, held out", *(f"{row[1]:.4g}" for row in (first, best)))
+    table.add_row("tip error, RMS, held out", *(f"{1e3 * row[2]:.4g} mm" for row in (first, best)))
+    return table

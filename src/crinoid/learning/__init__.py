@@ -1,0 +1,1 @@
+"""Policies trained in simulation: imitation, gradients through the closed loop, and PPO."""

@@ -1,0 +1,267 @@
+"""Policies: their files, gradients through the loop, training that repeats itself."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import crinoid
+from crinoid.assembly.weights import read_policy, write_policy
+from crinoid.control.neural import Neural
+from crinoid.learning.learner import TRACE, returns
+from crinoid.learning.network import new_critic, new_policy
+from crinoid.learning.stage import Arm, begun
+from crinoid.learning.stretch import run_stretch
+from crinoid.learning.training import Settings, Training, trained, usual_draws
+from crinoid.metrics import tip_error
+
+SCENARIO = crinoid.Scenario.from_toml("""
+title = "Small"
+[arm]
+nodes = 3
+youngs_modulus = 2e6
+damping_time = 0.05
+[base]
+tilt_deg = 90.0
+[base.channels.slide]
+range = [-0.3, 0.3]
+[[flow]]
+kind = "gauss-markov"
+mean = [0.1, 0.0]
+standard_deviation = 0.05
+correlation_time = 0.3
+[sensor]
+delay = 0.02
+noise_position = 1e-4
+[control]
+controlled = ["x"]
+compare = false
+[simulation]
+duration = 0.8
+time_step = 0.02
+""")
+HOW = Settings(arms=2, updates=4, draw=usual_draws(SCENARIO))
+
+
+@pytest.fixture(scope="module")
+def training():
+    found = Training(SCENARIO, HOW)
+    found.begin()
+    return found
+
+
+@pytest.fixture(scope="module")
+def finished(training, tmp_path_factory):
+    """Train to the end, with what was saved on the way."""
+    path = tmp_path_factory.mktemp("half") / "half.npz"
+
+    def report(training):
+        if training.updates == 2:
+            training.save(path)
+
+    assert not trained(training, report, lambda: False)
+    return training, path
+
+
+@pytest.fixture(scope="module")
+def file(finished, tmp_path_factory):
+    path = tmp_path_factory.mktemp("policy") / "policy.eqx"
+    finished[0].write(path)
+    return path
+
+
+def test_draws_what_is_random_and_uncertain():
+    draws = usual_draws(SCENARIO)
+    assert draws["arm.youngs_modulus"] == pytest.approx((1.4e6, 2.6e6))
+    assert draws["flow.0.mean.0"] == pytest.approx((0.05, 0.15))
+    assert "flow.0.mean.1" not in draws
+    assert draws["sensor.delay"] == pytest.approx((0.01, 0.03))
+
+
+def test_training_improves_on_what_it_imitates(finished):
+    training, _ = finished
+    first = training.rows[0]
+    assert first[1] == pytest.approx(1.0)  # the unit of costs
+    assert training.least <= 1.0
+    assert np.isfinite(np.array(training.rows)).all()
+    assert training.updates == HOW.updates
+    assert training.over
+
+
+def test_training_gone_on_with_gives_the_same_weights(finished):
+    whole, half = finished
+    again = Training(SCENARIO, HOW)
+    again.restore(half)
+    assert again.updates == 2
+    trained(again, lambda _: None, lambda: False)
+    for one, other in zip(
+        jax.tree.leaves(whole.learner), jax.tree.leaves(again.learner), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+    assert again.rows == whole.rows
+
+
+def test_another_training_is_not_gone_on_with(finished, tmp_path):
+    _, half = finished
+    other = Training(SCENARIO, replace(HOW, updates=5))
+    with pytest.raises(crinoid.ScenarioError, match="other settings"):
+        other.restore(half)
+    broken = tmp_path / "broken.npz"
+    broken.write_bytes(half.read_bytes()[:1000])
+    with pytest.raises(crinoid.ScenarioError, match="cannot be gone on with"):
+        other.restore(broken)
+
+
+def test_slope_is_that_of_differences(training):
+    arm = training._stage.episode(7)
+    arm = Arm(arm.loop, begun(arm.loop, arm.state))
+    course = replace(training._course, steps=20)
+    policy = training.learner.policy
+    random = np.random.default_rng(0)
+    way = jax.tree.map(lambda x: jnp.asarray(random.normal(size=x.shape)), policy.layers)
+
+    @jax.jit
+    def cost(along):
+        layers = jax.tree.map(lambda x, by: x + along * by, policy.layers, way)
+        moved = Neural(course.observation, eqx.tree_at(lambda p: p.layers, policy, layers))
+        return jnp.mean(run_stretch(course, moved, *arm).cost)
+
+    step = 1e-4
+    differences = float(cost(step) - cost(-step)) / (2 * step)
+    assert jax.grad(cost)(0.0) == pytest.approx(differences, rel=1e-5)
+    assert abs(differences) > 1e-6
+
+
+def test_returns_sum_up_what_is_to_come():
+    cost, expected = np.random.default_rng(1).normal(size=(2, 1, 5))
+    discount = 0.9
+    wanted = np.empty(5)
+    wanted[4] = expected[0, 4]
+    for step in (3, 2, 1, 0):
+        mixed = (1 - TRACE) * expected[0, step + 1] + TRACE * wanted[step + 1]
+        wanted[step] = (1 - discount) * cost[0, step] + discount * mixed
+    found = returns(jnp.asarray(cost), jnp.asarray(expected), jnp.asarray(discount))
+    np.testing.assert_allclose(found[0], wanted, rtol=1e-12)
+    # what costs the same for ever is worth just that
+    same = returns(jnp.ones((1, 5)), jnp.ones((1, 5)), jnp.asarray(discount))
+    np.testing.assert_allclose(same, 1.0, rtol=1e-12)
+
+
+def test_ppo_learns_within_its_clip(training):
+    how = replace(HOW, method="ppo", updates=2)
+    one, other = Training(SCENARIO, how), Training(SCENARIO, how)
+    for each in (one, other):
+        each.learner = replace(training.learner, by_policy=each_state(each, training))
+        each._judge()
+        each.update()
+    same = zip(jax.tree.leaves(one.learner), jax.tree.leaves(other.learner), strict=True)
+    assert all(np.array_equal(a, b) for a, b in same)
+    assert not np.array_equal(one.learner.policy.linear, training.learner.policy.linear)
+    assert np.isfinite(one.learner.spread).all()
+
+
+def each_state(each, training):
+    return each._pace.of_policy.init(training.learner.trained)
+
+
+def test_run_under_the_policy_is_the_one_it_was_judged_by(finished, file):
+    training, _ = finished
+    seed = 1_000_000 - 9  # the first that was held out
+    values = {"control.kind": "neural", "control.neural.weights": str(file)}
+    drawn = training._draws.draw(seed, np.random.default_rng(seed), None).scenario
+    result = crinoid.simulate(drawn.with_values(values))
+    course = replace(training._course, steps=SCENARIO.simulation.steps)
+    found = run_stretch(course, Neural(course.observation, training.best), *training._held[0])
+    judged = np.sqrt(np.mean(np.asarray(found.distance) ** 2))
+    assert tip_error(result).rms == pytest.approx(judged, rel=0.05)
+
+
+def test_policy_survives_its_file(finished, file):
+    policy, told = read_policy(file)
+    for one, other in zip(jax.tree.leaves(policy), jax.tree.leaves(finished[0].best), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert told.actions == [["slide", "m"]]
+    assert told.rate_hz == 50.0
+    assert told.draw["flow.0.mean.0"] == [pytest.approx(0.05), pytest.approx(0.15)]
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda data: b"nothing", "is no policy"),
+        (lambda data: data.replace(b'"version": 1', b'"version": 9', 1), "version 9"),
+        (lambda data: data[:-100], "is damaged"),
+        (lambda data: data + b"x", "is damaged"),
+        (lambda data: data.replace(b'"averages": 6', b'"averages": 5', 1), "is damaged"),
+        (lambda data: data.replace(b'"rate_hz"', b'"rate_xx"', 1), "is damaged"),
+    ],
+)
+def test_damaged_policy_is_refused(file, tmp_path, damage, words):
+    broken = tmp_path / "broken.eqx"
+    broken.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(crinoid.ScenarioError, match=f"control.neural.weights.*{words}"):
+        read_policy(broken)
+
+
+def test_policy_with_a_number_that_is_none_is_refused(finished, tmp_path):
+    training, _ = finished
+    linear = training.best.linear.at[0, 0].set(jnp.nan)
+    policy = eqx.tree_at(lambda p: p.linear, training.best, linear)
+    write_policy(tmp_path / "nan.eqx", policy, training.description)
+    with pytest.raises(crinoid.ScenarioError, match="is damaged"):
+        read_policy(tmp_path / "nan.eqx")
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"control.rate_hz": 25.0}, "control.rate_hz: got 25, takes 50"),
+        ({"sensors": [{"kind": "wrench"}]}, "it observes error.x"),
+        ({"base.channels.heave": {}}, "it observes error.x"),
+        ({"control.neural.weights": "/nowhere.eqx"}, "No such file"),
+        ({"control.neural.weights": None}, "control.neural.weights: missing"),
+    ],
+)
+def test_policy_of_another_arm_is_refused(file, values, words):
+    given = {"control.kind": "neural", "control.neural.weights": str(file)} | values
+    with pytest.raises(crinoid.ScenarioError, match=words):
+        crinoid.closed_loop(SCENARIO.with_values(given))
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"method": "magic"}, '--method: got "magic"'),
+        ({"teacher": "hybrid"}, '--teacher: got "hybrid"'),
+        ({"arms": 0}, "--arms: got 0"),
+        ({"updates": -1}, "--updates: got -1"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(how, words):
+    with pytest.raises(crinoid.ScenarioError, match=words):
+        Settings(**how)
+
+
+def test_averages_are_those_of_a_filter_and_features_add_up():
+    policy = new_policy(2, np.ones(1), 0.02, np.random.default_rng(0))
+    policy = eqx.tree_at(lambda p: p.usual, policy, jnp.ones_like(policy.usual))
+    zero, one = jnp.zeros(2), jnp.array([1.0, -2.0])
+    averages = policy.start(zero)
+    for _ in range(50):
+        averages = policy.remembered(averages, one)
+    times = np.array([0.02, 0.05, 0.12, 0.3, 0.8, 2.0])
+    left = np.exp(-1.0 / times)  # after a second
+    np.testing.assert_allclose(averages, np.outer(1 - left, one), rtol=1e-9)
+    features = policy.features(averages, one).reshape(-1, 2)
+    np.testing.assert_allclose(features.sum(axis=0), one, rtol=1e-12)
+
+
+def test_new_networks_say_nothing():
+    random = np.random.default_rng(0)
+    policy, critic = new_policy(3, np.ones(2), 0.01, random), new_critic(21, random)
+    features = jnp.asarray(random.normal(size=21))
+    np.testing.assert_array_equal(policy.speed(features), 0.0)
+    assert critic(features) == 0.0
