@@ -10,7 +10,7 @@ import numpy as np
 from crinoid.actuation import Follower, Input
 from crinoid.assembly.numbers import array
 from crinoid.assembly.plan import Plan
-from crinoid.control.observation import Observation
+from crinoid.control import Observation
 from crinoid.scenario import Mistake, ScenarioError
 from crinoid.space import AXES, POSE
 

@@ -94,7 +94,7 @@ def train_policy(
 
 def training_table(training: Training) -> Table:
     """Sum up a training: the imitation beside the policy that was kept."""
-    first, best = training.rows[0], min(training.rows, key=lambda row: row[1])
+    first, best = training.rows[0], training.rows[training.kept]
     table = Table(title=training.scenario.title, title_justify="left")
     for name in ("", "imitation", "policy"):
         table.add_column(name, justify="right" if name else "left")

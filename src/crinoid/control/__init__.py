@@ -24,6 +24,8 @@ from crinoid.control.measurand import Shape as Shape
 from crinoid.control.measurand import TipPose as TipPose
 from crinoid.control.measurand import WaterVelocity as WaterVelocity
 from crinoid.control.mpc import Mpc as Mpc
+from crinoid.control.neural import Neural as Neural
+from crinoid.control.observation import Observation as Observation
 from crinoid.control.observer import Observer as Observer
 from crinoid.control.path import Line as Line
 from crinoid.control.path import Orbit as Orbit

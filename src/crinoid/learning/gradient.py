@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from crinoid.control.neural import Neural
+from crinoid.control import Neural
 from crinoid.control.policy import Policy
 from crinoid.learning.learner import Learner, Pace, Trained, judged, returns, stepped
 from crinoid.learning.network import Critic

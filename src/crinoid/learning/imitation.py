@@ -7,6 +7,7 @@ Bagnell, AISTATS 2011).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import equinox as eqx
@@ -20,7 +21,7 @@ from crinoid.control.neural import Neural, NeuralMemory
 from crinoid.control.policy import Policy
 from crinoid.control.seen import Command
 from crinoid.learning.network import UNKNOWN
-from crinoid.learning.stage import Crew, Episode
+from crinoid.learning.stage import Arm, Crew
 from crinoid.programs import OFTEN, compiled
 from crinoid.simulation import Loop, LoopState, rollout
 
@@ -76,19 +77,19 @@ class Taught(Controller):
 
 @compiled(**OFTEN)
 def _lesson(
-    shared: tuple[Taught, int], arm: tuple[Episode, PRNGKeyArray]
+    shared: tuple[Taught, int], pupils: tuple[Arm, PRNGKeyArray]
 ) -> tuple[Float[Array, "step feature"], Float[Array, "step driven"]]:
-    (taught, steps), (episode, key) = shared, arm
-    loop = replace(episode.loop, controller=replace(taught, key=key))
+    (taught, steps), (arm, key) = shared, pupils
+    loop = replace(arm.loop, controller=replace(taught, key=key))
 
     def look(_: Loop, now: LoopState) -> tuple[Array, Array]:
         return now.memory.learned.features, now.memory.advice
 
-    return rollout(loop, episode.state, steps, observe=look).kept
+    return rollout(loop, arm.now.state, steps, observe=look).kept
 
 
 def imitated(
-    teacher: Controller, pupil: Neural, episodes: list[Episode], steps: int, seed: int, crew: Crew
+    teacher: Controller, pupil: Neural, arms: Sequence[Arm], steps: int, seed: int, crew: Crew
 ) -> Policy:
     """Return a policy of which the linear part takes after a teacher, and the sizes of features.
 
@@ -98,8 +99,8 @@ def imitated(
         The controller to take after.
     pupil
         A neural controller whose features are in the units of what is observed.
-    episodes
-        The arms on which it is taught, in each round all of them.
+    arms
+        Arms at the start, on which it is taught: in each round all of them.
     steps
         Time steps of each.
     seed
@@ -114,10 +115,10 @@ def imitated(
     """
     policy = pupil.policy
     gathered: list[tuple[np.ndarray, np.ndarray]] = []
-    keys = jax.random.split(jax.random.key(seed), (len(ROUNDS), len(episodes)))
+    keys = jax.random.split(jax.random.key(seed), (len(ROUNDS), len(arms)))
     for share, own in zip(ROUNDS, keys, strict=True):
         taught = Taught(teacher, replace(pupil, policy=policy), jnp.asarray(share), own[0])
-        found = crew.each(_lesson, (taught, steps), list(zip(episodes, own, strict=True)))
+        found = crew.each(_lesson, (taught, steps), list(zip(arms, own, strict=True)))
         rows = [tuple(map(np.asarray, each)) for each in found]
         rows = [each for each in rows if np.isfinite(each[1]).all()]
         if not rows:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import replace
@@ -16,20 +16,12 @@ import numpy as np
 from crinoid.control import Controller
 from crinoid.dynamics import State
 from crinoid.environment.draws import Draws
-from crinoid.environment.program import numbers_of
+from crinoid.environment.program import Form, numbers_of
 from crinoid.programs import ONCE, compiled
 from crinoid.simulation import Loop, LoopState
 from crinoid.simulation.batch import cores
 
 T = TypeVar("T")
-
-
-class Episode(NamedTuple):
-    """A draw of the arm, its water and its sensors."""
-
-    loop: Loop
-    state: State
-    """The arm at the start."""
 
 
 class Arm(NamedTuple):
@@ -64,30 +56,21 @@ class Stage:
         """Episodes that have begun."""
         self.numbers = np.zeros(count, int)
         """The number of the episode of each arm."""
-        self.loops: list[Loop] = []
-        self.nows: list[LoopState] = []
         # the first episodes end one after the other, so that not all begin anew at once
         self.ends = self.steps * (1 + np.arange(count)) // count
         """The time step at which the episode of each arm is over."""
-        for _ in range(count):
-            episode = self._next(len(self.loops))
-            self.loops.append(episode.loop)
-            self.nows.append(begun(episode.loop, episode.state))
+        self.arms = [self._next(arm) for arm in range(count)]
 
-    def _next(self, arm: int) -> Episode:
+    def _next(self, arm: int) -> Arm:
         self.numbers[arm] = self.begun
         self.begun += 1
-        return self.episode(self._first + int(self.numbers[arm]))
+        return self.drawn(self._first + int(self.numbers[arm]))
 
-    def episode(self, seed: int) -> Episode:
-        """Draw an episode."""
+    def drawn(self, seed: int) -> Arm:
+        """Draw an episode, and return its arm at the start."""
         case = self._draws.draw(seed, np.random.default_rng(seed), None).case
-        return Episode(replace(case.loop, controller=self._controller), case.state)
-
-    @property
-    def arms(self) -> list[Arm]:
-        """The arms where they are."""
-        return [Arm(*each) for each in zip(self.loops, self.nows, strict=True)]
+        loop = replace(case.loop, controller=self._controller)
+        return Arm(loop, _begun(loop, case.state))
 
     def go_on(self, nows: Sequence[LoopState], steps: int, lost: np.ndarray) -> None:
         """Take over where the arms are, and begin anew where an episode is over.
@@ -101,46 +84,32 @@ class Stage:
         lost
             Arms that could not go on.
         """
-        self.nows = list(nows)
         for arm, now in enumerate(nows):
             if lost[arm] or int(now.steps) + steps > self.ends[arm]:
-                episode = self._next(arm)
-                self.loops[arm] = episode.loop
-                self.nows[arm] = begun(episode.loop, episode.state)
-                self.ends[arm] = self.steps
+                self.arms[arm], self.ends[arm] = self._next(arm), self.steps
+            else:
+                self.arms[arm] = self.arms[arm]._replace(now=now)
 
     def saved(self) -> dict[str, np.ndarray]:
         """Return what it takes to go on later."""
-        numbers = [np.stack(each) for each in zip(*map(_arrays, self.nows), strict=True)]
-        kept = {f"now_{row}": each for row, each in enumerate(numbers)}
+        nows = [numbers_of(arm.now) for arm in self.arms]
+        kept = {f"now_{k}": np.stack(each) for k, each in enumerate(zip(*nows, strict=True))}
         return kept | {"begun": np.array(self.begun), "numbers": self.numbers, "ends": self.ends}
 
-    def restore(self, saved: dict[str, np.ndarray]) -> None:
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
         """Go on from what was saved."""
         self.begun = int(saved["begun"])
         self.numbers, self.ends = saved["numbers"].copy(), saved["ends"].copy()
+        form = Form(self.arms[0].now)
         for arm, number in enumerate(self.numbers):
-            episode = self.episode(self._first + int(number))
-            self.loops[arm] = episode.loop
-            now = begun(episode.loop, episode.state)
-            arrays = [np.asarray(saved[f"now_{row}"][arm]) for row in range(len(_arrays(now)))]
-            self.nows[arm] = _like(now, arrays)
+            arrays = [jnp.asarray(saved[f"now_{k}"][arm]) for k in range(len(form.shapes))]
+            start = self.drawn(self._first + int(number))
+            self.arms[arm] = start._replace(now=form.tree(arrays))
 
 
 @compiled(**ONCE)
-def begun(loop: Loop, state: State) -> LoopState:
-    """Return a loop at its start."""
+def _begun(loop: Loop, state: State) -> LoopState:
     return replace(loop.start(state), books=None)
-
-
-def _arrays(tree: Any) -> list[np.ndarray]:
-    return [np.asarray(each) for each in numbers_of(tree)]
-
-
-def _like(tree: Any, arrays: Sequence[np.ndarray]) -> Any:
-    leaves, form = jax.tree.flatten(tree)
-    found = [jnp.asarray(x, leaf.dtype) for leaf, x in zip(leaves, arrays, strict=True)]
-    return jax.tree.unflatten(form, found)
 
 
 class Crew:

@@ -10,9 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.control import Controller, pose_error
-from crinoid.control.neural import Neural
-from crinoid.control.observation import Observation
+from crinoid.control import Controller, Neural, Observation, pose_error
 from crinoid.control.policy import Policy
 from crinoid.learning.price import Price
 from crinoid.programs import OFTEN, compiled

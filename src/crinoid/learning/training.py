@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
@@ -17,17 +16,18 @@ from jaxtyping import Float
 
 from crinoid.assembly.known import fastest
 from crinoid.assembly.weights import Description, write_policy
-from crinoid.control.neural import Neural
+from crinoid.control import Neural
 from crinoid.control.policy import Policy
 from crinoid.dataset import describe
 from crinoid.environment.draws import Draws
+from crinoid.environment.program import Form, numbers_of
 from crinoid.learning.gradient import improve_by_gradient
 from crinoid.learning.imitation import imitated
 from crinoid.learning.learner import Pace, new_learner
 from crinoid.learning.network import new_policy
 from crinoid.learning.ppo import SPREAD, improve_by_ppo
 from crinoid.learning.price import Price
-from crinoid.learning.stage import Arm, Crew, Stage, begun
+from crinoid.learning.stage import Crew, Stage
 from crinoid.learning.stretch import Course, trial
 from crinoid.replacement import replacing
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, shown
@@ -51,7 +51,7 @@ _APART = 1_000_000
 """Seeds of training are this far apart; what is held out comes before the first of them."""
 _STRENGTHS = ("velocity", "amplitude", "mean", "standard_deviation", "significant_height")
 _ERRORS = ("noise_position", "noise_angle_deg", "delay")
-_ROWS = ("update", "cost", "error", "best")
+_COST = "mean cost of a time step, over that of the imitation"
 
 
 @dataclass(frozen=True)
@@ -130,15 +130,15 @@ class Training:
         first = _APART * (1 + settings.seed)
         neural = Neural(observables.observation, self._blank)
         self._stage = Stage(self._draws, settings.arms, neural, first)
-        self._taught = [self._stage.episode(first - 1 - k) for k in range(_TAUGHT)]
-        held = [self._stage.episode(first - 1 - _TAUGHT - k) for k in range(_HELD)]
-        self._held = [Arm(each.loop, begun(each.loop, each.state)) for each in held]
+        self._held = [self._stage.drawn(first - 1 - k) for k in range(_HELD)]
+        self._before = first - 1 - _HELD
+        """Seed of the first arm of the imitation; the others come before it."""
         self.updates, self.lost = 0, 0
         """Updates that were made, and arms that could not go on."""
-        self.rows: list[tuple[float, ...]] = []
+        self.rows: list[tuple[float, float, float]] = []
+        """Updates, cost and RMS error (m) at each look at the policy, on arms that are held out."""
         self.best = self._blank
-        self.least = np.inf
-        self._since = 0
+        """The policy of the look that cost least."""
 
     def begin(self) -> None:
         """Imitate the teacher, and look at how that does.
@@ -155,21 +155,37 @@ class Training:
         pupil = Neural(self._course.observation, self._blank)
         steps, seed = self.scenario.simulation.steps, self.settings.seed
         try:
-            policy = imitated(loop.controller, pupil, self._taught, steps, seed, self._crew)
+            arms = [self._stage.drawn(self._before - k) for k in range(_TAUGHT)]
+            policy = imitated(loop.controller, pupil, arms, steps, seed, self._crew)
         except FloatingPointError as error:
             text = f"under the teacher {error}; try a smaller simulation.time_step"
             raise RuntimeError(text) from error
         cost, _ = self._look(policy)
         if np.isfinite(cost):  # what the imitation costs is one from here on
-            price = eqx.tree_at(lambda p: p.unit, self._course.price, jnp.asarray(cost))
-            self._course = replace(self._course, price=price)
+            self._set_unit(cost)
         self.learner = new_learner(policy, SPREAD, self._pace, self._random)
         self._judge()
+
+    def _set_unit(self, cost: float) -> None:
+        price = eqx.tree_at(lambda p: p.unit, self._course.price, jnp.asarray(cost))
+        self._course = replace(self._course, price=price)
+
+    @property
+    def kept(self) -> int:
+        """The look of which the policy is kept: the first of those that cost least."""
+        costs = [cost if np.isfinite(cost) else np.inf for _, cost, _ in self.rows]
+        return int(np.argmin(costs))
+
+    @property
+    def least(self) -> float:
+        """What the policy that is kept costs; infinite or no number where none could be run."""
+        return self.rows[self.kept][1]
 
     @property
     def over(self) -> bool:
         """Whether all updates were made, or have not helped for long."""
-        return self.updates >= self.settings.updates or self._since >= _PATIENCE
+        since = len(self.rows) - 1 - self.kept
+        return self.updates >= self.settings.updates or since >= _PATIENCE
 
     def update(self) -> None:
         """Improve the policy by a stretch of all arms."""
@@ -192,12 +208,9 @@ class Training:
         return float(cost), float(np.sqrt(np.mean([float(each.error) for each in found])))
 
     def _judge(self) -> None:
-        cost, error = self._look(self.learner.policy)
-        better = cost < self.least
-        self._since = 0 if better else self._since + 1
-        if better:
-            self.best, self.least = self.learner.policy, cost
-        self.rows.append((self.updates, cost, error, self.least))
+        self.rows.append((self.updates, *self._look(self.learner.policy)))
+        if self.kept == len(self.rows) - 1:
+            self.best = self.learner.policy
 
     @property
     def description(self) -> Description:
@@ -210,14 +223,13 @@ class Training:
 
     def dataset(self) -> xr.Dataset:
         """Return how training went."""
-        update, cost, error, best = np.array(self.rows, float).reshape(-1, len(_ROWS)).T
+        update, cost, error = np.array(self.rows, float).T
         finished = Status.OK.value if np.isfinite(self.least) else "no policy could be run"
         settings = {name: value for name, value in asdict(self.settings).items() if name != "draw"}
         return xr.Dataset(
             {
-                "cost": (("look",), cost, {"units": "1", "long_name": "mean cost of a time step"}),
-                "error": (("look",), error, {"units": "m", "long_name": "RMS error of the tip"}),
-                "best": (("look",), best, {"units": "1", "long_name": "least cost so far"}),
+                "cost": ("look", cost, {"units": "1", "long_name": _COST}),
+                "error": ("look", error, {"units": "m", "long_name": "RMS error of the tip"}),
             },
             {"update": ("look", update.astype(int))},
             describe(self.scenario)
@@ -226,7 +238,6 @@ class Training:
                 "status": finished,
                 "draw": json.dumps(self._draws.ranges),
                 "lost": self.lost,
-                "units_of_cost": "that of the imitation",
             },
         )
 
@@ -234,12 +245,11 @@ class Training:
         """Save all that it takes to go on later: numbers only, no code."""
         state: dict[str, Any] = {
             "about": np.frombuffer(self._about.encode(), np.uint8),
-            "counts": np.array([self.updates, self.lost, self._since]),
-            "least": np.array(self.least),
+            "counts": np.array([self.updates, self.lost]),
             "unit": np.asarray(self._course.price.unit),
             "rows": np.array(self.rows, float),
-            **{f"learner_{k}": x for k, x in enumerate(_leaves(self.learner))},
-            **{f"best_{k}": x for k, x in enumerate(_leaves(self.best))},
+            **{f"learner_{k}": x for k, x in enumerate(numbers_of(self.learner))},
+            **{f"best_{k}": x for k, x in enumerate(numbers_of(self.best))},
             **{f"stage_{name}": x for name, x in self._stage.saved().items()},
         }
         with replacing(path) as temporary, temporary.open("wb") as file:
@@ -258,19 +268,17 @@ class Training:
                 saved = dict(file)
             about = saved["about"].tobytes().decode()
         except Exception as error:  # numpy and zipfile tell of damage in many ways
-            text = f"cannot be gone on with ({error}); takes --force to begin anew"
+            text = f"cannot be gone on with ({error}); leave out --resume to begin anew"
             raise ScenarioError([Mistake(str(path), text)]) from error
         if about != self._about:
-            text = "is of other settings or another scenario; takes the same, or --force"
+            text = "is of other settings or another scenario; takes the same, or no --resume"
             raise ScenarioError([Mistake(str(path), text)])
         learner = new_learner(self._blank, SPREAD, self._pace, self._random)
         self.learner = _filled(learner, saved, "learner")
         self.best = _filled(self._blank, saved, "best")
-        self.updates, self.lost, self._since = map(int, saved["counts"])
-        self.least = float(saved["least"])
-        self.rows = [tuple(row) for row in saved["rows"]]
-        price = eqx.tree_at(lambda p: p.unit, self._course.price, jnp.asarray(saved["unit"]))
-        self._course = replace(self._course, price=price)
+        self.updates, self.lost = map(int, saved["counts"])
+        self.rows = [(update, cost, error) for update, cost, error in saved["rows"].tolist()]
+        self._set_unit(float(saved["unit"]))
         prefix = "stage_"
         self._stage.restore(
             {name.removeprefix(prefix): x for name, x in saved.items() if name.startswith(prefix)}
@@ -311,14 +319,9 @@ def usual_draws(scenario: Scenario) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _leaves(tree: Any) -> list[np.ndarray]:
-    return [np.asarray(leaf) for leaf in jax.tree.leaves(tree)]
-
-
 def _filled(tree: Any, saved: dict[str, Float[np.ndarray, ...]], name: str) -> Any:
-    leaves, form = jax.tree.flatten(tree)
-    arrays = [jnp.asarray(saved[f"{name}_{k}"], x.dtype) for k, x in enumerate(leaves)]
-    return jax.tree.unflatten(form, arrays)
+    form = Form(tree)
+    return form.tree([jnp.asarray(saved[f"{name}_{k}"]) for k in range(len(form.shapes))])
 
 
 def trained(

@@ -12,7 +12,7 @@ from crinoid.report.run import load_as
 from crinoid.report.style import GREY, INK, SERIES, WIDTH, head
 
 TRAINING = "training.nc"
-_REQUIRED = {"cost": ("look",), "error": ("look",), "best": ("look",)}
+_REQUIRED = {"cost": ("look",), "error": ("look",)}
 
 
 def open_training(path: Path) -> xr.Dataset:

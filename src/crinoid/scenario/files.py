@@ -13,18 +13,18 @@ from pydantic import AfterValidator, Field
 
 from crinoid.scenario.quantity import Quantity
 
-__all__ = ["File", "anchor", "digests", "named_files"]
+__all__ = ["File", "FileName", "anchor", "digests", "named_files"]
 
 _KEYS = ("file", "weights")
 """Keys that name a file."""
 
 # absolute, so that a scenario that is stored means the same file wherever it is read again
-File = Annotated[
+FileName = Annotated[
     str,
     Field(min_length=1),
     AfterValidator(lambda path: os.path.abspath(os.path.expanduser(path))),
-    Quantity(takes="the path of a CSV or netCDF file"),
 ]
+File = Annotated[FileName, Quantity(takes="the path of a CSV or netCDF file")]
 
 
 def anchor(document: dict[str, Any], folder: Path) -> None:

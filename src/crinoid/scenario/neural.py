@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
+from crinoid.scenario.files import FileName
 from crinoid.scenario.model import Model
 from crinoid.scenario.quantity import Quantity
 
 __all__ = ["Neural"]
 
-_Weights = Annotated[
-    str,
-    Field(min_length=1),
-    AfterValidator(lambda path: os.path.abspath(os.path.expanduser(path))),
-    Quantity(takes="the path of a file that crinoid train wrote"),
-]
+_Weights = Annotated[FileName, Quantity(takes="the path of a file that crinoid train wrote")]
 
 
 class Neural(Model):
