@@ -35,9 +35,7 @@ def build_neural(plan: Plan) -> Neural:
         ("commands", told.actions, here.actions),
     ):
         if wanted != there:
-            missing = _listed(wanted, there) or "nothing else"
-            beside = _listed(there, wanted) or "nothing beside"
-            text = f"{weights}: it {words} {missing} that is not here; here there is {beside}"
+            text = f"{weights}: it {words} {_listed(wanted)}; here there are {_listed(there)}"
             raise ScenarioError([Mistake(KEY, text)])
     if abs(told.rate_hz - here.rate_hz) > _SAME * here.rate_hz:
         text = f"got {here.rate_hz:g}, takes {told.rate_hz:g}: {weights} was trained for that"
@@ -45,6 +43,5 @@ def build_neural(plan: Plan) -> Neural:
     return Neural(observables.observation, policy)
 
 
-def _listed(names: list[list[str]], others: list[list[str]]) -> str:
-    """List those that are not among others."""
-    return ", ".join(f"{name} ({unit})" for name, unit in names if [name, unit] not in others)
+def _listed(names: list[list[str]]) -> str:
+    return ", ".join(f"{name} ({unit})" for name, unit in names)

@@ -17,7 +17,7 @@ from crinoid.control import Controller
 from crinoid.dynamics import State
 from crinoid.environment.draws import Draws
 from crinoid.environment.program import Form, numbers_of
-from crinoid.programs import ONCE, compiled
+from crinoid.programs import ONCE, Program, compiled
 from crinoid.simulation import Loop, LoopState
 from crinoid.simulation.batch import cores
 
@@ -118,11 +118,11 @@ class Crew:
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(cores()) if jax.default_backend() == "cpu" else None
 
-    def each(self, program: Callable[[Any, Any], T], shared: Any, arms: Sequence[Any]) -> list[T]:
+    def each(self, program: Program[[Any, Any], T], shared: Any, arms: Sequence[Any]) -> list[T]:
         """Return ``program(shared, arm)`` for each arm."""
         if self._pool is None:
             stacked = jax.tree.map(lambda *same: jnp.stack(same), *arms)
-            found = _together(program, shared, stacked)
+            found = _together(program.function, shared, stacked)
             return [jax.tree.map(lambda x, row=row: x[row], found) for row in range(len(arms))]
         # a thread has a context of its own, in which programs would not be kept
         futures = [self._pool.submit(copy_context().run, program, shared, arm) for arm in arms]

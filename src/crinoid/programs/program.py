@@ -59,7 +59,9 @@ class Program(Generic[P, R]):
     """
 
     def __init__(self, function: Callable[P, R], options: dict[str, Any]) -> None:
-        self._function, self._options = function, options
+        self.function = function
+        """The function itself, for what compiles it as a part of a whole."""
+        self._options = options
         passed = {"compiler_options": options} if options else {}
         self._unkept = eqx.filter_jit(function, **passed)  # type: ignore[call-overload]
         self._loaded: OrderedDict[bytes, _Loaded] = OrderedDict()
@@ -73,7 +75,7 @@ class Program(Generic[P, R]):
             return self._unkept(*args, **kwargs)
         form = tuple(jax.typeof(leaf) if _is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
         try:
-            key = key_of(self._function, tuple(self._options.items()), tree, form, settings())
+            key = key_of(self.function, tuple(self._options.items()), tree, form, settings())
         except UnkeepableError:
             return self._unkept(*args, **kwargs)
         with self._lock:  # threads that ask for the same form wait, and compile it once
@@ -117,14 +119,14 @@ class Program(Generic[P, R]):
             given = iter(arrays)
             filled = [next(given) if _is_array(leaf) else leaf for leaf in leaves]
             args, kwargs = jax.tree.unflatten(tree, filled)
-            found, form = jax.tree.flatten(self._function(*args, **kwargs))
+            found, form = jax.tree.flatten(self.function(*args, **kwargs))
             returned = tuple(filter(_is_array, found))
             number = iter(range(len(returned)))
             slots = [Slot(next(number)) if _is_array(leaf) else leaf for leaf in found]
             results.append(jax.tree.unflatten(form, slots))
             return returned
 
-        flat.__name__ = self._function.__name__  # which profiles show
+        flat.__name__ = self.function.__name__  # which profiles show
         lowered = jax.jit(flat).lower(*filter(_is_array, leaves))
         with _compiled_anew():
             run = lowered.compile(compiler_options=self._options)
