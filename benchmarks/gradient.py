@@ -23,9 +23,11 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--in-space", action="store_true", help="an arm in space")
+    parser.add_argument("--turbulence", action="store_true", help="turbulence, no uniform current")
     options = parser.parse_args()
     base, steady = (IN_SPACE, STEADY_IN_SPACE) if options.in_space else (PLANAR, STEADY)
-    scenario = crinoid.load(base, [f"arm.nodes={options.nodes}", *SOFT, steady])
+    current = [] if options.turbulence else [steady]
+    scenario = crinoid.load(base, [f"arm.nodes={options.nodes}", *SOFT, *current])
     parameters = crinoid.parameters(scenario)
     loop, state = crinoid.closed_loop(scenario)
 

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.test_util import check_grads
 from scipy.integrate import quad
 from scipy.special import gamma, kv
 
@@ -207,6 +208,19 @@ def test_flows_that_are_stacked_are_those_alone(many):
     alone = eqx.filter_jit(Water.current)(Water((turbulence(5),)), point, time)
     for batch, single in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
         np.testing.assert_allclose(batch[5], single, rtol=1e-9)
+
+
+def test_slopes_by_its_numbers_place_and_time_are_those_of_differences():
+    flow = turbulence(3, dimension=2, modes=16)
+    numbers, rest = eqx.partition(flow, eqx.is_inexact_array)
+
+    @jax.jit
+    def current(numbers, points, time):
+        water = Water((eqx.combine(numbers, rest),))
+        return jax.vmap(water.current, (0, None))(points, time)
+
+    places = (jnp.asarray([[0.3, -4.0], [0.1, -4.2]]), jnp.asarray(2.1))
+    check_grads(current, (numbers, *places), order=2, eps=1e-6, rtol=1e-5)
 
 
 def test_a_scenario_draws_each_flow_from_its_seed():

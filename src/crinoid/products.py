@@ -18,6 +18,19 @@ def product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "...
     return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
 
 
+@jax.custom_jvp
+def long_product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Return the `product` of two arrays that share an axis of hundreds, or one of which has it.
+
+    Its derivative is made of ``@``. Transposed, the sums go over another axis, whose entries do not
+    lie side by side: there the routine for large matrices is the quicker one.
+    """
+    return product(a, b)
+
+
+long_product.defjvps(lambda change, _, a, b: change @ b, lambda change, _, a, b: a @ change)
+
+
 def solve(matrix: Float[Array, "k k"], rhs: Float[Array, " k"]) -> Float[Array, " k"]:
     """Solve by Gauss-Jordan elimination without pivots, for matrices that need none.
 

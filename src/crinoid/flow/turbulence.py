@@ -7,9 +7,9 @@ from jaxtyping import Array, Float
 
 from crinoid.flow.flow import Flow, Point, Time
 from crinoid.flow.jet import Jet
-from crinoid.flow.turns import cosine, sine
+from crinoid.flow.turns import cosine, cosine_and_sine
 from crinoid.onset import Onset
-from crinoid.products import product
+from crinoid.products import long_product
 
 # The spectrum is cut where k L_e is below the first and above the second, and what is left is
 # raised to the full variance. Below lie 6e-5 of the variance. Above lie 3.2 %, in eddies shorter
@@ -94,21 +94,21 @@ class Turbulence(Flow):
         return True
 
     def fully_on(self, point: Point, time: Time) -> Point:
-        return self.mean + product(cosine(self._turns(point, time)), self.amplitudes)
+        return self.mean + long_product(cosine(self._turns(point, time)), self.amplitudes)
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         size = point.shape[0]
         first = -self.amplitudes[:, :, None] * self.wave_vectors[:, None, :]
         first = first.reshape(len(first), -1)
-        turns = self._turns(point, time)
+        cos, sin = cosine_and_sine(self._turns(point, time))
         # two products are all that is done for each point
-        velocity = self.mean + product(cosine(turns), self.amplitudes)
-        gradient = product(sine(turns), first).reshape(size, size)
+        velocity = self.mean + long_product(cos, self.amplitudes)
+        gradient = long_product(sin, first).reshape(size, size)
         # carried along: d/dt = -mean . grad
         return Jet(velocity, gradient, -jnp.sum(gradient * self.mean, axis=-1))
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
-        carried = product(self.wave_vectors, point - self.mean * time)
+        carried = long_product(self.wave_vectors, point - self.mean * time)
         return self.phases + carried / (2 * jnp.pi)
 
 

@@ -40,6 +40,23 @@ cosine.defjvps(lambda tangent, _, turns: -2 * jnp.pi * sine(turns) * tangent)
 sine.defjvps(lambda tangent, _, turns: 2 * jnp.pi * cosine(turns) * tangent)
 
 
+@jax.custom_jvp
+def cosine_and_sine(turns: Float[Array, "*n"]) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+    """Return both.
+
+    Each is the derivative of the other: reverse mode keeps these two arrays and no more.
+    """
+    return cosine(turns), sine(turns)
+
+
+@cosine_and_sine.defjvp
+def _cosine_and_sine_jvp(
+    primals: tuple[Array], tangents: tuple[Array]
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    (cos, sin), angle = cosine_and_sine(*primals), 2 * jnp.pi * tangents[0]
+    return (cos, sin), (-sin * angle, cos * angle)
+
+
 def _wave(turns: Float[Array, "*n"], crest: float) -> Float[Array, "*n"]:
     """Return a wave that crests at ``crest`` (turns)."""
     away = jnp.abs(turns - jnp.round(turns - crest) - crest)
