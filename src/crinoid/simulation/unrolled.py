@@ -14,6 +14,9 @@ from crinoid.control import pose_error
 from crinoid.dynamics import SOLVED, Outcome, State
 from crinoid.simulation.loop import Loop, LoopState
 
+_BLOCK = 16
+"""Most time steps that reverse mode computes again at once: what it keeps of more no cache has."""
+
 
 class Glance(eqx.Module):
     """The closed loop at the end of a time step; in a `Rollout` each has the steps in front."""
@@ -69,8 +72,9 @@ def rollout(
     `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap` apply: to the gains and all other numbers of the
     loop (`with_parameters`), and to the state at the start. The derivative goes through the
     solution of each time step (implicit function theorem), not through the iterations that found
-    it. Reverse mode keeps the solutions, and the whole loop once in about ``sqrt(steps)`` time
-    steps; the rest it computes again, block by block (Griewank and Walther 2008, chapter 12).
+    it. Reverse mode keeps the solutions, and the whole loop once in 16 time steps, of short runs
+    in ``sqrt(steps)``; the rest it computes again, block by block (Griewank and Walther 2008,
+    chapter 12).
 
     Unlike in `simulate`, a time step that fails is not cut into shorter ones, as reverse mode takes
     a number of steps that is known beforehand.
@@ -120,7 +124,7 @@ def rollout(
     def block(carry: Carry, numbers: Int[Array, " block"]) -> tuple[Carry, Any]:
         return jax.lax.scan(step, carry, numbers)
 
-    length = math.isqrt(steps - 1) + 1
+    length = min(math.isqrt(steps - 1) + 1, _BLOCK)
     numbers = jnp.arange(length * math.ceil(steps / length)).reshape(-1, length)
     (end, outcome), kept = jax.lax.scan(
         jax.checkpoint(
