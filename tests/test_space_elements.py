@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.newton import newton_step
+from crinoid.dynamics.newton import tangent_at
 from crinoid.dynamics.tangent import HELD
 from crinoid.elements import (
     AddedMass,
@@ -509,7 +509,7 @@ def improve(forces, stage, correction, moved):
     around = forces.surroundings(stage, none)
     start = correction + moved
     residual, _ = forces.residual(forces.motion(stage, start, around))
-    return start + newton_step(forces, around, stage, start, residual)
+    return start + tangent_at(forces, around, stage, start, None).solve(-residual)
 
 
 @pytest.mark.parametrize("kind", [*KINDS, KINDS], ids=lambda k: getattr(k, "__name__", "all"))

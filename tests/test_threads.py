@@ -15,7 +15,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics import Books, start
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.modes import find_modes
-from crinoid.dynamics.newton import newton_step
+from crinoid.dynamics.newton import tangent_at
 from crinoid.dynamics.statics import still
 from crinoid.dynamics.tangent import HELD
 from crinoid.elements import WORKS, Motion, Threads
@@ -476,7 +476,7 @@ def test_newton_converges_quadratically(tugged):
     def improved(stage, correction):
         around = forces.surroundings(stage, none)
         residual, _ = forces.residual(forces.motion(stage, correction, around))
-        return correction + newton_step(forces, around, stage, correction, residual)
+        return correction + tangent_at(forces, around, stage, correction, None).solve(-residual)
 
     solution = none
     for _ in range(12):

@@ -12,7 +12,7 @@ import crinoid
 from crinoid.base import Prescribed
 from crinoid.dynamics import Books, start
 from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.newton import newton_step
+from crinoid.dynamics.newton import tangent_at
 from crinoid.dynamics.vehicle import Mount, moments
 from crinoid.dynamics.windows import gathered
 from crinoid.elements import WORKS, Inertia, Tool
@@ -53,7 +53,8 @@ def begun(system, velocity):
     stage = Stage(state.time, position, velocity, none, zero, zero, jnp.ones(()), frames)
     around = forces.surroundings(stage, none)
     residual, _ = forces.residual(forces.motion(stage, none, around))
-    motion = forces.motion(stage, newton_step(forces, around, stage, none, residual), around)
+    acceleration = tangent_at(forces, around, stage, none, None).solve(-residual)
+    motion = forces.motion(stage, acceleration, around)
     earlier = jnp.stack([motion.acceleration] * 2)
     return eqx.tree_at(lambda s: (s.motion, s.earlier), state, (motion, earlier))
 

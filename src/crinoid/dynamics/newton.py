@@ -258,6 +258,7 @@ def _solve_jvp(primals: Any, tangents: Any) -> Any:
         (forces, around, stage, load_factor),
         (t_forces, t_around, t_stage, t_load_factor),
         correction,
+        tangent_at(forces, around, stage, correction, load_factor),
     )
     return (correction, held, outcome), (t_correction, t_held, constant(outcome))
 
@@ -289,18 +290,18 @@ def imbalance(
     )
 
 
-def implied(primals: Any, tangents: Any, correction: Rows) -> tuple[Rows, Float[Array, "held b"]]:
+def implied(
+    primals: Any, tangents: Any, correction: Rows, tangent: Tangent
+) -> tuple[Rows, Float[Array, "held b"]]:
     """Return how a converged correction follows forces, water, stage and load factor.
 
-    And how the forces on what is prescribed do.
+    And how the forces on what is prescribed do. ``tangent`` is the one at the correction.
     """
 
     def residual(forces: Forces, around: Surroundings, stage: Stage, factor: Array | None) -> Rows:
         return forces.residual(forces.motion(stage, correction, around), factor)[0]
 
     _, t_residual = eqx.filter_jvp(residual, primals, tangents)
-    forces, around, stage, load_factor = primals
-    tangent = tangent_at(forces, around, stage, correction, load_factor)
     followed = tangent.solve(-t_residual)
     return followed, t_residual[:HELD] + tangent.on_held(followed)
 
@@ -308,18 +309,6 @@ def implied(primals: Any, tangents: Any, correction: Rows) -> tuple[Rows, Float[
 def constant(outcome: Outcome) -> Any:
     """Return the tangent of what does not depend on anything."""
     return jax.tree.map(lambda x: jnp.zeros_like(x) if eqx.is_inexact_array(x) else None, outcome)
-
-
-def newton_step(
-    forces: Forces,
-    around: Surroundings,
-    stage: Stage,
-    correction: Rows,
-    residual: Rows,
-    load_factor: Array | None = None,
-) -> Rows:
-    """Return the change of the correction that would cancel the residual, were it linear."""
-    return tangent_at(forces, around, stage, correction, load_factor).solve(-residual)
 
 
 @eqx.filter_jit

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -11,9 +12,10 @@ from crinoid.base import Base, Prescribed, ServoState
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.grip import Grip
 from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.newton import newton_step
+from crinoid.dynamics.newton import implied, tangent_at
 from crinoid.dynamics.state import State
-from crinoid.dynamics.tangent import HELD
+from crinoid.dynamics.surroundings import Surroundings
+from crinoid.dynamics.tangent import HELD, Tangent
 from crinoid.elements import Motion
 from crinoid.frames import Frames, Orientation, cross, dot, tangents
 from crinoid.reference import Reference
@@ -99,8 +101,8 @@ def begin(
     time: Float[Array, ""],
     position: Rows,
     frames: Frames | None,
-) -> tuple[Forces, Motion]:
-    """Return the motion that a shape starts with, and the forces then.
+) -> tuple[Forces, Motion, Float[Array, "held b"]]:
+    """Return the motion that a shape starts with, the forces then, and those on what is held (N).
 
     It moves rigidly with the base, and with the acceleration that follows; a vehicle that floats
     starts from rest.
@@ -119,32 +121,60 @@ def begin(
     none, zero = jnp.zeros_like(position), jnp.zeros(())
     accelerated = none.at[:HELD].set(held.acceleration)
     stage = Stage(time, position, velocity, accelerated, zero, zero, jnp.ones(()), frames)
-    # forces are affine in the acceleration: one Newton step is exact
     around = forces.surroundings(stage, none)
+    acceleration, reaction = _accelerated(forces, around, stage)
+    return forces, forces.motion(stage, acceleration, around), reaction
+
+
+@eqx.filter_custom_jvp
+def _accelerated(
+    forces: Forces, around: Surroundings, stage: Stage
+) -> tuple[Rows, Float[Array, "held b"]]:
+    """Return the accelerations that balance the forces at a stage, and the forces on what is held.
+
+    The forces are affine in the acceleration: one Newton step is exact. Its derivative follows from
+    the balance, so the tangent is never differentiated.
+    """
+    return _one_step(forces, around, stage)[:2]
+
+
+@_accelerated.def_jvp
+def _accelerated_jvp(primals: Any, tangents: Any) -> Any:
+    acceleration, reaction, tangent = _one_step(*primals)
+    found = implied((*primals, None), (*tangents, None), acceleration, tangent)
+    return (acceleration, reaction), found
+
+
+def _one_step(
+    forces: Forces, around: Surroundings, stage: Stage
+) -> tuple[Rows, Float[Array, "held b"], Tangent]:
+    none = jnp.zeros_like(stage.position)
     residual, _ = forces.residual(forces.motion(stage, none, around))
-    acceleration = newton_step(forces, around, stage, none, residual)
-    return forces, forces.motion(stage, acceleration, around)
+    tangent = tangent_at(forces, around, stage, none, None)
+    acceleration = tangent.solve(-residual)
+    return acceleration, residual[:HELD] + tangent.on_held(acceleration), tangent
 
 
 def steady(
     forces: Forces,
     motion: Motion,
+    reaction: Float[Array, "held b"],
     followers: Sequence[Any],
     attitude: Float[Array, "d d"] | None,
     grip: Grip | None,
 ) -> State:
     """Return the state of an arm whose motion is known, and steady.
 
-    ``followers`` are the states of the base's servo and of the other actuators.
+    ``reaction`` are the forces on what is held (N), and ``followers`` the states of the base's
+    servo and of the other actuators.
     """
-    residual, _ = forces.residual(motion)
     servo, *actuators = followers
     return State(
         motion=motion,
         ahead=jnp.zeros_like(motion.position),
         servo=servo,
         actuators=tuple(actuators),
-        reaction=residual[:HELD],
+        reaction=reaction,
         gap=forces.gaps(motion.position),
         earlier=jnp.stack([motion.acceleration] * 2),
         attitude=attitude,

@@ -9,7 +9,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.newton import Outcome, Settings, constant, imbalance, implied, solve
+from crinoid.dynamics.newton import (
+    Outcome,
+    Settings,
+    constant,
+    imbalance,
+    implied,
+    solve,
+    tangent_at,
+)
 from crinoid.dynamics.surroundings import Surroundings
 from crinoid.frames import Frames
 from crinoid.reference import Reference
@@ -276,8 +284,12 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
         begin, (forces, time, position), (t_forces, t_time, held)
     )
     full = jnp.ones(())
+    none = jnp.zeros_like(start)
     correction, _ = implied(
-        (forces, around, stage, full), (t_forces, t_around, t_stage, None), jnp.zeros_like(start)
+        (forces, around, stage, full),
+        (t_forces, t_around, t_stage, None),
+        none,
+        tangent_at(forces, around, stage, none, full),
     )
     t_frames = jax.tree.map(jnp.zeros_like, frames)
     return (position, frames, outcome), (correction + held, t_frames, constant(outcome))

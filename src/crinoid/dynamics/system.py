@@ -128,7 +128,8 @@ class System(eqx.Module):
         forces = self._driven(state).frozen(state.time)
         motion = forces.motion(stage, none, forces.surroundings(stage, none))
         at_rest = (state.servo, *state.actuators)
-        return start.steady(forces, motion, at_rest, state.attitude, state.grip)
+        reaction = forces.residual(motion)[0][:HELD]
+        return start.steady(forces, motion, reaction, at_rest, state.attitude, state.grip)
 
     def step(
         self,
@@ -338,9 +339,9 @@ class System(eqx.Module):
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
         servo, *actuators = (one.at_rest() for one in self.followers)
         forces = self.forces.driven(drives(self.actuators, actuators))
-        forces, motion = start.begin(forces, self.base, servo, time, position, frames)
+        forces, motion, held = start.begin(forces, self.base, servo, time, position, frames)
         attitude, grip = forces.attitude(motion), begun(self.grasp)
-        return start.steady(forces, motion, (servo, *actuators), attitude, grip)
+        return start.steady(forces, motion, held, (servo, *actuators), attitude, grip)
 
     def _driven(self, state: State) -> Forces:
         """Return the forces with the actuators as they are in a state."""
