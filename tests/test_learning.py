@@ -182,7 +182,7 @@ def test_run_under_the_policy_is_the_one_it_was_judged_by(finished, file):
     training, _ = finished
     seed = 1_000_000 - 1  # the first that was held out
     values = {"control.kind": "neural", "control.neural.weights": str(file)}
-    drawn = training._draws.draw(seed, np.random.default_rng(seed), None).scenario
+    drawn = training._stage.episode(seed).scenario
     result = crinoid.simulate(drawn.with_values(values))
     course = replace(training._course, steps=SCENARIO.simulation.steps)
     found = run_stretch(course, Neural(course.observation, training.best), *training._held[0])

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crinoid.assembly.observables import Observables
-from crinoid.assembly.weights import KEY, Description, read_policy
+from crinoid.assembly.description import KEY
+from crinoid.assembly.observables import Observables, named
+from crinoid.assembly.weights import read_policy
 from crinoid.control import Neural
 from crinoid.scenario import Mistake, ScenarioError
 
@@ -29,16 +30,16 @@ def build_neural(plan: Plan) -> Neural:
     assert weights is not None, "a scenario without is refused"
     policy, told = read_policy(Path(weights))
     observables = Observables(plan)
-    here = Description.of(observables, plan.scenario, {})
     for words, wanted, there in (
-        ("observes", told.observations, here.observations),
-        ("commands", told.actions, here.actions),
+        ("observes", told.observations, named(observables.entries)),
+        ("commands", told.actions, named(observables.actions)),
     ):
         if wanted != there:
             text = f"{weights}: it {words} {_listed(wanted)}; here there are {_listed(there)}"
             raise ScenarioError([Mistake(KEY, text)])
-    if abs(told.rate_hz - here.rate_hz) > _SAME * here.rate_hz:
-        text = f"got {here.rate_hz:g}, takes {told.rate_hz:g}: {weights} was trained for that"
+    here = plan.scenario.control_rate_hz
+    if abs(told.rate_hz - here) > _SAME * here:
+        text = f"got {here:g}, takes {told.rate_hz:g}: {weights} was trained for that"
         raise ScenarioError([Mistake("control.rate_hz", text)])
     return Neural(observables.observation, policy)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -99,6 +99,11 @@ class Observables:
         if chosen.ahead:
             for name in AXES[axes]:
                 yield _free(f"ahead.{name}", "m")
+
+
+def named(entries: Iterable[Entry]) -> list[list[str]]:
+    """Return name and unit of each of some entries."""
+    return [[each.name, each.unit] for each in entries]
 
 
 def _free(name: str, unit: str) -> Entry:

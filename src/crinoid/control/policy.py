@@ -6,9 +6,6 @@ from jaxtyping import Array, Float
 
 from crinoid.products import product
 
-MOST = 10.0
-"""Largest feature that the network is told, over the usual one."""
-
 
 class Dense(eqx.Module):
     """A layer: ``weight x + bias``."""
@@ -58,7 +55,7 @@ class Policy(eqx.Module):
     ) -> Float[Array, " feature"]:
         """Return what the network is told."""
         ladder = jnp.concatenate([observed[None], averages, self.centre[None]])
-        return jnp.clip(jnp.ravel(ladder[:-1] - ladder[1:]) * self.usual, -MOST, MOST)
+        return jnp.ravel(ladder[:-1] - ladder[1:]) * self.usual
 
     def speed(self, features: Float[Array, " feature"]) -> Float[Array, " driven"]:
         """Return how fast commands are to move, over the fastest; beyond 1 as well."""

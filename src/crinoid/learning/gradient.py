@@ -16,11 +16,15 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.control import Neural
 from crinoid.control.policy import Policy
-from crinoid.learning.learner import Learner, Pace, Trained, judged, returns, stepped
+from crinoid.learning.learner import AWRY, Learner, Pace, Trained, judged, returns, stepped
 from crinoid.learning.network import Critic
 from crinoid.learning.stage import Arm, Crew
 from crinoid.learning.stretch import Course, Stretch, run_stretch
 from crinoid.programs import OFTEN, compiled
+
+_STEEP = 3.0
+"""Largest slope of an arm that counts in full, over the usual one of them: near the edge of
+stability one arm would outweigh all others."""
 
 
 class Slope(eqx.Module):
@@ -57,16 +61,23 @@ def _improved(
     cost: Float[Array, "arm step"],
     sound: Bool[Array, " arm"],
 ) -> Learner:
+    size = jnp.sqrt(sum(jax.vmap(lambda x: jnp.sum(x**2))(x) for x in jax.tree.leaves(slopes)))
+    usual = jnp.nanmedian(jnp.where(sound, size, jnp.nan))
+    share = jnp.where(sound, jnp.minimum(1.0, _STEEP * usual / jnp.maximum(size, usual)), 0.0)
+    share /= jnp.maximum(jnp.sum(sound), 1)
+
     def mean(each: Array) -> Array:
-        kept = sound.reshape(-1, *[1] * (each.ndim - 1))
-        return jnp.sum(jnp.where(kept, each, 0.0), axis=0) / jnp.maximum(jnp.sum(sound), 1)
+        # 0 times what is no number is none either
+        kept = jnp.where(sound.reshape(-1, *[1] * (each.ndim - 1)), each, 0.0)
+        return jnp.tensordot(share, kept, axes=1)
 
     by = jax.tree.map(mean, slopes)
     after = stepped(pace, learner, Trained(by.linear, by.layers, jnp.zeros_like(learner.spread)))
     # of an arm that was lost nothing is learned
     features = jnp.where(sound[:, None, None], features, 0.0)
     expected = jax.vmap(jax.vmap(learner.believed))(features)
-    wanted = jnp.where(sound[:, None], returns(cost, expected, course.discount), expected)
+    wanted = returns(jnp.minimum(cost, AWRY), expected, course.discount)
+    wanted = jnp.where(sound[:, None], wanted, expected)
     return judged(pace, after, features, wanted)
 
 

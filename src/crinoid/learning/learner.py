@@ -25,6 +25,9 @@ _LESSONS = 4
 _JUDGING_RATE = 1e-3
 _LEFT = 0.05
 """Share of the learning rate that is left at the end."""
+AWRY = 20.0
+"""Cost from which on an arm has gone astray: more of it makes no difference to the critic, and the
+arm begins anew."""
 _LARGEST = 1.0
 """Norm that the slope of the policy is cut to."""
 
@@ -48,6 +51,8 @@ class Learner(eqx.Module):
     """The critic as it is believed: it follows slowly, so that it does not chase itself."""
     by_policy: Any
     by_critic: Any
+    share: Float[Array, ""]
+    """Share of the learning rate that is taken."""
 
     @property
     def trained(self) -> Trained:
@@ -81,7 +86,7 @@ def new_learner(policy: Policy, spread: float, pace: Pace, random: np.random.Gen
     critic = new_critic(policy.usual.size, random)
     wide = jnp.full(policy.fastest.size, spread)
     started = _started(pace, Trained(policy.linear, policy.layers, wide), critic)
-    return Learner(policy, wide, critic, critic, *started)
+    return Learner(policy, wide, critic, critic, *started, jnp.asarray(1.0))
 
 
 @compiled(**ONCE)
@@ -92,7 +97,7 @@ def _started(pace: Pace, trained: Trained, critic: Critic) -> tuple[Any, Any]:
 def stepped(pace: Pace, learner: Learner, slope: Trained) -> Learner:
     """Return a learner whose policy has made a step down a slope; traceable."""
     moves, after = pace.of_policy.update(slope, learner.by_policy)
-    trained = jax.tree.map(jnp.add, learner.trained, moves)
+    trained = jax.tree.map(lambda at, move: at + learner.share * move, learner.trained, moves)
     policy = replace(learner.policy, linear=trained.linear, layers=trained.layers)
     return replace(learner, policy=policy, spread=trained.spread, by_policy=after)
 

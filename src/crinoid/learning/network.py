@@ -16,6 +16,8 @@ AVERAGED = (0.02, 0.05, 0.12, 0.3, 0.8, 2.0)
 HIDDEN = (32, 32)
 """Units of the hidden layers of the policy."""
 _JUDGING = (64, 64)
+_MOST = 10.0
+"""Largest feature that the critic looks at, over the usual one: it learns nothing of rarer ones."""
 UNKNOWN = 1e-9
 """Stands for one over the size of a feature as long as none is known: nothing is cut off."""
 
@@ -33,6 +35,7 @@ class Critic(eqx.Module):
         """Return that mean."""
         # not in the loop of time steps, and for many at once: a product of matrices is faster
         *inner, last = self.layers
+        features = jnp.clip(features, -_MOST, _MOST)
         hidden = features
         for layer in inner:
             hidden = jnp.tanh(layer.weight @ hidden + layer.bias)

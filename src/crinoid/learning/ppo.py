@@ -19,7 +19,7 @@ from crinoid.control import Controller, Seen
 from crinoid.control.neural import Neural, NeuralMemory
 from crinoid.control.policy import Policy
 from crinoid.control.seen import Command
-from crinoid.learning.learner import Learner, Pace, Trained, judged, returns, stepped
+from crinoid.learning.learner import AWRY, Learner, Pace, Trained, judged, returns, stepped
 from crinoid.learning.stage import Arm, Crew
 from crinoid.learning.stretch import Course, Stretch, run_stretch
 from crinoid.programs import OFTEN, compiled
@@ -77,7 +77,9 @@ def _improved(
     # of an arm that was lost nothing is learned; what is not chosen must still be a number
     features, speed = (jnp.where(sound[:, None, None], each, 0.0) for each in (features, speed))
     expected = jax.vmap(jax.vmap(learner.believed))(features)
-    wanted = jnp.where(sound[:, None], returns(cost, expected, discount), expected)
+    wanted = jnp.where(
+        sound[:, None], returns(jnp.minimum(cost, AWRY), expected, discount), expected
+    )
     # from the last step on there is nothing but what was expected
     more = (wanted - expected)[:, :-1]
     count = jnp.maximum(jnp.sum(sound) * more.shape[1], 1)

@@ -15,7 +15,7 @@ import numpy as np
 
 from crinoid.control import Controller
 from crinoid.dynamics import State
-from crinoid.environment.draws import Draws
+from crinoid.environment.draws import Drawn, Draws
 from crinoid.environment.program import Form, numbers_of
 from crinoid.programs import ONCE, Program, compiled
 from crinoid.simulation import Loop, LoopState
@@ -66,13 +66,21 @@ class Stage:
         self.begun += 1
         return self.drawn(self._first + int(self.numbers[arm]))
 
+    def episode(self, seed: int) -> Drawn:
+        """Draw an episode by the arcsine law: its ends, where a policy fails, are met often."""
+        random, ranges = np.random.default_rng(seed), self._draws.ranges
+        values = {
+            key: low + (high - low) * random.beta(0.5, 0.5) for key, (low, high) in ranges.items()
+        }
+        return self._draws.draw(seed, random, {"set": values})
+
     def drawn(self, seed: int) -> Arm:
         """Draw an episode, and return its arm at the start."""
-        case = self._draws.draw(seed, np.random.default_rng(seed), None).case
+        case = self.episode(seed).case
         loop = replace(case.loop, controller=self._controller)
         return Arm(loop, _begun(loop, case.state))
 
-    def go_on(self, nows: Sequence[LoopState], steps: int, lost: np.ndarray) -> None:
+    def go_on(self, nows: Sequence[LoopState], steps: int, astray: np.ndarray) -> None:
         """Take over where the arms are, and begin anew where an episode is over.
 
         Parameters
@@ -81,11 +89,11 @@ class Stage:
             Where they are.
         steps
             Time steps that the next stretch has: an episode that would end within is over.
-        lost
-            Arms that could not go on.
+        astray
+            Arms that cannot go on, or from which nothing more is to be learned.
         """
         for arm, now in enumerate(nows):
-            if lost[arm] or int(now.steps) + steps > self.ends[arm]:
+            if astray[arm] or int(now.steps) + steps > self.ends[arm]:
                 self.arms[arm], self.ends[arm] = self._next(arm), self.steps
             else:
                 self.arms[arm] = self.arms[arm]._replace(now=now)

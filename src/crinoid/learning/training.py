@@ -14,8 +14,10 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from crinoid.assembly.description import PHYSICAL, Description
 from crinoid.assembly.known import fastest
-from crinoid.assembly.weights import Description, write_policy
+from crinoid.assembly.observables import named
+from crinoid.assembly.weights import write_policy
 from crinoid.control import Neural
 from crinoid.control.policy import Policy
 from crinoid.dataset import describe
@@ -23,7 +25,7 @@ from crinoid.environment.draws import Draws
 from crinoid.environment.program import Form, numbers_of
 from crinoid.learning.gradient import improve_by_gradient
 from crinoid.learning.imitation import imitated
-from crinoid.learning.learner import Pace, new_learner
+from crinoid.learning.learner import AWRY, Pace, new_learner
 from crinoid.learning.network import new_policy
 from crinoid.learning.ppo import SPREAD, improve_by_ppo
 from crinoid.learning.price import Price
@@ -45,8 +47,11 @@ _STRETCH = 0.64
 """Length of a stretch (s)."""
 _AHEAD = 1.5
 """Time in which what is to come loses its weight (s)."""
-_TAUGHT, _HELD = 8, 8
+_TAUGHT, _HELD = 8, 16
 """Episodes of the imitation, and those that a policy is judged by."""
+_WORSE, _SLOWER = 1.2, 0.5
+"""Cost over the least so far from which on a policy is given up, and the learning rate after that,
+over the one before: it has lost arms that it held."""
 _APART = 1_000_000
 """Seeds of training are this far apart; what is held out comes before the first of them."""
 _STRENGTHS = ("velocity", "amplitude", "mean", "standard_deviation", "significant_height")
@@ -137,8 +142,8 @@ class Training:
         """Updates that were made, and arms that could not go on."""
         self.rows: list[tuple[float, float, float]] = []
         """Updates, cost and RMS error (m) at each look at the policy, on arms that are held out."""
-        self.best = self._blank
-        """The policy of the look that cost least."""
+        self.learner = self.good = new_learner(self._blank, SPREAD, self._pace, self._random)
+        """The learner as it is, and as it was at the look that cost least."""
 
     def begin(self) -> None:
         """Imitate the teacher, and look at how that does.
@@ -163,7 +168,7 @@ class Training:
         cost, _ = self._look(policy)
         if np.isfinite(cost):  # what the imitation costs is one from here on
             self._set_unit(cost)
-        self.learner = new_learner(policy, SPREAD, self._pace, self._random)
+        self.learner = self.good = eqx.tree_at(lambda x: x.policy, self.learner, policy)
         self._judge()
 
     def _set_unit(self, cost: float) -> None:
@@ -196,7 +201,8 @@ class Training:
         )
         lost = np.array([not np.isfinite(np.asarray(each.cost)).all() for each in found])
         self.lost += int(lost.sum())
-        self._stage.go_on([each.end for each in found], self._course.steps, lost)
+        astray = np.array([not np.mean(np.asarray(each.cost)) < AWRY for each in found])
+        self._stage.go_on([each.end for each in found], self._course.steps, astray)
         if self.updates % LOOKS == 0 or self.updates == self.settings.updates:
             self._judge()
 
@@ -210,12 +216,28 @@ class Training:
     def _judge(self) -> None:
         self.rows.append((self.updates, *self._look(self.learner.policy)))
         if self.kept == len(self.rows) - 1:
-            self.best = self.learner.policy
+            self.good = self.learner
+        elif not self.rows[-1][1] <= _WORSE * self.least:
+            self.learner = replace(self.good, share=_SLOWER * self.learner.share)
+
+    @property
+    def best(self) -> Policy:
+        """The policy of the look that cost least."""
+        return self.good.policy
 
     @property
     def description(self) -> Description:
         """Observations and commands of the policy, and where it was trained."""
-        return Description.of(self._observables, self.scenario, self._draws.ranges)
+        observables = self._observables
+        return Description(
+            named(observables.entries),
+            named(observables.actions),
+            self.scenario.control_rate_hz,
+            self._blank.kept.size,
+            [layer.bias.size for layer in self._blank.layers],
+            {key: each for key, each in self.scenario.to_dict().items() if key in PHYSICAL},
+            {key: list(pair) for key, pair in self._draws.ranges.items()},
+        )
 
     def write(self, path: Path) -> None:
         """Write the best policy so far."""
@@ -249,7 +271,7 @@ class Training:
             "unit": np.asarray(self._course.price.unit),
             "rows": np.array(self.rows, float),
             **{f"learner_{k}": x for k, x in enumerate(numbers_of(self.learner))},
-            **{f"best_{k}": x for k, x in enumerate(numbers_of(self.best))},
+            **{f"good_{k}": x for k, x in enumerate(numbers_of(self.good))},
             **{f"stage_{name}": x for name, x in self._stage.saved().items()},
         }
         with replacing(path) as temporary, temporary.open("wb") as file:
@@ -273,9 +295,8 @@ class Training:
         if about != self._about:
             text = "is of other settings or another scenario; takes the same, or no --resume"
             raise ScenarioError([Mistake(str(path), text)])
-        learner = new_learner(self._blank, SPREAD, self._pace, self._random)
-        self.learner = _filled(learner, saved, "learner")
-        self.best = _filled(self._blank, saved, "best")
+        self.learner = _filled(self.learner, saved, "learner")
+        self.good = _filled(self.good, saved, "good")
         self.updates, self.lost = map(int, saved["counts"])
         self.rows = [(update, cost, error) for update, cost, error in saved["rows"].tolist()]
         self._set_unit(float(saved["unit"]))

@@ -18,6 +18,7 @@ from crinoid.plausibility.facts import Facts
 from crinoid.plausibility.load import LOAD
 from crinoid.plausibility.loop import LOOP
 from crinoid.plausibility.obstacle import OBSTACLE
+from crinoid.plausibility.policy import POLICY
 from crinoid.plausibility.rule import Rule
 from crinoid.plausibility.thread import THREAD
 from crinoid.plausibility.time import TIME
@@ -31,7 +32,7 @@ __all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
 _FIRST = (*USUAL, *ARM)
 """Rules on single numbers. Where an arm or its water is odd, what follows from it is too,
 and goes without saying."""
-_THEN = (*BASE, *CURRENT, *LOAD, *TOOL, *THREAD, *VEHICLE, *OBSTACLE, *LOOP, *TIME)
+_THEN = (*BASE, *CURRENT, *LOAD, *TOOL, *THREAD, *VEHICLE, *OBSTACLE, *LOOP, *POLICY, *TIME)
 RULES = (*_FIRST, *_THEN)
 
 AT_REST = ("arm", "base", "water", "flow", "load", "tool", "chamber", "tendon", "obstacle")

@@ -33,7 +33,7 @@ def draw_training(data: xr.Dataset) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True)
     update, cost, error = data["update"].values, data["cost"].values, data["error"].values
     for axes, values, colour in ((upper, cost, SERIES[0]), (lower, 1e3 * error, SERIES[1])):
-        axes.plot(update, values, "-", color=colour)
+        axes.semilogy(update, values, "-", color=colour)
         if np.isfinite(cost).any():
             kept = int(np.nanargmin(cost))
             axes.plot(update[kept], values[kept], "o", color=INK, ms=5, label="kept")

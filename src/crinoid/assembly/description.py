@@ -1,0 +1,95 @@
+"""Purpose and origin of a policy: the first line of its file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple, NoReturn
+
+from crinoid.scenario import Mistake, ScenarioError
+from crinoid.version import __version__
+
+KEY = "control.neural.weights"
+"""The key of a scenario that names such a file."""
+_FORMAT = "crinoid-policy"
+_VERSION = 1
+PHYSICAL = (
+    *("arm", "base", "water", "flow", "load", "tool", "chamber", "tendon", "obstacle"),
+    *("sensor", "sensors"),
+)
+"""Tables of a scenario that a policy learns to live with."""
+_LONGEST = 1_000_000
+"""Bytes that the first line may have."""
+
+
+class Description(NamedTuple):
+    """Purpose and origin of a policy; read without JAX."""
+
+    observations: list[list[str]]
+    """Name and unit of each number that it observes."""
+    actions: list[list[str]]
+    """Name and unit of each number that it commands."""
+    rate_hz: float
+    """Commands a second."""
+    averages: int
+    """Times over which what is observed is averaged."""
+    layers: list[int]
+    """Outputs of each layer."""
+    scenario: dict[str, Any]
+    """Physical tables of the scenario that it was trained on."""
+    draw: dict[str, list[float]]
+    """Keys that each episode of its training drew, with the smallest and the largest value."""
+
+    @property
+    def line(self) -> bytes:
+        """The first line of its file."""
+        about = {"format": _FORMAT, "version": _VERSION, "crinoid": __version__}
+        return json.dumps(about | self._asdict()).encode() + b"\n"
+
+    @staticmethod
+    def of(path: Path) -> Description:
+        """Read the description of a policy.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such file, or it holds no policy that this version can read.
+        """
+        try:
+            with path.open("rb") as file:
+                return described(path, file)
+        except OSError as error:
+            missing(path, error)
+
+
+def described(path: Path, file: BinaryIO) -> Description:
+    """Read the first line of a file.
+
+    Raises
+    ------
+    ScenarioError
+        If it does not begin like a policy that this version can read.
+    """
+    try:
+        head = json.loads(file.readline(_LONGEST))
+        form, version = head["format"], head["version"]
+    except (ValueError, KeyError, TypeError):  # ValueError: of the JSON and of its text
+        form, version = None, None
+    if form != _FORMAT:
+        refuse(path, "is no policy, takes a file that crinoid train wrote")
+    if version != _VERSION:
+        refuse(path, f"is of version {version} of the format, takes {_VERSION}; train it again")
+    try:
+        return Description(*(head[key] for key in Description._fields))
+    except KeyError as error:
+        refuse(path, f"is damaged: its first line lacks {error}")
+
+
+def missing(path: Path, error: OSError) -> NoReturn:
+    """Refuse a file that cannot be opened."""
+    refuse(path, f"{error.strerror or error}, takes a file that crinoid train wrote")
+
+
+def refuse(path: Path, text: str) -> NoReturn:
+    """Refuse a file."""
+    raise ScenarioError([Mistake(KEY, f"{path}: {text}")])
