@@ -9,7 +9,7 @@ from typing import Any
 from crinoid.assembly.description import KEY, PHYSICAL, Description
 from crinoid.plausibility.facts import Facts
 from crinoid.plausibility.rule import Rule
-from crinoid.scenario import shown
+from crinoid.scenario import ScenarioError, shown
 
 _NEAR = 1e-6
 """Part of a number by which it may differ."""
@@ -20,7 +20,10 @@ def _trained(facts: Facts) -> Iterator[str]:
     control = facts.scenario.control
     if control.kind != "neural" or control.neural.weights is None:
         return
-    told = Description.of(Path(control.neural.weights))
+    try:
+        told = Description.of(Path(control.neural.weights))
+    except ScenarioError:
+        return  # refused by whoever needs it
     here, there = (dict(_numbers(each, "")) for each in (facts.scenario.to_dict(), told.scenario))
     for key in dict.fromkeys([*here, *there]):
         met = told.draw.get(key, [there.get(key)] * 2)
