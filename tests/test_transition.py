@@ -1,5 +1,7 @@
 """The linear model of a time step against differences of the step itself."""
 
+from operator import itemgetter
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -91,7 +93,8 @@ def moving(system, command):
         return state, state
 
     _, states = jax.lax.scan(step, system.rest(), length=BEFORE + 1)
-    return tuple(jax.tree.map(lambda x: x[at], states) for at in (-2, -1))
+    before, after = (jax.tree.map(itemgetter(at), states) for at in (-2, -1))
+    return before, after
 
 
 stepped = eqx.filter_jit(System.step, compiler_options=QUICKLY)

@@ -23,6 +23,10 @@ from crinoid.simulation.batch import cores
 
 T = TypeVar("T")
 
+_BACK, _TRIES = 3, 10
+"""Stretches by which an arm that goes astray is put back, and how often until it is given up."""
+_COUNTS = ("numbers", "tries", "ends")
+
 
 class Arm(NamedTuple):
     """An arm where it is."""
@@ -35,7 +39,8 @@ class Stage:
     """Arms, each of which goes on from where it was, or begins the next episode where it is over.
 
     Episodes are numbered in the order in which they begin; the number is the seed of its draw, so
-    that training again is the same again.
+    that training again is the same again. An arm that goes astray is put back to where it was some
+    stretches before, until the policy holds it: what fails is rare, and would be met seldom.
 
     Parameters
     ----------
@@ -54,23 +59,26 @@ class Stage:
         self.steps = draws.scenario.simulation.steps
         self.begun = 0
         """Episodes that have begun."""
-        self.numbers = np.zeros(count, int)
-        """The number of the episode of each arm."""
+        self.numbers, self.tries = np.zeros((2, count), int)
+        """The number of the episode of each arm, and how often it was put back."""
         # the first episodes end one after the other, so that not all begin anew at once
         self.ends = self.steps * (1 + np.arange(count)) // count
         """The time step at which the episode of each arm is over."""
-        self.arms = [self._next(arm) for arm in range(count)]
+        self.arms: list[Arm] = [self._next(arm) for arm in range(count)]
+        self.earlier = [[arm.now] * _BACK for arm in self.arms]
+        """Where each was some stretches before, the oldest first."""
 
     def _next(self, arm: int) -> Arm:
-        self.numbers[arm] = self.begun
+        self.numbers[arm], self.tries[arm] = self.begun, 0
         self.begun += 1
         return self.drawn(self._first + int(self.numbers[arm]))
 
     def episode(self, seed: int) -> Drawn:
         """Draw an episode by the arcsine law: its ends, where a policy fails, are met often."""
-        random, ranges = np.random.default_rng(seed), self._draws.ranges
+        random = np.random.default_rng(seed)
         values = {
-            key: low + (high - low) * random.beta(0.5, 0.5) for key, (low, high) in ranges.items()
+            key: low + (high - low) * random.beta(0.5, 0.5)
+            for key, (low, high) in self._draws.ranges.items()
         }
         return self._draws.draw(seed, random, {"set": values})
 
@@ -90,29 +98,44 @@ class Stage:
         steps
             Time steps that the next stretch has: an episode that would end within is over.
         astray
-            Arms that cannot go on, or from which nothing more is to be learned.
+            Arms that cannot go on, or are far off.
         """
         for arm, now in enumerate(nows):
-            if astray[arm] or int(now.steps) + steps > self.ends[arm]:
+            if astray[arm] and self.tries[arm] < _TRIES:
+                self.tries[arm] += 1
+                self._set(arm, self.earlier[arm][0], [self.earlier[arm][0]] * _BACK)
+            elif astray[arm] or int(now.steps) + steps > self.ends[arm]:
                 self.arms[arm], self.ends[arm] = self._next(arm), self.steps
+                self.earlier[arm] = [self.arms[arm].now] * _BACK
             else:
-                self.arms[arm] = self.arms[arm]._replace(now=now)
+                self._set(arm, now, [*self.earlier[arm][1:], self.arms[arm].now])
+
+    def _set(self, arm: int, now: LoopState, earlier: list[LoopState]) -> None:
+        self.arms[arm], self.earlier[arm] = self.arms[arm]._replace(now=now), earlier
 
     def saved(self) -> dict[str, np.ndarray]:
         """Return what it takes to go on later."""
-        nows = [numbers_of(arm.now) for arm in self.arms]
+        nows = [
+            numbers_of(now)
+            for arm, earlier in zip(self.arms, self.earlier, strict=True)
+            for now in (*earlier, arm.now)
+        ]
         kept = {f"now_{k}": np.stack(each) for k, each in enumerate(zip(*nows, strict=True))}
-        return kept | {"begun": np.array(self.begun), "numbers": self.numbers, "ends": self.ends}
+        counts = {name: getattr(self, name) for name in _COUNTS}
+        return kept | counts | {"begun": np.array(self.begun)}
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
         """Go on from what was saved."""
         self.begun = int(saved["begun"])
-        self.numbers, self.ends = saved["numbers"].copy(), saved["ends"].copy()
+        for name in _COUNTS:
+            setattr(self, name, saved[name].copy())
         form = Form(self.arms[0].now)
+        rows = [jnp.asarray(saved[f"now_{k}"]) for k in range(len(form.shapes))]
+        nows = [form.tree([row[k] for row in rows]) for k in range(len(rows[0]))]
         for arm, number in enumerate(self.numbers):
-            arrays = [jnp.asarray(saved[f"now_{k}"][arm]) for k in range(len(form.shapes))]
-            start = self.drawn(self._first + int(number))
-            self.arms[arm] = start._replace(now=form.tree(arrays))
+            *earlier, now = nows[arm * (_BACK + 1) :][: _BACK + 1]
+            self.arms[arm] = self.drawn(self._first + int(number))
+            self._set(arm, now, earlier)
 
 
 @compiled(**ONCE)

@@ -39,6 +39,9 @@ def draw_training(data: xr.Dataset) -> Figure:
             axes.plot(update[kept], values[kept], "o", color=INK, ms=5, label="kept")
         if np.isfinite(values).any():
             axes.axhline(values[0], color=GREY, linestyle=":", label="imitation")
+        axes.grid(which="minor", axis="y")
+        for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            ticks("{x:g}")
         axes.legend(loc="upper right")
     upper.set_ylabel("cost over that\nof the imitation")
     lower.set_ylabel("RMS error of\nthe tip (mm)")
