@@ -1,5 +1,6 @@
 """Policies: their files, gradients through the loop, training that repeats itself."""
 
+import re
 from dataclasses import replace
 
 import equinox as eqx
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.weights import read_policy, write_policy
 from crinoid.control.neural import Neural
 from crinoid.learning.learner import TRACE, returns
@@ -17,6 +19,8 @@ from crinoid.learning.stage import Crew
 from crinoid.learning.stretch import run_stretch, trial
 from crinoid.learning.training import Settings, Training, trained, usual_draws
 from crinoid.metrics import tip_error
+from crinoid.plausibility import Facts, doubts
+from crinoid.plausibility.policy import POLICY
 
 SCENARIO = crinoid.Scenario.from_toml("""
 title = "Small"
@@ -276,3 +280,58 @@ def test_new_networks_say_nothing():
     features = jnp.asarray(random.normal(size=21))
     np.testing.assert_array_equal(policy.speed(features), 0.0)
     assert critic(features) == 0.0
+
+
+def test_an_arm_that_goes_astray_is_put_back():
+    stage = Training(SCENARIO, HOW)._stage
+    begun, (first, second) = stage.begun, stage.arms
+    moved = [eqx.tree_at(lambda x: x.steps, arm.now, arm.now.steps + 1) for arm in stage.arms]
+    stage.ends[:] = 40
+    stage.go_on(moved, 1, np.array([False, True]))
+    assert stage.arms[0].now is moved[0]
+    assert stage.arms[1].now is second.now  # where it was
+    for _ in range(2):
+        stage.go_on(moved, 1, np.array([False, True]))
+    assert stage.earlier[0] == [first.now, moved[0], moved[0]]
+    stage.go_on(moved, 1, np.array([True, True]))
+    assert stage.arms[0].now is first.now  # three stretches before
+    assert stage.tries.tolist() == [1, 4]
+    assert stage.begun == begun
+    for _ in range(7):
+        stage.go_on(moved, 1, np.array([False, True]))
+    assert stage.begun == begun + 1  # given up
+    assert stage.tries.tolist() == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({}, None),
+        ({"arm.youngs_modulus": 3e6}, "youngs_modulus = 3e\\+06 .*on 1.4e\\+06 to 2.6e\\+06"),
+        ({"arm.length": 0.6}, "has not met arm.length = 0.6 .*on 0.5.*, and may fail"),
+        ({"load": [{"kind": "point", "force": [0.1, 0.0]}]}, "load.0.*on none.*"),
+        ({"seed": 7, "simulation.duration": 2.0, "control.lqg.smoothness": 0.01}, None),
+    ],
+)
+def test_scenario_that_the_policy_has_not_met_gets_a_note(file, values, words):
+    given = {"control.kind": "neural", "control.neural.weights": str(file)} | values
+    found = list(POLICY[0].doubts(Facts(Prepared(SCENARIO.with_values(given)))))
+    assert len(found) == (words is not None)
+    assert not words or re.search(words, found[0])
+
+
+@pytest.mark.parametrize("name", ["station-keeping", "station-keeping-3d", "reach-under-load"])
+def test_policies_that_come_along_fit_their_scenarios(name):
+    scenario = crinoid.load(name).with_values({"control.kind": "neural"})
+    assert not [each for each in doubts(Prepared(scenario)) if "has not met" in each]
+    loop, _ = crinoid.closed_loop(scenario)
+    assert isinstance(loop.controller, Neural)
+
+
+def test_policy_that_comes_along_beats_the_pid():
+    scenario = crinoid.load("station-keeping").with_values({"control.compare": False})
+    found = {}
+    for kind in ("pid", "neural"):
+        case = scenario.with_values({"control.kind": kind, "simulation.duration": 12.0})
+        found[kind] = tip_error(crinoid.simulate(case)).rms
+    assert found["neural"] < 0.65 * found["pid"]

@@ -331,6 +331,15 @@ RELATIONS = {
         [["control.rate_hz=20"]],
         ["control.pid.tilt.derivative_filter_hz=40"],
     ),
+    "control.neural.weights": (
+        [
+            ["control.kind=neural", "arm.length=0.6"],
+            ["control.kind=neural", "flow.0.amplitude.0=0.4"],
+            ["control.kind=neural", "sensor.noise_position=0.001"],
+        ],
+        ["control.kind=neural", "arm.youngs_modulus=3e6", "sensor.delay=0.006"],
+        "station-keeping",
+    ),
     "arm.damping_time": ([["arm.damping_time=50"]], ["arm.damping_time=0.5"]),
     "water.linear_drag": ([["water.linear_drag=1000"]], ["water.linear_drag=5"]),
     "simulation.time_step": (

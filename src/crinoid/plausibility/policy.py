@@ -13,10 +13,11 @@ from crinoid.scenario import ScenarioError, shown
 
 _NEAR = 1e-6
 """Part of a number by which it may differ."""
+_MOST = 3
+"""Keys that are told of."""
 
 
 def _trained(facts: Facts) -> Iterator[str]:
-    """Yield what differs from all that the policy has met, one number after the other."""
     control = facts.scenario.control
     if control.kind != "neural" or control.neural.weights is None:
         return
@@ -25,18 +26,23 @@ def _trained(facts: Facts) -> Iterator[str]:
     except ScenarioError:
         return  # refused by whoever needs it
     here, there = (dict(_numbers(each, "")) for each in (facts.scenario.to_dict(), told.scenario))
+    found = []
     for key in dict.fromkeys([*here, *there]):
-        met = told.draw.get(key, [there.get(key)] * 2)
-        got = here.get(key)
-        if not _within(got, met):
-            usual = shown(met[0]) if met[0] == met[1] else f"{met[0]:g} to {met[1]:g}"
-            without = "without it" if met[0] is None else f"with {usual}"
-            words = f"the policy of {KEY} was trained {without}, and may fail here"
-            yield f"{key}: got {'none' if got is None else shown(got)}; {words}"
+        low, high = told.draw.get(key, [there.get(key)] * 2)
+        if not _within(here.get(key), low, high):
+            met = _shown(low) if low == high else f"{_shown(low)} to {_shown(high)}"
+            found.append(f"{key} = {_shown(here.get(key))} (trained on {met})")
+    if found:
+        more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
+        words = ", ".join(found[:_MOST])
+        yield f"{KEY}: the policy has not met {words}{more}, and may fail"
 
 
-def _within(got: Any, met: list[Any]) -> bool:
-    low, high = met
+def _shown(value: Any) -> str:
+    return "none" if value is None else f"{value:.4g}" if isinstance(value, float) else shown(value)
+
+
+def _within(got: Any, low: Any, high: Any) -> bool:
     if not all(isinstance(each, int | float) for each in (got, low, high)):
         return got == low
     room = _NEAR * max(abs(low), abs(high))
