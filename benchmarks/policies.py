@@ -110,7 +110,7 @@ def reach() -> None:
     draws = [
         {
             "seed": seed,
-            "tool.mass": random.uniform(0.0, 0.3),
+            "tool.mass": random.uniform(0.001, 0.3),
             "target.to.0": random.uniform(0.35, 0.47),
             "target.to.1": random.uniform(-10.4, -10.2),
             "arm.youngs_modulus": random.uniform(2.8e6, 5.2e6),
