@@ -49,8 +49,7 @@ def random_policy():
         kept=jnp.array([0.3, 0.8, 0.95]),
         linear=drawn(len(DRIVEN), FEATURES) / 4,
         layers=tuple(
-            Dense(drawn(after, before) / 2, drawn(after))
-            for before, after in pairwise(SIZES)
+            Dense(drawn(after, before) / 2, drawn(after)) for before, after in pairwise(SIZES)
         ),
         swing=jnp.array([0.2, 0.5]),
         fastest=jnp.array([0.03, 0.1]),
