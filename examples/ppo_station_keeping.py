@@ -22,19 +22,22 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 import crinoid
 
 TASK = "station-keeping"
-ARMS, STEPS = 32, 2_000_000
-HELD_OUT = range(10)
+ARMS, STEPS = 32, 1_000_000
 FIRST_SEED = 1000
 """Seed of the first draw in training."""
+HELD_OUT = range(200, 210)
+"""Seeds of the comparison: neither of training, nor of those by which settings were chosen."""
 SETTINGS = {
     "n_steps": 256,
     "batch_size": 1024,
     "n_epochs": 6,
     "gamma": 0.99,
-    "learning_rate": lambda left: 3e-4 * left,
-    "policy_kwargs": {"log_std_init": -3.5},
+    "learning_rate": lambda left: 1e-3 * left,
+    # noise that changes with what is seen and not with each step: a servo would average that out
+    "use_sde": True,
+    "policy_kwargs": {"log_std_init": -4.0},
 }
-"""For actions that are to be small and are taken a hundred times a second."""
+"""Chosen by nine trainings, on seeds 0 to 9 and 100 to 109."""
 
 
 class Adapter(VecEnv):
