@@ -21,8 +21,8 @@ import numpy as np
 
 import crinoid
 from crinoid.metrics import input_speed, tip_error
-from crinoid.scenario import Scenario
 from crinoid.result import Result
+from crinoid.scenario import Scenario
 from crinoid.simulation.batch import run_batch
 
 KINDS = ("pid", "lqg", "neural")

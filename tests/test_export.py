@@ -379,7 +379,10 @@ def test_long_runs_are_thinned_and_that_is_said(tmp_path):
 
 
 MISTAKES = [
-    (["--to", "vtkhd"], '--to: got "vtkhd", takes "vtkhdf", "csv" or "gltf"; did you mean vtkhdf?'),
+    (
+        ["--to", "vtkhd"],
+        '--to: got "vtkhd", takes "vtkhdf", "csv", "gltf" or "onnx"; did you mean vtkhdf?',
+    ),
     (["--to", "csv", "--variables", "tip_eror"], '--variables: got "tip_eror"'),
     (["--to", "csv", "--variables", "tip_eror"], "did you mean tip_error?"),
     (["--to", "csv", "--variables", "diameter"], "is not over time"),

@@ -17,7 +17,8 @@ from crinoid.learning.learner import TRACE, returns
 from crinoid.learning.network import new_critic, new_policy
 from crinoid.learning.stage import Crew
 from crinoid.learning.stretch import run_stretch, trial
-from crinoid.learning.training import Settings, Training, trained, usual_draws
+from crinoid.learning.training import Settings, Training, trained
+from crinoid.learning.usual import usual_draws
 from crinoid.metrics import tip_error
 from crinoid.plausibility import Facts, doubts
 from crinoid.plausibility.policy import POLICY

@@ -11,6 +11,8 @@ from crinoid.version import __version__
 
 KEY = "control.neural.weights"
 """The key of a scenario that names such a file."""
+POLICY = "policy.eqx"
+"""Name under which a training writes one."""
 _FORMAT = "crinoid-policy"
 _VERSION = 1
 PHYSICAL = (

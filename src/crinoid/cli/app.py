@@ -280,7 +280,12 @@ def export(
     ],
     to: Annotated[
         str,
-        typer.Option("--to", metavar="FORMAT", show_default=False, help="vtkhdf, csv or gltf."),
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            show_default=False,
+            help="vtkhdf, csv or gltf; of a policy, onnx.",
+        ),
     ],
     variables: Annotated[
         str | None,
@@ -309,7 +314,10 @@ def export(
     out: Annotated[Path | None, out_option("beside the result")] = None,
     force: Force = False,
 ) -> None:
-    """Write a result for ParaView (vtkhdf), for spreadsheets (csv) or for Blender (gltf)."""
+    """Write a result for ParaView (vtkhdf), for spreadsheets (csv) or for Blender (gltf).
+
+    A policy that `crinoid train` wrote is written for a vehicle (onnx).
+    """
     with Loading():
         from crinoid.cli.export import Table, export_result
         from crinoid.report import ReportError

@@ -1,4 +1,4 @@
-"""Exporting a result: which options go with which format, and progress."""
+"""Exporting a result or a policy: which options go with which format, and progress."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from rich.console import Console
 from crinoid.cli.folder import check_own, claimed
 from crinoid.cli.lines import say_notes, say_written
 from crinoid.cli.progress import progress_bar
-from crinoid.export import Written, write_csv, write_gltf, write_vtkhdf
+from crinoid.export import Written, write_csv, write_gltf, write_onnx, write_vtkhdf
 from crinoid.export.files import KINDS, files_of, is_own
-from crinoid.export.source import find_result
+from crinoid.export.source import find_policy, find_result
 from crinoid.scenario import Mistake, ScenarioError, one_of, shown
 
 
@@ -36,12 +36,12 @@ def export_result(
     force: bool,
     console: Console,
 ) -> None:
-    """Write a result in another format, and tell what is left out.
+    """Write a result or a policy in another format, and tell what is left out.
 
     Raises
     ------
     ReportError
-        If there is no result, or none that can be written so.
+        If there is none, or none that can be written so.
     ScenarioError
         If an option has no such value, or does not go with the format.
     """
@@ -50,17 +50,20 @@ def export_result(
         raise _mistake("--to", f"got {shown(kind)}, takes {one_of(KINDS)}", *near)
     if instants is not None and instants < 1:
         raise _mistake("--instants", f"got {instants}, takes a number of 1 or more")
+    if instants is not None and kind == "onnx":
+        raise _mistake("--instants", f"goes with results, not with --to {kind}")
     for option, value in {"--variables": table.variables, "--nodes": table.nodes}.items():
         if value is not None and kind != "csv":
             raise _mistake(option, f"goes with --to csv, not with --to {kind}")
     if out is not None and out.exists() and not out.is_dir():
         raise _mistake("--out", f"{out} is a file, takes a folder")
-    path = find_result(result)
+    path = find_policy(result) if kind == "onnx" else find_result(result)
     folder = path.parent if out is None else out
     writers: dict[str, Callable[..., Written]] = {
         "csv": partial(write_csv, variables=_names(table.variables), nodes=_numbers(table.nodes)),
         "vtkhdf": write_vtkhdf,
         "gltf": write_gltf,
+        "onnx": lambda path, folder, **_: write_onnx(path, folder),
     }
     with claimed(folder):
         for file in [] if force else files_of(folder, path.stem, kind):

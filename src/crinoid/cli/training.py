@@ -9,16 +9,19 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from crinoid.assembly.description import POLICY
 from crinoid.cli.finding import place_of, prepare_one, save_finding
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.lines import say_notes, say_written
 from crinoid.cli.progress import progress_bar
-from crinoid.learning.training import LOOKS, Settings, Training, trained, usual_draws
+from crinoid.export.files import exports_in
+from crinoid.learning.training import LOOKS, Settings, Training, trained
+from crinoid.learning.usual import usual_draws
 from crinoid.report.train import TRAINING
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.status import Status
 
-POLICY, CHECKPOINT = "policy.eqx", "training.npz"
+CHECKPOINT = "training.npz"
 
 
 def drawn_keys(scenario: Scenario, given: Sequence[str] | None) -> dict[str, tuple[float, float]]:
@@ -81,6 +84,7 @@ def train_policy(
             stopped = trained(training, report, interruption.stop)
         training.save(checkpoint)
         training.write(folder / POLICY)
+        clear_exports(folder)
         files = save_finding(training.dataset(), folder / TRAINING)
         console.print(training_table(training))
         if training.lost:
@@ -90,6 +94,12 @@ def train_policy(
         words = f"after {training.updates} updates; go on with --resume"
         return f"{Status.INTERRUPTED} {words}"
     return "" if np.isfinite(training.least) else "no policy could be run"
+
+
+def clear_exports(folder: Path) -> None:
+    """Remove what was exported of an earlier policy: no vehicle is to take it for the new one."""
+    for path in exports_in(folder, Path(POLICY).stem):
+        path.unlink(missing_ok=True)
 
 
 def training_table(training: Training) -> Table:

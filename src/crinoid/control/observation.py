@@ -14,7 +14,7 @@ AHEAD = 0.5
 
 
 class Observation(eqx.Module):
-    """Makes a flat array of what a controller sees; `crinoid.assembly.observables` names it."""
+    """Makes a flat array of what a controller sees; ``crinoid.assembly.observables`` names it."""
 
     actuators: tuple[Actuator, ...]
     """The actuators beside the servos of the base."""

@@ -1,4 +1,4 @@
-"""The files that exports are written to, beside the result and named after it."""
+"""The files that exports are written to, beside what is exported and named after it."""
 
 from __future__ import annotations
 
@@ -17,25 +17,34 @@ TIME = "time (s)"
 """Head of the first column of a table."""
 _LONGEST = 1 << 24
 """Characters of a head beyond which nobody reads it."""
-_ENDINGS = {"vtkhdf": (".vtkhdf", "-surroundings.vtkhdf"), "csv": (".csv",), "gltf": (".glb",)}
+PRODUCER = "crinoid"
+"""Who an ONNX file names as its producer."""
+_VERSION, _PRODUCER = b"\x08", bytes([0x12, len(PRODUCER)]) + PRODUCER.encode()
+"""Fields 1 and 2 of an ONNX file, as Protocol Buffers writes them."""
+_ENDINGS = {
+    "vtkhdf": (".vtkhdf", "-surroundings.vtkhdf"),
+    "csv": (".csv",),
+    "gltf": (".glb",),
+    "onnx": (".onnx",),
+}
 KINDS = tuple(_ENDINGS)
 """Formats to export to."""
 
 
 def files_of(folder: Path, name: str, kind: str) -> list[Path]:
-    """Return the files in a folder of the export of a result of some name."""
+    """Return the files in a folder of the export of a result or policy of some name."""
     return [folder / f"{name}{ending}" for ending in _ENDINGS[kind]]
 
 
 def exports_in(folder: Path, name: str) -> list[Path]:
-    """Return all exports of a result in a folder."""
+    """Return all exports of a result or policy in a folder."""
     every = (path for kind in KINDS for path in files_of(folder, name, kind))
     return [path for path in every if path.is_file() and is_own(path)]
 
 
 def is_own(path: Path) -> bool:
     """Tell whether a file is an export that crinoid wrote."""
-    look = {".csv": _is_table, ".glb": _is_gltf}.get(
+    look = {".csv": _is_table, ".glb": _is_gltf, ".onnx": _is_onnx}.get(
         path.suffix, lambda path: bool(attributes(path))
     )
     return look(path)
@@ -76,3 +85,13 @@ def _is_gltf(path: Path) -> bool:
             return str(asset["generator"]).startswith("crinoid")
     except (OSError, struct.error, ValueError, LookupError, TypeError):
         return False
+
+
+def _is_onnx(path: Path) -> bool:
+    """Tell by the producer that a file names, right after the version of the format (one byte)."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(_PRODUCER) + 2)
+    except OSError:
+        return False
+    return head[:1] == _VERSION and head[2:] == _PRODUCER

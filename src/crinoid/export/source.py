@@ -1,4 +1,4 @@
-"""The result that is exported: which of its instants, and what is to be told of the others."""
+"""The source of an export: a policy, or instants of a result, and what is told of the others."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
+from crinoid.assembly.description import POLICY, Description
 from crinoid.report.charts.space import Space, evenly, space_of
 from crinoid.report.run import RESULT, ReportError, check_bodies, read_result
+from crinoid.scenario import ScenarioError
 from crinoid.scenario.errors import counted
 from crinoid.status import Status
 
@@ -39,14 +41,31 @@ def find_result(path: Path) -> Path:
     Raises
     ------
     ReportError
-        If there is none.
+        If there is none, or a policy instead.
     """
+    if _is_policy(path / POLICY if path.is_dir() and not (path / RESULT).exists() else path):
+        raise ReportError(f"{path}: a policy and no result, takes --to onnx")
     if path.is_dir():
         if not (path / RESULT).is_file():
             raise ReportError(f"{path}: no {RESULT} here; of a study, name the folder of a case")
         return path / RESULT
     if not path.exists():
         raise ReportError(f"{path}: no such file or directory")
+    return path
+
+
+def find_policy(path: Path) -> Path:
+    """Return the file of a policy that is named by the folder of its training or by itself.
+
+    Raises
+    ------
+    ReportError
+        If there is none.
+    """
+    if path.is_dir():
+        path = path / POLICY
+    if not path.is_file():
+        raise ReportError(f"{path}: no such file, takes a policy that crinoid train wrote")
     return path
 
 
@@ -104,3 +123,11 @@ def _thinned(there: int, taken: int) -> list[str]:
         f"{taken} of {there} saved instants are written, evenly chosen; "
         f"--instants {there} writes all"
     ]
+
+
+def _is_policy(path: Path) -> bool:
+    try:
+        Description.of(path)
+    except ScenarioError:
+        return False
+    return True

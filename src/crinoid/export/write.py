@@ -1,4 +1,4 @@
-"""Writing a result in the formats of other programs, each file whole or not at all."""
+"""Writing in the formats of other programs, each file whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from crinoid.assembly.weights import read_policy
 from crinoid.export.arm import arc_length_of, attitudes_at, skin_of
 from crinoid.export.files import files_of
-from crinoid.export.source import find_result, open_shapes, open_table
+from crinoid.export.source import find_policy, find_result, open_shapes, open_table
 from crinoid.export.table import columns_of, variables_of, write_table
 from crinoid.export.things import things_of
 from crinoid.export.vtkhdf import write_arm, write_things
 from crinoid.replacement import replacing
 from crinoid.report.run import ReportError
+from crinoid.scenario import ScenarioError
 
 ROWS = 1_000_000
 """Most rows of a table: about what a spreadsheet holds."""
@@ -164,6 +166,46 @@ def write_gltf(
     with replacing(file) as temporary:
         document.write(temporary)
     return Written([file], list(source.told))
+
+
+def write_onnx(policy: Path, folder: Path) -> Written:
+    """Write a policy as a graph of ONNX, of which each control period takes one call.
+
+    Its numbers have 64 bits. Inputs are ``observed`` (entry), ``averages`` (average, entry), and
+    ``command``, ``lower`` and ``upper`` (driven): the last commands and their limits. Outputs
+    are ``next_command`` and ``next_averages``, for the next call. Before the first one all averages
+    are what is observed. The file's metadata name entries, commands and their units.
+
+    Parameters
+    ----------
+    policy
+        A policy that ``crinoid train`` wrote, or its folder.
+    folder
+        Where to write, named after the policy.
+
+    Raises
+    ------
+    ReportError
+        If there is no readable policy, or onnx is not installed.
+    OSError
+        If the file cannot be written.
+    """
+    try:
+        from crinoid.export.network import model_of
+    except ModuleNotFoundError as error:
+        if error.name != "onnx":
+            raise
+        text = 'ONNX is written by onnx: pip install "crinoid[export]"'
+        raise ReportError(text) from error
+    path = find_policy(Path(policy))
+    try:
+        model = model_of(*read_policy(path))
+    except ScenarioError as error:
+        raise ReportError(error.mistakes[0].text) from error
+    (file,) = files_of(folder, path.stem, "onnx")
+    with replacing(file) as temporary:
+        temporary.write_bytes(model.SerializeToString())
+    return Written([file], [])
 
 
 def _of(report: Report, count: int) -> Callable[[int], None]:

@@ -54,8 +54,6 @@ _WORSE, _SLOWER = 1.2, 0.5
 over the one before: it has lost arms that it held."""
 _APART = 1_000_000
 """Seeds of training are this far apart; what is held out comes before the first of them."""
-_STRENGTHS = ("velocity", "amplitude", "mean", "standard_deviation", "significant_height")
-_ERRORS = ("noise_position", "noise_angle_deg", "delay")
 _COST = "mean cost of a time step, over that of the imitation"
 
 
@@ -183,7 +181,7 @@ class Training:
 
     @property
     def least(self) -> float:
-        """What the policy that is kept costs; infinite or no number where none could be run."""
+        """Cost of the policy that is kept; infinite or no number where none could be run."""
         return self.rows[self.kept][1]
 
     @property
@@ -308,36 +306,6 @@ class Training:
     @property
     def _about(self) -> str:
         return json.dumps([self.scenario.to_toml(), asdict(self.settings)], sort_keys=True)
-
-
-def usual_draws(scenario: Scenario) -> dict[str, tuple[float, float]]:
-    """Return what episodes draw where nothing is said.
-
-    Young's modulus 30 % up and down, and half to one and a half times the currents, the errors and
-    the delay of the sensor, and the mass of a tool.
-    """
-    stiffness = scenario.arm.youngs_modulus
-    found = {"arm.youngs_modulus": (0.7 * stiffness, 1.3 * stiffness)}
-    document = scenario.to_dict()
-    some = {
-        f"flow.{index}.{name}": flow[name]
-        for index, flow in enumerate(document.get("flow", []))
-        for name in _STRENGTHS
-        if name in flow
-    }
-    some |= {f"sensor.{name}": document.get("sensor", {}).get(name, 0.0) for name in _ERRORS}
-    some["tool.mass"] = (document.get("tool") or {}).get("mass", 0.0)
-    for key, value in some.items():
-        parts = (
-            {f"{key}.{k}": x for k, x in enumerate(value)}
-            if isinstance(value, list)
-            else {key: value}
-        )
-        for each, number in parts.items():
-            if number:
-                low, high = sorted((0.5 * number, 1.5 * number))
-                found[each] = low, high
-    return found
 
 
 def _filled(tree: Any, saved: dict[str, Float[np.ndarray, ...]], name: str) -> Any:
