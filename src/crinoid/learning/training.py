@@ -47,7 +47,7 @@ _STRETCH = 0.64
 """Length of a stretch (s)."""
 _AHEAD = 1.5
 """Time in which what is to come loses its weight (s)."""
-_TAUGHT, _HELD = 8, 16
+_TAUGHT, _HELD = 8, 32
 """Episodes of the imitation, and those that a policy is judged by."""
 _WORSE, _SLOWER = 1.2, 0.5
 """Cost over the least so far from which on a policy is given up, and the learning rate after that,
