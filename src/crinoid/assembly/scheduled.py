@@ -94,8 +94,8 @@ def _turn_for(plan: Plan, local: _Local, pose: Float[np.ndarray, " pose"]) -> Tu
         array((np.array([float(getattr(each, end)) for each in plan.inputs]) - around)[rows])
         for end in ("lower", "upper")
     )
-    found = _commands_at(local.controller, local.turned, array(pose)[None], lower, upper)[0]
-    around[rows] += np.clip(np.asarray(found), lower, upper)
+    found = _commands_at(local.controller, local.turned, array(pose)[None], lower, upper)
+    around[rows] += np.clip(np.asarray(found[0][0]), lower, upper)
     return around[_turning(plan)]
 
 

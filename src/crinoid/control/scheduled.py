@@ -13,8 +13,7 @@ from crinoid.control.turned import Turned
 from crinoid.products import product
 
 Channels = Float[Array, " channel"]
-_Near = tuple[Float[Array, "... pose"], Float[Array, "... input"]]
-"""Pose of the tip as if all were linear, and commands less those at the pose of a model."""
+Pose = Float[Array, " pose"]
 
 _SHARPNESS = 3
 """Power of the squared distance from a model by which its weight falls."""
@@ -51,9 +50,7 @@ class ScheduledMpc(Controller):
     """Which channels turn the arm (0, 1)."""
 
     def start(self, seen: Seen) -> MpcMemory:
-        memory = jax.vmap(lambda model, near: model.start(_told(seen, near)))(
-            self.models, self._near(seen)
-        )
+        memory = jax.vmap(lambda model: model.start(seen))(self.models)
         estimate = jax.vmap(product)(self.standing, memory.observed.actuators)
         return eqx.tree_at(lambda each: each.observed.estimate, memory, estimate)
 
@@ -62,15 +59,12 @@ class ScheduledMpc(Controller):
         lower, upper = seen.lower[rows], seen.upper[rows]
         poses = jax.vmap(seen.target.in_frame)(seen.time + self.models.lead[0])
 
-        def plan(
-            model: Mpc, turned: Turned, around: Command, before: MpcMemory, near: _Near
-        ) -> Planned:
+        def plan(model: Mpc, turned: Turned, around: Command, before: MpcMemory) -> Planned:
             room = lower - around[rows], upper - around[rows]
-            aims = commands_at(model, turned, poses, *room)
-            return model.plan(before, _told(seen, near), aims)
+            aims, beyond = commands_at(model, turned, poses, *room)
+            return model.plan(before, _told(seen, beyond[0], around), aims)
 
-        near = self._near(seen)
-        planned = jax.vmap(plan)(self.models, self.turned, self.around, memory, near)
+        planned = jax.vmap(plan)(self.models, self.turned, self.around, memory)
         weights = self.weights(seen.actuators[0].position)
         found = self.models.qp.blended(weights).solve(
             jnp.sum(weights[:, None, None] * planned.gradient, axis=0),
@@ -91,17 +85,14 @@ class ScheduledMpc(Controller):
         share = (jnp.min(squared) / squared) ** _SHARPNESS
         return share / jnp.sum(share)
 
-    def _near(self, seen: Seen) -> _Near:
-        """Return what each model is to see of tip and commands."""
-        servo = seen.actuators[0]
-        # where it was when the tip was measured
-        channels = servo.position - seen.age * servo.velocity
-        beyond = jax.vmap(lambda turned, at: turned(channels - at))(self.turned, self.at)
-        return seen.measured - beyond, seen.command - self.around
 
-
-def _told(seen: Seen, near: _Near) -> Seen:
-    return eqx.tree_at(lambda each: (each.measured, each.command), seen, near)
+def _told(seen: Seen, beyond: Pose, around: Command) -> Seen:
+    """Return what a model is to see: all less what is not linear, and less its own commands."""
+    return eqx.tree_at(
+        lambda each: (each.measured, each.command),
+        seen,
+        (seen.measured - beyond, seen.command - around),
+    )
 
 
 def commands_at(
@@ -110,24 +101,24 @@ def commands_at(
     poses: Float[Array, "look pose"],
     lower: Float[Array, " driven"],
     upper: Float[Array, " driven"],
-) -> Float[Array, "look driven"]:
+) -> tuple[Float[Array, "look driven"], Float[Array, "look pose"]]:
     """Return the commands, from those of a model, at which the tip would stand still at poses.
 
-    In the linear model; what is not linear at the commands, as far as they are within the limits
-    ``lower`` and ``upper``, is left out of the poses.
+    In the linear model. What is not linear at the commands, as far as they are within the limits
+    ``lower`` and ``upper``, is left out of the poses, and comes second.
     """
     start = model.observer.values[: poses.shape[1]]
     channels = turned.slope.shape[1]
     base = [(place, row) for place, row in enumerate(model.rows) if row < channels]
     places, rows = (jnp.asarray([pair[end] for pair in base], int) for end in (0, 1))
 
-    def of(pose: Float[Array, " pose"]) -> Float[Array, " driven"]:
-        def corrected(_: Array, commands: Float[Array, " driven"]) -> Float[Array, " driven"]:
+    def of(pose: Pose) -> tuple[Float[Array, " driven"], Pose]:
+        def corrected(_: Array, beyond: Pose) -> Pose:
+            commands = product(model.mapping, pose_error(pose, start + beyond))
             within = jnp.clip(commands, lower, upper)
-            beyond = turned(jnp.zeros(channels).at[rows].set(within[places]))
-            return product(model.mapping, pose_error(pose, start + beyond))
+            return turned(jnp.zeros(channels).at[rows].set(within[places]))
 
-        first = product(model.mapping, pose_error(pose, start))
-        return jax.lax.fori_loop(0, _ROUNDS, corrected, first)
+        beyond = jax.lax.fori_loop(0, _ROUNDS, corrected, jnp.zeros_like(pose))
+        return product(model.mapping, pose_error(pose, start + beyond)), beyond
 
     return jax.vmap(of)(poses)
