@@ -42,7 +42,9 @@ class _Local(NamedTuple):
     """How far the base is turned from where it starts, by the channels that turn (rad)."""
     controller: Mpc
     turned: Turned
+    """What its model lacks where the base is turned away from there."""
     standing: Matrix
+    """Estimate at rest, by the actuators."""
 
 
 def build_scheduled(plan: Plan) -> ScheduledMpc:
@@ -125,9 +127,10 @@ def _local(plan: Plan, turn: Turn) -> _Local:
         system = eqx.tree_at(lambda each: each.base.angles, system, base.angles + array(turn))
         state, outcome = standing(system, plan.scenario.simulation.start == "equilibrium")
         if not outcome.converged:
-            text = f"got \"scheduled\", but the arm has no equilibrium where its base is turned by"
             angles = ", ".join(f"{each:.3g}" for each in np.rad2deg(turn))
-            raise ScenarioError([Mistake("control.mpc.model", f"{text} {angles} deg")])
+            text = f"no equilibrium where the base is turned by {angles} deg on the way of the tip"
+            text = f'got "scheduled", but the arm has {text}; takes "frozen"'
+            raise ScenarioError([Mistake("control.mpc.model", text)])
     controller, known = designed(replace(plan, system=system, state=state))
     servo = eqx.tree_at(
         lambda each: each.position,
@@ -150,7 +153,7 @@ def _local(plan: Plan, turn: Turn) -> _Local:
 
 @compiled(**ONCE)
 def standing(system: System, loaded: bool) -> tuple[State, Outcome]:
-    """Return an arm at rest, loaded or not, and whether there is an equilibrium."""
+    """Return an arm at rest, in equilibrium with its loads or without any, and if there is one."""
     if loaded:
         return system.find_equilibrium()
     return system.rest(), Outcome.of_nothing(converged=True)
@@ -192,6 +195,7 @@ def _stacked(plan: Plan, found: list[_Local]) -> ScheduledMpc:
 
 
 def _padded(local: _Local, states: int, integrals: int) -> _Local:
+    """Return a controller with as many states and integrals, the last of them always zero."""
     controller, observer = local.controller, local.controller.observer
     more = states - local.standing.shape[0]
     fewer = integrals - controller.integrating.shape[0]
@@ -219,4 +223,6 @@ def _padded(local: _Local, states: int, integrals: int) -> _Local:
         pushed=pad(controller.pushed, 0),
         integrating=array(integrating),
     )
-    return local._replace(controller=controller, standing=np.pad(local.standing, ((0, more), (0, 0))))
+    return local._replace(
+        controller=controller, standing=np.pad(local.standing, ((0, more), (0, 0)))
+    )
