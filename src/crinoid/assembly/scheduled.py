@@ -27,7 +27,7 @@ Turn = Float[np.ndarray, " angle"]
 
 _SPACING = 0.35
 """Turn from one model to the next along the way of the target (rad)."""
-_NEW = 0.5
+_NEW = 0.8
 """Share of it from which on a pose is another."""
 _MOST = 12
 """Most models."""
