@@ -42,7 +42,7 @@ class _Local(NamedTuple):
     """How far the base is turned from where it starts, by the channels that turn (rad)."""
     controller: Mpc
     turned: Turned
-    """What its model lacks where the base is turned away from there."""
+    """Part of the turn that its model lacks away from there."""
     standing: Matrix
     """Estimate at rest, by the actuators."""
 

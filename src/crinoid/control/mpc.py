@@ -33,7 +33,7 @@ class MpcMemory(eqx.Module):
 
 
 class Planned(eqx.Module):
-    """What a predictive controller makes of what it sees, before it looks for moves."""
+    """Estimate and gradient from which a predictive controller looks for moves."""
 
     gradient: Float[Array, "driven move"]
     """Gradient of the cost at no moves at all."""

@@ -39,7 +39,7 @@ class ScheduledMpc(Controller):
     models: Mpc
     """The controllers, stacked."""
     turned: Turned
-    """What each model lacks where the base is turned away from its pose, stacked."""
+    """Part of the turn that each model lacks away from its pose, stacked."""
     at: Float[Array, "model channel"]
     """Displacement of the channels at the pose of each (m, rad)."""
     around: Float[Array, "model input"]
