@@ -51,7 +51,7 @@ nitpick_ignore_regex = [
     (r"py:class", r"crinoid\.dynamics\..*"),
     (r"py:class", r"crinoid\.scenario\.sensor\.Reading|Builder|Numbers"),
     (r"py:class", r"crinoid\.simulation\.loop\..*|crinoid\.actuation\.small\.Actuators"),
-    (r"py:class", r"crinoid\.control\.(braking|hybrid|lqg|neural|observer|policy|qp)\..*"),
+    (r"py:class", r"crinoid\.control\.(braking|hybrid|lqg|mpc|neural|observer|policy|qp)\..*"),
     (r"py:class", r"Float\[Array|Mapping\[int|Recording|tuple\[(Sensor|float)"),
     # type variables
     (r"py:class", r"crinoid\.result\.Tree|crinoid\.programs\.program\.[PR]|P"),

@@ -9,6 +9,7 @@ from crinoid.assembly.mpc import build_mpc
 from crinoid.assembly.neural import build_neural
 from crinoid.assembly.numbers import array
 from crinoid.assembly.plan import Plan
+from crinoid.assembly.scheduled import build_scheduled
 from crinoid.control import Controller, FeedForward, Idle, Pid
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 
@@ -33,6 +34,8 @@ def build_controller(plan: Plan) -> Controller:
             return build_lqg(plan)
         case "hybrid":
             return build_hybrid(plan)
+        case "mpc" if plan.scenario.control.mpc.model == "scheduled":
+            return build_scheduled(plan)
         case "mpc":
             return build_mpc(plan)
         case "neural":

@@ -30,7 +30,7 @@ _LOOKS = 12
 
 
 def build_mpc(plan: Plan) -> Mpc:
-    """Return the predictive controller of a scenario.
+    """Return the predictive controller of a scenario, on one model.
 
     Raises
     ------
@@ -38,6 +38,11 @@ def build_mpc(plan: Plan) -> Mpc:
         If the inputs that are to be driven do not move what is controlled, or there is no sensor
         of a current that is to be measured.
     """
+    return designed(plan)[0]
+
+
+def designed(plan: Plan) -> tuple[Mpc, Known]:
+    """Return it, and what it was designed on; raises as `build_mpc` does."""
     settings = plan.scenario.control.mpc
     ticks = max(1, round(settings.horizon / plan.period))
     lengths = blocks(ticks)
@@ -58,7 +63,7 @@ def build_mpc(plan: Plan) -> Mpc:
         forecast = carried_water(plan, known.model.current, looks * plan.period, _meter(plan))
     size = known.parts.move.shape[0]
     under_way = size - known.parts.known
-    return Mpc(
+    controller = Mpc(
         observer=known.observer,
         qp=HorizonQp.of(
             program.hessian,
@@ -78,6 +83,7 @@ def build_mpc(plan: Plan) -> Mpc:
         forecast=forecast,
         rows=known.model.rows,
     )
+    return controller, known
 
 
 def blocks(ticks: int) -> Lengths:

@@ -32,6 +32,8 @@ from crinoid.control.path import Orbit as Orbit
 from crinoid.control.pid import Pid as Pid
 from crinoid.control.playback import Playback as Playback
 from crinoid.control.qp import HorizonQp as HorizonQp
+from crinoid.control.scheduled import ScheduledMpc as ScheduledMpc
+from crinoid.control.scheduled import commands_at as commands_at
 from crinoid.control.seen import Reading as Reading
 from crinoid.control.seen import Seen as Seen
 from crinoid.control.sensor import Sensor as Sensor
@@ -39,3 +41,4 @@ from crinoid.control.sensor import SensorState as SensorState
 from crinoid.control.target import Carrier as Carrier
 from crinoid.control.target import Target as Target
 from crinoid.control.target import pose_error as pose_error
+from crinoid.control.turned import Turned as Turned

@@ -32,6 +32,15 @@ class MpcMemory(eqx.Module):
     passed: Any
 
 
+class Planned(eqx.Module):
+    """Estimate and gradient from which a predictive controller looks for moves."""
+
+    gradient: Float[Array, "driven move"]
+    """Gradient of the cost at no moves at all."""
+    observed: ObserverState
+    passed: Any
+
+
 class Mpc(Controller):
     """Model predictive control: a receding horizon on a linear model, within limits.
 
@@ -77,20 +86,39 @@ class Mpc(Controller):
 
     def command(self, memory: MpcMemory, seen: Seen) -> tuple[Command, MpcMemory]:
         rows = jnp.asarray(self.rows, int)
-        pushed, passed = None, memory.passed
         aims = wanted_commands(seen, self.mapping, self.observer.values, self.lead)
+        planned = self.plan(memory, seen, aims)
+        found = self.qp.solve(
+            planned.gradient,
+            lower=seen.lower[rows],
+            upper=seen.upper[rows],
+            last=seen.command[rows],
+            moving=memory.moving,
+        )
+        return self.make(memory, seen, planned, found.moves[:, 0])
+
+    def plan(self, memory: MpcMemory, seen: Seen, aims: Float[Array, "look driven"]) -> Planned:
+        """Return what is estimated, and how the cost follows the moves from there.
+
+        ``aims`` are the commands at which the tip would stand still where it is wanted.
+        """
+        pushed, passed = None, memory.passed
         gradient = jnp.sum(self.by_aim * aims, axis=(2, 3))
         if self.forecast is not None:
             passed, ahead = self.forecast.ahead(memory.passed, seen)
             pushed = product(self.pushed, ahead[0])
             gradient += jnp.sum(self.by_water * ahead, axis=(2, 3))
         observed = self.observer.update(memory.observed, seen, pushed)
-        last = seen.command[rows]
+        last = seen.command[jnp.asarray(self.rows, int)]
         full = jnp.concatenate([observed.estimate, observed.actuators, last, memory.integral])
-        gradient += product(self.by_state, full)
-        lower, upper = seen.lower[rows], seen.upper[rows]
-        found = self.qp.solve(gradient, lower=lower, upper=upper, last=last, moving=memory.moving)
-        move = found.moves[:, 0]
+        return Planned(gradient + product(self.by_state, full), observed, passed)
+
+    def make(
+        self, memory: MpcMemory, seen: Seen, planned: Planned, move: Driven
+    ) -> tuple[Command, MpcMemory]:
+        """Return the command after a move, and the memory for the next."""
+        rows = jnp.asarray(self.rows, int)
+        last, lower, upper = seen.command[rows], seen.lower[rows], seen.upper[rows]
         held = jnp.clip(last + move, lower, upper)
         error = product(self.integrating, pose_error(seen.measured, seen.wanted))
         # at a limit an integral would only wind up
@@ -98,4 +126,4 @@ class Mpc(Controller):
         free = jnp.all(room & (jnp.abs(move) < (1 - _AT_LIMIT) * self.qp.braking.rate))
         integral = memory.integral + jnp.where(free, self.period, 0.0) * error
         command = jnp.zeros_like(seen.command).at[rows].set(held)
-        return command, MpcMemory(observed, integral, held - last, passed)
+        return command, MpcMemory(planned.observed, integral, held - last, planned.passed)

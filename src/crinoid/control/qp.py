@@ -133,6 +133,18 @@ class HorizonQp(eqx.Module):
         within = self.braking.within(moves, lower - last, upper - last, moving)
         return Solution(within, optimal, residual)
 
+    def blended(self, weights: Float[Array, " program"]) -> "HorizonQp":
+        """Return the program of a weighted sum of the costs of programs stacked in ``self``.
+
+        All have the same limits and lengths; the weights add up to 1.
+        """
+        scale = 1 / jnp.sqrt(product(weights, 1 / self.scale**2))
+        ratio = jnp.repeat(scale / self.scale, self.lengths.shape[-1], axis=1)
+        scaled = self.hessian * ratio[:, :, None] * ratio[:, None, :]
+        hessian = jnp.sum(weights[:, None, None] * scaled, axis=0)
+        first = jax.tree.map(lambda each: each[0], self)
+        return eqx.tree_at(lambda each: (each.hessian, each.scale), first, (hessian, scale))
+
     def _bounds(
         self, lower: Inputs, upper: Inputs, moving: Inputs, safe: Moves
     ) -> tuple[Float[Array, "input row"], Float[Array, "input row"]]:

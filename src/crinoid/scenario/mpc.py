@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Literal
 
 from pydantic import Field
 
+from crinoid.scenario.errors import Mistake
 from crinoid.scenario.lqg import ModelBased
 from crinoid.scenario.quantity import Seconds
 
@@ -25,3 +27,13 @@ class Mpc(ModelBased):
         "arm, now and later, by the statistics of the flows; or the flows of the scenario "
         "themselves, ahead of time, as no controller in the sea would.",
     )
+    model: Literal["frozen", "scheduled"] = Field(
+        default="frozen",
+        description="Linear model of the arm: that of the start; or those of several poses of the "
+        "base on the way of the target, each the more the nearer the base is to it, for arms that "
+        "turn far.",
+    )
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if self.model == "scheduled" and self.current != "unknown":
+            yield Mistake("model", 'got "scheduled", goes with current = "unknown"')

@@ -1,0 +1,228 @@
+"""From a scenario to predictive control on models of several poses of the base."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.assembly.known import Known
+from crinoid.assembly.mpc import designed
+from crinoid.assembly.numbers import array
+from crinoid.control import Mpc, ScheduledMpc, Turned, commands_at
+from crinoid.dynamics import Outcome, State, System, numbers_of
+from crinoid.programs import ONCE, compiled
+from crinoid.scenario import Mistake, ScenarioError
+
+if TYPE_CHECKING:
+    from crinoid.assembly.plan import Plan
+
+Matrix = Float[np.ndarray, "_ _"]
+Turn = Float[np.ndarray, " angle"]
+
+_SPACING = 0.35
+"""Turn from one model to the next along the way of the target (rad)."""
+_NEW = 0.8
+"""Share of it from which on a pose is another."""
+_MOST = 12
+"""Most models."""
+_LOOKS = 200
+"""Times at which the way of the target is looked at."""
+
+
+class _Local(NamedTuple):
+    """A controller on the model of one pose of the base."""
+
+    turn: Turn
+    """How far the base is turned from where it starts, by the channels that turn (rad)."""
+    controller: Mpc
+    turned: Turned
+    """Part of the turn that its model lacks away from there."""
+    standing: Matrix
+    """Estimate at rest, by the actuators."""
+
+
+def build_scheduled(plan: Plan) -> ScheduledMpc:
+    """Return predictive controllers along the way of the target, as one.
+
+    The way is gone along from the start. Where the nearest model says that the base turns far from
+    its pose, there is another; so each is found by one that is near.
+
+    Raises
+    ------
+    ScenarioError
+        If the inputs that are to be driven do not move what is controlled, or the arm has no
+        equilibrium on the way.
+    """
+    here = _local(plan, np.zeros(plan.system.base.angles.shape[0]))
+    found = [here]
+    for pose in _way(plan):
+        for _ in range(_MOST):
+            away = _turn_for(plan, here, pose) - here.turn
+            far = float(np.linalg.norm(away))
+            wanted = here.turn + away * min(1.0, _SPACING / max(far, 1e-12))
+            distances = [float(np.linalg.norm(each.turn - wanted)) for each in found]
+            near = found[int(np.argmin(distances))]
+            if min(distances) > _NEW * _SPACING and len(found) < _MOST:
+                near = _local(plan, wanted)
+                found.append(near)
+            if near is here:
+                break
+            here = near
+    return _stacked(plan, found)
+
+
+def _way(plan: Plan) -> Float[np.ndarray, "look pose"]:
+    """Return poses of the target over the run."""
+    target = plan.target
+    assert target is not None
+    end = plan.scenario.simulation.duration
+    if target.path is None:
+        return np.asarray(target.fixed)[None]
+    times = array(np.linspace(plan.scenario.control.start, end, _LOOKS))
+    return np.asarray(jax.jit(jax.vmap(target.in_frame))(times))
+
+
+def _turn_for(plan: Plan, local: _Local, pose: Float[np.ndarray, " pose"]) -> Turn:
+    """Return how far the base is to be turned for a pose of the tip, as a model says."""
+    rows = list(local.controller.rows)
+    around = _commands(plan, local.turn)
+    lower, upper = (
+        array((np.array([float(getattr(each, end)) for each in plan.inputs]) - around)[rows])
+        for end in ("lower", "upper")
+    )
+    found = _commands_at(local.controller, local.turned, array(pose)[None], lower, upper)
+    around[rows] += np.clip(np.asarray(found[0][0]), lower, upper)
+    return around[_turning(plan)]
+
+
+_commands_at = jax.jit(commands_at)
+
+
+def _turning(plan: Plan) -> slice:
+    """Return which inputs turn the base."""
+    channels = plan.system.base.servo.lower.shape[0]
+    return slice(channels - plan.system.base.angles.shape[0], channels)
+
+
+def _commands(plan: Plan, turn: Turn) -> Float[np.ndarray, " input"]:
+    """Return the commands that turn the base so, and nothing else."""
+    commands = np.zeros(len(plan.inputs))
+    commands[_turning(plan)] = turn
+    return commands
+
+
+def _local(plan: Plan, turn: Turn) -> _Local:
+    """Design the controller for the arm where the base is turned.
+
+    A base that is set otherwise holds the arm as one does whose servos have turned it.
+    """
+    base, state, system = plan.system.base, plan.state, plan.system
+    if turn.any():
+        system = eqx.tree_at(lambda each: each.base.angles, system, base.angles + array(turn))
+        state, outcome = standing(system, plan.scenario.simulation.start == "equilibrium")
+        if not outcome.converged:
+            angles = ", ".join(f"{each:.3g}" for each in np.rad2deg(turn))
+            text = f"no equilibrium where the base is turned by {angles} deg on the way of the tip"
+            text = f'got "scheduled", but the arm has {text}; takes "frozen"'
+            raise ScenarioError([Mistake("control.mpc.model", text)])
+    controller, known = designed(replace(plan, system=system, state=state))
+    servo = eqx.tree_at(
+        lambda each: each.position,
+        plan.state.servo,
+        plan.state.servo.position.at[_turning(plan)].add(array(turn)),
+    )
+    shifted = numbers_of((servo, *plan.state.actuators))[0]
+    at_rest = array(np.asarray(shifted)[list(controller.observer.kept)])
+    controller = eqx.tree_at(lambda each: each.observer.at_rest, controller, at_rest)
+    parts = known.parts
+    # water and offset of the tip do not answer to actuators
+    moving = np.r_[np.arange(parts.arm), np.arange(parts.known, parts.move.shape[0])]
+    standing_still = np.zeros_like(parts.held)
+    standing_still[moving] = np.linalg.solve(
+        np.eye(moving.size) - parts.move[np.ix_(moving, moving)],
+        (parts.held + parts.driven)[moving],
+    )
+    return _Local(turn, controller, _turned(plan, system, known), standing_still)
+
+
+@compiled(**ONCE)
+def standing(system: System, loaded: bool) -> tuple[State, Outcome]:
+    """Return an arm at rest, in equilibrium with its loads or without any, and if there is one."""
+    if loaded:
+        return system.find_equilibrium()
+    return system.rest(), Outcome.of_nothing(converged=True)
+
+
+def _turned(plan: Plan, system: System, known: Known) -> Turned:
+    """Return what the model lacks of the turn of an arm that is rigid."""
+    base = system.base
+    axes, none = base.axes, jnp.zeros(base.servo.lower.shape[0])
+    size = plan.sensors[0].noise.shape[0]
+    pose = known.observer.values[:size]
+    assert plan.target is not None
+    place = plan.target.seen(jnp.zeros(size).at[:axes].set(system.forces.origin), plan.state.time)
+    free = Turned(base, pose[:axes] - place[:axes], pose[axes:], jnp.zeros((size, none.size)))
+    return eqx.tree_at(lambda each: each.slope, free, jax.jit(jax.jacfwd(free.swung))(none))
+
+
+def _stacked(plan: Plan, found: list[_Local]) -> ScheduledMpc:
+    """Put controllers together, each with as many states as the largest: more that are zero."""
+    states = max(each.standing.shape[0] for each in found)
+    integrals = max(each.controller.integrating.shape[0] for each in found)
+    every = [_padded(each, states, integrals) for each in found]
+    around = np.stack([_commands(plan, each.turn) for each in found])
+    turns = np.zeros(around.shape[1])
+    turns[_turning(plan)] = 1.0
+    channels = plan.system.base.servo.lower.shape[0]
+
+    def stack(*each: jax.Array) -> jax.Array:
+        return jax.device_put(np.stack([np.asarray(one) for one in each]))
+
+    return ScheduledMpc(
+        models=jax.tree.map(stack, *(each.controller for each in every)),
+        turned=jax.tree.map(stack, *(each.turned for each in every)),
+        at=array(around[:, :channels]),
+        around=array(around),
+        standing=array(np.stack([each.standing for each in every])),
+        turns=array(turns[:channels]),
+    )
+
+
+def _padded(local: _Local, states: int, integrals: int) -> _Local:
+    """Return a controller with as many states and integrals, the last of them always zero."""
+    controller, observer = local.controller, local.controller.observer
+    more = states - local.standing.shape[0]
+    fewer = integrals - controller.integrating.shape[0]
+    size = observer.move.shape[0]
+
+    def pad(value: jax.Array, *axes: int) -> jax.Array:
+        width = [(0, more if axis in axes else 0) for axis in range(value.ndim)]
+        return array(np.pad(np.asarray(value), width))
+
+    by_state = np.insert(np.asarray(controller.by_state), [size] * more, 0.0, axis=2)
+    by_state = np.pad(by_state, ((0, 0), (0, 0), (0, fewer)))
+    integrating = np.pad(np.asarray(controller.integrating), ((0, fewer), (0, 0)))
+    wider = replace(
+        observer,
+        move=pad(observer.move, 0, 1),
+        held=pad(observer.held, 0),
+        driven=pad(observer.driven, 0),
+        expect=pad(observer.expect, 1),
+        gains=pad(observer.gains, 1),
+    )
+    controller = replace(
+        controller,
+        observer=wider,
+        by_state=array(by_state),
+        pushed=pad(controller.pushed, 0),
+        integrating=array(integrating),
+    )
+    return local._replace(
+        controller=controller, standing=np.pad(local.standing, ((0, more), (0, 0)))
+    )
