@@ -4,12 +4,12 @@
 
 `plane` and `space`: `station-keeping` and `station-keeping-3d` on 20 seeds, each with a Young's
 modulus drawn 30 % up and down and half to one and a half times the currents; then in one and a half
-times the largest of these currents. LQG is told the true stiffness of each arm and the size of its
-currents, PID and policy are not. Prints the RMS error of the tip, the mean over the runs and the
-worst one, the policy's over the others', how many runs are lost (a tip more than a tenth of the
-arm's length off at some time), and how much the inputs moved. `reach`: 100 draws of load, target,
-stiffness and current in `reach-under-load`; how often the tip stays within 2 % of the arm's length
-for the last two seconds.
+times the largest of these currents, which is more than the policies were trained on. LQG is told
+the true stiffness of each arm and the size of its currents, PID and policy are not. Prints the RMS
+error of the tip, the mean over the runs and the worst one, the policy's over the others', how many
+runs are lost (a tip more than a tenth of the arm's length off at some time), and how much the
+inputs moved. `reach`: 100 draws of load, target, stiffness and current in `reach-under-load`; how
+often the tip stays within 2 % of the arm's length for the last two seconds.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ KINDS = ("pid", "lqg", "neural")
 STATION = {"plane": "station-keeping", "space": "station-keeping-3d"}
 SEEDS, TRIALS = 20, 100
 LARGEST = 1.5
-"""Largest currents in training, over those of the scenario."""
+"""Largest currents that are drawn, over those of the scenario."""
 LOST = 0.1
 NEAR, LAST = 0.02, 2.0
 
@@ -59,8 +59,8 @@ def station(which: str) -> None:
     stiffness = scenario.arm.youngs_modulus * random.uniform(0.7, 1.3, SEEDS)
     drawn = random.uniform(0.5, LARGEST, SEEDS)
     for words, factors in (
-        ("currents as in training", drawn),
-        ("1.5 times the largest currents of training", np.full(SEEDS, 1.5 * LARGEST)),
+        ("currents that are drawn", drawn),
+        ("1.5 times the largest of them", np.full(SEEDS, 1.5 * LARGEST)),
     ):
         print(f"{STATION[which]}, {words}")
         found = {}

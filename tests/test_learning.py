@@ -8,16 +8,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
+from typer.testing import CliRunner
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.weights import read_policy, write_policy
+from crinoid.cli.app import app
 from crinoid.control.neural import Neural
 from crinoid.learning.learner import TRACE, returns
 from crinoid.learning.network import new_critic, new_policy
+from crinoid.learning.settings import Settings
 from crinoid.learning.stage import Crew
 from crinoid.learning.stretch import run_stretch, trial
-from crinoid.learning.training import Settings, Training, trained
+from crinoid.learning.training import Training, trained
 from crinoid.learning.usual import usual_draws
 from crinoid.metrics import tip_error
 from crinoid.plausibility import Facts, doubts
@@ -112,7 +116,7 @@ def test_training_gone_on_with_gives_the_same_weights(finished):
 def test_another_training_is_not_gone_on_with(finished, tmp_path):
     _, half = finished
     other = Training(SCENARIO, replace(HOW, updates=5))
-    with pytest.raises(crinoid.ScenarioError, match="other settings"):
+    with pytest.raises(crinoid.ScenarioError, match="got --updates 5, takes 4, or no --resume"):
         other.restore(half)
     broken = tmp_path / "broken.npz"
     broken.write_bytes(half.read_bytes()[:1000])
@@ -259,6 +263,92 @@ def test_policy_of_another_arm_is_refused(file, values, words):
 def test_settings_that_cannot_be_are_refused(how, words):
     with pytest.raises(crinoid.ScenarioError, match=words):
         Settings(**how)
+
+
+def test_checkpoint_that_lacks_numbers_is_refused(finished, tmp_path):
+    _, half = finished
+    with np.load(half) as file:
+        kept = {name: each for name, each in file.items() if name != "good_0"}
+    np.savez(tmp_path / "half.npz", **kept)
+    with pytest.raises(crinoid.ScenarioError, match=r"cannot be gone on with .*good_0"):
+        Training(SCENARIO, HOW).restore(tmp_path / "half.npz")
+
+
+def test_rate_falls_over_all_steps_of_a_training(training):
+    for method, steps in (("gradient", 1), ("ppo", 16)):
+        pace = Training(SCENARIO, replace(HOW, method=method, updates=100))._pace
+        assert pace.updates == 100 * steps
+
+
+def test_draw_without_an_equilibrium_is_left_out(training, monkeypatch):
+    stage = Training(SCENARIO, HOW)._stage
+    drawn, number = stage.drawn, stage.begun
+
+    def some(seed):
+        if seed == stage._first + number:
+            raise RuntimeError("no static equilibrium")
+        return drawn(seed)
+
+    monkeypatch.setattr(stage, "drawn", some)
+    stage._next(0)
+    assert stage.numbers[0] == number + 1
+
+
+@pytest.mark.parametrize("name", crinoid.scenario.builtin_names())
+def test_usual_draws_are_values_of_their_keys(name):
+    scenario = crinoid.load(name).cases()[0][1]
+    for end in (0, 1):
+        scenario.with_values({key: pair[end] for key, pair in usual_draws(scenario).items()})
+
+
+@pytest.fixture(scope="module")
+def command(tmp_path_factory):
+    """Train from the command line, without an update."""
+    folder = tmp_path_factory.mktemp("command")
+    path = folder / "small.toml"
+    path.write_text(SCENARIO.to_toml())
+
+    def run(*options):
+        given = [str(path), "--updates", "0", "--arms", "1", "--out", str(folder / "out")]
+        return CliRunner().invoke(app, ["train", *given, *options], catch_exceptions=False)
+
+    return run, folder / "out"
+
+
+def test_command_trains_and_says_what_it_wrote(command):
+    run, out = command
+    found = run()
+    assert found.exit_code == 0, found.output
+    assert {path.name for path in out.glob("[!.]*")} == {
+        *("policy.eqx", "training.nc", "training.npz", "training.png")
+    }
+    with xr.open_dataset(out / "training.nc", engine="netcdf4") as data:
+        assert data.attrs["status"] == "ok"
+    assert run("--resume").exit_code == 0
+    other = run("--seed", "1")
+    assert other.exit_code == 2
+    assert "got --seed 1, takes 0, or --force" in " ".join(other.output.split())
+    (out / "policy.eqx").write_text("mine")
+    assert run().exit_code == 2
+    assert (out / "policy.eqx").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--draw", "arm.youngs_modulus"], "takes KEY=LOW:HIGH"),
+        (["--draw", "arm.youngs_modulus=3:2"], "takes the smaller one first"),
+        (["--draw", "seed=1:2", "--draw", "seed=1:2"], "takes each key once"),
+        (["--force", "--draw", "arm.density=-1:1000"], "arm.density: got -1"),
+        (["--seed", "9999999"], "--seed: got 9999999, takes a number up to"),
+        (["--resume", "--out", "nowhere"], "--resume: there is no"),
+    ],
+)
+def test_mistakes_of_the_command_are_one_line(command, options, words):
+    run, _ = command
+    found = run(*options)
+    assert found.exit_code == 2
+    assert words in " ".join(found.output.split())
 
 
 def test_averages_are_those_of_a_filter_and_features_add_up():

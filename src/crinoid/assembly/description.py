@@ -64,6 +64,15 @@ class Description(NamedTuple):
             missing(path, error)
 
 
+def is_policy(path: Path) -> bool:
+    """Tell whether a file begins like a policy."""
+    try:
+        Description.of(path)
+    except ScenarioError:
+        return False
+    return True
+
+
 def described(path: Path, file: BinaryIO) -> Description:
     """Read the first line of a file.
 

@@ -35,7 +35,7 @@ def train(
         typer.Option(
             metavar="KEY=LOW:HIGH",
             help="Key that each episode draws.",
-            show_default="stiffness and currents",
+            show_default="stiffness, currents, sensor, tool",
             autocompletion=complete_key,
         ),
     ] = None,
@@ -54,7 +54,7 @@ def train(
     try:
         with Loading():
             from crinoid.cli.training import drawn_keys, train_policy
-            from crinoid.learning.training import Settings as How
+            from crinoid.learning.settings import Settings as How
     except ImportError as error:
         stop(f'training needs {error.name or "Gymnasium"}: pip install "crinoid[learn]"')
 

@@ -9,13 +9,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from crinoid.assembly.description import POLICY
+from crinoid.assembly.description import POLICY, is_policy
 from crinoid.cli.finding import place_of, prepare_one, save_finding
+from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.cli.lines import say_notes, say_written
 from crinoid.cli.progress import progress_bar
 from crinoid.export.files import exports_in
-from crinoid.learning.training import LOOKS, Settings, Training, trained
+from crinoid.learning.settings import Settings
+from crinoid.learning.training import LOOKS, Training, about_in, trained
 from crinoid.learning.usual import usual_draws
 from crinoid.report.train import TRAINING
 from crinoid.scenario import Mistake, Scenario, ScenarioError
@@ -42,6 +44,9 @@ def drawn_keys(scenario: Scenario, given: Sequence[str] | None) -> dict[str, tup
         except ValueError:
             text = f"got {each!r}, takes KEY=LOW:HIGH, such as arm.youngs_modulus=3e6:5e6"
             raise ScenarioError([Mistake("--draw", text)]) from None
+        if low > high or key.strip() in found:
+            text = "the smaller one first" if low > high else "each key once"
+            raise ScenarioError([Mistake("--draw", f"got {each!r}, takes {text}")])
         found[key.strip()] = low, high
     return found
 
@@ -63,11 +68,16 @@ def train_policy(
         raise ScenarioError([Mistake("--resume", text)])
     # what is gone on with is replaced
     with place_of(folder / TRAINING, force=force or resume), Interruption() as interruption:
+        if not (force or resume):
+            check_own(folder / POLICY, is_policy)
+            check_own(checkpoint, about_in)
         with progress_bar(console) as bar:
             (task,) = bar.task_ids
             bar.update(task, total=settings.updates, completed=0, description="imitating")
             try:
                 training = Training(scenario, settings)
+                if checkpoint.exists() and not (force or resume):
+                    training.check_same(checkpoint, "--force")
                 if resume:
                     training.restore(checkpoint)
                 else:
@@ -85,15 +95,15 @@ def train_policy(
         training.save(checkpoint)
         training.write(folder / POLICY)
         clear_exports(folder)
-        files = save_finding(training.dataset(), folder / TRAINING)
+        wrong = "" if np.isfinite(training.least) else f"{Status.FAILED}: no policy could be run"
+        if stopped:
+            wrong = f"{Status.INTERRUPTED} after {training.updates} updates"
+        files = save_finding(training.dataset(wrong or Status.OK.value), folder / TRAINING)
         console.print(training_table(training))
         if training.lost:
             say_notes(console, [f"{training.lost} stretches could not be run to their end"])
         say_written(console, [folder / POLICY, *files])
-    if stopped:
-        words = f"after {training.updates} updates; go on with --resume"
-        return f"{Status.INTERRUPTED} {words}"
-    return "" if np.isfinite(training.least) else "no policy could be run"
+    return f"{wrong}; go on with --resume" if stopped else wrong
 
 
 def clear_exports(folder: Path) -> None:

@@ -65,6 +65,8 @@ class Draws:
         require_one_case(scenario)
         self.scenario = scenario.with_values({"control.kind": "custom"})
         self.ranges = _checked("draw", ranges)
+        # both ends: no draw is to be refused later
+        self.scenario.with_values({key: low for key, (low, _) in self.ranges.items()})
         widest = self.scenario.with_values({key: high for key, (_, high) in self.ranges.items()})
         self._kept = {sensor.name: sensor.kept for sensor in build_sensors(widest)}
         self.first = self._built(self.scenario)

@@ -29,6 +29,8 @@ SPREAD = -1.0
 _CLIPPED = 0.2
 """How much more or less likely a move may become in an update, over how likely it was."""
 _EPOCHS, _PARTS = 4, 4
+STEPS = _EPOCHS * _PARTS
+"""Steps down a slope in an update."""
 """Times that a stretch is gone through, and steps that are made each time."""
 
 
@@ -122,7 +124,7 @@ def improve_by_ppo(
 
     The arguments are those of `crinoid.learning.gradient.improve_by_gradient`.
     """
-    own, *keys = jax.random.split(jax.random.fold_in(jax.random.key(0), number), len(arms) + 1)
+    own, *keys = jax.random.split(jax.random.fold_in(course.key, number), len(arms) + 1)
     shared = course, learner.policy, learner.spread
     found = crew.each(_tried, shared, list(zip(arms, keys, strict=True)))
     features, speed = (jnp.stack(each) for each in zip(*[x.kept for x in found], strict=True))

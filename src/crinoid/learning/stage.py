@@ -24,7 +24,8 @@ from crinoid.simulation.batch import cores
 T = TypeVar("T")
 
 _BACK, _TRIES = 3, 10
-"""Stretches by which an arm that goes astray is put back, and how often until it is given up."""
+"""Stretches by which an arm that goes astray is put back, and how often until it is given up; as
+many draws in a row may have no equilibrium."""
 _COUNTS = ("numbers", "tries", "ends")
 
 
@@ -69,9 +70,14 @@ class Stage:
         """Where each was some stretches before, the oldest first."""
 
     def _next(self, arm: int) -> Arm:
-        self.numbers[arm], self.tries[arm] = self.begun, 0
-        self.begun += 1
-        return self.drawn(self._first + int(self.numbers[arm]))
+        for _ in range(_TRIES):
+            self.numbers[arm], self.tries[arm] = self.begun, 0
+            self.begun += 1
+            try:
+                return self.drawn(self._first + int(self.numbers[arm]))
+            except RuntimeError as error:  # no equilibrium to start from: the next one
+                trouble = error
+        raise trouble
 
     def episode(self, seed: int) -> Drawn:
         """Draw an episode by the arcsine law: its ends, where a policy fails, are met often."""

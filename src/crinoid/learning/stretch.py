@@ -8,7 +8,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from crinoid.control import Controller, Neural, Observation, pose_error
 from crinoid.control.policy import Policy
@@ -24,6 +24,8 @@ class Course(eqx.Module):
     price: Price
     discount: Float[Array, ""]
     """Weight of a time step over that of the one before."""
+    key: PRNGKeyArray
+    """Key of all that is random besides the draws."""
     steps: int = eqx.field(static=True)
     """Time steps of the stretch."""
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
@@ -23,22 +24,19 @@ from crinoid.control.policy import Policy
 from crinoid.dataset import describe
 from crinoid.environment.draws import Draws
 from crinoid.environment.program import Form, numbers_of
-from crinoid.learning.gradient import improve_by_gradient
 from crinoid.learning.imitation import imitated
 from crinoid.learning.learner import AWRY, Pace, new_learner
 from crinoid.learning.network import new_policy
-from crinoid.learning.ppo import SPREAD, improve_by_ppo
+from crinoid.learning.ppo import SPREAD
 from crinoid.learning.price import Price
+from crinoid.learning.settings import METHODS, Settings
 from crinoid.learning.stage import Crew, Stage
 from crinoid.learning.stretch import Course, trial
 from crinoid.replacement import replacing
-from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, shown
+from crinoid.scenario import Mistake, Scenario, ScenarioError, shown
 from crinoid.simulation import closed_loop
-from crinoid.status import Status
+from crinoid.version import __version__
 
-METHODS = {"gradient": (improve_by_gradient, 3e-4), "ppo": (improve_by_ppo, 1e-4)}
-"""How a policy is improved, and the learning rate at first."""
-TEACHERS = ("lqg", "mpc", "pid", "none")
 LOOKS = 25
 """Updates between two looks at how the policy does."""
 _PATIENCE = 24
@@ -55,43 +53,6 @@ over the one before: it has lost arms that it held."""
 _APART = 1_000_000
 """Seeds of training are this far apart; what is held out comes before the first of them."""
 _COST = "mean cost of a time step, over that of the imitation"
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How a policy is trained."""
-
-    method: str = "gradient"
-    """One of `METHODS`."""
-    teacher: str = "lqg"
-    """Kind of controller that is imitated first."""
-    arms: int = 16
-    """Arms that are run between two updates."""
-    updates: int = 1500
-    seed: int = 0
-    draw: Mapping[str, tuple[float, float]] | None = None
-    """Keys of the scenario that each episode draws, with the smallest and the largest value."""
-
-    def __post_init__(self) -> None:
-        mistakes = [
-            Mistake(f"--{name}", f"got {shown(value)}, takes {one_of(known)}")
-            for name, value, known in (
-                ("method", self.method, tuple(METHODS)),
-                ("teacher", self.teacher, TEACHERS),
-            )
-            if value not in known
-        ]
-        mistakes += [
-            Mistake(f"--{name}", f"got {value}, takes a number of {least} or more")
-            for name, value, least in (
-                ("arms", self.arms, 1),
-                ("updates", self.updates, 0),
-                ("seed", self.seed, 0),
-            )
-            if value < least
-        ]
-        if mistakes:
-            raise ScenarioError(mistakes)
 
 
 class Training:
@@ -126,10 +87,11 @@ class Training:
             observables.observation,
             Price.of(plan, observables),
             jnp.asarray(np.exp(-step / _AHEAD)),
+            jax.random.key(settings.seed),
             min(max(2, round(_STRETCH / step)), scenario.simulation.steps),
         )
-        self._improve, rate = METHODS[settings.method]
-        self._pace, self._crew = Pace(rate, max(1, settings.updates)), Crew()
+        self._improve, rate, steps = METHODS[settings.method]
+        self._pace, self._crew = Pace(rate, max(1, steps * settings.updates)), Crew()
         first = _APART * (1 + settings.seed)
         neural = Neural(observables.observation, self._blank)
         self._stage = Stage(self._draws, settings.arms, neural, first)
@@ -241,10 +203,9 @@ class Training:
         """Write the best policy so far."""
         write_policy(path, self.best, self.description)
 
-    def dataset(self) -> xr.Dataset:
+    def dataset(self, status: str) -> xr.Dataset:
         """Return how training went."""
         update, cost, error = np.array(self.rows, float).T
-        finished = Status.OK.value if np.isfinite(self.least) else "no policy could be run"
         settings = {name: value for name, value in asdict(self.settings).items() if name != "draw"}
         return xr.Dataset(
             {
@@ -255,7 +216,7 @@ class Training:
             describe(self.scenario)
             | settings
             | {
-                "status": finished,
+                "status": status,
                 "draw": json.dumps(self._draws.ranges),
                 "lost": self.lost,
             },
@@ -264,7 +225,7 @@ class Training:
     def save(self, path: Path) -> None:
         """Save all that it takes to go on later: numbers only, no code."""
         state: dict[str, Any] = {
-            "about": np.frombuffer(self._about.encode(), np.uint8),
+            "about": np.frombuffer(json.dumps(self._about).encode(), np.uint8),
             "counts": np.array([self.updates, self.lost]),
             "unit": np.asarray(self._course.price.unit),
             "rows": np.array(self.rows, float),
@@ -283,16 +244,35 @@ class Training:
         ScenarioError
             If it is not of this training, or cannot be read.
         """
+        if about_in(path):
+            self.check_same(path, "no --resume")
         try:
             with np.load(path, allow_pickle=False) as file:
-                saved = dict(file)
-            about = saved["about"].tobytes().decode()
+                self._take(dict(file))
         except Exception as error:  # numpy and zipfile tell of damage in many ways
-            text = f"cannot be gone on with ({error}); leave out --resume to begin anew"
+            text = f"cannot be gone on with ({error!r}); leave out --resume to begin anew"
             raise ScenarioError([Mistake(str(path), text)]) from error
-        if about != self._about:
-            text = "is of other settings or another scenario; takes the same, or no --resume"
-            raise ScenarioError([Mistake(str(path), text)])
+
+    def check_same(self, path: Path, instead: str) -> None:
+        """Refuse what was saved by another training, naming what differs.
+
+        Raises
+        ------
+        ScenarioError
+            If it is of another one; ``instead`` says what else there is to do.
+        """
+        about = about_in(path)
+        for key, got in self._about.items():
+            takes = about.get(key)
+            if key == "scenario" and got != takes:
+                text = "is of another scenario: takes the same, with the same --set"
+            elif got != takes:
+                text = f"is of another training: got {key} {shown(got)}, takes {shown(takes)}"
+            else:
+                continue
+            raise ScenarioError([Mistake(str(path), f"{text}, or {instead}")])
+
+    def _take(self, saved: dict[str, np.ndarray]) -> None:
         self.learner = _filled(self.learner, saved, "learner")
         self.good = _filled(self.good, saved, "good")
         self.updates, self.lost = map(int, saved["counts"])
@@ -304,8 +284,20 @@ class Training:
         )
 
     @property
-    def _about(self) -> str:
-        return json.dumps([self.scenario.to_toml(), asdict(self.settings)], sort_keys=True)
+    def _about(self) -> dict[str, Any]:
+        given = {f"--{name}": each for name, each in asdict(self.settings).items()}
+        draw = {key: list(pair) for key, pair in self._draws.ranges.items()}
+        about = {"crinoid": __version__, "scenario": self.scenario.to_toml()}
+        return about | given | {"--draw": draw}
+
+
+def about_in(path: Path) -> dict[str, Any]:
+    """Return scenario and settings of what was saved; nothing if it is not of a training."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return dict(json.loads(file["about"].tobytes()))
+    except Exception:  # numpy and zipfile tell of damage in many ways
+        return {}
 
 
 def _filled(tree: Any, saved: dict[str, Float[np.ndarray, ...]], name: str) -> Any:

@@ -32,7 +32,7 @@ def usual_draws(scenario: Scenario) -> dict[str, tuple[float, float]]:
             else {key: value}
         )
         for each, number in parts.items():
-            if number:
+            if isinstance(number, float) and number:
                 low, high = sorted((0.5 * number, 1.5 * number))
                 found[each] = low, high
     return found

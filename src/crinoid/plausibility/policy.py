@@ -27,7 +27,9 @@ def _trained(facts: Facts) -> Iterator[str]:
         return  # refused by whoever needs it
     here, there = (dict(_numbers(each, "")) for each in (facts.scenario.to_dict(), told.scenario))
     found = []
-    for key in dict.fromkeys([*here, *there]):
+    for key in dict.fromkeys([*here, *there, *told.draw]):
+        if key not in told.draw and key.split(".")[0] not in PHYSICAL:
+            continue
         low, high = told.draw.get(key, [there.get(key)] * 2)
         if not _within(here.get(key), low, high):
             met = _shown(low) if low == high else f"{_shown(low)} to {_shown(high)}"
@@ -54,8 +56,7 @@ def _numbers(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict | list):
         items = value.items() if isinstance(value, dict) else enumerate(value)
         for key, inner in items:
-            if name or key in PHYSICAL:
-                yield from _numbers(inner, f"{name}.{key}" if name else str(key))
+            yield from _numbers(inner, f"{name}.{key}" if name else str(key))
     else:
         yield name, value
 
