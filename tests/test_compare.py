@@ -163,7 +163,7 @@ def test_ctrl_c_saves_the_runs_that_are_complete(folder, tmp_path, monkeypatch):
 def test_threads_that_ask_for_one_program_compile_it_once(tmp_path, monkeypatch):
     made = []
     program = Program(lambda x: x + 1, {})
-    program._function.__module__ = "crinoid"
+    program.function.__module__ = "crinoid"
     begun = program._compile
 
     def slowly(*arguments):
