@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, NoReturn
 
 from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario.tables import AT_REST
 from crinoid.version import __version__
 
 KEY = "control.neural.weights"
@@ -15,10 +18,7 @@ POLICY = "policy.eqx"
 """Name under which a training writes one."""
 _FORMAT = "crinoid-policy"
 _VERSION = 1
-PHYSICAL = (
-    *("arm", "base", "water", "flow", "load", "tool", "chamber", "tendon", "obstacle"),
-    *("sensor", "sensors"),
-)
+PHYSICAL = (*AT_REST, "sensor", "sensors")
 """Tables of a scenario that a policy learns to live with."""
 _LONGEST = 1_000_000
 """Bytes that the first line may have."""
@@ -57,11 +57,8 @@ class Description(NamedTuple):
         ScenarioError
             If there is no such file, or it holds no policy that this version can read.
         """
-        try:
-            with path.open("rb") as file:
-                return described(path, file)
-        except OSError as error:
-            missing(path, error)
+        with opened(path) as file:
+            return described(path, file)
 
 
 def is_policy(path: Path) -> bool:
@@ -96,9 +93,14 @@ def described(path: Path, file: BinaryIO) -> Description:
         refuse(path, f"is damaged: its first line lacks {error}")
 
 
-def missing(path: Path, error: OSError) -> NoReturn:
-    """Refuse a file that cannot be opened."""
-    refuse(path, f"{error.strerror or error}, takes a file that crinoid train wrote")
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """Open the file of a policy, or refuse one that cannot be read."""
+    try:
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        refuse(path, f"{error.strerror or error}, takes a file that crinoid train wrote")
 
 
 def refuse(path: Path, text: str) -> NoReturn:

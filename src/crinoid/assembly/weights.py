@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from crinoid.assembly.description import Description, described, missing, refuse
+from crinoid.assembly.description import Description, described, opened, refuse
 from crinoid.control.policy import Dense, Policy
 from crinoid.replacement import replacing
 from crinoid.scenario import ScenarioError
@@ -35,12 +35,10 @@ def read_policy(path: Path) -> tuple[Policy, Description]:
         If there is no such file, or it holds no policy that this version can read.
     """
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
             told = described(path, file)
             policy = eqx.tree_deserialise_leaves(file, _blank(told))
             rest = file.read(1)
-    except OSError as error:
-        missing(path, error)
     except ScenarioError:
         raise
     except Exception:  # Equinox and NumPy tell of damage in many ways

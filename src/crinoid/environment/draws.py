@@ -144,7 +144,7 @@ class Draws:
                 changes = True
             if changes:
                 break
-        text = f"got {shown(value)}, which changes {what}; takes an environment of its own"
+        text = f"got {shown(value)}, which changes {what}; takes a scenario of its own"
         raise ScenarioError([Mistake(key, text)])
 
 

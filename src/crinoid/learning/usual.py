@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 from crinoid.scenario import Scenario
 
 _STRENGTHS = ("velocity", "amplitude", "mean", "standard_deviation", "significant_height")
@@ -11,28 +14,34 @@ _ERRORS = ("noise_position", "noise_angle_deg", "delay")
 def usual_draws(scenario: Scenario) -> dict[str, tuple[float, float]]:
     """Return what episodes draw where nothing is said.
 
-    Young's modulus 30 % up and down, and half to one and a half times the currents, the errors and
-    the delay of the sensor, and the mass of a tool.
+    Young's modulus, and a bending stiffness that is given, 30 % up and down; half to one and a half
+    times the currents, the errors and the delay of the sensor, and the mass of a tool.
     """
-    stiffness = scenario.arm.youngs_modulus
-    found = {"arm.youngs_modulus": (0.7 * stiffness, 1.3 * stiffness)}
     document = scenario.to_dict()
-    some = {
-        f"flow.{index}.{name}": flow[name]
+    arm, sensor, tool = (document.get(name) or {} for name in ("arm", "sensor", "tool"))
+    stiffness = {
+        "arm.youngs_modulus": scenario.arm.youngs_modulus,
+        "arm.section.EI": arm.get("section", {}).get("EI"),
+    }
+    others = {
+        f"flow.{index}.{name}": flow.get(name)
         for index, flow in enumerate(document.get("flow", []))
         for name in _STRENGTHS
-        if name in flow
     }
-    some |= {f"sensor.{name}": document.get("sensor", {}).get(name, 0.0) for name in _ERRORS}
-    some["tool.mass"] = (document.get("tool") or {}).get("mass", 0.0)
-    for key, value in some.items():
-        parts = (
-            {f"{key}.{k}": x for k, x in enumerate(value)}
-            if isinstance(value, list)
-            else {key: value}
-        )
-        for each, number in parts.items():
-            if isinstance(number, float) and number:
-                low, high = sorted((0.5 * number, 1.5 * number))
-                found[each] = low, high
+    others |= {f"sensor.{name}": sensor.get(name) for name in _ERRORS}
+    others["tool.mass"] = tool.get("mass")
+    found = {}
+    for values, spread in ((stiffness, 0.3), (others, 0.5)):
+        for key, number in _numbers(values):
+            low, high = sorted(((1 - spread) * number, (1 + spread) * number))
+            found[key] = low, high
     return found
+
+
+def _numbers(values: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the numbers among values, and among the components of vectors, that are not 0."""
+    for key, value in values.items():
+        listed = isinstance(value, list)
+        for index, each in enumerate(value if listed else [value]):
+            if isinstance(each, float) and each:
+                yield f"{key}.{index}" if listed else key, each

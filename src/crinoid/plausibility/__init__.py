@@ -26,6 +26,7 @@ from crinoid.plausibility.tool import TOOL
 from crinoid.plausibility.usual import USUAL
 from crinoid.plausibility.vehicle import VEHICLE
 from crinoid.scenario import ScenarioError
+from crinoid.scenario.tables import AT_REST
 
 __all__ = ["AT_REST", "IN_THE_WATER", "RULES", "Facts", "Rule", "doubts"]
 
@@ -35,8 +36,6 @@ and goes without saying."""
 _THEN = (*BASE, *CURRENT, *LOAD, *TOOL, *THREAD, *VEHICLE, *OBSTACLE, *LOOP, *POLICY, *TIME)
 RULES = (*_FIRST, *_THEN)
 
-AT_REST = ("arm", "base", "water", "flow", "load", "tool", "chamber", "tendon", "obstacle")
-"""Tables that an equilibrium depends on."""
 IN_THE_WATER = ("water", "flow")
 """Tables that a current depends on."""
 
