@@ -42,7 +42,7 @@ def build_mpc(plan: Plan) -> Mpc:
 
 
 def designed(plan: Plan) -> tuple[Mpc, Known]:
-    """Return it, and what it was designed on; raises as `build_mpc` does."""
+    """Return the controller of `build_mpc`, and what it was designed on."""
     settings = plan.scenario.control.mpc
     ticks = max(1, round(settings.horizon / plan.period))
     lengths = blocks(ticks)

@@ -27,7 +27,7 @@ class Turned(eqx.Module):
     """The linear part, by the displacement of the channels."""
 
     def __call__(self, channels: Channels) -> Pose:
-        """Return it (m, rad, 1) for a displacement of the channels from there (m, rad)."""
+        """Return that part (m, rad, 1) for a displacement of the channels from there (m, rad)."""
         return self.swung(channels) - product(self.slope, channels)
 
     def swung(self, channels: Channels) -> Pose:
