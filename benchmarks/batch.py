@@ -2,12 +2,13 @@
 
 Each batch is run in a process of its own by the programs of `crinoid run`, from the start of its
 first arm to its dataset: that is with starts, controllers, energy ledgers, records and measures.
-Beside it, in turn with it, MuJoCo's rod in the threads of its `rollout` and PyElastica's in as many
-processes, both without water, control and records, where they are installed.
+Beside it, in turn with it, MuJoCo's rod in the threads of its `rollout` and those of PyElastica and
+SoRoMoX in as many processes, all without water, control and records, where they are installed.
 """
 
 import argparse
 import json
+import multiprocessing
 import os
 import resource
 import subprocess
@@ -15,6 +16,8 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
@@ -35,9 +38,12 @@ CASES = {
 NODES = 21
 MUJOCO_STEP = 0.005
 ELASTICA_STEP = 0.0008
-"""Time steps (s) with which the others go well (``space.py``)."""
+SOROMOX_STEP = 0.001
+"""Time steps (s) with which the others go well (``space.py``; SoRoMoX diverges with 2 ms)."""
+SEGMENTS = 8
+"""Those of SoRoMoX's arms: after half a second their tip is as near as that of 21 nodes."""
 SWINGS = 100
-"""Time steps of MuJoCo's arms, and a tenth of those of PyElastica's."""
+"""Time steps of MuJoCo's arms, and a tenth of those of the other two."""
 
 
 def main() -> None:
@@ -58,6 +64,7 @@ def main() -> None:
     for name, module, run in (
         ("MuJoCo, 5 ms", "mujoco", mujoco_arms),
         ("PyElastica, 0.8 ms", "elastica", elastica_arms),
+        ("SoRoMoX, 1 ms", "soromox", soromox_arms),
     ):
         if find_spec(module) is None:
             console.print(f"without {name.partition(',')[0]}: pip install '.[bench]'")
@@ -172,24 +179,42 @@ def mujoco_arms(arms: int) -> dict[str, Any]:
 
 
 def elastica_arms(arms: int) -> dict[str, Any]:
-    """Time PyElastica's rods, in as many processes as there are cores."""
+    """Time PyElastica's rods."""
+    return in_processes(elastica_swing, arms, ELASTICA_STEP)
+
+
+def soromox_arms(arms: int) -> dict[str, Any]:
+    """Time SoRoMoX's rods, those of a process together."""
+    return in_processes(soromox_swing, arms, SOROMOX_STEP)
+
+
+def in_processes(
+    swing: Callable[[int], tuple[float, int]], arms: int, time_step: float
+) -> dict[str, Any]:
+    """Time arms in as many processes as there are cores."""
     share = [arms // cores() + (number < arms % cores()) for number in range(cores())]
-    with ProcessPoolExecutor(cores()) as pool:
-        list(pool.map(swing, [1] * cores()))  # compiles
-        begun = time.perf_counter()
-        found = list(pool.map(swing, share))
-        seconds = time.perf_counter() - begun
+    share = [each for each in share if each]
+    # not forked: a process that has begun threads must not be
+    context = multiprocessing.get_context("spawn")
+    with ExitStack() as stack:
+        # pools of one, so that each compiles what it will run
+        pools = [stack.enter_context(ProcessPoolExecutor(1, context)) for _ in share]
+        for _ in range(2):
+            begun = time.perf_counter()
+            runs = [pool.submit(swing, arms) for pool, arms in zip(pools, share, strict=True)]
+            found = [run.result() for run in runs]
+            seconds = time.perf_counter() - begun
     return {
         "seconds": seconds,
         "cpu": sum(cpu for cpu, _ in found),
         "steps": arms * 10 * SWINGS,
-        "time_step": ELASTICA_STEP,
+        "time_step": time_step,
         "failed": sum(failed for _, failed in found),
         "memory": 0,
     }
 
 
-def swing(arms: int) -> tuple[float, int]:
+def elastica_swing(arms: int) -> tuple[float, int]:
     """Let arms of PyElastica swing; return the time that it took (s) and how many diverged."""
     os.environ["NUMBA_NUM_THREADS"] = "1"
     import elastica_rod
@@ -199,6 +224,23 @@ def swing(arms: int) -> tuple[float, int]:
     for _ in range(arms):
         failed += not np.isfinite(rod.tips(ELASTICA_STEP, 1, 10 * SWINGS)).all()
     return time.process_time() - begun, failed
+
+
+def soromox_swing(arms: int) -> tuple[float, int]:
+    """Let arms of SoRoMoX swing; return the time that it took (s) and how many diverged."""
+    os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"
+    rods = soromox_rods()
+    begun = time.process_time()
+    tips = rods.tips(np.linspace(4.5e5, 5.5e5, arms), SOROMOX_STEP, 10 * SWINGS)
+    return time.process_time() - begun, int((~np.isfinite(tips)).any(axis=1).sum())
+
+
+@cache
+def soromox_rods() -> Any:
+    """Return the rod of SoRoMoX, compiled once in a process."""
+    import soromox_rod
+
+    return soromox_rod.SoromoxRod(bare(), SEGMENTS)
 
 
 if __name__ == "__main__":
