@@ -17,7 +17,7 @@ from soromox.systems.system_state import SystemState
 from crinoid import Scenario
 
 POISSON = 0.45
-"""Of sections that do not shear, so that it changes nothing; one half is refused."""
+"""Poisson's ratio of sections that do not shear: it changes nothing, and one half is refused."""
 
 
 class SoromoxRod:

@@ -26,6 +26,8 @@ from crinoid.version import __version__
 
 RESULT = "result.nc"
 UNCONTROLLED = "uncontrolled.nc"
+TRAINING = "training.nc"
+"""Names of the files of a run, of the same one without control, and of a policy's training."""
 UNFINISHED = "unfinished: it is still run, or the program was killed; --resume goes on"
 """Status in a file that grows."""
 _CHECKPOINT = "checkpoint"

@@ -24,8 +24,7 @@ from crinoid.identification import IDENTIFICATION
 from crinoid.replacement import remove_unfinished
 from crinoid.report.film.file import films_in
 from crinoid.report.page.file import PAGE, is_page
-from crinoid.report.train import TRAINING
-from crinoid.result import RESULT, UNCONTROLLED, Result, attributes
+from crinoid.result import RESULT, TRAINING, UNCONTROLLED, Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.simulation import MODES
 from crinoid.simulation.margins import MARGINS

@@ -19,7 +19,7 @@ from crinoid.export.files import exports_in
 from crinoid.learning.settings import Settings
 from crinoid.learning.training import LOOKS, Training, about_in, trained
 from crinoid.learning.usual import usual_draws
-from crinoid.report.train import TRAINING
+from crinoid.result import TRAINING
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.status import Status
 

@@ -67,11 +67,13 @@ def write_page(folder: Path) -> Path:
     """
     from crinoid.cases import CASES
     from crinoid.report.page.file import PAGE
-    from crinoid.report.page.study import write_study
-    from crinoid.report.page.write import write_run
     from crinoid.report.run import RESULT, open_run
-    from crinoid.report.table import read_cases
 
     if not (folder / RESULT).is_file() and (folder / CASES).is_file():
+        from crinoid.report.page.study import write_study
+        from crinoid.report.table import read_cases
+
         return write_study(read_cases(folder / CASES), folder, folder)
+    from crinoid.report.page.write import write_run
+
     return write_run(open_run(folder / RESULT, lazily=True), folder / PAGE)

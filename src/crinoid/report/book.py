@@ -36,9 +36,10 @@ from crinoid.report.sheet import draw_sheet
 from crinoid.report.spectrum import draw_spectrum
 from crinoid.report.style import STYLE
 from crinoid.report.table import read_cases
-from crinoid.report.train import TRAINING, draw_training, open_training
+from crinoid.report.train import draw_training, open_training
 from crinoid.report.tune import TUNING, draw_tuning, open_tuning
 from crinoid.report.view import is_spatial
+from crinoid.result import TRAINING
 from crinoid.version import __version__
 
 _MOST_CASES = 60

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from crinoid.report.run import load_as
 from crinoid.report.style import GREY, INK, SERIES, WIDTH, head
 
-TRAINING = "training.nc"
 _REQUIRED = {"cost": ("look",), "error": ("look",)}
 
 

@@ -38,7 +38,8 @@ from crinoid.simulation.setup import Setup, require_one_case, set_up
 from crinoid.simulation.sink import Sink
 from crinoid.simulation.stretch import begun_with, one_instant, record, stretch
 
-_CAPACITY = 256
+_CAPACITY = 512
+"""Instants of a chunk: of a long arm too few to make its loop too large for one function."""
 _CHUNK_SECONDS = 0.25
 
 
@@ -275,7 +276,7 @@ def _run(
         count = int(new)
         sink.append(jax.tree.map(lambda x: np.asarray(x)[:count], kept))  # noqa: B023
         took = time.perf_counter() - chunk_begun
-        chunk = max(1, int(min(steps * _CHUNK_SECONDS / took, 4 * chunk)))
+        chunk = max(1, int(min(steps * _CHUNK_SECONDS / took, 16 * chunk)))
         if not outcome.converged:
             failed = outcome
         sink.look(carry, time.perf_counter() - begun)

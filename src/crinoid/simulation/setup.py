@@ -143,7 +143,6 @@ def _open_loop(loop: Loop, small: SmallMotions, influence: Influence, modes: Mod
     )
 
 
-@compiled(**ONCE)
 def find_start(
     system: System, current: Float[Array, " d"], loaded: bool, mapped: bool
 ) -> tuple[
@@ -155,18 +154,25 @@ def find_start(
     Float[Array, "pose input"] | None,
 ]:
     """Return the state that an arm starts from, loaded or not, and what is known of it then."""
-    state, outcome = (
-        system.find_equilibrium() if loaded else (system.rest(), Outcome.of_nothing(converged=True))
-    )
+    state, outcome = _find_state(system, loaded)
+    return state, outcome, *_find_small_motions(system, state, current, mapped)
+
+
+# in two: XLA takes longer over one program than over the two halves of it
+@compiled(**ONCE)
+def _find_state(system: System, loaded: bool) -> tuple[State, Outcome]:
+    if loaded:
+        return system.find_equilibrium()
+    return system.rest(), Outcome.of_nothing(converged=True)
+
+
+@compiled(**ONCE)
+def _find_small_motions(
+    system: System, state: State, current: Float[Array, " d"], mapped: bool
+) -> tuple[Float[Array, " pose"], SmallMotions, Influence, Float[Array, "pose input"] | None]:
     small, influence = system.small_motions(state, current), system.influence(state)
-    return (
-        state,
-        outcome,
-        system.tip(state),
-        small,
-        influence,
-        influence.static(small.stiffness) if mapped else None,
-    )
+    jacobian = influence.static(small.stiffness) if mapped else None
+    return system.tip(state), small, influence, jacobian
 
 
 def closed_loop(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import qmc
 
 __all__ = ["SAMPLINGS", "points_of", "sample"]
 
@@ -35,6 +34,8 @@ def sample(kind: str, count: int, numbers: int, seed: int) -> Float[np.ndarray, 
     seed
         Seed of the draw, 0 or more.
     """
+    from scipy.stats import qmc  # slow to load; few need it
+
     generator = np.random.default_rng(seed)
     if kind == "lhs":
         return np.asarray(qmc.LatinHypercube(numbers, rng=generator).random(count))
