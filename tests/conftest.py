@@ -1,8 +1,10 @@
 """Settings of every test: compiled code kept between runs, and shapes checked at run time."""
 
+import ctypes
 import gc
 import math
 import os
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -39,10 +41,12 @@ install_import_hook("crinoid", "beartype.beartype")
 
 
 _LONGEST = (
-    *("test_builtin", "test_builtin_tasks", "test_threads", "test_builtin_long"),
-    *("test_space_gradients", "test_space_dynamics", "test_vehicle"),
-    *("test_simulation", "test_builtin_space", "test_space_statics", "test_docs", "test_statics"),
-    *("test_contact", "test_current", "test_dynamics", "test_report", "test_gradients"),
+    *("test_builtin", "test_builtin_tasks", "test_threads", "test_builtin_long", "test_learning"),
+    *("test_rollout", "test_vehicle", "test_scheduled", "test_live", "test_space_dynamics"),
+    *("test_mpc", "test_transition", "test_builtin_space", "test_environment"),
+    *("test_space_statics", "test_identify", "test_docs", "test_tuning", "test_sweep", "test_lqg"),
+    *("test_simulation", "test_obstacles", "test_report", "test_space_gradients", "test_hybrid"),
+    *("test_cli", "test_tool", "test_saving", "test_actuation", "test_report_space"),
 )
 """Files that take longest, in that order: begun first, so that workers end at about one time."""
 
@@ -70,12 +74,15 @@ def pytest_terminal_summary(
 
 
 _MOST_BYTES = 2_000_000_000
-"""Memory from which on a process forgets what it compiled: some thousand programs."""
+"""Memory from which on a process looks for some to let go."""
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _compiled_code() -> Iterator[None]:
-    """Let go of compiled code where there is too much of it."""
+    """Let go of memory where there is too much of it, and of compiled code if nothing else will do.
+
+    Most of it is what compiling took: free, but kept for what comes next.
+    """
     import jax
 
     from crinoid.programs.store import STORE
@@ -83,8 +90,17 @@ def _compiled_code() -> Iterator[None]:
     yield
     STORE.set(None)  # which a command has set
     if _resident() > _MOST_BYTES:
+        _hand_back()
+    if _resident() > _MOST_BYTES:
         jax.clear_caches()
         gc.collect()
+        _hand_back()
+
+
+def _hand_back() -> None:
+    """Hand memory that is free back to the system: glibc does when it is asked."""
+    if sys.platform == "linux" and hasattr(found := ctypes.CDLL(None), "malloc_trim"):
+        found.malloc_trim(0)
 
 
 def _resident() -> float:

@@ -25,7 +25,7 @@ from crinoid.cli.app import app
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.replacement import remove_unfinished, replacing
-from crinoid.report.page.file import PAGE
+from crinoid.report.page.file import PAGE, save_page
 from crinoid.result import Result, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.stream import open_lazily
@@ -53,8 +53,19 @@ def player(monkeypatch) -> Player:
     return player
 
 
+def blank_page(folder: Path) -> Path:
+    return save_page('<meta name="generator" content="crinoid">', folder / PAGE)
+
+
 @pytest.fixture
-def here(tmp_path, monkeypatch, player) -> Path:
+def drawn() -> None:
+    """Draw pages; else they are blank, as that takes longer than all else here."""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch, player, request) -> Path:
+    if "drawn" not in request.fixturenames:
+        monkeypatch.setattr("crinoid.cli.pages.write_page", blank_page)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(SMALL)
     (tmp_path / "study.toml").write_text(STUDY)
@@ -398,6 +409,7 @@ def test_a_run_leaves_nothing_of_another_and_all_of_the_users(here):
     assert names(out) == ["notes.md", "photo.png", "result.nc", "tip_error.png"]
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_run_writes_its_page_over_its_own_only(here):
     ended = call("run", "small.toml", "--out", "out")
     assert f"wrote out/{PAGE}" in ended.stdout
@@ -412,6 +424,7 @@ def test_a_run_writes_its_page_over_its_own_only(here):
     assert f"out/{PAGE}: not written by crinoid" in one_line(call("report", "out"), 2)
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_page_of_another_run_goes(here):
     assert call("run", "small.toml", "--out", "out").exit_code == 0
     assert call("run", "study.toml", "--out", "out", "--force").exit_code == 0
