@@ -41,8 +41,8 @@ install_import_hook("crinoid", "beartype.beartype")
 
 
 _LONGEST = (
-    *("test_builtin", "test_builtin_tasks", "test_threads", "test_builtin_long", "test_learning"),
-    *("test_rollout", "test_vehicle", "test_scheduled", "test_live", "test_space_dynamics"),
+    *("test_builtin", "test_threads", "test_builtin_tasks", "test_learning", "test_vehicle"),
+    *("test_rollout", "test_scheduled", "test_builtin_long", "test_live", "test_space_dynamics"),
     *("test_mpc", "test_transition", "test_builtin_space", "test_environment"),
     *("test_space_statics", "test_identify", "test_docs", "test_tuning", "test_sweep", "test_lqg"),
     *("test_simulation", "test_obstacles", "test_report", "test_space_gradients", "test_hybrid"),
@@ -101,6 +101,18 @@ def _hand_back() -> None:
     """Hand memory that is free back to the system: glibc does when it is asked."""
     if sys.platform == "linux" and hasattr(found := ctypes.CDLL(None), "malloc_trim"):
         found.malloc_trim(0)
+
+
+@pytest.fixture(scope="module")
+def optimised() -> Iterator[None]:
+    """Let XLA optimise after all, for files whose runs take longer than that."""
+    import jax
+
+    name = "jax_disable_most_optimizations"
+    before = jax.config.read(name)
+    jax.config.update(name, False)
+    yield
+    jax.config.update(name, before)
 
 
 def _resident() -> float:

@@ -7,6 +7,8 @@ import crinoid
 from crinoid.simulation import equilibrium
 from test_builtin import imbalance
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 
 @pytest.fixture(scope="module")
 def spiral():

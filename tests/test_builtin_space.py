@@ -6,6 +6,8 @@ import pytest
 import crinoid
 from test_builtin import assert_held, assert_traced
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 
 @pytest.mark.parametrize(
     "changes",

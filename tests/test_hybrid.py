@@ -13,6 +13,8 @@ from crinoid.result import Result
 from crinoid.scenario import Scenario, ScenarioError, load
 from crinoid.simulation.setup import set_up
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 QUICK = {"arm.nodes": 11, "control.compare": False}
 
 

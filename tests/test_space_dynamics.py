@@ -22,6 +22,8 @@ from crinoid.space import CHANNELS
 from crinoid.spline import PiecewisePolynomial
 from physics import Kept, always, arm, facing, order
 
+pytestmark = pytest.mark.usefixtures("optimised")
+
 NODES = 9
 CHUNK = 50
 """Steps of one compiled run."""
