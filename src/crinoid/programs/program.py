@@ -29,7 +29,7 @@ OFTEN = {
 """Options for what runs often, one arm or many. XLA's newer emitters of fused loops take a third
 longer to compile, and what they make is slower on arrays as small as an arm's; the library that it
 hands reductions to is made for long ones, and costs a batch of arms three times its step.
-Vectors as wide as the processor has make a step in turbulence shorter, by an eighth in the plane.
+Vectors as wide as the processor has make a step in turbulence shorter.
 """
 ONCE = OFTEN | {"xla_backend_optimization_level": 0}
 """Options for what runs once: less time to compile is worth more than milliseconds of running."""
