@@ -4,6 +4,7 @@ import os
 import stat
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -117,6 +118,46 @@ def test_what_a_program_depends_on_is_told_apart(store, monkeypatch):
     with jax.default_matmul_precision("float32"):
         in_a_new_process()(spring(), by, 1)
     assert len(traces) == before + 2
+
+
+def test_a_program_compiled_ahead_is_the_one_that_is_called(store):
+    by = jnp.linspace(0.0, 1.0, 5)
+    (expected, *_) = in_a_new_process()(spring(), by, 1)
+    store.remove(bytes.fromhex(next(store.folder.iterdir()).stem))
+    run = in_a_new_process()
+    assert run.will_compile(spring(), by, 1)
+    traces.clear()
+    run.compile_ahead(spring(), np.zeros(5), 1)  # other numbers
+    assert traces == [1]  # here, and not in the thread
+    found, *_ = run(spring(), by, 1)
+    assert traces == [1]
+    np.testing.assert_array_equal(found.stiffness, expected.stiffness)
+    assert jax.config.values["jax_enable_compilation_cache"]
+    for later in (run, in_a_new_process()):
+        assert not later.will_compile(spring(), by, 1)
+        later.compile_ahead(spring(), by, 1)
+        later(spring(), by, 1)
+    assert traces == [1]
+
+
+def test_a_mistake_in_what_is_compiled_ahead_holds_up_nothing(store, monkeypatch):
+    run = in_a_new_process()
+    with pytest.raises(AttributeError):
+        run.compile_ahead(spring(), None, 1)
+    run.compile_ahead(spring(), jnp.ones(5), 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", lambda self: (_ for _ in ()).throw(RuntimeError()))
+        with pytest.raises(RuntimeError):
+            run.compile_ahead(spring(), jnp.ones(5), 2)
+    assert run(spring(), jnp.ones(5), 2)[1] == 2
+
+
+def test_nothing_is_compiled_ahead_that_would_not_be_kept():
+    traces.clear()
+    run = compiled()(pulled)
+    assert not run.will_compile(spring(), jnp.ones(5), 1)
+    run.compile_ahead(spring(), jnp.ones(5), 1)
+    assert traces == []
 
 
 def test_parts_of_a_program_may_be_one_object_or_equal_ones(store):

@@ -16,12 +16,16 @@ from crinoid.assembly.sensor import build_sensors
 from crinoid.dataset import Instants, build_dataset
 from crinoid.dynamics import Outcome
 from crinoid.metrics import tip_error
+from crinoid.programs import Program, Store
+from crinoid.programs.store import STORE
 from crinoid.result import Result, ResultError
 from crinoid.scenario import ScenarioError
 from crinoid.simulation import LoopState, SimulationError, at_rest, play
 from crinoid.simulation import run as running
+from crinoid.simulation.ahead import compile_ahead
 from crinoid.simulation.continuation import restored
 from crinoid.simulation.setup import set_up
+from crinoid.simulation.stretch import CAPACITY, stretch
 
 # one shape of arm, flows and controller for all tests: they share their compiled code
 SCENARIO = """
@@ -390,6 +394,23 @@ def begun() -> tuple[LoopState, xr.Dataset]:
 @pytest.fixture(scope="module")
 def part() -> Result:
     return crinoid.simulate(scenario(simulation__duration=0.7, control__compare=False))
+
+
+@pytest.mark.parametrize("kind", ["pid", "none"])
+def test_what_is_compiled_ahead_is_what_the_run_takes(tmp_path, monkeypatch, kind):
+    given = []
+    monkeypatch.setattr(Program, "will_compile", lambda *_: True)
+    monkeypatch.setattr(Program, "compile_ahead", lambda program, *args: given.append(args))
+    prepared = Prepared(scenario(control__kind=kind))
+    compile_ahead(prepared)
+    setup = set_up(prepared)
+    carry, _ = running.begin(setup.loop, setup.state)
+    token = STORE.set(Store(tmp_path))
+    args = (setup.loop, carry, carry.steps, jnp.asarray(3, int), CAPACITY)
+    ahead, asked = (stretch._key(*jax.tree.flatten((each, {}))) for each in (*given, args))
+    STORE.reset(token)
+    assert asked is not None
+    assert ahead == asked
 
 
 @pytest.mark.parametrize(("tamper", "reason"), TAMPERED.values(), ids=TAMPERED.keys())

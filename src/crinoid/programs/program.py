@@ -5,8 +5,8 @@ from __future__ import annotations
 import pickle
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextvars import copy_context
 from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -33,7 +33,6 @@ Vectors as wide as the processor has make a step in turbulence shorter.
 """
 ONCE = OFTEN | {"xla_backend_optimization_level": 0}
 """Options for what runs once: less time to compile is worth more than milliseconds of running."""
-_ONE_AT_A_TIME = threading.Lock()
 _MOST_LOADED = 4
 """Forms of one function that stay loaded: a study may go through thousands."""
 
@@ -57,6 +56,43 @@ class _Loaded(NamedTuple):
     tree: Any
 
 
+class _Lowered(NamedTuple):
+    code: Any
+    """As XLA takes it."""
+    result: Any
+    """Result with slots where there are arrays."""
+
+
+class _Anew:
+    """Compiling without the cache of JAX: code that was read from there cannot be written again.
+
+    That cache is off for all threads as long as one of them compiles so.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._count, self._enabled = threading.Lock(), 0, True
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._count:
+                self._enabled = setting("jax_enable_compilation_cache")
+                self._set(False)
+            self._count += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._count -= 1
+            if not self._count:
+                self._set(self._enabled)
+
+    def _set(self, enabled: bool) -> None:
+        jax.config.update("jax_enable_compilation_cache", enabled)
+        compilation_cache.reset_cache()  # else it goes on as it began
+
+
+_COMPILED_ANEW = _Anew()
+
+
 class Program(Generic[P, R]):
     """A function of arrays and of what never changes, compiled when it is first called for them.
 
@@ -76,24 +112,69 @@ class Program(Generic[P, R]):
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Call the function."""
         leaves, tree = jax.tree.flatten((args, kwargs))
-        arrays = [leaf for leaf in leaves if _is_array(leaf)]
-        if STORE.get() is None or _is_observed() or any(map(_is_placed, arrays)):
+        loaded = self._ready(leaves, tree)
+        if loaded is None:
             return self._unkept(*args, **kwargs)
-        form = tuple(jax.typeof(leaf) if _is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
-        try:
-            key = key_of(self.function, tuple(self._options.items()), tree, form, settings())
-        except UnkeepableError:
-            return self._unkept(*args, **kwargs)
-        with self._lock:  # threads that ask for the same form wait, and compile it once
-            loaded = self._loaded.pop(key, None) or self._load(key, len(arrays))
-            if loaded is None:
-                loaded = self._compile(key, leaves, tree)
-            self._loaded[key] = loaded  # the last to go
-            if len(self._loaded) > _MOST_LOADED:
-                self._loaded.popitem(last=False)
-        found = loaded.run(*arrays)
+        found = loaded.run(*filter(_is_array, leaves))
         result = [found[leaf.array] if isinstance(leaf, Slot) else leaf for leaf in loaded.leaves]
         return jax.tree.unflatten(loaded.tree, result)
+
+    def compile_ahead(self, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Begin to compile for such arguments, if `will_compile`; a call waits until that is done.
+
+        Tracing is done at the return, and a thread goes on from there.
+        """
+        leaves, tree = jax.tree.flatten((args, kwargs))
+        key = self._key(leaves, tree)
+        if key is None or not self.will_compile(*args, **kwargs):
+            return
+        self._lock.acquire()  # until the thread has done
+        try:
+            lowered = self._lower(leaves, tree)
+
+            def compile_() -> None:
+                try:
+                    self._hold(key, self._compile(key, lowered))
+                finally:
+                    self._lock.release()
+
+            # not a daemon: a process that ends before a thread in XLA does may crash
+            threading.Thread(target=copy_context().run, args=(compile_,)).start()
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def will_compile(self, *args: P.args, **kwargs: P.kwargs) -> bool:
+        """Tell whether programs are kept, and a call with such arguments will add one."""
+        key, store = self._key(*jax.tree.flatten((args, kwargs))), STORE.get()
+        return not (key is None or store is None or key in self._loaded or store.holds(key))
+
+    def _key(self, leaves: list[Any], tree: Any) -> bytes | None:
+        """Return the key of what a call takes; None if that is not kept."""
+        if STORE.get() is None or _is_observed() or any(map(_is_placed, leaves)):
+            return None
+        form = tuple(jax.typeof(leaf) if _is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
+        try:
+            return key_of(self.function, tuple(self._options.items()), tree, form, settings())
+        except UnkeepableError:
+            return None
+
+    def _ready(self, leaves: list[Any], tree: Any) -> _Loaded | None:
+        """Return what a call takes, loaded or compiled; None if it is not kept."""
+        key = self._key(leaves, tree)
+        if key is None:
+            return None
+        with self._lock:  # threads that ask for the same form wait, and compile it once
+            loaded = self._loaded.pop(key, None) or self._load(key, sum(map(_is_array, leaves)))
+            if loaded is None:
+                loaded = self._compile(key, self._lower(leaves, tree))
+            self._hold(key, loaded)
+        return loaded
+
+    def _hold(self, key: bytes, loaded: _Loaded) -> None:
+        self._loaded[key] = loaded  # the last to go
+        if len(self._loaded) > _MOST_LOADED:
+            self._loaded.popitem(last=False)
 
     def _load(self, key: bytes, count: int) -> _Loaded | None:
         store = STORE.get()
@@ -116,9 +197,7 @@ class Program(Generic[P, R]):
             return None
         return _Loaded(run, form, into)
 
-    def _compile(self, key: bytes, leaves: list[Any], tree: Any) -> _Loaded:
-        store = STORE.get()
-        assert store is not None
+    def _lower(self, leaves: list[Any], tree: Any) -> _Lowered:
         results = []
 
         def flat(*arrays: Any) -> tuple[Any, ...]:
@@ -133,16 +212,20 @@ class Program(Generic[P, R]):
             return returned
 
         flat.__name__ = self.function.__name__  # which profiles show
-        lowered = jax.jit(flat).lower(*filter(_is_array, leaves))
-        with _compiled_anew():
-            run = lowered.compile(compiler_options=self._options)
-        result = results[-1]
+        code = jax.jit(flat).lower(*filter(_is_array, leaves))
+        return _Lowered(code, results[-1])
+
+    def _compile(self, key: bytes, lowered: _Lowered) -> _Loaded:
+        store = STORE.get()
+        assert store is not None
+        with _COMPILED_ANEW:
+            run = lowered.code.compile(compiler_options=self._options)
         try:
             code, _, _ = serialize_executable.serialize(run)
-            store.write(key, pickle.dumps((code, result)))
+            store.write(key, pickle.dumps((code, lowered.result)))
         except (AttributeError, NotImplementedError, TypeError, ValueError, pickle.PicklingError):
             pass  # it serves this process
-        return _Loaded(run, *jax.tree.flatten(result))
+        return _Loaded(run, *jax.tree.flatten(lowered.result))
 
 
 def _is_array(leaf: Any) -> bool:
@@ -157,17 +240,3 @@ def _is_placed(array: Any) -> bool:
 def _is_observed() -> bool:
     """Tell whether JAX is asked to look into what is run."""
     return any(map(setting, ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs")))
-
-
-@contextmanager
-def _compiled_anew() -> Iterator[None]:
-    """Compile without the cache of JAX: code that was read from there cannot be written again."""
-    with _ONE_AT_A_TIME:
-        enabled = setting("jax_enable_compilation_cache")
-        jax.config.update("jax_enable_compilation_cache", False)
-        compilation_cache.reset_cache()  # else it goes on as it began
-        try:
-            yield
-        finally:
-            jax.config.update("jax_enable_compilation_cache", enabled)
-            compilation_cache.reset_cache()

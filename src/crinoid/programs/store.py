@@ -57,6 +57,10 @@ class Store:
                     temporary.write_bytes(_head(key, content) + content)
                 self._make_room()
 
+    def holds(self, key: bytes) -> bool:
+        """Tell whether there is something under a key, be it of use or not."""
+        return self._path(key).exists()
+
     def remove(self, key: bytes) -> None:
         """Remove what is kept under a key."""
         with suppress(OSError):

@@ -28,6 +28,7 @@ from crinoid.programs import ONCE, compiled
 from crinoid.record import Record
 from crinoid.result import RESULT, UNCONTROLLED, UNFINISHED, Result
 from crinoid.scenario import Scenario
+from crinoid.simulation.ahead import compile_ahead
 from crinoid.simulation.conclusion import attributes_of, builder, conclude
 from crinoid.simulation.continuation import restored
 from crinoid.simulation.ctrl_c import CtrlC
@@ -36,10 +37,8 @@ from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.room import check_room
 from crinoid.simulation.setup import Setup, require_one_case, set_up
 from crinoid.simulation.sink import Sink
-from crinoid.simulation.stretch import begun_with, one_instant, record, stretch
+from crinoid.simulation.stretch import CAPACITY, begun_with, one_instant, record, stretch
 
-_CAPACITY = 512
-"""Instants of a chunk: of a long arm too few to make its loop too large for one function."""
 _CHUNK_SECONDS = 0.25
 
 
@@ -158,6 +157,7 @@ def play(
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
     with CtrlC() if stop is None else nullcontext(stop) as asked:
+        compile_ahead(prepared)
         setup = set_up(prepared)
         if tell is not None and setup.loop_doubts:
             tell(setup.loop_doubts)
@@ -262,16 +262,14 @@ def _run(
     trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
     if done < total and not trouble:
         # a stretch of nothing: compiles, so that what follows is timed without it
-        jax.block_until_ready(
-            stretch(loop, carry, carry.steps, jnp.asarray(stride, int), _CAPACITY)
-        )
+        jax.block_until_ready(stretch(loop, carry, carry.steps, jnp.asarray(stride, int), CAPACITY))
     begun = time.perf_counter() - spent
     while done < total and not (trouble or failed or stop()):
         chunk_begun = time.perf_counter()
-        steps = min(chunk, total - done, stride * _CAPACITY)
+        steps = min(chunk, total - done, stride * CAPACITY)
         done += steps
         carry, kept, new, outcome = stretch(
-            loop, carry, jnp.asarray(done, int), jnp.asarray(stride, int), _CAPACITY
+            loop, carry, jnp.asarray(done, int), jnp.asarray(stride, int), CAPACITY
         )
         count = int(new)
         sink.append(jax.tree.map(lambda x: np.asarray(x)[:count], kept))  # noqa: B023

@@ -60,13 +60,11 @@ class Setup(NamedTuple):
 def set_up(prepared: Prepared) -> Setup:
     """Assemble the loop of a scenario and find the arm's state at the start."""
     prepared.check()
-    scenario, system, parts = prepared.scenario, prepared.system, prepared.parts
+    scenario, system = prepared.scenario, prepared.system
     control = scenario.control
-    mapped = control.kind != "none" and control.mapping == "static-jacobian"
-    loaded = scenario.simulation.start == "equilibrium"
     current = Facts(prepared).mean_current
     state, outcome, tip, small, influence, jacobian = find_start(
-        system, array(current), loaded, mapped
+        system, array(current), scenario.simulation.start == "equilibrium", is_mapped(scenario)
     )
     modes, told = None, doubts(prepared)
     if not outcome.converged:  # nothing will be run, and the shape that is left means nothing
@@ -80,6 +78,40 @@ def set_up(prepared: Prepared) -> Setup:
     if jacobian is not None and swings_free:
         # the stiffness is singular: what its inverse says is round-off
         jacobian = jnp.full_like(jacobian, jnp.nan)
+    loop, plan = loop_about(prepared, state, tip, jacobian)
+    open_loop = None
+    # an arm that does not swing back by itself has no response to speak of
+    if control.kind == "pid" and modes is not None and np.all(modes.frequency > 0):
+        open_loop = _open_loop(loop, small, influence, modes)
+    found = loop_doubts(open_loop, control.pid.present) if open_loop is not None else []
+    return Setup(loop, state, plan, outcome, modes, told, open_loop, found)
+
+
+def is_mapped(scenario: Scenario) -> bool:
+    """Tell whether errors are mapped to inputs by how the tip follows these."""
+    return scenario.control.kind != "none" and scenario.control.mapping == "static-jacobian"
+
+
+def loop_about(
+    prepared: Prepared,
+    state: State,
+    tip: Float[Array, " pose"],
+    jacobian: Float[Array, "pose input"] | None,
+) -> tuple[Loop, Plan]:
+    """Return the loop of a scenario about a state of its arm, with the plan of its controller.
+
+    Parameters
+    ----------
+    prepared
+        The scenario.
+    state
+        The arm at the start.
+    tip
+        The pose of its tip.
+    jacobian
+        How that follows the inputs, where errors are mapped to inputs by that.
+    """
+    scenario, system, parts = prepared.scenario, prepared.system, prepared.parts
     sensors = (*build_sensors(scenario), *(parts.sensors if parts is not None else ()))
     target = build_target(scenario, prepared.series.get("target"), system, tip)
     plan = Plan(
@@ -90,7 +122,7 @@ def set_up(prepared: Prepared) -> Setup:
         jacobian,
         sensors,
         target,
-        current,
+        Facts(prepared).mean_current,
         prepared.recordings,
     )
     for words, names in (
@@ -110,12 +142,7 @@ def set_up(prepared: Prepared) -> Setup:
         feed_forward=build_feed_forward(plan),
         enabled=jax.device_put(np.asarray(True)),
     )
-    open_loop = None
-    # an arm that does not swing back by itself has no response to speak of
-    if control.kind == "pid" and modes is not None and np.all(modes.frequency > 0):
-        open_loop = _open_loop(loop, small, influence, modes)
-    found = loop_doubts(open_loop, control.pid.present) if open_loop is not None else []
-    return Setup(loop, state, plan, outcome, modes, told, open_loop, found)
+    return loop, plan
 
 
 def _controller(plan: Plan, parts: Parts | None) -> Controller:
@@ -154,13 +181,14 @@ def find_start(
     Float[Array, "pose input"] | None,
 ]:
     """Return the state that an arm starts from, loaded or not, and what is known of it then."""
-    state, outcome = _find_state(system, loaded)
+    state, outcome = find_state(system, loaded)
     return state, outcome, *_find_small_motions(system, state, current, mapped)
 
 
 # in two: XLA takes longer over one program than over the two halves of it
 @compiled(**ONCE)
-def _find_state(system: System, loaded: bool) -> tuple[State, Outcome]:
+def find_state(system: System, loaded: bool) -> tuple[State, Outcome]:
+    """Return the state that an arm starts from, loaded or not."""
     if loaded:
         return system.find_equilibrium()
     return system.rest(), Outcome.of_nothing(converged=True)

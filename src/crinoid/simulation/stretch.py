@@ -12,6 +12,9 @@ from crinoid.programs import OFTEN, compiled
 from crinoid.record import Record
 from crinoid.simulation.loop import Loop, LoopState, Tally
 
+CAPACITY = 512
+"""Instants of a chunk: of a long arm too few to make its loop too large for one function."""
+
 
 def record(loop: Loop, carry: LoopState) -> Record:
     """Keep the present instant."""
