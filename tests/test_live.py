@@ -16,14 +16,17 @@ from crinoid.dynamics import Outcome
 from crinoid.live.frame import in_three
 from crinoid.live.meshes import capsule, tube, tube_triangles, turned
 from crinoid.live.pace import Pace
-from crinoid.live.part import StartError, kinds_for
+from crinoid.live.part import CAPACITY, StartError, kinds_for
 from crinoid.live.props import Props
 from crinoid.live.session import Session
 from crinoid.live.target import Shifted, shift_to
 from crinoid.onset import Onset
+from crinoid.programs import Program, Store
+from crinoid.programs.store import STORE
 from crinoid.report import write_report
 from crinoid.result import Result
 from crinoid.scenario import Scenario, ScenarioError
+from crinoid.simulation.stretch import stretch
 
 SCENARIO = """
 title = "a small arm"
@@ -96,6 +99,20 @@ def assert_same(found: Result, run: Result) -> None:
             np.testing.assert_allclose(
                 found.dataset[name].values, data.values, rtol=1e-6, atol=1e-8 * scale, err_msg=name
             )
+
+
+def test_what_is_compiled_ahead_is_what_the_session_takes(tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr(Program, "will_compile", lambda *_: True)
+    monkeypatch.setattr(Program, "compile_ahead", lambda program, *args: given.append(args))
+    session = Session(Scenario.from_toml(SCENARIO))
+    steps = session.state.steps
+    asked = (session.loop, session.state, steps, jnp.asarray(3, int), CAPACITY)
+    token = STORE.set(Store(tmp_path))
+    ahead, asked = (stretch._key(*jax.tree.flatten((each, {}))) for each in (*given, asked))
+    STORE.reset(token)
+    assert asked is not None
+    assert ahead == asked
 
 
 def test_what_was_recorded_untouched_is_what_a_run_gives(session, tmp_path):

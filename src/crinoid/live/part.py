@@ -23,12 +23,15 @@ from crinoid.live.props import Props
 from crinoid.live.target import Shifted
 from crinoid.live.water import stirred
 from crinoid.scenario import Scenario
+from crinoid.simulation.ahead import compile_ahead
 from crinoid.simulation.failure import start_failure
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.setup import Setup, set_up
 
-__all__ = ["KINDS", "Part", "StartError", "kinds_for"]
+__all__ = ["CAPACITY", "KINDS", "Part", "StartError", "kinds_for"]
 
+CAPACITY = 64
+"""Most instants of a stretch."""
 KINDS = ("none", "pid", "lqg", "mpc")
 """Kinds of controllers that any scenario with inputs may be switched to."""
 
@@ -70,13 +73,17 @@ class Part(NamedTuple):
             prepared.parameters,
             flow=tuple(stirred(flow, None, Knobs(), place, 0.0) for flow in flows),
         )
+
+        def shifted(loop: Loop) -> Loop:
+            target = Shifted.of(loop.target, scenario.arm.dimension)
+            return eqx.tree_at(lambda x: x.target, loop, target)
+
+        compile_ahead(prepared, CAPACITY, shifted)
         setup = set_up(prepared)
         trouble = start_failure(scenario, setup.loop.system, setup.outcome)
         if trouble:
             raise StartError(trouble)
-        target = Shifted.of(setup.loop.target, scenario.arm.dimension)
-        loop = eqx.tree_at(lambda x: x.target, setup.loop, target)
-        return Part(scenario, prepared.parameters, flows, setup, loop)
+        return Part(scenario, prepared.parameters, flows, setup, shifted(setup.loop))
 
     def switches(
         self, *, parked: bool, shift: Float[np.ndarray, " d"], since: float | None

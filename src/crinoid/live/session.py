@@ -18,7 +18,7 @@ from crinoid.dynamics import Books, Outcome
 from crinoid.live.frame import Frame
 from crinoid.live.knobs import Knobs
 from crinoid.live.numbers import NO_PULL, Pull, changed, with_numbers
-from crinoid.live.part import Part
+from crinoid.live.part import CAPACITY, Part
 from crinoid.live.props import Props, launched, path_of, tip_force
 from crinoid.live.tape import Situation, Tape
 from crinoid.live.target import Shifted, shift_to
@@ -37,7 +37,6 @@ from crinoid.simulation.stretch import record, stretch
 
 __all__ = ["Session"]
 
-_CAPACITY = 64
 _LATELY = 8
 """Instants that are looked back on where a step fails."""
 
@@ -146,9 +145,9 @@ class Session:
             return 0
         done, stride = int(self._carry.steps), self._stride
         total = round(self.props.duration / self.scenario.simulation.time_step)
-        end = min(done + min(steps, _CAPACITY * stride), total)
+        end = min(done + min(steps, CAPACITY * stride), total)
         self._carry, kept, new, outcome = stretch(
-            self._loop, self._carry, jnp.asarray(end, int), jnp.asarray(stride, int), _CAPACITY
+            self._loop, self._carry, jnp.asarray(end, int), jnp.asarray(stride, int), CAPACITY
         )
         if int(new):
             some = jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept)
@@ -313,7 +312,7 @@ class Session:
     def _compile(self) -> None:
         """Compile the step: what follows keeps pace."""
         steps, one = self._carry.steps, jnp.asarray(self._stride, int)
-        jax.block_until_ready(stretch(self._loop, self._carry, steps, one, _CAPACITY))
+        jax.block_until_ready(stretch(self._loop, self._carry, steps, one, CAPACITY))
         _opened(self._loop, self._carry)
         if self.props.debris is not None:
             nowhere = array(np.zeros(self.scenario.arm.dimension))
