@@ -101,11 +101,21 @@ def assert_same(found: Result, run: Result) -> None:
             )
 
 
-def test_what_is_compiled_ahead_is_what_the_session_takes(tmp_path, monkeypatch):
+CHAMBER = """
+[[chamber]]
+offset = 0.011
+area = 3.0e-4
+max_pressure = 3.0e5
+"""
+
+
+@pytest.mark.parametrize("more", ["", CHAMBER], ids=["no chamber", "a chamber"])
+def test_what_is_compiled_ahead_is_what_the_session_takes(tmp_path, monkeypatch, more):
     given = []
     monkeypatch.setattr(Program, "will_compile", lambda *_: True)
     monkeypatch.setattr(Program, "compile_ahead", lambda program, *args: given.append(args))
-    session = Session(Scenario.from_toml(SCENARIO))
+    monkeypatch.setattr(Session, "_compile", lambda _: None)
+    session = Session(Scenario.from_toml(SCENARIO + more))
     steps = session.state.steps
     asked = (session.loop, session.state, steps, jnp.asarray(3, int), CAPACITY)
     token = STORE.set(Store(tmp_path))

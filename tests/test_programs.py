@@ -6,6 +6,8 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from pathlib import Path
 
 import equinox as eqx
@@ -140,16 +142,39 @@ def test_a_program_compiled_ahead_is_the_one_that_is_called(store):
     assert traces == [1]
 
 
-def test_a_mistake_in_what_is_compiled_ahead_holds_up_nothing(store, monkeypatch):
+def test_a_mistake_in_what_is_compiled_ahead_holds_up_nothing(store):
     run = in_a_new_process()
     with pytest.raises(AttributeError):
         run.compile_ahead(spring(), None, 1)
     run.compile_ahead(spring(), jnp.ones(5), 1)
+    assert run(spring(), jnp.ones(5), 1)[1] == 1
+
+
+def test_where_nothing_can_be_compiled_ahead_the_call_compiles(store, monkeypatch, capfd):
+    def fail(*_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    run, by = in_a_new_process(), jnp.ones(5)
     with monkeypatch.context() as patch:
-        patch.setattr(threading.Thread, "start", lambda self: (_ for _ in ()).throw(RuntimeError()))
-        with pytest.raises(RuntimeError):
-            run.compile_ahead(spring(), jnp.ones(5), 2)
-    assert run(spring(), jnp.ones(5), 2)[1] == 2
+        patch.setattr(threading.Thread, "start", fail)
+        run.compile_ahead(spring(), by, 1)
+    assert run(spring(), by, 1)[1] == 1
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "_compile", fail)  # in the thread
+        run.compile_ahead(spring(), by, 2)
+    assert run(spring(), by, 2)[1] == 2
+    assert capfd.readouterr().err == ""
+
+
+def test_threads_that_compile_the_same_ahead_compile_it_once(store):
+    run, by = in_a_new_process(), jnp.ones(5)
+    # a thread has a context of its own, in which programs are not kept
+    contexts = [copy_context() for _ in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        asked = [pool.submit(each.run, run.compile_ahead, spring(), by, 1) for each in contexts]
+    assert [each.result() for each in asked] == [None] * 4
+    run(spring(), by, 1)
+    assert traces == [1]
 
 
 def test_nothing_is_compiled_ahead_that_would_not_be_kept():

@@ -1,5 +1,6 @@
 """From the numbers of a scenario to the arrays that move the arm: pure, traceable."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -58,7 +59,7 @@ def assemble(parameters: Parameters) -> System:
     vehicle = None
     if parameters.vehicle is not None:
         vehicle = parameters.vehicle.vehicle(water.density, water.gravity)
-    return System(
+    system = System(
         reference=rod.reference,
         forces=Forces(
             (*elements, *through),
@@ -82,6 +83,10 @@ def assemble(parameters: Parameters) -> System:
         max_halvings=simulation.max_halvings,
         actuators=actuators,
         grasp=grasp,
+    )
+    # of no weak type: systems that differ in numbers alone take the same compiled programs
+    return jax.tree.map(
+        lambda x: jax.lax.convert_element_type(x, x.dtype) if eqx.is_inexact_array(x) else x, system
     )
 
 

@@ -24,20 +24,23 @@ def main() -> None:
         app()
     except Interrupted:  # while the program itself was loaded, or when it had said its last word
         print("crinoid: interrupted", file=sys.stderr)
-        _leave()
+        _leave(INTERRUPTED)
     except SystemExit as end:
-        if end.code == INTERRUPTED:
-            _leave()
+        if isinstance(end.code, int) and end.code:
+            _leave(end.code)
         raise
     finally:
         ignore()
         gc.freeze()  # the system takes back the memory of all that JAX made, and much faster
 
 
-def _leave() -> None:
-    """End at once: amid its work stopped, JAX may crash while the interpreter ends in order."""
+def _leave(code: int) -> None:
+    """End at once: amid its work stopped, JAX may crash while the interpreter ends in order.
+
+    Nor is what is still compiled ahead waited for.
+    """
     ignore()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):
             stream.flush()
-    os._exit(INTERRUPTED)
+    os._exit(code)

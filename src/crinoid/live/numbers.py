@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -114,10 +113,7 @@ def with_numbers(loop: Loop, parameters: Parameters, switches: Switches, debris:
             return [bodies.displaced, bodies.drag, bodies.weight]
 
         loop = eqx.tree_at(moved_by, loop, [held(values) for values in moved_by(loop)])
-    # of no weak type: one compiled stretch takes them all
-    return jax.tree.map(
-        lambda x: jax.lax.convert_element_type(x, x.dtype) if eqx.is_inexact_array(x) else x, loop
-    )
+    return loop
 
 
 def _times(factor: float, number: Array) -> Array:

@@ -6,6 +6,8 @@ import pickle
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from contextvars import copy_context
 from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 
@@ -107,6 +109,7 @@ class Program(Generic[P, R]):
         passed = {"compiler_options": options} if options else {}
         self._unkept = eqx.filter_jit(function, **passed)  # type: ignore[call-overload]
         self._loaded: OrderedDict[bytes, _Loaded] = OrderedDict()
+        self._ahead: dict[bytes, Future[_Loaded]] = {}
         self._lock = threading.Lock()
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
@@ -126,28 +129,26 @@ class Program(Generic[P, R]):
         """
         leaves, tree = jax.tree.flatten((args, kwargs))
         key = self._key(leaves, tree)
-        if key is None or not self.will_compile(*args, **kwargs):
+        if key is None:
             return
-        self._lock.acquire()  # until the thread has done
-        try:
-            lowered = self._lower(leaves, tree)
-
-            def compile_() -> None:
-                try:
-                    self._hold(key, self._compile(key, lowered))
-                finally:
-                    self._lock.release()
-
-            # not a daemon: a process that ends before a thread in XLA does may crash
-            threading.Thread(target=copy_context().run, args=(compile_,)).start()
-        except BaseException:
-            self._lock.release()
-            raise
+        with self._lock:
+            if not self._is_missing(key):
+                return
+            lowered, pool = self._lower(leaves, tree), ThreadPoolExecutor(1)
+            with suppress(RuntimeError):  # no thread can be had: then the call compiles it
+                run = copy_context().run
+                self._ahead[key] = pool.submit(run, self._compile, key, lowered)
+            pool.shutdown(wait=False)
 
     def will_compile(self, *args: P.args, **kwargs: P.kwargs) -> bool:
         """Tell whether programs are kept, and a call with such arguments will add one."""
-        key, store = self._key(*jax.tree.flatten((args, kwargs))), STORE.get()
-        return not (key is None or store is None or key in self._loaded or store.holds(key))
+        key = self._key(*jax.tree.flatten((args, kwargs)))
+        return key is not None and self._is_missing(key)
+
+    def _is_missing(self, key: bytes) -> bool:
+        store = STORE.get()
+        assert store is not None
+        return not (key in self._loaded or key in self._ahead or store.holds(key))
 
     def _key(self, leaves: list[Any], tree: Any) -> bytes | None:
         """Return the key of what a call takes; None if that is not kept."""
@@ -165,16 +166,22 @@ class Program(Generic[P, R]):
         if key is None:
             return None
         with self._lock:  # threads that ask for the same form wait, and compile it once
-            loaded = self._loaded.pop(key, None) or self._load(key, sum(map(_is_array, leaves)))
-            if loaded is None:
-                loaded = self._compile(key, self._lower(leaves, tree))
-            self._hold(key, loaded)
+            loaded = self._loaded.pop(key, None) or self._compiled_ahead(key)
+            loaded = loaded or self._load(key, sum(map(_is_array, leaves)))
+            loaded = loaded or self._compile(key, self._lower(leaves, tree))
+            self._loaded[key] = loaded  # the last to go
+            if len(self._loaded) > _MOST_LOADED:
+                self._loaded.popitem(last=False)
         return loaded
 
-    def _hold(self, key: bytes, loaded: _Loaded) -> None:
-        self._loaded[key] = loaded  # the last to go
-        if len(self._loaded) > _MOST_LOADED:
-            self._loaded.popitem(last=False)
+    def _compiled_ahead(self, key: bytes) -> _Loaded | None:
+        ahead = self._ahead.pop(key, None)
+        if ahead is None:
+            return None
+        try:
+            return ahead.result()
+        except Exception:  # of whatever kind: the call meets it as well, and tells
+            return None
 
     def _load(self, key: bytes, count: int) -> _Loaded | None:
         store = STORE.get()

@@ -45,10 +45,13 @@ def compile_ahead(
     ------
     ScenarioError
         If a file that the scenario names is not what it takes, or the controller cannot work.
+    ValueError
+        If two sensors or two inputs have one name, or an element has windows that the arm has no
+        nodes for.
     """
     scenario, parts = prepared.scenario, prepared.parts
-    given = parts is not None and parts.controller is not None
-    if given or scenario.control.kind not in _BUILT_ALIKE:
+    own = parts is not None and (parts.controller is not None or parts.sensors)
+    if own or scenario.control.kind not in _BUILT_ALIKE:
         return
     prepared.check()
     system, size = prepared.system, len(POSE[scenario.arm.dimension])
