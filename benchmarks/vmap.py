@@ -33,7 +33,8 @@ from step import IN_SPACE, PLANAR, RESULTS, SOFT, STEADY, STEADY_IN_SPACE  # noq
 STEPS = 100
 CASES = {
     "plane, uniform current": (PLANAR, [STEADY]),
-    "plane, turbulence": (PLANAR, []),
+    "plane, turbulence of 64 modes": (PLANAR, ["flow.0.modes=64"]),
+    "plane, turbulence of 256 modes": (PLANAR, []),
     "space, uniform current": (IN_SPACE, [STEADY_IN_SPACE]),
 }
 
