@@ -2,8 +2,9 @@
 
 Each batch is run in a process of its own by the programs of `crinoid run`, from the start of its
 first arm to its dataset: that is with starts, controllers, energy ledgers, records and measures.
-Beside it, in turn with it, MuJoCo's rod in the threads of its `rollout` and those of PyElastica and
-SoRoMoX in as many processes, all without water, control and records, where they are installed.
+*Steps only* are those of as many arms without all that. Beside them, in turn with them, MuJoCo's
+rod in the threads of its `rollout` and those of PyElastica and SoRoMoX in as many processes, all
+without water, control and records, where they are installed.
 """
 
 import argparse
@@ -34,6 +35,8 @@ CASES = {
     "uniform, PID": [STEADY],
     "turbulence, control off": ["flow.0.modes=64", "control.kind=none"],
     "turbulence, PID": ["flow.0.modes=64"],
+    "uniform, steps only": [STEADY, "control.kind=none"],
+    "turbulence, steps only": ["flow.0.modes=64", "control.kind=none"],
 }
 NODES = 21
 MUJOCO_STEP = 0.005
@@ -55,7 +58,8 @@ def main() -> None:
     parser.add_argument("--one", action="store_true", help="run one batch in this process")
     options = parser.parse_args()
     if options.one:
-        print(json.dumps(batch(options.cases[0], options.arms[0], options.duration)))
+        run_one = steps if options.cases[0].endswith("steps only") else batch
+        print(json.dumps(run_one(options.cases[0], options.arms[0], options.duration)))
         return
     console = Console(highlight=False, markup=False, width=120)
     contestants: dict[str, Callable[[int], dict[str, Any]]] = {
@@ -121,17 +125,23 @@ def alone(case: str, arms: int, duration: float) -> dict[str, Any]:
     return json.loads(ended.stdout.splitlines()[-1])
 
 
+def arm(case: str, duration: float) -> crinoid.Scenario:
+    """Return the scenario of a case."""
+    settings = [f"arm.nodes={NODES}", f"simulation.duration={duration}", "control.compare=false"]
+    return crinoid.load(PLANAR, [*SOFT, *settings, *CASES[case]])
+
+
+def moduli(arms: int) -> np.ndarray:
+    """Return the Young's modulus of each arm (Pa)."""
+    return np.linspace(4.5e5, 5.5e5, arms)
+
+
 def batch(case: str, arms: int, duration: float) -> dict[str, Any]:
     """Time a batch, its programs loaded."""
     from crinoid.programs import keep_programs
 
     keep_programs()
-    settings = [f"arm.nodes={NODES}", f"simulation.duration={duration}", "control.compare=false"]
-    scenario = crinoid.load(PLANAR, [*SOFT, *settings, *CASES[case]])
-    over = {
-        "arm.youngs_modulus": np.linspace(4.5e5, 5.5e5, arms),
-        "seed": range(arms),
-    }
+    scenario, over = arm(case, duration), {"arm.youngs_modulus": moduli(arms), "seed": range(arms)}
     crinoid.simulate_batch(scenario, seeds=1)
     begun, used = time.perf_counter(), time.process_time()
     found = crinoid.simulate_batch(scenario, over)
@@ -141,6 +151,49 @@ def batch(case: str, arms: int, duration: float) -> dict[str, Any]:
         "steps": arms * scenario.simulation.steps,
         "time_step": scenario.simulation.time_step,
         "failed": int((found["status"] != "ok").sum()),
+        "memory": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+    }
+
+
+def steps(case: str, arms: int, duration: float) -> dict[str, Any]:
+    """Time the steps of arms alone, one after the other on each core, compiled before."""
+    import equinox as eqx
+    import jax
+    import jax.numpy as jnp
+
+    from crinoid.programs import OFTEN
+    from spread import over_cores
+
+    scenario = arm(case, duration)
+
+    def swing(numbers: Any, moduli: jax.Array) -> jax.Array:
+        def one(modulus: jax.Array) -> jax.Array:
+            system = crinoid.assemble(eqx.tree_at(lambda x: x.arm.youngs_modulus, numbers, modulus))
+            command = jnp.zeros(len(system.inputs))
+
+            def step(state: Any, _: None) -> tuple[Any, jax.Array]:
+                state, outcome = system.step(state, command)
+                return state, outcome.converged
+
+            state, converged = jax.lax.scan(step, system.rest(), length=scenario.simulation.steps)
+            return jnp.where(converged.all(), state.position[-1], jnp.nan)
+
+        return jax.lax.map(one, moduli)
+
+    def split(numbers: Any, moduli: jax.Array) -> jax.Array:
+        return over_cores(swing, (numbers,), moduli)
+
+    run = eqx.filter_jit(split if arms % cores() == 0 else swing, compiler_options=OFTEN)
+    given = crinoid.parameters(scenario), jnp.asarray(moduli(arms))
+    jax.block_until_ready(run(*given))
+    begun, used = time.perf_counter(), time.process_time()
+    tips = np.asarray(run(*given))
+    return {
+        "seconds": time.perf_counter() - begun,
+        "cpu": time.process_time() - used,
+        "steps": arms * scenario.simulation.steps,
+        "time_step": scenario.simulation.time_step,
+        "failed": int((~np.isfinite(tips)).any(axis=1).sum()),
         "memory": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
     }
 

@@ -6,29 +6,22 @@ batch without the options of crinoid's own programs.
 
 import argparse
 import json
-import os
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-CORES = len(os.sched_getaffinity(0))
-# before JAX is imported: as many devices as cores, for a batch to be split over
-os.environ["XLA_FLAGS"] = (
-    f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={CORES}"
-)
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.table import Table
 
-import equinox as eqx  # noqa: E402
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from jax.sharding import AxisType, PartitionSpec  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
-
-import crinoid  # noqa: E402
-from crinoid.programs import OFTEN  # noqa: E402
-from step import IN_SPACE, PLANAR, RESULTS, SOFT, STEADY, STEADY_IN_SPACE  # noqa: E402
+import crinoid
+from crinoid.programs import OFTEN
+from spread import CORES, over_cores
+from step import IN_SPACE, PLANAR, RESULTS, SOFT, STEADY, STEADY_IN_SPACE
 
 STEPS = 100
 CASES = {
@@ -92,21 +85,7 @@ def measure(case: str, nodes: int, arms: int, repeats: int) -> list[dict[str, An
         return jax.lax.map(partial(roll, system, state), commands)
 
     def split(how: Callable[..., Any], system: Any, state: Any, commands: jax.Array) -> Any:
-        arrays, rest = eqx.partition((system, state), eqx.is_array)
-
-        def part(arrays: Any, commands: jax.Array) -> Any:
-            return how(*eqx.combine(arrays, rest), commands)
-
-        mesh = jax.make_mesh((CORES,), ("arms",), axis_types=(AxisType.Auto,))
-        spread = PartitionSpec("arms")
-        over = jax.shard_map(
-            part,
-            mesh=mesh,
-            in_specs=(PartitionSpec(), spread),
-            out_specs=spread,
-            check_vma=False,
-        )
-        return over(arrays, commands)
+        return over_cores(how, (system, state), commands)
 
     contestants: list[tuple[str, int, Callable[..., Any], dict[str, Any], Any]] = [
         ("one alone", 1, roll, OFTEN, commands[-1]),
