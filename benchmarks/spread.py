@@ -8,7 +8,9 @@ import equinox as eqx
 import jax
 from jax.sharding import AxisType, PartitionSpec
 
-CORES = len(os.sched_getaffinity(0))
+from crinoid.simulation.batch import cores
+
+CORES = cores()
 # as many devices as cores, for a batch to be split over
 os.environ["XLA_FLAGS"] = (
     f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={CORES}"

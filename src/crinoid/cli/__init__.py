@@ -35,10 +35,7 @@ def main() -> None:
 
 
 def _leave(code: int) -> None:
-    """End at once: amid its work stopped, JAX may crash while the interpreter ends in order.
-
-    Nor is what is still compiled ahead waited for.
-    """
+    """End at once: in order, Python would wait for what is still compiled, and JAX may crash."""
     ignore()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):

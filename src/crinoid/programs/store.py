@@ -59,7 +59,7 @@ class Store:
 
     def holds(self, key: bytes) -> bool:
         """Tell whether there is something under a key, be it of use or not."""
-        return self._path(key).exists()
+        return os.path.exists(self._path(key))
 
     def remove(self, key: bytes) -> None:
         """Remove what is kept under a key."""
