@@ -152,12 +152,15 @@ class _Search(eqx.Module):
     """How far Newton's method is."""
 
     correction: Rows
+    """To be judged next; the result, once that is done."""
     residual: Rows
+    """Imbalance of the correction judged last."""
     outcome: Outcome
+    """Outcome of that correction; its iterations are in ``count``."""
+    count: Int[Array, ""]
+    """Iterations so far."""
     tangent: Tangent
-    """The one of the last iteration."""
-    suffices: Bool[Array, ""]
-    """Whether that tangent, which costs most of an iteration, should do for the next one."""
+    """The one of the last iteration: most of what an iteration costs, it may do for the next."""
     done: Bool[Array, ""]
 
 
@@ -206,47 +209,59 @@ def _search(
 ) -> tuple[Rows, Float[Array, "held b"], Outcome]:
     """Do what `solve` does, for one."""
 
-    def enough(outcome: Outcome) -> Bool[Array, ""]:
-        return outcome.residual <= settings.tolerance * outcome.scale + _NOISE * settings.floor
-
-    def evaluate(correction: Rows) -> tuple[Rows, Outcome]:
-        return imbalance(forces, around, stage, correction, settings, load_factor)
-
     def unfinished(carry: _Search) -> Bool[Array, ""]:
-        left = carry.outcome.iterations < settings.max_iterations
-        return ~carry.done & left & jnp.isfinite(carry.outcome.residual)
+        return ~carry.done
 
     def iterate(carry: _Search) -> _Search:
+        # what is judged here, the guess or what the last iteration made of it, is described once:
+        # the elements are most of a program
         correction, before = carry.correction, carry.outcome
-        tangent = jax.lax.cond(
-            carry.suffices,
-            lambda: carry.tangent,
-            lambda: tangent_at(forces, around, stage, correction, load_factor),
-        )
-        change = tangent.solve(-carry.residual)
-        if settings.max_turn is not None:
-            turn = _largest_turn(forces.nodes(stage.position), forces.nodes(change), forces.axes)
-            change *= jnp.minimum(1.0, settings.max_turn / turn)
-        if settings.max_move is not None:
-            change *= jnp.minimum(1.0, settings.max_move / _largest(change[:, : forces.axes]))
-        correction = correction + change
-        residual, outcome = evaluate(correction)
-        # an iteration with the same tangent leaves about twice the share that this one left
+        residual, outcome = imbalance(forces, around, stage, correction, settings, load_factor)
+        # an iteration with the same tangent leaves about twice the share that the last one left
         share = outcome.residual / before.residual
         allowed = settings.tolerance * outcome.scale + _NOISE * settings.floor
-        suffices = _MARGIN * share * outcome.residual <= allowed
-        counted = eqx.tree_at(lambda o: o.iterations, outcome, before.iterations + 1)
-        done = enough(outcome) | (outcome.converged & (share > _STALLED))
-        return _Search(correction, residual, counted, tangent, suffices, done)
+        suffices = (carry.count > 0) & (_MARGIN * share * outcome.residual <= allowed)
+        stalled = outcome.converged & (share > _STALLED)
+        left = (carry.count < settings.max_iterations) & jnp.isfinite(outcome.residual)
+        done = (outcome.residual <= allowed) | stalled | ~left
 
-    residual, outcome = evaluate(guess)
-    blank = jax.tree.map(
-        lambda x: jnp.zeros(x.shape, x.dtype),
-        eqx.filter_eval_shape(tangent_at, forces, around, stage, guess, load_factor),
+        def correct(one: tuple[Rows, Tangent, Array]) -> tuple[Rows, Tangent, Array]:
+            correction, tangent, _ = one
+            tangent = jax.lax.cond(
+                suffices,
+                lambda: tangent,
+                lambda: tangent_at(forces, around, stage, correction, load_factor),
+            )
+            change = tangent.solve(-residual)
+            if settings.max_turn is not None:
+                nodes = forces.nodes(stage.position)
+                turn = _largest_turn(nodes, forces.nodes(change), forces.axes)
+                change *= jnp.minimum(1.0, settings.max_turn / turn)
+            if settings.max_move is not None:
+                change *= jnp.minimum(1.0, settings.max_move / _largest(change[:, : forces.axes]))
+            return correction + change, tangent, jnp.asarray(False)
+
+        # a loop of one turn or none, not a choice: in a batch that goes together all would do both
+        following, tangent, _ = jax.lax.while_loop(
+            lambda one: one[2], correct, (correction, carry.tangent, ~done)
+        )
+        return _Search(following, residual, outcome, carry.count + ~done, tangent, done)
+
+    nothing = Outcome.of_nothing(converged=False)
+    start = _Search(
+        guess,
+        jnp.zeros_like(guess),
+        eqx.tree_at(lambda o: o.residual, nothing, jnp.asarray(jnp.inf)),
+        jnp.asarray(0),
+        jax.tree.map(
+            lambda x: jnp.zeros(x.shape, x.dtype),
+            eqx.filter_eval_shape(tangent_at, forces, around, stage, guess, load_factor),
+        ),
+        jnp.asarray(False),
     )
-    start = _Search(guess, residual, outcome, blank, jnp.asarray(False), enough(outcome))
     end = jax.lax.while_loop(unfinished, iterate, start)
-    return end.correction, end.residual[:HELD], end.outcome
+    outcome = eqx.tree_at(lambda o: o.iterations, end.outcome, end.count)
+    return end.correction, end.residual[:HELD], outcome
 
 
 @solve.def_jvp
@@ -277,13 +292,13 @@ def imbalance(
     scale = jnp.max(settings.weights * largest)
     lacking = jnp.abs(forces.unknown(residual, 1 / forces.reach))
     unbalanced = jnp.max(settings.weights * lacking, axis=1)
-    worst = jnp.argmax(unbalanced)
+    most = jnp.max(unbalanced)
     return residual, Outcome(
-        converged=unbalanced[worst] <= settings.tolerance * scale + settings.floor,
+        converged=most <= settings.tolerance * scale + settings.floor,
         iterations=jnp.asarray(0),
-        residual=unbalanced[worst],
+        residual=most,
         scale=scale,
-        worst_node=worst + HELD - 1,
+        worst_node=jnp.argmax(unbalanced) + HELD - 1,
         resolved=jnp.asarray(True),
         folded=jnp.asarray(False),
         error=jnp.zeros(()),
