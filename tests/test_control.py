@@ -179,6 +179,22 @@ def test_noise_depends_on_the_seed_and_on_nothing_else():
     assert np.abs(heard(1, 0.02) - heard(2, 0.02)).max() > 0.1
 
 
+@pytest.mark.parametrize("spread", [0.0, 0.1, -0.1])
+def test_a_sample_follows_its_noise_from_none_on(spread):
+    begun = sensor().start(jnp.zeros(3))
+
+    @jax.jit
+    def sampled(noise: Array) -> Array:
+        noisy = eqx.tree_at(lambda s: s.noise, sensor(), noise)
+        return noisy.sample(begun, jnp.ones(3), jnp.zeros(())).samples[-1]
+
+    noise = jnp.full(3, spread)
+    drawn = np.diag(sampled(noise + 1.0) - sampled(noise))  # they are proportional
+    assert np.abs(np.diag(drawn)).min() > 1e-3
+    for slope in (jax.jacfwd(sampled), jax.jacrev(sampled)):
+        np.testing.assert_allclose(slope(noise), drawn, rtol=1e-12, atol=1e-15)
+
+
 def test_a_sensor_can_be_stopped_and_taken_up_again():
     noisy = sensor(period=0.03, delay=0.05, noise=[0.1] * 3)
     times, poses = 0.01 * jnp.arange(200), jnp.asarray(moving(0.01))[:200]

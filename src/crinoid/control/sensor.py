@@ -57,12 +57,12 @@ class Sensor(eqx.Module):
     def sample(self, before: SensorState, values: Values, time: Float[Array, ""]) -> SensorState:
         """Take a sample of the true values if one is due."""
         due = self.clock.due(before.ticks, time)
-        noise = jax.random.normal(jax.random.fold_in(self.key, before.ticks), values.shape)
-        noisy, coarse = values + self.noise * noise, self.resolution > 0
+        noisy = values + _errors(self.noise, self.key, before.ticks)
+        coarse = self.resolution > 0
         grain = jnp.where(coarse, self.resolution, 1.0)
         noisy = jnp.where(coarse, grain * jnp.round(noisy / grain), noisy)
-        samples = jnp.roll(before.samples, -1, axis=0).at[-1].set(noisy)
-        times = jnp.roll(before.times, -1).at[-1].set(time)
+        samples = jnp.concatenate([before.samples[1:], noisy[None]])
+        times = jnp.append(before.times[1:], time)
         return SensorState(
             before.ticks + due,
             jnp.where(due, times, before.times),
@@ -80,3 +80,21 @@ class Sensor(eqx.Module):
         known = jnp.sum(state.times <= time - self.delay + slack)
         # samples come in order, those of before the start count as known
         return jnp.maximum(known - 1, 0)
+
+
+@jax.custom_jvp
+def _errors(noise: Values, key: PRNGKeyArray, sample: Int[Array, ""]) -> Values:
+    """Return the errors of a sample; drawing them takes long, and most sensors have none."""
+    return jax.lax.cond(
+        jnp.any(noise != 0),
+        lambda: noise * _drawn(noise, key, sample),
+        lambda: jnp.zeros_like(noise),
+    )
+
+
+# they follow the noise where there is none, too
+_errors.defjvps(lambda change, _, *given: change * _drawn(*given), None, None)
+
+
+def _drawn(noise: Values, key: PRNGKeyArray, sample: Int[Array, ""]) -> Values:
+    return jax.random.normal(jax.random.fold_in(key, sample), noise.shape)
