@@ -125,8 +125,8 @@ def crinoid_tips(scenario: crinoid.Scenario, interval: float) -> Callable[[], np
 
     def run() -> np.ndarray:
         _, kept, _, _ = stretch(setup.loop, carry, end, stride, samples)
-        tips = np.asarray(kept.tip)[:, : origin.size] - origin
-        tips[np.logical_or.accumulate(np.asarray(kept.steps) != steps)] = np.nan
+        tips = np.asarray(kept.tip)[:samples, : origin.size] - origin
+        tips[np.logical_or.accumulate(np.asarray(kept.steps)[:samples] != steps)] = np.nan
         return tips
 
     return run

@@ -84,6 +84,17 @@ def rolled(loop, state, steps):
     return np.asarray(kept.command)[: int(filled)]
 
 
+def test_an_instant_that_is_not_to_be_kept_spoils_none_that_is(setup):
+    # from an odd step every second one: the last step is not kept, and all there is room for are
+    carry, _ = begin(setup.loop, setup.state)
+    two, room = jnp.asarray(2), 3
+    carry, *_ = stretch(setup.loop, carry, jnp.asarray(1), two, room)
+    carry, kept, filled, _ = stretch(setup.loop, carry, jnp.asarray(7), two, room)
+    assert (int(carry.steps), int(filled)) == (7, room)
+    step = float(setup.loop.system.time_step)
+    np.testing.assert_allclose(np.asarray(kept.time)[:room], step * np.array([2, 4, 6]), rtol=1e-12)
+
+
 def moved(loop, distance):
     """Return a loop whose target is moved along x (m)."""
     fixed = loop.target.fixed.at[0].add(distance)

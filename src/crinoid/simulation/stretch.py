@@ -115,15 +115,17 @@ def stretch(
 ) -> tuple[LoopState, Record, Int[Array, ""], Outcome]:
     """Run on to the time step ``end``, or until one fails; keep every ``stride``-th instant.
 
-    Returns the loop's new state, room for ``capacity`` instants of which the first ones are
-    filled, how many are, and the outcome of the last solve.
+    There are at most ``capacity`` of these. Returns the loop's new state, room for them and one
+    more, of which the first ones are filled, how many are, and the outcome of the last solve.
     """
     Outer = tuple[LoopState, Record, Array, Outcome]
 
     def run_to_next(outer: Outer) -> Outer:
         carry, kept, filled, outcome = outer
         carry, now, is_due, outcome = _to_next(loop, carry, outcome, end, stride)
-        kept = jax.tree.map(lambda all_, one: all_.at[filled].set(one), kept, now)
+        kept = jax.tree.map(
+            lambda all_, one: jax.lax.dynamic_update_index_in_dim(all_, one, filled, 0), kept, now
+        )
         return carry, kept, filled + is_due, outcome
 
     def unfinished(outer: Outer) -> Bool[Array, ""]:
@@ -131,7 +133,8 @@ def stretch(
         return (carry.steps < end) & outcome.converged
 
     room = jax.tree.map(
-        lambda x: jnp.zeros((capacity, *x.shape), x.dtype),
+        # an instant that is not to be kept is written as well, and written over by the next one
+        lambda x: jnp.zeros((capacity + 1, *x.shape), x.dtype),
         jax.eval_shape(lambda: record(loop, carry)),
     )
     started = Outcome.of_nothing(converged=True)
