@@ -123,11 +123,12 @@ else:
 # XLA runs a program on the CPU as a list of small functions, and calling these takes longer than
 # what they do for arrays as small as an arm's. Loops of up to so many bytes become one function.
 # LLVM, which compiles it, must then forget all that it knew of loops when it unrolls one: to forget
-# the loops around it alone, it looks through the whole function each time.
+# the loops around it alone, it looks through the whole function each time. Written out are loops of
+# up to 8 turns, the coordinates of two nodes in space; one over the nodes is faster as a loop.
 _LOOPS = "xla_cpu_small_while_loop_byte_threshold"
 _given = os.environ.get("XLA_FLAGS", "")
 if _LOOPS not in _given:
-    _options = f"{_LOOPS}={1 << 24},-forget-scev-loop-unroll"
+    _options = f"{_LOOPS}={1 << 24},-forget-scev-loop-unroll,-unroll-full-max-count=8"
     os.environ["XLA_FLAGS"] = f"{_given} --xla_backend_extra_options={_options}".strip()
 
 
