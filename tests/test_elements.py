@@ -19,7 +19,7 @@ from crinoid.elements import (
     TipLoad,
     Weight,
 )
-from crinoid.elements.edge import along, shared
+from crinoid.elements.edge import along, mass_matrices, shared
 from crinoid.elements.geometry import bend_strain
 from crinoid.rod import Rod
 from physics import always
@@ -42,16 +42,22 @@ def bend(damping_time=0.0):
     return Bend(0, *one(0.7, REST, damping_time))
 
 
+def massive():
+    """Mass matrix of an edge of 0.4 kg per length at one end and 0.5 at the other."""
+    return mass_matrices(jnp.array([[0.4, 0.5]]))[0]
+
+
 def inertia():
-    return Inertia(1, *one([0.4, 0.5], []))
+    return Inertia(1, *one(massive(), []))
 
 
 def drag(normal=2.0, tangential=0.3, linear=0.0):
-    return Drag(1, *one([normal, 1.5 * normal], [tangential, 1.2 * tangential], [linear, linear]))
+    ends = one([normal, 1.5 * normal], [tangential, 1.2 * tangential], [linear, linear])
+    return Drag(1, *map(along, ends))
 
 
 def added_mass(normal=1.0, tangential=0.2):
-    return AddedMass(1, *one([0.4, 0.5], normal, tangential))
+    return AddedMass(1, *one(massive(), normal, tangential))
 
 
 def distributed(tangential=1.3, normal=-0.6, fixed=(0.0, 0.0)):
@@ -382,7 +388,7 @@ def test_drag_of_a_straight_edge(edge_angle, incidence, moving):
 def test_drag_of_an_edge_that_turns_about_its_end():
     # the share of an end of c (w s)^2: a cubic, which Simpson's rule integrates exactly
     velocity = np.array([[0.0, 0.0], [0.0, W]])
-    even = Drag(1, *one([2.5, 2.5], [0.3, 0.36], [0.0, 0.0]))
+    even = Drag(1, *map(along, one([2.5, 2.5], [0.3, 0.36], [0.0, 0.0])))
     against = residual(even, window(velocity=velocity, stencil=2))
     expected = falls_to_ends(lambda s: 2.5 * (W * s) ** 2)
     np.testing.assert_allclose(against[:, 1], expected, rtol=1e-12)

@@ -89,6 +89,16 @@ def solve(bands: Bands, rhs: Float[Array, "n b *columns"]) -> Float[Array, "n b 
     )
 
 
+def begun_with(first: Float[Array, "m b"], nodes: Vectors) -> Vectors:
+    """Return ``nodes`` with others in the place of the first ones."""
+    return jnp.concatenate([first, nodes[first.shape[0] :]])
+
+
+def widened(rows: Float[Array, "n _"], width: int) -> Vectors:
+    """Return rows with zeros behind them, up to a width."""
+    return jnp.pad(rows, ((0, 0), (0, width - rows.shape[1])))
+
+
 def _within(bands: Bands) -> Bands:
     """Clear the entries that point outside the chain."""
     node = jnp.arange(bands.shape[0])[:, None] + jnp.arange(-2, 3)

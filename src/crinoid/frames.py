@@ -7,6 +7,7 @@ section 4). So the spin of an edge is a coordinate of its own beside the positio
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -19,11 +20,15 @@ def dot(a: Vectors, b: Vectors) -> Numbers:
     return jnp.sum(a * b, axis=-1)
 
 
-def cross(a: Vectors, b: Vectors) -> Vectors:
-    """Return the vector products of vectors in space."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return jnp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+def cross(a: Array, b: Array, axis: int = -1) -> Array:
+    """Return the vector products of vectors in space, whose components stand along an axis."""
+
+    def following(vector: Array) -> Array:
+        """Move ``y`` to where ``x`` is, ``z`` to ``y``, and ``x`` to ``z``."""
+        parts = [jax.lax.slice_in_dim(vector, *at, axis=axis) for at in ((1, 3), (0, 1))]
+        return jnp.concatenate(parts, axis=axis)
+
+    return following(a * following(b) - following(a) * b)
 
 
 def transport(vector: Vectors, before: Vectors, after: Vectors) -> Vectors:

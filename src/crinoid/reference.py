@@ -58,7 +58,7 @@ class Reference(eqx.Module):
         arm of 11 nodes a hundredth too soft. At the tip no moment is left to correct.
         """
         correction = self.rest_length[0] * jnp.array([-1 / 8, 1 / 6, -1 / 24])[: self.nodes]
-        bent = self.voronoi_length.at[: correction.size].add(correction)
+        bent = self.voronoi_length + jnp.pad(correction, (0, self.nodes - correction.size))
         lengths = [bent] if self.axes == 2 else [bent, bent, self.voronoi_length]
         return jnp.stack(lengths, axis=1)
 

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.base.motion import BaseMotion
@@ -75,7 +76,7 @@ class Base(eqx.Module):
         pan, tilt, roll = self.angles + pose[3:]
         level = jnp.stack([jnp.cos(pan), jnp.sin(pan), jnp.zeros(())])
         port = jnp.stack([-jnp.sin(pan), jnp.cos(pan), jnp.zeros(())])
-        up = jnp.zeros(3).at[2].set(1.0)
+        up = np.array([0.0, 0.0, 1.0])
         tangent = jnp.cos(tilt) * level + jnp.sin(tilt) * up
         above = jnp.cos(tilt) * up - jnp.sin(tilt) * level
         m_1 = jnp.cos(roll) * port + jnp.sin(roll) * above

@@ -73,7 +73,7 @@ class Target(eqx.Module):
         if not _spatial(pose):
             return pose
         direction = pose[3:]  # between two unit vectors the curve cuts the corner
-        return pose.at[3:].set(direction / jnp.sqrt(jnp.sum(direction**2)))
+        return jnp.append(pose[:3], direction / jnp.sqrt(jnp.sum(direction**2)))
 
 
 def pose_error(wanted: Pose, measured: Pose) -> Pose:
@@ -86,7 +86,7 @@ def pose_error(wanted: Pose, measured: Pose) -> Pose:
     if _spatial(error):
         return error
     turn = error[-1]
-    return error.at[-1].set(turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi)))
+    return jnp.append(error[:-1], turn - 2 * jnp.pi * jnp.round(turn / (2 * jnp.pi)))
 
 
 def _spatial(pose: Pose) -> bool:

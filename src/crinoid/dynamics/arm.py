@@ -38,7 +38,7 @@ class Arm(eqx.Module):
     @property
     def mass(self) -> Float[Array, ""]:
         """Mass of the arm without water (kg)."""
-        own = [0.5 * jnp.sum(e.mass) for e in self.elements if isinstance(e, Inertia)]
+        own = [jnp.sum(e.mass) for e in self.elements if isinstance(e, Inertia)]
         return sum(own, start=jnp.zeros(()))
 
     def bending_stiffness(self, reference: Reference) -> Float[Array, " ways"]:
@@ -58,14 +58,14 @@ class Arm(eqx.Module):
         In the order of `crinoid.elements.ENERGIES` and `crinoid.elements.WORKS`.
         """
         energy = dict.fromkeys(ENERGIES, jnp.zeros(()))
-        working = dict.fromkeys(WORKS, jnp.zeros((num_nodes, motion.position.shape[1])))
+        size = motion.position.shape[1]
+        working = dict.fromkeys(WORKS, jnp.zeros((num_nodes, size)))
         for first, elements in windows.groups(self.elements, motion.flow_velocity.shape[1]):
             accounts = jax.vmap(windows.accounts)(elements, windows.gathered(elements[0], motion))
             for element, (stored, forces) in zip(elements, accounts, strict=True):
                 energy[element.stored] += jnp.sum(stored)
                 nodal = chain.scatter(forces, first, num_nodes)
-                rows = working[element.worked]
-                working[element.worked] = rows.at[:, : nodal.shape[1]].add(nodal)
+                working[element.worked] += chain.widened(nodal, size)
         return jnp.stack(list(energy.values())), jnp.stack(list(working.values()))
 
     def strains(self, motion: Motion) -> Float[Array, "bent strain"]:

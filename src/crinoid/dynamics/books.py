@@ -31,7 +31,9 @@ class Books(eqx.Module):
     def of(forces: Forces, state: State) -> "Books":
         """Open the books of an arm that starts from ``state``."""
         energy, working = holding(forces, state.grip).audit(state.motion)
-        working = working.at[_ACTUATION, :HELD].add(state.reaction)
+        works, nodes, _ = working.shape
+        at = ((_ACTUATION, works - 1 - _ACTUATION), (0, nodes - HELD), (0, 0))
+        working += jnp.pad(state.reaction[None], at)
         touch = None
         if forces.obstacles is not None:
             touch, pushed = forces.obstacles.touch(forces.beside(state.motion))

@@ -148,7 +148,7 @@ class Forces(Arm):
         if self.mount is not None:
             held = self.mount.ride(*rows).carried(self.mount.held, frames)
             position, velocity, acceleration = (
-                row.at[:HELD].set(carried) for row, carried in zip(rows, held, strict=True)
+                chain.begun_with(carried, row) for row, carried in zip(rows, held, strict=True)
             )
         motion = Motion(
             position,
@@ -179,13 +179,14 @@ class Forces(Arm):
             forces = local(elements, windows.gathered(elements[0], motion))
             width = forces.shape[-1]
             nodal = chain.scatter(jnp.sum(forces, axis=1), first, num_nodes)
-            total = total.at[:, :width].add(nodal)
-            largest = largest.at[:width].max(jnp.max(jnp.abs(forces), axis=(0, 1, 2)))
+            total += chain.widened(nodal, size)
+            most = jnp.max(jnp.abs(forces), axis=(0, 1, 2))
+            largest = jnp.maximum(largest, jnp.pad(most, (0, size - width)))
         rows = total
         if self.obstacles is not None:
             _, pushed = self.obstacles.push(self.beside(motion))
             largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed), axis=0))
-            rows = (-pushed).at[:num_nodes].add(total)
+            rows = jnp.pad(total, ((0, self.obstacles.count), (0, 0))) - pushed
             if self.free:
                 own = jax.vmap(lambda e, m: windows.residuals((e,), m, None)[0])
                 bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]

@@ -29,7 +29,7 @@ def first_guess(forces: Forces, held: Prescribed, stage: Stage, state: State, us
     nodes = forces.nodes(stage.position)
     count = nodes.shape[0]
     follows = (carried(held, nodes) - stage.velocity[:count]) / stage.by_velocity
-    rigid = usual.at[HELD:count].set(follows[HELD:])
+    rigid = jnp.concatenate([usual[:HELD], follows[HELD:], usual[count:]])
     return jnp.where(_is_jerky(state, held, count), rigid, usual)
 
 
@@ -38,5 +38,5 @@ def _is_jerky(state: State, held: Prescribed, count: int) -> Bool[Array, ""]:
     past = jnp.stack([*state.earlier[::-1], state.motion.acceleration])[:, :HELD]
     root = jnp.concatenate([past, held.acceleration[None]])
     # the ghost node tells by how much the tip would be swung
-    root = root.at[:, 0].set((root[:, 0] - root[:, 1]) * count)
+    root = jnp.stack([(root[:, 0] - root[:, 1]) * count, root[:, 1]], axis=1)
     return jnp.sum(jnp.diff(root, axis=0) ** 2) > _JERKY * jnp.sum(root**2)

@@ -30,11 +30,12 @@ class Influence(NamedTuple):
 
     def static(self, stiffness: chain.Bands) -> Float[Array, "pose input"]:
         """Return how the tip's pose follows inputs that move slowly."""
-        moved = jnp.zeros((*self.loads.shape[:2], self.held.shape[2])).at[:HELD].set(self.held)
+        moved = jnp.pad(self.held, ((0, self.loads.shape[0] - HELD), (0, 0), (0, 0)))
         forced = jnp.concatenate([-_product(stiffness, moved), self.loads], axis=-1)
         nodes = jnp.concatenate([moved, jnp.zeros_like(self.loads)], axis=-1)
         if self.lines is None:
-            nodes = nodes.at[HELD:].set(chain.solve(stiffness[HELD:], forced[HELD:]))
+            free = chain.solve(stiffness[HELD:], forced[HELD:])
+            nodes = jnp.concatenate([nodes[:HELD], free])
         else:
             loads = jnp.einsum("lnb,nbc->lc", self.lines.follow, moved)
             taut = -jnp.einsum("nbl,lc->nbc", self.lines.pull, loads)

@@ -27,6 +27,8 @@ class Stage(eqx.Module):
     by_acceleration: Float[Array, ""]
     frames: Frames | None = None
     """In space the frames that the motion takes along."""
+    stays: tuple[str, ...] = eqx.field(static=True, default=())
+    """Which of position and velocity no correction changes: the tangent leaves them out."""
 
 
 class Integrator(eqx.Module):

@@ -5,11 +5,10 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from crinoid.base import Base, ServoState
+from crinoid.chain import begun_with, widened
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.start import as_rows
 from crinoid.dynamics.state import State
-from crinoid.dynamics.tangent import HELD
 
 
 def prescribed(
@@ -30,9 +29,9 @@ def prescribed(
             frames = stage.frames
             assert frames is not None
             spin = frames.spin_to(1, held.frame[0], held.frame[1])
-            position = as_rows(position, 4).at[1, 3].set(spin)
+            position = jnp.c_[position, jnp.stack([jnp.zeros(()), spin])]
         given = (position, held.velocity, held.acceleration)
-        rows = tuple(row.at[:HELD].set(value) for row, value in zip(rows, given, strict=True))
+        rows = tuple(begun_with(value, row) for row, value in zip(rows, given, strict=True))
     obstacles = forces.obstacles
     if obstacles is not None:
         first = forces.nodes(stage.position).shape[0]
@@ -46,7 +45,7 @@ def prescribed(
         values = (led, velocity, jnp.zeros_like(led))
         at = first + obstacles.led
         rows = tuple(
-            row.at[at].set(as_rows(value[obstacles.led], width), unique_indices=True)
+            row.at[at].set(widened(value[obstacles.led], width), unique_indices=True)
             for row, value in zip(rows, values, strict=True)
         )
     return eqx.tree_at(lambda s: (s.position, s.velocity, s.acceleration), stage, rows)

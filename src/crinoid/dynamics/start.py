@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.base import Base, Prescribed, ServoState
+from crinoid.chain import begun_with, widened
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.grip import Grip
 from crinoid.dynamics.integrator import Stage
@@ -36,17 +37,17 @@ def undeformed(
         assert reference.rest_twist is not None
         clamp = base.frame(pose)
         shape, directors = reference.rest_frames(clamp)
-        rows = as_rows(jnp.concatenate([held[:1], held[1] + shape]), 4)
+        rows = widened(jnp.concatenate([held[:1], held[1] + shape]), 4)
         directors = jnp.concatenate([clamp[1:2], clamp[1:2], directors])
-        twists = jnp.pad(reference.rest_twist * reference.voronoi_length, (1, 0))
-        twists = twists.at[-1].set(0.0)  # nothing twists at the tip
+        # nothing twists at the tip
+        twists = jnp.pad((reference.rest_twist * reference.voronoi_length)[:-1], (1, 1))
         known = Frames.of(rows, Orientation(directors, twists, jnp.zeros_like(directors)))
         frames = Frames.of(rows, known.at(rows))
     parts, width = [rows], rows.shape[1]
     if (obstacles := forces.obstacles) is not None:
-        parts.append(as_rows(obstacles.position + time * obstacles.drift, width))
+        parts.append(widened(obstacles.position + time * obstacles.drift, width))
     if forces.vehicle is not None:
-        middle = as_rows(forces.vehicle.offset[None], width)
+        middle = widened(forces.vehicle.offset[None], width)
         parts += [middle, jnp.zeros_like(middle)]
     return jnp.concatenate(parts), frames
 
@@ -109,18 +110,18 @@ def begin(
     """
     forces = mounted(forces, base, time, servo)
     nodes, held = forces.nodes(position), base.prescribe(time, servo)
-    velocity = jnp.zeros_like(position)
-    velocity = velocity.at[: nodes.shape[0]].set(carried(held, nodes))
-    velocity = velocity.at[:HELD].set(held.velocity)
+    moving = [begun_with(held.velocity, carried(held, nodes))]
     obstacles = forces.obstacles
     if obstacles is not None:
-        at = slice(nodes.shape[0], nodes.shape[0] + obstacles.count)
-        points = position[at, : forces.axes]
+        points = position[nodes.shape[0] :][: obstacles.count, : forces.axes]
         started = obstacles.begin(points, lambda p: forces.flow_velocity(p, time))
-        velocity = velocity.at[at].set(as_rows(started, velocity.shape[1]))
+        moving.append(widened(started, position.shape[1]))
+    velocity = jnp.concatenate(moving)
+    velocity = jnp.pad(velocity, ((0, position.shape[0] - velocity.shape[0]), (0, 0)))
     none, zero = jnp.zeros_like(position), jnp.zeros(())
-    accelerated = none.at[:HELD].set(held.acceleration)
-    stage = Stage(time, position, velocity, accelerated, zero, zero, jnp.ones(()), frames)
+    accelerated = begun_with(held.acceleration, none)
+    stays, one = ("position", "velocity"), jnp.ones(())
+    stage = Stage(time, position, velocity, accelerated, zero, zero, one, frames, stays)
     around = forces.surroundings(stage, none)
     acceleration, reaction = _accelerated(forces, around, stage)
     return forces, forces.motion(stage, acceleration, around), reaction
@@ -180,8 +181,3 @@ def steady(
         attitude=attitude,
         grip=grip,
     )
-
-
-def as_rows(points: Float[Array, "count d"], width: int) -> Float[Array, "count b"]:
-    """Pad the coordinates of points to the width of a row with zeros."""
-    return jnp.pad(points, ((0, 0), (0, width - points.shape[1])))

@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
@@ -55,7 +56,7 @@ def still(
     """Return a stage without velocity in which the correction moves the nodes."""
     zero, one = jnp.zeros_like(position), jnp.ones(())
     shift = jnp.asarray(by_acceleration, float)
-    return Stage(time, position, zero, zero, one, jnp.zeros(()), shift, frames)
+    return Stage(time, position, zero, zero, one, jnp.zeros(()), shift, frames, ("velocity",))
 
 
 def find(
@@ -221,7 +222,8 @@ def equilibrium(
         # frames and water are those of before the kick: they reach that far
         chord = shape.position[tip] - shape.position[1]
         kick = _KICK * reach * along**2 * _aside(chord, reach, forces.axes)
-        kicked = shape.position.at[3 : tip + 1].add(jnp.where(just_loaded, kick, 0.0))
+        beside = ((3, shape.position.shape[0] - tip - 1), (0, 0))
+        kicked = shape.position + jnp.pad(jnp.where(just_loaded, kick, 0.0), beside)
         shape = _choose(gives_up, first_loaded, _Shape(kicked, shape.frames, shape.around))
         iterations = search.iterations + solved.iterations
         return _Search(
@@ -312,11 +314,10 @@ def _aside(chord: Float[Array, " b"], reach: Float[Array, ""], axes: int) -> Flo
     up = axes - 1
     length = jnp.sqrt(jnp.sum(chord[:axes] ** 2))
     closed = length < 1e-6 * reach
-    forward = jnp.zeros_like(chord).at[0].set(1.0)
-    chord = jnp.where(closed, forward, chord / jnp.where(closed, 1.0, length))
-    across = jnp.zeros_like(chord).at[0].set(-chord[up]).at[up].set(chord[0])
+    unit = np.eye(chord.size)
+    chord = jnp.where(closed, unit[0], chord / jnp.where(closed, 1.0, length))
+    across = chord[0] * unit[up] - chord[up] * unit[0]
     if axes == 3:
-        aside = jnp.zeros(3).at[1].set(1.0) - chord[1] * chord[:3]
-        along_y = jnp.zeros(3).at[0].set(chord[1] ** 8)
-        across = across.at[:3].add(0.3 * aside + along_y)
+        aside = unit[1] - chord[1] * chord * (np.arange(chord.size) < axes)
+        across += 0.3 * aside + chord[1] ** 8 * unit[0]
     return across / jnp.sqrt(jnp.sum(across**2))

@@ -166,7 +166,8 @@ class System(eqx.Module):
         stage = prescribed(forces, self.base, stage, state, servo, h)
 
         def moved(acceleration: Rows) -> Rows:
-            return method.correction(acceleration, h).at[:HELD].set(0.0)  # these are prescribed
+            free = method.correction(acceleration, h)[HELD:]  # the others are prescribed
+            return jnp.pad(free, ((HELD, 0), (0, 0)))
 
         # the water is costly: looked at once, where the arm gets to if its acceleration stays, and
         # expanded from there. Not from Newton's guess, which is chosen: a step would jump with it
@@ -231,7 +232,7 @@ class System(eqx.Module):
         """Return the tip's pose in the world (`crinoid.space.POSE`): position (m) and direction."""
         pose = tip_pose(state.position)
         axes = self.forces.axes
-        return pose.at[:axes].add(self.forces.origin)
+        return pose + jnp.pad(self.forces.origin, (0, pose.size - axes))
 
     def voyage(self, state: State) -> Voyage | None:
         """Return where the vehicle is and what its thrusters do; None where the base is held."""

@@ -63,9 +63,9 @@ class Tangent(eqx.Module):
         """Solve for what is not prescribed; the other rows come back as zero."""
         num_nodes = self.bands.shape[0]
         bands, nodes = self.bands[HELD:], rhs[HELD:num_nodes]
-        answer = jnp.zeros_like(rhs)
         if self.border is None:
-            return answer.at[HELD:num_nodes].set(chain.solve(bands, nodes))
+            others = rhs.shape[0] - num_nodes
+            return jnp.pad(chain.solve(bands, nodes), ((HELD, others), (0, 0)))
         border, at = self.border.of_free(), jnp.asarray(self.extra, int)
         beside = rhs[num_nodes:].reshape(-1)[at]
         nodes, extra = jax.lax.custom_linear_solve(
@@ -77,8 +77,8 @@ class Tangent(eqx.Module):
             ),
         )
         beside = jnp.zeros(rhs[num_nodes:].size).at[at].set(extra[: at.size], unique_indices=True)
-        answer = answer.at[HELD:num_nodes].set(nodes)
-        return answer.at[num_nodes:].set(beside.reshape(-1, rhs.shape[1]))
+        held = jnp.zeros((HELD, rhs.shape[1]))
+        return jnp.concatenate([held, nodes, beside.reshape(-1, rhs.shape[1])])
 
     def bordered(
         self,

@@ -7,6 +7,7 @@ of the world as long as it is not turned.
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.base import Prescribed
@@ -197,7 +198,7 @@ class Vehicle(eqx.Module):
         along = self.added_mass * gain + swung(rate, water) + drag - thrust
         force = self.mass * ride.acceleration - self.displaced * flow_acceleration
         force = force + product(turn, along)
-        up = jnp.zeros_like(slip).at[-1].set(1.0)
+        up = jnp.asarray(np.eye(slip.size)[-1])
         whole = self.inertia + self.added_inertia
         righting = (
             self.displaced * self.gravity * self.metacentric_height * moments(up, product(up, turn))
@@ -206,7 +207,7 @@ class Vehicle(eqx.Module):
         moment = whole * ride.hastening + moments(slip, water) + angular_drag - righting - steering
         if rate.size == 3:
             moment = moment + cross(rate, whole * rate)
-        return force.at[-1].add((self.mass - self.displaced) * self.gravity), moment
+        return force + (self.mass - self.displaced) * self.gravity * up, moment
 
     def voyage(self, motion: Motion, attitude: Float[Array, "d d"]) -> Voyage:
         """Return where the vehicle is, and what its thrusters do."""

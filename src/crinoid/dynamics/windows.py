@@ -47,22 +47,23 @@ def count(element: Element) -> int:
 
 def course(stage: Stage, slopes: Slopes) -> Course:
     """Return how a window follows a correction; ``slopes`` are those of the water there."""
-    return Course(stage.by_position, stage.by_velocity, stage.by_acceleration, *slopes)
+    by = (stage.by_position, stage.by_velocity, stage.by_acceleration)
+    return Course(*by, *slopes, stays=stage.stays)
 
 
 def jacobian(
     course: Course, elements: Elements, window: Motion, load_factor: Array | None
 ) -> Array:
     """Return d(residual)/d(correction) of one window: ``(k, b, k, b)``."""
-    known = [e.jacobian(window, course) for e in elements if isinstance(e, Linearised)]
-    if known:  # then all of the group are
-        return jnp.sum(jnp.stack(known), axis=0)
+    known = [e for e in elements if isinstance(e, Linearised)]  # all of a group, or none
+    if known and "position" not in course.stays:
+        return jnp.sum(jnp.stack([e.jacobian(window, course) for e in known]), axis=0)
 
     def residual(window: Motion) -> Array:
         return jnp.sum(residuals(elements, window, load_factor), axis=0)
 
     def along(direction: Float[Array, "k b"]) -> Array:
-        return jax.jvp(residual, (window,), (course.tangent(window, direction),))[1]
+        return course.derivative(residual, window, direction)
 
     shape = window.position.shape
     basis = jnp.eye(shape[0] * shape[1]).reshape(-1, *shape)

@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
@@ -55,7 +56,7 @@ class Body(Element):
             + _ADDED_MASS * (motion.flow_acceleration - motion.acceleration[:, :axes])
         )
         drag = self.drag * smooth_speed(jnp.sum(relative**2)) * relative
-        weight = jnp.zeros_like(relative).at[0, -1].set(self.weight)
+        weight = self.weight * np.eye(relative.shape[1])[-1:]
         force = water + drag - weight
         spare = motion.acceleration.shape[1] - axes
         return self.mass * motion.acceleration - jnp.pad(force, ((0, 0), (0, spare)))

@@ -9,7 +9,15 @@ vibrations without a force along the arm are of fourth order in the edge length.
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+
+_SHARES = np.array([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
+"""Share of each end at the start, in the middle and at the end."""
+_BORNE = _SHARES.T * np.array([1.0, 4.0, 1.0]) / 6.0
+"""Shares that each end bears of forces at these three."""
+_BORNE_MASS = np.einsum("iq,qj,qk->ijk", _BORNE, _SHARES, _SHARES)
+"""Entries of a mass matrix by the mass per length at either end (Simpson's rule)."""
 
 
 def at_ends(nodal: Float[Array, " n"]) -> Float[Array, "n-1 2"]:
@@ -26,3 +34,8 @@ def shared(force: Float[Array, "3 ..."]) -> Float[Array, "2 ..."]:
     """Return what falls to each end of a force given at the start, the middle and the end."""
     middle = force[1] / 3
     return jnp.stack([force[0] / 6 + middle, middle + force[2] / 6])
+
+
+def mass_matrices(ends: Float[Array, "edge 2"]) -> Float[Array, "edge 2 2"]:
+    """Return the mass matrix of each edge, by its mass per length at the ends times its length."""
+    return jnp.sum(_BORNE_MASS * ends[:, None, None], axis=-1)

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
+from operator import attrgetter
 from typing import ClassVar
 
 import equinox as eqx
@@ -84,33 +85,47 @@ class Course(eqx.Module):
     """Derivative of the water's velocity along the axes of space, the last index (1/s)."""
     acceleration_slope: Float[Array, "*count k d d"] | None = None
     """Derivative of its material acceleration (1/s2); where it is left out, None."""
+    stays: tuple[str, ...] = eqx.field(static=True, default=())
+    """Which of position and velocity no correction changes."""
 
-    def tangent(self, motion: Motion, direction: Float[Array, "k b"]) -> Motion:
-        """Return how the motion changes where the nodes are corrected along ``direction``."""
-        places = direction[:, : motion.flow_velocity.shape[-1]]
+    def derivative(
+        self,
+        residual: Callable[[Motion], Float[Array, "k b"]],
+        motion: Motion,
+        direction: Float[Array, "k b"],
+    ) -> Float[Array, "k b"]:
+        """Return how a residual changes where the nodes are corrected along ``direction``."""
+        change = self._tangent(motion, direction)
+        changes = jax.tree.map(lambda x: x is not None, change, is_leaf=lambda x: x is None)
+        moving, still = eqx.partition(motion, changes)
+        return jax.jvp(lambda m: residual(eqx.combine(m, still)), (moving,), (change,))[1]
 
-        def along(slope: Array | None) -> Array:
-            if slope is None:
-                return jnp.zeros_like(places)
-            return self.by_position * jnp.sum(slope * places[:, None], axis=-1)
-
-        return Motion(
-            self.by_position * direction,
-            self.by_velocity * direction,
-            self.by_acceleration * direction,
-            along(self.velocity_slope),
-            along(self.acceleration_slope),
-            jnp.zeros_like(motion.time),
-            _turning(motion, self.by_position * direction),
-            *jax.tree.map(jnp.zeros_like, (motion.drive, motion.line)),
+    def _tangent(self, motion: Motion, direction: Float[Array, "k b"]) -> Motion:
+        """Return how the motion changes, with None for what stays as it is."""
+        changes = {"acceleration": self.by_acceleration * direction}
+        if "velocity" not in self.stays:
+            changes["velocity"] = self.by_velocity * direction
+        if "position" not in self.stays:
+            moved = self.by_position * direction
+            changes["position"] = moved
+            flows = moved[:, None, : motion.flow_velocity.shape[-1]]
+            changes["flow_velocity"] = jnp.sum(self.velocity_slope * flows, axis=-1)
+            if self.acceleration_slope is not None:
+                changes["flow_acceleration"] = jnp.sum(self.acceleration_slope * flows, axis=-1)
+            if motion.orientation is not None:
+                changes["orientation.director"] = _turning(motion, moved)
+        still = jax.tree.map(lambda _: None, motion)
+        return eqx.tree_at(
+            lambda m: [attrgetter(name)(m) for name in changes],
+            still,
+            list(changes.values()),
+            is_leaf=lambda x: x is None,
         )
 
 
-def _turning(motion: Motion, moved: Float[Array, "k b"]) -> Orientation | None:
+def _turning(motion: Motion, moved: Float[Array, "k b"]) -> Float[Array, "k 3"]:
     """Return how the directors of a window turn; their twist an element works out from them."""
-    if motion.orientation is None:
-        return None
-    none = jax.tree.map(jnp.zeros_like, motion.orientation)
+    assert motion.orientation is not None
     # of the edge that ends at the first node the window shows one end only
     edge, moving = jnp.diff(motion.position[:, :3], axis=0), jnp.diff(moved[:, :3], axis=0)
     length = jnp.sqrt(dot(edge, edge))[:, None]
@@ -118,7 +133,7 @@ def _turning(motion: Motion, moved: Float[Array, "k b"]) -> Orientation | None:
     turning = (moving - dot(moving, tangent)[:, None] * tangent) / length
     spin = (moved[1:, 3] + dot(motion.orientation.lean[1:], turning))[:, None]
     swept = spin * cross(tangent, director) - dot(director, turning)[:, None] * tangent
-    return Orientation(jnp.pad(swept, ((1, 0), (0, 0))), none.twist, none.lean)
+    return jnp.pad(swept, ((1, 0), (0, 0)))
 
 
 class Element(eqx.Module):
@@ -161,7 +176,11 @@ class Element(eqx.Module):
 
 
 class Linearised(Element):
-    """A force law with a tangent matrix of its own, where that is measured to be faster."""
+    """A force law with a tangent matrix of its own, where that is measured to be faster.
+
+    At the start of a motion, where only accelerations are sought, ``residual`` is differentiated
+    all the same.
+    """
 
     @abstractmethod
     def jacobian(self, motion: Motion, course: Course) -> Float[Array, "k b k b"]:

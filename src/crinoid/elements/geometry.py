@@ -1,15 +1,28 @@
 """Geometry that several elements share."""
 
+from typing import Any
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Vector = Float[Array, " b"]
 
 
+@jax.custom_jvp
 def unit(vector: Vector) -> tuple[Vector, Float[Array, ""]]:
     """Return the direction and the length of a vector."""
     length = jnp.sqrt(jnp.sum(vector * vector))
     return vector / length, length
+
+
+@unit.defjvp
+def _unit_jvp(at: tuple[Vector], by: tuple[Vector]) -> Any:
+    # as one would write it down: what follows from the lines above is three times as long
+    direction, length = unit(*at)
+    (change,) = by
+    longer = jnp.sum(direction * change)
+    return (direction, length), ((change - longer * direction) / length, longer)
 
 
 def turned(vector: Float[Array, "... 2"]) -> Float[Array, "... 2"]:

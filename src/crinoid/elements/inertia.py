@@ -6,8 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.edge import along, at_ends, shared
+from crinoid.elements.edge import at_ends, mass_matrices
 from crinoid.elements.element import Element, Motion
+from crinoid.products import product
 from crinoid.rod import Rod
 
 
@@ -18,15 +19,15 @@ class Inertia(Element):
     stored: ClassVar[str] = "kinetic"
     spins: ClassVar[bool] = True
     first: int = eqx.field(static=True)
-    mass: Float[Array, "*count 2"]
-    """Mass per length at both ends of an edge, times its length (kg)."""
+    mass: Float[Array, "*count 2 2"]
+    """Mass matrix of an edge (kg)."""
     spin: Float[Array, "*count turns"]
     """In space, the moment of inertia of the edge about itself (kg m2)."""
 
     @staticmethod
     def of(rod: Rod) -> "Inertia":
         """Build the inertia of a rod."""
-        mass = at_ends(rod.mass_per_length) * rod.rest_length[:, None]
+        mass = mass_matrices(at_ends(rod.mass_per_length) * rod.rest_length[:, None])
         spin = rod.spin_inertia
         spin = jnp.zeros((mass.shape[0], 0)) if spin is None else spin[:, None]
         return Inertia(1, mass, spin)
@@ -42,6 +43,6 @@ class Inertia(Element):
 
     def _momentum(self, velocity: Float[Array, "2 b"]) -> Float[Array, "2 b"]:
         axes = velocity.shape[1] - self.spin.size
-        moving = shared(along(self.mass)[:, None] * along(velocity[:, :axes]))
+        moving = product(self.mass, velocity[:, :axes])
         spinning = jnp.stack([jnp.zeros_like(self.spin), self.spin * velocity[1, axes:]])
         return jnp.concatenate([moving, spinning], axis=1)

@@ -28,6 +28,7 @@ from typing import ClassVar, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Course, Linearised, Motion
@@ -68,21 +69,21 @@ class SpatialEdge(NamedTuple):
 
     def turning(self, lean: Vector) -> Float[Array, "3 4"]:
         """Return how the edge turns with its vector (m) and its spin (rad)."""
-        swung = _crossing(self.tangent) + _outer(self.tangent, lean)
+        swung = _crossing(self.tangent, np.eye(3)) + _outer(self.tangent, lean)
         return jnp.concatenate([swung / self.length, self.tangent[:, None]], axis=1)
 
     def force_slope(self, moment: Vector) -> Float[Array, "4 4"]:
         """Return d(force)/d(vector and spin) at a fixed moment."""
         swing = across(self.tangent) / self.length
         pull = _outer(cross(moment, self.tangent), self.tangent) / self.length
-        force = (product(_crossing(moment), swing) - pull) / self.length
+        force = (_crossing(moment, swing) - pull) / self.length
         torque = jnp.sum(moment[:, None] * swing, axis=0)
         return jnp.pad(jnp.concatenate([force, torque[None]]), ((0, 0), (0, 1)))
 
     def angular_velocity_slope(self) -> Float[Array, "3 4"]:
         """Return d(angular velocity)/d(vector and spin) at fixed velocities."""
         swing = across(self.tangent)
-        rate = self.spin_rate * swing - product(_crossing(self.rate), swing)
+        rate = self.spin_rate * swing - _crossing(self.rate, swing)
         shrinking = _outer(cross(self.tangent, self.rate), self.tangent)
         return jnp.pad((rate - shrinking) / self.length, ((0, 0), (0, 1)))
 
@@ -146,8 +147,8 @@ class NodeStrain(NamedTuple):
         Also how it follows the difference of the edges' turns from their mean: the mean's turn is
         half of each edge's and takes the moment along.
         """
-        crossing = _crossing(moment)
-        return self.map_slope(stress) - product(crossing, self.turning), -0.5 * crossing
+        steered = self.map_slope(stress) - _crossing(moment, self.turning)
+        return steered, -0.5 * _crossing(moment, np.eye(3))
 
     @property
     def turning(self) -> Matrix:
@@ -238,13 +239,11 @@ class BendTwist(Linearised):
         # d(moment)/dw where the edges' mean does not turn, and d(moment)/d(relative velocity)
         on_strain = product(G, stiffness)
         viscous = self.damping_time * product(on_strain, G)
-        rated = strain.map_slope(relative) + product(
-            G, product(_crossing(relative), strain.turning)
-        )
+        rated = strain.map_slope(relative) + product(G, _crossing(relative, strain.turning))
         steered, taken_along = strain.moment_slopes(stress, moment)
         by_turn = steered + product(on_strain, G + self.damping_time * rated)
         # the velocities of before, seen from what has turned, change the other way
-        by_mean = taken_along + 0.5 * product(viscous, _crossing(relative))
+        by_mean = taken_along + 0.5 * cross(viscous, relative)
 
         def followed(edge: SpatialEdge, end: int, by_turn: Matrix) -> Float[Array, "3 4"]:
             velocity = course.by_velocity * edge.turning(jnp.zeros(3))
@@ -319,8 +318,6 @@ def across(tangent: Vector) -> Matrix:
     return jnp.eye(3) - _outer(tangent, tangent)
 
 
-def _crossing(vector: Vector) -> Matrix:
-    """Return the matrix of ``vector x``."""
-    x, y, z = vector
-    none = jnp.zeros_like(x)
-    return jnp.stack([none, -z, y, z, none, -x, -y, x, none]).reshape(3, 3)
+def _crossing(vector: Vector, matrix: Matrix | np.ndarray) -> Matrix:
+    """Return the products of a vector and each column of a matrix."""
+    return cross(vector[:, None], jnp.asarray(matrix), axis=0)

@@ -16,6 +16,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.elements.elastic import Turn, by_nodes
@@ -124,10 +125,11 @@ class Threads(Linearised):
         path, lever, slopes = self._lanes(strains, before, behind)
         curvature = lever[:, :, None] * lever[:, None, :]
         if self.offset.shape[1] == 2:
-            curvature = curvature.at[:, 2, 2].set(jnp.sum(self.offset**2, axis=-1))
+            wound = jnp.sum(self.offset**2, axis=-1)
+            curvature += wound[:, None, None] * np.diag([0.0, 0.0, 1.0, 0.0])
         curvature = curvature - slopes[:, :, None] * slopes[:, None, :]
         bent = tension * self.routed / path
-        slope = jnp.where(routed[:, None], slopes, lever.at[:, -1].set(0.0))
+        slope = jnp.where(routed[:, None], slopes, jnp.pad(lever[:, :-1], ((0, 0), (0, 1))))
         stiff = self._stiffened(motion)
         bending = stiff * (strains[: stiff.size] - self.rest_strain)
         more = (0, strains.size + 1 - stiff.size)
@@ -151,7 +153,7 @@ class Threads(Linearised):
         slopes = (along / path)[:, None] * lever
         if twists:
             winding = jnp.sum(aside * _around(self.offset), axis=-1) / path
-            slopes = slopes.at[:, 2].set(winding)
+            slopes += winding[:, None] * np.eye(4)[2]
         return path, lever, slopes
 
     def _advance(
@@ -250,7 +252,7 @@ class PlanarThreads(Threads):
 def _turned(strain: NodeStrain) -> Float[Array, "4 4"]:
     """Return how the strains follow the relative turn of the edges, and the length itself."""
     turned = product(strain.axes, strain.map)
-    return jnp.pad(turned, (0, 1)).at[3, 3].set(1.0)
+    return jnp.pad(turned, (0, 1)) + np.diag([0.0, 0.0, 0.0, 1.0])
 
 
 def _around(offset: Float[Array, "lane 2"]) -> Float[Array, "lane 2"]:

@@ -5,6 +5,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
@@ -112,7 +113,7 @@ class Tool(Element):
         couple += self.offset / length * (force - jnp.sum(force * tangent) * tangent)
         total = jnp.stack([-couple, force + couple])
         if torque is not None:
-            total = jnp.pad(total, ((0, 0), (0, 1))).at[1, 3].set(torque)
+            total = jnp.c_[total, jnp.stack([jnp.zeros(()), torque])]
         return self.held(motion.time) * total
 
     def centre(self, place: _Points) -> Float[Array, " d"]:
@@ -130,7 +131,7 @@ class Tool(Element):
         drag = self.drag * smooth_speed(jnp.sum(relative**2)) * relative
         carried = (self.displaced + self.added_mass) * motion.flow_acceleration[1]
         inertia = (self.mass + self.added_mass) * acceleration
-        return (inertia - carried - drag).at[-1].add(self.weight)
+        return inertia - carried - drag + self.weight * np.eye(drag.size)[-1]
 
     def _moment(
         self, motion: Motion, tangent: Array, rate: Array, second: Array

@@ -11,11 +11,13 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.edge import along, at_ends, shared
+from crinoid.elements.edge import along, at_ends, mass_matrices, shared
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import smooth_speed, unit
+from crinoid.products import product
 from crinoid.rod import Rod
 
 
@@ -29,12 +31,15 @@ class Drag(Element):
     external: ClassVar[bool] = True
     worked: ClassVar[str] = "drag"
     first: int = eqx.field(static=True)
-    normal: Float[Array, "*count 2"]
-    """Force per length over ``|w_n| w_n`` at the ends of an edge, times its length (kg/m)."""
-    tangential: Float[Array, "*count 2"]
-    """Force per length over ``|w_t| w_t`` at the ends of an edge, times its length (kg/m)."""
-    linear: Float[Array, "*count 2"]
-    """Force per length over ``w`` at the ends of an edge, times its length (kg/s)."""
+    normal: Float[Array, "*count 3"]
+    """Force per length over ``|w_n| w_n`` at the start, the middle and the end of an edge,
+    times its length (kg/m)."""
+    tangential: Float[Array, "*count 3"]
+    """Force per length over ``|w_t| w_t`` at the start, the middle and the end of an edge,
+    times its length (kg/m)."""
+    linear: Float[Array, "*count 3"]
+    """Force per length over ``w`` at the start, the middle and the end of an edge,
+    times its length (kg/s)."""
 
     @staticmethod
     def of(
@@ -47,7 +52,7 @@ class Drag(Element):
     ) -> "Drag":
         """Build the drag of a rod; ``linear`` in N s/m2, the others are coefficients."""
         length = rod.rest_length[:, None]
-        wetted = 0.5 * density * at_ends(rod.diameter) * length
+        wetted = 0.5 * density * jax.vmap(along)(at_ends(rod.diameter)) * length
         return Drag(
             1,
             jnp.asarray(normal) * wetted,
@@ -62,9 +67,9 @@ class Drag(Element):
         across = relative - slip[:, None] * tangent
         across_speed = smooth_speed(jnp.sum(across**2, axis=1))
         return -shared(
-            (along(self.normal) * across_speed)[:, None] * across
-            + (along(self.tangential) * smooth_speed(slip**2) * slip)[:, None] * tangent
-            + along(self.linear)[:, None] * relative
+            (self.normal * across_speed)[:, None] * across
+            + (self.tangential * smooth_speed(slip**2) * slip)[:, None] * tangent
+            + self.linear[:, None] * relative
         )
 
 
@@ -79,8 +84,8 @@ class AddedMass(Element):
     external: ClassVar[bool] = True
     worked: ClassVar[str] = "added_mass"
     first: int = eqx.field(static=True)
-    displaced: Float[Array, "*count 2"]
-    """Mass of water displaced per length at the ends of an edge, times its length (kg)."""
+    displaced: Float[Array, "*count 2 2"]
+    """Mass matrix of the water that an edge displaces (kg)."""
     normal: Float[Array, "*count"]
     """Added-mass coefficient across the arm (1)."""
     tangential: Float[Array, "*count"]
@@ -91,7 +96,7 @@ class AddedMass(Element):
         rod: Rod, *, density: float | Array, normal: float | Array, tangential: float | Array
     ) -> "AddedMass":
         """Build the added mass of a rod from its coefficients."""
-        displaced = density * at_ends(rod.displaced_area) * rod.rest_length[:, None]
+        displaced = mass_matrices(density * at_ends(rod.displaced_area) * rod.rest_length[:, None])
         edges = rod.rest_length.shape
         return AddedMass(
             1,
@@ -105,7 +110,7 @@ class AddedMass(Element):
         relative = motion.flow_acceleration - motion.acceleration
         forward = jnp.sum(relative * tangent, axis=1)[:, None] * tangent
         pushed = self.normal * (relative - forward) + self.tangential * forward
-        return -shared(along(self.displaced)[:, None] * along(pushed + motion.flow_acceleration))
+        return -product(self.displaced, pushed + motion.flow_acceleration)
 
 
 class Weight(Element):
@@ -126,7 +131,7 @@ class Weight(Element):
         return Weight(1, jnp.pad(on_ends[:, 0], (0, 1)) + jnp.pad(on_ends[:, 1], (1, 0)))
 
     def residual(self, motion: Motion) -> Float[Array, "1 b"]:
-        return jnp.zeros_like(motion.position).at[0, -1].set(self.force)
+        return self.force * np.eye(motion.position.shape[1])[-1:]
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
         return self.force * motion.position[0, -1]
