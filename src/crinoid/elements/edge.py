@@ -8,16 +8,9 @@ finite elements, and together with the bends' own shares (`crinoid.rod.Rod.strai
 vibrations without a force along the arm are of fourth order in the edge length.
 """
 
+import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
-
-_SHARES = np.array([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
-"""Share of each end at the start, in the middle and at the end."""
-_BORNE = _SHARES.T * np.array([1.0, 4.0, 1.0]) / 6.0
-"""Shares that each end bears of forces at these three."""
-_BORNE_MASS = np.einsum("iq,qj,qk->ijk", _BORNE, _SHARES, _SHARES)
-"""Entries of a mass matrix by the mass per length at either end (Simpson's rule)."""
 
 
 def at_ends(nodal: Float[Array, " n"]) -> Float[Array, "n-1 2"]:
@@ -38,4 +31,5 @@ def shared(force: Float[Array, "3 ..."]) -> Float[Array, "2 ..."]:
 
 def mass_matrices(ends: Float[Array, "edge 2"]) -> Float[Array, "edge 2 2"]:
     """Return the mass matrix of each edge, by its mass per length at the ends times its length."""
-    return jnp.sum(_BORNE_MASS * ends[:, None, None], axis=-1)
+    accelerations = along(jnp.eye(2))  # of one end, then of the other
+    return jax.vmap(lambda mass: shared(along(mass)[:, None] * accelerations))(ends)

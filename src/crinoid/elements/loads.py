@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.chain import widened
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.geometry import beyond, turned, unit
 from crinoid.frames import cross, dot, spun, transport, twist_between
@@ -146,7 +147,7 @@ class TipLoad(Element):
 
 def _with_torque(force: Float[Array, "k d"], motion: Motion) -> Float[Array, "k b"]:
     """Add to forces on nodes the torque about edges, none, where edges spin."""
-    return jnp.pad(force, ((0, 0), (0, motion.position.shape[1] - force.shape[1])))
+    return widened(force, motion.position.shape[1])
 
 
 def _combined(parts: Float[Array, " d"], axes: Float[Array, "d d"]) -> Float[Array, " d"]:
