@@ -72,6 +72,16 @@ def test_the_spectrum_of_white_noise_is_flat_and_adds_up_to_its_variance():
     assert frequency[-1] == pytest.approx(10.0)
 
 
+@pytest.mark.parametrize("count", [640, 900, 301, 17, 16])
+def test_a_spectrum_is_welchs(count):
+    velocity = 3.0 + np.random.default_rng(count).normal(size=(count, 2, 3))
+    found = spectrum(velocity, 0.3)
+    length = min(count, max(256, 2 * count // 5))
+    frequency, density = welch(velocity, 1 / 0.3, nperseg=length, detrend="constant", axis=0)
+    np.testing.assert_allclose(found.frequency, frequency[1:], rtol=1e-12)
+    np.testing.assert_allclose(found.density, density[1:], rtol=1e-10)
+
+
 def test_a_spectrum_is_the_mean_of_the_windows_without_holes():
     interval, count = 0.05, 20_000
     noise = np.random.default_rng(0).normal(scale=0.2, size=(count, 1, 1))

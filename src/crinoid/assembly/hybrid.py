@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import eig, eigh, expm, solve_discrete_are
-from scipy.optimize import minimize
 
 from crinoid.assembly.numbers import array
 from crinoid.assembly.plan import Plan
@@ -137,6 +136,7 @@ def build_hybrid(plan: Plan) -> Hybrid:
 
 def _depth(pendulum: Pendulum) -> float:
     """Return the energy that the hanging arm lacks (J); of one that stands that of a lean of 1."""
+    from scipy.optimize import minimize  # slow to load
 
     def stored(leans: Vector) -> float:
         bent = 2 * np.tan(0.5 * np.clip(np.diff(leans, prepend=0.0), -2.0, 2.0))

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from numpy.lib.stride_tricks import sliding_window_view
 
 _SEGMENTS = 4
 _SHORTEST = 256
@@ -40,20 +41,10 @@ def spectrum(
     Windows in which more than a twentieth is a hole that was filled are left out: straight lines
     have no eddies. Where none is left the windows are made shorter.
     """
-    from scipy.signal import spectrogram  # slow to load
-
     length = min(len(velocity), max(_SHORTEST, 2 * len(velocity) // (_SEGMENTS + 1)))
     while True:
-        frequency, _, windows = spectrogram(
-            velocity,
-            fs=1 / interval,
-            window="hann",
-            nperseg=length,
-            noverlap=length // 2,
-            detrend="constant",
-            axis=0,
-        )
-        starts = (length - length // 2) * np.arange(windows.shape[-1])
+        windows = _periodograms(velocity, interval, length)
+        starts = (length - length // 2) * np.arange(len(windows))
         sound = np.ones(starts.size, bool)
         if holes is not None:
             before = np.concatenate([[0], np.cumsum(holes)])
@@ -62,9 +53,24 @@ def spectrum(
             break
         length //= 2
     used = sound if sound.any() else np.ones_like(sound)
-    density = windows[..., used].mean(axis=-1)
     # the first belongs to the mean, which has been taken off
-    return Spectrum(frequency[1:], density[1:], int(sound.sum()), sound.size)
+    frequency, density = np.fft.rfftfreq(length, interval)[1:], windows[used].mean(axis=0)[1:]
+    return Spectrum(frequency, density, int(sound.sum()), sound.size)
+
+
+def _periodograms(
+    velocity: Float[np.ndarray, "time place axis"], interval: float, length: int
+) -> Float[np.ndarray, "window frequency place axis"]:
+    """Return the one-sided spectral density of each window, less its mean, under a Hann taper.
+
+    As `scipy.signal.spectrogram` does, which takes long to load: every run's page has a spectrum.
+    """
+    windows = sliding_window_view(velocity, length, axis=0)[:: length - length // 2]
+    taper = np.hanning(length + 1)[:-1]  # its period is the window
+    parts = np.fft.rfft((windows - windows.mean(axis=-1, keepdims=True)) * taper)
+    density = np.abs(parts) ** 2 * interval / np.sum(taper**2)
+    density[..., 1 : (length + 1) // 2] *= 2  # and those below zero
+    return np.moveaxis(density, -1, 1)
 
 
 def von_karman(

@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
-from scipy.optimize import linear_sum_assignment
 
 from crinoid.actuation import Actuator
 from crinoid.control import Pid, Sensor
@@ -204,6 +203,8 @@ def _crossings(
 
 def _followed(values: Complex[np.ndarray, "f input"]) -> Complex[np.ndarray, "f input"]:
     """Order the eigenvalues at each frequency so that each goes on from where it was."""
+    from scipy.optimize import linear_sum_assignment  # slow to load
+
     ordered = values.copy()
     for index in range(1, values.shape[0]):
         away = np.abs(ordered[index - 1][:, None] - values[index][None, :])
