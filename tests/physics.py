@@ -303,19 +303,16 @@ class Kept(eqx.Module):
 
     state: State
     books: Books
+    energy: Array
 
     @staticmethod
-    def of(system: System, state: State) -> "Kept":
-        return Kept(state, Books.of(system.forces, state))
+    def of(system: System, state: State, books: Books | None = None) -> "Kept":
+        return Kept(state, books or Books.of(system.forces, state), system.energy(state))
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self.state, name)
-
-    @property
-    def energy(self) -> Array:
-        return self.books.energy
 
     @property
     def work(self) -> Array:
@@ -332,13 +329,13 @@ class Kept(eqx.Module):
     def step(self, system: System, command: Array, step: Array) -> tuple["Kept", Outcome]:
         state, outcome = system.step(self.state, command, step)
         books = self.books.after(system.forces, self.state, state, step)
-        return Kept(state, books), outcome
+        return Kept.of(system, state, books), outcome
 
     def advance(
         self, system: System, command: Array, step: Array | None = None
     ) -> tuple["Kept", Progress]:
         state, books, progress = system.advance_with_books(self.state, self.books, command, step)
-        return Kept(state, books), progress
+        return Kept.of(system, state, books), progress
 
 
 def ways(

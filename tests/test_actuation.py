@@ -80,7 +80,7 @@ def march(system, thrust, step, steps):
 
     start = (state, Books.of(system.forces, state), jnp.asarray(True))
     state, books, converged = jax.lax.fori_loop(0, steps, tick, start)
-    return system.tip(state), state.actuators[0], books.energy, books.work, converged
+    return system.tip(state), state.actuators[0], system.energy(state), books.work, converged
 
 
 @pytest.fixture(scope="module", params=[2, 3])

@@ -448,11 +448,11 @@ def _kept(system: System, states: Kept, step: Array) -> Array:
 
         def kinetic(velocity: Array) -> Array:
             moving = eqx.tree_at(lambda m: m.velocity, motion, velocity)
-            return system.forces.audit(moving)[0][ENERGIES.index("kinetic")]
+            return system.forces.energy(moving)[ENERGIES.index("kinetic")]
 
         def slope(position: Array) -> Array:
             placed = eqx.tree_at(lambda m: m.position, motion, position)
-            return jax.grad(lambda m: jnp.sum(system.forces.audit(m)[0]))(placed).position
+            return jax.grad(lambda m: jnp.sum(system.forces.energy(m)))(placed).position
 
         _, restoring = jax.jvp(slope, (motion.position,), (motion.velocity,))
         curved = 2.0 * kinetic(motion.acceleration) + jnp.sum(restoring * motion.velocity)

@@ -77,7 +77,7 @@ def run(system, state, **how):
 def _inertia(system, motion):
     def kinetic(velocity):
         moving = eqx.tree_at(lambda m: m.velocity, motion, velocity)
-        return system.forces.audit(moving)[0][ENERGIES.index("kinetic")]
+        return system.forces.energy(moving)[ENERGIES.index("kinetic")]
 
     return jax.hessian(kinetic)(jnp.zeros_like(motion.velocity))
 

@@ -140,7 +140,7 @@ def motion_of(forces, stage, correction):
 def observe(forces, stage):
     """Return residual, energies, powers and the motion of a stage."""
     motion, _ = motion_of(forces, stage, jnp.zeros_like(stage.position))
-    energy, working = forces.audit(motion)
+    energy, working = forces.energy(motion), forces.working(motion, motion.position.shape[0])
     power = jnp.sum(working * motion.velocity, axis=(1, 2))
     return forces.residual(motion)[0], energy, power, motion
 
@@ -237,7 +237,7 @@ def energy_slope(forces, stage):
 
     def stored(correction):
         motion, _ = motion_of(forces, stage, correction)
-        return jnp.sum(forces.audit(motion)[0][1:])
+        return jnp.sum(forces.energy(motion)[1:])
 
     return jax.grad(stored)(jnp.zeros_like(stage.position))
 

@@ -295,7 +295,7 @@ def at_rest(system, position):
     current = forces.surroundings(stage, zero)
     motion = forces.motion(stage, zero, current)
     residual, _ = forces.residual(motion)
-    energy, _ = forces.audit(motion)
+    energy = forces.energy(motion)
     return residual, forces.tangent(stage, motion, current).bands, energy
 
 

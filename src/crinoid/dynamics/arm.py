@@ -1,5 +1,7 @@
 """The elements of an arm, and what they say it is made of."""
 
+from collections.abc import Callable, Iterator
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -50,23 +52,35 @@ class Arm(eqx.Module):
         ways = jnp.sum(stiffness, axis=0) / jnp.maximum(jnp.sum(held, axis=0), 1)
         return ways[: reference.axes - 1]
 
-    def accounts(
-        self, motion: Motion, num_nodes: int
-    ) -> tuple[Float[Array, " energy"], Float[Array, "work n b"]]:
-        """Return the stored energies (J), and the forces on the nodes that are not stored (N, N m).
-
-        In the order of `crinoid.elements.ENERGIES` and `crinoid.elements.WORKS`.
-        """
+    @eqx.filter_jit
+    def energy(self, motion: Motion) -> Float[Array, " energy"]:
+        """Return the stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
         energy = dict.fromkeys(ENERGIES, jnp.zeros(()))
+        for element, stored in self._in_windows(motion, lambda e, window: e.energy(window)):
+            energy[element.stored] += jnp.sum(stored)
+        return jnp.stack(list(energy.values()))
+
+    @eqx.filter_jit
+    def working(self, motion: Motion, num_nodes: int) -> Float[Array, "work n b"]:
+        """Return the forces on the nodes whose work is not stored (N), torques on edges (N m).
+
+        In the order of `crinoid.elements.WORKS`; contacts and the base aside.
+        """
         size = motion.position.shape[1]
         working = dict.fromkeys(WORKS, jnp.zeros((num_nodes, size)))
-        for first, elements in windows.groups(self.elements, motion.flow_velocity.shape[1]):
-            accounts = jax.vmap(windows.accounts)(elements, windows.gathered(elements[0], motion))
-            for element, (stored, forces) in zip(elements, accounts, strict=True):
-                energy[element.stored] += jnp.sum(stored)
-                nodal = chain.scatter(forces, first, num_nodes)
-                working[element.worked] += chain.widened(nodal, size)
-        return jnp.stack(list(energy.values())), jnp.stack(list(working.values()))
+        for element, forces in self._in_windows(motion, lambda e, window: e.working(window)):
+            nodal = chain.scatter(forces, element.first, num_nodes)
+            working[element.worked] += chain.widened(nodal, size)
+        return jnp.stack(list(working.values()))
+
+    def _in_windows(
+        self, motion: Motion, seen: Callable[[Element, Motion], Array]
+    ) -> Iterator[tuple[Element, Array]]:
+        """Yield each element, with what is ``seen`` of it in each of its windows."""
+        for _, elements in windows.groups(self.elements, motion.flow_velocity.shape[1]):
+            owned = windows.gathered(elements[0], motion)
+            found = jax.vmap(lambda some, window: [seen(e, window) for e in some])(elements, owned)
+            yield from zip(elements, found, strict=True)
 
     def strains(self, motion: Motion) -> Float[Array, "bent strain"]:
         """Return by how much each node but the tip is bent beyond its rest, in space also twisted.

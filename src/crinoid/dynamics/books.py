@@ -1,4 +1,7 @@
-"""The running accounts of an arm: works of the energy ledger, and impulses of contacts."""
+"""The running accounts of an arm: works of the energy ledger, and impulses of contacts.
+
+What is stored is known from a state alone (`crinoid.dynamics.System.energy`).
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,10 +18,8 @@ _ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
 
 
 class Books(eqx.Module):
-    """Stored energies, and sums since the start, which only runs that ask keep. SI units."""
+    """Works and impulses since the start, and the present forces, which only runs that ask keep."""
 
-    energy: Float[Array, " energy"]
-    """Stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
     working: Float[Array, "work n b"]
     """Forces on the nodes whose work is not stored, in the order of `crinoid.elements.WORKS` (N),
     torques about the edges (N m)."""
@@ -30,15 +31,16 @@ class Books(eqx.Module):
     @staticmethod
     def of(forces: Forces, state: State) -> "Books":
         """Open the books of an arm that starts from ``state``."""
-        energy, working = holding(forces, state.grip).audit(state.motion)
-        works, nodes, _ = working.shape
+        nodes = forces.nodes(state.motion.position).shape[0]
+        working = holding(forces, state.grip).working(state.motion, nodes)
+        works = working.shape[0]
         at = ((_ACTUATION, works - 1 - _ACTUATION), (0, nodes - HELD), (0, 0))
         working += jnp.pad(state.reaction[None], at)
         touch = None
         if forces.obstacles is not None:
             touch, pushed = forces.obstacles.touch(forces.beside(state.motion))
             working = working.at[_CONTACT].set(pushed)
-        return Books(energy, working, jnp.zeros(len(WORKS)), touch)
+        return Books(working, jnp.zeros(len(WORKS)), touch)
 
     def after(self, forces: Forces, before: State, after: State, step: Array) -> "Books":
         """Return the books after a step of given length (s).
@@ -52,4 +54,4 @@ class Books(eqx.Module):
         touch = None
         if now.touch is not None and self.touch is not None:
             touch = now.touch.since(self.touch, step)
-        return Books(now.energy, now.working, work, touch)
+        return Books(now.working, work, touch)

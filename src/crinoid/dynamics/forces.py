@@ -289,14 +289,6 @@ class Forces(Arm):
         columns = jax.vmap(along, out_axes=-1)(jnp.asarray(ways.reshape(-1, rows, size)))
         return tangent.bordered(columns, push, tuple(map(int, first * size + own)))
 
-    @eqx.filter_jit
-    def audit(self, motion: Motion) -> tuple[Float[Array, " energy"], Float[Array, "work n b"]]:
-        """Return the stored energies (J), and the forces on the nodes that are not stored (N, N m).
-
-        Contacts and the base aside.
-        """
-        return self.accounts(motion, self.nodes(motion.position).shape[0])
-
     def _on_vehicle(
         self, motion: Motion, held: Float[Array, "held b"], *, alone: bool = True
     ) -> Float[Array, "2 b"]:

@@ -226,7 +226,7 @@ class System(eqx.Module):
 
     def energy(self, state: State) -> Float[Array, " energy"]:
         """Return the stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
-        return self.forces.audit(state.motion)[0]
+        return holding(self.forces, state.grip).energy(state.motion)
 
     def tip(self, state: State) -> Float[Array, " pose"]:
         """Return the tip's pose in the world (`crinoid.space.POSE`): position (m) and direction."""

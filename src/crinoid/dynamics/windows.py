@@ -74,8 +74,3 @@ def residuals(elements: Elements, window: Motion, load_factor: Array | None) -> 
     """Return the residual of each element in one window."""
     full = 1.0 if load_factor is None else load_factor
     return jnp.stack([(full if e.external else 1.0) * e.residual(window) for e in elements])
-
-
-def accounts(elements: Elements, window: Motion) -> list[tuple[Array, Array]]:
-    """Return what each element stores in one window (J), and its forces that are not stored (N)."""
-    return [(element.energy(window), element.working(window)) for element in elements]

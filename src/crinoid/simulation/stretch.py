@@ -46,7 +46,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         jnp.concatenate(readings),
         state.base_force,
         state.base_moment,
-        jnp.concatenate([books.energy, books.work]),
+        jnp.concatenate([loop.system.energy(state), books.work]),
         tally.steps,
         tally.iterations,
         tally.residual,
