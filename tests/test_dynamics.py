@@ -15,6 +15,7 @@ from scipy.special import ellipk
 
 from crinoid.base import BaseMotion, SineMotion, TableMotion
 from crinoid.dynamics import Integrator, Outcome, Progress, State, System, find_modes
+from crinoid.dynamics.guess import expected_acceleration
 from crinoid.dynamics.integrator import Stage
 from crinoid.elements import ENERGIES, WORKS, DistributedLoad, Element, TipLoad
 from crinoid.flow import Flow, PowerShear, Sine, Uniform
@@ -640,6 +641,38 @@ def test_round_off_does_not_stir_what_is_at_rest(tilt, curvature):
     # one that gains nothing shows that there is nothing to gain
     assert outcomes.iterations.max() <= 2
     assert outcomes.iterations.mean() < 1.05
+
+
+def expected(accelerations):
+    """Return the acceleration that is expected after those of six steps, the last one last."""
+    state = rest(bare())
+    motion = eqx.tree_at(lambda m: m.acceleration, state.motion, accelerations[-1])
+    earlier = jnp.stack(accelerations[-2::-1])
+    then = eqx.tree_at(lambda s: (s.motion, s.earlier), state.state, (motion, earlier))
+    return expected_acceleration(bare().forces, then)
+
+
+def test_smooth_motion_is_guessed_and_what_jumps_is_taken_to_stay():
+    rng = np.random.default_rng(0)
+    shape = rest(bare()).state.motion.acceleration.shape
+    bent, turned, stiff, steady = rng.normal(size=(4, *shape))
+    time = 0.1 * np.arange(7)
+    smooth = [bent * t**2 + turned * t + steady for t in time]
+    alternating = [a + (-1) ** n * stiff for n, a in enumerate(smooth)]
+    for known in (smooth, alternating):
+        assert np.asarray(expected(known[:6])) == pytest.approx(known[6], abs=1e-12)
+    # what alternates about nothing else, and what is never the same
+    rising = [1.2**n * a for n, a in enumerate([stiff, -stiff] * 3)]
+    assert np.array_equal(expected(rising), rising[-2])
+    jumps = list(rng.normal(size=(6, *shape)))
+    assert np.array_equal(expected(jumps), jumps[-1])
+    # what the arm does as one bends nothing, and does not count
+    sways = (0.0, 30.0, 10.0, 0.0, 20.0, 20.0)  # by which it would stay
+    swaying = [
+        a + 0.1 * rng.normal(size=shape) + sway
+        for a, sway in zip([stiff, steady] * 3, sways, strict=True)
+    ]
+    assert np.array_equal(expected(swaying), swaying[-2])
 
 
 # --- steps that fail ---------------------------------------------------------------------------

@@ -55,7 +55,7 @@ def begun(system, velocity):
     residual, _ = forces.residual(forces.motion(stage, none, around))
     acceleration = tangent_at(forces, around, stage, none, None).solve(-residual)
     motion = forces.motion(stage, acceleration, around)
-    earlier = jnp.stack([motion.acceleration] * 2)
+    earlier = jnp.stack([motion.acceleration] * 5)
     return eqx.tree_at(lambda s: (s.motion, s.earlier), state, (motion, earlier))
 
 

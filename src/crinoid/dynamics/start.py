@@ -177,7 +177,8 @@ def steady(
         actuators=tuple(actuators),
         reaction=reaction,
         gap=forces.gaps(motion.position),
-        earlier=jnp.stack([motion.acceleration] * 2),
+        earlier=jnp.stack([motion.acceleration] * 5),
+        guessed=jnp.asarray(False),
         attitude=attitude,
         grip=grip,
     )

@@ -3,8 +3,7 @@
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from crinoid.base import Base, ServoState
 from crinoid.dynamics.grip import Grip
@@ -19,7 +18,7 @@ class State(eqx.Module):
     """How everything moves at one time. SI units; positions are relative to the base's set one.
 
     Node 0 is the ghost behind the root, node 1 the root. All that the next step needs is here; the
-    energy ledger and the impulses of contacts are `crinoid.dynamics.Books`.
+    works of the energy ledger and the impulses of contacts are `crinoid.dynamics.Books`.
     """
 
     motion: Motion
@@ -35,8 +34,10 @@ class State(eqx.Module):
     """Force of the base on the ghost node and the root (N), torque about the ghost edge (N m)."""
     gap: Float[Array, "m e"] | None
     """Distance of each obstacle from the surface of each edge (m)."""
-    earlier: Float[Array, "2 rows b"]
-    """Accelerations of the two steps before, the last one first, to guess the next one by."""
+    earlier: Float[Array, "5 rows b"]
+    """Accelerations of the five steps before, the last one first, to guess the next one by."""
+    guessed: Bool[Array, ""]
+    """Whether Newton's method took its guess as it was in the last step."""
     attitude: Float[Array, "d d"] | None = None
     """Matrix from the axes of a vehicle that floats to those of the world."""
     grip: Grip | None = None
@@ -74,18 +75,6 @@ class State(eqx.Module):
         if orientation is None:
             return None
         return Frames.of(self._nodes(self.motion.position), orientation)
-
-    @property
-    def expected_acceleration(self) -> Float[Array, "rows b"]:
-        """First guess of Newton's method for the next acceleration: that it stays what it is.
-
-        The trapezoid rule does not damp stiff, strongly damped motion but lets its acceleration
-        alternate in sign (Hairer and Wanner 1996, section IV.3). Where the acceleration has come
-        back to that of two steps ago rather than stayed, the guess is that of one step ago.
-        """
-        now, (last, before) = self.motion.acceleration, self.earlier
-        alternates = 4.0 * _size(now - before) < _size(now - last)
-        return jnp.where(alternates, last, now)
 
     @property
     def base_force(self) -> Float[Array, "*many d"]:
@@ -132,7 +121,3 @@ class State(eqx.Module):
 
     def _others(self, rows: Any) -> Any:
         return rows if self.attitude is None else rows[..., :-ROWS, :]
-
-
-def _size(rows: Float[Array, "rows b"]) -> Float[Array, " b"]:
-    return jnp.sum(rows**2, axis=0)

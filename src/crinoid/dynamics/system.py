@@ -18,7 +18,7 @@ from crinoid.dynamics.fold import SHARPEST, facing
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.grasp import Grasp, begun, gripped
 from crinoid.dynamics.grip import holding
-from crinoid.dynamics.guess import first_guess
+from crinoid.dynamics.guess import expected_acceleration, first_guess
 from crinoid.dynamics.halving import Progress, halve
 from crinoid.dynamics.influence import Influence, influence
 from crinoid.dynamics.integrator import Integrator
@@ -174,7 +174,7 @@ class System(eqx.Module):
         around = forces.surroundings(stage, moved(before.acceleration))
         if stir is not None:
             around = around.stirred(stir)
-        guess = moved(state.expected_acceleration)
+        guess = moved(expected_acceleration(forces, state))
         if forces.mount is None:
             held = self.base.prescribe(stage.time, servo)
             guess = first_guess(forces, held, stage, state, guess)
@@ -187,7 +187,8 @@ class System(eqx.Module):
             actuators=tuple(actuators),
             reaction=reaction,
             gap=forces.gaps(motion.position),
-            earlier=jnp.stack([before.acceleration, state.earlier[0]]),
+            earlier=jnp.concatenate([before.acceleration[None], state.earlier[:-1]]),
+            guessed=outcome.iterations == 0,
             attitude=forces.attitude(motion),
             grip=grip,
         )

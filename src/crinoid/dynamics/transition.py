@@ -147,6 +147,7 @@ class Chart:
             reaction=forces.residual(moved)[0][:HELD],
             gap=forces.gaps(moved.position),
             earlier=state.earlier,
+            guessed=state.guessed,
             attitude=forces.attitude(moved),
             grip=state.grip,
         )
