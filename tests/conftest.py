@@ -31,6 +31,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Most of what the tests compile runs for less time than XLA would spend on making it faster.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
 
+# Where an operation comes from is of use in profiles only, and part of all that is compiled.
+os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
+
 from jaxtyping import install_import_hook  # noqa: E402
 
 # as crinoid's own programs do: tracing makes many objects and leaves hardly any garbage

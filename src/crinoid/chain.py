@@ -13,6 +13,7 @@ the logarithm of ``n``, where this one is two short loops whatever ``n`` is.
 """
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -73,6 +74,23 @@ def transpose(bands: Bands) -> Bands:
     return jnp.stack(rows, axis=1)
 
 
+class Factors(NamedTuple):
+    """A banded matrix made ready to be solved, from both ends toward the middle.
+
+    With ``L``, ``D`` and ``U`` the blocks of a row that meet the row behind, the row itself and the
+    row ahead: ``x = inverse (known - L x_behind) - C x_ahead``, first of what is known alone.
+    """
+
+    inverse: Float[Array, "half 2 m m"]
+    """``(D - L C_behind)^-1``, of rows from the root and from the tip."""
+    behind: Float[Array, "half 2 m m"]
+    """``L``"""
+    ahead: Float[Array, "half 2 m m"]
+    """``C = inverse U``"""
+    meeting: Float[Array, "m m"]
+    """Inverse of what is left where both ends meet."""
+
+
 @jax.jit
 def solve(bands: Bands, rhs: Float[Array, "n b *columns"]) -> Float[Array, "n b *columns"]:
     """Solve the banded system for one or several columns; differentiable in both modes.
@@ -84,9 +102,97 @@ def solve(bands: Bands, rhs: Float[Array, "n b *columns"]) -> Float[Array, "n b 
     return jax.lax.custom_linear_solve(
         lambda nodes: matvec(bands, nodes),
         rhs,
-        solve=lambda _, b: _solve(bands, b),
-        transpose_solve=lambda _, b: _solve(transpose(bands), b),
+        solve=lambda _, b: substituted(factorised(bands), b),
+        transpose_solve=lambda _, b: substituted(factorised(transpose(bands)), b),
     )
+
+
+def factorised(bands: Bands) -> Factors:
+    """Eliminate the blocks of a banded matrix, for any number of right-hand sides.
+
+    A singular matrix gives infinities or NaN, as in `solve`.
+    """
+    num_nodes, _, size, _ = bands.shape
+    # the tip is followed by nodes that nothing couples, up to an even number of pairs
+    missing = -num_nodes % 4
+    nobody = jnp.zeros((missing, 5, size, size)).at[:, 2].set(jnp.eye(size))
+    pairs = jnp.concatenate([_within(bands), nobody]).reshape(-1, 2, 5, size, size)
+    outside = jnp.zeros_like(pairs[:, 0, 0])
+
+    def coupling(offset: int) -> Blocks:
+        # node `row` of a pair meets node `column` of the pair `offset` further on
+        return jnp.concatenate(
+            [
+                jnp.concatenate(
+                    [
+                        pairs[:, row, d + 2] if abs(d) <= 2 else outside
+                        for column in (0, 1)
+                        for d in [2 * offset + column - row]
+                    ],
+                    axis=-1,
+                )
+                for row in (0, 1)
+            ],
+            axis=-2,
+        )
+
+    lower, main, upper = coupling(-1), coupling(0), coupling(1)
+    both = 2 * size
+
+    behind, here, ahead = _ends(lower, upper), _ends(main, main), _ends(upper, lower)
+
+    def forward(before: Array, row: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+        behind, here, ahead = row
+        inverse = _inverse(here - product(behind, before))
+        across = product(inverse, ahead)
+        return across, (inverse, across)
+
+    last, (inverse, ahead) = jax.lax.scan(
+        forward, jnp.zeros((2, both, both)), (behind, here, ahead)
+    )
+    meeting = _inverse(jnp.eye(both) - product(last[0], last[1]))
+    return Factors(inverse, behind, ahead, meeting)
+
+
+def substituted(
+    factors: Factors, rhs: Float[Array, "n b *columns"]
+) -> Float[Array, "n b *columns"]:
+    """Return the solution of a factorised system for one or several columns."""
+    num_nodes, size = rhs.shape[:2]
+    missing = -num_nodes % 4
+    rows = jnp.pad(rhs.reshape(num_nodes, size, -1), ((0, missing), (0, 0), (0, 0)))
+    rows = rows.reshape(-1, 2 * size, rows.shape[-1])
+
+    def forward(before: Array, row: tuple[Array, ...]) -> tuple[Array, Array]:
+        known, inverse, behind = row
+        here = product(inverse, known - product(behind, before))
+        return here, here
+
+    def backward(further: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        known, ahead = row
+        here = known - product(ahead, further)
+        return here, here
+
+    known = _ends(rows, rows)
+    last, reduced = jax.lax.scan(
+        forward, jnp.zeros_like(known[0]), (known, factors.inverse, factors.behind)
+    )
+    coupling = factors.ahead[-1]
+    near = product(factors.meeting, last[0] - product(coupling[0], last[1]))
+    far = last[1] - product(coupling[1], near)
+    _, halves = jax.lax.scan(
+        backward, jnp.stack([far, near]), (reduced, factors.ahead), reverse=True
+    )
+    solution = jnp.concatenate([halves[:, 0], halves[::-1, 1]])
+    return solution.reshape(-1, size, rows.shape[-1])[:num_nodes].reshape(rhs.shape)
+
+
+def blank(num_nodes: int, size: int) -> Factors:
+    """Return the factors of nothing, in the shape of those of a matrix."""
+    m = 2 * size
+    half = (num_nodes + -num_nodes % 4) // 4
+    none = jnp.zeros((half, 2, m, m))
+    return Factors(none, none, none, none[0, 0])
 
 
 def begun_with(first: Float[Array, "m b"], nodes: Vectors) -> Vectors:
@@ -111,74 +217,10 @@ def _place(rows: Array, first: int, num_nodes: int) -> Array:
     return jnp.pad(rows, margins)
 
 
-def _solve(bands: Bands, rhs: Float[Array, "n b *columns"]) -> Float[Array, "n b *columns"]:
-    num_nodes, _, size, _ = bands.shape
-    shape, rhs = rhs.shape, rhs.reshape(num_nodes, size, -1)
-    # the tip is followed by nodes that nothing couples, up to an even number of pairs
-    missing = -num_nodes % 4
-    nobody = jnp.zeros((missing, 5, size, size)).at[:, 2].set(jnp.eye(size))
-    bands = jnp.concatenate([_within(bands), nobody])
-    rhs = jnp.pad(rhs, ((0, missing), (0, 0), (0, 0)))
-    pairs = bands.reshape(-1, 2, 5, size, size)
-    outside = jnp.zeros_like(pairs[:, 0, 0])
-
-    def coupling(offset: int) -> Blocks:
-        # node `row` of a pair meets node `column` of the pair `offset` further on
-        return jnp.concatenate(
-            [
-                jnp.concatenate(
-                    [
-                        pairs[:, row, d + 2] if abs(d) <= 2 else outside
-                        for column in (0, 1)
-                        for d in [2 * offset + column - row]
-                    ],
-                    axis=-1,
-                )
-                for row in (0, 1)
-            ],
-            axis=-2,
-        )
-
-    columns = rhs.reshape(-1, 2 * size, rhs.shape[-1])
-    solution = _eliminate(coupling(-1), coupling(0), coupling(1), columns)
-    return solution.reshape(-1, size, rhs.shape[-1])[:num_nodes].reshape(shape)
-
-
-def _eliminate(
-    lower: Blocks, main: Blocks, upper: Blocks, rhs: Float[Array, "n m c"]
-) -> Float[Array, "n m c"]:
-    """Solve a block tridiagonal system of an even number of rows from both its ends at once."""
-    half = main.shape[0] // 2
-    size = main.shape[-1]
-
-    def ends(from_root: Array, from_tip: Array) -> Array:
-        return jnp.stack([from_root[:half], from_tip[half:][::-1]], axis=1)
-
-    def forward(before: Array, row: tuple[Array, ...]) -> tuple[Array, Array]:
-        behind, here, ahead, known = row
-        # x_here = reduced[..., size:] - reduced[..., :size] x_ahead
-        inflow = product(behind, before)
-        reduced = product(
-            _inverse(here - inflow[..., :size]),
-            jnp.concatenate([ahead, known - inflow[..., size:]], axis=-1),
-        )
-        return reduced, reduced
-
-    def backward(ahead: Array, reduced: Array) -> tuple[Array, Array]:
-        here = reduced[..., size:] - product(reduced[..., :size], ahead)
-        return here, here
-
-    last, reduced = jax.lax.scan(
-        forward,
-        jnp.zeros((2, size, size + rhs.shape[-1])),
-        (ends(lower, upper), ends(main, main), ends(upper, lower), ends(rhs, rhs)),
-    )
-    coupling, known = last[..., :size], last[..., size:]
-    meeting = _inverse(jnp.eye(size) - product(coupling[0], coupling[1]))
-    near = product(meeting, known[0] - product(coupling[0], known[1]))
-    far = known[1] - product(coupling[1], near)
-    _, halves = jax.lax.scan(backward, jnp.stack([far, near]), reduced, reverse=True)
-    return jnp.concatenate([halves[:, 0], halves[::-1, 1]])
+def _ends(from_root: Array, from_tip: Array) -> Array:
+    """Return rows as they are met from both ends toward the middle."""
+    half = from_root.shape[0] // 2
+    return jnp.stack([from_root[:half], from_tip[half:][::-1]], axis=1)
 
 
 def _inverse(block: Float[Array, "... m m"]) -> Float[Array, "... m m"]:

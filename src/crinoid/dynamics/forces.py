@@ -102,6 +102,22 @@ class Forces(Arm):
         """Which obstacles are free."""
         return () if self.obstacles is None else self.obstacles.free
 
+    def extra(self, size: int) -> tuple[int, ...]:
+        """Return which entries of the rows after the nodes a step solves for; a row has ``size``.
+
+        Those of the free obstacles, then those of a vehicle that holds the arm.
+        """
+        free = self._of_free(size)
+        return free if self.mount is None else free + self._of_vehicle(size)
+
+    def _of_free(self, size: int) -> tuple[int, ...]:
+        return tuple(size * body + i for body in self.free for i in range(size))
+
+    def _of_vehicle(self, size: int) -> tuple[int, ...]:
+        """Return the entries of a vehicle."""
+        first = 0 if self.obstacles is None else self.obstacles.count
+        return tuple(first * size + i for i in unknowns(self.axes, size))
+
     @property
     def axes(self) -> int:
         """Number of axes of a position."""
@@ -243,13 +259,13 @@ class Forces(Arm):
             ),
             start=jnp.zeros((num_nodes, 5, size, size)),
         )
-        border, extra = None, tuple(size * body + i for body in self.free for i in range(size))
+        border = None
         if obstacles is not None and self.free:
             free = jnp.asarray(self.free)
             of_free = jax.tree.map(lambda slope: slope[num_nodes + free][:, None], slopes)
             own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
             border = obstacles.border(touch, own, num_nodes)
-        tangent = Tangent(bands, border, extra)
+        tangent = Tangent(bands, border, self._of_free(size))
         if self.mount is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
@@ -271,7 +287,6 @@ class Forces(Arm):
     ) -> Tangent:
         """Border a tangent by the unknowns of the vehicle, which move what it holds."""
         rows, size = motion.position.shape
-        first = rows - ROWS - self.nodes(motion.position).shape[0]
         own = np.array(unknowns(self.axes, size))
         rates = (stage.by_position, stage.by_velocity, stage.by_acceleration)
 
@@ -287,7 +302,7 @@ class Forces(Arm):
         ways = np.zeros((own.size, rows * size))
         ways[np.arange(own.size), (rows - ROWS) * size + own] = 1.0
         columns = jax.vmap(along, out_axes=-1)(jnp.asarray(ways.reshape(-1, rows, size)))
-        return tangent.bordered(columns, push, tuple(map(int, first * size + own)))
+        return tangent.bordered(columns, push, self._of_vehicle(size))
 
     def _on_vehicle(
         self, motion: Motion, held: Float[Array, "held b"], *, alone: bool = True

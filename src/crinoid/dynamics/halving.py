@@ -54,7 +54,7 @@ def halve(
         state, progress, done, part = carry
         new, outcome = step(state, length * (part / whole))
         good = outcome.converged
-        kept = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
+        kept = jax.lax.cond(good, lambda: new, lambda: state)
         done = done + jnp.where(good, part, 0)
         # after a success try twice as much again, from a place that twice as much divides
         room = _GROWTH * outcome.error <= max_error

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.surroundings import Surroundings
-from crinoid.dynamics.tangent import HELD, Tangent
+from crinoid.dynamics.tangent import HELD, Factorised, Tangent
 from crinoid.rod import Rod
 
 Rows = Float[Array, "rows b"]
@@ -26,6 +26,11 @@ _NOISE = 1 / 16
 """Share of the floor that round-off makes up in any case."""
 _MARGIN = 4.0
 """Factor by which an iteration with an old tangent must be expected to suffice."""
+_AGED = 1e-3
+"""Least share of the imbalance that an iteration with the tangent of an earlier step may leave.
+
+One with a new tangent may leave far less, by which nothing can be told of the next step.
+"""
 _STALLED = 0.5
 """Share of the imbalance from which on what an iteration leaves of it is no progress."""
 
@@ -148,6 +153,24 @@ class Settings(eqx.Module):
         return Settings(jnp.asarray(tolerance), floor, jnp.asarray(max_iterations), weights)
 
 
+class Kept(eqx.Module):
+    """What one solve leaves to the next: a tangent, which is most of what an iteration costs."""
+
+    tangent: Factorised
+    share: Float[Array, ""]
+    """Share of the imbalance that an iteration with it leaves; 1 where there is none."""
+    by_acceleration: Float[Array, ""]
+    """Of the stage that it was made for: it is of no use to a step of another length."""
+
+    @staticmethod
+    def nothing(forces: Forces, rows: Rows) -> "Kept":
+        """Return the place for what will be kept."""
+        nodes, size = forces.nodes(rows).shape
+        lines = 0 if forces.lines is None else forces.lines.rest.size
+        tangent = Factorised.blank(nodes, size, forces.extra(size), lines)
+        return Kept(tangent, jnp.ones(()), jnp.zeros(()))
+
+
 class _Search(eqx.Module):
     """How far Newton's method is."""
 
@@ -159,8 +182,10 @@ class _Search(eqx.Module):
     """Outcome of that correction; its iterations are in ``count``."""
     count: Int[Array, ""]
     """Iterations so far."""
-    tangent: Tangent
-    """The one of the last iteration: most of what an iteration costs, it may do for the next."""
+    tangent: Factorised
+    """The one of the last iteration, which may do for the next."""
+    share: Float[Array, ""]
+    """Share of the imbalance that it left."""
     done: Bool[Array, ""]
 
 
@@ -172,27 +197,29 @@ def solve(
     guess: Rows,
     settings: Settings,
     load_factor: Array | None,
-) -> tuple[Rows, Float[Array, "held b"], Outcome]:
+    kept: Kept,
+) -> tuple[Rows, Float[Array, "held b"], Outcome, Kept]:
     """Find the correction of what is free to move that balances the forces at a stage.
 
     The water is that of ``around``. Convergence is judged by the residual, relative to the
     largest force in it; where round-off may rule, iterations go on as long as they gain anything.
-    The tangent of one iteration serves the next one where that will do (chord method).
+    The tangent of one iteration serves the next one where that will do (chord method), and the one
+    ``kept`` from the solve before the first ones: with it an iteration costs a third.
     The derivative of the solution comes from the converged tangent, solved once (implicit
     function theorem), so iterations are never differentiated.
 
     Returns the correction (m, zero on what is prescribed), the forces that hold the ghost node and
-    the root where they are prescribed to be (N), and the outcome; a failure is an outcome, never an
-    exception.
+    the root where they are prescribed to be (N), the outcome, and what the next solve may use; a
+    failure is an outcome, never an exception.
 
     In a batch on a processor each solution is found by itself: together all would take as many
     iterations as the slowest, a tangent in each, and as much memory as no cache has.
     """
     arrays, rest = eqx.partition(
-        (forces, around, stage, guess, settings, load_factor), eqx.is_array
+        (forces, around, stage, guess, settings, load_factor, kept), eqx.is_array
     )
 
-    def search(given: Any) -> tuple[Rows, Float[Array, "held b"], Outcome]:
+    def search(given: Any) -> tuple[Rows, Float[Array, "held b"], Outcome, Kept]:
         return _search(*eqx.combine(given, rest))
 
     alone = jax.default_backend() == "cpu"
@@ -206,7 +233,8 @@ def _search(
     guess: Rows,
     settings: Settings,
     load_factor: Array | None,
-) -> tuple[Rows, Float[Array, "held b"], Outcome]:
+    kept: Kept,
+) -> tuple[Rows, Float[Array, "held b"], Outcome, Kept]:
     """Do what `solve` does, for one."""
 
     def unfinished(carry: _Search) -> Bool[Array, ""]:
@@ -218,19 +246,21 @@ def _search(
         correction, before = carry.correction, carry.outcome
         residual, outcome = imbalance(forces, around, stage, correction, settings, load_factor)
         # an iteration with the same tangent leaves about twice the share that the last one left
-        share = outcome.residual / before.residual
+        share = jnp.where(carry.count > 0, outcome.residual / before.residual, carry.share)
         allowed = settings.tolerance * outcome.scale + _NOISE * settings.floor
-        suffices = (carry.count > 0) & (_MARGIN * share * outcome.residual <= allowed)
-        stalled = outcome.converged & (share > _STALLED)
+        # a kept tangent may take two iterations: they cost less than one with a new one
+        left_over = jnp.where(carry.count > 0, share, share**2) * outcome.residual
+        suffices = _MARGIN * left_over <= allowed
+        stalled = outcome.converged & (carry.count > 0) & (share > _STALLED)
         left = (carry.count < settings.max_iterations) & jnp.isfinite(outcome.residual)
         done = (outcome.residual <= allowed) | stalled | ~left
 
-        def correct(one: tuple[Rows, Tangent, Array]) -> tuple[Rows, Tangent, Array]:
+        def correct(one: tuple[Rows, Factorised, Array]) -> tuple[Rows, Factorised, Array]:
             correction, tangent, _ = one
             tangent = jax.lax.cond(
                 suffices,
                 lambda: tangent,
-                lambda: tangent_at(forces, around, stage, correction, load_factor),
+                lambda: tangent_at(forces, around, stage, correction, load_factor).factorised(),
             )
             change = tangent.solve(-residual)
             if settings.max_turn is not None:
@@ -245,7 +275,7 @@ def _search(
         following, tangent, _ = jax.lax.while_loop(
             lambda one: one[2], correct, (correction, carry.tangent, ~done)
         )
-        return _Search(following, residual, outcome, carry.count + ~done, tangent, done)
+        return _Search(following, residual, outcome, carry.count + ~done, tangent, share, done)
 
     nothing = Outcome.of_nothing(converged=False)
     start = _Search(
@@ -253,29 +283,30 @@ def _search(
         jnp.zeros_like(guess),
         eqx.tree_at(lambda o: o.residual, nothing, jnp.asarray(jnp.inf)),
         jnp.asarray(0),
-        jax.tree.map(
-            lambda x: jnp.zeros(x.shape, x.dtype),
-            eqx.filter_eval_shape(tangent_at, forces, around, stage, guess, load_factor),
-        ),
+        kept.tangent,
+        jnp.where(kept.by_acceleration == stage.by_acceleration, kept.share, 1.0),
         jnp.asarray(False),
     )
     end = jax.lax.while_loop(unfinished, iterate, start)
     outcome = eqx.tree_at(lambda o: o.iterations, end.outcome, end.count)
-    return end.correction, end.residual[:HELD], outcome
+    kept = Kept(end.tangent, jnp.maximum(end.share, _AGED), stage.by_acceleration)
+    return end.correction, end.residual[:HELD], outcome, kept
 
 
 @solve.def_jvp
 def _solve_jvp(primals: Any, tangents: Any) -> Any:
-    forces, around, stage, _, _, load_factor = primals
-    t_forces, t_around, t_stage, _, _, t_load_factor = tangents
-    correction, held, outcome = jax.tree.map(lambda x: checkpoint_name(x, SOLVED), solve(*primals))
+    forces, around, stage, _, _, load_factor, _ = primals
+    t_forces, t_around, t_stage, _, _, t_load_factor, _ = tangents
+    *found, kept = solve(*primals)  # which nothing needs that is differentiated
+    correction, held, outcome = jax.tree.map(lambda x: checkpoint_name(x, SOLVED), found)
     t_correction, t_held = implied(
         (forces, around, stage, load_factor),
         (t_forces, t_around, t_stage, t_load_factor),
         correction,
         tangent_at(forces, around, stage, correction, load_factor),
     )
-    return (correction, held, outcome), (t_correction, t_held, constant(outcome))
+    given = (correction, held, outcome, kept)
+    return given, (t_correction, t_held, constant(outcome), constant(kept))
 
 
 @eqx.filter_jit
@@ -321,7 +352,7 @@ def implied(
     return followed, t_residual[:HELD] + tangent.on_held(followed)
 
 
-def constant(outcome: Outcome) -> Any:
+def constant(outcome: Any) -> Any:
     """Return the tangent of what does not depend on anything."""
     return jax.tree.map(lambda x: jnp.zeros_like(x) if eqx.is_inexact_array(x) else None, outcome)
 

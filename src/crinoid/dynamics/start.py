@@ -13,7 +13,7 @@ from crinoid.chain import begun_with, widened
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.grip import Grip
 from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.newton import implied, tangent_at
+from crinoid.dynamics.newton import Kept, implied, tangent_at
 from crinoid.dynamics.state import State
 from crinoid.dynamics.surroundings import Surroundings
 from crinoid.dynamics.tangent import HELD, Tangent
@@ -163,6 +163,7 @@ def steady(
     followers: Sequence[Any],
     attitude: Float[Array, "d d"] | None,
     grip: Grip | None,
+    kept: Kept,
 ) -> State:
     """Return the state of an arm whose motion is known, and steady.
 
@@ -179,6 +180,7 @@ def steady(
         gap=forces.gaps(motion.position),
         earlier=jnp.stack([motion.acceleration] * 5),
         guessed=jnp.asarray(False),
+        kept=kept,
         attitude=attitude,
         grip=grip,
     )

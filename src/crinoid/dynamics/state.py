@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.base import Base, ServoState
 from crinoid.dynamics.grip import Grip
+from crinoid.dynamics.newton import Kept
 from crinoid.dynamics.vehicle import ROWS
 from crinoid.elements import Motion
 from crinoid.frames import Frames
@@ -38,6 +39,8 @@ class State(eqx.Module):
     """Accelerations of the five steps before, the last one first, to guess the next one by."""
     guessed: Bool[Array, ""]
     """Whether Newton's method took its guess as it was in the last step."""
+    kept: Kept
+    """Tangent that Newton's method made last, to begin with in the next step."""
     attitude: Float[Array, "d d"] | None = None
     """Matrix from the axes of a vehicle that floats to those of the world."""
     grip: Grip | None = None

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.newton import (
+    Kept,
     Outcome,
     Settings,
     constant,
@@ -161,6 +162,7 @@ def equilibrium(
     edges = jnp.diff(start[1 : tip + 1, : forces.axes], axis=0)
     reach = jnp.sum(jnp.sqrt(jnp.sum(edges**2, axis=1)))
     none = jnp.zeros_like(start)
+    nothing_kept = Kept.nothing(forces, start)
 
     def allowed(search: _Search) -> Int[Array, ""]:
         return jnp.where(search.bore_load, _MAX_SOLVES + _LAST_SOLVES, _MAX_SOLVES)
@@ -190,7 +192,9 @@ def equilibrium(
         def balance(around: Surroundings, correction: Rows) -> Outcome:
             return imbalance(forces, around, stage, correction, judged, load_factor)[1]
 
-        correction, _, solved = solve(forces, shape.around, stage, none, judged, load_factor)
+        correction, _, solved, _ = solve(
+            forces, shape.around, stage, none, judged, load_factor, nothing_kept
+        )
         there = forces.surroundings(stage, correction)
         both = jax.vmap(balance)(*_stacked((shape.around, none), (there, correction)))
         outcome = jax.tree.map(lambda x: x[1], both)

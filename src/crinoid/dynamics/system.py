@@ -22,7 +22,7 @@ from crinoid.dynamics.guess import expected_acceleration, first_guess
 from crinoid.dynamics.halving import Progress, halve
 from crinoid.dynamics.influence import Influence, influence
 from crinoid.dynamics.integrator import Integrator
-from crinoid.dynamics.newton import Outcome, Settings, solve
+from crinoid.dynamics.newton import Kept, Outcome, Settings, solve
 from crinoid.dynamics.prescribed import prescribed
 from crinoid.dynamics.state import State
 from crinoid.dynamics.surroundings import Stir
@@ -129,7 +129,9 @@ class System(eqx.Module):
         motion = forces.motion(stage, none, forces.surroundings(stage, none))
         at_rest = (state.servo, *state.actuators)
         reaction = forces.residual(motion)[0][:HELD]
-        return start.steady(forces, motion, reaction, at_rest, state.attitude, state.grip)
+        return start.steady(
+            forces, motion, reaction, at_rest, state.attitude, state.grip, state.kept
+        )
 
     def step(
         self,
@@ -178,7 +180,9 @@ class System(eqx.Module):
         if forces.mount is None:
             held = self.base.prescribe(stage.time, servo)
             guess = first_guess(forces, held, stage, state, guess)
-        correction, reaction, outcome = solve(forces, around, stage, guess, self.settings, None)
+        correction, reaction, outcome, kept = solve(
+            forces, around, stage, guess, self.settings, None, state.kept
+        )
         motion = forces.motion(stage, correction, around)
         after = State(
             motion=motion,
@@ -189,6 +193,7 @@ class System(eqx.Module):
             gap=forces.gaps(motion.position),
             earlier=jnp.concatenate([before.acceleration[None], state.earlier[:-1]]),
             guessed=outcome.iterations == 0,
+            kept=jax.lax.stop_gradient(kept),
             attitude=forces.attitude(motion),
             grip=grip,
         )
@@ -343,7 +348,8 @@ class System(eqx.Module):
         forces = self.forces.driven(drives(self.actuators, actuators))
         forces, motion, held = start.begin(forces, self.base, servo, time, position, frames)
         attitude, grip = forces.attitude(motion), begun(self.grasp)
-        return start.steady(forces, motion, held, (servo, *actuators), attitude, grip)
+        kept = Kept.nothing(forces, motion.position)
+        return start.steady(forces, motion, held, (servo, *actuators), attitude, grip, kept)
 
     def _driven(self, state: State) -> Forces:
         """Return the forces with the actuators as they are in a state."""

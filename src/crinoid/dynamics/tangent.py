@@ -38,6 +38,87 @@ class Border(eqx.Module):
         )
 
 
+class Beside(eqx.Module):
+    """Where the unknowns of a tangent stand among all rows."""
+
+    nodes: int = eqx.field(static=True)
+    """How many rows are nodes."""
+    extra: tuple[int, ...] = eqx.field(static=True)
+    """Entries solved for among the rows after them."""
+    lines: int = eqx.field(static=True)
+    """Unknowns without a row."""
+
+    def taken(self, rows: Rows) -> tuple[Rows, Extra]:
+        """Return the rows of free nodes, and the other unknowns."""
+        if not self.extra and not self.lines:
+            return rows[HELD : self.nodes], jnp.zeros(0)
+        beside = rows[self.nodes :].reshape(-1)[jnp.asarray(self.extra, int)]
+        return rows[HELD : self.nodes], jnp.append(beside, jnp.zeros(self.lines))
+
+    def rows(self, nodes: Rows, extra: Extra, shape: tuple[int, ...]) -> Rows:
+        """Return all rows, zero where they are not solved for."""
+        if not self.extra:
+            return jnp.pad(nodes, ((HELD, shape[0] - self.nodes), (0, 0)))
+        at = jnp.asarray(self.extra, int)
+        others = jnp.zeros((shape[0] - self.nodes) * shape[1])
+        others = others.at[at].set(extra[: at.size], unique_indices=True)
+        held = jnp.zeros((HELD, shape[1]))
+        return jnp.concatenate([held, nodes, others.reshape(-1, shape[1])])
+
+
+class Eliminated(eqx.Module):
+    """A bordered matrix after block elimination, the nodes first."""
+
+    bands: chain.Factors
+    back: Float[Array, "p nb"] | None
+    """Rows of the other unknowns in the columns of the nodes; None where there are none."""
+    followed: Float[Array, "n b p"] | None
+    """Answers of the nodes to each of the other unknowns."""
+    schur: Float[Array, "p p"] | None
+
+    @staticmethod
+    def of(bands: chain.Bands, border: Border | None) -> "Eliminated":
+        """Eliminate the blocks of a matrix."""
+        factors = chain.factorised(bands)
+        if border is None:
+            return Eliminated(factors, None, None, None)
+        followed = chain.substituted(factors, border.of_nodes)
+        back = border.of_extra.reshape(border.of_extra.shape[0], -1)
+        schur = border.corner - product(back, followed.reshape(-1, back.shape[0]))
+        return Eliminated(factors, back, followed, schur)
+
+    def solve(self, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
+        """Solve for the nodes and the other unknowns."""
+        alone = chain.substituted(self.bands, nodes)
+        if self.schur is None:
+            return alone, extra
+        assert self.back is not None
+        assert self.followed is not None
+        # a body's inertia rules its own column: no pivots
+        moved = solve(self.schur, extra - product(self.back, alone.reshape(-1)))
+        return alone - product(self.followed, moved), moved
+
+
+class Factorised(eqx.Module):
+    """A tangent made ready to be solved."""
+
+    matrix: Eliminated
+    beside: Beside
+
+    @staticmethod
+    def blank(nodes: int, size: int, extra: tuple[int, ...], lines: int) -> "Factorised":
+        """Return the place for one, with nothing in it."""
+        free, p = nodes - HELD, len(extra) + lines
+        parts: tuple[Array | None, ...] = (None, None, None)
+        if p:
+            parts = tuple(map(jnp.zeros, ((p, free * size), (free, size, p), (p, p))))
+        return Factorised(Eliminated(chain.blank(free, size), *parts), Beside(nodes, extra, lines))
+
+    def solve(self, rhs: Rows) -> Rows:
+        """Solve for what is not prescribed; the other rows come back as zero."""
+        return self.beside.rows(*self.matrix.solve(*self.beside.taken(rhs)), rhs.shape)
+
+
 class LineStiffness(NamedTuple):
     """Stiffness of lines beside that of the bands: ``pull . follow``."""
 
@@ -61,24 +142,29 @@ class Tangent(eqx.Module):
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for what is not prescribed; the other rows come back as zero."""
-        num_nodes = self.bands.shape[0]
-        bands, nodes = self.bands[HELD:], rhs[HELD:num_nodes]
+        bands = self.bands[HELD:]
         if self.border is None:
-            others = rhs.shape[0] - num_nodes
+            others = rhs.shape[0] - self.bands.shape[0]
+            nodes = rhs[HELD : self.bands.shape[0]]
             return jnp.pad(chain.solve(bands, nodes), ((HELD, others), (0, 0)))
-        border, at = self.border.of_free(), jnp.asarray(self.extra, int)
-        beside = rhs[num_nodes:].reshape(-1)[at]
+        border, beside = self.border.of_free(), Beside(self.bands.shape[0], self.extra, self.lines)
         nodes, extra = jax.lax.custom_linear_solve(
             lambda x: _matvec(bands, border, *x),
-            (nodes, jnp.append(beside, jnp.zeros(self.lines))),
-            solve=lambda _, b: _eliminate(bands, border, *b),
-            transpose_solve=lambda _, b: _eliminate(
-                chain.transpose(bands), border.transposed(), *b
-            ),
+            beside.taken(rhs),
+            solve=lambda _, b: Eliminated.of(bands, border).solve(*b),
+            transpose_solve=lambda _, b: Eliminated.of(
+                chain.transpose(bands), border.transposed()
+            ).solve(*b),
         )
-        beside = jnp.zeros(rhs[num_nodes:].size).at[at].set(extra[: at.size], unique_indices=True)
-        held = jnp.zeros((HELD, rhs.shape[1]))
-        return jnp.concatenate([held, nodes, beside.reshape(-1, rhs.shape[1])])
+        return beside.rows(nodes, extra, rhs.shape)
+
+    def factorised(self) -> "Factorised":
+        """Return the tangent made ready to be solved again and again."""
+        border = None if self.border is None else self.border.of_free()
+        return Factorised(
+            Eliminated.of(self.bands[HELD:], border),
+            Beside(self.bands.shape[0], self.extra, self.lines),
+        )
 
     def bordered(
         self,
@@ -166,14 +252,3 @@ def _matvec(bands: chain.Bands, border: Border, nodes: Rows, extra: Extra) -> tu
         chain.matvec(bands, nodes) + product(border.of_nodes, extra),
         jnp.einsum("pnb,nb->p", border.of_extra, nodes) + product(border.corner, extra),
     )
-
-
-def _eliminate(bands: chain.Bands, border: Border, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
-    """Solve by block elimination: the nodes' answer to their own load and to each unknown's."""
-    answers = chain.solve(bands, jnp.concatenate([nodes[..., None], border.of_nodes], axis=-1))
-    alone, followed = answers[..., 0], answers[..., 1:].reshape(-1, extra.size)
-    back = border.of_extra.reshape(extra.size, -1)
-    schur = border.corner - product(back, followed)
-    # a body's inertia rules its own column: no pivots
-    moved = solve(schur, extra - product(back, alone.reshape(-1)))
-    return alone - product(followed, moved).reshape(alone.shape), moved

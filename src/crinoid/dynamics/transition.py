@@ -148,6 +148,7 @@ class Chart:
             gap=forces.gaps(moved.position),
             earlier=state.earlier,
             guessed=state.guessed,
+            kept=state.kept,
             attitude=forces.attitude(moved),
             grip=state.grip,
         )
