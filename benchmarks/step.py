@@ -38,8 +38,9 @@ except ImportError as error:
 RESULTS = Path(__file__).parent / "results"
 PLANAR, IN_SPACE = (str(Path(__file__).with_name(f"{name}.toml")) for name in ("planar", "spatial"))
 CONTROLLED, NOISY = "closed loop", "closed loop, noisy sensor"
-UNCONTROLLED, BARE = "control off", "steps only"
+UNCONTROLLED, BARE, LED = "control off", "steps only", "steps only, same motion"
 SPATIAL, SPATIAL_BARE = "in space, closed loop", "in space, steps only"
+SPATIAL_LED = "in space, steps only, same motion"
 
 SOFT = ("arm.radius=0.02", "arm.youngs_modulus=5e5", "arm.damping_time=0.02")
 """The arm of the comparisons: silicone."""
@@ -126,6 +127,8 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
         *(each for each, _ in loops),
         bare_steps(BARE, scenario, setup),
         bare_steps(SPATIAL_BARE, spatial, in_space),
+        bare_steps(LED, scenario, setup, commands_of(scenario, setup)),
+        bare_steps(SPATIAL_LED, spatial, in_space, commands_of(spatial, in_space)),
     ]
     warned = {}
     if mujoco_rod is not None:
@@ -198,22 +201,42 @@ def closed_loop(
     )
 
 
-def bare_steps(name: str, scenario: crinoid.Scenario, setup: Setup) -> Contestant:
-    """Return time steps in a scan: no sensor, controller, records, halving or energy ledger."""
-    steps = scenario.simulation.steps
-    command = jnp.zeros(len(setup.loop.system.inputs))
+def commands_of(scenario: crinoid.Scenario, setup: Setup) -> jax.Array:
+    """Return the commands that the controller gives in the whole run, one for each step."""
 
     @eqx.filter_jit(compiler_options=OFTEN)
-    def roll(system: Any, state: Any) -> Any:
-        def step(state: Any, _: None) -> tuple[Any, None]:
+    def roll(loop: Loop, state: Any) -> jax.Array:
+        def tick(carry: Any, _: None) -> tuple[Any, jax.Array]:
+            carry, _ = loop.tick(carry)
+            return carry, carry.command
+
+        return jax.lax.scan(tick, loop.start(state), length=scenario.simulation.steps)[1]
+
+    return roll(setup.loop, setup.state)
+
+
+def bare_steps(
+    name: str, scenario: crinoid.Scenario, setup: Setup, commands: jax.Array | None = None
+) -> Contestant:
+    """Return time steps in a scan: no sensor, controller, records, halving or energy ledger.
+
+    Without commands the base stays where it is.
+    """
+    steps = scenario.simulation.steps
+    if commands is None:
+        commands = jnp.zeros((steps, len(setup.loop.system.inputs)))
+
+    @eqx.filter_jit(compiler_options=OFTEN)
+    def roll(system: Any, state: Any, commands: jax.Array) -> Any:
+        def step(state: Any, command: jax.Array) -> tuple[Any, None]:
             return system.step(state, command)[0], None
 
         # of what is not asked for at the end, the compiler leaves out what no step needs
-        return jax.lax.scan(step, state, length=steps)[0].position
+        return jax.lax.scan(step, state, commands)[0].position
 
     return Contestant(
         name,
-        lambda: jax.block_until_ready(roll(setup.loop.system, setup.state)),
+        lambda: jax.block_until_ready(roll(setup.loop.system, setup.state, commands)),
         steps,
         scenario.simulation.time_step,
     )

@@ -183,7 +183,9 @@ def test_newton_converges_quadratically(kinds):
         assert errors[1] > round_off
 
 
-step = eqx.filter_jit(lambda system, state, command: system.step(state, command))
+step = eqx.filter_jit(
+    lambda system, state, command, length=None: system.step(state, command, length)
+)
 rest = eqx.filter_jit(System.rest)
 STILL = jnp.zeros(3)
 
@@ -243,10 +245,68 @@ def test_an_arm_of_many_nodes_is_solved_for_while_commands_jerk_its_base():
     assert outcomes.iterations.mean() < 3.2
 
 
+def test_the_tangent_of_an_earlier_step_serves_later_ones(system):
+    # swinging down from level, in a step that resolves it
+    swinging, given = fine(system), jnp.zeros((200, 3))
+    end, outcomes = march(swinging, given)
+    anew, alone = march(swinging, given, forgets=True)
+    assert outcomes.converged.all()
+    # a tangent at each step leaves less than is asked for; one that is kept takes the same path
+    assert float(outcomes.residual.max()) <= 1e-8 * float(outcomes.scale.max())
+    moved = np.abs(end.position - swinging.rest().position).max()
+    assert moved > 0.2
+    np.testing.assert_allclose(end.position, anew.position, atol=1e-7 * moved)
+    assert outcomes.iterations.sum() > alone.iterations.sum() > 0
+
+
+@pytest.mark.parametrize("share", [1e-3, 0.5, 1.0])
+def test_a_kept_tangent_that_is_none_is_found_out(system, state, share):
+    # of a matrix that has nothing to do with the arm: told to be good, it costs iterations
+    spoiled = jax.tree.map(lambda x: x + 1e-5, state.kept.tangent)
+    shape = system.integrator.stage(state.motion, state.ahead, system.time_step, state.frames)
+    known = (spoiled, jnp.asarray(share), shape.by_acceleration)
+    misled = eqx.tree_at(
+        lambda s: (s.kept.tangent, s.kept.share, s.kept.by_acceleration), state, known
+    )
+    after, outcome = step(system, misled, STILL)
+    expected, _ = step(system, state, STILL)
+    assert outcome.converged
+    np.testing.assert_allclose(after.position, expected.position, atol=1e-10)
+
+
+def test_a_tangent_is_kept_for_steps_of_one_length(system, state):
+    once, _ = step(system, state, STILL)
+    assert float(once.kept.share) < 1
+    shorter = 0.5 * system.time_step
+    broken = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), once.kept.tangent)
+    unusable = eqx.tree_at(lambda s: s.kept.tangent, once, broken)
+    expected, _ = step(system, once, STILL, shorter)
+    after, outcome = step(system, unusable, STILL, shorter)
+    assert outcome.converged
+    assert outcome.iterations > 0
+    np.testing.assert_array_equal(after.position, expected.position)
+
+
+def fine(system):
+    """Make steps of a tenth of the usual length, balanced to 1e-8."""
+    return eqx.tree_at(
+        lambda s: (s.time_step, s.settings.tolerance),
+        system,
+        (0.1 * system.time_step, jnp.asarray(1e-8)),
+    )
+
+
 @eqx.filter_jit
-def march(system, commands):
+def march(system, commands, forgets=False):
     """Return the state after steps from rest, and their outcomes."""
-    return jax.lax.scan(lambda state, given: system.step(state, given), system.rest(), commands)
+
+    def step(state, given):
+        after, outcome = system.step(state, given)
+        if forgets:
+            after = eqx.tree_at(lambda s: s.kept.share, after, jnp.ones(()))
+        return after, outcome
+
+    return jax.lax.scan(step, system.rest(), commands)
 
 
 @pytest.mark.parametrize("node", [2, 6, NODES])

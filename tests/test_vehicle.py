@@ -293,13 +293,15 @@ def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
             return forces.residual(forces.motion(stage, correction, around))[0]
 
         motion = forces.motion(stage, noise[2], around)
-        solved = forces.tangent(stage, motion, around).solve(rhs)
-        return solved, jax.jvp(residual, (noise[2],), (solved,))[1]
+        tangent = forces.tangent(stage, motion, around)
+        solved = tangent.solve(rhs)
+        return solved, tangent.factorised().solve(rhs), jax.jvp(residual, (noise[2],), (solved,))[1]
 
     shape = (9 if ball else 8, 2 if axes == 2 else 4)
     noise = 1e-3 * rng.normal(size=(3, *shape)) * np.array([1.0, 1.0, 0.1])[:, None, None]
     rhs = rng.normal(size=shape)
-    solved, product = both(system, jnp.asarray(noise), jnp.asarray(rhs))
+    solved, factorised, product = both(system, jnp.asarray(noise), jnp.asarray(rhs))
+    np.testing.assert_allclose(factorised, solved, rtol=1e-12)
     unknown = np.asarray(solved) != 0
     assert not unknown[:2].any()
     assert (

@@ -204,7 +204,7 @@ def solve(
     The water is that of ``around``. Convergence is judged by the residual, relative to the
     largest force in it; where round-off may rule, iterations go on as long as they gain anything.
     The tangent of one iteration serves the next one where that will do (chord method), and the one
-    ``kept`` from the solve before the first ones: with it an iteration costs a third.
+    ``kept`` from the solve before the first ones.
     The derivative of the solution comes from the converged tangent, solved once (implicit
     function theorem), so iterations are never differentiated.
 
