@@ -84,7 +84,7 @@ class Factors(NamedTuple):
     inverse: Float[Array, "half 2 m m"]
     """``(D - L C_behind)^-1``, of rows from the root and from the tip."""
     behind: Float[Array, "half 2 m m"]
-    """``L``"""
+    """``L``, the blocks that meet the row behind."""
     ahead: Float[Array, "half 2 m m"]
     """``C = inverse U``"""
     meeting: Float[Array, "m m"]

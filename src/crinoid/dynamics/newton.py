@@ -160,7 +160,8 @@ class Kept(eqx.Module):
     share: Float[Array, ""]
     """Share of the imbalance that an iteration with it leaves; 1 where there is none."""
     by_acceleration: Float[Array, ""]
-    """Of the stage that it was made for: it is of no use to a step of another length."""
+    """Factor of the acceleration in the stage that it was made for (1/s2), by which a step of
+    another length is told."""
 
     @staticmethod
     def nothing(forces: Forces, rows: Rows) -> "Kept":
@@ -186,6 +187,8 @@ class _Search(eqx.Module):
     """The one of the last iteration, which may do for the next."""
     share: Float[Array, ""]
     """Share of the imbalance that it left."""
+    anew: Bool[Array, ""]
+    """Whether the tangent is not, or no longer to be, that of an earlier step."""
     done: Bool[Array, ""]
 
 
@@ -251,8 +254,11 @@ def _search(
         # a kept tangent may take two iterations: they cost less than one with a new one
         left_over = jnp.where(carry.count > 0, share, share**2) * outcome.residual
         suffices = _MARGIN * left_over <= allowed
-        stalled = outcome.converged & (carry.count > 0) & (share > _STALLED)
-        left = (carry.count < settings.max_iterations) & jnp.isfinite(outcome.residual)
+        stalled = outcome.converged & carry.anew & (share > _STALLED)
+        # the tangent of an earlier step led astray: back to the guess, with one of this step
+        astray = (carry.count > 0) & ~carry.anew & ~(share < 1.0)
+        sound = jnp.isfinite(outcome.residual) | astray
+        left = (carry.count < settings.max_iterations) & sound
         done = (outcome.residual <= allowed) | stalled | ~left
 
         def correct(one: tuple[Rows, Factorised, Array]) -> tuple[Rows, Factorised, Array]:
@@ -273,9 +279,17 @@ def _search(
 
         # a loop of one turn or none, not a choice: in a batch that goes together all would do both
         following, tangent, _ = jax.lax.while_loop(
-            lambda one: one[2], correct, (correction, carry.tangent, ~done)
+            lambda one: one[2], correct, (correction, carry.tangent, ~(done | astray))
         )
-        return _Search(following, residual, outcome, carry.count + ~done, tangent, share, done)
+        back = astray & ~done
+        following = jnp.where(back, guess, following)
+        # of which no share is known then
+        outcome = eqx.tree_at(
+            lambda o: o.residual, outcome, jnp.where(back, jnp.nan, outcome.residual)
+        )
+        anew = carry.anew | astray | ~suffices
+        count = carry.count + ~done
+        return _Search(following, residual, outcome, count, tangent, share, anew, done)
 
     nothing = Outcome.of_nothing(converged=False)
     start = _Search(
@@ -285,6 +299,7 @@ def _search(
         jnp.asarray(0),
         kept.tangent,
         jnp.where(kept.by_acceleration == stage.by_acceleration, kept.share, 1.0),
+        jnp.asarray(False),
         jnp.asarray(False),
     )
     end = jax.lax.while_loop(unfinished, iterate, start)
@@ -352,9 +367,9 @@ def implied(
     return followed, t_residual[:HELD] + tangent.on_held(followed)
 
 
-def constant(outcome: Any) -> Any:
+def constant(known: Any) -> Any:
     """Return the tangent of what does not depend on anything."""
-    return jax.tree.map(lambda x: jnp.zeros_like(x) if eqx.is_inexact_array(x) else None, outcome)
+    return jax.tree.map(lambda x: jnp.zeros_like(x) if eqx.is_inexact_array(x) else None, known)
 
 
 @eqx.filter_jit

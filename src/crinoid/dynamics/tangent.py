@@ -75,6 +75,7 @@ class Eliminated(eqx.Module):
     followed: Float[Array, "n b p"] | None
     """Answers of the nodes to each of the other unknowns."""
     schur: Float[Array, "p p"] | None
+    """Matrix of the other unknowns when the nodes are eliminated."""
 
     @staticmethod
     def of(bands: chain.Bands, border: Border | None) -> "Eliminated":
@@ -142,15 +143,14 @@ class Tangent(eqx.Module):
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for what is not prescribed; the other rows come back as zero."""
-        bands = self.bands[HELD:]
+        bands, beside = self.bands[HELD:], self._beside
+        nodes, extra = beside.taken(rhs)
         if self.border is None:
-            others = rhs.shape[0] - self.bands.shape[0]
-            nodes = rhs[HELD : self.bands.shape[0]]
-            return jnp.pad(chain.solve(bands, nodes), ((HELD, others), (0, 0)))
-        border, beside = self.border.of_free(), Beside(self.bands.shape[0], self.extra, self.lines)
+            return beside.rows(chain.solve(bands, nodes), extra, rhs.shape)
+        border = self.border.of_free()
         nodes, extra = jax.lax.custom_linear_solve(
             lambda x: _matvec(bands, border, *x),
-            beside.taken(rhs),
+            (nodes, extra),
             solve=lambda _, b: Eliminated.of(bands, border).solve(*b),
             transpose_solve=lambda _, b: Eliminated.of(
                 chain.transpose(bands), border.transposed()
@@ -158,13 +158,14 @@ class Tangent(eqx.Module):
         )
         return beside.rows(nodes, extra, rhs.shape)
 
-    def factorised(self) -> "Factorised":
+    def factorised(self) -> Factorised:
         """Return the tangent made ready to be solved again and again."""
         border = None if self.border is None else self.border.of_free()
-        return Factorised(
-            Eliminated.of(self.bands[HELD:], border),
-            Beside(self.bands.shape[0], self.extra, self.lines),
-        )
+        return Factorised(Eliminated.of(self.bands[HELD:], border), self._beside)
+
+    @property
+    def _beside(self) -> Beside:
+        return Beside(self.bands.shape[0], self.extra, self.lines)
 
     def bordered(
         self,
