@@ -137,9 +137,7 @@ def factorised(bands: Bands) -> Factors:
         )
 
     lower, main, upper = coupling(-1), coupling(0), coupling(1)
-    both = 2 * size
-
-    behind, here, ahead = _ends(lower, upper), _ends(main, main), _ends(upper, lower)
+    rows = (_ends(lower, upper), _ends(main, main), _ends(upper, lower))
 
     def forward(before: Array, row: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
         behind, here, ahead = row
@@ -147,11 +145,9 @@ def factorised(bands: Bands) -> Factors:
         across = product(inverse, ahead)
         return across, (inverse, across)
 
-    last, (inverse, ahead) = jax.lax.scan(
-        forward, jnp.zeros((2, both, both)), (behind, here, ahead)
-    )
-    meeting = _inverse(jnp.eye(both) - product(last[0], last[1]))
-    return Factors(inverse, behind, ahead, meeting)
+    last, (inverse, coupled) = jax.lax.scan(forward, jnp.zeros((2, 2 * size, 2 * size)), rows)
+    meeting = _inverse(jnp.eye(2 * size) - product(last[0], last[1]))
+    return Factors(inverse, rows[0], coupled, meeting)
 
 
 def substituted(

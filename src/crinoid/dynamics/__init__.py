@@ -16,11 +16,11 @@ from crinoid.dynamics.modes import ModesError as ModesError
 from crinoid.dynamics.modes import SmallMotions as SmallMotions
 from crinoid.dynamics.modes import find_modes as find_modes
 from crinoid.dynamics.newton import SOLVED as SOLVED
-from crinoid.dynamics.newton import Outcome as Outcome
-from crinoid.dynamics.newton import Reason as Reason
 from crinoid.dynamics.newton import Settings as Settings
 from crinoid.dynamics.obstacles import Obstacles as Obstacles
 from crinoid.dynamics.obstacles import Touch as Touch
+from crinoid.dynamics.outcome import Outcome as Outcome
+from crinoid.dynamics.outcome import Reason as Reason
 from crinoid.dynamics.state import State as State
 from crinoid.dynamics.system import System as System
 from crinoid.dynamics.transition import Chart as Chart

@@ -103,20 +103,12 @@ class Forces(Arm):
         return () if self.obstacles is None else self.obstacles.free
 
     def extra(self, size: int) -> tuple[int, ...]:
-        """Return which entries of the rows after the nodes a step solves for; a row has ``size``.
-
-        Those of the free obstacles, then those of a vehicle that holds the arm.
-        """
-        free = self._of_free(size)
-        return free if self.mount is None else free + self._of_vehicle(size)
-
-    def _of_free(self, size: int) -> tuple[int, ...]:
-        return tuple(size * body + i for body in self.free for i in range(size))
-
-    def _of_vehicle(self, size: int) -> tuple[int, ...]:
-        """Return the entries of a vehicle."""
+        """Return which entries of the rows after the nodes are solved for; a row has ``size``."""
+        free = tuple(size * body + i for body in self.free for i in range(size))
+        if self.mount is None:
+            return free
         first = 0 if self.obstacles is None else self.obstacles.count
-        return tuple(first * size + i for i in unknowns(self.axes, size))
+        return (*free, *(first * size + i for i in unknowns(self.axes, size)))
 
     @property
     def axes(self) -> int:
@@ -265,7 +257,8 @@ class Forces(Arm):
             of_free = jax.tree.map(lambda slope: slope[num_nodes + free][:, None], slopes)
             own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
             border = obstacles.border(touch, own, num_nodes)
-        tangent = Tangent(bands, border, self._of_free(size))
+        extra = self.extra(size)
+        tangent = Tangent(bands, border, extra[: size * len(self.free)])
         if self.mount is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
@@ -302,7 +295,7 @@ class Forces(Arm):
         ways = np.zeros((own.size, rows * size))
         ways[np.arange(own.size), (rows - ROWS) * size + own] = 1.0
         columns = jax.vmap(along, out_axes=-1)(jnp.asarray(ways.reshape(-1, rows, size)))
-        return tangent.bordered(columns, push, self._of_vehicle(size))
+        return tangent.bordered(columns, push, self.extra(size)[len(tangent.extra) :])
 
     def _on_vehicle(
         self, motion: Motion, held: Float[Array, "held b"], *, alone: bool = True

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from crinoid.dynamics.newton import Outcome
+from crinoid.dynamics.outcome import Outcome
 
 _GROWTH = 8.0
 """By how much the local error of a method of order 2 grows when a step is doubled."""

@@ -1,10 +1,8 @@
 """Newton's method on the balance of forces, with the derivative of its solution."""
 
-from enum import IntEnum
-from typing import Any, TypeVar
+from typing import Any
 
 import equinox as eqx
-import equinox.internal as eqxi
 import jax
 import jax.numpy as jnp
 from jax.ad_checkpoint import checkpoint_name
@@ -13,12 +11,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.surroundings import Surroundings
 from crinoid.dynamics.tangent import HELD, Factorised, Tangent
 from crinoid.rod import Rod
 
 Rows = Float[Array, "rows b"]
-Tree = TypeVar("Tree")
 
 SOLVED = "solved"
 """Name of solutions under `jax.checkpoint`: a policy that saves them spares solving again."""
@@ -33,80 +31,6 @@ One with a new tangent may leave far less, by which nothing can be told of the n
 """
 _STALLED = 0.5
 """Share of the imbalance from which on what an iteration leaves of it is no progress."""
-
-
-class Reason(IntEnum):
-    """Why a time step does not count."""
-
-    NONE = 0
-    IMBALANCE = 1
-    FOLDED = 2
-    HIT = 3
-    ERROR = 4
-
-    @property
-    def words(self) -> str:
-        """A sentence for messages."""
-        return _WORDS[self]
-
-
-_WORDS = {
-    Reason.NONE: "the time step counts",
-    Reason.IMBALANCE: "Newton's method found no balance of forces; take a smaller time step",
-    Reason.FOLDED: "the arm folds onto itself; take more nodes or a smaller time step",
-    Reason.HIT: "a hit is too hard or too fast for the time step; take a smaller one",
-    Reason.ERROR: "the time step errs by more than is allowed; take a smaller one",
-}
-
-
-class Outcome(eqx.Module):
-    """How a solve ended."""
-
-    converged: Bool[Array, ""]
-    """Whether the result counts; if not, do not use it."""
-    iterations: Int[Array, ""]
-    """Iterations of Newton's method."""
-    residual: Float[Array, ""]
-    """Largest imbalance of a node, a free obstacle or a vehicle (N).
-
-    A torque counts as a couple on an edge, that of a vehicle over its radius of gyration.
-    """
-    scale: Float[Array, ""]
-    """Largest single force in the balance (N)."""
-    worst_node: Int[Array, ""]
-    """Node with the largest imbalance; the root is 0, the free obstacles come after the tip,
-    then a vehicle."""
-    resolved: Bool[Array, ""]
-    """Whether a balanced step was short enough for its contacts; if not it has not converged."""
-    folded: Bool[Array, ""]
-    """Whether a balanced step bent an edge back onto the one before; then it does not count."""
-    error: Float[Array, ""]
-    """Estimated local error of the positions after a balanced step (m)."""
-
-    @property
-    def reason(self) -> Int[Array, ""]:
-        """Why a step does not count, `crinoid.dynamics.Reason`, or that it does."""
-        found = jnp.where(self.error > 0, Reason.ERROR, Reason.IMBALANCE)
-        found = jnp.where(self.folded, Reason.FOLDED, found)
-        found = jnp.where(self.resolved, found, Reason.HIT)
-        return jnp.where(self.converged, Reason.NONE, found)
-
-    def required(self, after: Tree) -> Tree:
-        """Return the state after a step, or raise an error that says why it does not count.
-
-        Raises
-        ------
-        equinox.EquinoxRuntimeError
-            When the computation runs, if the step has not converged.
-        """
-        words = [reason.words for reason in Reason if reason is not Reason.NONE]
-        return eqxi.branched_error_if(after, ~self.converged, self.reason - 1, words)
-
-    @staticmethod
-    def of_nothing(*, converged: bool) -> "Outcome":
-        """Return the outcome of no iterations, to start a loop with."""
-        none, zero, yes, no = jnp.asarray(0), jnp.zeros(()), jnp.asarray(True), jnp.asarray(False)
-        return Outcome(jnp.asarray(converged), none, zero, zero, none, yes, no, zero)
 
 
 class Settings(eqx.Module):
@@ -154,7 +78,7 @@ class Settings(eqx.Module):
 
 
 class Kept(eqx.Module):
-    """What one solve leaves to the next: a tangent, which is most of what an iteration costs."""
+    """A tangent that one solve leaves to the next: most of what an iteration costs."""
 
     tangent: Factorised
     share: Float[Array, ""]

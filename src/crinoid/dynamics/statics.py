@@ -12,7 +12,6 @@ from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import Stage
 from crinoid.dynamics.newton import (
     Kept,
-    Outcome,
     Settings,
     constant,
     imbalance,
@@ -20,6 +19,7 @@ from crinoid.dynamics.newton import (
     solve,
     tangent_at,
 )
+from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.surroundings import Surroundings
 from crinoid.frames import Frames
 from crinoid.reference import Reference

@@ -22,7 +22,8 @@ from crinoid.dynamics.guess import expected_acceleration, first_guess
 from crinoid.dynamics.halving import Progress, halve
 from crinoid.dynamics.influence import Influence, influence
 from crinoid.dynamics.integrator import Integrator
-from crinoid.dynamics.newton import Kept, Outcome, Settings, solve
+from crinoid.dynamics.newton import Kept, Settings, solve
+from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.prescribed import prescribed
 from crinoid.dynamics.state import State
 from crinoid.dynamics.surroundings import Stir
@@ -30,7 +31,6 @@ from crinoid.dynamics.tangent import HELD
 from crinoid.dynamics.tip import tip_pose
 from crinoid.dynamics.transition import Transition, transition
 from crinoid.dynamics.vehicle import Voyage
-from crinoid.elements import Motion
 from crinoid.frames import Frames
 from crinoid.reference import Reference
 
@@ -127,11 +127,9 @@ class System(eqx.Module):
         stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
         forces = self._driven(state).frozen(state.time)
         motion = forces.motion(stage, none, forces.surroundings(stage, none))
-        at_rest = (state.servo, *state.actuators)
+        at_rest, kept = (state.servo, *state.actuators), state.kept
         reaction = forces.residual(motion)[0][:HELD]
-        return start.steady(
-            forces, motion, reaction, at_rest, state.attitude, state.grip, state.kept
-        )
+        return start.steady(forces, motion, reaction, at_rest, state.attitude, state.grip, kept)
 
     def step(
         self,
@@ -320,7 +318,10 @@ class System(eqx.Module):
         """
         before, now = state.motion, after.motion
         folded = jnp.any(facing(forces, now.position) < SHARPEST)
-        error = jnp.where(outcome.converged, self._error(forces, before, now, step), 0.0)
+        errors = self.integrator.error(before.acceleration, now.acceleration, step)
+        errors = jax.lax.stop_gradient(forces.unknown(errors, forces.reach)[:, : forces.axes])
+        largest = jnp.sqrt(jnp.max(jnp.sum(errors**2, axis=1)))
+        error = jnp.where(outcome.converged, largest, 0.0)
         good, resolved = outcome.converged & ~folded & (error <= self.max_error), outcome.resolved
         if forces.obstacles is not None:
             assert state.gap is not None
@@ -333,14 +334,6 @@ class System(eqx.Module):
             outcome,
             (good & resolved, resolved, folded, error),
         )
-
-    def _error(
-        self, forces: Forces, before: Motion, after: Motion, step: Array
-    ) -> Float[Array, ""]:
-        """Return the largest estimated local error of a position that a step solves for (m)."""
-        error = self.integrator.error(before.acceleration, after.acceleration, step)
-        error = jax.lax.stop_gradient(forces.unknown(error, forces.reach)[:, : forces.axes])
-        return jnp.sqrt(jnp.max(jnp.sum(error**2, axis=1)))
 
     def _begin(self, time: Array, position: Rows, frames: Frames | None) -> State:
         """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
