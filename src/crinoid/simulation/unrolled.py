@@ -1,6 +1,5 @@
 """The closed loop as a pure function of its numbers: what gradients and batches act on."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -8,14 +7,11 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from crinoid.control import pose_error
 from crinoid.dynamics import SOLVED, Outcome, State
 from crinoid.simulation.loop import Loop, LoopState
-
-_BLOCK = 16
-"""Most time steps that reverse mode computes again at once: what it keeps of more no cache has."""
 
 
 class Glance(eqx.Module):
@@ -72,9 +68,9 @@ def rollout(
     `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap` apply: to the gains and all other numbers of the
     loop (`with_parameters`), and to the state at the start. The derivative goes through the
     solution of each time step (implicit function theorem), not through the iterations that found
-    it. Reverse mode keeps the solutions, and the whole loop once in 16 time steps, of short runs
-    in ``sqrt(steps)``; the rest it computes again, block by block (Griewank and Walther 2008,
-    chapter 12).
+    it. Reverse mode keeps the loop at the end of each time step and the step's solution; the rest
+    it computes again, step by step (Griewank and Walther 2008, chapter 12). To keep more is to
+    write hundreds of small arrays at each step and read them again, which takes longer.
 
     Unlike in `simulate`, a time step that fails is not cut into shorter ones, as reverse mode takes
     a number of steps that is known beforehand.
@@ -115,27 +111,20 @@ def rollout(
         )
         return after, first
 
-    def step(carry: Carry, number: Int[Array, ""]) -> tuple[Carry, Any]:
-        carry = jax.lax.cond(number < steps, advance, lambda same: same, carry)
-        now, outcome = carry
+    def step(carry: Carry, _: None) -> tuple[Carry, Any]:
+        now, outcome = carry = advance(carry)
         seen = observe(loop, now)
         return carry, _times(jnp.where(outcome.converged, 1.0, jnp.nan), seen)
 
-    def block(carry: Carry, numbers: Int[Array, " block"]) -> tuple[Carry, Any]:
-        return jax.lax.scan(step, carry, numbers)
-
-    length = min(math.isqrt(steps - 1) + 1, _BLOCK)
-    numbers = jnp.arange(length * math.ceil(steps / length)).reshape(-1, length)
     (end, outcome), kept = jax.lax.scan(
         jax.checkpoint(
-            block,
+            step,
             prevent_cse=False,
             policy=jax.checkpoint_policies.save_only_these_names(SOLVED),
         ),
         (begun, Outcome.of_nothing(converged=True)),
-        numbers,
+        length=steps,
     )
-    kept = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:steps], kept)
     return Rollout(end, kept, outcome)
 
 
