@@ -319,7 +319,7 @@ class Kept(eqx.Module):
         return self.books.work
 
     @property
-    def working(self) -> Array:
+    def working(self) -> dict[str, Array]:
         return self.books.working
 
     @property

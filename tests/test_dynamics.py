@@ -555,7 +555,7 @@ def test_still_water_and_damping_only_take_energy():
     system = carried(gravity=9.81, displaced_area=1e-4, damping_time=0.05)
     states, _ = track(system, rest(system), 0.004)
     for name in ("drag", "damping"):
-        power = np.sum(states.working[:, WORKS.index(name)] * states.motion.velocity, axis=(1, 2))
+        power = np.sum(states.working[name] * states.motion.velocity, axis=(1, 2))
         assert power.max() <= 0.0
         assert states.work[-1, WORKS.index(name)] < -0.01
 

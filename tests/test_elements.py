@@ -87,7 +87,13 @@ ALL = OBJECTIVE | {
 
 residual = eqx.filter_jit(lambda element, motion: element.residual(motion))
 energy = eqx.filter_jit(lambda element, motion: element.energy(motion))
-power = eqx.filter_jit(lambda element, motion: jnp.sum(element.working(motion) * motion.velocity))
+
+
+@eqx.filter_jit
+def power(element, motion):
+    """Return the power that is not stored."""
+    force = element.working(motion)
+    return jnp.zeros(()) if force is None else jnp.sum(force * motion.velocity)
 
 
 @eqx.filter_jit

@@ -724,7 +724,7 @@ def test_the_start_is_a_rigid_motion_and_in_balance():
         np.testing.assert_allclose(closing, 0, atol=1e-12)
         assert np.abs(velocity[1:]).max() > 0.3
         # the spins are those of that rotation: nothing is damped
-        damping = state.working[WORKS.index("damping")]
+        damping = state.working["damping"]
         assert abs(float(jnp.sum(damping * state.motion.velocity))) < 1e-20
         assert np.abs(state.motion.velocity[2:, 3]).max() > 0.1
         force = -np.asarray(state.reaction[:, :3]).sum(axis=0)

@@ -141,7 +141,7 @@ def observe(forces, stage):
     """Return residual, energies, powers and the motion of a stage."""
     motion, _ = motion_of(forces, stage, jnp.zeros_like(stage.position))
     energy, working = forces.energy(motion), forces.working(motion, motion.position.shape[0])
-    power = jnp.sum(working * motion.velocity, axis=(1, 2))
+    power = jnp.asarray([jnp.sum(force * motion.velocity) for force in working.values()])
     return forces.residual(motion)[0], energy, power, motion
 
 

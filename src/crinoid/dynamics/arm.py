@@ -1,6 +1,7 @@
 """The elements of an arm, and what they say it is made of."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,7 +12,6 @@ from crinoid import chain
 from crinoid.dynamics import windows
 from crinoid.elements import (
     ENERGIES,
-    WORKS,
     Bend,
     BendTwist,
     Element,
@@ -61,21 +61,25 @@ class Arm(eqx.Module):
         return jnp.stack(list(energy.values()))
 
     @eqx.filter_jit
-    def working(self, motion: Motion, num_nodes: int) -> Float[Array, "work n b"]:
+    def working(self, motion: Motion, num_nodes: int) -> dict[str, Float[Array, "n b"]]:
         """Return the forces on the nodes whose work is not stored (N), torques on edges (N m).
 
-        In the order of `crinoid.elements.WORKS`; contacts and the base aside.
+        By the names in `crinoid.elements.WORKS`, of those that there are; contacts and the base
+        aside.
         """
         size = motion.position.shape[1]
-        working = dict.fromkeys(WORKS, jnp.zeros((num_nodes, size)))
+        working: dict[str, Array] = {}
         for element, forces in self._in_windows(motion, lambda e, window: e.working(window)):
-            nodal = chain.scatter(forces, element.first, num_nodes)
-            working[element.worked] += chain.widened(nodal, size)
-        return jnp.stack(list(working.values()))
+            if forces is None:
+                continue
+            nodal = chain.widened(chain.scatter(forces, element.first, num_nodes), size)
+            held = working.get(element.worked)
+            working[element.worked] = nodal if held is None else held + nodal
+        return working
 
     def _in_windows(
-        self, motion: Motion, seen: Callable[[Element, Motion], Array]
-    ) -> Iterator[tuple[Element, Array]]:
+        self, motion: Motion, seen: Callable[[Element, Motion], Any]
+    ) -> Iterator[tuple[Element, Any]]:
         """Yield each element, with what is ``seen`` of it in each of its windows."""
         for _, elements in windows.groups(self.elements, motion.flow_velocity.shape[1]):
             owned = windows.gathered(elements[0], motion)

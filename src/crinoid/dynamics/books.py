@@ -4,6 +4,7 @@ What is stored is known from a state alone (`crinoid.dynamics.System.energy`).
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -14,17 +15,15 @@ from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import HELD
 from crinoid.elements import WORKS
 
-_ACTUATION, _CONTACT = WORKS.index("actuation"), WORKS.index("contact")
-
 
 class Books(eqx.Module):
     """Works and impulses since the start, and the present forces, which only runs that ask keep."""
 
-    working: Float[Array, "work n b"]
-    """Forces on the nodes whose work is not stored, in the order of `crinoid.elements.WORKS` (N),
-    torques about the edges (N m)."""
+    working: dict[str, Float[Array, "n b"]]
+    """Forces on the nodes whose work is not stored, by the names in `crinoid.elements.WORKS` (N),
+    torques about the edges (N m). What holds the base is `crinoid.dynamics.State.reaction`."""
     work: Float[Array, " work"]
-    """Work done on the arm since the start, in the same order (J)."""
+    """Work done on the arm since the start, in the order of `crinoid.elements.WORKS` (J)."""
     touch: Touch | None
     """Forces, impulses and times of the obstacles on the arm."""
 
@@ -32,14 +31,9 @@ class Books(eqx.Module):
     def of(forces: Forces, state: State) -> "Books":
         """Open the books of an arm that starts from ``state``."""
         nodes = forces.nodes(state.motion.position).shape[0]
-        working = holding(forces, state.grip).working(state.motion, nodes)
-        works = working.shape[0]
-        at = ((_ACTUATION, works - 1 - _ACTUATION), (0, nodes - HELD), (0, 0))
-        working += jnp.pad(state.reaction[None], at)
-        touch = None
+        working, touch = holding(forces, state.grip).working(state.motion, nodes), None
         if forces.obstacles is not None:
-            touch, pushed = forces.obstacles.touch(forces.beside(state.motion))
-            working = working.at[_CONTACT].set(pushed)
+            touch, working["contact"] = forces.obstacles.touch(forces.beside(state.motion))
         return Books(working, jnp.zeros(len(WORKS)), touch)
 
     def after(self, forces: Forces, before: State, after: State, step: Array) -> "Books":
@@ -50,8 +44,11 @@ class Books(eqx.Module):
         """
         now = Books.of(forces, after)
         path = forces.nodes(after.motion.position - before.motion.position)
-        work = self.work + 0.5 * jnp.sum((self.working + now.working) * path, axis=(1, 2))
+        both = jax.tree.map(jnp.add, self.working, now.working)
+        gained = dict.fromkeys(WORKS, jnp.zeros(()))
+        gained |= {name: jnp.sum(force * path) for name, force in both.items()}
+        gained["actuation"] += jnp.sum((before.reaction + after.reaction) * path[:HELD])
         touch = None
         if now.touch is not None and self.touch is not None:
             touch = now.touch.since(self.touch, step)
-        return Books(now.working, work, touch)
+        return Books(now.working, self.work + 0.5 * jnp.stack(list(gained.values())), touch)

@@ -170,8 +170,11 @@ class Element(eqx.Module):
         """Return the energy that a window stores (J)."""
         return jnp.zeros(())
 
-    def working(self, motion: Motion) -> Float[Array, "k b"]:
-        """Return the force on each node (N, N m) whose work ``energy`` does not store."""
+    def working(self, motion: Motion) -> Float[Array, "k b"] | None:
+        """Return the force on each node (N, N m) whose work ``energy`` does not store.
+
+        None where it stores the work of all.
+        """
         return -self.residual(motion)
 
 

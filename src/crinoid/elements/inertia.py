@@ -38,8 +38,8 @@ class Inertia(Element):
     def energy(self, motion: Motion) -> Float[Array, ""]:
         return 0.5 * jnp.sum(self._momentum(motion.velocity) * motion.velocity)
 
-    def working(self, motion: Motion) -> Float[Array, "2 b"]:
-        return jnp.zeros_like(motion.position)
+    def working(self, motion: Motion) -> None:
+        return None
 
     def _momentum(self, velocity: Float[Array, "2 b"]) -> Float[Array, "2 b"]:
         axes = velocity.shape[1] - self.spin.size

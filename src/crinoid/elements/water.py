@@ -136,5 +136,5 @@ class Weight(Element):
     def energy(self, motion: Motion) -> Float[Array, ""]:
         return self.force * motion.position[0, -1]
 
-    def working(self, motion: Motion) -> Float[Array, "1 b"]:
-        return jnp.zeros_like(motion.position)
+    def working(self, motion: Motion) -> None:
+        return None
