@@ -17,7 +17,7 @@ from step import IN_SPACE, PLANAR, SOFT, STEADY, STEADY_IN_SPACE
 
 
 def main() -> None:
-    """Time both, in turn, and print their ratio and the memory."""
+    """Time the run and both gradients, in turn, and print their ratios and the memory."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--nodes", type=int, default=21)
     parser.add_argument("--steps", type=int, default=300)

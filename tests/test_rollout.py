@@ -1,4 +1,4 @@
-"""The closed loop as a pure function: its gradients, what fails in it, and its memory."""
+"""The closed loop as a pure function: its gradients, and what fails in it."""
 
 from dataclasses import replace
 
@@ -150,7 +150,7 @@ def calm():
 def test_it_is_what_a_simulation_does(calm):
     scenario, loop, state, run = calm
     result = crinoid.simulate(scenario).dataset
-    found = run(loop, state, 23)  # no whole number of blocks
+    found = run(loop, state, 23)
     assert found.converged
     assert int(found.end.steps) == 23
     np.testing.assert_allclose(found.kept.time, result["time"][1:], rtol=1e-12)

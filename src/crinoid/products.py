@@ -22,9 +22,10 @@ def product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "...
 def long_product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
     """Return the `product` of a vector and a matrix whose rows are hundreds, or the other way.
 
-    What changes with a change of the vector is written column by column. Transposed, as reverse
-    mode needs it, a column is a multiple of the vector, which XLA compiles into what is around it.
-    Of a change of the matrix it makes sums over points: for these `@` is the quicker one.
+    That is ``(m,) (m, k)`` or ``(m, k) (k,)``. The slope along the vector is written column by
+    column: transposed, it is a sum of columns times numbers, or one sum a column, which XLA
+    compiles into what is around it. The slope along the matrix stays `@`: where many points share
+    the matrix reverse mode sums over them, for which `@` is quicker.
     """
     return product(a, b)
 

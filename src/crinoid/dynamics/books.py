@@ -46,9 +46,12 @@ class Books(eqx.Module):
         path = forces.nodes(after.motion.position - before.motion.position)
         both = jax.tree.map(jnp.add, self.working, now.working)
         gained = dict.fromkeys(WORKS, jnp.zeros(()))
-        gained |= {name: jnp.sum(force * path) for name, force in both.items()}
+        for name, force in both.items():
+            gained[name] += jnp.sum(force * path)
         gained["actuation"] += jnp.sum((before.reaction + after.reaction) * path[:HELD])
         touch = None
         if now.touch is not None and self.touch is not None:
             touch = now.touch.since(self.touch, step)
-        return Books(now.working, self.work + 0.5 * jnp.stack(list(gained.values())), touch)
+        return Books(
+            now.working, self.work + 0.5 * jnp.stack([gained[name] for name in WORKS]), touch
+        )
