@@ -21,7 +21,7 @@ class Books(eqx.Module):
 
     working: dict[str, Float[Array, "n b"]]
     """Forces on the nodes whose work is not stored, by the names in `crinoid.elements.WORKS` (N),
-    torques about the edges (N m). What holds the base is `crinoid.dynamics.State.reaction`."""
+    torques about the edges (N m). What holds the base is ``reaction`` of the state."""
     work: Float[Array, " work"]
     """Work done on the arm since the start, in the order of `crinoid.elements.WORKS` (J)."""
     touch: Touch | None
