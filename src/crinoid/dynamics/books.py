@@ -4,7 +4,6 @@ What is stored is known from a state alone (`crinoid.dynamics.System.energy`).
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -44,10 +43,9 @@ class Books(eqx.Module):
         """
         now = Books.of(forces, after)
         path = forces.nodes(after.motion.position - before.motion.position)
-        both = jax.tree.map(jnp.add, self.working, now.working)
         gained = dict.fromkeys(WORKS, jnp.zeros(()))
-        for name, force in both.items():
-            gained[name] += jnp.sum(force * path)
+        for name, force in now.working.items():
+            gained[name] += jnp.sum((self.working[name] + force) * path)
         gained["actuation"] += jnp.sum((before.reaction + after.reaction) * path[:HELD])
         touch = None
         if now.touch is not None and self.touch is not None:
