@@ -21,6 +21,7 @@ from crinoid.flow import (
     Water,
     Waves,
 )
+from crinoid.flow.flow import Everywhere
 from crinoid.onset import Onset
 from crinoid.spline import PiecewisePolynomial
 
@@ -138,12 +139,31 @@ def test_a_jet_is_the_flow_and_its_derivatives(kind):
 
 
 def test_jets_add_up():
-    jet, _ = jets(EVERYTHING.flows[0], *numbers(PLACES[3], 1.7))
-    for flow in EVERYTHING.flows[1:]:
-        jet = jet + jets(flow, *numbers(PLACES[3], 1.7))[0]
-    together = current(EVERYTHING, *numbers(PLACES[3], 1.7))
+    # patterns that drift are where the displacement of all other flows has carried them
+    at, parts = numbers(PLACES[3], 1.7), []
+    for flow in EVERYTHING.flows:
+        others = [other for other in EVERYTHING.flows if other is not flow]
+        moved = sum(np.asarray(other.displacement(at[1])) for other in others)
+        parts.append(jets(flow, at[0] - moved if flow.drifts else at[0], at[1])[0])
+    jet = sum(parts[1:], parts[0])
+    together = current(EVERYTHING, *at)
     np.testing.assert_allclose(together.velocity, jet.velocity, atol=1e-15)
     np.testing.assert_allclose(together.velocity_slope, jet.gradient, atol=1e-15)
+
+
+def test_displacement_is_the_integral_of_the_velocity():
+    place = jnp.asarray(PLACES[2])
+    uniform = [flow for size, flow in KINDS.values() if size == 2 and isinstance(flow, Everywhere)]
+    _, drifting = KINDS["MeasuredPoint-2"]
+    tide = MeasuredPoint(drifting.onset, drifting.record, drifting.met, jnp.zeros(2), carried=False)
+    times = np.linspace(0.5, 8.0, 15001)  # the gust ends on a sample
+    for flow in (*uniform, tide):
+        velocity = np.asarray(jax.jit(jax.vmap(flow.velocity, (None, 0)))(place, times))
+        steps = 0.5 * np.diff(times)[:, None] * (velocity[1:] + velocity[:-1])
+        moved = np.asarray(jax.jit(jax.vmap(flow.displacement))(jnp.asarray(times[1:])))
+        np.testing.assert_allclose(moved, np.cumsum(steps, axis=0), atol=2e-5)
+        assert np.abs(moved[-1]).max() > 0.05
+        assert not np.any(flow.displacement(jnp.asarray(0.3)))
 
 
 def test_acceleration_is_that_of_a_drifting_particle():

@@ -9,17 +9,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import crinoid
 from crinoid.control import Line, Target
 from crinoid.dynamics import Outcome
+from crinoid.flow import MeasuredPoint, Uniform, Water
 from crinoid.live.frame import in_three
+from crinoid.live.knobs import Knobs
 from crinoid.live.meshes import capsule, tube, tube_triangles, turned
 from crinoid.live.pace import Pace
 from crinoid.live.part import CAPACITY, StartError, kinds_for
 from crinoid.live.props import Props
 from crinoid.live.session import Session
 from crinoid.live.target import Shifted, shift_to
+from crinoid.live.water import stirred
 from crinoid.onset import Onset
 from crinoid.programs import Program, Store
 from crinoid.programs.store import STORE
@@ -27,6 +31,7 @@ from crinoid.report import write_report
 from crinoid.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation.stretch import stretch
+from crinoid.spline import PiecewisePolynomial
 
 SCENARIO = """
 title = "a small arm"
@@ -185,13 +190,30 @@ def test_no_current_is_still_water(session):
 def test_turbulence_goes_on_from_what_it_was(session):
     session.advance(60)
     now, place = session.state.state.time, jnp.asarray(session.scenario.base.position)
-    before = session.loop.system.forces.water.flows[1].velocity(place, now)
+    before = session.loop.system.forces.water.velocity(place, now)
     session.turn(length_scale=0.5)
-    after = session.loop.system.forces.water.flows[1].velocity(place, now)
+    after = session.loop.system.forces.water.velocity(place, now)
     np.testing.assert_allclose(after, before, atol=1e-12)
     session.turn(current=0.5)
-    halved = session.loop.system.forces.water.flows[1].velocity(place, now)
+    halved = session.loop.system.forces.water.velocity(place, now)
     np.testing.assert_allclose(halved, 0.5 * before, atol=1e-12)
+
+
+def test_a_record_that_drifts_continues_too():
+    def numbers(*values):
+        return [jnp.asarray(value, float) for value in values]
+
+    times = np.linspace(-9.0, 9.0, 40)
+    curve = PiecewisePolynomial(CubicSpline(times, np.stack([np.sin(times), 0 * times], axis=1)))
+    uniform = Uniform(Onset.of(), *numbers([0.3, 0.1]))
+    flows = (uniform, MeasuredPoint(Onset.of(), curve, *numbers([0, 0], [2, 0]), carried=True))
+    place, time = np.array([0.2, -3.0]), 3.0
+    now = None
+    for current in (1.0, 0.4, 0.9):
+        now = stirred(flows, now, Knobs(current=current), place, time)
+        velocity = Water(now).velocity(*numbers(place, time)) / current
+        expected = Water(flows).velocity(*numbers(place, time))
+        np.testing.assert_allclose(velocity, expected, rtol=1e-12)
 
 
 def test_reset_gives_the_start_to_the_bit(session):

@@ -1,4 +1,4 @@
-"""Turbulence: no divergence, the intensity and the spectrum asked for, carried by the mean."""
+"""Turbulence: no divergence, the intensity and the spectrum asked for, carried by the water."""
 
 from itertools import pairwise
 
@@ -13,7 +13,7 @@ from scipy.special import gamma, kv
 
 import crinoid
 from crinoid.assembly.fluctuation import Fluctuation
-from crinoid.flow import Turbulence, Water
+from crinoid.flow import Sine, Turbulence, Water
 from crinoid.onset import Onset
 
 SPEED = 1.5
@@ -37,6 +37,10 @@ def turbulence(seed=0, *, dimension=3, modes=256, mean=None):
         modes=modes,
         generator=np.random.default_rng(seed),
     )
+
+
+def numbers(*values):
+    return tuple(jnp.asarray(value, float) for value in values)
 
 
 @pytest.fixture(scope="module")
@@ -187,6 +191,44 @@ def test_it_is_carried_by_the_mean():
     np.testing.assert_allclose(now, then, rtol=1e-12)
 
 
+def test_a_swell_carries_it():
+    # seen from water that swings, the same water has its bed swung the other way
+    flow, swell = turbulence(dimension=2), Sine(Onset.of(), *numbers([0.4, 0.1], 0.2, 0.5))
+    water, time = Water((flow, swell)), jnp.asarray(3.1)
+    path = [quad(lambda t, i=i: float(swell.at(jnp.asarray(t))[i]), 0, 3.1)[0] for i in (0, 1)]
+    point = np.array([0.3, -4.0])
+    carried = water.velocity(jnp.asarray(point + path), time) - swell.at(time)
+    np.testing.assert_allclose(carried, flow.velocity(jnp.asarray(point), time), rtol=1e-9)
+
+
+def test_an_arm_in_a_swell_moves_as_one_whose_base_is_swung():
+    # a neutral arm feels the water beside it alone: swell over a still base is still water over a
+    # base that swings the other way
+    amplitude, frequency = 0.25, 0.25
+    reach = amplitude / (2 * np.pi * frequency)
+    eddies = {"kind": "turbulence", "mean": [0.06, 0], "intensity": 0.8, "length_scale": 0.3}
+    swell = {"kind": "sine", "amplitude": [amplitude, 0], "frequency_hz": frequency}
+    swing = {"kind": "sine", "channel": "slide", "amplitude": reach, "frequency_hz": frequency}
+
+    def tip(flow, base):
+        scenario = crinoid.Scenario(
+            arm={"nodes": 7, "density": 1025.0, "youngs_modulus": 1e6, "damping_time": 0.02},
+            base={"tilt_deg": 90.0} | base,
+            flow=flow,
+            simulation={"duration": 3.0, "time_step": 0.005, "start": "rest"},
+        )
+        dataset = crinoid.simulate(scenario).dataset
+        assert dataset.attrs["status"] == "ok"
+        position = dataset["position"].transpose("time", "node", "axis").values
+        return position[:, -1, 0] - position[:, 0, 0]
+
+    in_swell = tip([eddies | {"modes": 32}, swell], {"position": [0.0, -10.0]})
+    motion = [swing | {"phase_deg": 90.0}]
+    swung = tip([eddies | {"modes": 32}], {"position": [-reach, -10.0], "motion": motion})
+    assert np.std(in_swell) > 0.02
+    np.testing.assert_allclose(swung, in_swell, atol=1e-4 * np.std(in_swell))
+
+
 def test_a_planar_arm_sees_the_cut_through_it():
     flat, full = turbulence(dimension=2), turbulence(dimension=3)
     point, time = np.array([0.3, 0.0, -4.0]), jnp.asarray(2.1)
@@ -211,7 +253,9 @@ def test_flows_that_are_stacked_are_those_alone(many):
 
 
 def test_slopes_by_its_numbers_place_and_time_are_those_of_differences():
-    flow = turbulence(3, dimension=2, modes=16)
+    flow = eqx.tree_at(
+        lambda flow: flow.onset, turbulence(3, dimension=2, modes=16), Onset.of(0.4, 3.0)
+    )
     numbers, rest = eqx.partition(flow, eqx.is_inexact_array)
 
     @jax.jit

@@ -54,4 +54,4 @@ class Onset(eqx.Module):
         )
         swing = jnp.where(self.ramp_time > 0, self.ramp_time, 1.0) / jnp.pi
         ramped = 0.5 * (passed - swing * jnp.sin(passed / swing))
-        return ramped + jnp.where(since >= self.ramp_time, since - self.ramp_time, 0.0)
+        return jnp.where(since >= self.ramp_time, since - 0.5 * self.ramp_time, ramped)

@@ -27,6 +27,8 @@ class PiecewisePolynomial(eqx.Module):
     knots: Float[Array, " k"]
     coefficients: Float[Array, "order k-1 c"]
     """Highest power first."""
+    sums: Float[Array, "k-1 c"]
+    """Integral from the first knot to each of the others but the last."""
     even: bool = eqx.field(static=True)
     """Whether the knots lie evenly, so that a piece is found without a search."""
 
@@ -40,10 +42,25 @@ class PiecewisePolynomial(eqx.Module):
         self.even = bool(np.abs(knots - ideal).max() <= _EVEN * spacing)
         self.knots = jnp.asarray(knots)
         self.coefficients = jnp.asarray(coefficients.reshape(*coefficients.shape[:2], -1))
+        powers = np.arange(len(coefficients), 0, -1)[:, None]
+        widths = np.diff(knots) ** powers / powers
+        pieces = np.einsum("ok,okc->kc", widths, np.asarray(self.coefficients))
+        self.sums = jnp.asarray(np.cumsum(pieces, axis=0) - pieces)
 
     def __call__(self, time: Float[Array, ""] | float) -> Float[Array, " c"]:
         """Return the value at ``time`` (s)."""
         return self.columns(time, 0, self.coefficients.shape[2])
+
+    def integral(self, time: Float[Array, ""] | float) -> Float[Array, " c"]:
+        """Return the integral from the first knot to ``time`` (s)."""
+        inside, piece = self._found(time)
+        since = inside - self.knots[piece]
+        value = jnp.zeros_like(self.sums[0])
+        for power, coefficient in zip(
+            range(self.coefficients.shape[0], 0, -1), self.coefficients[:, piece], strict=True
+        ):
+            value = (value + coefficient / power) * since
+        return self.sums[piece] + value + self(time) * (time - inside)
 
     def columns(
         self, time: Float[Array, ""] | float, first: Int[Array, ""] | int, count: int
@@ -52,6 +69,18 @@ class PiecewisePolynomial(eqx.Module):
 
         Of a value with many entries only those that are asked for are looked up.
         """
+        time, piece = self._found(time)
+        order = self.coefficients.shape[0]
+        start = [jnp.asarray(index, jnp.int32) for index in (0, piece, first)]
+        polynomials = jax.lax.dynamic_slice(self.coefficients, start, (order, 1, count))
+        value, *rest = polynomials[:, 0]
+        since = time - self.knots[piece]
+        for coefficient in rest:
+            value = value * since + coefficient
+        return value
+
+    def _found(self, time: Float[Array, ""] | float) -> tuple[Float[Array, ""], Int[Array, ""]]:
+        """Return a time held between the outermost knots, and the piece that it lies in."""
         begin, end = self.knots[0], self.knots[-1]
         # not `clip`, which has half the slope at the knots at both ends; and a time that round-off
         # puts past the end still moves
@@ -61,15 +90,7 @@ class PiecewisePolynomial(eqx.Module):
             found = jnp.floor((time - begin) * (self._last + 1) / (end - begin)).astype(jnp.int32)
         else:
             found = jnp.searchsorted(self.knots, time, side="right").astype(jnp.int32) - 1
-        piece = jnp.clip(found, 0, self._last)
-        order = self.coefficients.shape[0]
-        start = [jnp.asarray(index, jnp.int32) for index in (0, piece, first)]
-        polynomials = jax.lax.dynamic_slice(self.coefficients, start, (order, 1, count))
-        value, *rest = polynomials[:, 0]
-        since = time - self.knots[piece]
-        for coefficient in rest:
-            value = value * since + coefficient
-        return value
+        return time, jnp.clip(found, 0, self._last)
 
     @property
     def _last(self) -> int:

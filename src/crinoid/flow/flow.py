@@ -1,11 +1,13 @@
 """The interface of all flows, and the water in which they add up."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.flow.current import Current
@@ -14,6 +16,37 @@ from crinoid.onset import Onset
 
 Point = Float[Array, " b"]
 Time = Float[Array, ""]
+
+# of Gauss and Legendre, on [0, 1]
+_NODES, _WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(32))
+
+
+def displacement(onset: Onset, path: Callable[[Time], Point], time: Time) -> Point:
+    """Return the integral (m) of a velocity times its onset, up to a time (s).
+
+    By parts: ``r P - int r' P dt``, with the factor ``r`` of the onset and an antiderivative
+    ``P`` of the velocity, which is smoother than the velocity and so easier to integrate.
+
+    Parameters
+    ----------
+    onset
+        Its onset.
+    path
+        An antiderivative of the velocity (m).
+    time
+        The time (s).
+    """
+    since = jnp.where(time < onset.stop, time, onset.stop) - onset.start
+    ramped = onset.ramp_time > 0
+    # not `clip`, which has half the slope at its ends
+    share = jnp.where(ramped, since / jnp.where(ramped, onset.ramp_time, 1.0), 1.0)
+    share = jnp.where(since < 0, 0.0, jnp.where(share < 1, share, 1.0))
+    begin = path(onset.start)
+    shares = share * (0.5 + _NODES)
+    paths = jax.vmap(path)(onset.start + shares * onset.ramp_time) - begin
+    weights = share * 0.5 * jnp.pi * jnp.sin(jnp.pi * shares) * _WEIGHTS
+    factor = 0.5 - 0.5 * jnp.cos(jnp.pi * share)
+    return factor * (path(onset.start + since) - begin) - jnp.sum(weights[:, None] * paths, axis=0)
 
 
 class Flow(eqx.Module):
@@ -34,8 +67,15 @@ class Flow(eqx.Module):
 
     @property
     def drifts(self) -> bool:
-        """Whether it is a pattern that drifts past, which hardly accelerates the water in it."""
+        """Whether it is a pattern that the water carries along, which hardly accelerates it."""
         return False
+
+    def displacement(self, time: Time) -> Point | float:
+        """Return how far the part that is the same everywhere has moved the water by a time (m).
+
+        `Water` carries the patterns that drift by the displacement of the other flows.
+        """
+        return 0.0
 
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         """Return it with its derivatives; a flow may override this where it has cheaper ones."""
@@ -61,6 +101,20 @@ class Everywhere(Flow):
     def fully_on(self, point: Point, time: Time) -> Point:
         return self.at(time)
 
+    def path(self, time: Time) -> Point:
+        """Return an antiderivative of `at` (m).
+
+        Raises
+        ------
+        NotImplementedError
+            If a subclass leaves it out, and another flow drifts.
+        """
+        name = type(self).__name__
+        raise NotImplementedError(f"{name}.path is missing; it must return the integral of `at`")
+
+    def displacement(self, time: Time) -> Point:
+        return displacement(self.onset, self.path, time)
+
     def jet(self, point: Point, time: Time) -> Jet:
         moving = jax.jvp(lambda t: self.velocity(point, t), (time,), (jnp.ones_like(time),))
         return Jet.everywhere(*moving)
@@ -70,7 +124,8 @@ class Water(eqx.Module):
     """All flows together: velocities add up; the acceleration is that of their sum.
 
     ``Du/Dt = du/dt + (u . grad) u`` is not the sum of the flows' own accelerations: each flow is
-    carried along by the others.
+    carried along by the others. A pattern ``v`` that drifts moves with the displacement ``X`` of
+    the other flows, as far as these are the same everywhere: ``v(x - X(t), t)``.
     """
 
     flows: tuple[Flow, ...]
@@ -86,15 +141,37 @@ class Water(eqx.Module):
     def velocity(self, point: Point, time: Time) -> Point:
         """Return the velocity (m/s)."""
         time = time if self.frozen_at is None else self.frozen_at
-        return sum((flow.velocity(point, time) for flow in self.flows), jnp.zeros_like(point))
+        velocity = jnp.zeros_like(point)
+        for flow in self.flows:
+            carried = self._displacement(flow, time) if flow.drifts else 0.0
+            velocity += flow.velocity(point - carried, time)
+        return velocity
 
     def current(self, point: Point, time: Time) -> Current:
         """Return velocity, material acceleration and how both change with position, at once."""
         time = jnp.asarray(time if self.frozen_at is None else self.frozen_at, float)
-        jets = [flow.jet(point, time) for flow in self.flows]
+        jets = [self._jet(flow, point, time) for flow in self.flows]
         nothing = Jet.everywhere(jnp.zeros_like(point), jnp.zeros_like(point))
         together = sum(jets, nothing)
         if self.frozen_at is None:
             return Current.of(together)
         lasting = [jet for flow, jet in zip(self.flows, jets, strict=True) if flow.steady]
         return Current.of(together, sum(lasting, nothing))
+
+    def _displacement(self, flow: Flow, time: Time) -> Point | float:
+        """Return how far the other flows carry a pattern (m)."""
+        return sum(other.displacement(time) for other in self.flows if other is not flow)
+
+    def _jet(self, flow: Flow, point: Point, time: Time) -> Jet:
+        """Return the jet of a flow where the other flows carry it."""
+        if not flow.drifts or len(self.flows) == 1:
+            return flow.jet(point, time)
+        carried, velocity = jax.jvp(
+            lambda t: jnp.zeros(point.shape) + self._displacement(flow, t),
+            (time,),
+            (jnp.ones_like(time),),
+        )
+        jet = flow.jet(point - carried, time)
+        # d/dt v(x - X, t) = dv/dt - (X' . grad) v
+        rate = jet.rate - jnp.sum(jet.gradient * velocity, axis=-1)
+        return Jet(jet.velocity, jet.gradient, rate)

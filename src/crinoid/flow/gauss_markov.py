@@ -62,3 +62,6 @@ class GaussMarkov(Everywhere):
 
     def at(self, time: Time) -> Point:
         return self.record(time)
+
+    def path(self, time: Time) -> Point:
+        return self.record.integral(time)

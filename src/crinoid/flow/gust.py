@@ -20,5 +20,13 @@ class Gust(Everywhere):
     """Length of the gust (s)."""
 
     def at(self, time: Time) -> Point:
-        share = jnp.clip((time - self.onset.start) / self.duration, 0.0, 1.0)
-        return self.peak * (0.5 - 0.5 * jnp.cos(2 * jnp.pi * share))
+        return self.peak * (0.5 - 0.5 * jnp.cos(2 * jnp.pi * self._share(time)))
+
+    def path(self, time: Time) -> Point:
+        share = self._share(time)
+        swing = jnp.sin(2 * jnp.pi * share) / (2 * jnp.pi)
+        return 0.5 * self.peak * self.duration * (share - swing)
+
+    def _share(self, time: Time) -> Float[Array, ""]:
+        """Return how much of the gust is over."""
+        return jnp.clip((time - self.onset.start) / self.duration, 0.0, 1.0)

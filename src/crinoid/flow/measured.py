@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.flow.flow import Flow, Point, Time
+from crinoid.flow.flow import Flow, Point, Time, displacement
 from crinoid.onset import Onset
 from crinoid.products import product
 from crinoid.spline import PiecewisePolynomial
@@ -34,6 +34,11 @@ class MeasuredPoint(Flow):
 
     def fully_on(self, point: Point, time: Time) -> Point:
         return self.record(time - product(self.slowness, point - self.met))
+
+    def displacement(self, time: Time) -> Point | float:
+        if self.carried:
+            return 0.0
+        return displacement(self.onset, self.record.integral, time)
 
 
 class MeasuredProfile(Flow):

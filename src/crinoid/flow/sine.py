@@ -21,3 +21,7 @@ class Sine(Everywhere):
     def at(self, time: Time) -> Point:
         angle = 2 * jnp.pi * self.frequency * time + self.phase
         return self.amplitude * jnp.sin(angle)
+
+    def path(self, time: Time) -> Point:
+        rate = 2 * jnp.pi * self.frequency
+        return -self.amplitude / rate * jnp.cos(rate * time + self.phase)

@@ -1,4 +1,4 @@
-"""Turbulence that a mean flow carries along."""
+"""Turbulence that the water carries along."""
 
 import jax
 import jax.numpy as jnp
@@ -22,8 +22,10 @@ _EVENLY = 1.2207440846057596 ** -np.arange(1.0, 4.0)
 
 
 class Turbulence(Flow):
-    """A mean flow and frozen turbulence: ``u = mean + sum_m a_m cos(k_m . (x - mean t) + p_m)``.
+    """A mean flow and frozen turbulence: ``u = mean + sum_m a_m cos(k_m . (x - X) + p_m)``.
 
+    The mean and the other flows carry its eddies: ``X`` is the displacement of all that is the
+    same everywhere, here that of the mean; `Water` adds the others.
     Random Fourier modes (Kraichnan 1970) with the spectrum of von Karman (1948). The amplitude
     of each mode is normal to its wave vector, so that the flow has no divergence. Turbulence is
     three-dimensional; a planar arm sees the cut ``y = 0`` through it.
@@ -96,6 +98,9 @@ class Turbulence(Flow):
     def fully_on(self, point: Point, time: Time) -> Point:
         return self.mean + long_product(cosine(self._turns(point, time)), self.amplitudes)
 
+    def displacement(self, time: Time) -> Point:
+        return self.mean * self.onset.elapsed(time)
+
     def fully_on_jet(self, point: Point, time: Time) -> Jet:
         size = point.shape[0]
         first = -self.amplitudes[:, :, None] * self.wave_vectors[:, None, :]
@@ -104,11 +109,11 @@ class Turbulence(Flow):
         # two products are all that is done for each point
         velocity = self.mean + long_product(cos, self.amplitudes)
         gradient = long_product(sin, first).reshape(size, size)
-        # carried along: d/dt = -mean . grad
-        return Jet(velocity, gradient, -jnp.sum(gradient * self.mean, axis=-1))
+        # carried along: d/dt = -(X' . grad)
+        return Jet(velocity, gradient, -jnp.sum(gradient * self.onset(time) * self.mean, axis=-1))
 
     def _turns(self, point: Point, time: Time) -> Float[Array, " m"]:
-        carried = long_product(self.wave_vectors, point - self.mean * time)
+        carried = long_product(self.wave_vectors, point - self.displacement(time))
         return self.phases + carried / (2 * jnp.pi)
 
 

@@ -18,3 +18,6 @@ class Uniform(Everywhere):
 
     def at(self, time: Time) -> Point:
         return self.uniform_velocity
+
+    def displacement(self, time: Time) -> Point:
+        return self.uniform_velocity * self.onset.elapsed(time)

@@ -71,7 +71,7 @@ class Part(NamedTuple):
         # a loop that starts has the form of one whose water was changed: both are one program
         prepared.parameters = replace(
             prepared.parameters,
-            flow=tuple(stirred(flow, None, Knobs(), place, 0.0) for flow in flows),
+            flow=stirred(flows, None, Knobs(), place, 0.0),
         )
 
         def shifted(loop: Loop) -> Loop:

@@ -292,10 +292,7 @@ class Session:
     def _stirred(self, now: Sequence[Any] | None) -> tuple[Any, ...]:
         place = np.asarray(self.scenario.base.position)
         time = 0.0 if now is None else self.time
-        return tuple(
-            stirred(flow, None if now is None else now[index], self.knobs, place, time)
-            for index, flow in enumerate(self._part.flows)
-        )
+        return stirred(self._part.flows, now, self.knobs, place, time)
 
     def _renew(self) -> None:
         """Bring the loop up to date with all that was changed."""

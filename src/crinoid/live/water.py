@@ -1,5 +1,6 @@
-"""Water whose current and turbulence are turned up and down while it flows."""
+"""Water with adjustable current and turbulence."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -17,11 +18,13 @@ __all__ = ["Scaled", "stirred"]
 
 
 class Scaled(Flow):
-    """A flow times a factor."""
+    """A flow times a factor, and moved."""
 
     onset: Onset
     flow: Flow
     factor: Float[Array, ""]
+    shift: Float[Array, " d"]
+    """By how much it is moved (m)."""
 
     @property
     def steady(self) -> bool:  # type: ignore[override]
@@ -33,53 +36,74 @@ class Scaled(Flow):
         """Whether it is a pattern that drifts past."""
         return self.flow.drifts
 
+    def displacement(self, time: Time) -> Float[Array, "..."]:
+        """Return how far its uniform part has moved the water (m)."""
+        return self.factor * self.flow.displacement(time)
+
     def fully_on(self, point: Point, time: Time) -> Point:
         """Return the velocity (m/s), its onset aside."""
-        return self.factor * self.flow.fully_on(point, time)
+        return self.factor * self.flow.fully_on(point - self.shift, time)
 
     def jet(self, point: Point, time: Time) -> Jet:
         """Return the velocity with its derivatives."""
-        return self.flow.jet(point, time).times(self.factor, jnp.zeros(()))
+        return self.flow.jet(point - self.shift, time).times(self.factor, jnp.zeros(()))
 
 
 def stirred(
-    described: Flow, now: Flow | None, knobs: Knobs, place: Float[np.ndarray, " d"], time: float
-) -> Flow:
-    """Return a flow as the knobs have it.
+    described: Sequence[Flow],
+    now: Sequence[Flow] | None,
+    knobs: Knobs,
+    place: Float[np.ndarray, " d"],
+    time: float,
+) -> tuple[Flow, ...]:
+    """Return flows as the knobs have them.
 
-    Turbulence is what a scenario with that mean, intensity and length scale would draw. As it
-    drifts at another speed, or has other eddies, from now on, its pattern goes on from what it is
-    at one place.
+    Turbulence is what a scenario with that mean, intensity and length scale would draw. At one
+    place a pattern that drifts continues without a jump, though it moves at another speed from
+    now on, or has other eddies.
 
     Parameters
     ----------
     described
-        The flow of the scenario.
+        The flows of the scenario.
     now
-        As it has flowed up to this time; None at the start.
+        The flows up to this time; None at the start.
     knobs
-        How it is to flow.
+        The new settings.
     place
-        Where the pattern goes on as it is, in the world (m).
+        Where the patterns continue, in the world (m).
     time
-        When it changes (s).
+        When the knobs change (s).
     """
-    if not isinstance(described, Turbulence):
-        return Scaled(described.onset, described, array(knobs.current))
-    mean = knobs.current * np.asarray(described.mean)
-    wave_vectors = np.asarray(described.wave_vectors) / knobs.length_scale
-    phases = np.asarray(described.phases)
-    if now is not None:
-        assert isinstance(now, Turbulence)
-        before = np.asarray(now.wave_vectors) @ (place - time * np.asarray(now.mean))
-        after = wave_vectors @ (place - time * mean)
-        phases = np.asarray(now.phases)
-        if (before != after).any():
-            phases = np.mod(phases + (before - after) / (2 * np.pi), 1.0)
+    flows = [_turned(flow, knobs, place) for flow in described]
+    if now is None:
+        return tuple(flows)
+    moved, moves = (
+        np.asarray(
+            sum((flow.displacement(jnp.asarray(time)) for flow in each), np.zeros(place.size))
+        )
+        for each in (now, flows)
+    )
+    for index, (before, after) in enumerate(zip(now, flows, strict=True)):
+        if isinstance(before, Turbulence) and isinstance(after, Turbulence):
+            phases = np.asarray(before.phases)
+            angle = np.asarray(before.wave_vectors) @ (place - moved)
+            angle -= np.asarray(after.wave_vectors) @ (place - moves)
+            if angle.any():
+                phases = np.mod(phases + angle / (2 * np.pi), 1.0)
+            flows[index] = replace(after, phases=array(phases))
+        elif isinstance(before, Scaled) and isinstance(after, Scaled) and after.drifts:
+            flows[index] = replace(after, shift=array(np.asarray(before.shift) + moved - moves))
+    return tuple(flows)
+
+
+def _turned(flow: Flow, knobs: Knobs, place: Float[np.ndarray, " d"]) -> Flow:
+    """Return a flow as the knobs have it, with the phases of the scenario."""
+    if not isinstance(flow, Turbulence):
+        return Scaled(flow.onset, flow, array(knobs.current), array(np.zeros(place.size)))
     return replace(
-        described,
-        mean=array(mean),
-        wave_vectors=array(wave_vectors),
-        amplitudes=array(knobs.current * knobs.intensity * np.asarray(described.amplitudes)),
-        phases=array(phases),
+        flow,
+        mean=knobs.current * flow.mean,
+        wave_vectors=flow.wave_vectors / knobs.length_scale,
+        amplitudes=knobs.current * knobs.intensity * flow.amplitudes,
     )
