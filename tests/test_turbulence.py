@@ -168,7 +168,7 @@ def test_controllers_expect_its_covariance_in_space_and_time(many, lag):
     expected = Fluctuation(
         np.full(3, INTENSITY * np.linalg.norm(mean)),
         LENGTH / np.linalg.norm(mean),
-        slowness=mean / (mean @ mean),
+        drift=mean,
         length=LENGTH,
     )
     assert not expected.accelerates

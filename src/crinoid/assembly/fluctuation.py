@@ -17,6 +17,7 @@ from crinoid.scenario import (
     Scenario,
     SineFlow,
     TurbulenceFlow,
+    UniformFlow,
     WavesFlow,
 )
 
@@ -45,7 +46,9 @@ class Fluctuation(NamedTuple):
     damping: float | None = None
     """Damping ratio of what oscillates; None: it does not."""
     slowness: Float[np.ndarray, " d"] | None = None
-    """Delay over distance (s/m) of a frozen pattern that drifts past; None: it does not."""
+    """Delay over distance (s/m) of a record that drifts past; None: it does not."""
+    drift: Float[np.ndarray, " d"] | None = None
+    """Mean velocity (m/s) of eddies; None: it has none."""
     length: float | None = None
     """Longitudinal integral scale of its eddies (m); None: it is the same across the drift."""
 
@@ -57,9 +60,8 @@ class Fluctuation(NamedTuple):
         Turbulence is isotropic (Batchelor 1953, chapter 3), with von Karman's longitudinal
         correlation (1948).
         """
-        if self.length is not None and self.slowness is not None:
-            drift = self.slowness / (self.slowness @ self.slowness)
-            away = apart - drift * lag[..., None]
+        if self.length is not None and self.drift is not None:
+            away = apart - self.drift * lag[..., None]
             return np.outer(self.deviation, self.deviation) * _isotropic(away, self.length)
         carried = 0.0 if self.slowness is None else apart @ self.slowness
         later = np.abs(lag - carried)
@@ -75,7 +77,7 @@ class Fluctuation(NamedTuple):
     @property
     def accelerates(self) -> bool:
         """Whether particles of the water feel it change: not in a pattern that drifts with them."""
-        return self.slowness is None
+        return self.slowness is None and self.drift is None
 
     def process(self, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return ``F``, ``Q`` and ``S`` of ``d' = F d + v``, ``w = S d``, with ``w`` of variance 1.
@@ -99,13 +101,15 @@ def fluctuations(
 ) -> tuple[Fluctuation, ...]:
     """Return the fluctuations of all flows of a scenario, one that is slow last."""
     axes, found = scenario.arm.dimension, []
+    carrier, swing = _carrier(scenario)
     for index, flow in enumerate(scenario.flow):
         match flow:
             case TurbulenceFlow():
-                speed = math.hypot(*flow.mean)
-                spread = np.full(axes, flow.intensity * speed)
-                slowness, length = np.array(flow.mean) / speed**2, flow.length_scale
-                found.append(Fluctuation(spread, length / speed, slowness=slowness, length=length))
+                spread = np.full(axes, flow.intensity * math.hypot(*flow.mean))
+                # where nothing else moves them, eddies last as long as they take to turn
+                speed = max(math.sqrt(carrier @ carrier + swing), spread[0])
+                passing = flow.length_scale / speed
+                found.append(Fluctuation(spread, passing, drift=carrier, length=flow.length_scale))
             case GaussMarkovFlow():
                 spread = np.broadcast_to(flow.standard_deviation, axes)
                 found.append(Fluctuation(spread, flow.correlation_time))
@@ -123,6 +127,26 @@ def fluctuations(
     total = np.sqrt(sum((each.deviation**2 for each in found), np.zeros(axes)))
     found.append(Fluctuation(np.maximum(_LEAST, _SHARE * total), _SLOW))
     return tuple(found)
+
+
+def _carrier(scenario: Scenario) -> tuple[Float[np.ndarray, " d"], float]:
+    """Return the mean velocity (m/s) that carries eddies, and its variance over all axes."""
+    mean, variance = np.zeros(scenario.arm.dimension), 0.0
+    for flow in scenario.flow:
+        match flow:
+            case UniformFlow():
+                mean += flow.velocity
+            case TurbulenceFlow():
+                mean += flow.mean
+            case GaussMarkovFlow():
+                mean += flow.mean
+                spread = np.broadcast_to(flow.standard_deviation, mean.size)
+                variance += float(spread @ spread)
+            case SineFlow():
+                variance += float(np.dot(flow.amplitude, flow.amplitude)) / 2
+            case _:
+                pass
+    return mean, variance
 
 
 def _isotropic(away: Float[np.ndarray, "... d"], length: float) -> Float[np.ndarray, "... d d"]:

@@ -96,7 +96,7 @@ def sample_current(prepared: Prepared) -> xr.Dataset:
             "standard deviation of the velocity",
         ),
     }
-    model, words = _model(scenario, frequency, velocity[late, 1], interval)
+    model, words = _model(system, scenario, frequency, velocity[late, 1], times[late])
     if model is not None:
         quantities["model_spectrum"] = (("frequency", "axis"), model, "m2 s-1", words)
     quantities |= _records(prepared.recordings, float(times[-1]))
@@ -156,6 +156,15 @@ def _over_time(system: System, points: Array, times: Array) -> Array:
     )
 
 
+@compiled(**ONCE)
+def _displacements(system: System, times: Array) -> Array:
+    """Return how far all that is the same everywhere has moved the water (m)."""
+    nowhere = jnp.zeros(system.forces.origin.shape)
+    flows = system.forces.water.flows
+    moved = [jax.vmap(lambda time, each=each: nowhere + each.displacement(time)) for each in flows]
+    return jnp.sum(jnp.stack([move(times) for move in moved]), axis=0)
+
+
 def _times(scenario: Scenario) -> tuple[Float[np.ndarray, " time"], float]:
     """Return instants that a result would keep, or fewer, and the time between them (s)."""
     duration, interval = scenario.simulation.duration, scenario.output_interval
@@ -192,26 +201,30 @@ def _heights(prepared: Prepared, low: float, high: float) -> Float[np.ndarray, "
 
 
 def _model(
+    system: System,
     scenario: Scenario,
     frequency: Float[np.ndarray, " frequency"],
     velocity: Float[np.ndarray, "time axis"],
-    interval: float,
+    times: Float[np.ndarray, " time"],
 ) -> tuple[Float[np.ndarray, "frequency axis"] | None, str]:
     """Return the spectra that turbulence would have, and in words of which size.
 
-    As the scenario asks for it; failing that, of the same deviations and integral times.
+    As the scenario asks for it, carried past at the RMS speed of all that is the same everywhere;
+    failing that, of the same deviations and integral times.
     """
+    interval = float(times[1] - times[0])
     asked = np.zeros((frequency.size, velocity.shape[1]))
     tables = [flow.model_dump() for flow in scenario.flow]
     for table in tables:
         if table["kind"] == "turbulence":
-            speed = float(np.linalg.norm(table["mean"]))
-            for axis, component in enumerate(table["mean"]):
+            moved = np.asarray(_displacements(system, jnp.asarray(times)))
+            squares = np.mean((np.diff(moved, axis=0) / interval) ** 2, axis=0)
+            for axis, share in enumerate(squares / squares.sum()):
                 asked[:, axis] += von_karman(
                     frequency,
-                    table["intensity"] * speed,
-                    table["length_scale"] / speed,
-                    (component / speed) ** 2,
+                    table["intensity"] * float(np.linalg.norm(table["mean"])),
+                    table["length_scale"] / float(np.sqrt(squares.sum())),
+                    float(share),
                 )
     if asked.any():
         return asked, "von Karman's spectrum, as the scenario asks for it"

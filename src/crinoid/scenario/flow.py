@@ -127,13 +127,16 @@ class GaussMarkovFlow(FlowTable):
 
 
 class TurbulenceFlow(FlowTable):
-    """Turbulence that a mean flow carries along: Fourier modes with a von Karman spectrum.
+    """Turbulence that the water carries along: Fourier modes with a von Karman spectrum.
+
+    The mean and all flows that are the same everywhere carry it past the arm. The mean is part of
+    the flow: a uniform flow of the same velocity would double it.
 
     Drawn from `seed`. A planar arm sees a cut through three-dimensional turbulence.
     """
 
     kind: Literal["turbulence"] = Field(
-        default="turbulence", description="Turbulence that a mean flow carries along."
+        default="turbulence", description="Turbulence that the water carries along."
     )
     mean: Velocity = Field(description="Mean velocity.")
     intensity: float = Field(
