@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from crinoid.assembly.door import made
 from crinoid.assembly.hybrid import build_hybrid
 from crinoid.assembly.lags import lags
 from crinoid.assembly.lqg import build_lqg
@@ -44,7 +45,7 @@ def build_controller(plan: Plan) -> Controller:
             text = 'got "custom", which takes a controller passed to crinoid.simulate'
             raise ScenarioError([Mistake("control.kind", text)])
         case _:
-            return plan.scenario.control.settings.build(plan)
+            return made("controller", Controller, plan.scenario.control.settings.build, plan)
 
 
 def build_feed_forward(plan: Plan) -> FeedForward | None:

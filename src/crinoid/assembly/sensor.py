@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
+from crinoid.assembly.door import made
 from crinoid.assembly.numbers import array
 from crinoid.assembly.obstacle import edges_within
 from crinoid.control import (
@@ -116,4 +117,4 @@ def _measured(table: tables.SensorTable, scenario: Scenario) -> tuple[Measurand,
             inside = edges_within(table.span, scenario.arm.nodes)
             return ContactForce(inside), table.noise, table.resolution
         case _:
-            return table.build(scenario)
+            return made(f"sensor {table.called}", tuple, table.build, scenario)

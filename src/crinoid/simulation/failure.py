@@ -12,6 +12,7 @@ from crinoid.dynamics import Outcome, State, System
 from crinoid.dynamics.fold import facing
 from crinoid.ledger import Defect, shorter, turned
 from crinoid.scenario import Scenario, counted
+from crinoid.simulation.culprit import culprit
 from crinoid.space import LARGEST_TURN
 
 _LATELY = 5
@@ -22,6 +23,8 @@ def start_failure(scenario: Scenario, system: System, outcome: Outcome) -> str:
     """Say why there is no state to start from; empty if there is one."""
     if outcome.converged:
         return ""
+    if found := culprit(scenario, system, None, outcome):
+        return f"failed at t = 0 s: {found}"
     return (
         "failed at t = 0 s: no static equilibrium found, "
         f"{imbalance(system, outcome)}; "
@@ -86,6 +89,8 @@ def _trouble(scenario: Scenario, system: System, state: State, outcome: Outcome)
     """Return what is wrong with the step, and what helps where nothing else is known."""
     halvings = f"even after {counted(scenario.simulation.max_halvings, 'halving')}"
     smaller = "a smaller simulation.time_step"
+    if found := culprit(scenario, system, state, outcome):
+        return found, "numbers with which it is finite"
     if not outcome.resolved:
         assert state.gap is not None
         gaps = np.min(np.asarray(state.gap), axis=1)

@@ -1,0 +1,170 @@
+"""The door of parts: each is checked once, where it is built or traced, and never at run time."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from crinoid.actuation import Actuator, Input
+from crinoid.control import Controller, Seen, Sensor
+from crinoid.dynamics import State, System, at_rest
+from crinoid.dynamics.windows import count, gathered
+from crinoid.elements import Element
+from crinoid.elements.element import ENERGIES, WORKS
+from crinoid.flow import Flow
+from crinoid.flow.jet import Jet
+from crinoid.scenario import Mistake, ScenarioError
+
+_Part = TypeVar("_Part")
+_LIBRARIES = {"crinoid", "jax", "jaxlib", "equinox", "jaxtyping", "beartype", "numpy"}
+
+
+def who(part: object, place: str) -> str:
+    """Return the name of a part: module, class or function, and its place in the scenario."""
+    named: Any = part if hasattr(part, "__qualname__") else type(part)
+    return f"{named.__module__}:{named.__qualname__} ({place})"
+
+
+def is_own(part: object) -> bool:
+    """Tell whether a part comes with crinoid."""
+    return type(part).__module__.partition(".")[0] == "crinoid"
+
+
+def expect(part: object, base: type[_Part], name: str) -> _Part:
+    """Return a part, or refuse it if its class is another."""
+    require(isinstance(part, base), name, f"got {type(part).__name__}; must be a {base.__name__}")
+    return part  # type: ignore[return-value]
+
+
+def require(condition: object, name: str, text: str) -> None:
+    """Refuse a part unless a condition holds."""
+    if not condition:
+        raise ScenarioError([Mistake(name, text)])
+
+
+def made(place: str, base: type[_Part], build: Callable[..., Any], *given: Any, **more: Any) -> Any:
+    """Build a part; an error inside is one line that names the builder and its place."""
+    name = who(build, place)
+    return expect(_called(name, build, *given, **more), base, name)
+
+
+def check_flow(flow: Flow, place: str, axes: int) -> None:
+    """Refuse a flow that gives no velocity along each axis."""
+    if is_own(expect(flow, Flow, place)):
+        return
+    name, point, time = who(flow, place), _like(axes), _like()
+    _given(name, flow, "fully_on", point, time, like=point)
+    _given(name, flow, "jet", point, time, like=jax.eval_shape(Jet.everywhere, point, point))
+
+
+def check_element(element: Element, place: str, system: System) -> None:
+    """Refuse an element that does not fit the arm, or gives no force on each node of a window."""
+    name = who(expect(element, Element, place), place)
+    first = {leaf.shape[:1] for leaf in jax.tree.leaves(element)}
+    require(len(first) == 1 and () not in first, name, f"got first axes {first}; must be one alike")
+    last, most = element.first + count(element) - 1 + element.stencil, system.reference.nodes
+    got = f"got {count(element)} windows of {element.stencil} nodes from node {element.first} on"
+    fits = element.first >= 0 and last <= most + 1
+    require(fits, name, f"{got}; must be within nodes 0, the ghost, to {most}")
+    if is_own(element):
+        return
+    for key, known in (("worked", WORKS), ("stored", ENERGIES)):
+        given = getattr(element, key)
+        require(given in known, f"{name} {key}", f"got {given!r}; must be one of {known}")
+    windows = eqx.filter_eval_shape(lambda: gathered(element, at_rest(system, jnp.zeros(()))))
+    one = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), windows)
+    window = jax.tree.map(lambda leaf: leaf[0], element)
+    _given(name, window, "residual", one, like=one.position)
+    _given(name, window, "energy", one, like=_like())
+    _given(name, window, "working", one, like=one.position, optional=True)
+
+
+def check_actuator(actuator: Actuator) -> None:
+    """Refuse an actuator whose state changes its form, or that has no drive for each input."""
+    if is_own(expect(actuator, Actuator, "actuator")):
+        return
+    name = who(actuator, "actuator")
+    command = _like(_called(f"{name} inputs", lambda: len(actuator.inputs)))
+    state = _given(name, actuator, "at_rest")
+    _given(name, actuator, "advance", state, command, _like(), like=state)
+    _given(name, actuator, "drive", state, like=command)
+
+
+def check_sensor(sensor: Sensor, place: str, system: System, state: State) -> None:
+    """Refuse a sensor that does not give a value for each of its names."""
+    if is_own(measurand := expect(sensor, Sensor, place).measurand):
+        return
+    name, axes = who(measurand, f"sensor {sensor.name}"), system.forces.axes
+    names = _called(f"{name} names", lambda: [(one, unit) for one, unit in measurand.names(axes)])
+    _given(name, measurand, "of", system, state, like=_like(len(names)))
+
+
+def check_controller(controller: Controller, seen: Seen, inputs: Sequence[Input]) -> None:
+    """Refuse a controller that gives no command for each input, or changes its memory's form."""
+    if is_own(controller):
+        return
+    name, every = who(controller, "controller"), ", ".join(one.name for one in inputs)
+    memory = _given(name, controller, "start", seen)
+    like, hint = (_like(len(inputs)), memory), f", with a command for each of {every}"
+    _given(name, controller, "command", memory, seen, like=like, hint=hint)
+
+
+def _like(*shape: int) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(shape, float)
+
+
+def _given(
+    name: str,
+    part: object,
+    method: str,
+    *given: Any,
+    like: Any = None,
+    hint: str = "",
+    optional: bool = False,
+) -> Any:
+    """Trace a method of a part, and return the form of its result, or refuse another form."""
+    name = f"{name} {method}"
+    got = _called(name, eqx.filter_eval_shape, getattr(part, method), *given)
+    wanted = "arrays" if like is None else _shown(like)
+    arrays = all(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(got))
+    fits = _shown(got) == wanted if like is not None else arrays
+    require(
+        fits or (optional and got is None),
+        name,
+        f"returned {_shown(got)}; must return {wanted}{hint}",
+    )
+    return got
+
+
+def _shown(tree: Any) -> str:
+    def leaf(one: Any) -> str:
+        return f"{one.dtype}{list(one.shape)}" if hasattr(one, "dtype") else type(one).__name__
+
+    return " ".join(str(jax.tree.map(leaf, tree)).replace("'", "").split())
+
+
+def _called(name: str, function: Callable[..., Any], *given: Any, **more: Any) -> Any:
+    """Call a function of a user, whose errors become one line."""
+    try:
+        return function(*given, **more)
+    except ScenarioError:
+        raise
+    except Exception as error:  # any mistake of the part
+        raise ScenarioError([Mistake(name, _cause(error))]) from error
+
+
+def _cause(error: Exception) -> str:
+    at = ""
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        if frame.f_globals.get("__name__", "").partition(".")[0] not in _LIBRARIES:
+            at = f" ({Path(frame.f_code.co_filename).name}, line {line})"
+    if isinstance(error, jax.errors.JAXTypeError | jax.errors.JAXIndexError):
+        hint = "jnp.where in place of if, and jax.numpy in place of numpy"
+        return f"got a traced array where Python needs its value{at}; must use {hint}"
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}{at}"
