@@ -21,6 +21,7 @@ from crinoid.assembly.system import OWN
 from crinoid.control import Clock
 from crinoid.dynamics import Outcome
 from crinoid.flow.measured import MeasuredPoint
+from crinoid.plausibility import Facts, doubts
 from crinoid.simulation.culprit import culprit
 from crinoid.simulation.setup import loop_about
 from crinoid.spline import PiecewisePolynomial, shape_preserving
@@ -409,7 +410,7 @@ for setting in ("true", "false"):
 def test_a_command_tells_it_in_one_line_and_exits_with_2(tmp_path):
     # a process without checks of types: these refuse tables of packages in a scenario
     (tmp_path / "kelp.py").write_text(KELP)
-    (tmp_path / "kelp.toml").write_text('[arm]\nnodes = 4\n[[flow]]\nkind = "kelp"\n')
+    (tmp_path / "kelp.toml").write_text('[arm]\nnodes = 5\n[[flow]]\nkind = "kelp"\n')
     about = tmp_path / "kelp-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Name: kelp\nVersion: 1.0\n")
@@ -420,8 +421,61 @@ def test_a_command_tells_it_in_one_line_and_exits_with_2(tmp_path):
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300
     )
     built, traced = ended.stdout.splitlines()
-    assert built == ("2 crinoid: kelp:KelpFlow.build (flow 0): OSError: no map (kelp.py, line 14)")
+    assert built == ("2 crinoid: kelp:KelpFlow.build (flow 0): OSError: no map (kelp.py, line 15)")
     assert traced == (
         "2 crinoid: kelp:Kelp (flow 0) fully_on: got a traced array where Python needs its value "
         "(kelp.py, line 8); must use jnp.where in place of if, and jax.numpy in place of numpy"
+    )
+
+
+LONG = crinoid.Scenario(arm={"nodes": 9, "length": 1.0})
+
+
+def share(per_metre, count):
+    return jnp.full(count, per_metre * LONG.arm.length / count)
+
+
+def couple(motion):
+    edge = motion.position[1] - motion.position[0]
+    return jnp.stack([-1.0, 1.0])[:, None] * jnp.stack([-edge[1], edge[0]]) / jnp.sum(edge**2)
+
+
+class Scaled(Rope):
+    def residual(self, motion):
+        return self.share * self.given(motion)
+
+
+@pytest.mark.parametrize(
+    ("given", "per_metre", "line"),
+    [
+        (
+            couple,
+            1e4,
+            r"load: test_door:Scaled \(element 6\) puts 1e\+04 N m on the arm, 8e\+05 times",
+        ),
+        (couple, 0.1, ""),
+        (
+            lambda motion: jnp.full((2, 2), 0.5),
+            1e3,
+            r"puts 1\.41e\+03 N on the arm, 1\.1e\+05 times",
+        ),
+        (lambda motion: jnp.full((2, 2), 0.5), 1.0, ""),
+    ],
+)
+def test_a_load_of_ones_own_is_doubted_by_its_force_and_its_couple(given, per_metre, line):
+    load = Scaled(1, share(per_metre, 8), given)
+    told = doubts(Prepared(LONG, Parts(elements=(load,))))
+    if line:
+        assert re.search(line, "; ".join(told)), told
+    else:
+        assert not [doubt for doubt in told if doubt.startswith("load")]
+
+
+def test_a_flow_of_ones_own_counts_as_current_and_is_doubted():
+    away = jnp.array([30.0, 0.0])
+    facts = Facts(Prepared(LONG, flow(lambda point, time: away + 0 * point)))
+    assert facts.current == pytest.approx(30.0)
+    assert facts.mean_current == pytest.approx((30.0, 0.0))
+    assert "flow.0: got a flow of up to 30 m/s; usual is up to 5 m/s" in "".join(
+        doubts(facts.prepared)
     )

@@ -9,17 +9,18 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 
 from crinoid.actuation import Actuator, Input
 from crinoid.control import Controller, Seen, Sensor
-from crinoid.dynamics import State, System, at_rest
+from crinoid.dynamics import State, System
+from crinoid.dynamics.statics import standing
 from crinoid.dynamics.windows import count, gathered
 from crinoid.elements import Element
 from crinoid.elements.element import ENERGIES, WORKS
 from crinoid.flow import Flow
 from crinoid.flow.jet import Jet
 from crinoid.scenario import Mistake, ScenarioError
+from crinoid.scenario.kinds import is_own
 
 _Part = TypeVar("_Part")
 _LIBRARIES = {"crinoid", "jax", "jaxlib", "equinox", "jaxtyping", "beartype", "numpy"}
@@ -29,11 +30,6 @@ def who(part: object, place: str) -> str:
     """Return the name of a part: module, class or function, and its place in the scenario."""
     named: Any = part if hasattr(part, "__qualname__") else type(part)
     return f"{named.__module__}:{named.__qualname__} ({place})"
-
-
-def is_own(part: object) -> bool:
-    """Tell whether a part comes with crinoid."""
-    return type(part).__module__.partition(".")[0] == "crinoid"
 
 
 def expect(part: object, base: type[_Part], name: str) -> _Part:
@@ -58,9 +54,9 @@ def check_flow(flow: Flow, place: str, axes: int) -> None:
     """Refuse a flow that gives no velocity along each axis."""
     if is_own(expect(flow, Flow, place)):
         return
-    name, point, time = who(flow, place), _like(axes), _like()
-    _given(name, flow, "fully_on", point, time, like=point)
-    _given(name, flow, "jet", point, time, like=jax.eval_shape(Jet.everywhere, point, point))
+    name, point, time = who(flow, place), _form(axes), _form()
+    _given(name, flow, "fully_on", (point, time), point)
+    _given(name, flow, "jet", (point, time), jax.eval_shape(Jet.everywhere, point, point))
 
 
 def check_element(element: Element, place: str, system: System) -> None:
@@ -69,20 +65,20 @@ def check_element(element: Element, place: str, system: System) -> None:
     first = {leaf.shape[:1] for leaf in jax.tree.leaves(element)}
     require(len(first) == 1 and () not in first, name, f"got first axes {first}; must be one alike")
     last, most = element.first + count(element) - 1 + element.stencil, system.reference.nodes
-    got = f"got {count(element)} windows of {element.stencil} nodes from node {element.first} on"
-    fits = element.first >= 0 and last <= most + 1
-    require(fits, name, f"{got}; must be within nodes 0, the ghost, to {most}")
+    text = f"got {count(element)} windows of {element.stencil} nodes from node {element.first} on"
+    text += f"; must be within nodes 0, the ghost, to {most}"
+    require(element.first >= 0 and last <= most + 1, name, text)
     if is_own(element):
         return
     for key, known in (("worked", WORKS), ("stored", ENERGIES)):
         given = getattr(element, key)
         require(given in known, f"{name} {key}", f"got {given!r}; must be one of {known}")
-    windows = eqx.filter_eval_shape(lambda: gathered(element, at_rest(system, jnp.zeros(()))))
-    one = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), windows)
+    windows = eqx.filter_eval_shape(lambda: gathered(element, standing(*system.undeformed(0.0))))
+    motion = jax.tree.map(lambda leaf: _form(*leaf.shape[1:]), windows)
     window = jax.tree.map(lambda leaf: leaf[0], element)
-    _given(name, window, "residual", one, like=one.position)
-    _given(name, window, "energy", one, like=_like())
-    _given(name, window, "working", one, like=one.position, optional=True)
+    _given(name, window, "residual", (motion,), motion.position)
+    _given(name, window, "energy", (motion,), _form())
+    _given(name, window, "working", (motion,), motion.position, None)
 
 
 def check_actuator(actuator: Actuator) -> None:
@@ -90,10 +86,10 @@ def check_actuator(actuator: Actuator) -> None:
     if is_own(expect(actuator, Actuator, "actuator")):
         return
     name = who(actuator, "actuator")
-    command = _like(_called(f"{name} inputs", lambda: len(actuator.inputs)))
-    state = _given(name, actuator, "at_rest")
-    _given(name, actuator, "advance", state, command, _like(), like=state)
-    _given(name, actuator, "drive", state, like=command)
+    command = _form(_called(f"{name} inputs", lambda: len(actuator.inputs)))
+    state = _given(name, actuator, "at_rest", ())
+    _given(name, actuator, "advance", (state, command, _form()), state)
+    _given(name, actuator, "drive", (state,), command)
 
 
 def check_sensor(sensor: Sensor, place: str, system: System, state: State) -> None:
@@ -102,7 +98,7 @@ def check_sensor(sensor: Sensor, place: str, system: System, state: State) -> No
         return
     name, axes = who(measurand, f"sensor {sensor.name}"), system.forces.axes
     names = _called(f"{name} names", lambda: [(one, unit) for one, unit in measurand.names(axes)])
-    _given(name, measurand, "of", system, state, like=_like(len(names)))
+    _given(name, measurand, "of", (system, state), _form(len(names)))
 
 
 def check_controller(controller: Controller, seen: Seen, inputs: Sequence[Input]) -> None:
@@ -110,35 +106,25 @@ def check_controller(controller: Controller, seen: Seen, inputs: Sequence[Input]
     if is_own(controller):
         return
     name, every = who(controller, "controller"), ", ".join(one.name for one in inputs)
-    memory = _given(name, controller, "start", seen)
-    like, hint = (_like(len(inputs)), memory), f", with a command for each of {every}"
-    _given(name, controller, "command", memory, seen, like=like, hint=hint)
+    memory = _given(name, controller, "start", (seen,))
+    form, hint = (_form(len(inputs)), memory), f", with a command for each of {every}"
+    _given(name, controller, "command", (memory, seen), form, hint=hint)
 
 
-def _like(*shape: int) -> jax.ShapeDtypeStruct:
+def _form(*shape: int) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(shape, float)
 
 
 def _given(
-    name: str,
-    part: object,
-    method: str,
-    *given: Any,
-    like: Any = None,
-    hint: str = "",
-    optional: bool = False,
+    name: str, part: object, method: str, given: tuple[Any, ...], *forms: Any, hint: str = ""
 ) -> Any:
-    """Trace a method of a part, and return the form of its result, or refuse another form."""
+    """Trace a method of a part; return the form of its result, or refuse all but the given ones."""
     name = f"{name} {method}"
     got = _called(name, eqx.filter_eval_shape, getattr(part, method), *given)
-    wanted = "arrays" if like is None else _shown(like)
-    arrays = all(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(got))
-    fits = _shown(got) == wanted if like is not None else arrays
-    require(
-        fits or (optional and got is None),
-        name,
-        f"returned {_shown(got)}; must return {wanted}{hint}",
-    )
+    known = [_shown(form) for form in forms]
+    fits = all(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(got))
+    fits = _shown(got) in known if known else fits
+    require(fits, name, f"returned {_shown(got)}; must return {[*known, 'arrays'][0]}{hint}")
     return got
 
 

@@ -1,16 +1,29 @@
-"""A flow of another package at points about the arm, at times of the run."""
+"""Flows and elements of other packages about the arm at rest, at times of the run."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.assembly.door import is_own, require, who
+from crinoid.assembly.door import require, who
 from crinoid.assembly.numbers import array
+from crinoid.assembly.system import place_of
+from crinoid.dynamics import System
+from crinoid.dynamics.statics import standing
+from crinoid.dynamics.vehicle import moments
+from crinoid.dynamics.windows import gathered
+from crinoid.elements import Element
 from crinoid.flow import Flow
 from crinoid.scenario import Scenario
+from crinoid.scenario.kinds import is_own
+
+Foreign = tuple[dict[int, Float[np.ndarray, "s d"]], dict[str, tuple[float, float]]]
 
 _COUNT = 24
 _ROUND_OFF = 1e-9
@@ -18,10 +31,10 @@ _ROUND_OFF = 1e-9
 
 def samples(flow: Flow, scenario: Scenario) -> Float[np.ndarray, "time point d"]:
     """Return the velocity at full strength within a length of the arm from its base (m/s)."""
-    random, base, arm = np.random.default_rng(0), scenario.base.position, scenario.arm
-    points = base + arm.length * random.uniform(-1, 1, (_COUNT, arm.dimension))
-    times = scenario.simulation.duration * random.uniform(0, 1, _COUNT)
-    velocity = np.asarray(_velocities(flow, array(points), array(times)))
+    base, arm = scenario.base.position, scenario.arm
+    points = base + arm.length * np.random.default_rng(0).uniform(-1, 1, (_COUNT, arm.dimension))
+    at = jax.vmap(jax.vmap(type(flow).fully_on, (None, 0, None)), (None, None, 0))
+    velocity = np.asarray(_compiled(at, flow, array(points), _times(scenario)))
     return velocity[:, np.isfinite(velocity).all(axis=(0, 2))]
 
 
@@ -43,8 +56,45 @@ def check_steady(flow: Flow, place: str, scenario: Scenario) -> None:
     require(said or changes or not differs, name, text)
 
 
+def foreign(system: System, scenario: Scenario) -> Foreign:
+    """Return velocities of flows by index, and force (N) and couple (N m) of elements by name."""
+    forces, loads, times = system.forces, len(scenario.load), _times(scenario)
+    return {
+        index: np.concatenate(samples(flow, scenario))
+        for index, flow in enumerate(forces.water.flows)
+        if not is_own(flow)
+    }, {
+        who(one, place_of(index, loads)): tuple(map(float, _compiled(_push, one, system, times)))
+        for index, one in enumerate(forces.elements)
+        if not is_own(one)
+    }
+
+
+def _push(element: Element, system: System, times: Float[Array, " time"]) -> tuple[Array, Array]:
+    """Return the largest sums of magnitudes, over the windows, of force and couple.
+
+    A couple is a moment in a window that no force there explains.
+    """
+
+    def at(time: Float[Array, ""]) -> tuple[Array, Array]:
+        window = gathered(element, standing(*system.undeformed(time)))
+        given = jax.vmap(lambda e, m: e.residual(m))(element, window)
+        axes = system.forces.axes
+        place, force = window.position[..., :axes], given[..., :axes]
+        lever = place - jnp.mean(place, axis=1, keepdims=True)
+        size, total = (jnp.linalg.norm(x, axis=-1) for x in (lever, jnp.sum(force, axis=1)))
+        moment = jnp.linalg.norm(jnp.sum(moments(lever, force), axis=1), axis=-1)
+        couple = jnp.maximum(0, moment - total * jnp.max(size, axis=1))
+        return jnp.sum(total), jnp.sum(couple) + jnp.sum(jnp.abs(given[..., axes:]))
+
+    force, couple = jax.vmap(at)(times)
+    return jnp.max(force), jnp.max(couple)
+
+
+def _times(scenario: Scenario) -> Float[Array, " time"]:
+    return array(scenario.simulation.duration * np.random.default_rng(0).uniform(0, 1, _COUNT))
+
+
 @eqx.filter_jit
-def _velocities(
-    flow: Flow, points: Float[Array, "point d"], times: Float[Array, " time"]
-) -> Float[Array, "time point d"]:
-    return jax.vmap(jax.vmap(flow.fully_on, (0, None)), (None, 0))(points, times)
+def _compiled(function: Callable[..., Any], *given: Any) -> Any:
+    return function(*given)

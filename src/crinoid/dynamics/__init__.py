@@ -21,7 +21,6 @@ from crinoid.dynamics.obstacles import Obstacles as Obstacles
 from crinoid.dynamics.obstacles import Touch as Touch
 from crinoid.dynamics.outcome import Outcome as Outcome
 from crinoid.dynamics.outcome import Reason as Reason
-from crinoid.dynamics.rest import at_rest as at_rest
 from crinoid.dynamics.state import State as State
 from crinoid.dynamics.system import System as System
 from crinoid.dynamics.transition import Chart as Chart

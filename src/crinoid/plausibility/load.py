@@ -59,6 +59,20 @@ def _size(facts: Facts) -> Iterator[str]:
             )
 
 
+def _foreign(facts: Facts) -> Iterator[str]:
+    bending, length = float(facts.bending.max()), facts.length
+    for name, (force, couple) in facts.foreign[1].items():
+        for got, times, most in (
+            (f"{force:.3g} N", force * length**2 / bending, _LIMP),
+            (f"{couple:.3g} N m", couple * length / bending, _WOUND),
+        ):
+            if times > most:
+                yield (
+                    f"load: {name} puts {got} on the arm, {times:.2g} times the scale of EI and "
+                    f"length (up to {most:g} is usual); is it in mN or N mm?"
+                )
+
+
 def _buckling(facts: Facts) -> Iterator[str]:
     scenario, along = facts.scenario, np.array(facts.direction)
     if scenario.base.mount != "clamped":
@@ -126,6 +140,7 @@ LOAD = (
         "a strain of up to 0.3; F L^2 / EI and q L^3 / EI up to 1000, M L / EI up to 20",
         _size,
     ),
+    Rule(("load.*",), "of other packages, likewise F L^2 / EI and M L / EI", _foreign),
     Rule(
         ("load.*.force", "load.*.magnitude"),
         "a push along the arm up to what buckles it (Euler, Greenhill), or makes it flutter (Beck)",

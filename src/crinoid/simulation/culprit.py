@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool
 from crinoid.actuation import drives, followed
 from crinoid.assembly.door import who
 from crinoid.assembly.system import place_of
-from crinoid.dynamics import Outcome, State, System, at_rest
+from crinoid.dynamics import Outcome, State, System
+from crinoid.dynamics.statics import standing
 from crinoid.dynamics.windows import gathered
 from crinoid.scenario import Scenario
 
@@ -44,7 +45,7 @@ def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array
     """Return whether the results of actuators, flows and elements are finite after a step."""
     forces, states = system.forces, [one.at_rest() for one in system.actuators]
     if state is None:
-        motion = at_rest(system, step)
+        motion = standing(*system.undeformed(step))
     else:
         command, before = jnp.zeros(len(system.inputs)), (state.servo, *state.actuators)
         states, old = followed(system.followers, before, command, step)[1:], state.motion
