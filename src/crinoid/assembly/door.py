@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,7 +22,6 @@ from crinoid.flow.jet import Jet
 from crinoid.scenario import Mistake, ScenarioError
 from crinoid.scenario.kinds import is_own
 
-_Part = TypeVar("_Part")
 _LIBRARIES = {"crinoid", "jax", "jaxlib", "equinox", "jaxtyping", "beartype", "numpy"}
 
 
@@ -32,10 +31,10 @@ def who(part: object, place: str) -> str:
     return f"{named.__module__}:{named.__qualname__} ({place})"
 
 
-def expect(part: object, base: type[_Part], name: str) -> _Part:
+def expect(part: Any, base: type, name: str) -> Any:
     """Return a part, or refuse it if its class is another."""
     require(isinstance(part, base), name, f"got {type(part).__name__}; must be a {base.__name__}")
-    return part  # type: ignore[return-value]
+    return part
 
 
 def require(condition: object, name: str, text: str) -> None:
@@ -44,7 +43,7 @@ def require(condition: object, name: str, text: str) -> None:
         raise ScenarioError([Mistake(name, text)])
 
 
-def made(place: str, base: type[_Part], build: Callable[..., Any], *given: Any, **more: Any) -> Any:
+def made(place: str, base: type, build: Callable[..., Any], *given: Any, **more: Any) -> Any:
     """Build a part; an error inside is one line that names the builder and its place."""
     name = who(build, place)
     return expect(_called(name, build, *given, **more), base, name)

@@ -57,10 +57,6 @@ def _size(facts: Facts) -> Iterator[str]:
                 f"{got}, {bent:.2g} times what EI and length of the arm stand against "
                 f"(up to {_LIMP:g} is usual); is it in mN, or arm.youngs_modulus in kPa or MPa?"
             )
-
-
-def _foreign(facts: Facts) -> Iterator[str]:
-    bending, length = float(facts.bending.max()), facts.length
     for name, (force, couple) in facts.foreign[1].items():
         for got, times, most in (
             (f"{force:.3g} N", force * length**2 / bending, _LIMP),
@@ -137,10 +133,10 @@ def _drag(facts: Facts) -> Iterator[str]:
 LOAD = (
     Rule(
         ("load.*.force", "load.*.magnitude", "load.*.moment"),
-        "a strain of up to 0.3; F L^2 / EI and q L^3 / EI up to 1000, M L / EI up to 20",
+        "a strain of up to 0.3; F L^2 / EI and q L^3 / EI up to 1000, M L / EI up to 20; a "
+        "load of a package by its sums of force and couple on the arm at rest",
         _size,
     ),
-    Rule(("load.*",), "of other packages, likewise F L^2 / EI and M L / EI", _foreign),
     Rule(
         ("load.*.force", "load.*.magnitude"),
         "a push along the arm up to what buckles it (Euler, Greenhill), or makes it flutter (Beck)",

@@ -104,11 +104,7 @@ USUAL = (
     usual("flow.*.mean", 0, _CURRENT, "m/s", **_SPEED),
     usual("flow.*.amplitude", 0, _CURRENT, "m/s", **_SPEED),
     usual("flow.*.standard_deviation", 0, 2, "m/s", **_SPEED),
-    Rule(
-        ("flow.*.velocity_scale", "flow.*"),
-        "a record, or a flow of a package, of up to 5 m/s",
-        _speeds,
-    ),
+    Rule(("flow.*.velocity_scale",), "a record, or a flow of a package, up to 5 m/s", _speeds),
     usual("flow.*.time_scale", 0.01, 100, "", below="is it upside down?", above="upside down?"),
     usual("flow.*.length_scale", 0.01, 1e3, "m", below="is it in km?", above="is it in mm?"),
     usual("flow.*.significant_height", 0.005, 20, "m", above="is it in cm?"),
