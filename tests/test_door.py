@@ -22,7 +22,7 @@ from crinoid.control import Clock
 from crinoid.dynamics import Outcome
 from crinoid.flow.measured import MeasuredPoint
 from crinoid.plausibility import Facts, doubts
-from crinoid.simulation.culprit import culprit
+from crinoid.simulation.failure import culprit
 from crinoid.simulation.setup import loop_about
 from crinoid.spline import PiecewisePolynomial, shape_preserving
 

@@ -114,25 +114,13 @@ class Prepared:
 
     @cached_property
     def room(self) -> Float[np.ndarray, " m"]:
-        """How far each obstacle is from the arm without load (m).
-
-        Raises
-        ------
-        ScenarioError
-            If any lies within the arm.
-        """
+        """How far each obstacle is from the arm without load (m)."""
         from crinoid.assembly.room import find_room  # JAX: slow to load, not for reading
 
         return find_room(self.system)
 
     def check(self) -> None:
-        """Refuse files that are not what the scenario takes, and obstacles inside the arm.
-
-        Raises
-        ------
-        ScenarioError
-            If there are any.
-        """
+        """Refuse files that are not what the scenario takes, and obstacles inside the arm."""
         self.notes()
         if self.scenario.obstacle:
             _ = self.room
