@@ -286,6 +286,17 @@ def test_a_part_that_fits_passes(parts):
     enter(parts)
 
 
+class Mooring(Rope):
+    worked: ClassVar[str] = "mooring"
+
+
+def test_an_element_whose_work_has_no_name_is_refused():
+    parts = Parts(elements=(Mooring(1, jnp.ones(2), fails),))
+    line = r"Mooring \(element 6\) worked: got 'mooring'; must be one of \('drag', "
+    with pytest.raises(crinoid.ScenarioError, match=line):
+        enter(parts)
+
+
 def test_what_is_no_part_is_refused():
     with pytest.raises(crinoid.ScenarioError, match=r"^flow 0: got float; must be a Flow$"):
         expect(1.0, crinoid.Flow, "flow 0")
@@ -476,6 +487,8 @@ def test_a_flow_of_ones_own_counts_as_current_and_is_doubted():
     facts = Facts(Prepared(LONG, flow(lambda point, time: away + 0 * point)))
     assert facts.current == pytest.approx(30.0)
     assert facts.mean_current == pytest.approx((30.0, 0.0))
+    swell = flow(lambda point, time: jnp.sin(2 * jnp.pi * time / 3) * away + 0 * point)
+    assert np.linalg.norm(Facts(Prepared(LONG, swell)).mean_current) < 0.05 * 30
     assert "flow.0: got a flow of up to 30 m/s; usual is up to 5 m/s" in "".join(
         doubts(facts.prepared)
     )

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -23,9 +20,10 @@ from crinoid.flow import Flow
 from crinoid.scenario import Scenario
 from crinoid.scenario.kinds import is_own
 
-Foreign = tuple[dict[int, Float[np.ndarray, "s d"]], dict[str, tuple[float, float]]]
+Foreign = tuple[dict[int, Float[np.ndarray, "s d"]], dict[str, tuple[Array, Array]]]
 
-_COUNT = 24
+_COUNT = 64
+_GOLDEN = (5**0.5 - 1) / 2
 _ROUND_OFF = 1e-9
 
 
@@ -33,8 +31,7 @@ def samples(flow: Flow, scenario: Scenario) -> Float[np.ndarray, "time point d"]
     """Return the velocity at full strength within a length of the arm from its base (m/s)."""
     base, arm = scenario.base.position, scenario.arm
     points = base + arm.length * np.random.default_rng(0).uniform(-1, 1, (_COUNT, arm.dimension))
-    at = jax.vmap(jax.vmap(type(flow).fully_on, (None, 0, None)), (None, None, 0))
-    velocity = np.asarray(_compiled(at, flow, array(points), _times(scenario)))
+    velocity = np.asarray(_velocities(flow, array(points), _times(scenario)))
     return velocity[:, np.isfinite(velocity).all(axis=(0, 2))]
 
 
@@ -64,12 +61,13 @@ def foreign(system: System, scenario: Scenario) -> Foreign:
         for index, flow in enumerate(forces.water.flows)
         if not is_own(flow)
     }, {
-        who(one, place_of(index, loads)): tuple(map(float, _compiled(_push, one, system, times)))
+        who(one, place_of(index, loads)): _push(one, system, times)
         for index, one in enumerate(forces.elements)
         if not is_own(one)
     }
 
 
+@eqx.filter_jit
 def _push(element: Element, system: System, times: Float[Array, " time"]) -> tuple[Array, Array]:
     """Return the largest sums of magnitudes, over the windows, of force and couple.
 
@@ -92,9 +90,12 @@ def _push(element: Element, system: System, times: Float[Array, " time"]) -> tup
 
 
 def _times(scenario: Scenario) -> Float[Array, " time"]:
-    return array(scenario.simulation.duration * np.random.default_rng(0).uniform(0, 1, _COUNT))
+    """Return times that no period of a flow divides (s)."""
+    return array(scenario.simulation.duration * (_GOLDEN * np.arange(_COUNT) % 1))
 
 
 @eqx.filter_jit
-def _compiled(function: Callable[..., Any], *given: Any) -> Any:
-    return function(*given)
+def _velocities(
+    flow: Flow, points: Float[Array, "point d"], times: Float[Array, " time"]
+) -> Float[Array, "time point d"]:
+    return jax.vmap(jax.vmap(flow.fully_on, (0, None)), (None, 0))(points, times)

@@ -57,9 +57,9 @@ def _size(facts: Facts) -> Iterator[str]:
                 f"{got}, {bent:.2g} times what EI and length of the arm stand against "
                 f"(up to {_LIMP:g} is usual); is it in mN, or arm.youngs_modulus in kPa or MPa?"
             )
-    for name, (force, couple) in facts.foreign[1].items():
+    for name, (push, couple) in facts.foreign[1].items():
         for got, times, most in (
-            (f"{force:.3g} N", force * length**2 / bending, _LIMP),
+            (f"{push:.3g} N", push * length**2 / bending, _LIMP),
             (f"{couple:.3g} N m", couple * length / bending, _WOUND),
         ):
             if times > most:
