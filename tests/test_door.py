@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.assembly.door import expect
+from crinoid.assembly.door import expect, made
 from crinoid.assembly.parts import Parts
 from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.samples import check_steady
@@ -190,7 +190,7 @@ MISTAKES = {
     ),
     "no controller": (
         Parts(lambda plan: None),
-        r"<lambda> \(controller\): got NoneType; must be a Controller",
+        r"<lambda> \(controller\): got NoneType; must be of Controller",
     ),
     "a flow of one number": (
         flow(lambda point, time: time),
@@ -297,8 +297,16 @@ def test_an_element_whose_work_has_no_name_is_refused():
         enter(parts)
 
 
+@pytest.mark.parametrize("build", [lambda: 3.0, lambda: (1,), lambda: None])
+def test_a_builder_that_returns_too_few_is_refused(build):
+    with pytest.raises(
+        crinoid.ScenarioError, match=r"\(load 0\): returned .*; must return 2 values"
+    ):
+        made("load 0", 2, build)
+
+
 def test_what_is_no_part_is_refused():
-    with pytest.raises(crinoid.ScenarioError, match=r"^flow 0: got float; must be a Flow$"):
+    with pytest.raises(crinoid.ScenarioError, match=r"^flow 0: got float; must be of Flow$"):
         expect(1.0, crinoid.Flow, "flow 0")
 
 
@@ -342,6 +350,16 @@ def test_a_load_and_a_measured_flow_that_are_not_finite_are_named(loaded):
     record = eqx.tree_at(lambda r: r.met, record, replace_fn=broken)
     system = Prepared(LOADED, Parts(flows=(record,))).system
     assert "MeasuredPoint (flow 0) gives a velocity" in culprit(LOADED, system, None, FAILED)
+
+
+def test_chambers_and_a_flow_that_has_no_value_at_the_start():
+    chamber = {"offset": 0.01, "area": 2e-4, "max_pressure": 1e4}
+    driven = SCENARIO.with_values({"chamber": [chamber], "load": []})
+    prepared = Prepared(driven, flow(lambda point, time: jnp.sin(time) / time * point))
+    state = eqx.filter_jit(prepared.system.rest)(0.1)
+    assert culprit(driven, prepared.system, state, FAILED) == ""
+    begin = eqx.tree_at(lambda s: s.motion.time, state, jnp.zeros(()))
+    assert "Kelp (flow 0) gives a velocity" in culprit(driven, prepared.system, begin, FAILED)
 
 
 def test_what_is_not_finite_later_is_named_with_its_time(loaded):

@@ -41,7 +41,7 @@ def assemble_actuators(
     first, lines = 0, None
     for each in parameters:
         lines = lines or expect(each, ActuatorParameters, "actuators").lines(rod, first)
-        actuator, through = made("actuator", tuple, each.assemble, rod, first)
+        actuator, through = made("actuator", 2, each.assemble, rod, first)
         check_actuator(actuator)
         actuators.append(actuator)
         elements.extend(through)

@@ -33,7 +33,7 @@ def who(part: object, place: str) -> str:
 
 def expect(part: Any, base: type, name: str) -> Any:
     """Return a part, or refuse it if its class is another."""
-    require(isinstance(part, base), name, f"got {type(part).__name__}; must be a {base.__name__}")
+    require(isinstance(part, base), name, f"got {type(part).__name__}; must be of {base.__name__}")
     return part
 
 
@@ -43,10 +43,15 @@ def require(condition: object, name: str, text: str) -> None:
         raise ScenarioError([Mistake(name, text)])
 
 
-def made(place: str, base: type, build: Callable[..., Any], *given: Any, **more: Any) -> Any:
-    """Build a part; an error inside is one line that names the builder and its place."""
+def made(place: str, base: type | int, build: Callable[..., Any], *given: Any, **more: Any) -> Any:
+    """Build a part of a class, or a tuple of so many; an error inside is one line."""
     name = who(build, place)
-    return expect(_called(name, build, *given, **more), base, name)
+    part = _called(name, build, *given, **more)
+    if isinstance(base, type):
+        return expect(part, base, name)
+    fits = isinstance(part, tuple) and len(part) == base
+    require(fits, name, f"returned {type(part).__name__}; must return {base} values")
+    return part
 
 
 def check_flow(flow: Flow, place: str, axes: int) -> None:

@@ -36,7 +36,7 @@ def load_numbers(load: Load, index: int, scenario: Scenario) -> tuple[Builder, N
                 "fixed": array(load.magnitude * fixed),
             }
         case _:  # of an installed package
-            return made(f"load {index}", tuple, load.build, scenario)
+            return made(f"load {index}", 2, load.build, scenario)
 
 
 def load_onset(load: LoadTable) -> Onset:

@@ -139,7 +139,7 @@ def culprit(scenario: Scenario, system: System, state: State | None, outcome: Ou
     parts = [(who(each, "actuator"), "a drive") for each in system.actuators]
     parts += [(who(each, f"flow {i}"), "a velocity") for i, each in enumerate(forces.water.flows)]
     parts += [(who(each, place_of(i, loads)), "a force") for i, each in enumerate(forces.elements)]
-    for share in (0.0,) if state is None else (0.0, 0.5 ** int(system.max_halvings), 1.0):
+    for share in (0.0,) if state is None else (0.5 ** int(system.max_halvings), 1.0):
         step = jnp.asarray(share * system.time_step)
         for (name, gives), finite in zip(parts, _finite(system, state, step), strict=True):
             if not finite:
@@ -165,7 +165,9 @@ def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array
         )
     points = forces.origin + motion.position[:, : forces.axes]
     given = [one.drive(each) for one, each in zip(system.actuators, states, strict=True)]
-    given += [jax.vmap(flow.jet, (0, None))(points, motion.time) for flow in forces.water.flows]
+    times = jnp.stack([motion.time - step, motion.time])  # of a start at rest the first as well
+    at = [jax.vmap(jax.vmap(flow.jet, (0, None)), (None, 0)) for flow in forces.water.flows]
+    given += [jets(points, times) for jets in at]
     given += [jax.vmap(lambda e, m: e.residual(m))(e, gathered(e, motion)) for e in forces.elements]
     return [jnp.isfinite(ravel_pytree(each)[0]).all() for each in given]
 
