@@ -1,4 +1,4 @@
-"""Parts of a user's own are checked where they are traced: who, what it gave, what must be."""
+"""Parts of a user are checked where they are traced: name, result, the form it must have."""
 
 import os
 import re
@@ -35,7 +35,7 @@ SCENARIO = crinoid.Scenario(
 
 
 class Hold(crinoid.Controller):
-    """Commands what it is given."""
+    """Commands a given function."""
 
     given: object = eqx.field(static=True)
     memory: object = eqx.field(static=True, default=None)
@@ -493,11 +493,11 @@ class Scaled(Rope):
 )
 def test_a_load_of_ones_own_is_doubted_by_its_force_and_its_couple(given, per_metre, line):
     load = Scaled(1, share(per_metre, 8), given)
-    told = doubts(Prepared(LONG, Parts(elements=(load,))))
+    found = doubts(Prepared(LONG, Parts(elements=(load,))))
     if line:
-        assert re.search(line, "; ".join(told)), told
+        assert re.search(line, "; ".join(found)), found
     else:
-        assert not [doubt for doubt in told if doubt.startswith("load")]
+        assert not [doubt for doubt in found if doubt.startswith("load")]
 
 
 def test_a_flow_of_ones_own_counts_as_current_and_is_doubted():

@@ -230,7 +230,7 @@ def test_a_free_vehicle_drifts_with_a_uniform_current(axes):
         {"kind": "waves", "significant_height": 0.5, "peak_period": 5.0},
     ],
 )
-def test_water_that_accelerates_takes_a_free_vehicle_along(flow):
+def test_water_that_accelerates_carries_a_free_vehicle_along(flow):
     # (m + m_a) a = (rho V + m_a) Du/Dt, of an arm that weighs 1e-5 of it
     scenario = crinoid.Scenario(
         arm={"nodes": 3, "radius": 5e-3},

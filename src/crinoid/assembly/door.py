@@ -154,7 +154,8 @@ def _cause(error: Exception) -> str:
     for frame, line in traceback.walk_tb(error.__traceback__):
         if frame.f_globals.get("__name__", "").partition(".")[0] not in _LIBRARIES:
             at = f" ({Path(frame.f_code.co_filename).name}, line {line})"
-    if isinstance(error, jax.errors.JAXTypeError | jax.errors.JAXIndexError):
+    leaked = isinstance(error, jax.errors.UnexpectedTracerError)
+    if isinstance(error, jax.errors.JAXTypeError | jax.errors.JAXIndexError) and not leaked:
         hint = "jnp.where in place of if, and jax.numpy in place of numpy"
         return f"got a traced array where Python needs its value{at}; must use {hint}"
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}{at}"

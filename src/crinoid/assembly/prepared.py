@@ -120,7 +120,7 @@ class Prepared:
         return find_room(self.system)
 
     def check(self) -> None:
-        """Refuse files that are not what the scenario takes, and obstacles inside the arm."""
+        """Refuse files that do not fit the scenario, and obstacles inside the arm."""
         self.notes()
         if self.scenario.obstacle:
             _ = self.room

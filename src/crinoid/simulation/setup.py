@@ -240,7 +240,7 @@ def closed_loop(
 
 
 def require_one_case(scenario: Scenario) -> None:
-    """Refuse a scenario that stands for several cases."""
+    """Refuse a scenario with several cases."""
     if scenario.vary:
         raise ValueError("a scenario with [vary] stands for several cases: run scenario.cases()")
 
