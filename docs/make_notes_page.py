@@ -68,6 +68,7 @@ def after() -> str:
             "an obstacle pressed into the arm",
             f"by more than {notes._PRESSED:.0%} of the arm's radius",
         ),
+        ("a sensor that gives nan or infinity", "one reading that is not finite"),
         ("an equilibrium that does not hold", "a mode at the start that does not swing back"),
     ]
     rows = ["| What | When it is told |", "|---|---|"]

@@ -1,7 +1,6 @@
 """The arm in time: frequencies, damping, orders of convergence, energy, base motion, recovery."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 
 import equinox as eqx
@@ -15,10 +14,10 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.special import ellipk
 
 from crinoid.base import BaseMotion, SineMotion, TableMotion
-from crinoid.dynamics import Books, Integrator, Outcome, Progress, State, System, find_modes
+from crinoid.dynamics import Integrator, Outcome, Progress, State, System, find_modes
 from crinoid.dynamics.guess import expected_acceleration
 from crinoid.dynamics.integrator import Stage
-from crinoid.elements import ENERGIES, WORKS, DistributedLoad, Element, Stretch, TipLoad
+from crinoid.elements import ENERGIES, WORKS, DistributedLoad, Element, TipLoad
 from crinoid.flow import Flow, PowerShear, Sine, Uniform
 from crinoid.onset import Onset
 from crinoid.rod import Rod
@@ -559,18 +558,6 @@ def test_still_water_and_damping_only_take_energy():
         power = np.sum(states.working[name] * states.motion.velocity, axis=(1, 2))
         assert power.max() <= 0.0
         assert states.work[-1, WORKS.index(name)] < -0.01
-
-
-def test_an_element_whose_work_has_no_name_is_refused():
-    class Mooring(Stretch):
-        worked = "mooring"
-
-    system = bare(EA=1e3, damping_time=0.05)
-    found = system.forces.stretch
-    mooring = Mooring(found.first, found.EA, found.rest_length, found.damping_time)
-    forces = replace(system.forces, elements=(*system.forces.elements, mooring))
-    with pytest.raises(ValueError, match=r"Mooring.worked: got 'mooring', takes one of \('drag'"):
-        Books.of(forces, system.rest())
 
 
 # --- start, base motion ------------------------------------------------------------------------

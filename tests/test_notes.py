@@ -329,6 +329,19 @@ def test_an_absurd_strain_gets_a_note():
     assert notes(held_still(np.zeros(5), length=1.4 * LENGTH), WATER) == []
 
 
+def test_a_sensor_reading_that_is_not_finite_gets_a_note_with_its_time():
+    data = held_still(np.zeros(11), duration=5.0)
+    readings = np.zeros((11, 2))
+    readings[7:, 1] = np.nan
+    names = ("reading", ["range.range", "range.rate"])
+    line = "the sensor reading range.rate is not finite at t = 3.5 s"
+    for values, there in ((readings, True), (np.nan_to_num(readings), False)):
+        read = data.assign(sensor_reading=(("time", "reading"), values)).assign_coords(
+            reading=names
+        )
+        assert (line in notes(read, WATER)) is there
+
+
 def test_a_force_that_is_round_off_gets_a_note():
     def told(force, EA):
         stiff = WATER.with_values({"arm.section": {"EI": 0.05, "EA": EA}})

@@ -223,6 +223,32 @@ def test_a_free_vehicle_drifts_with_a_uniform_current(axes):
     assert (np.diff(slip[::10]) < 0).all()
 
 
+@pytest.mark.parametrize(
+    "flow",
+    [
+        {"kind": "sine", "amplitude": [0.1, 0.05], "frequency_hz": 0.2},
+        {"kind": "waves", "significant_height": 0.5, "peak_period": 5.0},
+    ],
+)
+def test_water_that_accelerates_carries_a_free_vehicle_along(flow):
+    # (m + m_a) a = (rho V + m_a) Du/Dt, of an arm that weighs 1e-5 of it
+    scenario = crinoid.Scenario(
+        arm={"nodes": 3, "radius": 5e-3},
+        water={"depth": 30.0},
+        flow=[flow],
+        vehicle={"mass": 8e3, "inertia": 1e3, "volume": 9.0, "added_mass": 2e3},
+    )
+    system, time = crinoid.system(scenario), jnp.asarray(1.7)
+    water = system.forces.water.current(system.forces.origin, time)
+    state = eqx.filter_jit(system.rest)(time)
+    density = scenario.water.density
+    expected = (9.0 * density + 2e3) / (8e3 + 2e3) * water.acceleration
+    weight = np.array([0.0, (9.0 * density / 8e3 - 1.0) * 8e3 / (8e3 + 2e3) * 9.81])
+    assert np.linalg.norm(water.acceleration) > 0.01
+    found = state.motion.acceleration[-2] - weight
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * np.linalg.norm(expected))
+
+
 def test_in_the_plane_of_a_planar_arm_it_moves_the_same_in_space():
     flat = floating(2, floats={"offset": (-0.3, 0.1)}, arms={"rest_curvature": 1.0})
     deep = floating(

@@ -40,6 +40,7 @@ _BENDS = 1e-6
 def notes(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
     """Return sentences about a finished run; none where there is nothing to say."""
     found = [
+        _unread(dataset),
         _unstable(dataset, scenario),
         _stretch(dataset),
         _round_off(dataset, scenario),
@@ -84,6 +85,14 @@ def _pressed(dataset: xr.Dataset) -> list[str]:
         for index, gap in enumerate(closest)
         if gap < -_PRESSED * radius
     ]
+
+
+def _unread(dataset: xr.Dataset) -> str:
+    for piece in pieces(dataset, ["sensor_reading"]) if "sensor_reading" in dataset else ():
+        for time, reading in np.argwhere(~np.isfinite(piece["sensor_reading"].values)):
+            name, since = piece["reading"].values[reading], float(piece["time"][time])
+            return f"the sensor reading {name} is not finite at t = {since:.6g} s"
+    return ""
 
 
 def _unstable(dataset: xr.Dataset, scenario: Scenario) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 import equinox as eqx
 
 from crinoid.actuation import Actuator
+from crinoid.assembly.door import check_actuator, expect, made
 from crinoid.dynamics import Lines
 from crinoid.elements import Element
 from crinoid.rod import Rod
@@ -39,8 +40,9 @@ def assemble_actuators(
     elements: list[Element] = []
     first, lines = 0, None
     for each in parameters:
-        lines = lines or each.lines(rod, first)
-        actuator, through = each.assemble(rod, first)
+        lines = lines or expect(each, ActuatorParameters, "actuators").lines(rod, first)
+        actuator, through = made("actuator", 2, each.assemble, rod, first)
+        check_actuator(actuator)
         actuators.append(actuator)
         elements.extend(through)
         first += actuator.drive(actuator.at_rest()).shape[0]

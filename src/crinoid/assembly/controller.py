@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from crinoid.assembly.door import made
 from crinoid.assembly.hybrid import build_hybrid
 from crinoid.assembly.lags import lags
 from crinoid.assembly.lqg import build_lqg
@@ -18,13 +19,7 @@ TAKE_UP = 1.0
 
 
 def build_controller(plan: Plan) -> Controller:
-    """Return the controller of a scenario.
-
-    Raises
-    ------
-    ScenarioError
-        If an input that is to be driven does not move what is controlled.
-    """
+    """Return the controller of a scenario."""
     match plan.scenario.control.kind:
         case "none":
             return Idle()
@@ -44,17 +39,11 @@ def build_controller(plan: Plan) -> Controller:
             text = 'got "custom", which takes a controller passed to crinoid.simulate'
             raise ScenarioError([Mistake("control.kind", text)])
         case _:
-            return plan.scenario.control.settings.build(plan)
+            return made("controller", Controller, plan.scenario.control.settings.build, plan)
 
 
 def build_feed_forward(plan: Plan) -> FeedForward | None:
-    """Return what the base does beforehand where the target moves, if the scenario asks for it.
-
-    Raises
-    ------
-    ScenarioError
-        As `build_controller` does.
-    """
+    """Return what the base does beforehand where the target moves, if the scenario asks for it."""
     scenario = plan.scenario
     # a network is told of a target by what it observes
     if scenario.control.kind in ("none", "neural") or not scenario.target.feeds_forward:

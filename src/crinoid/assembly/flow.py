@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from crinoid.assembly.door import made
 from crinoid.assembly.measured import measured
 from crinoid.assembly.numbers import array
 from crinoid.flow import (
@@ -95,7 +96,8 @@ def build_flow(
             assert recording is not None
             return measured(onset, recording, scenario.base.position)
         case _:  # of an installed package
-            return flow.build(scenario, np.random.default_rng(seed))
+            generator = np.random.default_rng(seed)
+            return made(f"flow {index}", Flow, flow.build, scenario, generator)
 
 
 def flow_onset(flow: FlowTable) -> Onset:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from crinoid.assembly.door import made
 from crinoid.assembly.numbers import Numbers, array
 from crinoid.elements import DistributedLoad, Element, TipLoad
 from crinoid.onset import Onset
@@ -16,8 +17,8 @@ Builder = Callable[..., Element]
 """Builds an element from a rod and numbers by name."""
 
 
-def load_numbers(load: Load, scenario: Scenario) -> tuple[Builder, Numbers]:
-    """Return what builds the element of a load, and what that takes beside the rod."""
+def load_numbers(load: Load, index: int, scenario: Scenario) -> tuple[Builder, Numbers]:
+    """Return what builds the element of load ``index``, and its arguments after the rod."""
     onset = {"onset": load_onset(load)}
     match load:
         case TipTable():
@@ -35,7 +36,7 @@ def load_numbers(load: Load, scenario: Scenario) -> tuple[Builder, Numbers]:
                 "fixed": array(load.magnitude * fixed),
             }
         case _:  # of an installed package
-            return load.build(scenario)
+            return made(f"load {index}", 2, load.build, scenario)
 
 
 def load_onset(load: LoadTable) -> Onset:

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float, Int
 from crinoid.actuation import Input
 from crinoid.assembly.actuator import ActuatorParameters
 from crinoid.assembly.base import BaseParameters
+from crinoid.assembly.door import made
 from crinoid.assembly.flow import build_flow
 from crinoid.assembly.load import Builder, load_numbers
 from crinoid.assembly.numbers import Numbers, array, from_table
@@ -196,7 +197,7 @@ class Parameters(eqx.Module):
         scenario: Scenario, recordings: Mapping[int, Recording], series: Mapping[str, Series]
     ) -> Parameters:
         """Return the numbers of a scenario, with what was read from its files."""
-        loads = [load_numbers(load, scenario) for load in scenario.load]
+        loads = [load_numbers(load, i, scenario) for i, load in enumerate(scenario.load)]
         return Parameters(
             arm=ArmParameters.of(scenario.arm),
             base=BaseParameters.of(scenario, series),
@@ -221,4 +222,5 @@ class Parameters(eqx.Module):
 def _actuators(scenario: Scenario) -> tuple[ActuatorParameters, ...]:
     threads = ThreadParameters.of(scenario)
     own = () if threads is None else (threads,)
-    return (*own, *(each.build(scenario) for each in scenario.actuator))
+    builders = [(f"actuator {i}", each.build) for i, each in enumerate(scenario.actuator)]
+    return (*own, *(made(place, ActuatorParameters, one, scenario) for place, one in builders))

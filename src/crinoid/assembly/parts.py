@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import jax
-
 from crinoid.assembly.actuator import ActuatorParameters
+from crinoid.assembly.door import check_element, check_flow
 from crinoid.assembly.plan import Plan
 from crinoid.control import Controller, Sensor
 from crinoid.dynamics import System
@@ -27,23 +26,12 @@ class Parts:
     actuators: tuple[ActuatorParameters, ...] = ()
 
     def added(self, system: System) -> System:
-        """Return a system with the elements and flows.
-
-        Raises
-        ------
-        ValueError
-            If an element has windows that the arm has no nodes for.
-        """
-        rows = system.reference.nodes + 1
-        for element in self.elements:
-            count = jax.tree.leaves(element)[0].shape[0]
-            last = element.first + count - 1 + element.stencil
-            if element.first < 0 or last > rows:
-                raise ValueError(
-                    f"{type(element).__name__} has {count} windows of {element.stencil} nodes from "
-                    f"node {element.first} on; the arm's nodes go from 0, the ghost, to {rows - 1}"
-                )
+        """Return a system with the elements and flows, if they pass the door."""
         forces = system.forces
+        for index, flow in enumerate(self.flows, len(forces.water.flows)):
+            check_flow(flow, f"flow {index}", forces.axes)
+        for index, element in enumerate(self.elements, len(forces.elements)):
+            check_element(element, f"element {index}", system)
         water = replace(forces.water, flows=(*forces.water.flows, *self.flows))
         elements = (*forces.elements, *self.elements)
         return replace(system, forces=replace(forces, elements=elements, water=water))

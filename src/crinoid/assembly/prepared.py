@@ -102,32 +102,25 @@ class Prepared:
     @cached_property
     def system(self) -> System:
         """The arm, its base and the water as arrays: the differentiable core."""
-        from crinoid.assembly.system import assemble_once  # JAX: slow to load, not for reading
+        from crinoid.assembly.samples import check_steady  # JAX: slow to load, not for reading
+        from crinoid.assembly.system import assemble_once
 
         system = assemble_once(self.parameters)
-        return system if self.parts is None else self.parts.added(system)
+        if self.parts is not None:
+            system = self.parts.added(system)
+        for index, flow in enumerate(system.forces.water.flows):
+            check_steady(flow, f"flow {index}", self.scenario)
+        return system
 
     @cached_property
     def room(self) -> Float[np.ndarray, " m"]:
-        """How far each obstacle is from the arm without load (m).
-
-        Raises
-        ------
-        ScenarioError
-            If any lies within the arm.
-        """
+        """How far each obstacle is from the arm without load (m)."""
         from crinoid.assembly.room import find_room  # JAX: slow to load, not for reading
 
         return find_room(self.system)
 
     def check(self) -> None:
-        """Refuse files that are not what the scenario takes, and obstacles inside the arm.
-
-        Raises
-        ------
-        ScenarioError
-            If there are any.
-        """
+        """Refuse files that do not fit the scenario, and obstacles inside the arm."""
         self.notes()
         if self.scenario.obstacle:
             _ = self.room

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
+from crinoid.assembly.door import made
 from crinoid.assembly.numbers import array
 from crinoid.assembly.obstacle import edges_within
 from crinoid.control import (
@@ -40,9 +41,8 @@ def build_sensors(scenario: Scenario) -> tuple[Sensor, ...]:
     )
     sensors = [build_sensor(scenario, 0, tip, "tip", TipPose(), noise, resolution)]
     for index, table in enumerate(scenario.sensors, start=1):
-        sensors.append(
-            build_sensor(scenario, index, table, table.called, *_measured(table, scenario))
-        )
+        given = scenario, index, table, table.called, *_measured(table, scenario)
+        sensors.append(made(f"sensor {table.called}", Sensor, build_sensor, *given))
     return tuple(sensors)
 
 
@@ -116,4 +116,4 @@ def _measured(table: tables.SensorTable, scenario: Scenario) -> tuple[Measurand,
             inside = edges_within(table.span, scenario.arm.nodes)
             return ContactForce(inside), table.noise, table.resolution
         case _:
-            return table.build(scenario)
+            return made(f"sensor {table.called}", 3, table.build, scenario)

@@ -5,11 +5,20 @@ import jax
 import jax.numpy as jnp
 
 from crinoid.assembly.actuator import assemble_actuators
+from crinoid.assembly.door import check_element, check_flow, made
 from crinoid.assembly.parameters import Parameters
 from crinoid.dynamics import Forces, Settings, System
 from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
 from crinoid.flow import Water
 from crinoid.programs import ONCE, compiled
+
+OWN = 6
+"""How many elements of the arm and its water there are before the loads."""
+
+
+def place_of(index: int, loads: int) -> str:
+    """Return the place in the scenario of an element of `crinoid.System`, of so many loads."""
+    return f"load {index - OWN}" if OWN <= index < OWN + loads else f"element {index}"
 
 
 def assemble(parameters: Parameters) -> System:
@@ -43,10 +52,12 @@ def assemble(parameters: Parameters) -> System:
             normal=water.added_mass_normal,
             tangential=water.added_mass_tangential,
         ),
-        *(
-            build(rod, **numbers)
-            for build, numbers in zip(parameters.load_builders, parameters.load, strict=True)
-        ),
+    )
+    assert len(elements) == OWN
+    loads = zip(parameters.load_builders, parameters.load, strict=True)
+    elements += tuple(
+        made(f"load {index}", Element, build, rod, **numbers)
+        for index, (build, numbers) in enumerate(loads)
     )
     grasp = None
     if parameters.tool is not None:
@@ -84,6 +95,10 @@ def assemble(parameters: Parameters) -> System:
         actuators=actuators,
         grasp=grasp,
     )
+    for index, flow in enumerate(parameters.flow):
+        check_flow(flow, f"flow {index}", rod.axes)
+    for index, element in enumerate(system.forces.elements):
+        check_element(element, place_of(index, len(parameters.load)), system)
     # of no weak type: systems that differ in numbers alone take the same compiled programs
     return jax.tree.map(
         lambda x: jax.lax.convert_element_type(x, x.dtype) if eqx.is_inexact_array(x) else x, system

@@ -12,7 +12,6 @@ from crinoid import chain
 from crinoid.dynamics import windows
 from crinoid.elements import (
     ENERGIES,
-    WORKS,
     Bend,
     BendTwist,
     Element,
@@ -67,20 +66,12 @@ class Arm(eqx.Module):
 
         By the names in `crinoid.elements.WORKS`, of those that there are; contacts and the base
         aside.
-
-        Raises
-        ------
-        ValueError
-            If an element names a work that there is not.
         """
         size = motion.position.shape[1]
         working: dict[str, Array] = {}
         for element, forces in self._in_windows(motion, lambda e, window: e.working(window)):
             if forces is None:
                 continue
-            if element.worked not in WORKS:
-                kind = type(element).__name__
-                raise ValueError(f"{kind}.worked: got {element.worked!r}, takes one of {WORKS}")
             nodal = chain.widened(chain.scatter(forces, element.first, num_nodes), size)
             held = working.get(element.worked)
             working[element.worked] = nodal if held is None else held + nodal

@@ -21,6 +21,7 @@ from crinoid.dynamics.newton import (
 )
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.surroundings import Surroundings
+from crinoid.elements import Motion
 from crinoid.frames import Frames
 from crinoid.reference import Reference
 
@@ -60,6 +61,12 @@ def still(
     return Stage(time, position, zero, zero, one, jnp.zeros(()), shift, frames, ("velocity",))
 
 
+def standing(forces: Forces, time: Array, position: Rows, frames: Frames | None) -> Motion:
+    """Return the motion of an arm that does not move, in the water around it."""
+    stage, none = still(time, position, frames), jnp.zeros_like(position)
+    return forces.motion(stage, none, forces.surroundings(stage, none))
+
+
 def find(
     reference: Reference,
     forces: Forces,
@@ -76,8 +83,7 @@ def find(
     # shape that does not hold lie between the first, the softer way, and the sum of both
     mass, length = forces.mass, reference.length
     bending = forces.bending_stiffness(reference) / (mass * length**3)
-    stage, none = still(time, start, frames), jnp.zeros_like(start)
-    _, loads = forces.residual(forces.motion(stage, none, forces.surroundings(stage, none)))
+    _, loads = forces.residual(standing(forces, time, start, frames))
     load = jnp.max(settings.weights * loads)
     room = None if forces.obstacles is None else forces.obstacles.finest / 2
     careful = eqx.tree_at(

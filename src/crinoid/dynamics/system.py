@@ -74,12 +74,17 @@ class System(eqx.Module):
         time = jnp.asarray(time, float)
         return self._begin(time, *start.undeformed(self.reference, self.base, self.forces, time))
 
+    def undeformed(self, time: float | Array) -> tuple[Forces, Array, Rows, Frames | None]:
+        """Return the forces with actuators at rest, the time, and the arm without load then."""
+        time = jnp.asarray(time, float)
+        forces = self.forces.driven(drives(self.actuators, [x.at_rest() for x in self.actuators]))
+        return forces, time, *start.undeformed(self.reference, self.base, forces, time)
+
     def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
         """Return how far each obstacle is from the arm without load (m)."""
         if self.forces.obstacles is None:
             return jnp.zeros(0)
-        time = jnp.asarray(time, float)
-        rows, _ = start.undeformed(self.reference, self.base, self.forces, time)
+        _, _, rows, _ = self.undeformed(time)
         return jnp.min(self.forces.obstacles.gaps(self.forces.without_vehicle(rows)), axis=1)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
@@ -107,10 +112,7 @@ class System(eqx.Module):
         would be no lasting load. Of its acceleration that of the steady flows counts.
         See ``crinoid.dynamics.statics`` for how.
         """
-        time = jnp.asarray(time, float)
-        at_rest = [one.at_rest() for one in self.actuators]
-        forces = self.forces.driven(drives(self.actuators, at_rest))
-        rows, frames = start.undeformed(self.reference, self.base, forces, time)
+        forces, time, rows, frames = self.undeformed(time)
         position, frames, outcome = statics.find(
             self.reference,
             forces.frozen(time),
@@ -123,10 +125,8 @@ class System(eqx.Module):
 
     def stand(self, state: State) -> State:
         """Return the same shape without any motion, in water that flows on as it does: statics."""
-        rows = state.motion.position
-        stage, none = statics.still(state.time, rows, state.frames), jnp.zeros_like(rows)
         forces = self._driven(state).frozen(state.time)
-        motion = forces.motion(stage, none, forces.surroundings(stage, none))
+        motion = statics.standing(forces, state.time, state.motion.position, state.frames)
         at_rest, kept = (state.servo, *state.actuators), state.kept
         reaction = forces.residual(motion)[0][:HELD]
         return start.steady(forces, motion, reaction, at_rest, state.attitude, state.grip, kept)

@@ -49,11 +49,6 @@ def doubts(prepared: Prepared, tables: Collection[str] = ()) -> list[str]:
         What is to be run.
     tables
         The tables that matter; all if none is named.
-
-    Raises
-    ------
-    ScenarioError
-        If a file that the scenario names is not what it takes.
     """
     facts = Facts(prepared)
     found = [doubt for rule in _FIRST for doubt in _told(rule, facts)]
@@ -63,13 +58,7 @@ def doubts(prepared: Prepared, tables: Collection[str] = ()) -> list[str]:
 
 
 def _told(rule: Rule, facts: Facts) -> list[str]:
-    """Return what a rule says; where numbers are too large or too small, also that it says no more.
-
-    Raises
-    ------
-    ScenarioError
-        If a file that the scenario names is not what it takes.
-    """
+    """Return the doubts of a rule; the last one says where its numbers overflow."""
     found: list[str] = []
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):

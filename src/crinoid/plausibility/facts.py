@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -21,8 +22,12 @@ from crinoid.scenario import (
     WavesFlow,
 )
 from crinoid.scenario.flow import Flow
+from crinoid.scenario.kinds import is_own
 from crinoid.scenario.motion import FileMotion
 from crinoid.space import CHANNEL_TABLE
+
+if TYPE_CHECKING:
+    from crinoid.assembly.samples import Foreign  # JAX: slow to load
 
 _AIR = (1.1, 1.4)
 """Densities of air, from a hot day to a cold one (kg/m3)."""
@@ -152,12 +157,22 @@ class Facts:
     @cached_property
     def current(self) -> float:
         """Speed that all flows together do not exceed for long (m/s)."""
-        return math.fsum(self.fastest(index, flow) for index, flow in enumerate(self.scenario.flow))
+        known = {i: self.fastest(i, flow) for i, flow in enumerate(self.scenario.flow)}
+        return math.fsum((known | self.foreign_speeds).values())
+
+    @cached_property
+    def foreign_speeds(self) -> dict[int, float]:
+        """Largest sampled speed of each flow of another package, by its index (m/s)."""
+        velocities = self.foreign[0].items()
+        return {i: float(np.linalg.norm(v, axis=-1).max(initial=0.0)) for i, v in velocities}
 
     @cached_property
     def mean_current(self) -> tuple[float, ...]:
         """Mean velocity of all flows together at full strength (m/s); gusts and waves have none."""
         total = np.zeros(self.scenario.arm.dimension)
+        total += sum(
+            velocity.mean(axis=0) for velocity in self.foreign[0].values() if velocity.size
+        )
         for index, flow in enumerate(self.scenario.flow):
             match flow:
                 case UniformFlow() | ShearFlow():
@@ -167,6 +182,16 @@ class Facts:
                 case MeasuredFlow():
                     total += np.nanmean(self.prepared.recordings[index].velocity, axis=(0, 1))
         return tuple(map(float, total))
+
+    @cached_property
+    def foreign(self) -> Foreign:
+        """Flows and elements of other packages, as ``crinoid.assembly.samples`` finds them."""
+        tables = (*self.scenario.flow, *self.scenario.load, *self.scenario.actuator)
+        if self.prepared.parts is None and all(map(is_own, tables)):
+            return {}, {}
+        from crinoid.assembly.samples import foreign  # JAX: slow to load, few need it
+
+        return foreign(self.prepared.system, self.scenario)
 
     def fastest(self, index: int, flow: Flow) -> float:
         """Return the speed that a flow hardly exceeds (m/s)."""

@@ -57,6 +57,16 @@ def _size(facts: Facts) -> Iterator[str]:
                 f"{got}, {bent:.2g} times what EI and length of the arm stand against "
                 f"(up to {_LIMP:g} is usual); is it in mN, or arm.youngs_modulus in kPa or MPa?"
             )
+    for name, (push, couple) in facts.foreign[1].items():
+        for got, times, most in (
+            (f"{push:.3g} N", push * length**2 / bending, _LIMP),
+            (f"{couple:.3g} N m", couple * length / bending, _WOUND),
+        ):
+            if times > most:
+                yield (
+                    f"load: {name} puts {got} on the arm, {times:.2g} times the scale of EI and "
+                    f"length (up to {most:g} is usual); is it in mN or N mm?"
+                )
 
 
 def _buckling(facts: Facts) -> Iterator[str]:
@@ -123,7 +133,8 @@ def _drag(facts: Facts) -> Iterator[str]:
 LOAD = (
     Rule(
         ("load.*.force", "load.*.magnitude", "load.*.moment"),
-        "a strain of up to 0.3; F L^2 / EI and q L^3 / EI up to 1000, M L / EI up to 20",
+        "a strain of up to 0.3; F L^2 / EI and q L^3 / EI up to 1000, M L / EI up to 20; a "
+        "load of a package by its sums of force and couple on the arm at rest",
         _size,
     ),
     Rule(

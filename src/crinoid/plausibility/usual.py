@@ -52,12 +52,15 @@ def _radians(facts: Facts) -> Iterator[str]:
 
 
 def _speeds(facts: Facts) -> Iterator[str]:
+    speeds = {f"flow.{index}": speed for index, speed in facts.foreign_speeds.items()}
     for index in facts.prepared.recordings:
         speed = facts.fastest(index, facts.scenario.flow[index])
+        speeds[f"flow.{index}.velocity_scale"] = speed
+    for key, speed in speeds.items():
         if speed > _CURRENT:
             yield (
-                f"flow.{index}.velocity_scale: got a record of up to {speed:.3g} m/s; usual is up "
-                f"to {_CURRENT:g} m/s; is the file in cm/s?"
+                f"{key}: got a flow of up to {speed:.3g} m/s; usual is up to {_CURRENT:g} m/s; is "
+                "it in cm/s?"
             )
 
 
@@ -101,7 +104,7 @@ USUAL = (
     usual("flow.*.mean", 0, _CURRENT, "m/s", **_SPEED),
     usual("flow.*.amplitude", 0, _CURRENT, "m/s", **_SPEED),
     usual("flow.*.standard_deviation", 0, 2, "m/s", **_SPEED),
-    Rule(("flow.*.velocity_scale",), "a record of up to 5 m/s", _speeds),
+    Rule(("flow.*.velocity_scale",), "a record, or a flow of a package, up to 5 m/s", _speeds),
     usual("flow.*.time_scale", 0.01, 100, "", below="is it upside down?", above="upside down?"),
     usual("flow.*.length_scale", 0.01, 1e3, "m", below="is it in km?", above="is it in mm?"),
     usual("flow.*.significant_height", 0.005, 20, "m", above="is it in cm?"),

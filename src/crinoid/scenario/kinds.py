@@ -18,7 +18,12 @@ from pydantic_core import CoreSchema, core_schema
 from crinoid.scenario.errors import Mistake, ScenarioError, one_of, shown
 from crinoid.scenario.model import Model
 
-__all__ = ["KindOf", "installed", "installed_table"]
+__all__ = ["KindOf", "installed", "installed_table", "is_own"]
+
+
+def is_own(part: object) -> bool:
+    """Tell whether a part or a table comes with crinoid."""
+    return type(part).__module__.partition(".")[0] == "crinoid"
 
 
 @cache

@@ -40,14 +40,6 @@ def compile_ahead(
         Most instants of a stretch.
     altered
         From the loop of the scenario to the one that is run.
-
-    Raises
-    ------
-    ScenarioError
-        If a file that the scenario names is not what it takes, or the controller cannot work.
-    ValueError
-        If two sensors or two inputs have one name, or an element has windows that the arm has no
-        nodes for.
     """
     scenario, parts = prepared.scenario, prepared.parts
     own = parts is not None and (parts.controller is not None or parts.sensors)

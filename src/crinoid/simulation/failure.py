@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool
 
-from crinoid.actuation import Input
+from crinoid.actuation import Input, drives, followed
+from crinoid.assembly.door import who
+from crinoid.assembly.system import place_of
 from crinoid.dynamics import Outcome, State, System
 from crinoid.dynamics.fold import facing
+from crinoid.dynamics.statics import standing
+from crinoid.dynamics.windows import gathered
 from crinoid.ledger import Defect, shorter, turned
 from crinoid.scenario import Scenario, counted
 from crinoid.space import LARGEST_TURN
@@ -22,6 +31,8 @@ def start_failure(scenario: Scenario, system: System, outcome: Outcome) -> str:
     """Say why there is no state to start from; empty if there is one."""
     if outcome.converged:
         return ""
+    if found := culprit(scenario, system, None, outcome):
+        return f"failed at t = 0 s: {found}"
     return (
         "failed at t = 0 s: no static equilibrium found, "
         f"{imbalance(system, outcome)}; "
@@ -86,6 +97,8 @@ def _trouble(scenario: Scenario, system: System, state: State, outcome: Outcome)
     """Return what is wrong with the step, and what helps where nothing else is known."""
     halvings = f"even after {counted(scenario.simulation.max_halvings, 'halving')}"
     smaller = "a smaller simulation.time_step"
+    if found := culprit(scenario, system, state, outcome):
+        return found, "numbers with which it is finite"
     if not outcome.resolved:
         assert state.gap is not None
         gaps = np.min(np.asarray(state.gap), axis=1)
@@ -113,6 +126,50 @@ def _trouble(scenario: Scenario, system: System, state: State, outcome: Outcome)
         f"a time step could not be solved {halvings}, {imbalance(system, outcome)}",
         f"{smaller}, loads that come on with ramp_time, or more simulation.max_halvings",
     )
+
+
+def culprit(scenario: Scenario, system: System, state: State | None, outcome: Outcome) -> str:
+    """Name the part that gives nan or infinity in a step from a state, and when; empty if none.
+
+    The check covers the shortest step and the longest; without a state, the arm at rest at t = 0.
+    """
+    if np.isfinite(outcome.residual):
+        return ""
+    forces, loads = system.forces, len(scenario.load)
+    parts = [(who(each, "actuator"), "a drive") for each in system.actuators]
+    parts += [(who(each, f"flow {i}"), "a velocity") for i, each in enumerate(forces.water.flows)]
+    parts += [(who(each, place_of(i, loads)), "a force") for i, each in enumerate(forces.elements)]
+    for share in (0.0,) if state is None else (0.5 ** int(system.max_halvings), 1.0):
+        step = jnp.asarray(share * system.time_step)
+        for (name, gives), finite in zip(parts, _finite(system, state, step), strict=True):
+            if not finite:
+                time = float(step) + (0.0 if state is None else float(state.time))
+                return f"{name} gives {gives} that is not finite at t = {time:.6g} s"
+    return ""
+
+
+@eqx.filter_jit
+def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array, ""]]:
+    """Return whether the results of actuators, flows and elements are finite after a step."""
+    forces, states = system.forces, [one.at_rest() for one in system.actuators]
+    if state is None:
+        motion = standing(*system.undeformed(step))
+    else:
+        command, before = jnp.zeros(len(system.inputs)), (state.servo, *state.actuators)
+        states, old = followed(system.followers, before, command, step)[1:], state.motion
+        motion = eqx.tree_at(
+            lambda m: (m.time, m.position, m.drive),
+            old,
+            (old.time + step, old.position + step * old.velocity, drives(system.actuators, states)),
+            is_leaf=lambda x: x is None,
+        )
+    points = forces.origin + motion.position[:, : forces.axes]
+    given = [one.drive(each) for one, each in zip(system.actuators, states, strict=True)]
+    times = jnp.stack([motion.time - step, motion.time])  # of a start at rest the first as well
+    at = [jax.vmap(jax.vmap(flow.jet, (0, None)), (None, 0)) for flow in forces.water.flows]
+    given += [jets(points, times) for jets in at]
+    given += [jax.vmap(lambda e, m: e.residual(m))(e, gathered(e, motion)) for e in forces.elements]
+    return [jnp.isfinite(ravel_pytree(each)[0]).all() for each in given]
 
 
 def nearness(obstacle: int, gap: float) -> str:

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from crinoid.assembly.door import check_controller
 from crinoid.control import Clock, Controller, FeedForward, Seen, Sensor, SensorState, Target
 from crinoid.dynamics import Books, Outcome, Progress, State, System
 
@@ -78,11 +79,13 @@ class Loop(eqx.Module):
             sensor.start(sensor.measurand.of(self.system, state)) for sensor in self.sensors
         )
         command = jnp.zeros(len(self.system.inputs))
+        seen = self.seen(state, sensors, command)
+        check_controller(self.controller, seen, self.system.inputs)
         return LoopState(
             state,
             Books.of(self.system.forces, state),
             sensors,
-            self.controller.start(self.seen(state, sensors, command)),
+            self.controller.start(seen),
             jnp.asarray(0),
             command,
             jnp.asarray(0),

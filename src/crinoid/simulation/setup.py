@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.assembly.controller import build_controller, build_feed_forward
+from crinoid.assembly.door import check_sensor, made
 from crinoid.assembly.numbers import array
 from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.parts import Parts
@@ -113,6 +114,8 @@ def loop_about(
     """
     scenario, system, parts = prepared.scenario, prepared.system, prepared.parts
     sensors = (*build_sensors(scenario), *(parts.sensors if parts is not None else ()))
+    for index, sensor in enumerate(sensors):
+        check_sensor(sensor, f"sensor {index}", system, state)
     target = build_target(scenario, prepared.series.get("target"), system, tip)
     plan = Plan(
         scenario,
@@ -149,7 +152,9 @@ def _controller(plan: Plan, parts: Parts | None) -> Controller:
     if parts is None or parts.controller is None:
         return build_controller(plan)
     given = parts.controller
-    return given if isinstance(given, Controller) else given(plan)
+    if isinstance(given, Controller):
+        return given
+    return made("controller", Controller, given, plan)
 
 
 def _open_loop(loop: Loop, small: SmallMotions, influence: Influence, modes: Modes) -> OpenLoop:
@@ -235,13 +240,7 @@ def closed_loop(
 
 
 def require_one_case(scenario: Scenario) -> None:
-    """Refuse a scenario that stands for several cases.
-
-    Raises
-    ------
-    ValueError
-        If it does.
-    """
+    """Refuse a scenario with several cases."""
     if scenario.vary:
         raise ValueError("a scenario with [vary] stands for several cases: run scenario.cases()")
 

@@ -1,6 +1,6 @@
 """A current: the wash of a thruster."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -13,6 +13,7 @@ from crinoid.tables import FlowTable, Metres, Velocity
 class Wash(Flow):
     """``u = peak exp(-((z - centre) / width)^2)``: a level stream of Gaussian profile."""
 
+    steady: ClassVar[bool] = True
     onset: Onset
     peak: Float[Array, " d"]
     centre: Float[Array, ""]
