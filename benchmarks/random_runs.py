@@ -3,13 +3,16 @@
 A structure (dimension, nodes, mount, kinds of flow, load, obstacle and motion, controller) is drawn
 once for several runs, which share its compiled code; all numbers are drawn for each run. Runs are
 short. A run passes in silence if it ended ok with a ledger off by more than 5 % and no note of it,
-unless it holds no energy to speak of.
+unless it holds no energy to speak of. With --half each run that ended ok is run again with half
+the time step: it passes in silence too if its tip is off by more than 5 % of its motion without a
+note, before the run or after it, on the time step, the energy or an instability.
 
     XLA_FLAGS=--xla_backend_optimization_level=0 python benchmarks/random_runs.py
 """
 
 import argparse
 import itertools
+import re
 import tempfile
 import time
 import tomllib
@@ -24,12 +27,15 @@ import xarray as xr
 import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.elements import ENERGIES
+from crinoid.plausibility import doubts
 from crinoid.simulation import Progress, play
 
 STEPS = 400
 PATIENCE = 60.0
 """Time after which a run is given up (s)."""
 TOLD = "the energy ledger"
+WARNS = re.compile("time.step|energy|integrator|unstable|contact|obstacle|fold|halv|steps")
+"""In a note on a run whose tip may depend on its time step."""
 NO_ENERGY = 1e-15
 """Energies and works of which the ledger is round-off (J)."""
 
@@ -46,6 +52,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", type=int, nargs="*", help="numbers of the runs to do")
     parser.add_argument("--set", nargs="*", default=[], help="KEY=VALUE in TOML, for all of them")
+    parser.add_argument("--half", action="store_true", help="again with half the time step")
     options = parser.parse_args()
     found: dict[str, list[str]] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -58,17 +65,20 @@ def main() -> None:
             structure = draw_structure(
                 np.random.default_rng([options.seed, number // options.each]), records
             )
-            kind, line = run(number, options.seed, structure, options.set)
+            kind, line = run(number, options.seed, structure, options.set, half=options.half)
             print(line, flush=True)
             found.setdefault(kind, []).append(line)
     print()
     for kind, lines in sorted(found.items()):
         print(f"{len(lines):4d} {kind}")
-    for line in itertools.chain(*(found.get(kind, []) for kind in ("SILENT", "BROKEN", "SLOW"))):
+    listed = ("SILENT", "COARSE", "BROKEN", "SLOW")
+    for line in itertools.chain(*(found.get(kind, []) for kind in listed)):
         print(line)
 
 
-def run(number: int, seed: int, structure: dict[str, Any], changes: list[str]) -> tuple[str, str]:
+def run(
+    number: int, seed: int, structure: dict[str, Any], changes: list[str], *, half: bool = False
+) -> tuple[str, str]:
     """Play one run; return how it ended and a line about it."""
     draw = np.random.default_rng([seed, 10**6 + number])
     begun = time.perf_counter()
@@ -104,6 +114,16 @@ def run(number: int, seed: int, structure: dict[str, Any], changes: list[str]) -
     text = f"{head}, {'a note of it' if told else 'no note'}, {others} others: {result.status}"
     if result.failure:
         return "failed", text
+    warned = [note for note in [*doubts(Prepared(scenario)), *result.notes] if WARNS.search(note)]
+    if half and not warned:
+        finer = scenario.with_values({"simulation.time_step": simulation.time_step / 2})
+        try:
+            apart = tip_off(data, play(Prepared(finer), report=report).dataset)
+        except TimeoutError:
+            return "SLOW", f"{text}; half the step"
+        text += f"; half the step: tip {apart:.1%}"
+        if apart > 0.05:
+            return "COARSE", text
     if told:
         note = next(note for note in result.notes if note.startswith(TOLD))
         return "ok with a note on the ledger", f"{text}\n      {note}"
@@ -121,6 +141,15 @@ def ledger(data: xr.Dataset) -> tuple[float, float]:
     defect = change[:, stored].sum(axis=1) - change[:, ~stored].sum(axis=1)
     scale = float(np.abs(change).max())
     return float(np.abs(defect).max()) / scale if scale else 0.0, scale
+
+
+def tip_off(data: xr.Dataset, finer: xr.Dataset) -> float:
+    """Return by how much the tip is off, as a share of its largest motion."""
+    tips = [each["tip_position"].transpose("time", "axis").values for each in (data, finer)]
+    count = min(map(len, tips))
+    moved = np.abs(tips[1] - tips[1][0]).max()
+    arm = float(data["arc_length"][-1])
+    return float(np.abs(tips[0][:count] - tips[1][:count]).max() / max(moved, 1e-6 * arm))
 
 
 def moves(data: xr.Dataset) -> bool:
