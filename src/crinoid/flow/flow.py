@@ -18,7 +18,7 @@ Point = Float[Array, " b"]
 Time = Float[Array, ""]
 
 # of Gauss and Legendre, on [0, 1]
-_NODES, _WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(32))
+_NODES, _WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(64))
 
 
 def displacement(onset: Onset, path: Callable[[Time], Point], time: Time) -> Point:
