@@ -238,6 +238,14 @@ RELATIONS = {
         [["vehicle={mass=0.05, inertia=0.01}"]],
         ["vehicle={mass=50.0, inertia=3.0}"],
     ),
+    "vehicle.bandwidth_hz, vehicle.max_force, vehicle.max_moment": (
+        [
+            ["vehicle={mass=50.0, inertia=3.0, bandwidth_hz=0.4}"],
+            ["vehicle={mass=50.0, inertia=3.0, max_force=9.0}"],
+            ["vehicle={mass=50.0, inertia=3.0, max_moment=9.0}"],
+        ],
+        ['vehicle={mass=50.0, inertia=3.0, bandwidth_hz=0.4, hold="thrusters"}'],
+    ),
     "vehicle.volume": (
         [
             ["vehicle={mass=50.0, inertia=3.0, volume=50.0}"],

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from crinoid.scenario import MeasuredFlow, Scenario
+from crinoid.scenario import MeasuredFlow, Mistake, Scenario, ScenarioError
 from crinoid.scenario.errors import gathered
 from crinoid.scenario.files import digests
 
@@ -35,6 +35,7 @@ class Prepared:
     """
 
     def __init__(self, scenario: Scenario, parts: Parts | None = None) -> None:
+        _require_text(scenario)  # a result holds it as text: better refused before a run than after
         self.scenario, self.parts = scenario, parts
 
     @cached_property
@@ -131,6 +132,18 @@ class Prepared:
         self.notes()
         if self.scenario.obstacle:
             _ = self.room
+
+
+def _require_text(scenario: Scenario) -> None:
+    """Refuse a scenario that does not read back as it was from its own text."""
+    try:
+        again = Scenario.from_toml(scenario.to_toml().encode().decode())
+        why = "" if again == scenario else "another scenario comes back"
+    except (TypeError, ValueError) as error:  # of a table that a package brings, or of a character
+        why = " ".join(str(error).split())
+    if why:
+        text = "got a scenario that TOML cannot hold; must read back as it was written"
+        raise ScenarioError([Mistake("", f"{text} ({why})")])
 
 
 def system(scenario: Scenario) -> System:
