@@ -21,7 +21,6 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import annotated_types as bounds
-import tomli_w
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
@@ -309,7 +308,7 @@ def kinds(model: type[Model] = Scenario, prefix: str = "") -> set[str]:
             kind = _kind_of(table)
             own = f"{key}." if kind is None else f"{key}.{kind}."
             found |= {own[:-1]} | kinds(table, own)
-        words = [each for each in (field.annotation, *get_args(field.annotation))]
+        words = (field.annotation, *get_args(field.annotation))
         for each in words if name != "kind" else ():
             if get_origin(each) is Literal:
                 found |= {f"{key} {word}" for word in get_args(each)}

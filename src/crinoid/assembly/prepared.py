@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from crinoid.scenario import MeasuredFlow, Mistake, Scenario, ScenarioError
 from crinoid.scenario.errors import gathered
 from crinoid.scenario.files import digests
+from crinoid.scenario.library import Source, scenario_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,13 +29,14 @@ class Prepared:
 
     Parameters
     ----------
-    scenario
-        One case; see `crinoid.Scenario.cases`.
+    source
+        One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
     parts
         Parts of a user's own, which no scenario describes.
     """
 
-    def __init__(self, scenario: Scenario, parts: Parts | None = None) -> None:
+    def __init__(self, source: Source, parts: Parts | None = None) -> None:
+        scenario = scenario_of(source)
         _require_text(scenario)  # a result holds it as text: better refused before a run than after
         self.scenario, self.parts = scenario, parts
 
@@ -146,8 +148,10 @@ def _require_text(scenario: Scenario) -> None:
         raise ScenarioError([Mistake("", f"{text} ({why})")])
 
 
-def system(scenario: Scenario) -> System:
+def system(scenario: Source) -> System:
     """Assemble the arm, its base and the water of a scenario: the differentiable core.
+
+    ``scenario`` may be the name of a built-in one, or a file.
 
     Raises
     ------
@@ -157,8 +161,10 @@ def system(scenario: Scenario) -> System:
     return Prepared(scenario).system
 
 
-def parameters(scenario: Scenario) -> Parameters:
+def parameters(scenario: Source) -> Parameters:
     """Return the numbers of a scenario by name: what `crinoid.assemble` makes a system of.
+
+    ``scenario`` may be the name of a built-in one, or a file.
 
     Raises
     ------
