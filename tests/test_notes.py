@@ -10,7 +10,7 @@ import crinoid
 import crinoid.pieces
 from crinoid.dimensionless import Swings, dimensionless, normal_velocity, with_swings
 from crinoid.dynamics import Modes
-from crinoid.notes import Lasting, notes
+from crinoid.notes import Lasting, notes, torn
 
 DIAMETER, LENGTH, NODES = 0.04, 0.5, 11
 FREQUENCY = np.array([0.5, 3.0, 3.2])
@@ -327,6 +327,16 @@ def test_an_absurd_strain_gets_a_note():
         assert words in note
         assert "linear elasticity" in note
     assert notes(held_still(np.zeros(5), length=1.4 * LENGTH), WATER) == []
+
+
+def test_a_strain_that_no_rubber_bears_is_a_failure():
+    for length, share in ((12.0, "12"), (0.05, "20")):
+        run = held_still(np.zeros(5), length=length * LENGTH)
+        failure = torn(run)
+        first = float(run["time"][0])
+        assert failure.startswith(f"failed at t = {first:.6g} s: an edge of the arm is {share} ")
+    for length in (9.0, 0.2):
+        assert torn(held_still(np.zeros(5), length=length * LENGTH)) == ""
 
 
 def test_a_force_that_is_round_off_gets_a_note():
