@@ -65,7 +65,8 @@ def after() -> str:
         ),
         (
             "an absurd strain",
-            f"more than {notes._STRAIN:.0%}; an edge {notes._TORN:g} times longer or shorter: the run fails",
+            f"more than {notes._STRAIN:.0%}; a run fails with an edge {notes._TORN:g} times longer "
+            "or shorter",
         ),
         (
             "an obstacle pressed into the arm",

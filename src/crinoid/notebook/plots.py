@@ -96,7 +96,15 @@ class Plots:
             raise ValueError("the result has no obstacles, so no contact to plot")
         return self._chart(contact_chart, ax)
 
-    def shape(self, ax: Axes | None = None, *, view: str = "side") -> Axes:
+    def shape(
+        self,
+        ax: Axes | None = None,
+        *,
+        view: str = "side",
+        times: Iterable[float] | None = None,
+        legend: bool = True,
+        colorbar: bool = True,
+    ) -> Axes:
         """Plot the arm over time, its tip's path, target, obstacles and the water.
 
         Parameters
@@ -105,11 +113,16 @@ class Plots:
             Axes to draw into.
         view
             From where it is seen: ``"side"``, ``"above"`` or ``"ahead"``.
+        times
+            When the arm is drawn (s), to the nearest saved instant; from the first to the last of
+            them its tip's path. Evenly chosen if left out.
+        legend, colorbar
+            Whether the axes have a legend, and a colour bar of the time.
 
         Raises
         ------
         ValueError
-            If there is no such view, or the result has no positions.
+            If there is no such view, a time is not of the run, or the result has no positions.
         """
         from crinoid.notebook.draw import draw_shape
 
@@ -118,9 +131,16 @@ class Plots:
         data = self._run.result
         if "position" not in data:
             raise ValueError("the result has no position: output.variables left it out")
-        return draw_shape(data, _VIEWS[view], ax)
+        return draw_shape(data, _VIEWS[view], ax, times, legend=legend, bar=colorbar)
 
-    def bending(self, ax: Axes | None = None, *, of: str = "") -> Axes:
+    def bending(
+        self,
+        ax: Axes | None = None,
+        *,
+        of: str = "",
+        times: Iterable[float] | None = None,
+        colorbar: bool = True,
+    ) -> Axes:
         """Plot a quantity along the arm over time.
 
         Parameters
@@ -130,11 +150,13 @@ class Plots:
         of
             ``"curvature"`` or ``"tension"``, in space ``"kappa_1"``, ``"kappa_2"``, ``"twist"`` or
             ``"tension"``; the first of these by default.
+        times, colorbar
+            As `shape` takes them.
 
         Raises
         ------
         ValueError
-            If the arm has no such quantity.
+            If the arm has no such quantity, or a time is not of the run.
         """
         from crinoid.notebook.draw import draw_along
 
@@ -142,7 +164,7 @@ class Plots:
         takes = _ALONG[is_spatial(data)]
         if of and of not in takes:
             raise ValueError(f"of: got {of!r}, takes {', '.join(map(repr, takes))}")
-        return draw_along(data, of or takes[0], ax)
+        return draw_along(data, of or takes[0], ax, times, bar=colorbar)
 
     @property
     def _run(self) -> Run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -104,8 +104,10 @@ def _draw_frame(axes: Axes, run: Run, data: xr.Dataset) -> None:
     scene.draw()
 
 
-def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
-    """Draw one of `ROWS` along the arm, over time."""
+def draw_lines(
+    axes: Axes, data: xr.Dataset, name: str, chosen: Int[np.ndarray, " line"] | None = None
+) -> None:
+    """Draw one of `ROWS` along the arm, over time, at chosen records."""
     axes.axhline(0.0, color=GREY, linewidth=0.7)
     values = _values(data, name)
     if values is None:
@@ -117,7 +119,7 @@ def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
         steps = np.linalg.norm(np.diff(in_space(data, "position")[0], axis=0), axis=1)
         nodes = np.concatenate([[0.0], np.cumsum(steps)])
     arc = nodes if values.shape[1] == nodes.size else (nodes[1:] + nodes[:-1]) / 2
-    chosen = chosen_records(data)
+    chosen = chosen_records(data) if chosen is None else chosen
     lines = [np.column_stack([arc, values[record]]) for record in chosen]
     widths = np.where(chosen == chosen[-1], 1.8, 0.9)
     axes.add_collection(
