@@ -103,7 +103,7 @@ def open_shapes(path: Path, most: int, nodes: int | None = None) -> tuple[Source
         several = moving.lacking > 1
         told.append(
             f"{counted(moving.lacking, 'instant')} {'are' if several else 'is'} left out: at "
-            f"{'these' if several else 'it'} a number is not finite"
+            f"{'these' if several else 'it'} a number is not finite, or too large"
         )
     shown = moving.diameter.size
     if shown < space.nodes:
