@@ -245,8 +245,6 @@ def test_a_shape_is_drawn_at_the_times_that_are_asked_for():
     np.testing.assert_allclose(drawn, data["position"][[10, 20, 30]])
     path = next(line for line in axes.lines if line.get_label() == "path of the tip")
     np.testing.assert_allclose(path.get_xydata(), data["tip_position"][10:31])
-    bent = plot.bending(mpl.figure.Figure().subplots(), times=[time[5]], colorbar=False)
-    np.testing.assert_allclose(bent.collections[0].get_segments()[0][:, 1], data["curvature"][5])
     for wrong in ([], [time[-1] + 1.0], [-0.1], [float("nan")]):
         with pytest.raises(ValueError, match=r"^times: got .*; must be one or more from 0 to"):
             plot.shape(times=wrong)

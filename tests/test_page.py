@@ -174,9 +174,7 @@ def test_instants_that_lack_a_number_are_left_out_of_the_animation_and_told(name
     np.testing.assert_array_equal(moving.time, np.delete(broken["time"], [3, 20, 21]))
     table, _, left_out = scene_of(space)
     assert len(table["members"][0]["time"]) == 37
-    assert left_out == [
-        "3 instants of the animation are left out: at these a number is not finite, or too large."
-    ]
+    assert left_out == ["3 instants are left out: at these a number is not finite, or too large."]
     broken[name][:] = np.nan
     with pytest.raises(ReportError, match="no instant can be drawn"):
         space_of([("", broken)], 100, 50)

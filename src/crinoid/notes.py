@@ -124,11 +124,10 @@ def torn(dataset: xr.Dataset) -> str:
         share = np.maximum(1 + strain.max(axis=1), 1 / least)
         if share.max() > _TORN:
             first = int(np.argmax(share > _TORN))
-            return (
-                f"failed at t = {time[first]:.6g} s: an edge of the arm is {share[first]:.3g} "
-                f"times longer or shorter than at rest, and no arm bears {_TORN:g}; try a larger "
-                "arm.youngs_modulus or arm.section.EA, or weaker loads"
-            )
+            what = f"an edge of the arm is {share[first]:.3g} times longer or shorter than at rest"
+            remedy = "a larger arm.youngs_modulus or arm.section.EA, or weaker loads"
+            when = f"failed at t = {time[first]:.6g} s"
+            return f"{when}: {what}, and no arm bears {_TORN:g}; try {remedy}"
     return ""
 
 

@@ -151,8 +151,6 @@ def _require_text(scenario: Scenario) -> None:
 def system(scenario: Source) -> System:
     """Assemble the arm, its base and the water of a scenario: the differentiable core.
 
-    ``scenario`` may be the name of a built-in one, or a file.
-
     Raises
     ------
     ScenarioError
@@ -163,8 +161,6 @@ def system(scenario: Source) -> System:
 
 def parameters(scenario: Source) -> Parameters:
     """Return the numbers of a scenario by name: what `crinoid.assemble` makes a system of.
-
-    ``scenario`` may be the name of a built-in one, or a file.
 
     Raises
     ------

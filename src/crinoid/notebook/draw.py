@@ -9,7 +9,6 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
-from jaxtyping import Int
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 
@@ -18,11 +17,8 @@ from crinoid.report.charts.chart import Panel
 from crinoid.report.paper import draw_panel
 from crinoid.report.run import Run
 from crinoid.report.single import draw_in
-from crinoid.report.style import STYLE, WIDTH, narrow_key, size_of, time_map, time_norm
+from crinoid.report.style import STYLE, WIDTH, key_within, time_map, time_norm
 from crinoid.report.view import View
-
-Times = Iterable[float] | None
-"""Times of which the arm is drawn (s); chosen evenly if left out."""
 
 
 def draw_panels(panels: Sequence[Panel], run: Run, given: Sequence[Axes] | None) -> list[Axes]:
@@ -38,60 +34,55 @@ def draw_panels(panels: Sequence[Panel], run: Run, given: Sequence[Axes] | None)
         for axes, panel in zip(drawn, panels, strict=True):
             draw_panel(axes, panel)
             if given is not None:
-                _key_within(axes, panel.columns)
+                room = key_within(axes)
+                scale = axes.yaxis.get_transform()  # for no data to lie under the legend
+                low, high = scale.transform(np.array(axes.get_ylim()))
+                top = low + (high - low) / (1.0 - room)
+                axes.set_ylim(top=float(scale.inverted().transform(np.array([top]))[0]))
+                axes.set_autoscaley_on(True)  # axes of one scale also show what others hold
             if not panel.over and time[-1] > time[0]:
                 axes.set_xlim(float(time[0]), float(time[-1]))
         drawn[-1].set_xlabel("frequency (Hz)" if panels[-1].over else "time (s)")
         return drawn
 
 
-def _key_within(axes: Axes, columns: int) -> None:
-    """Put the legend into axes, over all that is drawn: there may be no room above them."""
-    room = min(0.5, narrow_key(axes, columns, "upper left") / size_of(axes)[1])
-    scale = axes.yaxis.get_transform()
-    low, high = scale.transform(np.array(axes.get_ylim()))
-    top = scale.inverted().transform(np.array([low + (high - low) / (1.0 - room)]))
-    axes.set_ylim(top=float(top[0]))
-    axes.set_autoscaley_on(True)  # what others draw into axes of the same scale is seen as well
-
-
 def draw_shape(
-    data: xr.Dataset, view: View, given: Axes | None, times: Times, *, legend: bool, bar: bool
+    data: xr.Dataset,
+    view: View,
+    given: Axes | None,
+    times: Iterable[float] | None,
+    legend: bool,
+    bar: bool,
 ) -> Axes:
-    """Draw the arm over time in a view."""
-    data, chosen = _at(data, times)
-    with _axes([5.0], None if given is None else [given]) as (axes,):
-        _tell_time(axes, data, bar)  # first, as it narrows the axes
-        draw_in(axes, data, view, chosen, legend)
-        return axes
-
-
-def draw_along(data: xr.Dataset, name: str, given: Axes | None, times: Times, *, bar: bool) -> Axes:
-    """Draw a quantity along the arm over time."""
-    data, chosen = _at(data, times)
-    with _axes([2.4], None if given is None else [given]) as (axes,):
-        draw_lines(axes, data, name, chosen)
-        axes.set(xlabel="distance from the root (m)", ylabel=ROWS[name].replace("\n", " "))
-        _tell_time(axes, data, bar)
-        return axes
-
-
-def _at(data: xr.Dataset, times: Times) -> tuple[xr.Dataset, Int[np.ndarray, " chosen"] | None]:
-    """Return a run from the first of some times (s) to the last, and its instants nearest to them.
+    """Draw the arm over time in a view.
 
     Raises
     ------
     ValueError
-        If there are none, or they are not of the run.
+        If there are no times, or they are not of the run.
     """
-    if times is None:
-        return data, None
-    time, wanted = data["time"].values, np.asarray(list(times), float)
-    if not wanted.size or not np.all((wanted >= time[0]) & (wanted <= time[-1])):
-        must = f"one or more from {time[0]:g} to {time[-1]:g} (s)"
-        raise ValueError(f"times: got {list(times)}; must be {must}")
-    at = np.unique([np.abs(time - each).argmin() for each in wanted])
-    return data.isel(time=slice(at[0], at[-1] + 1)), at - at[0]
+    chosen = None
+    if times is not None:
+        time, wanted = data["time"].values, np.asarray(list(times), float)
+        if not wanted.size or not np.all((wanted >= time[0]) & (wanted <= time[-1])):
+            must = f"one or more from {time[0]:g} to {time[-1]:g} (s)"
+            raise ValueError(f"times: got {wanted.tolist()}; must be {must}")
+        at = np.unique([np.abs(time - each).argmin() for each in wanted])
+        data, chosen = data.isel(time=slice(at[0], at[-1] + 1)), at - at[0]
+    with _axes([5.0], None if given is None else [given]) as (axes,):
+        if bar:  # first, as it narrows the axes
+            _tell_time(axes, data)
+        draw_in(axes, data, view, chosen, legend)
+        return axes
+
+
+def draw_along(data: xr.Dataset, name: str, given: Axes | None) -> Axes:
+    """Draw a quantity along the arm over time."""
+    with _axes([2.4], None if given is None else [given]) as (axes,):
+        draw_lines(axes, data, name)
+        axes.set(xlabel="distance from the root (m)", ylabel=ROWS[name].replace("\n", " "))
+        _tell_time(axes, data)
+        return axes
 
 
 @contextmanager
@@ -114,10 +105,10 @@ def _axes(heights: list[float], given: Sequence[Axes] | None) -> Iterator[list[A
         yield list(drawn.flat)
 
 
-def _tell_time(axes: Axes, data: xr.Dataset, wanted: bool) -> None:
-    """Say which colour is which time, if there is more than one; no wider than what it is given."""
+def _tell_time(axes: Axes, data: xr.Dataset) -> None:
+    """Say which colour is which time, if there is more than one."""
     time = data["time"].values
-    if wanted and time[-1] > time[0]:
+    if time[-1] > time[0]:
         mapped = ScalarMappable(time_norm(data), time_map())
         bar = axes.figure.colorbar(mapped, ax=axes, fraction=0.2)
         bar.ax.set_title("t (s)", fontsize=8.5)

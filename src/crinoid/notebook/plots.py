@@ -114,8 +114,7 @@ class Plots:
         view
             From where it is seen: ``"side"``, ``"above"`` or ``"ahead"``.
         times
-            When the arm is drawn (s), to the nearest saved instant; from the first to the last of
-            them its tip's path. Evenly chosen if left out.
+            When the arm is drawn (s), at the nearest saved instants; its tip's path joins them.
         legend, colorbar
             Whether the axes have a legend, and a colour bar of the time.
 
@@ -131,16 +130,9 @@ class Plots:
         data = self._run.result
         if "position" not in data:
             raise ValueError("the result has no position: output.variables left it out")
-        return draw_shape(data, _VIEWS[view], ax, times, legend=legend, bar=colorbar)
+        return draw_shape(data, _VIEWS[view], ax, times, legend, colorbar)
 
-    def bending(
-        self,
-        ax: Axes | None = None,
-        *,
-        of: str = "",
-        times: Iterable[float] | None = None,
-        colorbar: bool = True,
-    ) -> Axes:
+    def bending(self, ax: Axes | None = None, *, of: str = "") -> Axes:
         """Plot a quantity along the arm over time.
 
         Parameters
@@ -150,13 +142,11 @@ class Plots:
         of
             ``"curvature"`` or ``"tension"``, in space ``"kappa_1"``, ``"kappa_2"``, ``"twist"`` or
             ``"tension"``; the first of these by default.
-        times, colorbar
-            As `shape` takes them.
 
         Raises
         ------
         ValueError
-            If the arm has no such quantity, or a time is not of the run.
+            If the arm has no such quantity.
         """
         from crinoid.notebook.draw import draw_along
 
@@ -164,7 +154,7 @@ class Plots:
         takes = _ALONG[is_spatial(data)]
         if of and of not in takes:
             raise ValueError(f"of: got {of!r}, takes {', '.join(map(repr, takes))}")
-        return draw_along(data, of or takes[0], ax, times, bar=colorbar)
+        return draw_along(data, of or takes[0], ax)
 
     @property
     def _run(self) -> Run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -104,10 +104,8 @@ def _draw_frame(axes: Axes, run: Run, data: xr.Dataset) -> None:
     scene.draw()
 
 
-def draw_lines(
-    axes: Axes, data: xr.Dataset, name: str, chosen: Int[np.ndarray, " line"] | None = None
-) -> None:
-    """Draw one of `ROWS` along the arm, over time, at chosen records."""
+def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
+    """Draw one of `ROWS` along the arm, over time."""
     axes.axhline(0.0, color=GREY, linewidth=0.7)
     values = _values(data, name)
     if values is None:
@@ -119,7 +117,7 @@ def draw_lines(
         steps = np.linalg.norm(np.diff(in_space(data, "position")[0], axis=0), axis=1)
         nodes = np.concatenate([[0.0], np.cumsum(steps)])
     arc = nodes if values.shape[1] == nodes.size else (nodes[1:] + nodes[:-1]) / 2
-    chosen = chosen_records(data) if chosen is None else chosen
+    chosen = chosen_records(data)
     lines = [np.column_stack([arc, values[record]]) for record in chosen]
     widths = np.where(chosen == chosen[-1], 1.8, 0.9)
     axes.add_collection(

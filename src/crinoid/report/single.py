@@ -12,7 +12,7 @@ from crinoid.report.current import draw_key, find_current
 from crinoid.report.frame import in_best_frame, measured_from
 from crinoid.report.run import Run
 from crinoid.report.sheet import space_of, window
-from crinoid.report.style import narrow_key, size_of
+from crinoid.report.style import key_within
 from crinoid.report.units import largest
 from crinoid.report.view import View
 
@@ -38,10 +38,9 @@ def draw_in(
     for artist in (*axes.collections, *axes.texts):
         artist.set_in_layout(False)  # arrows are taken to be far too large by who lays out figures
     # the window has room for the legend at its top, and the shape of the axes that are given
-    width, height = size_of(axes)
-    room = narrow_key(axes, 3, "upper left") / height if legend else 0.0
-    wide, high_ = right - left, (top - bottom) / (1.0 - min(0.5, room))
-    aside = max(0.0, high_ * width / height - wide) / 2
-    above = max(0.0, wide * height / width - high_) / 2
-    axes.set(xlim=(left - aside, right + aside), ylim=(bottom - above, bottom + high_ + above))
+    room, shape = key_within(axes) if legend else 0.0, axes.bbox.width / axes.bbox.height
+    wide, tall = right - left, (top - bottom) / (1.0 - room)
+    aside, above = max(0.0, tall * shape - wide), max(0.0, wide / shape - tall)
+    axes.set(xlim=(left - aside / 2, right + aside / 2))
+    axes.set(ylim=(bottom - above / 2, bottom + tall + above / 2))
     axes.set_aspect("equal", adjustable="box")  # "datalim" refuses axes that share both

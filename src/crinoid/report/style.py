@@ -35,8 +35,7 @@ SERIES = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INK, GREY)
 
 WIDTH = 7.4  # inches
 _EDGE = 0.08  # inches, paper's edge to the title
-_LETTER, _HANDLE = 0.063, 0.5  # inches, of a legend: a letter, and what lies before a text
-_FEWEST = 8  # letters of a line of it
+_LETTERS = 20  # of a line of a legend that lies within narrow axes
 _LINE = 0.185  # inches, a line of the title
 _TITLE: Any = {"fontsize": 10.5, "fontweight": "bold"}
 
@@ -145,37 +144,24 @@ def _head_lines(title: str, status: str, wide: float) -> tuple[list[str], list[s
     return lines, textwrap.wrap(status, int(11.5 * wide), max_lines=3, placeholder=" ...")
 
 
-Corner = Literal["lower left", "upper left"]
-"""That of a legend which lies at the upper left of a panel: above it, or within."""
+def key_within(axes: Axes) -> float:
+    """Put the legend into the upper left corner of axes; return its share of their height."""
+    key(axes, 1, within=True)
+    legend = axes.get_legend()
+    texts = [] if legend is None else legend.get_texts()
+    lines = sum(1 + text.get_text().count("\n") for text in texts)
+    return min(0.5, lines * _LINE * axes.figure.dpi / axes.bbox.height)
 
 
-def size_of(axes: Axes) -> tuple[float, float]:
-    """Return width and height of axes (inches), as they are before a layout moves them."""
-    inch = float(axes.figure.dpi)
-    return float(axes.bbox.width) / inch, float(axes.bbox.height) / inch
-
-
-def narrow_key(axes: Axes, columns: int, loc: Corner = "lower left") -> float:
-    """Put a legend no wider than the axes above or into them; return its height (inches)."""
-    labels = set(axes.get_legend_handles_labels()[1])
-    if not labels:
-        return 0.0
-    wide, widest = size_of(axes)[0], _LETTER * max(map(len, labels)) + _HANDLE
-    columns, letters = min(columns, max(1, int(wide / widest))), int((wide - _HANDLE) / _LETTER)
-    key(axes, columns, loc, max(_FEWEST, letters))
-    lines = sum(len(textwrap.wrap(label, max(_FEWEST, letters))) for label in labels)
-    return _LINE * -(-lines // columns) + _EDGE
-
-
-def key(axes: Axes, columns: int = 4, loc: Corner = "lower left", letters: int = 1000) -> None:
+def key(axes: Axes, columns: int = 4, *, within: bool = False) -> None:
     """Put the legend above the panel, where no data can be under it, each entry once."""
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
     if entries:
         axes.legend(
             list(entries.values()),
-            [textwrap.fill(label, letters) for label in entries],
-            loc=loc,
+            [textwrap.fill(label, _LETTERS) if within else label for label in entries],
+            loc="upper left" if within else "lower left",
             bbox_to_anchor=(0.0, 1.0),
             ncols=columns,
             borderaxespad=0.2,

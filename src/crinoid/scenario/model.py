@@ -57,8 +57,7 @@ def unknown_key(table: type[Model], name: str) -> Mistake:
 @cache
 def _properties(table: type[Model]) -> dict[str, Any]:
     """Return the JSON schema of each key; it needs far more time than the table."""
-    found: dict[str, Any] = table.model_json_schema()["properties"]
-    return found
+    return dict(table.model_json_schema()["properties"])
 
 
 def _mistakes(model: type[Model], data: dict[str, Any], error: ValidationError) -> list[Mistake]:

@@ -192,8 +192,6 @@ def rounded_off(result: Result) -> Result:
 def equilibrium(scenario: Source) -> Result:
     """Find the static equilibrium of a scenario at time zero: a result with one instant.
 
-    ``scenario`` may be the name of a built-in one, or a file.
-
     Raises
     ------
     SimulationError

@@ -132,8 +132,7 @@ def ranges_of(space: Space) -> dict[str, tuple[float, float]]:
 def lacking(space: Space) -> list[str]:
     """Say of each run how many instants are left out, as a number of theirs cannot be drawn."""
     return [
-        f"{counted(each.lacking, 'instant')} of the animation "
-        f"{'is' if each.lacking == 1 else 'are'} left out: at "
+        f"{counted(each.lacking, 'instant')} {'is' if each.lacking == 1 else 'are'} left out: at "
         f"{'it' if each.lacking == 1 else 'these'} a number is not finite, or too large."
         for each in space.members
         if each.lacking
