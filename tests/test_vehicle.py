@@ -454,7 +454,7 @@ def test_a_free_vehicle_sinks_as_its_drag_lets_it_and_its_result_reads_back():
     assert gain * time[-1] > 2 * terminal  # it no longer gains speed
     depth = terminal**2 / gain * np.log(np.cosh(gain * time / terminal))
     height = result.dataset["vehicle_pose"].sel(channel="heave").values
-    np.testing.assert_allclose(height, -depth, rtol=0, atol=0.005 * depth[-1])
+    np.testing.assert_allclose(height, -depth, rtol=1e-3, atol=1e-12)
 
 
 def test_what_thrusters_need_may_stay_where_nothing_holds_it():
