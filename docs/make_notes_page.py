@@ -63,7 +63,11 @@ def after() -> str:
             f"the default `water.drag_normal` at Reynolds numbers outside "
             f"{notes._SUBCRITICAL[0]:g} to {notes._SUBCRITICAL[1]:g}",
         ),
-        ("an absurd strain", f"more than {notes._STRAIN:.0%}"),
+        (
+            "an absurd strain",
+            f"more than {notes._STRAIN:.0%}; a run fails with an edge {notes._TORN:g} times longer "
+            "or shorter",
+        ),
         (
             "an obstacle pressed into the arm",
             f"by more than {notes._PRESSED:.0%} of the arm's radius",

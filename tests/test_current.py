@@ -164,6 +164,20 @@ def test_a_current_is_sampled_where_the_arm_is():
     assert "model_spectrum" not in dataset  # nothing random in it
 
 
+@pytest.mark.parametrize("profile", [{"exponent": 0.2}, {"roughness_length": 0.01}])
+def test_an_arm_may_be_held_at_the_bed_where_no_current_is(profile):
+    scenario = Scenario(
+        arm={"nodes": 5}, base={"position": [0.0, -10.0], "tilt_deg": 90.0}, water={"depth": 10.0},
+        flow=[{"kind": "shear", "velocity": [0.2, 0.0], "reference_depth": 5.0, **profile}],
+        simulation={"duration": 1.0},
+    )  # fmt: skip
+    flow = sample_current(Prepared(scenario))["flow_velocity"].sel(axis="x")
+    height = 0.5 / (10.0 - 5.0)  # of the tip, over that at which the velocity is reached
+    share = height**0.2 if "exponent" in profile else np.log(0.5 / 0.01) / np.log(5.0 / 0.01)
+    np.testing.assert_allclose(flow.isel(place=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(flow.isel(place=1), 0.2 * share, rtol=1e-9)
+
+
 def test_a_spatial_current_is_sampled_along_three_axes():
     mean = np.array([0.3, 0.2, -0.1])
     scenario = Scenario(

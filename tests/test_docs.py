@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import re
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
@@ -99,3 +100,27 @@ def test_examples_run(page):
     names = {"__name__": "example"}
     for text in blocks(page, "python"):
         exec(compile(text, str(page), "exec"), names)
+
+
+def test_every_part_has_its_line_on_its_floor():
+    (contract, *_) = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"][
+        "importlinter"
+    ]["contracts"]
+    floors = [
+        {name.strip().removeprefix("crinoid.") for name in layer.split("|")}
+        for layer in contract["layers"]
+    ]
+    source = ROOT / "src" / "crinoid"
+    there = {path.stem for path in source.iterdir() if path.suffix == ".py"}
+    there |= {path.parent.name for path in source.glob("*/__init__.py")}
+    assert set().union(*floors) == there - {"__init__", "version"}
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    block = text.partition("## Floors")[2].split("```")[1]
+    told: list[set[str]] = []
+    for line in block.strip().splitlines():
+        words = line.removeprefix("| ")
+        if not line.startswith("| "):
+            told.append(set())
+        told[-1].add(words.split()[0])
+        assert len(words.split()) > 1, line
+    assert told == floors

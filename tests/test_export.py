@@ -17,6 +17,7 @@ from crinoid.export import write_csv, write_gltf, write_vtkhdf
 from crinoid.export.mesh import ball, capsule, plate, rod
 from crinoid.export.things import things_of
 from crinoid.export.vtkhdf import KINDS
+from crinoid.report import ReportError, write_page, write_report
 from crinoid.report.charts.space import space_of
 from spatial_arm import among_obstacles, curling_arm
 from test_cli import call
@@ -137,6 +138,27 @@ def test_what_is_about_the_arm_moves_as_surfaces(run, tmp_path):
             np.testing.assert_allclose(apart, apart[0], rtol=1e-4)
 
 
+@pytest.mark.parametrize("huge", [1e40, 1e200, 0.0])
+def test_instants_that_no_picture_can_hold_are_left_out(huge, tmp_path):
+    data = swaying_arm(**SMALL)
+    data["position"][3] = huge  # all nodes at one place, so that no edge points anywhere
+    path = save(data, tmp_path / "result.nc")
+    told = "1 instant is left out: at it a number is not finite, or too large"
+    assert write_gltf(path, tmp_path).notes == [told]
+    assert write_vtkhdf(path, tmp_path).notes[0] == told
+    page = write_page(tmp_path).read_text("utf-8")
+    assert "1 saved instant is left out: at it the arm has no shape to draw." in page.replace(
+        "&#x27;", "'"
+    )
+    data["position"][:] = huge
+    save(data, path)
+    for write in (write_gltf, write_vtkhdf):
+        with pytest.raises(ReportError, match="no instant can be drawn"):
+            write(path, tmp_path)
+    with pytest.raises(ReportError, match="no record with a shape to draw"):
+        write_report(tmp_path)
+
+
 def test_numbers_that_are_not_finite_are_told(tmp_path):
     data = swaying_arm(**SMALL)
     data["position"][3] = np.nan
@@ -145,7 +167,7 @@ def test_numbers_that_are_not_finite_are_told(tmp_path):
     files, notes = taken(write_vtkhdf(path, tmp_path))
     assert notes == [
         "the run was not completed (failed at t = 2 s; try less)",
-        "1 instant is left out: at it a number is not finite",
+        "1 instant is left out: at it a number is not finite, or too large",
         "numbers that are not finite stay so in acceleration",
     ]
     assert opened(files[0])[1] == pytest.approx(data["time"].values[[0, 1, 2, 4]], abs=0.0)

@@ -5,12 +5,14 @@ import json
 import subprocess
 import sys
 from html.parser import HTMLParser
+from itertools import pairwise
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from crinoid.report.charts.summary import summary
 from crinoid.report.page.small import LARGEST
@@ -198,6 +200,69 @@ def test_plots_go_into_axes_that_are_given():
     drawn = [plot.tip_off_direction(), plot.water_speed(), plot.base_moment(), *plot.commands()]
     assert all(axes.get_ylabel() for axes in drawn)
     assert dict(mpl.rcParams) == before
+
+
+def boxes(figure, renderer):
+    """Where each pair of axes, legend and colour bar lies (pixels)."""
+    return [axes.get_tightbbox(renderer) for axes in figure.axes]
+
+
+@pytest.mark.parametrize("given", [{"layout": "constrained"}, {"sharex": True, "sharey": True}, {}])
+def test_shapes_side_by_side_do_not_lie_over_each_other(given, caplog, recwarn):
+    layout = given.pop("layout", None)
+    figure = mpl.figure.Figure(figsize=(12, 4), layout=layout)
+    if not layout:
+        figure.subplots_adjust(wspace=0.5)
+    result = Result(swaying_arm(records=21))
+    for axes in figure.subplots(1, 3, **given):
+        result.plot.shape(axes)
+    FigureCanvasAgg(figure).draw()
+    renderer = figure.canvas.get_renderer()
+    found = sorted(boxes(figure, renderer), key=lambda box: box.x0)
+    assert len(found) == 6  # three panels, three bars
+    assert all(one.x1 < next_.x0 + 1 for one, next_ in pairwise(found))
+    for axes in figure.axes:
+        legend = axes.get_legend()
+        if legend is None:
+            continue
+        box = legend.get_window_extent(renderer)
+        assert axes.bbox.x0 <= box.x0 < box.x1 <= axes.bbox.x1
+        arm = axes.transData.transform(np.concatenate(axes.collections[0].get_segments()))
+        assert arm[:, 1].max() < box.y0  # no arm lies under it
+    assert not caplog.records
+    assert not [str(each.message) for each in recwarn]
+
+
+def test_a_shape_is_drawn_at_the_times_that_are_asked_for():
+    data = swaying_arm(records=41)
+    plot, time = Result(data).plot, data["time"].values
+    bare = mpl.figure.Figure()
+    axes = bare.subplots()
+    plot.shape(axes, times=[time[10], time[30], time[20] + 1e-4], legend=False, colorbar=False)
+    assert bare.axes == [axes]
+    assert axes.get_legend() is None
+    drawn = axes.collections[0].get_segments()
+    np.testing.assert_allclose(drawn, data["position"][[10, 20, 30]])
+    path = next(line for line in axes.lines if line.get_label() == "path of the tip")
+    np.testing.assert_allclose(path.get_xydata(), data["tip_position"][10:31])
+    for wrong in ([], [time[-1] + 1.0], [-0.1], [float("nan")]):
+        with pytest.raises(ValueError, match=r"^times: got .*; must be one or more from 0 to"):
+            plot.shape(times=wrong)
+
+
+def test_a_legend_is_no_wider_than_narrow_axes():
+    data, free = swaying_arm(records=21), swaying_arm(records=21, driven=False)
+    figure = mpl.figure.Figure(figsize=(8, 4))
+    plot = Result(data, uncontrolled=Result(free)).plot
+    for axes in figure.subplots(1, 3, sharey=True):
+        plot.tip_error(axes)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    for axes in figure.axes:
+        box = axes.get_legend().get_window_extent(canvas.get_renderer())
+        assert axes.bbox.x0 <= box.x0 < box.x1 <= axes.bbox.x1
+        highest = max(np.max(line.get_ydata()) for line in axes.lines)
+        assert axes.transData.transform((0.0, highest))[1] < box.y0 < box.y1 <= axes.bbox.y1
 
 
 def test_a_plot_that_there_is_not_is_refused():

@@ -10,7 +10,7 @@ import crinoid
 import crinoid.pieces
 from crinoid.dimensionless import Swings, dimensionless, normal_velocity, with_swings
 from crinoid.dynamics import Modes
-from crinoid.notes import Lasting, notes
+from crinoid.notes import Lasting, notes, torn
 
 DIAMETER, LENGTH, NODES = 0.04, 0.5, 11
 FREQUENCY = np.array([0.5, 3.0, 3.2])
@@ -335,11 +335,21 @@ def test_a_sensor_reading_that_is_not_finite_gets_a_note_with_its_time():
     readings[7:, 1] = np.nan
     names = ("reading", ["range.range", "range.rate"])
     line = "the sensor reading range.rate is not finite at t = 3.5 s"
-    for values, there in ((readings, True), (np.nan_to_num(readings), False)):
+    for values, there in ((readings, True), (np.zeros((11, 2)), False)):
         read = data.assign(sensor_reading=(("time", "reading"), values)).assign_coords(
             reading=names
         )
         assert (line in notes(read, WATER)) is there
+
+
+def test_a_strain_that_no_rubber_bears_is_a_failure():
+    for length, share in ((12.0, "12"), (0.05, "20")):
+        run = held_still(np.zeros(5), length=length * LENGTH)
+        failure = torn(run)
+        first = float(run["time"][0])
+        assert failure.startswith(f"failed at t = {first:.6g} s: an edge of the arm is {share} ")
+    for length in (9.0, 0.2):
+        assert torn(held_still(np.zeros(5), length=length * LENGTH)) == ""
 
 
 def test_a_force_that_is_round_off_gets_a_note():

@@ -151,8 +151,16 @@ def test_a_run_that_ends_in_nan_has_a_page_up_to_there(tmp_path):
     text = write_page(tmp_path).read_text("utf-8")
     assert "planar arm · 21 nodes · 17.9 s" in text
     assert '<p class="status">diverged at 18 s</p>' in text
-    told = "21 saved instants are left out: at these the arm's shape is not finite."
+    told = "21 saved instants are left out: at these the arm has no shape to draw."
     assert f"<li>{escape(told)}</li>" in text
+
+
+def test_an_arm_that_flies_far_is_packed_more_coarsely():
+    data = swaying_arm(records=5)
+    data["position"][4, -1, 0] = 1e8
+    table, packed, _ = scene_of(space_of([("", data)], 100, 50))
+    offset = unpacked(packed, table["members"][0]["offset"]).reshape(5, -1, 2)
+    np.testing.assert_allclose(offset[4, -1, 0], 1e8 - data["position"][4, 0, 0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["base_servo", "flow_velocity", "tip_target"])
@@ -166,9 +174,7 @@ def test_instants_that_lack_a_number_are_left_out_of_the_animation_and_told(name
     np.testing.assert_array_equal(moving.time, np.delete(broken["time"], [3, 20, 21]))
     table, _, left_out = scene_of(space)
     assert len(table["members"][0]["time"]) == 37
-    assert left_out == [
-        "3 instants of the animation are left out: at these a number is not finite."
-    ]
+    assert left_out == ["3 instants are left out: at these a number is not finite, or too large."]
     broken[name][:] = np.nan
     with pytest.raises(ReportError, match="no instant can be drawn"):
         space_of([("", broken)], 100, 50)

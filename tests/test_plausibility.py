@@ -125,6 +125,57 @@ RANGES = {
     "simulation.tolerance": ([["simulation.tolerance=1e-3"]], ["simulation.tolerance=1e-6"]),
     "simulation.max_iterations": ([["simulation.max_iterations=2"]], ["simulation.tolerance=1e-6"]),
 }
+TURNS = {
+    "base.tilt_deg": ["base.tilt_deg={}"],
+    "base.pan_deg": ["base.pan_deg={}"],
+    "base.roll_deg": ["base.roll_deg={}"],
+    "base.motion.*.phase_deg": [
+        "base.motion=[{{kind='sine', channel='sway', amplitude=0.1, frequency_hz=0.1, "
+        "phase_deg={}}}]"
+    ],
+    "flow.*.phase_deg": [
+        "flow=[{{kind='sine', amplitude=[0.1, 0, 0], frequency_hz=1, phase_deg={}}}]"
+    ],
+    "flow.*.direction_deg": [
+        "flow=[{{kind='waves', significant_height=0.1, peak_period=5, direction_deg={}}}]",
+        DEPTH,
+    ],
+    "flow.*.heading_deg": ["flow=[{{kind='measured', file='no.csv', heading_deg={}}}]"],
+    "target.phase_deg": ["target={{path='circle', radius=0.1, period=5, phase_deg={}}}"],
+}
+RANGES |= {
+    key: (
+        [[each.format(1000) for each in settings]],
+        [each.format(-90) for each in settings],
+        "station-keeping-3d",
+    )
+    for key, settings in TURNS.items()
+} | {
+    "base.channels.*.range_deg": (
+        [["base.channels.tilt.range_deg=[-3600, 3600]"]],
+        ["base.channels.tilt.range_deg=[-360, 360]"],
+    ),
+    "tool.drag_area": ([["tool={mass=0.1, drag_area=20}"]], ["tool={mass=0.1, drag_area=0.01}"]),
+    "tool.added_mass": ([["tool={mass=0.1, added_mass=5e3}"]], ["tool={mass=0.1, added_mass=1}"]),
+    "chamber.*.time_constant": (
+        [["chamber=[{max_curvature=1.0, time_constant=200}]"]],
+        ["chamber=[{max_curvature=1.0, time_constant=0.2}]"],
+    ),
+    "tendon.*.time_constant": (
+        [["tendon=[{offset=8e-3, max_tension=1.0, time_constant=200}]"]],
+        ["tendon=[{offset=8e-3, max_tension=1.0, time_constant=0.2}]"],
+    ),
+    "chamber.*.stiffening": (
+        [["chamber=[{max_curvature=1.0, stiffening=500}]"]],
+        ["chamber=[{max_curvature=1.0, stiffening=2}]"],
+    ),
+    "sensor.resolution_position": (
+        [["sensor.resolution_position=1.0"]], ["sensor.resolution_position=1e-3"]
+    ),
+    "sensor.resolution_angle_deg": (
+        [["sensor.resolution_angle_deg=90"]], ["sensor.resolution_angle_deg=1.0"]
+    ),
+}  # fmt: skip
 RELATIONS = {
     ", ".join(_ANGLES): (
         [
@@ -237,6 +288,14 @@ RELATIONS = {
     "vehicle.mass": (
         [["vehicle={mass=0.05, inertia=0.01}"]],
         ["vehicle={mass=50.0, inertia=3.0}"],
+    ),
+    "vehicle.bandwidth_hz, vehicle.max_force, vehicle.max_moment": (
+        [
+            ["vehicle={mass=50.0, inertia=3.0, bandwidth_hz=0.4}"],
+            ["vehicle={mass=50.0, inertia=3.0, max_force=9.0}"],
+            ["vehicle={mass=50.0, inertia=3.0, max_moment=9.0}"],
+        ],
+        ['vehicle={mass=50.0, inertia=3.0, bandwidth_hz=0.4, hold="thrusters"}'],
     ),
     "vehicle.volume": (
         [

@@ -505,7 +505,7 @@ def spoil_solid(path):
         (spoil_cut, "not a readable netCDF file"),
         (spoil_foreign, "no variable 'position'"),
         (spoil_no_records, "holds no records"),
-        (spoil_all_nan, "no record with a finite shape"),
+        (spoil_all_nan, "no record with a shape to draw"),
         (spoil_axes, "not labelled x and z"),
         (spoil_dimensions, "has dimensions"),
         (spoil_obstacles, "does not describe its obstacles"),

@@ -504,8 +504,8 @@ ONE_MISTAKE = {
         "simulation.duration = 20.0 may hold 50000 of them",
     ),
     "base in the bed": (
-        "water.depth = 10",
-        "base.position.1: got -10.0, takes a number above -water.depth = -10.0 (m)",
+        "water.depth = 9",
+        "base.position.1: got -10.0; must be -water.depth = -9.0 or more (m), at the bed",
     ),
     "path without times": (
         "target.tip = [[0, 0], [1, 0]]",
@@ -902,8 +902,8 @@ ONE_MISTAKE_IN_SPACE = {
         'control.pid.sway: mapping = "identity" takes "y" in controlled along with it',
     ),
     "base in the bed": (
-        "water.depth = 10",
-        "base.position.2: got -10.0, takes a number above -water.depth = -10.0 (m)",
+        "water.depth = 9",
+        "base.position.2: got -10.0; must be -water.depth = -9.0 or more (m), at the bed",
     ),
     "base above the waves": (
         "water.depth = 20\nbase.position = [0, -5, 0]\n"

@@ -453,6 +453,12 @@ def test_ctrl_c_stops_a_run_once_and_a_second_one_at_once():
         play(Prepared(short), report=again)
 
 
+def test_an_arm_that_stretches_as_no_material_does_fails():
+    limp = scenario(**{"arm.youngs_modulus": 0.4})
+    with pytest.raises(SimulationError, match=r"^failed at t = 0 s: an edge .* no arm bears 10;"):
+        crinoid.equilibrium(limp)
+
+
 def test_a_start_that_failed_compiles_no_time_steps(monkeypatch):
     def stretch(*_: object) -> None:
         raise AssertionError("compiled")

@@ -674,6 +674,7 @@ MISTAKES = {
     'chamber.0.name: got "slide", as base.channels.slide is called': {"name": "slide"},
     "chamber.0.area: missing, takes area and offset, or max_curvature": {"area": None},
     "chamber.0.span: got [0.5, 0.5], takes [a, b]": {"span": [0.5, 0.5]},
+    "chamber.0.span: got [0.99, 1.0]; must begin below": {"span": [0.99, 1.0]},
     "chamber.0.angle_deg: got 90.0, takes 0 or 180": {"angle_deg": 90.0},
     "chamber.0.offset: got -0.01, takes 0 or more": {"offset": -0.01},
     "chamber.0.max_curvature: got 0, takes": {"max_curvature": 0},

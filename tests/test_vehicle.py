@@ -460,6 +460,35 @@ def test_mistakes_are_told_in_one_line(tables, line):
         crinoid.Scenario(**tables)
 
 
+def test_a_free_vehicle_sinks_as_its_drag_lets_it_and_its_result_reads_back():
+    mass, displaced, added, area = 80.0, 76.0, 40.0, 0.2
+    scenario = crinoid.Scenario(
+        # a thread that weighs and drags next to nothing
+        arm={"nodes": 3, "length": 0.1, "radius": 5e-4, "youngs_modulus": 1e9, "density": 1025.0},
+        base={"position": [0.0, -20.0], "tilt_deg": -90.0},
+        vehicle={
+            "mass": mass, "inertia": 3.0, "volume": displaced / 1025.0, "added_mass": added,
+            "drag_area": area, "offset": [0.0, 0.1], "metacentric_height": 0.1,
+        },
+        simulation={"duration": 8.0, "time_step": 0.02},
+    )  # fmt: skip
+    result = crinoid.simulate(scenario)
+    assert result.scenario == scenario
+    weight, drag = (mass - displaced) * 9.81, 0.5 * 1025.0 * area
+    terminal, gain = np.sqrt(weight / drag), weight / (mass + added)
+    time = result.dataset["time"].values
+    assert gain * time[-1] > 2 * terminal  # it no longer gains speed
+    depth = terminal**2 / gain * np.log(np.cosh(gain * time / terminal))
+    height = result.dataset["vehicle_pose"].sel(channel="heave").values
+    np.testing.assert_allclose(height, -depth, rtol=1e-3, atol=1e-12)
+
+
+def test_what_thrusters_need_may_stay_where_nothing_holds_it():
+    free = crinoid.load("floating", ["vehicle.hold=free"])
+    assert crinoid.Scenario.from_toml(free.to_toml()) == free
+    assert not np.any(crinoid.system(free).forces.vehicle.thrusters.stiffness)
+
+
 def test_numbers_of_the_table_reach_the_body():
     scenario = crinoid.Scenario(
         arm={"dimension": 3},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
@@ -31,10 +33,14 @@ _PRESSED = 0.01
 """Share of the arm's radius that a surface may come into it: its skin is as good as through."""
 _STRAIN = 0.5
 """Strain that no linear elasticity describes."""
+_TORN = 10.0
+"""Length of an edge over that at rest, or the inverse, that no rubber bears (Treloar 1975)."""
 _KNOWN = 0.01
 """Share of the largest force on the base that round-off may have of it."""
 _BENDS = 1e-6
 """Share of EI / L^2 up to which a force bends no arm that anyone could see."""
+
+Strains = Float[np.ndarray, "time edge"]
 
 
 def notes(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
@@ -110,9 +116,7 @@ def _unstable(dataset: xr.Dataset, scenario: Scenario) -> str:
 
 def _stretch(dataset: xr.Dataset) -> str:
     longest, shortest = -np.inf, np.inf
-    for piece in pieces(dataset, ["position"]):
-        edges = np.linalg.norm(np.diff(piece["position"].values, axis=1), axis=2)
-        strain = edges / np.diff(dataset["arc_length"].values) - 1
+    for _, strain in _strains(dataset):
         longest, shortest = max(longest, float(strain.max())), min(shortest, float(strain.min()))
     if max(longest, -shortest) <= _STRAIN:
         return ""
@@ -120,6 +124,27 @@ def _stretch(dataset: xr.Dataset) -> str:
     if -shortest > longest:
         how = f"squeezed by up to {-shortest:.0%}"
     return f"the arm is {how}: its linear elasticity does not hold there"
+
+
+def torn(dataset: xr.Dataset) -> str:
+    """Say when an edge first is as long, or as short, as no material lets it be; empty if never."""
+    for time, strain in _strains(dataset):
+        least = np.maximum(1 + strain.min(axis=1), np.finfo(float).tiny)
+        share = np.maximum(1 + strain.max(axis=1), 1 / least)
+        if share.max() > _TORN:
+            first = int(np.argmax(share > _TORN))
+            what = f"an edge of the arm is {share[first]:.3g} times longer or shorter than at rest"
+            remedy = "a larger arm.youngs_modulus or arm.section.EA, or weaker loads"
+            when = f"failed at t = {time[first]:.6g} s"
+            return f"{when}: {what}, and no arm bears {_TORN:g}; try {remedy}"
+    return ""
+
+
+def _strains(dataset: xr.Dataset) -> Iterator[tuple[Float[np.ndarray, " time"], Strains]]:
+    """Yield instants (s) with the strain of each edge, a piece of the run at a time."""
+    for piece in pieces(dataset, ["position"]):
+        edges = np.linalg.norm(np.diff(piece["position"].values, axis=1), axis=2)
+        yield piece["time"].values, edges / np.diff(dataset["arc_length"].values) - 1
 
 
 def _round_off(dataset: xr.Dataset, scenario: Scenario) -> str:

@@ -9,7 +9,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["remove_unfinished", "replacing"]
+__all__ = ["FilePath", "remove_unfinished", "replacing"]
+
+FilePath = str | os.PathLike[str]
+"""What users give for a file or a folder."""
 
 _UNFINISHED = ".unfinished"
 """How names of temporary files end."""

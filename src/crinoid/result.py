@@ -17,7 +17,7 @@ import xarray as xr
 
 from crinoid import showing
 from crinoid.pieces import piece_length, pieces
-from crinoid.replacement import replacing
+from crinoid.replacement import FilePath, replacing
 from crinoid.scenario import Scenario
 from crinoid.status import Status
 from crinoid.stream import is_stream, open_lazily, read_checkpoint, remove_checkpoints
@@ -142,7 +142,7 @@ class Result:
         leaves = [jnp.asarray(saved[name]) for name in wanted]
         return jax.tree.unflatten(jax.tree.structure(like), leaves)
 
-    def save(self, folder: Path) -> list[Path]:
+    def save(self, folder: FilePath) -> list[Path]:
         """Write ``result.nc``, and ``uncontrolled.nc`` if there is one, and return their paths.
 
         The files are replaced only once their successors are complete.
@@ -152,6 +152,7 @@ class Result:
         OSError
             If the folder cannot be written to, or the disk is full.
         """
+        folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         runs = {RESULT: self}
         if self.uncontrolled is not None:
@@ -166,7 +167,7 @@ class Result:
         return [folder / name for name in runs]
 
     @staticmethod
-    def load(folder: Path, *, lazily: bool = False) -> Result:
+    def load(folder: FilePath, *, lazily: bool = False) -> Result:
         """Read what `save` wrote, or what a run has written so far that is not over.
 
         Parameters
@@ -181,6 +182,7 @@ class Result:
         ResultError
             If there is no result in the folder, or none that this version can read.
         """
+        folder = Path(folder)
         result = _read(folder / RESULT, lazily)
         if (folder / UNCONTROLLED).exists():
             result.uncontrolled = _read(folder / UNCONTROLLED, lazily)

@@ -6,9 +6,10 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from crinoid.scenario import MeasuredFlow, Scenario
+from crinoid.scenario import MeasuredFlow, Mistake, Scenario, ScenarioError
 from crinoid.scenario.errors import gathered
 from crinoid.scenario.files import digests
+from crinoid.scenario.library import Source, scenario_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,13 +29,15 @@ class Prepared:
 
     Parameters
     ----------
-    scenario
-        One case; see `crinoid.Scenario.cases`.
+    source
+        One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
     parts
         Parts of a user's own, which no scenario describes.
     """
 
-    def __init__(self, scenario: Scenario, parts: Parts | None = None) -> None:
+    def __init__(self, source: Source, parts: Parts | None = None) -> None:
+        scenario = scenario_of(source)
+        _require_text(scenario)  # a result holds it as text: better refused before a run than after
         self.scenario, self.parts = scenario, parts
 
     @cached_property
@@ -126,7 +129,19 @@ class Prepared:
             _ = self.room
 
 
-def system(scenario: Scenario) -> System:
+def _require_text(scenario: Scenario) -> None:
+    """Refuse a scenario that does not read back as it was from its own text."""
+    try:
+        again = Scenario.from_toml(scenario.to_toml().encode().decode())
+        why = "" if again == scenario else "another scenario comes back"
+    except (TypeError, ValueError) as error:  # of a table that a package brings, or of a character
+        why = " ".join(str(error).split())
+    if why:
+        text = "got a scenario that TOML cannot hold; must read back as it was written"
+        raise ScenarioError([Mistake("", f"{text} ({why})")])
+
+
+def system(scenario: Source) -> System:
     """Assemble the arm, its base and the water of a scenario: the differentiable core.
 
     Raises
@@ -137,7 +152,7 @@ def system(scenario: Scenario) -> System:
     return Prepared(scenario).system
 
 
-def parameters(scenario: Scenario) -> Parameters:
+def parameters(scenario: Source) -> Parameters:
     """Return the numbers of a scenario by name: what `crinoid.assemble` makes a system of.
 
     Raises

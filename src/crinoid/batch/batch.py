@@ -14,7 +14,7 @@ from crinoid.batch.records import stacked
 from crinoid.batch.variation import Variation
 from crinoid.dataset import describe
 from crinoid.result import Result
-from crinoid.scenario import Scenario
+from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation import Progress
 from crinoid.simulation.batch import Arm, run_batch
 from crinoid.simulation.ctrl_c import CtrlC
@@ -33,7 +33,7 @@ class _Kept(NamedTuple):
 
 
 def simulate_batch(
-    scenario: Scenario,
+    scenario: Source,
     over: Mapping[str, Sequence[Any] | np.ndarray] | None = None,
     seeds: int | Sequence[int] | np.ndarray | None = None,
     *,
@@ -51,7 +51,7 @@ def simulate_batch(
     Parameters
     ----------
     scenario
-        One case (`crinoid.Scenario.cases`).
+        One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
     over
         Dotted keys of the scenario, as ``--set`` takes them, each with a list of values, one for
         each run: the first run takes the first of each list. Not keys that change the compiled
@@ -84,8 +84,9 @@ def simulate_batch(
     ValueError
         If the scenario stands for several cases.
     """
-    require_one_case(scenario)
-    variation = Variation.of(scenario, over, seeds, records=records)
+    described = scenario_of(scenario)
+    require_one_case(described)
+    variation = Variation.of(described, over, seeds, records=records)
 
     def take(result: Result) -> _Kept:
         return _Kept(measured(result), result.dataset if records else None)
@@ -107,7 +108,7 @@ def simulate_batch(
         data = stacked([None if arm.taken is None else arm.taken.data for arm in arms])
         found = xr.merge([found, data], join="exact", combine_attrs="override")
     status = summed(arm.status for arm in arms)
-    return found.assign_attrs(describe(scenario) | {"status": status})
+    return found.assign_attrs(describe(described) | {"status": status})
 
 
 def _sums(arms: Sequence[Arm[_Kept]], coordinates: dict[str, tuple[Any, ...]]) -> xr.Dataset:

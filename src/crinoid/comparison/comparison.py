@@ -14,6 +14,7 @@ from crinoid.comparison.gains import controlled_by
 from crinoid.dataset import describe
 from crinoid.result import Result
 from crinoid.scenario import Scenario
+from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation import Progress
 from crinoid.simulation.batch import Arm, run_batch
 from crinoid.simulation.setup import set_up
@@ -40,7 +41,7 @@ class Comparison:
     Parameters
     ----------
     scenario
-        One case (`crinoid.Scenario.cases`).
+        One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
     kinds
         Kinds of controllers, as ``control.kind`` takes them; see `controlled_by`.
     seeds
@@ -52,9 +53,9 @@ class Comparison:
         If the scenario cannot be run under one of them.
     """
 
-    def __init__(self, scenario: Scenario, kinds: Sequence[str], seeds: Sequence[int]) -> None:
-        self.scenario, self.seeds = scenario, list(seeds)
-        first = scenario.with_values({"seed": self.seeds[0]})
+    def __init__(self, scenario: Source, kinds: Sequence[str], seeds: Sequence[int]) -> None:
+        self.scenario, self.seeds = scenario_of(scenario), list(seeds)
+        first = self.scenario.with_values({"seed": self.seeds[0]})
         self.cases = {kind: controlled_by(first, kind) for kind in kinds}
         self.tick_time = {kind: _tick_time(case) for kind, case in self.cases.items()}
         self.arms: dict[str, list[Arm[Measures]]] = {}

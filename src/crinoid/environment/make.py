@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,16 +10,13 @@ from crinoid.environment.reward import closeness
 from crinoid.environment.success import Success
 from crinoid.environment.tasks import TASKS
 from crinoid.environment.vector import ArmVectorEnv
-from crinoid.scenario import Scenario
-from crinoid.scenario.library import load
+from crinoid.scenario.library import Source, load, scenario_of
 
 __all__ = ["make_env", "make_task", "make_vec_env", "make_vec_task"]
 
-_Source = Scenario | str | os.PathLike[str]
-
 
 def make_env(
-    scenario: _Source,
+    scenario: Source,
     *,
     draw: Mapping[str, tuple[float, float]] | None = None,
     reward: Reward = closeness,
@@ -56,12 +52,12 @@ def make_env(
         If anything is wrong with the scenario or the ranges, or an input has no limits.
     """
     return ArmEnv(
-        _read(scenario), draw=draw, reward=reward, success=success, render_mode=render_mode
+        scenario_of(scenario), draw=draw, reward=reward, success=success, render_mode=render_mode
     )
 
 
 def make_vec_env(
-    scenario: _Source,
+    scenario: Source,
     num_envs: int,
     *,
     draw: Mapping[str, tuple[float, float]] | None = None,
@@ -95,7 +91,7 @@ def make_vec_env(
         If anything is wrong with the scenario, the ranges or the numbers.
     """
     return ArmVectorEnv(
-        _read(scenario), num_envs, draw=draw, reward=reward, success=success, draws=draws
+        scenario_of(scenario), num_envs, draw=draw, reward=reward, success=success, draws=draws
     )
 
 
@@ -116,7 +112,3 @@ def _task(name: str, values: Mapping[str, Any] | None, given: Mapping[str, Any])
     scenario = load(task.scenario).with_values(task.values).with_values(values or {})
     success = None if task.success is None else Success(**task.success)
     return {"scenario": scenario, "draw": task.draw, "success": success} | dict(given)
-
-
-def _read(source: _Source) -> Scenario:
-    return source if isinstance(source, Scenario) else load(source)

@@ -10,10 +10,9 @@ import xarray as xr
 from jaxtyping import Int
 
 from crinoid.assembly.description import POLICY, Description
-from crinoid.report.charts.space import Space, evenly, space_of
+from crinoid.report.charts.space import Space, evenly, lacking, space_of
 from crinoid.report.run import RESULT, ReportError, check_bodies, read_result
 from crinoid.scenario import ScenarioError
-from crinoid.scenario.errors import counted
 from crinoid.status import Status
 
 
@@ -99,12 +98,7 @@ def open_shapes(path: Path, most: int, nodes: int | None = None) -> tuple[Source
         raise ReportError(f"{path}: {error}") from error
     (moving,) = space.members
     told = [*_ended(data), *_thinned(moving.records, moving.at.size + moving.lacking)]
-    if moving.lacking:
-        several = moving.lacking > 1
-        told.append(
-            f"{counted(moving.lacking, 'instant')} {'are' if several else 'is'} left out: at "
-            f"{'these' if several else 'it'} a number is not finite"
-        )
+    told += [line.removesuffix(".") for line in lacking(space)]
     shown = moving.diameter.size
     if shown < space.nodes:
         told.append(f"the arm is shown by {shown} of its {space.nodes} nodes")

@@ -14,7 +14,7 @@ from crinoid.export.source import find_policy, find_result, open_shapes, open_ta
 from crinoid.export.table import columns_of, variables_of, write_table
 from crinoid.export.things import things_of
 from crinoid.export.vtkhdf import write_arm, write_things
-from crinoid.replacement import replacing
+from crinoid.replacement import FilePath, replacing
 from crinoid.report.run import ReportError
 from crinoid.scenario import ScenarioError
 
@@ -40,8 +40,8 @@ class Written:
 
 
 def write_csv(
-    result: Path,
-    folder: Path,
+    result: FilePath,
+    folder: FilePath,
     *,
     variables: Sequence[str] | None = None,
     nodes: Sequence[int] | None = None,
@@ -77,15 +77,15 @@ def write_csv(
     """
     source = open_table(find_result(Path(result)), instants or ROWS)
     columns = columns_of(source.data, variables_of(source.data, variables), nodes)
-    (file,) = files_of(folder, source.path.stem, "csv")
+    (file,) = files_of(Path(folder), source.path.stem, "csv")
     with replacing(file) as temporary:
         notes = write_table(source, columns, temporary, _of(report, source.records.size))
     return Written([file], [*source.told, *notes])
 
 
 def write_vtkhdf(
-    result: Path,
-    folder: Path,
+    result: FilePath,
+    folder: FilePath,
     *,
     instants: int | None = None,
     report: Report = lambda done, count: None,
@@ -111,7 +111,7 @@ def write_vtkhdf(
         If a file cannot be written.
     """
     source, space = open_shapes(find_result(Path(result)), instants or INSTANTS)
-    files = files_of(folder, source.path.stem, "vtkhdf")
+    files = files_of(Path(folder), source.path.stem, "vtkhdf")
     count, things = source.records.size, things_of(space)
     with ExitStack() as stack:
         arm, surroundings = (stack.enter_context(replacing(file)) for file in files)
@@ -121,8 +121,8 @@ def write_vtkhdf(
 
 
 def write_gltf(
-    result: Path,
-    folder: Path,
+    result: FilePath,
+    folder: FilePath,
     *,
     instants: int | None = None,
     report: Report = lambda done, count: None,
@@ -155,7 +155,7 @@ def write_gltf(
         text = 'glTF is written by pygltflib: pip install "crinoid[export]"'
         raise ReportError(text) from error
     source, space = open_shapes(find_result(Path(result)), instants or INSTANTS, _NODES)
-    (file,), (moving,) = files_of(folder, source.path.stem, "gltf"), space.members
+    (file,), (moving,) = files_of(Path(folder), source.path.stem, "gltf"), space.members
     skin = skin_of(moving, arc_length_of(source.data, moving))
     things = things_of(space)
     document = Document(moving.time, source.attributes)
@@ -168,7 +168,7 @@ def write_gltf(
     return Written([file], list(source.told))
 
 
-def write_onnx(policy: Path, folder: Path) -> Written:
+def write_onnx(policy: FilePath, folder: FilePath) -> Written:
     """Write a policy as a graph of ONNX, of which each control period takes one call.
 
     Its numbers have 64 bits. Inputs are ``observed`` (entry), ``averages`` (average, entry), and
@@ -202,7 +202,7 @@ def write_onnx(policy: Path, folder: Path) -> Written:
         model = model_of(*read_policy(path))
     except ScenarioError as error:
         raise ReportError(error.mistakes[0].text) from error
-    (file,) = files_of(folder, path.stem, "onnx")
+    (file,) = files_of(Path(folder), path.stem, "onnx")
     with replacing(file) as temporary:
         temporary.write_bytes(model.SerializeToString())
     return Written([file], [])

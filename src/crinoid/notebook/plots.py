@@ -96,7 +96,15 @@ class Plots:
             raise ValueError("the result has no obstacles, so no contact to plot")
         return self._chart(contact_chart, ax)
 
-    def shape(self, ax: Axes | None = None, *, view: str = "side") -> Axes:
+    def shape(
+        self,
+        ax: Axes | None = None,
+        *,
+        view: str = "side",
+        times: Iterable[float] | None = None,
+        legend: bool = True,
+        colorbar: bool = True,
+    ) -> Axes:
         """Plot the arm over time, its tip's path, target, obstacles and the water.
 
         Parameters
@@ -105,11 +113,15 @@ class Plots:
             Axes to draw into.
         view
             From where it is seen: ``"side"``, ``"above"`` or ``"ahead"``.
+        times
+            When the arm is drawn (s), at the nearest saved instants; its tip's path joins them.
+        legend, colorbar
+            Whether the axes have a legend, and a colour bar of the time.
 
         Raises
         ------
         ValueError
-            If there is no such view, or the result has no positions.
+            If there is no such view, a time is not of the run, or the result has no positions.
         """
         from crinoid.notebook.draw import draw_shape
 
@@ -118,7 +130,7 @@ class Plots:
         data = self._run.result
         if "position" not in data:
             raise ValueError("the result has no position: output.variables left it out")
-        return draw_shape(data, _VIEWS[view], ax)
+        return draw_shape(data, _VIEWS[view], ax, times, legend, colorbar)
 
     def bending(self, ax: Axes | None = None, *, of: str = "") -> Axes:
         """Plot a quantity along the arm over time.

@@ -40,7 +40,7 @@ def _height(facts: Facts) -> Iterator[str]:
             "z = 0; what is above it is computed as if it were in water"
         )
     bed = any(isinstance(obstacle, Plane) for obstacle in facts.scenario.obstacle)
-    if depth is not None and tip < -depth < height and not bed:
+    if depth is not None and tip < -depth <= height and not bed:
         yield (
             f"{got}; the arm reaches down to z = {tip:.3g} m, through the bed at "
             f"z = {-depth:g} m (water.depth), which nothing keeps it from: an [[obstacle]] of kind "

@@ -24,6 +24,7 @@ _ANGLES = (
     "flow.*.heading_deg",
     "target.angle_deg",
 )
+_DIRECTIONS = (*_ANGLES[:3], "base.motion.*.phase_deg", *_ANGLES[7:10], "target.phase_deg")
 _ROUND = 5.0
 """Angles that people choose are multiples of this (degrees)."""
 _OFF = 0.1
@@ -95,6 +96,8 @@ USUAL = (
     usual("water.gravity", 1.5, 30, "m/s2", below="is it in g?", above="is it in cm/s2?"),
     usual("water.depth", 0.1, 11e3, "m", below="is it in km?", above="no sea is as deep"),
     Rule(_ANGLES, "no multiple of 5 degrees written in radians", _radians),
+    *(usual(key, 0, 360, "degrees", above="a full turn has 360") for key in _DIRECTIONS),
+    usual("base.channels.*.range_deg", 0, 1e3, "degrees", above="a full turn has 360"),
     usual("base.channels.*.max_speed", 1e-3, 10, "m/s", above="is it in mm/s?"),
     usual("base.channels.*.max_acceleration", 1e-3, 100, "m/s2", above="is it in mm/s2?"),
     usual("base.channels.*.max_speed_deg", 4, 5e3, "degrees/s", below="is it in rad/s?"),
@@ -113,6 +116,13 @@ USUAL = (
     usual("flow.*.roughness_length", 0, 1, "m", above="is it in mm?"),
     usual("obstacle.*.velocity", 0, 5, "m/s", **_SPEED),
     usual("obstacle.*.friction", 0, 1.5, "", above="rubber on rock has about 1"),
+    usual("tool.drag_area", 0, 10, "m2", above="is it in cm2?"),
+    usual("tool.added_mass", 0, 1e3, "kg", above="is it in g?"),
+    usual("chamber.*.time_constant", 0, 100, "s", above="is it in ms?"),
+    usual("tendon.*.time_constant", 0, 100, "s", above="is it in ms?"),
+    usual("chamber.*.stiffening", 0, 100, "", above="is it in percent?"),
+    usual("sensor.resolution_position", 0, 0.1, "m", above="is it in mm?"),
+    usual("sensor.resolution_angle_deg", 0, 30, "degrees"),
     usual("simulation.tolerance", 1e-13, 1e-4, "", below="round-off is larger", above="too loose"),
     usual(
         "simulation.max_iterations", 5, 1e3, "", below="a step takes about 3, more where it is hard"

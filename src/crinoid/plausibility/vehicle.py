@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from crinoid.plausibility.facts import Facts
 from crinoid.plausibility.rule import Rule
+from crinoid.scenario import Vehicle
 
 _LIGHT = 0.5
 """Mass over that of the arm."""
@@ -13,6 +14,7 @@ _FLOATS = (0.8, 1.25)
 """Mass over that of the water displaced."""
 _GYRATION = (0.02, 20.0)
 """Radius of gyration (m)."""
+_OF_THRUSTERS = ("bandwidth_hz", "max_force", "max_moment")
 
 
 def _mass(facts: Facts) -> Iterator[str]:
@@ -56,8 +58,16 @@ def _inertia(facts: Facts) -> Iterator[str]:
             )
 
 
+def _idle(facts: Facts) -> Iterator[str]:
+    vehicle = facts.scenario.vehicle
+    for name in _OF_THRUSTERS if vehicle is not None and vehicle.hold == "free" else ():
+        if getattr(vehicle, name) != Vehicle.model_fields[name].default:
+            yield f'vehicle.{name}: has no effect with vehicle.hold = "free"'
+
+
 VEHICLE = (
     Rule(("vehicle.mass",), "half the mass of the arm or more", _mass),
     Rule(("vehicle.volume",), "a mass of 0.8 to 1.25 times that of the water displaced", _volume),
     Rule(("vehicle.inertia",), "a radius of gyration of 0.02 to 20 m", _inertia),
+    Rule(tuple(f"vehicle.{name}" for name in _OF_THRUSTERS), 'not with hold = "free"', _idle),
 )

@@ -6,12 +6,13 @@ they draw, not before.
 
 from pathlib import Path
 
+from crinoid.replacement import FilePath
 from crinoid.report.run import ReportError
 
 __all__ = ["ReportError", "write_page", "write_report"]
 
 
-def write_report(path: Path, out: Path | None = None) -> list[Path]:
+def write_report(path: FilePath, out: FilePath | None = None) -> list[Path]:
     """Draw the figures of a result, or of a study of several cases.
 
     A result gives `shape.png`, `tip_error.png`, `tip_path.png`, `commands.png`, `energy.png` and
@@ -49,7 +50,7 @@ def write_report(path: Path, out: Path | None = None) -> list[Path]:
     return write_book(Path(path), None if out is None else Path(out))
 
 
-def write_page(folder: Path) -> Path:
+def write_page(folder: FilePath) -> Path:
     """Write the page `report.html` of a run, or of a study whose table is in the folder.
 
     That of a run shows it moving, its charts and its numbers; that of a study its cases in a table,
@@ -69,6 +70,7 @@ def write_page(folder: Path) -> Path:
     from crinoid.report.page.file import PAGE
     from crinoid.report.run import RESULT, open_run
 
+    folder = Path(folder)
     if not (folder / RESULT).is_file() and (folder / CASES).is_file():
         from crinoid.report.page.study import write_study
         from crinoid.report.table import read_cases

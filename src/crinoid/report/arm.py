@@ -44,11 +44,18 @@ def points_of(data: xr.Dataset) -> Float[np.ndarray, "point axis=3"]:
     return np.concatenate(points)
 
 
-def draw_arm(axes: Axes, data: xr.Dataset, low: Point, high: Point, view: View) -> None:
-    """Draw a run, all but its water, in a window."""
+def draw_arm(
+    axes: Axes,
+    data: xr.Dataset,
+    low: Point,
+    high: Point,
+    view: View,
+    chosen: Int[np.ndarray, " shape"] | None = None,
+) -> None:
+    """Draw a run, all but its water, in a window, with the arm's shape at chosen records."""
     shapes = view.project(data, "position")
     time = data["time"].values
-    chosen = chosen_records(data)
+    chosen = chosen_records(data) if chosen is None else chosen
 
     draw_bodies(axes, data, chosen, low, high, view)
     bow = Polygon(hull_outline(data, view), closed=True, facecolor=GREY, edgecolor=INK)

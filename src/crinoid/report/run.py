@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crinoid.pieces import pieces
 from crinoid.report.charts.pose import base_directions
@@ -31,6 +31,10 @@ _REQUIRED = {
 }
 
 
+_LARGEST = 1e9
+"""Size of what is drawn, in SI units: squares of far larger numbers are none."""
+
+
 class ReportError(ValueError):
     """A report cannot be drawn; the message is one line that says why."""
 
@@ -42,7 +46,7 @@ class Run:
     result: xr.Dataset
     uncontrolled: xr.Dataset | None = None
     shapeless: int = 0
-    """Saved instants of both that are left out, as the arm's shape is not finite."""
+    """Saved instants of both that are left out, as the arm has no shape to draw."""
 
     @property
     def title(self) -> str:
@@ -69,7 +73,7 @@ class Run:
         many = "these" if self.shapeless > 1 else "it"
         verb = "are" if self.shapeless > 1 else "is"
         count = counted(self.shapeless, "saved instant")
-        return [f"{count} {verb} left out: at {many} the arm's shape is not finite."]
+        return [f"{count} {verb} left out: at {many} the arm has no shape to draw."]
 
 
 def open_run(path: Path, *, lazily: bool = False) -> Run:
@@ -80,7 +84,7 @@ def open_run(path: Path, *, lazily: bool = False) -> Run:
     Raises
     ------
     ReportError
-        If either file is not a readable result with at least one finite record.
+        If either file is not a readable result with at least one shape to draw.
     """
     beside = path.with_name(UNCONTROLLED)
     compared = beside.is_file() and path.name != UNCONTROLLED
@@ -93,7 +97,7 @@ def run_of(results: Mapping[str, xr.Dataset]) -> Run:
     Raises
     ------
     ReportError
-        If either has no record with a finite shape.
+        If either has no record with a shape to draw.
     """
     found = [with_shapes(data, name) for name, data in results.items()]
     saved = sum(data.sizes["time"] for data in results.values())
@@ -183,7 +187,7 @@ def read_result(
 
 
 def open_result(path: Path, *, lazily: bool = False) -> xr.Dataset:
-    """Read one result file; records whose shape is not finite are left out.
+    """Read one result file; records without a shape to draw are left out.
 
     Raises
     ------
@@ -200,7 +204,7 @@ def _checked(path: Path, lazily: bool) -> xr.Dataset:
 
 
 def with_shapes(dataset: xr.Dataset, name: str) -> xr.Dataset:
-    """Return the records whose shape is finite, of a result of some name that may have shapes.
+    """Return the records with a shape to draw, of a result of some name that may have shapes.
 
     Raises
     ------
@@ -211,14 +215,24 @@ def with_shapes(dataset: xr.Dataset, name: str) -> xr.Dataset:
         return dataset
     # A run that diverged may end in records that no axis can hold.
     finite = np.concatenate(
-        [
-            np.isfinite(piece["position"].values).all(axis=(1, 2))
-            for piece in pieces(dataset, ["position"])
-        ]
+        [shaped(piece["position"].values) for piece in pieces(dataset, ["position"])]
     )
     if not finite.any():
-        raise ReportError(f"{name}: the result holds no record with a finite shape")
+        shape = f"finite, within {_LARGEST:g} m, and no edge of length 0"
+        raise ReportError(f"{name}: the result holds no record with a shape to draw: {shape}")
     return dataset if finite.all() else dataset.isel(time=np.flatnonzero(finite))
+
+
+def bounded(values: Float[np.ndarray, "time ..."]) -> Bool[np.ndarray, " time"]:
+    """Tell at which instants all numbers are finite and small enough to be drawn."""
+    return np.asarray(np.all(np.abs(values.reshape(len(values), -1)) <= _LARGEST, axis=1))
+
+
+def shaped(position: Float[np.ndarray, "time node axis"]) -> Bool[np.ndarray, " time"]:
+    """Tell at which instants there is a shape to draw, all of whose edges point somewhere."""
+    with np.errstate(invalid="ignore"):
+        edges = np.abs(np.diff(position, axis=1)).max(axis=2)
+    return bounded(position) & (edges > 0.0).all(axis=1)
 
 
 def check_bodies(dataset: xr.Dataset, path: Path) -> None:

@@ -35,6 +35,7 @@ SERIES = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INK, GREY)
 
 WIDTH = 7.4  # inches
 _EDGE = 0.08  # inches, paper's edge to the title
+_LETTERS = 20  # of a line of a legend that lies within narrow axes
 _LINE = 0.185  # inches, a line of the title
 _TITLE: Any = {"fontsize": 10.5, "fontweight": "bold"}
 
@@ -143,15 +144,24 @@ def _head_lines(title: str, status: str, wide: float) -> tuple[list[str], list[s
     return lines, textwrap.wrap(status, int(11.5 * wide), max_lines=3, placeholder=" ...")
 
 
-def key(axes: Axes, columns: int = 4) -> None:
+def key_within(axes: Axes) -> float:
+    """Put the legend into the upper left corner of axes; return its share of their height."""
+    key(axes, 1, within=True)
+    legend = axes.get_legend()
+    texts = [] if legend is None else legend.get_texts()
+    lines = sum(1 + text.get_text().count("\n") for text in texts)
+    return min(0.5, lines * _LINE * axes.figure.dpi / axes.bbox.height)
+
+
+def key(axes: Axes, columns: int = 4, *, within: bool = False) -> None:
     """Put the legend above the panel, where no data can be under it, each entry once."""
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
     if entries:
         axes.legend(
             list(entries.values()),
-            list(entries),
-            loc="lower left",
+            [textwrap.fill(label, _LETTERS) if within else label for label in entries],
+            loc="upper left" if within else "lower left",
             bbox_to_anchor=(0.0, 1.0),
             ncols=columns,
             borderaxespad=0.2,

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from crinoid.scenario.arm import Arm
 from crinoid.scenario.dimension import Only
 from crinoid.scenario.errors import Mistake, shown
 from crinoid.scenario.model import Model
@@ -263,22 +264,26 @@ def thread_names(chambers: tuple[Chamber, ...], tendons: tuple[Tendon, ...]) -> 
 
 
 def thread_conflicts(
-    chambers: tuple[Chamber, ...], tendons: tuple[Tendon, ...], dimension: int, length: float
+    chambers: tuple[Chamber, ...], tendons: tuple[Tendon, ...], arm: Arm
 ) -> Iterator[Mistake]:
     """Yield sides that a planar arm does not have, and names that two inputs share.
 
-    Also more length than an arm of ``length`` (m) has to give.
+    Also spans where the arm has no node that bends, and more length than it has to give.
     """
+    bends = 1 - 0.5 / (arm.nodes - 1)
     keys = {name: f"base.channels.{name}" for name in CHANNELS[3]}
     threads: list[Chamber | Tendon] = [*chambers, *tendons]
     every = zip(threads, thread_names(chambers, tendons), strict=True)
     for number, (thread, name) in enumerate(every):
         index = number - len(chambers)
         key = f"chamber.{number}" if index < 0 else f"tendon.{index}"
-        if dimension == 2 and thread.angle_deg % 180:
+        if thread.span[0] >= bends:
+            text = f"got {shown(thread.span)}; must begin below {bends:.6g}, half an edge before "
+            yield Mistake(f"{key}.span", f"{text}the tip, where the arm bends. Try more arm.nodes")
+        if arm.dimension == 2 and thread.angle_deg % 180:
             text = f"got {thread.angle_deg}, takes 0 or 180 (degrees); others need "
             yield Mistake(f"{key}.angle_deg", f"{text}arm.dimension = 3")
-        yield from (each.under(key) for each in _content_conflicts(thread, length))
+        yield from (each.under(key) for each in _content_conflicts(thread, arm.length))
         if name in keys:
             text = f"got {shown(name)}, as {keys[name]} is called; takes another"
             yield Mistake(f"{key}.name", text)

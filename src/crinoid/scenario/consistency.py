@@ -81,8 +81,8 @@ def depth_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterat
             yield Mistake("water.depth", f"missing, takes a number above 0 (m): {names} needs it")
         return
     key, height = _height(base)
-    if height <= -depth:
-        yield Mistake(key, f"got {height}, takes a number above -water.depth = {-depth} (m)")
+    if height < -depth:
+        yield Mistake(key, f"got {height}; must be -water.depth = {-depth} or more (m), at the bed")
     for name, flow in needing.items():
         if isinstance(flow, WavesFlow):
             if flow.significant_height >= depth:

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
-from crinoid.scenario.document import override, parse
-from crinoid.scenario.errors import Mistake, ScenarioError
+from crinoid.scenario.document import assign, override, parse
+from crinoid.scenario.errors import Mistake, ScenarioError, shown
 from crinoid.scenario.files import anchor, named_files
 from crinoid.scenario.scenario import Scenario
 
-__all__ = ["builtin_files", "builtin_names", "builtin_text", "load"]
+__all__ = ["Source", "builtin_files", "builtin_names", "builtin_text", "load", "scenario_of"]
+
+Source = Scenario | str | os.PathLike[str]
+"""A scenario, the name of a built-in one, or the path of a TOML file."""
 
 _LIBRARY = files("crinoid.scenario") / "library"
 _FOLDER = Path(str(_LIBRARY))
 
 
-def load(name_or_path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scenario:
+def load(
+    name_or_path: str | os.PathLike[str], overrides: Sequence[str] | Mapping[str, Any] = ()
+) -> Scenario:
     """Load a scenario.
 
     The relative path of a file starts from the folder of the TOML file that names it, that of an
@@ -32,7 +38,8 @@ def load(name_or_path: str | os.PathLike[str], overrides: Sequence[str] = ()) ->
         ``./name`` for a file of the same name.
     overrides
         Changes ``key=value``, as ``--set`` of the command line takes them: the key dotted, with
-        indexes into lists (``load.0.magnitude``), the value TOML; words need no quotes.
+        indexes into lists (``load.0.magnitude``), the value TOML; words need no quotes. Or values
+        by such keys: ``{"arm.length": 0.6}``.
 
     Raises
     ------
@@ -47,9 +54,29 @@ def load(name_or_path: str | os.PathLike[str], overrides: Sequence[str] = ()) ->
     except ScenarioError as error:
         raise ScenarioError(mistake.under(name) for mistake in error.mistakes) from None
     anchor(document, _FOLDER if built_in else Path(name).absolute().parent)
-    for setting in overrides:
-        override(document, setting)
+    if isinstance(overrides, Mapping):
+        for key, value in overrides.items():
+            assign(document, key, value)
+    else:
+        for setting in overrides:
+            override(document, setting)
     return Scenario.from_dict(document)
+
+
+def scenario_of(source: object) -> Scenario:
+    """Return a scenario itself, or the one that a name or a path stands for.
+
+    Raises
+    ------
+    ScenarioError
+        If it is neither, or `load` refuses it.
+    """
+    if isinstance(source, Scenario):
+        return source
+    if isinstance(source, (str, os.PathLike)):
+        return load(source)
+    must = "must be a Scenario, the name of a built-in one, or the path of a TOML file"
+    raise ScenarioError([Mistake("scenario", f"got {shown(source)}; {must}")])
 
 
 def builtin_names() -> list[str]:

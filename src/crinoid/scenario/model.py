@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from difflib import get_close_matches
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -41,8 +42,7 @@ class Model(BaseModel):
 
     def refused(self, name: str) -> Mistake:
         """Say what a key got and what it takes."""
-        schema = type(self).model_json_schema()["properties"][name]
-        return _taking(name, f"got {shown(getattr(self, name))}", schema)
+        return _taking(name, f"got {shown(getattr(self, name))}", _properties(type(self))[name])
 
     def _conflicts(self) -> Iterator[Mistake]:
         """Yield what is wrong between keys that are each fine alone."""
@@ -51,11 +51,17 @@ class Model(BaseModel):
 
 def unknown_key(table: type[Model], name: str) -> Mistake:
     """Say that a table has no such key, and which it has."""
-    return _unknown(name, table.model_json_schema()["properties"])
+    return _unknown(name, _properties(table))
+
+
+@cache
+def _properties(table: type[Model]) -> dict[str, Any]:
+    """Return the JSON schema of each key; it needs far more time than the table."""
+    return dict(table.model_json_schema()["properties"])
 
 
 def _mistakes(model: type[Model], data: dict[str, Any], error: ValidationError) -> list[Mistake]:
-    properties = model.model_json_schema()["properties"]
+    properties = _properties(model)
     found = (
         mistake
         for detail in error.errors(include_url=False)

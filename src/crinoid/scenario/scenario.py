@@ -327,7 +327,7 @@ class Scenario(Model):
         yield from rate_conflicts(rates, self.rate_hz(None), self.control, self.simulation)
         yield from sensor_conflicts(self.sensors, self.obstacle)
         yield from actuator_conflicts(self.actuator, self.thread_names)
-        yield from thread_conflicts(self.chamber, self.tendon, dimension, self.arm.length)
+        yield from thread_conflicts(self.chamber, self.tendon, self.arm)
         yield from contact_conflicts(self.arm, self.obstacle)
         yield from tool_conflicts(self.tool, len(self.obstacle))
         yield from output_conflicts(self.output, self.simulation, dimension)

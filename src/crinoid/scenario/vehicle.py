@@ -85,8 +85,8 @@ class Vehicle(Model):
     bandwidth_hz: Hertz = Field(
         default=0.1,
         gt=0,
-        description="Natural frequency at which thrusters hold it, critically damped. Like their "
-        "limits it goes with thrusters only.",
+        description="Natural frequency at which thrusters hold it, critically damped. A vehicle "
+        "that is free has no use for it, nor for their limits.",
     )
     max_force: Newtons | None = Field(
         default=None, gt=0, description="Largest thrust along each axis; no limit if left out."
@@ -101,7 +101,3 @@ class Vehicle(Model):
             least = min(value) if isinstance(value, tuple) else value
             if least < 0 or (least == 0 and name == "inertia"):
                 yield self.refused(name)
-        for name in ("bandwidth_hz", "max_force", "max_moment"):
-            if self.hold == "free" and name in self.model_fields_set:
-                text = f'got {getattr(self, name)}, goes with hold = "thrusters"'
-                yield Mistake(name, text)

@@ -10,7 +10,7 @@ from crinoid.dataset import Instants, build_dataset, describe
 from crinoid.dimensionless import dimensionless, with_swings
 from crinoid.dynamics import Outcome
 from crinoid.ledger import find_defect
-from crinoid.notes import notes, tool_notes
+from crinoid.notes import notes, tool_notes, torn
 from crinoid.record import Record
 from crinoid.result import Result, named_leaves
 from crinoid.signals import signals
@@ -80,8 +80,10 @@ def conclude(
         trouble = command_failure(system.inputs, np.asarray(carry.command).tolist(), time)
         if not trouble:
             trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
-    elif not trouble and defect is not None and defect.failed is not None:
-        trouble = defect.failure
+    elif not trouble:
+        trouble = torn(dataset)
+        if defect is not None and defect.failed is not None:
+            trouble = defect.failure
     told = [*prepared.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
     told += tool_notes(scenario.tool, carry.state.grip)
     if defect is not None and defect.told not in trouble:

@@ -28,6 +28,7 @@ from crinoid.programs import ONCE, compiled
 from crinoid.record import Record
 from crinoid.result import RESULT, UNCONTROLLED, UNFINISHED, Result
 from crinoid.scenario import Scenario
+from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.ahead import compile_ahead
 from crinoid.simulation.conclusion import attributes_of, builder, conclude
 from crinoid.simulation.continuation import restored
@@ -68,7 +69,7 @@ class SimulationError(RuntimeError):
 
 
 def simulate(
-    scenario: Scenario,
+    scenario: Source,
     *,
     controller: Controller | Callable[[Plan], Controller] | None = None,
     elements: Iterable[Element] = (),
@@ -82,7 +83,7 @@ def simulate(
     Parameters
     ----------
     scenario
-        What to run.
+        What to run: a scenario, the name of a built-in one, or a file.
     controller
         One of your own in place of the scenario's, or a function that builds it from what is known
         at the start. The result's scenario has ``control.kind = "custom"``.
@@ -103,7 +104,7 @@ def simulate(
     """
     parts = Parts(controller, tuple(elements), tuple(flows), tuple(sensors), tuple(actuators))
     if controller is not None:
-        scenario = scenario.with_values({"control.kind": "custom"})
+        scenario = scenario_of(scenario).with_values({"control.kind": "custom"})
     result = play(Prepared(scenario, parts), report=report)
     if result.failure:
         raise SimulationError(result)
@@ -188,7 +189,7 @@ def rounded_off(result: Result) -> Result:
     return result
 
 
-def equilibrium(scenario: Scenario) -> Result:
+def equilibrium(scenario: Source) -> Result:
     """Find the static equilibrium of a scenario at time zero: a result with one instant.
 
     Raises
@@ -200,8 +201,9 @@ def equilibrium(scenario: Scenario) -> Result:
     ValueError
         If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
-    require_one_case(scenario)
-    return settle(Prepared(at_rest(scenario)))
+    described = scenario_of(scenario)
+    require_one_case(described)
+    return settle(Prepared(at_rest(described)))
 
 
 def settle(prepared: Prepared) -> Result:

@@ -33,6 +33,7 @@ from crinoid.dynamics import (
 from crinoid.plausibility import Facts, doubts
 from crinoid.programs import ONCE, compiled
 from crinoid.scenario import Scenario
+from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.failure import start_failure
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.margin import OpenLoop, loop_doubts
@@ -209,14 +210,14 @@ def _find_small_motions(
 
 
 def closed_loop(
-    scenario: Scenario, *, controller: Controller | Callable[[Plan], Controller] | None = None
+    scenario: Source, *, controller: Controller | Callable[[Plan], Controller] | None = None
 ) -> tuple[Loop, State]:
     """Return the closed loop of a scenario and the state that it starts from: for `rollout`.
 
     Parameters
     ----------
     scenario
-        What `simulate` would run.
+        What `simulate` would run: a scenario, the name of a built-in one, or a file.
     controller
         One of your own in place of the scenario's, as `simulate` takes it.
 
@@ -229,11 +230,12 @@ def closed_loop(
     ValueError
         If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
-    require_one_case(scenario)
+    described = scenario_of(scenario)
+    require_one_case(described)
     if controller is not None:
-        scenario = scenario.with_values({"control.kind": "custom"})
-    setup = set_up(Prepared(scenario, Parts(controller)))
-    trouble = start_failure(scenario, setup.loop.system, setup.outcome)
+        described = described.with_values({"control.kind": "custom"})
+    setup = set_up(Prepared(described, Parts(controller)))
+    trouble = start_failure(described, setup.loop.system, setup.outcome)
     if trouble:
         raise RuntimeError(trouble)
     return setup.loop, setup.state

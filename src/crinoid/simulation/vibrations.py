@@ -23,6 +23,7 @@ from crinoid.dynamics.tangent import HELD, LineStiffness
 from crinoid.plausibility import Facts
 from crinoid.programs import ONCE, compiled
 from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario.library import Source
 from crinoid.simulation.failure import imbalance
 from crinoid.simulation.run import at_rest
 from crinoid.status import Status
@@ -46,7 +47,7 @@ class Vibration(NamedTuple):
     modes: DampedModes
 
 
-def modes(scenario: Scenario, *, count: int = COUNT, in_air: bool = False) -> xr.Dataset:
+def modes(scenario: Source, *, count: int = COUNT, in_air: bool = False) -> xr.Dataset:
     """Find the slowest small vibrations of an arm: frequencies, damping ratios and shapes.
 
     In air, in still water and in the mean current, each about the equilibrium that the arm has
@@ -57,7 +58,7 @@ def modes(scenario: Scenario, *, count: int = COUNT, in_air: bool = False) -> xr
     Parameters
     ----------
     scenario
-        One case; see `crinoid.Scenario.cases`.
+        One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
     count
         How many modes in each medium.
     in_air

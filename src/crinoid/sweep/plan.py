@@ -16,6 +16,7 @@ from crinoid.cases import case_name
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, shown
 from crinoid.scenario.document import parse, value_at
 from crinoid.scenario.files import digests
+from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.variation import Span, combination, read_variation
 from crinoid.sweep.sample import SAMPLINGS, points_of, sample
 from crinoid.version import __version__
@@ -71,7 +72,7 @@ class Plan:
 
     @staticmethod
     def of(
-        scenario: Scenario,
+        scenario: Source,
         variations: Sequence[str],
         *,
         sampling: str = "grid",
@@ -86,7 +87,8 @@ class Plan:
         ScenarioError
             If any of it is not what it takes.
         """
-        varied: dict[str, Span | list[Any]] = dict(scenario.vary)
+        described = scenario_of(scenario)
+        varied: dict[str, Span | list[Any]] = dict(described.vary)
         told = set()
         for text in variations:
             key, values = read_variation(text)
@@ -94,7 +96,7 @@ class Plan:
                 raise _mistake("--vary", f"got {key} twice, takes each key once")
             told.add(key)
             varied[key] = values
-        alone = scenario.with_values({})
+        alone = described.with_values({})
         found = {
             key: values if isinstance(values, Span) else _settled(alone, key, values)
             for key, values in varied.items()

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from crinoid.pieces import chosen_pieces, join
 from crinoid.report.charts.pose import attitudes, base_directions, channel_of, read_scenario
 from crinoid.report.charts.tool import ball, held
-from crinoid.report.run import ReportError
+from crinoid.report.run import ReportError, bounded, shaped
 from crinoid.report.solids import Body, find_bodies
 from crinoid.report.units import largest
 from crinoid.report.view import arm_length, in_space, is_spatial, left_of
@@ -77,7 +77,7 @@ class Moving:
     records: int
     """How many instants the result has."""
     lacking: int
-    """How many of those chosen are left out, as a number that is drawn is not finite."""
+    """How many of those chosen are left out, as a number cannot be drawn."""
     at: Int[np.ndarray, " time"]
     """Which of them these are."""
     time: Float[np.ndarray, " time"]
@@ -130,11 +130,10 @@ def ranges_of(space: Space) -> dict[str, tuple[float, float]]:
 
 
 def lacking(space: Space) -> list[str]:
-    """Say of each run how many instants are left out, as a number of theirs is not finite."""
+    """Say of each run how many instants are left out, as a number of theirs cannot be drawn."""
     return [
-        f"{counted(each.lacking, 'instant')} of the animation "
-        f"{'is' if each.lacking == 1 else 'are'} left out: at "
-        f"{'it' if each.lacking == 1 else 'these'} a number is not finite."
+        f"{counted(each.lacking, 'instant')} {'is' if each.lacking == 1 else 'are'} left out: at "
+        f"{'it' if each.lacking == 1 else 'these'} a number is not finite, or too large."
         for each in space.members
         if each.lacking
     ]
@@ -159,7 +158,7 @@ def _moving(label: str, data: xr.Dataset, most: int, most_nodes: int) -> Moving:
     chosen = thinned(data, at)
     whole = _whole(chosen)
     if not whole.any():
-        raise ReportError("no instant can be drawn: at each a number is not finite")
+        raise ReportError("no instant can be drawn: at each a number is not finite, or too large")
     some = chosen.isel(time=np.flatnonzero(whole))
     position = in_space(some, "position")
     length = arm_length(some)
@@ -188,12 +187,11 @@ def _moving(label: str, data: xr.Dataset, most: int, most_nodes: int) -> Moving:
 
 
 def _whole(data: xr.Dataset) -> Bool[np.ndarray, " time"]:
-    """Tell at which instants all that is drawn is finite."""
-    whole = np.ones(data.sizes["time"], bool)
+    """Tell at which instants all can be drawn."""
+    whole = shaped(data["position"].transpose("time", "node", "axis").values.astype(float))
     for name in _DRAWN:
         if name in data and "time" in data[name].dims:
-            numbers = data[name].transpose("time", ...).values.astype(float)
-            whole &= np.isfinite(numbers.reshape(whole.size, -1)).all(axis=1)
+            whole &= bounded(data[name].transpose("time", ...).values.astype(float))
     return whole
 
 

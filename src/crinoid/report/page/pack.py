@@ -31,6 +31,7 @@ class Pack:
         Steps count from ``low``, or from the lowest value.
         """
         least = float(values.min()) if low is None else low
+        step = max(step, (float(values.max(initial=least)) - least) / 2**31)
         whole = np.rint((values - least) / step).reshape(len(values), -1)
         most = float(whole.max(initial=0.0))
         wide = next(size for size in (1, 2, 4) if most < 256**size)
