@@ -152,7 +152,7 @@ def junk_of(page, dice):
         yield from (DRAG | {name: each} for each in JUNK if each != value)
     yield DRAG | {"more": 1}
     yield {name: value for name, value in DRAG.items() if name != "wxyz"}
-    yield DRAG | {"position": [1e6, 0.0, 0.0]}
+    yield DRAG | {"position": [1e7, 0.0, 0.0]}
     for uuid, handle in handles.items():
         yield from (update(uuid, {"value": each}) for each in [*JUNK, 1e3, "Pull"])
         if not handle._impl.is_button:

@@ -13,7 +13,7 @@ import rich
 import viser
 import websockets.asyncio.server as websockets
 
-from crinoid.live.door import Drag, Heard, Turn, door
+from crinoid.live.door import door
 from crinoid.live.pace import Pace, Seen
 from crinoid.live.panel import Panel
 from crinoid.live.scene import Scene
@@ -46,14 +46,10 @@ class _Server(viser.ViserServer):
         """Refuse: the page stays on this machine."""
         return None
 
-    def _offers(self, message: Heard) -> bool:
-        """Tell whether the page offers what a browser sends."""
-        if isinstance(message, Drag):
-            return max(map(abs, message.position)) <= self.initial_camera.far
-        if not isinstance(message, Turn):
-            return True
-        gui, value = vars(self).get("gui"), message.updates.get("value")
-        handle = gui and gui._gui_input_handle_from_uuid.get(message.uuid)
+    def _offers(self, name: str, value: Any) -> bool:
+        """Tell whether an input of the page offers a value."""
+        gui = vars(self).get("gui")
+        handle = gui and gui._gui_input_handle_from_uuid.get(name)
         if not handle or handle.disabled:
             return False
         if isinstance(handle, viser.GuiSliderHandle):
