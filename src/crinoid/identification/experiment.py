@@ -119,10 +119,9 @@ class Experiment:
         self.time, self.measured = record.time[there], record.values[there]
         if self.measured.size <= len(keys):
             text = (
-                f"got times {record.time[0]:.6g} to {record.time[-1]:.6g} s, with "
-                f"{self.measured.size} numbers in the run; must have more than {len(keys)} at 0 to "
-                f"{scenario.simulation.duration:.6g} s (simulation.duration). "
-                "Time 0 is the start of the run."
+                f"got {self.measured.size} numbers within the run, at times from "
+                f"{record.time[0]:.6g} s on; must be more than {len(keys)} from 0 s, where it "
+                f"starts, to {scenario.simulation.duration:.6g} s (simulation.duration)"
             )
             raise ScenarioError([Mistake("RECORD", text)])
         self.steps = max(1, int(np.ceil(self.time[-1] / step - 1e-9)))
@@ -159,24 +158,21 @@ class Experiment:
         if found is None:
             none = np.full((*self.measured.shape, len(self.keys) + 1), np.nan)
             return Comparison(none[..., 0], none[..., 0], none[..., 1:])
-        computed = self._seen(np.asarray(found.path), self._columns)
+        computed = self._seen(found.path)[:, self._columns]
         left = self.measured - computed
         left[:, self._turns] = (left[:, self._turns] + np.pi) % (2 * np.pi) - np.pi
-        slope = np.stack(
-            [self._seen(each, self._columns) for each in np.asarray(found.slope)], axis=-1
-        )
+        slope = np.stack([self._seen(each)[:, self._columns] for each in found.slope], axis=-1)
         return Comparison(computed, left, slope)
 
     def reached(self, found: Motion) -> tuple[Bool[np.ndarray, " time"], list[str]]:
         """Tell which rows the arm can reach, and what is odd (`within_reach`)."""
-        axes, path = self.scenario.arm.dimension, np.asarray(found.path)
+        axes, seen = self.scenario.arm.dimension, self._seen(found.path)
         names = [name for name in self.record.names if name in AXES[axes]]
         if not names or self.scenario.vehicle is not None:  # which may drift elsewhere
             return np.ones(self.time.size, bool), []
-        tip, first = [AXES[axes].index(name) for name in names], len(POSE[axes])
-        root = self._seen(path, [first + column for column in tip])
-        places = self.measured[:, : len(names)]
-        return within_reach(names, places, root, self._seen(path, tip), float(path[:, -1].max()))
+        tip = np.array([AXES[axes].index(name) for name in names])
+        root, length = seen[:, len(POSE[axes]) + tip], float(seen[:, -1].max())
+        return within_reach(names, self.measured[:, : len(names)], root, seen[:, tip], length)
 
     def trouble(self, found: Motion | None) -> str:
         """Return why a run failed; empty if it did not."""
@@ -189,11 +185,9 @@ class Experiment:
         time = int(found.steps) * self.scenario.simulation.time_step
         return f"failed at t = {time:.6g} s: {Reason(int(found.reason)).words}"
 
-    def _seen(
-        self, path: Float[np.ndarray, "instant seen"], columns: list[int]
-    ) -> Float[np.ndarray, "time quantity"]:
-        """Return columns of a path at the times of the record, along straight lines."""
-        path = path[:, columns]
+    def _seen(self, path: Any) -> Float[np.ndarray, "time seen"]:
+        """Return a path at the times of the record, along straight lines."""
+        path = np.asarray(path)
         before, after = path[self._before], path[self._before + 1]
         return np.asarray(before + self._part * (after - before))
 

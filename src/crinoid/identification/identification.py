@@ -30,16 +30,11 @@ _ROUNDS = 4
 """Largest number of searches, each with the scatter of the one before."""
 _SETTLED = 0.02
 """Relative change of the scatter from which on it is known."""
-_WINDOW = 7
-"""Rows of a running median, from which a lost marker jumps."""
-_FAR = 6.0
-"""Number of standard deviations by which a lost marker is off."""
-_JUMP, _AWAY = 0.005, 0.1
-"""And its least jump, or distance, over the motion."""
-_QUARTILE = 0.6745
-"""Median size of what is normally distributed, over its standard deviation."""
-_MOST = 0.8
-"""Share of the rows that say how much is left before a search."""
+_MOST, _OF_MOST = 0.7, 1.0364
+"""Share of the rows whose scatter lost markers do not move, and in how many deviations it lies."""
+_FAR, _JUMP, _AWAY, _WINDOW = 6.0, 0.005, 0.1, 7
+"""A lost marker's least distance over the scatter; its jump off a running median of so many rows,
+and its distance, over the motion."""
 _LEAST = 1e-12
 """Least scatter, over the size of what is measured."""
 _UNSEEN = 1e-6
@@ -59,7 +54,7 @@ class _Fit(NamedTuple):
     """Logarithms of the numbers over those that were given."""
     run: Comparison
     cost: float
-    """Mean square of what is left, over the scatter; a row counts no more than if it were lost."""
+    """Mean square of what is left, over the scatter; no row counts as more than a lost one."""
 
 
 class Identification:
@@ -70,8 +65,8 @@ class Identification:
     beginning and then more and more of it, so that a swing is not mistaken for the next one; the
     better of both counts. Each coordinate weighs by its scatter about the fit, found on the way.
 
-    These two searches make little of what is far off (soft L1 loss). Then rows that no motion of
-    the arm explains, as where a marker is lost, are set aside, and all others weigh alike.
+    Both make little of what is far off (soft L1 loss). Then rows that no motion of the arm
+    explains, as where a marker is lost, are set aside, and the others weigh alike.
 
     Standard errors are those of the linear model about the result. Scatter that remembers itself,
     as what the model leaves out does, tells less than as many numbers that do not: its variance
@@ -103,6 +98,8 @@ class Identification:
         self.kept = np.ones(self.experiment.time.size, bool)
         """Rows of the record that are not set aside as lost markers."""
         self.notes: list[str] = []
+        size = np.abs(self.experiment.measured).max(axis=0) + scenario.arm.length
+        self._least = _LEAST * size
         self._latest: tuple[bytes, Comparison] | None = None
 
     def run(self, report: Callable[[int, float], None], stop: Callable[[], bool]) -> bool:
@@ -130,7 +127,7 @@ class Identification:
         reached, self.notes = self.experiment.reached(first)
         self.kept = reached
         run = self.experiment.compared(first)
-        self.scatter = self._spread(run, begins=True)
+        self.scatter = self._usual(run)
         self.before = self.found = _Fit(none, run, self._cost(run))
         self._check(run)
         try:
@@ -140,7 +137,7 @@ class Identification:
             for _ in range(_ROUNDS):
                 before, earlier = self.kept, self.scatter
                 self.kept = reached & self._follows(best.run)
-                self.scatter = self._spread(best.run, begins=False)
+                self.scatter = self._spread(best.run)
                 best = self.found = best._replace(cost=self._cost(best.run))
                 settled = np.abs(self.scatter / earlier - 1) < _SETTLED
                 if settled.all() and np.array_equal(self.kept, before):
@@ -149,36 +146,34 @@ class Identification:
         except _StoppedError:
             return False
         self.found = best
-        lost = int((~self.kept).sum())
-        if lost > LOST * self.kept.size:
-            text = (
-                f"got {lost} of {self.kept.size} rows that no motion of this arm follows; must be "
-                f"less than {LOST:.0%}. Check the markers, and the numbers to begin with."
-            )
-            raise ScenarioError([Mistake("RECORD", text)])
+        if (lost := 1 - self.kept.mean()) > LOST:
+            text = f"got {lost:.0%} of rows that no motion of this arm follows; must be at most"
+            raise ScenarioError([Mistake("RECORD", f"{text} {LOST:.0%}. Check the markers.")])
         return True
 
     def _follows(self, run: Comparison) -> Bool[np.ndarray, " time"]:
-        """Tell rows that a motion explains from lost markers, by medians, which these do not move.
+        """Tell rows that a motion explains from lost markers (F. R. Hampel 1974).
 
-        A lost marker jumps off its neighbours, or is far off (F. R. Hampel 1974); by less than
-        the tip moves between two rows it may be a difference in time.
+        These jump off their neighbours, or are far off; by less than the tip moves between two
+        rows it may be a difference in time.
         """
         between = np.abs(np.diff(run.computed, axis=0, prepend=run.computed[:1]))
         between = maximum_filter(between, (3, 1))
-        motion = np.ptp(run.computed, axis=0)
+        motion, scatter = np.ptp(run.computed, axis=0), _FAR * self._usual(run)
         jump = run.left - median_filter(run.left, (_WINDOW, 1), mode="nearest")
-        scatter = _FAR * np.median(np.abs(run.left[self.kept]), axis=0) / _QUARTILE
-        lost = np.abs(jump) > np.maximum(scatter, _JUMP * motion) + between
-        lost |= np.abs(run.left) > np.maximum(scatter, _AWAY * motion) + between
+        off = np.abs(run.left)
+        lost = np.minimum(np.abs(jump), off) > np.maximum(scatter, _JUMP * motion) + between
+        lost |= off > np.maximum(scatter, _AWAY * motion) + between
         return np.asarray(~lost.any(axis=1))
 
-    def _spread(self, run: Comparison, *, begins: bool) -> Float[np.ndarray, " quantity"]:
-        """Return the scatter about a fit; as a search begins, that of most rows."""
-        left = np.abs(run.left[self.kept])
-        size = np.abs(self.experiment.measured).max(axis=0) + self.experiment.scenario.arm.length
-        found = np.quantile(left, _MOST, axis=0) if begins else np.sqrt(np.mean(left**2, axis=0))
-        return np.asarray(np.maximum(found, _LEAST * size))
+    def _usual(self, run: Comparison) -> Float[np.ndarray, " quantity"]:
+        """Return the scatter of most rows."""
+        found = np.quantile(np.abs(run.left[self.kept]), _MOST, axis=0) / _OF_MOST
+        return np.asarray(np.maximum(found, self._least))
+
+    def _spread(self, run: Comparison) -> Float[np.ndarray, " quantity"]:
+        found = np.sqrt(np.mean(run.left[self.kept] ** 2, axis=0))
+        return np.asarray(np.maximum(found, self._least))
 
     def _cost(self, run: Comparison) -> float:
         squares = (run.left[self.kept] / self.scatter) ** 2

@@ -48,24 +48,21 @@ def draw_identification(data: xr.Dataset) -> Figure:
             for which in ("measured", "computed", "computed_before")
         )
         upper, lower = panels[2 * index], panels[2 * index + 1]
-        upper.plot(
-            time[~aside], measured[~aside], ".", color=GREY, markersize=2.0, label="measured"
-        )
+        good = np.where(aside, np.nan, measured)
+        upper.plot(time, good, ".", color=GREY, markersize=2.0, label="measured")
         upper.plot(time, before, "--", color=VERMILLION, linewidth=1.0, label="as given")
         upper.plot(time, after, "-", color=BLUE, label="as found")
-        low, high = np.nanmin(measured[~aside]), np.nanmax(measured[~aside])
+        low, high = np.nanmin(good), np.nanmax(good)
         room = 0.25 * max(high - low, 1e-12)
         upper.set_ylim(low - room, high + room)
-        # far ones at the edge, so that they hide nothing of the motion
-        lost = np.clip(measured[aside], low - room, high + room)
-        upper.plot(
-            time[aside], lost, "x", color=INK, markersize=4.0, label="set aside", clip_on=False
-        )
+        if aside.any():  # far ones at the edge, so that they hide nothing of the motion
+            lost = np.clip(measured[aside], low - 0.8 * room, high + 0.8 * room)
+            upper.plot(time[aside], lost, "x", color=INK, markersize=4.0, label="set aside")
         upper.set_ylabel(f"{name}{unit}")
-        left = measured - after
+        left = good - after
         if name == "angle":
             left = (left + 180.0) % 360.0 - 180.0
-        lower.plot(time[~aside], left[~aside], ".", color=INK, markersize=1.5)
+        lower.plot(time, left, ".", color=INK, markersize=1.5)
         lower.axhline(0.0, color=GREY, linewidth=0.8)
         lower.set_ylabel("left")
         if index == 0:
