@@ -251,6 +251,12 @@ def test_a_record_that_the_arm_cannot_reach_is_refused_with_its_cause(record, re
     assert len(told.value.lines) == 1
 
 
+def test_no_cause_is_named_where_none_fits(record):
+    elsewhere = SHAKEN.with_values({"base.position": [0.0, -3.0]})
+    with pytest.raises(ScenarioError, match="Check units, origin, axes and the sign of z"):
+        searched(record, record.values, elsewhere)
+
+
 def test_a_marker_that_is_stuck_is_refused(record):
     values = record.values.copy()
     values[50:] = values[50]

@@ -137,6 +137,15 @@ def test_only_the_page_itself_moves_the_target(page, host, origin, welcome):
     assert not session_of(page)._shift.any()
 
 
+def test_a_viser_that_goes_round_the_door_serves_nothing(page, monkeypatch):
+    stopped = []
+    monkeypatch.setattr(viser.ViserServer, "__init__", lambda *_, **__: None)
+    monkeypatch.setattr(viser.ViserServer, "stop", lambda server: stopped.append(server))
+    with pytest.raises(RuntimeError, match="lets nothing guard its connections"):
+        Page(session_of(page), 0, str)
+    assert len(stopped) == 1
+
+
 def update(uuid, updates):
     return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
 

@@ -98,7 +98,7 @@ class Identification:
         self.kept = np.ones(self.experiment.time.size, bool)
         """Rows of the record that are not set aside as lost markers."""
         self.notes: list[str] = []
-        size = np.abs(self.experiment.measured).max(axis=0) + scenario.arm.length
+        size = np.median(np.abs(self.experiment.measured), axis=0) + scenario.arm.length
         self._least = _LEAST * size
         self._latest: tuple[bytes, Comparison] | None = None
 

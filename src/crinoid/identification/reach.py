@@ -18,7 +18,7 @@ _ROOM = 1.25
 _STUCK = 0.02
 """Way of the tip in the run over the arm's length, along which a marker that rests is stuck."""
 _CLEARLY = 0.2
-"""Distance of another reading of a record from the run, over that of the record as it is."""
+"""Distance of another reading from the run, over that of the record as it is, and the length."""
 
 Places = Float[np.ndarray, "time axis"]
 
@@ -52,7 +52,8 @@ def within_reach(
     frames += [(f"lengths are in mm; {words}", 1e-3 * each, at) for words, each, at in frames]
     away = [np.median(np.linalg.norm(at + each - tip, axis=1)) for _, each, at in frames]
     best = int(np.argmin(away))
-    hint = f"Likely cause: {frames[best][0]}." if away[best] < _CLEARLY * away[0] else ""
+    near = away[best] < _CLEARLY * min(away[0], length)
+    hint = f"Likely cause: {frames[best][0]}." if near else ""
     where = _spans(names, measured)
     if (inside & ~stuck).mean() < 1 - LOST:
         if inside.mean() >= 1 - LOST:
