@@ -163,6 +163,130 @@ def test_what_a_record_lacks_of_the_model_widens_the_errors(record):
     assert (wide > 1.5 * plain).all()
 
 
+def searched(record, values, scenario=SHAKEN):
+    """Return a search in other values of a record, from wrong numbers, and its standard errors."""
+    other = Record(record.time, record.names, values, None)
+    search = Identification(scenario.with_values(WRONG), KEYS, other)
+    assert search.run(lambda *_: None, lambda: False)
+    return search, np.sqrt(np.diag(search.covariance()))
+
+
+def off(search):
+    """Return how far the logarithms of the numbers are from the truth."""
+    return search.found.logs - np.log([TRUE[key] / WRONG[key] for key in KEYS])
+
+
+def test_a_clean_record_has_the_answer_of_least_squares(record):
+    search, errors = searched(record, record.values)
+    assert search.kept.all()
+    assert search.notes == []
+    slope = (search.found.run.slope / search.scatter[:, None]).reshape(-1, len(KEYS))
+    left = (search.found.run.left / search.scatter).ravel()
+    step = np.linalg.lstsq(slope, left, rcond=None)[0]  # to the least sum of squares
+    assert np.abs(step / errors).max() < 0.05
+
+
+def lost(record, kind):
+    """Return a record of which some markers were lost, and which rows these are."""
+    values, dice = record.values.copy(), np.random.default_rng(5)
+    rows = dice.permutation(len(values))[: len(values) // 12]
+    if kind == "zeros":
+        values[rows, :2] = 0.0  # ten metres above the arm
+    elif kind == "base":
+        values[rows, :2] = SHAKEN.base.position  # within its reach
+    elif kind == "stretch":
+        rows = np.arange(30, 38)
+        values[rows, :2] = SHAKEN.base.position
+    elif kind == "stuck":
+        values[rows[0] : rows[0] + 10, :2] = values[rows[0], :2]
+        rows = np.arange(rows[0], rows[0] + 10)
+    else:
+        values[rows] += dice.choice([-1, 1], (len(rows), 3)) * [0.02, 0.02, 0.2]
+    return values, np.sort(rows)
+
+
+@pytest.mark.parametrize("kind", ["zeros", "base", "stretch", "stuck", "outliers"])
+def test_lost_markers_are_set_aside_and_do_not_steer(record, kind):
+    values, rows = lost(record, kind)
+    search, errors = searched(record, values)
+    assert np.flatnonzero(~search.kept).tolist() == rows.tolist()
+    assert np.abs(off(search) / errors).max() < 4
+    assert errors.max() < 2e-3  # those of the rows that are left
+    np.testing.assert_allclose(search.scatter, [5e-4, 5e-4, np.deg2rad(0.1)], rtol=0.25)
+
+
+def test_errors_stay_honest_over_many_draws_of_lost_markers(record):
+    path = Experiment(SHAKEN, KEYS, record)
+    path = path.compared(path.motion(np.zeros(2))).computed
+    apart = []
+    for seed in range(8):
+        dice = np.random.default_rng(seed)
+        values = path + dice.normal(size=path.shape) * [5e-4, 5e-4, np.deg2rad(0.1)]
+        rows = dice.permutation(len(values))[:8]
+        values[rows] += dice.normal(size=(8, 3)) * [0.05, 0.05, 0.5]
+        search, errors = searched(record, values)
+        apart.append(off(search) / errors)
+    assert 0.5 < np.sqrt(np.mean(np.square(apart))) < 1.6
+
+
+SHALLOW = {"base.position": [0.0, -0.1]}
+
+
+@pytest.mark.parametrize(
+    ("read", "cause"),
+    [
+        (lambda x, z: (x, -z), "heights are positive down"),
+        (lambda x, z: (x, z + 10), "positions are measured from the base"),
+        (lambda x, z: (x, -z - 10), "positions are measured from the base, positive down"),
+        (lambda x, z: (1e3 * x, 1e3 * z), "lengths are in mm"),
+        (lambda x, z: (1e3 * x, 1e3 * z + 1e4), "lengths are in mm; positions are measured from"),
+        (lambda x, z: (z, x), "axes are swapped"),
+    ],
+)
+def test_a_record_that_the_arm_cannot_reach_is_refused_with_its_cause(record, read, cause):
+    x, z, angle = record.values.T
+    words = f"got the tip at x = .*; must lie within 0.6.* m of the root at x = .*cause: {cause}"
+    with pytest.raises(ScenarioError, match=rf"^RECORD: {words}") as told:
+        searched(record, np.stack([*read(x, z), angle], axis=1))
+    assert len(told.value.lines) == 1
+
+
+def test_no_cause_is_named_where_none_fits(record):
+    elsewhere = SHAKEN.with_values({"base.position": [0.0, -3.0]})
+    with pytest.raises(ScenarioError, match="Check units, origin, axes and the sign of z"):
+        searched(record, record.values, elsewhere)
+
+
+def test_a_marker_that_is_stuck_is_refused(record):
+    values = record.values.copy()
+    values[50:] = values[50]
+    with pytest.raises(ScenarioError, match="A marker that is stuck rests while the arm moves"):
+        searched(record, values)
+
+
+def test_a_record_within_reach_that_fits_another_way_is_noted(record):
+    values = record.values * [1, -1, 1] - [0.0, 9.9, 0.0]
+    search, _ = searched(record, values, SHAKEN.with_values(SHALLOW))
+    assert "Likely cause: heights are positive down." in search.notes[0]
+
+
+def test_what_was_set_aside_is_told_drawn_and_written(measured, record, tmp_path):
+    values, rows = lost(record, "zeros")
+    table = pd.DataFrame({"time": record.time, "x": values[:, 0], "z": values[:, 1]})
+    table.to_csv(tmp_path / "tip.csv", index=False)
+    ended = call(
+        "identify", measured / "shaken.toml", tmp_path / "tip.csv", "--of", KEYS[0],
+        "--out", tmp_path,
+    )  # fmt: skip
+    assert ended.exit_code == 0, ended.output
+    words = f"{len(rows)} of {len(values)} rows"
+    assert f"set aside as lost markers: {words}" in ended.output
+    assert words in (tmp_path / "identified.toml").read_text().splitlines()[0]
+    with xr.open_dataset(tmp_path / "identify.nc") as data:
+        assert np.flatnonzero(data["set_aside"]).tolist() == rows.tolist()
+    assert_shows_something(tmp_path / "identify.png")
+
+
 def test_readings_of_a_result_count_from_when_they_were_taken(tmp_path):
     late = {"sensor.noise_position": 0.0, "sensor.noise_angle_deg": 0.0, "sensor.delay": 0.05}
     result = crinoid.simulate(SHAKEN.with_values({**late, "sensor.rate_hz": 20.0}))
@@ -242,7 +366,8 @@ def test_keys_that_name_nothing_to_find_are_one_line(measured, key, words):
         ("x\n0\n1\n", "no such column in bad.csv; it holds x"),
         ("time,x\n0,1\n1,metre\n", "is no number"),
         ("time,x\n-3,1\n-2,2\n", "ends at -2 s of the run, takes times after 0"),
-        ("time,x\n0,1\n9,2\n", "has 1 numbers until the end of the run"),
+        ("time,x\n0,1\n9,2\n", "got 1 numbers within the run, at times from 0 s on; must be more"),
+        ("time,x\n12,1\n13,2\n", "at times from 12 s on; must be more than 1 from 0 s"),
     ],
 )
 def test_files_that_are_no_record_are_one_line(measured, tmp_path, text, words):

@@ -25,7 +25,7 @@ from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.status import Status
 
 IDENTIFIED = "identified.toml"
-_HEAD = "# numbers by `crinoid identify`\n\n"
+_HEAD = "# numbers by `crinoid identify`; {} of the record were set aside as lost markers\n\n"
 _ALIKE = 0.95
 """Correlation from which on two numbers are hard to tell apart."""
 _REMEMBERS = 2.0
@@ -70,10 +70,12 @@ def identify_numbers(
             status = "" if complete else f"{Status.INTERRUPTED} {words}"
             data = search.dataset(status or Status.OK.value)
             with replacing(folder / IDENTIFIED) as temporary:
-                temporary.write_text(_HEAD + search.identified().to_toml(), "utf-8")
+                temporary.write_text(
+                    _HEAD.format(_aside(data)) + search.identified().to_toml(), "utf-8"
+                )
             files = save_finding(data, folder / IDENTIFICATION)
             console.print(identification_table(data))
-            say_notes(console, [*read.notes, *_notes(search, data)])
+            say_notes(console, [*read.notes, *search.notes, *_notes(search, data)])
             say_written(console, [folder / IDENTIFIED, *files])
     return status
 
@@ -87,7 +89,10 @@ def _built(scenario: Scenario, keys: Sequence[str], record: object) -> Identific
 
 def identification_table(data: xr.Dataset) -> Table:
     """Sum up a search: numbers before and after, and how well they are known."""
-    table = Table(title=str(data.attrs["title"]), title_justify="left")
+    aside = f"set aside as lost markers: {_aside(data)}"
+    table = Table(
+        title=str(data.attrs["title"]), title_justify="left", caption=aside, caption_justify="left"
+    )
     table.add_column("", no_wrap=True)
     for name in ("given", "found", "standard error", "of it"):
         table.add_column(name, justify="right")
@@ -103,6 +108,10 @@ def identification_table(data: xr.Dataset) -> Table:
             str(key), f"{given:.4g}", f"{found:.{places}g}", f"{error:.2g}", f"{100 * share:.2g} %"
         )
     return table
+
+
+def _aside(data: xr.Dataset) -> str:
+    return f"{int(data['set_aside'].sum())} of {data.sizes['time']} rows"
 
 
 def _notes(search: Identification, data: xr.Dataset) -> list[str]:

@@ -9,18 +9,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Playback
 from crinoid.dynamics import Reason
 from crinoid.identification.motion import Motion, motion
+from crinoid.identification.reach import within_reach
 from crinoid.identification.record import Record
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.errors import shown
 from crinoid.simulation import Loop, closed_loop
-from crinoid.space import POSE
+from crinoid.space import AXES, POSE
 
 __all__ = ["Comparison", "Experiment", "given_values"]
 
@@ -117,8 +118,12 @@ class Experiment:
         there = record.time <= scenario.simulation.duration * (1 + 1e-9)
         self.time, self.measured = record.time[there], record.values[there]
         if self.measured.size <= len(keys):
-            text = f"has {self.measured.size} numbers until the end of the run, takes more than the"
-            raise ScenarioError([Mistake("RECORD", f"{text} {len(keys)} that are to be found")])
+            text = (
+                f"got {self.measured.size} numbers within the run, at times from "
+                f"{record.time[0]:.6g} s on; must be more than {len(keys)} from 0 s, where it "
+                f"starts, to {scenario.simulation.duration:.6g} s (simulation.duration)"
+            )
+            raise ScenarioError([Mistake("RECORD", text)])
         self.steps = max(1, int(np.ceil(self.time[-1] / step - 1e-9)))
         self._before = np.clip((self.time / step).astype(int), 0, self.steps - 1)
         self._part = (self.time / step - self._before)[:, None]
@@ -153,11 +158,21 @@ class Experiment:
         if found is None:
             none = np.full((*self.measured.shape, len(self.keys) + 1), np.nan)
             return Comparison(none[..., 0], none[..., 0], none[..., 1:])
-        computed = self._seen(np.asarray(found.path))
+        computed = self._seen(found.path)[:, self._columns]
         left = self.measured - computed
         left[:, self._turns] = (left[:, self._turns] + np.pi) % (2 * np.pi) - np.pi
-        slope = np.stack([self._seen(each) for each in np.asarray(found.slope)], axis=-1)
+        slope = np.stack([self._seen(each)[:, self._columns] for each in found.slope], axis=-1)
         return Comparison(computed, left, slope)
+
+    def reached(self, found: Motion) -> tuple[Bool[np.ndarray, " time"], list[str]]:
+        """Tell which rows the arm can reach, and what is odd (`within_reach`)."""
+        axes, seen = self.scenario.arm.dimension, self._seen(found.path)
+        names = [name for name in self.record.names if name in AXES[axes]]
+        if not names or self.scenario.vehicle is not None:  # which may drift elsewhere
+            return np.ones(self.time.size, bool), []
+        tip = np.array([AXES[axes].index(name) for name in names])
+        root, length = seen[:, len(POSE[axes]) + tip], float(seen[:, -1].max())
+        return within_reach(names, self.measured[:, : len(names)], root, seen[:, tip], length)
 
     def trouble(self, found: Motion | None) -> str:
         """Return why a run failed; empty if it did not."""
@@ -170,9 +185,9 @@ class Experiment:
         time = int(found.steps) * self.scenario.simulation.time_step
         return f"failed at t = {time:.6g} s: {Reason(int(found.reason)).words}"
 
-    def _seen(self, path: Float[np.ndarray, "instant pose"]) -> Float[np.ndarray, "time quantity"]:
-        """Return a path of the tip at the times of the record, along straight lines."""
-        path = path[:, self._columns]
+    def _seen(self, path: Any) -> Float[np.ndarray, "time seen"]:
+        """Return a path at the times of the record, along straight lines."""
+        path = np.asarray(path)
         before, after = path[self._before], path[self._before + 1]
         return np.asarray(before + self._part * (after - before))
 

@@ -7,12 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import maximum_filter, median_filter
 from scipy.optimize import least_squares
 
 from crinoid.correlation import integral_time
 from crinoid.dataset import describe
 from crinoid.identification.experiment import Comparison, Experiment
+from crinoid.identification.reach import LOST
 from crinoid.identification.record import Record
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 
@@ -28,6 +30,11 @@ _ROUNDS = 4
 """Largest number of searches, each with the scatter of the one before."""
 _SETTLED = 0.02
 """Relative change of the scatter from which on it is known."""
+_MOST, _OF_MOST = 0.7, 1.0364
+"""Share of the rows whose scatter lost markers do not move, and in how many deviations it lies."""
+_FAR, _JUMP, _AWAY, _WINDOW = 6.0, 0.005, 0.1, 7
+"""A lost marker's least distance over the scatter; its jump off a running median of so many rows,
+and its distance, over the motion."""
 _LEAST = 1e-12
 """Least scatter, over the size of what is measured."""
 _UNSEEN = 1e-6
@@ -37,6 +44,7 @@ _ALIKE = 1e-6
 _NORMAL = 1.959964
 """Half of an interval that holds 95 % of a normal distribution, over its standard deviation."""
 
+Rows = Int[np.ndarray, " row"]
 Vector = Float[np.ndarray, " parameter"]
 Matrix = Float[np.ndarray, "parameter parameter"]
 
@@ -46,7 +54,7 @@ class _Fit(NamedTuple):
     """Logarithms of the numbers over those that were given."""
     run: Comparison
     cost: float
-    """Mean square of what is left, over the scatter."""
+    """Mean square of what is left, over the scatter; no row counts as more than a lost one."""
 
 
 class Identification:
@@ -56,6 +64,9 @@ class Identification:
     with derivatives through every time step. One search takes the whole record at once, another its
     beginning and then more and more of it, so that a swing is not mistaken for the next one; the
     better of both counts. Each coordinate weighs by its scatter about the fit, found on the way.
+
+    Both make little of what is far off (soft L1 loss). Then rows that no motion of the arm
+    explains, as where a marker is lost, are set aside, and the others weigh alike.
 
     Standard errors are those of the linear model about the result. Scatter that remembers itself,
     as what the model leaves out does, tells less than as many numbers that do not: its variance
@@ -84,6 +95,11 @@ class Identification:
         """The best so far."""
         self.scatter = np.ones(len(record.names))
         """Standard deviation of each coordinate about the fit."""
+        self.kept = np.ones(self.experiment.time.size, bool)
+        """Rows of the record that are not set aside as lost markers."""
+        self.notes: list[str] = []
+        size = np.median(np.abs(self.experiment.measured), axis=0) + scenario.arm.length
+        self._least = _LEAST * size
         self._latest: tuple[bytes, Comparison] | None = None
 
     def run(self, report: Callable[[int, float], None], stop: Callable[[], bool]) -> bool:
@@ -99,57 +115,88 @@ class Identification:
         Raises
         ------
         ScenarioError
-            If a number does nothing for what was measured, or the same as another.
+            If a number does nothing for what was measured, or the same as another, or if the
+            record is not of this arm.
         """
         self._report, self._stop = report, stop
         none = np.zeros(len(self.experiment.keys))
         first = self.experiment.motion(none)
         self.failure = self.experiment.trouble(first)
-        if self.failure:
+        if self.failure or first is None:
             return True
+        reached, self.notes = self.experiment.reached(first)
+        self.kept = reached
         run = self.experiment.compared(first)
-        self.scatter = self._spread(run)
+        self.scatter = self._usual(run)
         self.before = self.found = _Fit(none, run, self._cost(run))
         self._check(run)
         try:
-            at_once = self._search(none, (1.0,))
-            by_parts = self._search(none, _SHARES)
+            at_once = self._search(none, (1.0,), "soft_l1")
+            by_parts = self._search(none, _SHARES, "soft_l1")
             best = min(at_once, by_parts, key=lambda fit: fit.cost)
             for _ in range(_ROUNDS):
-                earlier, self.scatter = self.scatter, self._spread(best.run)
+                before, earlier = self.kept, self.scatter
+                self.kept = reached & self._follows(best.run)
+                self.scatter = self._spread(best.run)
                 best = self.found = best._replace(cost=self._cost(best.run))
-                if np.all(np.abs(self.scatter / earlier - 1) < _SETTLED):
+                settled = np.abs(self.scatter / earlier - 1) < _SETTLED
+                if settled.all() and np.array_equal(self.kept, before):
                     break
-                best = self._search(best.logs, (1.0,))
+                best = self._search(best.logs, (1.0,), "linear")
         except _StoppedError:
             return False
         self.found = best
+        if (lost := 1 - self.kept.mean()) > LOST:
+            text = f"got {lost:.0%} of rows that no motion of this arm follows; must be at most"
+            raise ScenarioError([Mistake("RECORD", f"{text} {LOST:.0%}. Check the markers.")])
         return True
 
+    def _follows(self, run: Comparison) -> Bool[np.ndarray, " time"]:
+        """Tell rows that a motion explains from lost markers (F. R. Hampel 1974).
+
+        These jump off their neighbours, or are far off; by less than the tip moves between two
+        rows it may be a difference in time.
+        """
+        between = np.abs(np.diff(run.computed, axis=0, prepend=run.computed[:1]))
+        between = maximum_filter(between, (3, 1))
+        motion, scatter = np.ptp(run.computed, axis=0), _FAR * self._usual(run)
+        jump = run.left - median_filter(run.left, (_WINDOW, 1), mode="nearest")
+        off = np.abs(run.left)
+        lost = np.minimum(np.abs(jump), off) > np.maximum(scatter, _JUMP * motion) + between
+        lost |= off > np.maximum(scatter, _AWAY * motion) + between
+        return np.asarray(~lost.any(axis=1))
+
+    def _usual(self, run: Comparison) -> Float[np.ndarray, " quantity"]:
+        """Return the scatter of most rows."""
+        found = np.quantile(np.abs(run.left[self.kept]), _MOST, axis=0) / _OF_MOST
+        return np.asarray(np.maximum(found, self._least))
+
     def _spread(self, run: Comparison) -> Float[np.ndarray, " quantity"]:
-        size = np.abs(self.experiment.measured).max(axis=0) + self.experiment.scenario.arm.length
-        return np.asarray(np.maximum(np.sqrt(np.mean(run.left**2, axis=0)), _LEAST * size))
+        found = np.sqrt(np.mean(run.left[self.kept] ** 2, axis=0))
+        return np.asarray(np.maximum(found, self._least))
 
     def _cost(self, run: Comparison) -> float:
-        return float(np.mean((run.left / self.scatter) ** 2))
+        squares = (run.left[self.kept] / self.scatter) ** 2
+        return float(np.mean(np.minimum(squares, _FAR**2)))
 
-    def _search(self, logs: Vector, shares: Sequence[float]) -> _Fit:
+    def _search(self, logs: Vector, shares: Sequence[float], loss: str) -> _Fit:
         """Fit parts of the record one after the other."""
-        rows = self.experiment.time.size
+        kept = np.flatnonzero(self.kept)
         for share in shares:
-            count = max(int(np.ceil(share * rows)), min(rows, 2 * logs.size))
+            rows = kept[: max(int(np.ceil(share * kept.size)), 2 * logs.size)]
 
-            def left(x: Vector, count: int = count) -> np.ndarray:
-                return np.asarray((self._run(x).left[:count] / self.scatter).ravel())
+            def left(x: Vector, rows: Rows = rows) -> np.ndarray:
+                return np.asarray((self._run(x).left[rows] / self.scatter).ravel())
 
-            def slope(x: Vector, count: int = count) -> np.ndarray:
-                return -(self._run(x).slope[:count] / self.scatter[:, None]).reshape(-1, x.size)
+            def slope(x: Vector, rows: Rows = rows) -> np.ndarray:
+                return -(self._run(x).slope[rows] / self.scatter[:, None]).reshape(-1, x.size)
 
             change = _FINE if share == 1 else _ROUGH
             logs = least_squares(
                 left,
                 logs,
                 jac=slope,
+                loss=loss,
                 x_scale="jac",
                 max_nfev=_TRIALS,
                 ftol=change,
@@ -200,12 +247,13 @@ class Identification:
         """Integral time of what is left of each coordinate (s)."""
         assert self.found is not None
         interval = float(np.median(np.diff(self.experiment.time)))
-        return np.array([integral_time(each, interval) for each in self.found.run.left.T])
+        left = self.found.run.left[self.kept]
+        return np.array([integral_time(each, interval) for each in left.T])
 
     def covariance(self) -> Matrix:
         """Return the covariance of the logarithms of the numbers; infinite if it is not known."""
         assert self.found is not None
-        slope = self.found.run.slope / self.scatter[:, None]
+        slope = self.found.run.slope[self.kept] / self.scatter[:, None]
         rows, quantities, count = slope.shape
         interval = float(np.median(np.diff(self.experiment.time)))
         longer = np.maximum(1.0, 2 * self.remembered / interval)
@@ -251,6 +299,7 @@ class Identification:
             "measured": (("time", "quantity"), experiment.measured),
             "computed": (("time", "quantity"), self.found.run.computed),
             "computed_before": (("time", "quantity"), self.before.run.computed),
+            "set_aside": ("time", ~self.kept),
         }
         about = {
             "found": "what fits best",
@@ -258,6 +307,7 @@ class Identification:
             "upper": "upper end of the 95 % interval",
             "scatter": "standard deviation about the fit",
             "remembered": "integral time of what is left",
+            "set_aside": "whether a row counts as a lost marker",
         }
         for name, words in about.items():
             dims, values, *more = variables[name]

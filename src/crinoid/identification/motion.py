@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.assembly.parameters import Parameters
-from crinoid.dynamics import Outcome
+from crinoid.dynamics import Outcome, State, System
 from crinoid.programs import OFTEN, compiled
 from crinoid.simulation import Loop, rollout, with_parameters
 
@@ -18,9 +18,9 @@ from crinoid.simulation import Loop, rollout, with_parameters
 class Motion(NamedTuple):
     """The motion of the tip over a run."""
 
-    path: Float[Array, "instant pose"]
-    """Pose of the tip at the start and at the end of each time step."""
-    slope: Float[Array, "parameter instant pose"]
+    path: Float[Array, "instant seen"]
+    """Pose of the tip, place of the root (m) and length (m) at the ends of the time steps."""
+    slope: Float[Array, "parameter instant seen"]
     """Its derivatives by the parameters."""
     at_rest: Bool[Array, ""]
     """Whether the state at the start was found."""
@@ -60,8 +60,8 @@ def motion(
             if still
             else (system.rest(), Outcome.of_nothing(converged=True))
         )
-        done = rollout(changed, state, steps, observe=lambda _, now: system.tip(now.state))
-        path = jnp.concatenate([system.tip(state)[None], done.kept])
+        done = rollout(changed, state, steps, observe=lambda _, now: _seen(system, now.state))
+        path = jnp.concatenate([_seen(system, state)[None], done.kept])
         return path, (found, done.outcome, done.end.steps)
 
     def along(tangent: Parameters) -> tuple[Array, Array, tuple[Outcome, Outcome, Array]]:
@@ -70,3 +70,9 @@ def motion(
     # the motion itself is computed once for all directions
     path, slope, (found, outcome, count) = jax.vmap(along, out_axes=(None, 0, None))(tangents)
     return Motion(path, slope, found.converged, outcome.converged, outcome.reason, count)
+
+
+def _seen(system: System, state: State) -> Float[Array, " seen"]:
+    nodes = state.position[1:]  # one lies behind the root
+    length = jnp.linalg.norm(jnp.diff(nodes, axis=0), axis=1).sum()
+    return jnp.concatenate([system.tip(state), system.forces.origin + nodes[0], length[None]])

@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Callable
+from functools import partial
 from typing import Any
+from unittest.mock import patch
 
 import rich
 import viser
+import websockets.asyncio.server as websockets
 
+from crinoid.live.door import door
 from crinoid.live.pace import Pace, Seen
 from crinoid.live.panel import Panel
 from crinoid.live.scene import Scene
@@ -27,11 +31,30 @@ class PortError(ValueError):
 
 
 class _Server(viser.ViserServer):
-    """A server that cannot be asked to show itself to the world."""
+    """A server that nobody else reaches, and that no message from outside can upset."""
+
+    def __init__(self, port: int) -> None:
+        # websockets has an option for what makes connections, which viser does not pass on
+        guarded = partial(websockets.serve, create_connection=door(self._offers))
+        with patch.object(websockets, "serve", side_effect=guarded) as serve:
+            super().__init__(host=HOST, port=port, verbose=False)
+        if not serve.called:
+            self.stop()
+            raise RuntimeError("this viser lets nothing guard its connections")
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: the page stays on this machine."""
         return None
+
+    def _offers(self, name: str, value: Any) -> bool:
+        """Tell whether an input of the page offers a value."""
+        gui = vars(self).get("gui")
+        handle = gui and gui._gui_input_handle_from_uuid.get(name)
+        if not handle or handle.disabled:
+            return False
+        if isinstance(handle, viser.GuiSliderHandle):
+            return isinstance(value, float) and handle.min <= value <= handle.max
+        return value in getattr(handle, "options", (True,))
 
 
 class Page:
@@ -115,17 +138,4 @@ def _serve(port: int) -> viser.ViserServer:
     check_port(port)
     rich.get_console().quiet = True  # viser would speak through it
     os.environ.pop("_VISER_PORT_OVERRIDE", None)
-    server = _Server(host=HOST, port=port, verbose=False)
-    sockets = server._websock_server
-
-    async def refuse(client: Any) -> None:
-        """Hang up on pages of others, which a browser lets talk to this machine as well."""
-        connection = sockets._live_connections[client.client_id]
-        request = connection.request
-        origin = None if request is None else request.headers.get("Origin")
-        own = {f"http://{name}:{server.get_port()}" for name in (HOST, "localhost")}
-        if origin not in {None, *own}:
-            await connection.close()
-
-    sockets.on_client_connect(refuse)
-    return server
+    return _Server(port)

@@ -19,6 +19,7 @@ _REQUIRED = {
     "measured": ("time", "quantity"),
     "computed": ("time", "quantity"),
     "computed_before": ("time", "quantity"),
+    "set_aside": ("time",),
 }
 
 
@@ -39,7 +40,7 @@ def draw_identification(data: xr.Dataset) -> Figure:
     figure = Figure(figsize=(WIDTH, 0.9 + 2.7 * len(names)), layout="constrained")
     head(figure, str(data.attrs.get("title", "")), str(data.attrs.get("status", "ok")))
     panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2.0, 1.0] * len(names))
-    time = data["time"].values
+    time, aside = data["time"].values, data["set_aside"].values.astype(bool)
     for index, name in enumerate(names):
         factor, unit = _UNITS.get(name, (1.0, ""))
         measured, after, before = (
@@ -47,21 +48,25 @@ def draw_identification(data: xr.Dataset) -> Figure:
             for which in ("measured", "computed", "computed_before")
         )
         upper, lower = panels[2 * index], panels[2 * index + 1]
-        upper.plot(time, measured, ".", color=GREY, markersize=2.0, label="measured")
+        good = np.where(aside, np.nan, measured)
+        upper.plot(time, good, ".", color=GREY, markersize=2.0, label="measured")
         upper.plot(time, before, "--", color=VERMILLION, linewidth=1.0, label="as given")
         upper.plot(time, after, "-", color=BLUE, label="as found")
-        low, high = np.nanmin(measured), np.nanmax(measured)
+        low, high = np.nanmin(good), np.nanmax(good)
         room = 0.25 * max(high - low, 1e-12)
         upper.set_ylim(low - room, high + room)
+        if aside.any():  # far ones at the edge, so that they hide nothing of the motion
+            lost = np.clip(measured[aside], low - 0.8 * room, high + 0.8 * room)
+            upper.plot(time[aside], lost, "x", color=INK, markersize=4.0, label="set aside")
         upper.set_ylabel(f"{name}{unit}")
-        left = measured - after
+        left = good - after
         if name == "angle":
             left = (left + 180.0) % 360.0 - 180.0
         lower.plot(time, left, ".", color=INK, markersize=1.5)
         lower.axhline(0.0, color=GREY, linewidth=0.8)
         lower.set_ylabel("left")
         if index == 0:
-            key(upper, columns=3)
+            key(upper, columns=4)
     panels[-1].set_xlabel("time (s)")
     return figure
 
