@@ -93,11 +93,7 @@ class Contact(Element):
             per_edge(arm_radius),
             per_edge(_STRENGTH * modulus * arm_radius**2),
             *map(per_obstacle, (radius, half_axis, normal, friction)),
-            mass=1
-            / (
-                1 / per_edge(_at_edges(rod.mass_per_length) * rod.rest_length)
-                + 1 / per_obstacle(mass)
-            ),
+            mass=1 / (1 / per_edge(rod.edge_mass[:, 1]) + 1 / per_obstacle(mass)),
         )
 
     @property
