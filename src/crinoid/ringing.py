@@ -45,9 +45,9 @@ def unresolved(dataset: xr.Dataset, system: System) -> tuple[float, str]:
     note = ""
     if rings > _LARGE * whole > 0:
         note = (
-            f"vibrations that time steps of {step:g} s do not resolve make up {rings / whole:.0%} of the "
-            "force on the base (medians of the second half): try simulation.time_step = "
-            f'{step / 10:.3g}, simulation.integrator = "generalized-alpha", a larger '
+            f"vibrations that time steps of {step:g} s do not resolve make up "
+            f"{rings / whole:.0%} of the force on the base (medians of the second half): try "
+            f'simulation.time_step = {step / 10:.3g}, simulation.integrator = "generalized-alpha", a larger '
             "arm.damping_time or a smaller arm.section.EA"
         )
     return (step * float(np.median(loads))) ** 2 / (2 * own), note
