@@ -47,7 +47,8 @@ def unresolved(dataset: xr.Dataset, system: System) -> tuple[float, str]:
         note = (
             f"vibrations that time steps of {step:g} s do not resolve make up "
             f"{rings / whole:.0%} of the force on the base (medians of the second half): try "
-            f'simulation.time_step = {step / 10:.3g}, simulation.integrator = "generalized-alpha", a larger '
-            "arm.damping_time or a smaller arm.section.EA"
+            f"simulation.time_step = {step / 10:.3g}, "
+            'simulation.integrator = "generalized-alpha", a larger arm.damping_time or a smaller '
+            "arm.section.EA"
         )
     return (step * float(np.median(loads))) ** 2 / (2 * own), note
