@@ -6,11 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from crinoid.base import VelocityMotion
 from crinoid.dynamics import Integrator, Obstacles
 from crinoid.dynamics.integrator import Stage
 from crinoid.elements import Contact, DistributedLoad, Motion, TipLoad
 from crinoid.elements.contact import SKIN
 from crinoid.flow import PowerShear
+from crinoid.onset import Onset
 from physics import Kept, always, arm, obstacles, order
 
 LENGTH = 0.5
@@ -284,6 +286,21 @@ def test_a_hit_keeps_momentum_and_energy(velocity, mass, place):
     assert float(touch.closest[0]) > -0.01 * RADIUS
 
 
+def test_a_hit_of_what_rubs_gives_back_half_of_its_speed():
+    # a body of a hundredth of an edge's mass on the middle of an edge: nothing but the skin moves
+    def speed(friction):
+        body = obstacles([(0.375, -0.045)], velocity=[(0.0, 0.3)], mass=1e-3, radius=RADIUS,
+                         friction=friction)  # fmt: skip
+        system = arm(**SOFT | {"obstacles": body}, time_step=0.0025)
+        end, _ = march(system, rest(system), 20)
+        assert not end.touch.in_contact[0]
+        return -float(end.obstacle_velocity[0, 1]) / 0.3
+
+    elastic, rubbed = speed(0.0), speed(0.3)
+    assert 0.9 < elastic < 1.0
+    assert 0.4 < rubbed < 0.6
+
+
 def test_a_hit_under_generalized_alpha():
     velocity, mass = (0.0, 0.3), 0.05
     method = Integrator.generalized_alpha(0.8)
@@ -399,6 +416,45 @@ def test_friction_under_a_moving_floor_is_coulombs():
     assert push[1] > 0.3
     # creep rounds it off: 0.1 m/s over sqrt(0.1^2 + 0.001^2)
     assert push[0] / push[1] == pytest.approx(0.3, rel=1e-3)
+
+
+MU = 0.54
+
+
+@pytest.fixture(scope="module")
+def slid():
+    """Slide a limp arm over a pile, a quarter of a turn, by its root; return it, and its pulls."""
+    radius, pile, load = 0.002, 0.05, 0.2
+    onset = Onset.of(0.0, 0.2)
+    system = arm(
+        nodes=101, length=0.5, EA=None, EI=None, radius=radius, youngs_modulus=2e5,
+        diameter=2 * radius, mass_per_length=1080 * np.pi * radius**2, damping_time=0.005,
+        time_step=0.01, max_halvings=10, tolerance=1e-9,
+        motions=[VelocityMotion(0, onset, jnp.asarray(-0.2))],
+        loads=(lambda rod: TipLoad.of(rod, dead_force=(0.0, -load)),),
+        obstacles=obstacles([(0.2, -pile - 1.02 * radius)], radius=pile, friction=MU),
+    )  # fmt: skip
+    state, outcome = balance(system)
+    assert outcome.converged
+    state, _ = march(system, state, 60)
+    pulls, taken = [], 0
+    for _ in range(20):
+        state, parts = march(system, state, 1)
+        pulls.append(float(state.base_force[0]) / load)
+        taken += parts
+    return np.array(pulls), taken, pile / (pile + radius)
+
+
+def test_friction_of_a_limp_arm_on_a_pile_is_the_capstans(slid):
+    # the moment about the pile's axis makes the exponent smaller by R / (R + R_a)
+    pulls, _, inner = slid
+    assert np.log(pulls.mean()) == pytest.approx(MU * np.pi / 2 * inner, rel=0.03)
+
+
+def test_an_arm_that_slides_does_not_chatter(slid):
+    pulls, taken, _ = slid
+    assert pulls.std() < 0.05 * pulls.mean()
+    assert taken < 20 * 15
 
 
 # --- bodies in the water -----------------------------------------------------------------------

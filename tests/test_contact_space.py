@@ -79,11 +79,21 @@ def window(rng, contact, *, within=None, axes=(1, 1, 1)):
     return np.concatenate([places, rng.normal(size=(3, 1))], axis=1)
 
 
+def closing(contact, position, velocity, rate=0.0):
+    """Return velocities at which the gap changes at a ``rate`` (m/s), by the obstacle's."""
+    _, slopes, _ = map(np.asarray, _closest(contact, jnp.asarray(position[:, :3])))
+    off = np.sum(slopes * velocity[:, :3]) - rate
+    velocity = velocity.copy()
+    velocity[2, :3] -= off * slopes[2] / (slopes[2] @ slopes[2])
+    return velocity
+
+
 def rubbed(seed, kind):
-    """Return a contact with friction, a window that is in touch, and any velocities."""
+    """Return a contact with friction, a window that is in touch, and velocities along surfaces."""
     rng = np.random.default_rng(seed)
     contact = one_edge(friction=FRICTION, **SHAPES[kind])
-    return contact, window(rng, contact, within=0.5), rng.normal(size=(3, 4))
+    position = window(rng, contact, within=0.5)
+    return contact, position, closing(contact, position, rng.normal(size=(3, 4)))
 
 
 # --- geometry ----------------------------------------------------------------------------------
@@ -160,6 +170,7 @@ def test_in_the_plane_it_is_the_planar_contact(kind):
     for _ in range(10):
         position = window(rng, spatial, within=0.5, axes=(1, 0, 1))
         velocity = rng.normal(size=(3, 4)) * [1.0, 0.0, 1.0, 0.0]
+        velocity = closing(spatial, position, velocity, rate=-0.1)
         gap, force = push(spatial, position, velocity)
         expected = push(planar, *(rows[:, [0, 2]] for rows in (position, velocity)))
         assert gap == pytest.approx(float(expected[0]), abs=1e-16)
@@ -169,6 +180,22 @@ def test_in_the_plane_it_is_the_planar_contact(kind):
 
 
 # --- friction ----------------------------------------------------------------------------------
+
+
+@shapes
+def test_what_rubs_damps_the_gap_and_never_pulls(kind):
+    contact, position, along = rubbed(2, kind)
+    smooth = eqx.tree_at(lambda c: c.friction, contact, jnp.zeros(()))
+    _, still = push(contact, position, along)
+    for rate in (-0.2, 0.01, 5.0):
+        velocity = closing(contact, position, along, rate)
+        (gap, force), (_, elastic) = (push(c, position, velocity) for c in (contact, smooth))
+        pressing = float(contact.press(jnp.asarray(gap))[1])
+        stiffness = 4 * pressing / (contact.skin - gap)
+        pushed = pressing - 0.4 * np.sqrt(float(contact.mass) * stiffness) * rate  # twice 0.2
+        np.testing.assert_allclose(force - elastic * max(pushed, 0.0) / pressing,
+                                   (still - elastic) * max(pushed, 0.0) / pressing,
+                                   atol=1e-12 * np.abs(still).max())  # fmt: skip
 
 
 def at_surface(contact, position, velocity):

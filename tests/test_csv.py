@@ -5,6 +5,7 @@ import random
 import re
 from pathlib import Path
 
+import jax.numpy as jnp
 import netCDF4
 import numpy as np
 import pytest
@@ -258,6 +259,24 @@ def test_rows_that_lack_a_value_are_left_out_and_said(tmp_path):
     assert Prepared(case).notes() == [
         "base.motion.0: 1 of 4 rows lacks a value and is left out, the longest gap 14 s"
     ]
+
+
+def test_a_heading_that_wraps_goes_on_by_the_shorter_way(tmp_path):
+    (tmp_path / "a.csv").write_text("time (s),tilt (deg)\n0,350\n5,\n8,355\n10,5\n15,356\n20,181\n")
+    case = Prepared(moved(tmp_path / "a.csv", "tilt"))
+    turn = np.rad2deg(case.series["base.motion.0"].values[:, 0])
+    np.testing.assert_allclose(turn, [350, 355, 365, 356, 181])
+    assert case.notes()[1] == (
+        "base.motion.0: tilt jumps by more than 180 degrees between two rows, first at 10 s: the "
+        "turn goes on by the shorter way round"
+    )
+    (motion,) = case.system.base.motions
+    speed = [float(motion.derivatives(jnp.asarray(time))[1]) for time in np.linspace(0, 20, 81)]
+    assert np.abs(np.rad2deg(speed)).max() < 60
+    (tmp_path / "a.csv").write_text("time (s),x (m),z (m),angle (deg)\n0,0,0,170\n5,0,0,-170\n")
+    target = {"path": "file", "file": str(tmp_path / "a.csv"), "angle_column": "angle"}
+    series = Prepared(Scenario(target=target)).series["target"]
+    np.testing.assert_allclose(np.rad2deg(series.values[:, 2]), [170, 190])
 
 
 MOTIONS = {

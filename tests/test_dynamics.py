@@ -1,7 +1,7 @@
 """The arm in time: frequencies, damping, orders of convergence, energy, base motion, recovery."""
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 
 import equinox as eqx
 import jax
@@ -405,6 +405,25 @@ def test_order_in_the_time_step_on_a_large_swing(integrator, expected, within):
     errors = [np.abs(_swing(integrator, steps) - _fine_swing()).max() for steps in (200, 400, 800)]
     assert order(errors) == pytest.approx(expected, abs=within)
     assert errors[-1] < (1e-2 if expected == 1.0 else 1e-4)
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [Integrator.newmark(), Integrator.generalized_alpha(0.8)],
+    ids=["newmark", "alpha-0.8"],
+)
+def test_a_load_that_jumps_where_steps_meet_keeps_the_order(integrator):
+    def shape(integrator: Integrator, steps: int) -> np.ndarray:
+        onset = Onset.of(0.2, 0.0, 0.5)
+        load = partial(TipLoad.of, dead_force=(0.0, -3.0), onset=onset)
+        properties = {"EA": 1e3, "damping_time": 0.02, "tolerance": 1e-12}
+        system = arm(loads=(load,), integrator=integrator, **properties)
+        return np.asarray(march(system, rest(system), until=0.8, steps=steps).position)
+
+    fine = shape(Integrator.newmark(), 12800)
+    errors = [np.abs(shape(integrator, steps) - fine).max() for steps in (200, 400, 800)]
+    assert order(errors) == pytest.approx(2.0, abs=0.1)
+    assert errors[-1] < 1e-4
 
 
 @pytest.mark.parametrize(

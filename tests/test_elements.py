@@ -42,9 +42,19 @@ def bend(damping_time=0.0):
     return Bend(0, *one(0.7, REST, damping_time))
 
 
+def on_line(ends, s):
+    """Return what runs linearly along an edge, from ``s`` = 0 to 1."""
+    return (1 - s) * np.asarray(ends)[0] + s * np.asarray(ends)[1]
+
+
+def frustum(s):
+    """Return the mass per length of a round section whose radius runs linearly, 0.4 to 0.5 kg."""
+    return on_line(np.sqrt([0.4, 0.5]), s) ** 2
+
+
 def massive():
-    """Mass matrix of an edge of 0.4 kg per length at one end and 0.5 at the other."""
-    return mass_matrices(jnp.array([[0.4, 0.5]]))[0]
+    """Mass matrix of a frustum of 0.4 kg per length at one end and 0.5 at the other."""
+    return mass_matrices(jnp.array([[frustum(0.0), frustum(0.5), frustum(1.0)]]))[0]
 
 
 def inertia():
@@ -146,11 +156,6 @@ def turn_all(motion, angle):
     return jax.tree.map(lambda x: x @ rotation.T if x.ndim == 2 else x, motion), rotation
 
 
-def on_line(ends, s):
-    """Return what runs linearly along an edge, from ``s`` = 0 to 1."""
-    return (1 - s) * np.asarray(ends)[0] + s * np.asarray(ends)[1]
-
-
 def over_edge(integrand):
     return quad(integrand, 0.0, 1.0, epsabs=1e-14, epsrel=1e-13)[0]
 
@@ -211,11 +216,7 @@ def test_power_of_a_force_is_either_stored_or_counted(name):
     if name == "inertia":
         # d/dt of 1/2 m v^2 along the edge is m v . a
         storing = over_edge(
-            lambda s: (
-                on_line([0.4, 0.5], s)
-                * on_line(motion.velocity, s)
-                @ on_line(motion.acceleration, s)
-            )
+            lambda s: frustum(s) * on_line(motion.velocity, s) @ on_line(motion.acceleration, s)
         )
     else:
         storing = np.sum(energy_slope(element, motion) * motion.velocity)
@@ -352,12 +353,39 @@ def test_an_edge_that_moves_rigidly_has_the_kinetic_energy_of_a_tapered_rod():
     turning = spin * np.stack([-z, x], axis=1)
     motion = eqx.tree_at(lambda m: m.velocity, motion, jnp.asarray(drift + turning))
     whole, first, second = (
-        over_edge(lambda s, n=n: on_line([0.4, 0.5], s) * (EDGE * s) ** n) for n in (0, 1, 2)
+        over_edge(lambda s, n=n: frustum(s) * (EDGE * s) ** n) for n in (0, 1, 2)
     )
     centre = first / whole
     of_centre = drift + spin * centre * np.array([-np.sin(0.5), np.cos(0.5)])
     kinetic = 0.5 * whole * of_centre @ of_centre + 0.5 * (second - whole * centre**2) * spin**2
     np.testing.assert_allclose(energy(inertia(), motion), kinetic, rtol=1e-13)
+
+
+@pytest.mark.parametrize("nodes", [3, 4, 11])
+def test_a_taper_has_the_mass_the_stretch_and_the_twist_of_a_cone(nodes):
+    length, root, tip, density, water = 0.6, 0.03, 0.01, 1300.0, 1000.0
+    rod = Rod.round(
+        length=length, nodes=nodes, radius=(root, tip), density=density, youngs_modulus=2e5, axes=3
+    )
+    volume = np.pi * length * (root**2 + root * tip + tip**2) / 3
+    weight = Weight.of(rod, density=water, gravity=9.81).force
+    np.testing.assert_allclose(weight.sum(), (density - water) * volume * 9.81, rtol=1e-12)
+    lever = over_edge(lambda s: np.pi * on_line([root, tip], s) ** 2 * s) * length / volume
+    np.testing.assert_allclose(weight @ rod.arc_length / weight.sum(), length * lever, rtol=1e-12)
+    np.testing.assert_allclose(Inertia.of(rod).mass.sum(), density * volume, rtol=1e-12)
+    added = AddedMass.of(rod, density=water, normal=1.0, tangential=0.0)
+    np.testing.assert_allclose(added.displaced.sum(), water * volume, rtol=1e-12)
+    # the stretch by a pull at the tip, and the twist by a torque there up to the last edge's middle
+    stretch = np.sum(rod.rest_length / Stretch.of(rod).EA)
+    np.testing.assert_allclose(stretch, length / (2e5 * np.pi * root * tip), rtol=1e-12)
+    until = 1 - 0.5 / (nodes - 1)
+    twist = quad(lambda s: length / (np.pi / 2 * on_line([root, tip], s) ** 4), 0, until)[0]
+    np.testing.assert_allclose(
+        np.sum((rod.voronoi_length / rod.GJ)[:-1]), twist / (2e5 / 3), rtol=1e-9
+    )
+    spin = over_edge(lambda s: np.pi / 2 * on_line([root, tip], s) ** 4) * density * length
+    # by Simpson's rule
+    np.testing.assert_allclose(rod.spin_inertia.sum(), spin, rtol=0.1 / (nodes - 1) ** 4)
 
 
 W = 0.7
@@ -446,8 +474,7 @@ def test_added_mass_of_a_straight_edge(edge_angle):
     coefficient = 1.0 * (np.eye(2) - np.outer(t, t)) + 0.2 * np.outer(t, t)
     per_mass = (flow - own) @ coefficient + flow
     expected = [
-        falls_to_ends(lambda s, force=force: on_line([0.4, 0.5], s) * on_line(force, s))
-        for force in per_mass.T
+        falls_to_ends(lambda s, force=force: frustum(s) * on_line(force, s)) for force in per_mass.T
     ]
     np.testing.assert_allclose(-residual(ALL["added_mass"], motion).T, expected, rtol=0, atol=1e-14)
 

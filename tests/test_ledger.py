@@ -49,9 +49,9 @@ def books(
     )
 
 
-def judged(dataset: xr.Dataset, **simulation: object) -> Defect | None:
+def judged(dataset: xr.Dataset, step_energy: float = 0.0, **simulation: object) -> Defect | None:
     keys = {f"simulation.{key}": value for key, value in simulation.items()}
-    return find_defect(dataset, crinoid.Scenario().with_values(keys), FLOOR)
+    return find_defect(dataset, crinoid.Scenario().with_values(keys), FLOOR, step_energy)
 
 
 def ramp(size: float) -> np.ndarray:
@@ -140,3 +140,53 @@ def test_the_cause_is_sought_in_the_integrator_and_in_vibrations(
     found = judged(books(ramp(size), rate=rate), **options)
     assert found is not None
     assert re.search(said, found.note)
+
+
+@pytest.fixture(scope="module")
+def rigid() -> dict[str, xr.Dataset]:
+    """Run an arm far stiffer than its time steps, in water that swings along it."""
+    arm = {"length": 0.4, "nodes": 6, "damping_time": 0.0, "section": {"EI": 1e5, "EA": 1e8}}
+    flow = {"kind": "sine", "amplitude": [0.08, 0.0], "frequency_hz": 1.3}
+    simulation = {"duration": 2.0, "time_step": 0.005}
+    scenario = crinoid.Scenario(arm=arm, flow=[flow], simulation=simulation)
+    methods = ("newmark", "generalized-alpha")
+    cases = (scenario.with_values({"simulation.integrator": method}) for method in methods)
+    return {m: crinoid.simulate(each).dataset for m, each in zip(methods, cases, strict=True)}
+
+
+def off(run: xr.Dataset) -> float:
+    """Return by how much the force on the base is off that of an arm that does not move."""
+    late = run.isel(time=run["time"].values > 1.0)
+    rate, water = 2 * np.pi * 1.3, crinoid.Scenario().water
+    turn, area = rate * late["time"].values, np.pi * 0.02**2
+    speed = 0.08 * np.sin(turn)
+    # the Froude-Krylov force, and drag along the arm
+    force = water.density * area * 0.4 * 0.08 * rate * np.cos(turn)
+    drag = 0.5 * water.density * water.drag_tangential * np.pi * 0.04 * 0.4
+    force += drag * np.abs(speed) * speed
+    left = late["base_force"].values[:, 0] - force
+    return float(np.sqrt(np.mean(left**2) / np.mean(force**2)))
+
+
+def test_an_arm_stiffer_than_the_steps_is_judged_by_what_a_step_resolves(rigid):
+    run = rigid["generalized-alpha"]
+    assert off(run) < 0.02
+    assert run.attrs["status"] == "ok"
+    assert "ledger" not in run.attrs["notes"]
+    assert "do not resolve" not in run.attrs["notes"]
+
+
+def test_vibrations_that_steps_do_not_resolve_are_noted_with_the_remedy(rigid):
+    run = rigid["newmark"]
+    assert off(run) > 0.3
+    (note,) = [each for each in run.attrs["notes"].splitlines() if "do not resolve" in each]
+    assert note.startswith("vibrations that time steps of 0.005 s do not resolve make up ")
+    assert 'try simulation.time_step = 0.0005, simulation.integrator = "generalized' in note
+
+
+def test_what_a_step_does_not_resolve_is_no_defect():
+    assert judged(books(ramp(0.1))) is not None
+    assert judged(books(ramp(0.1)), step_energy=6.0) is None
+    found = judged(books(ramp(-0.9)), step_energy=2.0)  # which is less than half of it
+    assert found is not None
+    assert (found.failed, found.scale) == (None, 2.0)

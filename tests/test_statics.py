@@ -448,6 +448,14 @@ def test_a_small_load_on_an_arm_stiff_to_stretch_is_felt_by_the_base(load):
     np.testing.assert_allclose(equilibrium(system).base_force, [0.0, -load], rtol=0, atol=1.5e-7)
 
 
+def test_loads_below_the_round_off_of_the_stretch_are_warned_of():
+    # 2 eps EA L / l = 8.9e-6 N
+    with pytest.warns(RuntimeWarning, match="known to about 8.9e-06 N only, the round-off"):
+        loaded(21, dead=(0.0, -1e-5), EA=1e9, floor=None).equilibrium()
+    loaded(21, dead=(0.0, -1e-2), EA=1e9, floor=None).equilibrium()  # a warning fails the test
+    loaded(21, dead=(0.0, 0.0), EA=1e4, floor=None).equilibrium()
+
+
 @pytest.mark.parametrize("axes", [2, 3])
 def test_two_states_at_once_have_the_wrench_of_each(axes):
     # two: as many as the rows of the ghost node and the root, which they were once taken for

@@ -32,7 +32,7 @@ class Defect(NamedTuple):
     energy: float
     """Where it is largest (J); negative if lost."""
     scale: float
-    """Largest change of one stored energy, or work, since the start (J)."""
+    """Largest change of one stored energy or work since the start, or what a step resolves (J)."""
     since: float
     """When it began to be worth a note (s)."""
     failed: float | None
@@ -68,11 +68,14 @@ class Defect(NamedTuple):
         return f"failed at t = {self.failed:.6g} s: {self.told}; {self.cause}: try {self.remedy}"
 
 
-def find_defect(dataset: xr.Dataset, scenario: Scenario, floor: float) -> Defect | None:
+def find_defect(
+    dataset: xr.Dataset, scenario: Scenario, floor: float, step_energy: float
+) -> Defect | None:
     """Return what the ledger of a run misses, if it is worth a note.
 
     That is stored energy less works since the start, as a share of the largest change of any one
-    stored energy or work. What the solver lets pass in an arm that hardly moves does not count: the
+    stored energy or work, or of the energy that a step cannot resolve, ``step_energy`` (J,
+    `crinoid.ringing`). What the solver lets pass in an arm that hardly moves does not count: the
     imbalance that steps ended with, and the ``floor`` of round-off (N,
     `crinoid.dynamics.Settings.floor`), along the path that the nodes went.
     """
@@ -86,7 +89,7 @@ def find_defect(dataset: xr.Dataset, scenario: Scenario, floor: float) -> Defect
     stored = np.isin(dataset["kind"].values, ENERGIES)
     defect = change[:, stored].sum(axis=1) - change[:, ~stored].sum(axis=1)
     largest = np.maximum.accumulate(np.abs(change).max(axis=1))
-    scale, simulation = float(largest[-1]), scenario.simulation
+    scale, simulation = max(float(largest[-1]), step_energy), scenario.simulation
     slack, rounding, moved = _slack(dataset, floor)
     still = moved <= _STILL * float(dataset["arc_length"][-1])
     beyond = np.abs(defect) - still * slack - rounding

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.dimensionless import MOTION, across, normal_velocity, spinning
-from crinoid.dynamics import Grip
+from crinoid.dynamics import Grip, round_off_note
 from crinoid.pieces import pieces
 from crinoid.plausibility.facts import Facts
 from crinoid.scenario import Scenario, Tool, shown
@@ -35,10 +35,6 @@ _STRAIN = 0.5
 """Strain that no linear elasticity describes."""
 _TORN = 10.0
 """Length of an edge over that at rest, or the inverse, that no rubber bears (Treloar 1975)."""
-_KNOWN = 0.01
-"""Share of the largest force on the base that round-off may have of it."""
-_BENDS = 1e-6
-"""Share of EI / L^2 up to which a force bends no arm that anyone could see."""
 
 Strains = Float[np.ndarray, "time edge"]
 
@@ -148,21 +144,10 @@ def _strains(dataset: xr.Dataset) -> Iterator[tuple[Float[np.ndarray, " time"], 
 
 
 def _round_off(dataset: xr.Dataset, scenario: Scenario) -> str:
-    """Say where the round-off of the stretching force is not small beside the loads.
-
-    Positions on an arm of length L are known to about eps L, the strain of an edge l to
-    eps L / l, and the forces on both ends of it add up.
-    """
     facts = Facts(Prepared(scenario))
-    noise = 2 * np.finfo(float).eps * facts.stretching * facts.length / facts.edge
-    largest = np.linalg.norm(dataset["base_force"].values, axis=1).max()
-    if noise <= max(_KNOWN * largest, _BENDS * facts.bending.min() / facts.length**2):
-        return ""
-    return (
-        f"forces are known to about {noise:.2g} N only, the round-off of an arm this stiff to "
-        f"stretch (EA = {facts.stretching:.2g} N), and the largest on the base is {largest:.2g} N: "
-        "a smaller arm.section.EA changes nothing else as long as the arm hardly stretches"
-    )
+    largest = float(np.linalg.norm(dataset["base_force"].values, axis=1).max())
+    bending = float(facts.bending.min())
+    return round_off_note(facts.stretching, bending, facts.length, facts.edge, largest)
 
 
 def _vortices(dataset: xr.Dataset, scenario: Scenario) -> str:

@@ -11,8 +11,10 @@ _SLACK = 1e-9
 class Onset(eqx.Module):
     """A factor of time: 0 before ``start``, 1 once ``ramp_time`` has passed, 0 again from ``stop``.
 
-    In between it follows half a cosine, so that what is ramped keeps a continuous rate; with no
-    ramp time, and when it stops, it jumps.
+    In between it follows half a cosine, so that what is ramped keeps a continuous rate. With no
+    ramp time, and when it stops, it jumps. At the instant of a jump it is half, so that a step
+    which ends there and one which begins there have the mean of their forces to order 2; what
+    starts at 0 or before is whole from 0 on.
     """
 
     start: Float[Array, "*count"]
@@ -39,8 +41,9 @@ class Onset(eqx.Module):
         since = time - self.start
         ramped = self.ramp_time > 0
         progress = jnp.clip(since / jnp.where(ramped, self.ramp_time, 1.0), 0.0, 1.0)
-        factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), since >= -_SLACK)
-        return jnp.where(time < self.stop - _SLACK, factor, 0.0)
+        on = jnp.where(self.start > 0, _passed(since), since >= -_SLACK)
+        factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), on)
+        return factor * (1.0 - _passed(time - self.stop))
 
     def elapsed(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
         """Return the integral of the factor up to ``time`` (s): how far a clock gets that it runs.
@@ -55,3 +58,8 @@ class Onset(eqx.Module):
         swing = jnp.where(self.ramp_time > 0, self.ramp_time, 1.0) / jnp.pi
         ramped = 0.5 * (passed - swing * jnp.sin(passed / swing))
         return jnp.where(since >= self.ramp_time, since - 0.5 * self.ramp_time, ramped)
+
+
+def _passed(since: Float[Array, "*count"]) -> Float[Array, "*count"]:
+    """Return 0 before an instant, 1 after it, and half at it, by the time since then (s)."""
+    return 0.5 + 0.5 * jnp.sign(jnp.where(jnp.abs(since) <= _SLACK, 0.0, since))

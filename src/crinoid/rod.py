@@ -5,20 +5,21 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.products import product
 from crinoid.reference import Reference
 
 
 class Rod(Reference):
     """Reference shape and sections of an arm of ``n`` nodes and ``e = n - 1`` edges.
 
-    Edges carry what resists stretch, nodes what resists bending. What has a value per length at the
-    nodes runs linearly between them. Each node owns half of each edge beside it.
+    Edges carry what resists stretch, nodes what resists bending. The radius runs linearly between
+    the nodes, and areas as its square. Each node owns half of each edge beside it.
 
     A spatial arm bends toward both directors of its material frame, m_1 and m_2, and twists.
     """
 
     EA: Float[Array, " e"]
-    """Stretching stiffness at the middle of each edge (N)."""
+    """Stretching stiffness of each edge (N)."""
     EI: Float[Array, "n ..."]
     """Bending stiffness at each node (N m2); in space toward m_1 and toward m_2."""
     damping_time: Float[Array, ""]
@@ -29,6 +30,10 @@ class Rod(Reference):
     """Diameter that the water sees (m)."""
     displaced_area: Float[Array, " n"]
     """Section area that displaces water (m2)."""
+    edge_mass: Float[Array, "e 3"]
+    """Mass per length at the start, the middle and the end of each edge, times its length (kg)."""
+    edge_volume: Float[Array, "e 3"]
+    """Area that displaces water at the same places, times the length of the edge (m3)."""
     GJ: Float[Array, " n"] | None = None
     """Twisting stiffness at each node (N m2); of a spatial arm, like what follows."""
     spin_inertia: Float[Array, " e"] | None = None
@@ -62,26 +67,30 @@ class Rod(Reference):
         (rad/m); one number is that toward m_2, as in the plane.
         """
         along_nodes = jnp.linspace(0.0, 1.0, nodes)
-        along_edges = (along_nodes[1:] + along_nodes[:-1]) / 2
         root, tip = jnp.broadcast_to(jnp.asarray(radius, float), 2)
 
         def section(given: float | Array | None, round_: Array) -> Array:
             return round_ if given is None else jnp.full(round_.shape, given, float)
 
         at_nodes = root + (tip - root) * along_nodes
-        at_edges = root + (tip - root) * along_edges
-        area = jnp.pi * at_nodes**2
+        start, end = at_nodes[:-1], at_nodes[1:]
+        along = jnp.stack([start, (start + end) / 2, end], axis=1)
         bending = youngs_modulus * jnp.pi / 4 * at_nodes**4
-        twisting = bending / (1 + jnp.asarray(poisson_ratio))  # E / 2 (1 + nu) and pi / 2 r^4
-        mass = section(mass_per_length, density * area)
+        # of what a node owns: a torque twists it by the mean of 1 / r^4, as a pull stretches an
+        # edge by that of 1 / r^2
+        a, b = jnp.append(root, along[:, 1]), jnp.append(along[:, 1], tip)
+        fourth = 3 * (a * b) ** 3 / (a**2 + a * b + b**2)
+        modulus = youngs_modulus / 2 / (1 + jnp.asarray(poisson_ratio))
         edge = jnp.full(nodes - 1, jnp.asarray(length, float) / (nodes - 1))
         common = {
             "rest_length": edge,
-            "EA": section(EA, youngs_modulus * jnp.pi * at_edges**2),
+            "EA": section(EA, youngs_modulus * jnp.pi * start * end),
             "damping_time": jnp.asarray(damping_time, float),
-            "mass_per_length": mass,
+            "mass_per_length": section(mass_per_length, density * jnp.pi * at_nodes**2),
             "diameter": section(diameter, 2 * at_nodes),
-            "displaced_area": section(displaced_area, area),
+            "displaced_area": section(displaced_area, jnp.pi * at_nodes**2),
+            "edge_mass": edge[:, None] * section(mass_per_length, density * jnp.pi * along**2),
+            "edge_volume": edge[:, None] * section(displaced_area, jnp.pi * along**2),
         }
         rest = jnp.asarray(rest_curvature, float)
         if axes == 2:
@@ -96,9 +105,10 @@ class Rod(Reference):
         return Rod(
             EI=both if EI is None else jnp.broadcast_to(jnp.asarray(EI, float), both.shape),
             rest_curvature=jnp.broadcast_to(rest[:2], both.shape),
-            GJ=section(GJ, twisting),
+            GJ=section(GJ, modulus * jnp.pi / 2 * fourth),
             rest_twist=jnp.full(nodes, rest[2]),
-            spin_inertia=0.25 * (mass[1:] + mass[:-1]) * edge * at_edges**2,  # rho (I_1 + I_2) l
+            # rho (I_1 + I_2), by Simpson's rule
+            spin_inertia=product(common["edge_mass"] * along**2, jnp.array([1, 4, 1]) / 12),
             **common,
         )
 

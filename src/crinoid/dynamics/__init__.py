@@ -21,6 +21,7 @@ from crinoid.dynamics.obstacles import Obstacles as Obstacles
 from crinoid.dynamics.obstacles import Touch as Touch
 from crinoid.dynamics.outcome import Outcome as Outcome
 from crinoid.dynamics.outcome import Reason as Reason
+from crinoid.dynamics.round_off import round_off_note as round_off_note
 from crinoid.dynamics.state import State as State
 from crinoid.dynamics.system import System as System
 from crinoid.dynamics.transition import Chart as Chart

@@ -1,5 +1,6 @@
 """The assembled arm: everything that a time step needs, and the step itself."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -25,6 +26,7 @@ from crinoid.dynamics.integrator import Integrator
 from crinoid.dynamics.newton import Kept, Settings, solve
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.prescribed import prescribed
+from crinoid.dynamics.round_off import round_off_note
 from crinoid.dynamics.state import State
 from crinoid.dynamics.surroundings import Stir
 from crinoid.dynamics.tangent import HELD
@@ -90,6 +92,8 @@ class System(eqx.Module):
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
 
+        A `RuntimeWarning` says where round-off of the stretch is not small beside the loads.
+
         Raises
         ------
         RuntimeError
@@ -97,12 +101,21 @@ class System(eqx.Module):
             `find_equilibrium` and its outcome.
         """
         state, outcome = eqx.filter_jit(System.find_equilibrium)(self, jnp.asarray(time, float))
-        if not isinstance(outcome.converged, jax.core.Tracer) and not outcome.converged:
+        if isinstance(outcome.converged, jax.core.Tracer):
+            return state
+        if not outcome.converged:
             raise RuntimeError(
                 f"no static equilibrium found: node {int(outcome.worst_node)} is out of balance "
                 f"by {float(outcome.residual):.3g} N among forces of up to "
                 f"{float(outcome.scale):.3g} N"
             )
+        if self.forces.stretch is not None:
+            stiffness = (self.forces.stretch.EA, self.forces.bending_stiffness(self.reference))
+            sizes = (self.reference.length, self.reference.rest_length)
+            largest = jnp.linalg.norm(state.base_force)
+            note = round_off_note(*(float(x.min()) for x in (*stiffness, *sizes, largest)))
+            if note:
+                warnings.warn(note, RuntimeWarning, stacklevel=2)
         return state
 
     def find_equilibrium(self, time: float | Array = 0.0) -> tuple[State, Outcome]:

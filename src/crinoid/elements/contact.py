@@ -18,6 +18,8 @@ _STRENGTH = 32.0
 """Force where the surfaces meet, over the modulus and the squared radius of the arm."""
 _EASE = 0.01
 """How strongly the point of contact is drawn to the middle of an edge."""
+_DAMPING = 0.2
+"""Damping ratio of the skin of what rubs: a hit gives back about half of its speed."""
 _CREEP = 1e-3
 """Sliding speed at which friction has come on (m/s)."""
 
@@ -38,6 +40,10 @@ class Contact(Element):
     arm lies flat on something, it is drawn to the middle: the distance is the root of
     ``min_s |x(s) - c|^2 + _EASE |e|^2 (s - 1/2)^2``. So its gradient is continuous, and the force
     does not change the momentum or the angular momentum of the two.
+
+    A surface that rubs also damps: a dashpot ``2 _DAMPING sqrt(k m)``, by the skin's stiffness
+    ``k`` at this depth and the reduced mass, acts against the rate of the gap and never pulls.
+    Without it the skin chatters under an arm that slides.
 
     Friction is Coulomb's, ``-mu N v / sqrt(v^2 + creep^2)`` with the sliding velocity ``v`` of
     the surfaces: at rest there is none, a body that sticks creeps by less than 1 mm/s. It acts on
@@ -93,11 +99,7 @@ class Contact(Element):
             per_edge(arm_radius),
             per_edge(_STRENGTH * modulus * arm_radius**2),
             *map(per_obstacle, (radius, half_axis, normal, friction)),
-            mass=1
-            / (
-                1 / per_edge(_at_edges(rod.mass_per_length) * rod.rest_length)
-                + 1 / per_obstacle(mass)
-            ),
+            mass=1 / (1 / per_edge(rod.edge_mass[:, 1]) + 1 / per_obstacle(mass)),
         )
 
     @property
@@ -119,6 +121,14 @@ class Contact(Element):
         depth = jnp.maximum(1.0 - gap / self.skin, 0.0)
         return self.strength * self.skin * depth**5 / 5, self.strength * depth**4
 
+    def _damped(self, gap: Float[Array, ""], rate: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the force of skin and dashpot (N), by the gap (m) and its rate (m/s)."""
+        _, force = self.press(gap)
+        rubs = (force > 0) & (self.friction > 0)
+        depth = jnp.where(rubs, 1.0 - gap / self.skin, 1.0)  # whose root has a slope
+        dashpot = 4.0 * _DAMPING * jnp.sqrt(self.mass * self.strength * depth**3 / self.skin)
+        return jnp.where(rubs, jnp.maximum(force - dashpot * rate, 0.0), force)
+
     def residual(self, motion: Motion) -> Float[Array, "3 b"]:
         return -self.push(motion)[1]
 
@@ -129,7 +139,7 @@ class Contact(Element):
         """
         places, velocity = motion.position[:, : self.axes], motion.velocity[:, : self.axes]
         gap, slopes, share = self._closest(places)
-        _, pressing = self.press(gap)
+        pressing = self._damped(gap, jnp.sum(slopes * velocity))
         edge, length = unit(places[1] - places[0])
         outward, _ = unit(-slopes[2])
         lever = -self.arm_radius * outward

@@ -1,14 +1,14 @@
 """Forces and masses spread along an edge: Simpson's rule, and the share that each end bears.
 
-Positions, velocities and properties run linearly from end to end of an edge. A force per length
+Positions, velocities and diameters run linearly from end to end of an edge. A force per length
 ``f`` loads an end by the integral of ``f`` times the share of that end, which falls linearly from
 one to none: the work of the forces on the ends is then that of the force along the edge. Simpson's
-rule is exact for what is linear times what is linear, so a mass is shared as that of linear
-finite elements, and together with the bends' own shares (`crinoid.rod.Rod.strain_length`) small
-vibrations without a force along the arm are of fourth order in the edge length.
+rule is exact for cubics, such as the weight of a frustum times a share. A mass matrix is that of
+linear finite elements, exact for a frustum as well. Together with the bends' own shares
+(`crinoid.rod.Rod.strain_length`) it makes small vibrations without a force along the arm of fourth
+order in the edge length.
 """
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -29,7 +29,7 @@ def shared(force: Float[Array, "3 ..."]) -> Float[Array, "2 ..."]:
     return jnp.stack([force[0] / 6 + middle, middle + force[2] / 6])
 
 
-def mass_matrices(ends: Float[Array, "edge 2"]) -> Float[Array, "edge 2 2"]:
-    """Return the mass matrix of each edge, by its mass per length at the ends times its length."""
-    accelerations = along(jnp.eye(2))  # of one end, then of the other
-    return jax.vmap(lambda mass: shared(along(mass)[:, None] * accelerations))(ends)
+def mass_matrices(mass: Float[Array, "edge 3"]) -> Float[Array, "edge 2 2"]:
+    """Return the integrals of ``mass`` times the shares of two ends; it runs along a parabola."""
+    start, middle = jnp.array([[9.0, 1.0], [1.0, -1.0]]), jnp.array([[12.0, 8.0], [8.0, 12.0]])
+    return jnp.tensordot(mass, jnp.stack([start, middle, start[::-1, ::-1]]) / 60, 1)

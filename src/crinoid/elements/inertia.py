@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.edge import at_ends, mass_matrices
+from crinoid.elements.edge import mass_matrices
 from crinoid.elements.element import Element, Motion
 from crinoid.products import product
 from crinoid.rod import Rod
@@ -27,7 +27,7 @@ class Inertia(Element):
     @staticmethod
     def of(rod: Rod) -> "Inertia":
         """Build the inertia of a rod."""
-        mass = mass_matrices(at_ends(rod.mass_per_length) * rod.rest_length[:, None])
+        mass = mass_matrices(rod.edge_mass)
         spin = rod.spin_inertia
         spin = jnp.zeros((mass.shape[0], 0)) if spin is None else spin[:, None]
         return Inertia(1, mass, spin)

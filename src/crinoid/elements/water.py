@@ -96,7 +96,7 @@ class AddedMass(Element):
         rod: Rod, *, density: float | Array, normal: float | Array, tangential: float | Array
     ) -> "AddedMass":
         """Build the added mass of a rod from its coefficients."""
-        displaced = mass_matrices(density * at_ends(rod.displaced_area) * rod.rest_length[:, None])
+        displaced = mass_matrices(density * rod.edge_volume)
         edges = rod.rest_length.shape
         return AddedMass(
             1,
@@ -125,9 +125,7 @@ class Weight(Element):
     @staticmethod
     def of(rod: Rod, *, density: float | Array, gravity: float | Array) -> "Weight":
         """Build the weight in water of a rod."""
-        submerged = at_ends(rod.mass_per_length - density * rod.displaced_area)
-        on_ends = jax.vmap(lambda ends: shared(along(ends)))(submerged)
-        on_ends *= rod.rest_length[:, None] * gravity
+        on_ends = jax.vmap(shared)(gravity * (rod.edge_mass - density * rod.edge_volume))
         return Weight(1, jnp.pad(on_ends[:, 0], (0, 1)) + jnp.pad(on_ends[:, 1], (1, 0)))
 
     def residual(self, motion: Motion) -> Float[Array, "1 b"]:

@@ -40,6 +40,7 @@ def _motion(motion: FileMotion, duration: float) -> Series:
         angle_factor if turns else length_factor,
         "degrees" if turns else "m",
         _TURNS if turns else _SHIFT,
+        turns,
     )
     series = read_series(motion.file, motion.time_column, [column], motion.skip)
     first, last = series.time[[0, -1]]
@@ -57,7 +58,8 @@ def _path(target: Target, axes: tuple[str, ...], duration: float) -> Series:
         for index, name in enumerate(target.tip_columns or axes)
     ]
     if target.angle_column is not None:
-        columns.append(Column("angle_column", target.angle_column, angle_factor, "degrees", _TURNS))
+        angle = Column("angle_column", target.angle_column, angle_factor, "degrees", _TURNS, True)
+        columns.append(angle)
     for index, name in enumerate(target.direction_columns or ()):
         columns.append(Column(f"direction_columns.{index}", name, _plain, "1", _LONG))
     assert target.file is not None

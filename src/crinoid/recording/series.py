@@ -30,6 +30,8 @@ class Column(NamedTuple):
     """If the file names none."""
     most: float
     """Largest size of a value; larger ones stand for missing values (SI)."""
+    wraps: bool = False
+    """Whether it is an angle, of which an instrument may leave out whole turns."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def read_series(file: str, time_column: str, columns: list[Column], skip: float)
         if " since " not in units:
             time += float(numbers_of(clock, "time_column", "times")[0]) * (time_factor(units) or 1)
         values = np.empty((time.size, len(columns)))
-        for index, (key, name, factor_of, unit, limit) in enumerate(columns):
+        for index, (key, name, factor_of, unit, limit, _) in enumerate(columns):
             variable = dataset[find(dataset, name, key, file)]
             if variable.dims != (along,):
                 dims = ", ".join(map(str, variable.dims)) or "nothing"
@@ -97,4 +99,13 @@ def read_series(file: str, time_column: str, columns: list[Column], skip: float)
             f"{lacking} of {there.size} rows {lack} a value and {are} left out, the longest gap "
             f"{gap:.4g} s"
         )
-    return Series(time[there] - skip, values[there], tuple(remarks))
+    values = values[there]
+    for index, column in enumerate(columns):
+        jumps = np.abs(np.diff(values[:, index])) > np.pi
+        if column.wraps and jumps.any():
+            values[:, index] = np.unwrap(values[:, index])
+            remarks.append(
+                f"{column.name} jumps by more than 180 degrees between two rows, first at "
+                f"{time[there][1:][jumps][0]:.6g} s: the turn goes on by the shorter way round"
+            )
+    return Series(time[there] - skip, values, tuple(remarks))

@@ -13,6 +13,7 @@ from crinoid.ledger import find_defect
 from crinoid.notes import notes, tool_notes, torn
 from crinoid.record import Record
 from crinoid.result import Result, named_leaves
+from crinoid.ringing import unresolved
 from crinoid.signals import signals
 from crinoid.simulation.failure import command_failure, step_failure
 from crinoid.simulation.loop import LoopState
@@ -73,8 +74,9 @@ def conclude(
     scenario, system = prepared.scenario, setup.loop.system
     dataset = with_swings(dataset)
     defect = None
+    step_energy, rings = unresolved(dataset, system)
     if with_ledger:
-        defect = find_defect(dataset, scenario, float(system.settings.floor))
+        defect = find_defect(dataset, scenario, float(system.settings.floor), step_energy)
     if failed is not None:
         time = float(carry.state.time)
         trouble = command_failure(system.inputs, np.asarray(carry.command).tolist(), time)
@@ -85,7 +87,7 @@ def conclude(
         if defect is not None and defect.failed is not None:
             trouble = defect.failure
     told = [*prepared.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
-    told += tool_notes(scenario.tool, carry.state.grip)
+    told += [*tool_notes(scenario.tool, carry.state.grip), *([rings] if rings else [])]
     if defect is not None and defect.told not in trouble:
         told.append(defect.note)
     dataset.attrs = attributes_of(prepared, trouble or Status.OK.value, wall_time, told)

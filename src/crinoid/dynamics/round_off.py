@@ -1,0 +1,35 @@
+"""Round-off of the force that stretches an arm, beside the loads."""
+
+import numpy as np
+
+_KNOWN = 0.01
+"""Share of the largest force on the base that round-off may have of it."""
+_BENDS = 1e-6
+"""Share of EI / L^2 up to which a force bends no arm that anyone could see."""
+
+
+def round_off_note(
+    stretching: float, bending: float, length: float, edge: float, largest: float
+) -> str:
+    """Return a sentence where round-off of the stretch is not small beside the loads, or nothing.
+
+    Positions on an arm of length L are known to about eps L, the strain of an edge l to
+    eps L / l, and the forces on both ends of it add up.
+
+    Parameters
+    ----------
+    stretching, bending
+        Stiffness EA (N) and EI (N m2).
+    length, edge
+        Length of the arm and of an edge (m).
+    largest
+        Largest force on the base (N).
+    """
+    noise = 2 * np.finfo(float).eps * stretching * length / edge
+    if noise <= max(_KNOWN * largest, _BENDS * bending / length**2):
+        return ""
+    return (
+        f"forces are known to about {noise:.2g} N only, the round-off of an arm this stiff to "
+        f"stretch (EA = {stretching:.2g} N), and the largest on the base is {largest:.2g} N: "
+        "a smaller arm.section.EA changes nothing else as long as the arm hardly stretches"
+    )
