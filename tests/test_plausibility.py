@@ -411,6 +411,7 @@ RELATIONS = {
             [SPHERE.format("[4.0, -10.2]", 0.01, "[-3.0, 0.0]")],
             [GAUSS.format(0.1, 0.02)],
             ["base.channels.tilt.bandwidth_hz=40"],
+            ["flow.0.ramp_time=0.03"],
         ],
         ["simulation.time_step=0.02"],
     ),

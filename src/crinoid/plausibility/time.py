@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from operator import attrgetter
 from typing import NamedTuple
 
 from crinoid.plausibility.facts import Facts
@@ -53,8 +54,12 @@ def _courses(facts: Facts) -> Iterator[_Course]:
             case WavesFlow():
                 yield _Course(f"the waves of {name}", flow.peak_period, 16)
             case TurbulenceFlow():
-                passing = flow.length_scale / math.hypot(*flow.mean)
+                passing = flow.length_scale / facts.current
                 yield _Course(f"the passing of an eddy of {name}", passing, 8)
+    for table in ("flow", "load", "base.motion"):
+        for index, each in enumerate(attrgetter(table)(scenario)):
+            if ramp := getattr(each, "ramp_time", 0.0):
+                yield _Course(f"the ramp of {table}.{index}", ramp, 4)
     for index, obstacle in enumerate(scenario.obstacle):
         if not isinstance(obstacle, Plane) and obstacle.velocity != "flow":
             speed = math.hypot(*obstacle.velocity)
@@ -120,7 +125,7 @@ TIME = (
         ("simulation.time_step",),
         "8 time steps to the period of the second bending mode, of sines and gusts and to the "
         "passing of an eddy, 16 to the peak period of waves, 4 to a period at a driven servo's "
-        "bandwidth and to the passing of an obstacle, 3 to a correlation time",
+        "bandwidth, to a ramp and to the passing of an obstacle, 3 to a correlation time",
         _time_step,
     ),
     Rule(
