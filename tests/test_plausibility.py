@@ -499,9 +499,8 @@ def test_a_note_says_key_value_and_likely_cause():
 
 
 def test_commands_hear_of_what_they_use_only():
-    odd = crinoid.load(
-        TURBULENT, ["sensor.delay=10", "base.tilt_deg=0.785", "flow.0.mean=[6.0, 0.0]"]
-    )
+    values = ["sensor.delay=10", "base.tilt_deg=0.785", "flow.0.mean=[6.0, 0.0]"]
+    odd = crinoid.load(TURBULENT, [*values, "simulation.time_step=0.005"])
     which = {"run": (), "still": AT_REST, "flow": IN_THE_WATER}
     told = {name: doubts(Prepared(odd), tables) for name, tables in which.items()}
     tables = {name: {note.split(".")[0] for note in notes} for name, notes in told.items()}
