@@ -31,7 +31,7 @@ from crinoid.plausibility import Facts
 from crinoid.programs import ONCE, compiled
 from crinoid.scenario import Mistake, ScenarioError
 from crinoid.simulation.loop import Loop
-from crinoid.simulation.margin import OpenLoop, age
+from crinoid.simulation.margin import INDENTED, OpenLoop, age, around
 from crinoid.simulation.setup import Setup, set_up
 
 __all__ = ["LinearLoop", "LinearPlant", "linear_controller", "linear_loop"]
@@ -41,8 +41,8 @@ Matrix = Float[np.ndarray, "m n"]
 _GRID = 1500
 _LOWEST = 1e-5
 """Lowest frequency looked at, over the highest."""
-_AROUND = np.array([-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0])
-"""Where a resonance is looked at beside, in half-widths."""
+_WIDEST = 5e-3
+"""Distance from a resonance, over it, from which on the even frequencies are as close."""
 _SETTLED = 2.0
 """How long a controller has run when it is linearised (s)."""
 _FAR = 1e6
@@ -114,8 +114,13 @@ class LinearPlant(NamedTuple):
         system = system.minimal()
         frequency = _frequencies(np.linalg.eigvals(system.A), 1 / period)
         names = tuple(each.name for each in setup.loop.system.inputs)
-        response = system.response(np.exp(2j * np.pi * frequency * period))
-        return LinearPlant(system, names, period, frequency, response)
+        found = LinearPlant(system, names, period, frequency, np.zeros((0, 0, 0), complex))
+        return found._replace(response=system.response(found.shift))
+
+    @property
+    def shift(self) -> Complex[np.ndarray, " f"]:
+        """What one period multiplies a motion by at each frequency, on the indented contour."""
+        return np.exp(2 * np.pi * (1j + INDENTED) * self.frequency * self.period)
 
     def every(self, count: int) -> LinearPlant:
         """Return it at fewer frequencies, one of so many, but for those beside resonances."""
@@ -128,8 +133,7 @@ class LinearPlant(NamedTuple):
         """Return the loop by a controller, cut open, without knowing if it is stable closed."""
         own = controller.minimal()
         driven = _driven(own)
-        z = np.exp(2j * np.pi * self.frequency * self.period)
-        answer = own.response(z)[:, driven]
+        answer = own.response(self.shift)[:, driven]
         none = np.zeros((driven.size, driven.size))
         return OpenLoop(self.frequency, -answer @ self.response[:, :, driven], none)
 
@@ -329,6 +333,7 @@ def _frequencies(poles: Complex[np.ndarray, " pole"], rate: float) -> Float[np.n
     swinging = poles[(poles.imag > 0) & (np.abs(poles) > 0)]
     speed = np.log(swinging) * rate / (2 * np.pi)
     for each in speed[np.abs(speed.real) < 0.1 * speed.imag]:
-        grid.append(each.imag + np.abs(each.real) * _AROUND)
+        width = max(abs(each.real), INDENTED * each.imag)
+        grid.append(each.imag + around(width, max(4 * width, _WIDEST * each.imag)))
     found = np.unique(np.concatenate(grid))
     return found[(found > 0) & (found <= highest)]

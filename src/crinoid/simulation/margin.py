@@ -12,6 +12,10 @@ The loop is stable if no eigenvalue of ``L`` goes round -1 (MacFarlane and Postl
 Skogestad and Postlethwaite 2005, section 4.9; Astrom and Murray 2008, section 9.3). How near they
 come to it is its modulus margin. The least singular value of ``I + L`` would depend on whether
 angles are in radians or degrees, the eigenvalues do not.
+
+The response of an undamped arm is infinite at a resonance. So the contour of Nyquist's criterion
+passes to the right of the imaginary axis by `INDENTED` times the frequency: poles on the axis count
+as stable, and ``L`` is finite everywhere.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Inexact
 
 from crinoid.actuation import Actuator
 from crinoid.control import Pid, Sensor
@@ -31,9 +35,11 @@ from crinoid.simulation.response import Plant
 ROBUST = 0.1
 """Modulus margin below which a loop gets a note: a tenth more gain may be too much for it."""
 _GRID = 120
-_AROUND = np.array([-3.0, -1.5, -0.75, -0.3, 0.0, 0.3, 0.75, 1.5, 3.0])
-"""Where a resonance is looked at, in half-widths."""
+_APART, _WIDEST = 1.3, 0.06
+"""Ratio of distances from a resonance at which it is looked at, and the largest, over it."""
 _TICKS = 4000
+INDENTED = 1e-6
+"""Growth of a motion over its angular frequency that counts as none."""
 _NOTHING = 1e-3
 """Share of the largest integrator below which one is none."""
 
@@ -95,15 +101,16 @@ class OpenLoop(NamedTuple):
         ``followers`` are the base's servos and the other actuators.
         """
         period = float(controller.period)
-        grid = _frequencies(plant, resonances, 0.5 / period)
-        gains, mapping = _controller(controller, grid), np.asarray(controller.mapping)
+        grid = _frequencies(resonances, 0.5 / period)
+        indented = grid * (1 - INDENTED * 1j)
+        gains, mapping = _controller(controller, indented), np.asarray(controller.mapping)
         driven = np.flatnonzero(np.abs(mapping).max(axis=1) > 0)
-        rate = 2j * np.pi * grid
+        rate = 2j * np.pi * indented
         hold = (1 - np.exp(-rate * period)) / (rate * period)
         old = np.exp(-rate * age(sensor, period, time_step))
         response = np.concatenate([one.response(grid) for one in followers], axis=1)
         response *= (hold * old)[:, None]
-        loop = mapping @ plant.response(grid)
+        loop = mapping @ plant.response(indented)
         integrated = np.asarray(controller.ki)[:, None] * loop[0].real
         loop = gains[:, :, None] * loop * response[:, None, :]
         both = np.ix_(driven, driven)
@@ -212,18 +219,22 @@ def _followed(values: Complex[np.ndarray, "f input"]) -> Complex[np.ndarray, "f 
     return ordered
 
 
-def _frequencies(
-    plant: Plant, resonances: Float[np.ndarray, " mode"], highest: float
-) -> Float[np.ndarray, " f"]:
+def _frequencies(resonances: Float[np.ndarray, " mode"], highest: float) -> Float[np.ndarray, " f"]:
     """Return where to look: evenly by octaves, and closely around resonances."""
     slow = resonances[resonances > 0]
     lowest = 0.02 * min([*slow, highest])
     grid = np.geomspace(lowest, highest, _GRID)
-    close = [f * (1 + 0.02 * _AROUND) for f in slow if f < highest / 1.06]
+    close = [f + around(INDENTED * f, _WIDEST * f) for f in slow if f < highest / (1 + _WIDEST)]
     return np.unique(np.concatenate([grid, *close]))
 
 
-def _controller(controller: Pid, grid: Float[np.ndarray, " f"]) -> np.ndarray:
+def around(width: float, widest: float) -> Float[np.ndarray, " apart"]:
+    """Return distances from a resonance at which a peak of half-width ``width`` is resolved."""
+    apart = np.geomspace(width / 4, widest, 2 + round(math.log(4 * widest / width, _APART)))
+    return np.concatenate([-apart[::-1], [0.0], apart])
+
+
+def _controller(controller: Pid, grid: Inexact[np.ndarray, " f"]) -> np.ndarray:
     """Return what each input commands for its error, as `crinoid.control.Pid` computes it."""
     period = float(controller.period)
     back = np.exp(-2j * np.pi * grid * period)[:, None]  # one command earlier
