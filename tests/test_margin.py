@@ -159,6 +159,25 @@ def test_an_integrator_of_the_wrong_sign_runs_away_however_small():
     assert note.endswith("is the sign right?")
 
 
+def test_the_margin_in_two_waters_is_that_of_the_worse_which_a_note_names():
+    limit = math.pi / 2 / DELAY
+    one, other = late_integrators(0.5 * limit), late_integrators(0.96 * limit)
+    both = OpenLoop(
+        FREQUENCY,
+        np.stack([one.transfer, other.transfer]),
+        np.stack([one.integrated, other.integrated]),
+        ("the mean current", "still water"),
+    )
+    assert both.margin() == other.margin()
+    assert both.scaled(1.1).margin().stable is False
+    assert (both.weakest, both.scaled(1.1).weakest) == ("still water", "still water")
+    (note,) = loop_doubts(both, {"slide": PidGains(ki=0.96 * limit)})
+    expected = f"hardly die down in still water (modulus margin {other.margin().modulus:.2g})"
+    assert expected in note
+    factor = float(note.split("these three times ")[1].split(" ")[0])
+    assert other.scaled(factor).margin().modulus >= 0.2
+
+
 def test_the_channel_at_fault_is_named_and_by_what_to_lower_it():
     limit = math.pi / 2 / DELAY
     gains = {"slide": PidGains(ki=1.0), "tilt": PidGains(ki=4.0 * limit)}

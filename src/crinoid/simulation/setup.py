@@ -52,7 +52,7 @@ class Setup(NamedTuple):
     doubts: list[str]
     """Notes on odd numbers of the scenario, a sentence each."""
     open_loop: OpenLoop | None
-    """The loop, cut open, in the mean current; none without a PID."""
+    """The loop, cut open, in each of the waters that it is judged in; none without a PID."""
     loop_doubts: list[str]
     """Notes on the closed loop."""
 
@@ -82,7 +82,8 @@ def set_up(prepared: Prepared) -> Setup:
     open_loop = None
     # an arm that does not swing back by itself has no response to speak of
     if control.kind == "pid" and modes is not None and np.all(modes.frequency > 0):
-        open_loop = _open_loop(loop, small, influence, modes)
+        waters = tuple(Facts(prepared).waters)
+        open_loop = _open_loop(loop, small, influence, modes, waters)
     found = loop_doubts(open_loop, control.pid.present) if open_loop is not None else []
     return Setup(loop, state, plan, outcome, modes, told, open_loop, found)
 
@@ -152,16 +153,29 @@ def _controller(plan: Plan, parts: Parts | None) -> Controller:
     return given if isinstance(given, Controller) else given(plan)
 
 
-def _open_loop(loop: Loop, small: SmallMotions, influence: Influence, modes: Modes) -> OpenLoop:
-    """Return the loop, cut open, in the mean current."""
+def _open_loop(
+    loop: Loop,
+    small: SmallMotions,
+    influence: Influence,
+    modes: Modes,
+    waters: tuple[str, ...],
+) -> OpenLoop:
+    """Return the loop, cut open, in each of the waters."""
     assert isinstance(loop.controller, Pid)
+    in_waters = (
+        (small.stiffness_in_current, small.damping_in_current),
+        (small.stiffness_in_still_water, small.damping_in_still_water),
+    )
     return OpenLoop.of(
-        Plant(
-            stiffness=np.asarray(small.stiffness_in_current),
-            damping=np.asarray(small.damping_in_current),
-            mass=np.asarray(small.mass),
-            influence=influence,
-        ),
+        {
+            water: Plant(
+                stiffness=np.asarray(stiffness),
+                damping=np.asarray(damping),
+                mass=np.asarray(small.mass),
+                influence=influence,
+            )
+            for water, (stiffness, damping) in zip(waters, in_waters, strict=False)
+        },
         loop.system.followers,
         loop.sensors[0],
         loop.controller,
