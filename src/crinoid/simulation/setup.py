@@ -78,7 +78,9 @@ def set_up(prepared: Prepared) -> Setup:
     if jacobian is not None and swings_free:
         # the stiffness is singular: what its inverse says is round-off
         jacobian = jnp.full_like(jacobian, jnp.nan)
-    loop, plan = loop_about(prepared, state, tip, jacobian)
+    swinging = modes.frequency[modes.frequency > 0] if modes is not None else np.zeros(0)
+    first_period = float(1 / swinging[0]) if swinging.size else Facts(prepared).period
+    loop, plan = loop_about(prepared, state, tip, jacobian, first_period)
     open_loop = None
     # an arm that does not swing back by itself has no response to speak of
     if control.kind == "pid" and modes is not None and np.all(modes.frequency > 0):
@@ -98,6 +100,7 @@ def loop_about(
     state: State,
     tip: Float[Array, " pose"],
     jacobian: Float[Array, "pose input"] | None,
+    first_period: float = 1.0,
 ) -> tuple[Loop, Plan]:
     """Return the loop of a scenario about a state of its arm, with the plan of its controller.
 
@@ -111,6 +114,8 @@ def loop_about(
         The pose of its tip.
     jacobian
         How that follows the inputs, where errors are mapped to inputs by that.
+    first_period
+        Period of the slowest vibration of the arm (s).
     """
     scenario, system, parts = prepared.scenario, prepared.system, prepared.parts
     sensors = (*build_sensors(scenario), *(parts.sensors if parts is not None else ()))
@@ -125,6 +130,7 @@ def loop_about(
         target,
         Facts(prepared).mean_current,
         prepared.recordings,
+        first_period,
     )
     for words, names in (
         ("sensors", [sensor.name for sensor in sensors]),
