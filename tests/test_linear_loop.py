@@ -20,10 +20,13 @@ from crinoid.simulation.linear_loop import (
     linear_controller,
     linear_loop,
 )
+from crinoid.simulation.margin import OpenLoop
 from crinoid.simulation.margins import find_margins
 from crinoid.simulation.run import begin
 from crinoid.simulation.setup import set_up
 from crinoid.simulation.stretch import stretch
+from crinoid.tuning.design import Design
+from crinoid.tuning.stability import Stability
 from test_cli import call
 from test_report import assert_shows_something
 
@@ -117,11 +120,11 @@ def test_a_pid_is_the_transfer_that_its_equations_have(setup, linear):
 def test_the_loop_is_that_of_the_arm_in_continuous_time(setup, linear):
     quick = setup.open_loop
     slow = (quick.frequency > 0.05) & (quick.frequency < 3.0)
-    for row, frequency in zip(quick.transfer[slow], quick.frequency[slow], strict=True):
+    for row, frequency in zip(quick.transfer[0, slow], quick.frequency[slow], strict=True):
         at = np.argmin(np.abs(linear.open.frequency - frequency))
         near = frequency / linear.open.frequency[at]
         assert near == pytest.approx(1.0, rel=0.01)
-        np.testing.assert_allclose(linear.open.transfer[at], row, atol=0.06 * np.abs(row).max())
+        np.testing.assert_allclose(linear.open.transfer[0, at], row, atol=0.06 * np.abs(row).max())
     one, other = quick.margin(), linear.open.margin()
     assert other.stable
     for name in ("modulus", "gain", "phase", "delay"):
@@ -132,13 +135,15 @@ def test_fewer_frequencies_keep_those_beside_a_resonance():
     turn = 2 * np.pi * 1.3 / 100  # 1.3 Hz, hardly damped
     frequency = _frequencies(np.exp(np.array([1j, -1j]) * turn - 1e-5), 100.0)
     none = System(*np.zeros((4, 0, 0)))
-    few = LinearPlant(none, (), 0.01, frequency, frequency[:, None, None] + 0j).every(5)
+    response = frequency[None, :, None, None] + 0j
+    few = LinearPlant({"water": none}, (), 0.01, frequency, response).every(5)
     grid = np.geomspace(frequency[0], frequency[-1], 1500)
     beside = [f for f in frequency if np.abs(f / grid - 1).min() > 1e-9]
-    assert len(beside) == 11
+    assert np.abs(np.array(beside) - 1.3).min() < 1e-12  # 1.3 Hz itself, and closely on both sides
+    assert len(beside) > 20
     assert np.isin(beside, few.frequency).all()
     assert few.frequency.size < 0.25 * frequency.size
-    np.testing.assert_array_equal(few.response[:, 0, 0], few.frequency)
+    np.testing.assert_array_equal(few.response[0, :, 0, 0], few.frequency)
 
 
 @pytest.mark.parametrize(("share", "grows"), [(0.7, False), (1.2, True)])
@@ -153,6 +158,20 @@ def test_a_loop_swings_by_itself_beyond_its_delay_margin_and_not_below(
     tilt = rolled(moved(loop, 1e-4), setup.state, 3000)[:, 2]
     early, late = np.ptp(tilt[1000:1600]), np.ptp(tilt[2400:])
     assert (late > 1.5 * early) if grows else (late < 0.5 * early)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e-3])
+def test_margins_of_an_undamped_arm_agree_with_its_poles(prepared, factor):
+    values = {"arm.damping_time": 0.0, "water.density": 0.0, "simulation.integrator": "newmark"}
+    gains = {f"control.pid.{name}.kp": 0.07 * factor for name in ("slide", "tilt")}
+    own = Prepared(prepared.scenario.with_values({**values, **gains}))
+    found = linear_loop(own)
+    assert found.poles[0].real > 1e-5 * abs(found.poles[0].imag)
+    assert np.isfinite(found.open.transfer).all()
+    assert not found.open._replace(stable=None).margin().stable
+    quick = set_up(own)
+    assert not quick.open_loop.margin().stable
+    assert "small motions grow" in quick.loop_doubts[0]
 
 
 def test_poles_and_gain_margin_agree(prepared, linear):
@@ -274,6 +293,74 @@ def test_crinoid_margins_prints_saves_and_draws(prepared, linear, tmp_path, monk
     saved.drop_vars("gain_margin").to_netcdf(tmp_path / "margins.nc")
     with pytest.raises(ReportError, match="no gain_margin"):
         write_report(tmp_path / "margins.nc")
+
+
+MEAN = {"kind": "uniform", "velocity": [0.1, 0.0]}
+SWELL = {"kind": "sine", "amplitude": [0.2, 0.0], "frequency_hz": 0.1}
+CALM = {"kind": "uniform", "velocity": [0.0, 0.0]}
+
+
+def in_water(prepared, gains, *flow):
+    """Return the scenario in other water, with other gains of a PID."""
+    values = {
+        f"control.pid.{name}.{term}": gains * getattr(given, term)
+        for name, given in prepared.scenario.control.pid.present.items()
+        for term in ("kp", "ki", "kd")
+    }
+    return Prepared(prepared.scenario.with_values({**values, "flow": list(flow)}))
+
+
+def test_a_swell_that_passes_through_still_water_is_judged_there_as_well(prepared):
+    cases = ((MEAN,), (CALM,), (MEAN, SWELL))
+    steady, still, both = (linear_loop(in_water(prepared, 0.3, *flow)) for flow in cases)
+    assert both.open.waters == ("the mean current", "still water")
+    assert both.water == "still water"
+    steady, still, found = (each.open.margin() for each in (steady, still, both))
+    assert still.modulus < 0.8 * steady.modulus
+    for name in ("modulus", "phase", "delay", "gain"):
+        worse = min(getattr(steady, name), getattr(still, name))
+        assert getattr(found, name) == pytest.approx(worse, rel=0.02), name  # about another bend
+    quick = set_up(in_water(prepared, 0.3, MEAN, SWELL)).open_loop
+    assert quick.weakest == "still water"
+    assert quick.margin().modulus == pytest.approx(still.modulus, rel=0.15)
+
+
+def test_a_loop_that_only_the_mean_current_damps_is_unstable(prepared, tmp_path, monkeypatch):
+    assert linear_loop(in_water(prepared, 1.0, MEAN)).open.margin().stable
+    calm, both = (in_water(prepared, 1.0, *flow) for flow in ((CALM,), (MEAN, SWELL)))
+    pole = linear_loop(calm).poles[0]
+    assert pole.real > 0.05
+    found = linear_loop(both).poles[0]
+    assert (found.real, abs(found.imag)) == pytest.approx((pole.real, abs(pole.imag)), rel=0.02)
+    (note,) = set_up(both).loop_doubts
+    assert "small motions grow by themselves in still water" in note
+    data = find_margins(both)
+    monkeypatch.setattr("crinoid.cli.margins.find_margins", lambda _: data)
+    (tmp_path / "loop.toml").write_text(both.scenario.to_toml())
+    ended = call("margins", tmp_path / "loop.toml", "--out", tmp_path)
+    assert "unstable in still water: small motions grow near 0.279 Hz" in ended.output
+    for name in ("bode.png", "nyquist.png"):
+        assert_shows_something(tmp_path / name)
+
+
+def test_a_search_keeps_its_margin_in_the_worse_water(prepared):
+    def nearness(gains, asked):
+        own = in_water(prepared, gains, MEAN, SWELL)
+        setup = set_up(own)
+        stability = Stability(LinearPlant.of(own, setup), setup)
+        design = Design(setup.plan)
+        found = stability.nearness(design.around(np.zeros(len(design.given))), asked)
+        return found, stability.closed(setup.loop.controller)
+
+    found, closed = nearness(0.3, 0.5)
+    assert closed.water == "still water"
+    assert found.margin == closed.open.margin()
+    assert found.excess > 1 - found.margin.modulus / 0.5
+    steady, _ = (OpenLoop(closed.open.frequency, L, np.zeros((2, 2))) for L in closed.open.transfer)
+    between = 0.5 * (found.margin.modulus + steady.margin().modulus)
+    assert nearness(0.3, between)[0].excess > 0.1
+    # stable in the mean current alone: as bad as any unstable loop
+    assert nearness(1.0, 0.5)[0].excess > 1
 
 
 def test_a_loop_takes_a_controller():

@@ -97,7 +97,7 @@ def test_drag_is_linear_about_the_water_of_calm_moments():
 
 def test_what_is_expected_of_the_water_comes_from_its_flows():
     scenario = crinoid.load("station-keeping")
-    swell, drift, rest = fluctuations(scenario, {})
+    swell, drift, rest = fluctuations(scenario, {}, 1.0)
     np.testing.assert_allclose(swell.deviation, [0.25 / np.sqrt(2), 0.0])
     assert swell.time == pytest.approx(1 / 0.0833)
     np.testing.assert_allclose(drift.deviation, 0.8 * 0.06)
@@ -113,7 +113,8 @@ def test_what_is_expected_of_a_record_is_that_of_the_record_as_it_is_played():
     played = crinoid.load("tidal-channel")
     slower = played.with_values({"flow.0.time_scale": 0.5, "flow.0.velocity_scale": 0.165})
     quick, slow = (
-        fluctuations(scenario, Prepared(scenario).recordings)[0] for scenario in (played, slower)
+        fluctuations(scenario, Prepared(scenario).recordings, 1.0)[0]
+        for scenario in (played, slower)
     )
     assert 0.5 < quick.time < 5  # `crinoid flow tidal-channel`: 1.5 s where it is played
     np.testing.assert_allclose(slow.deviation, quick.deviation / 2, rtol=1e-9)

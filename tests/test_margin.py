@@ -11,7 +11,7 @@ import crinoid
 from crinoid.base import Servo
 from crinoid.dynamics import Influence
 from crinoid.scenario import PidGains
-from crinoid.simulation.margin import OpenLoop, loop_doubts
+from crinoid.simulation.margin import INDENTED, OpenLoop, _frequencies, loop_doubts
 from crinoid.simulation.response import Plant
 
 FREQUENCY = np.geomspace(1e-3, 20.0, 400)
@@ -100,6 +100,33 @@ def test_margins_that_there_are_none_of():
     assert math.isnan(unstable.delay)
 
 
+@pytest.mark.parametrize("gain", [1e-4, 1e-2, 1.0])
+def test_late_damping_of_an_undamped_resonance_is_stable_and_the_opposite_is_not(gain):
+    # k s e^(-s T) / (s^2 + w^2) moves the poles by -k / 2: the resonance itself is on the grid
+    grid = _frequencies(np.array([1.3]), 50.0)
+    assert 1.3 in grid
+    rate = 2j * np.pi * grid * (1 - 1j * INDENTED)
+    late = gain * rate * np.exp(-0.01 * rate) / (rate**2 + (2.6 * np.pi) ** 2)
+    for sign in (1, -1):
+        loop = OpenLoop(grid, sign * late[:, None, None], np.zeros((1, 1)))
+        assert loop.margin().stable == (sign > 0)
+
+
+def test_the_response_of_an_undamped_arm_at_its_resonance_is_large_and_finite():
+    # four free coordinates, each of stiffness and mass 1: singular at 1 rad/s exactly
+    bands = np.zeros((4, 5, 2, 2))
+    bands[:, 2] = np.eye(2)
+    loads = np.ones((4, 2, 1))
+    influence = Influence(np.zeros((2, 2, 1)), loads, np.ones((1, 3, 2)))
+    plant = Plant(bands, 0 * bands, bands, influence)
+    at = np.array([1 / (2 * np.pi)])
+    with pytest.raises(np.linalg.LinAlgError):
+        plant.response(at)
+    # of two nodes' two coordinates each: 1 / (1 - w^2), w = 1 - i e
+    found = plant.response(at * (1 - INDENTED * 1j))[0, 0, 1]
+    np.testing.assert_allclose(found, 4 / (2j * INDENTED), rtol=1e-5)
+
+
 def test_channels_that_are_coupled_share_one_margin():
     loop = late_integrators(1.0, 4.0)
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
@@ -130,6 +157,25 @@ def test_an_integrator_of_the_wrong_sign_runs_away_however_small():
     (note,) = loop_doubts(loop, gains)
     assert note.startswith("control.pid.tilt: got kp = 0, ki = -0.01, kd = 0; the tip runs away")
     assert note.endswith("is the sign right?")
+
+
+def test_the_margin_in_two_waters_is_that_of_the_worse_which_a_note_names():
+    limit = math.pi / 2 / DELAY
+    one, other = late_integrators(0.5 * limit), late_integrators(0.96 * limit)
+    both = OpenLoop(
+        FREQUENCY,
+        np.stack([one.transfer, other.transfer]),
+        np.stack([one.integrated, other.integrated]),
+        ("the mean current", "still water"),
+    )
+    assert both.margin() == other.margin()
+    assert both.scaled(1.1).margin().stable is False
+    assert (both.weakest, both.scaled(1.1).weakest) == ("still water", "still water")
+    (note,) = loop_doubts(both, {"slide": PidGains(ki=0.96 * limit)})
+    expected = f"hardly die down in still water (modulus margin {other.margin().modulus:.2g})"
+    assert expected in note
+    factor = float(note.split("these three times ")[1].split(" ")[0])
+    assert other.scaled(factor).margin().modulus >= 0.2
 
 
 def test_the_channel_at_fault_is_named_and_by_what_to_lower_it():

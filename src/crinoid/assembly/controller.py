@@ -14,9 +14,6 @@ from crinoid.assembly.scheduled import build_scheduled
 from crinoid.control import Controller, FeedForward, Idle, Pid
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 
-TAKE_UP = 1.0
-"""How long a controller takes to answer in full to what is there when it is switched on (s)."""
-
 
 def build_controller(plan: Plan) -> Controller:
     """Return the controller of a scenario."""
@@ -74,7 +71,7 @@ def _pid(plan: Plan) -> Pid:
         **plan.parameters.pid.gains(plan.inputs),
         mapping=array(mapping),
         period=array(plan.period),
-        take_up=array(TAKE_UP if bumps else 0.0),
+        take_up=array(plan.first_period if bumps else 0.0),
         allocation=allocation,
     )
 

@@ -24,10 +24,11 @@ from crinoid.scenario import (
 if TYPE_CHECKING:
     from crinoid.recording import Recording  # xarray, slow to load
 
-_SLOW = 20.0
-"""Correlation time of what no flow accounts for (s)."""
-_LEAST = 0.02
-"""Its standard deviation (m/s), at least: loads that are not known look like a current."""
+_SLOW = 15.0
+"""Correlation time of what no flow accounts for, over the arm's first period."""
+_LEAST = 0.05
+"""Its standard deviation over the arm's length in a first period, at least: loads that are not
+known look like a current."""
 _SHARE = 0.1
 """And at least this share of all the rest."""
 _WIDTH = 0.15
@@ -97,9 +98,13 @@ class Fluctuation(NamedTuple):
 
 
 def fluctuations(
-    scenario: Scenario, recordings: Mapping[int, Recording]
+    scenario: Scenario, recordings: Mapping[int, Recording], first_period: float
 ) -> tuple[Fluctuation, ...]:
-    """Return the fluctuations of all flows of a scenario, one that is slow last."""
+    """Return the fluctuations of all flows of a scenario, one that is slow last.
+
+    ``first_period`` is that of the arm's slowest vibration (s).
+    """
+    slow = _SLOW * first_period
     axes, found = scenario.arm.dimension, []
     carrier, swing = _carrier(scenario)
     for index, flow in enumerate(scenario.flow):
@@ -121,11 +126,12 @@ def fluctuations(
             case WavesFlow():
                 found.append(_waves(flow, scenario))
             case MeasuredFlow():
-                found.append(_measured(recordings[index]))
+                found.append(_measured(recordings[index], slow))
             case _:
                 pass
     total = np.sqrt(sum((each.deviation**2 for each in found), np.zeros(axes)))
-    found.append(Fluctuation(np.maximum(_LEAST, _SHARE * total), _SLOW))
+    least = _LEAST * scenario.arm.length / first_period
+    found.append(Fluctuation(np.maximum(least, _SHARE * total), slow))
     return tuple(found)
 
 
@@ -174,7 +180,7 @@ def _waves(flow: WavesFlow, scenario: Scenario) -> Fluctuation:
     return Fluctuation(spread, flow.peak_period, _WIDTH)
 
 
-def _measured(recording: Recording) -> Fluctuation:
+def _measured(recording: Recording, slow: float) -> Fluctuation:
     """Return deviation and correlation time of a record as it is played.
 
     Of several levels where it varies most, and of several axes along that which forgets soonest:
@@ -185,5 +191,5 @@ def _measured(recording: Recording) -> Fluctuation:
     times = [integral_time(each, recording.interval) for each in series if np.ptp(each)]
     deviation = np.sqrt(varies.mean(axis=0))
     slowness = recording.slowness if np.any(recording.slowness) else None
-    time = recording.time_scale * min(times) if times else _SLOW
+    time = recording.time_scale * min(times) if times else slow
     return Fluctuation(deviation, time, slowness=slowness)

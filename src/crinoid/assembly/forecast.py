@@ -25,10 +25,10 @@ SHAPES = 3
 """Shapes along the arm of water that is foreseen."""
 _LEAST_ACROSS = 0.3
 """Share of the current that counts as across the arm at least."""
-_SPACING = 0.05
-"""Time between the readings from which those to come are foreseen (s)."""
-_LEAST_MEMORY, _MOST_MEMORY = 1.0, 5.0
-"""For how long readings are kept (s)."""
+_SPACING = 0.04
+"""Time between the readings from which those to come are foreseen, over the arm's first period."""
+_MEMORY = np.array([0.75, 4.0])
+"""Over the arm's first period, for how long readings are kept at least and at most."""
 _LEAST_NOISE = 0.02
 """Noise of readings over their standard deviation, at least."""
 
@@ -66,11 +66,11 @@ def carried_water(
     mean = np.asarray(plan.current, float)
     speed = float(np.linalg.norm(mean))
     reach = (stations[:, None] - points) @ mean / speed if speed else np.zeros(1)
-    memory = float(np.clip(reach.max() / max(speed, 1e-9), _LEAST_MEMORY, _MOST_MEMORY))
-    stride = max(1, round(_SPACING / plan.period))
+    memory = float(np.clip(reach.max() / max(speed, 1e-9), *(_MEMORY * plan.first_period)))
+    stride = max(1, round(_SPACING * plan.first_period / plan.period))
     count = int(np.ceil(memory / (stride * plan.period))) + 1
     taken = -np.arange(count) * stride * plan.period - float(sensor.delay)
-    expected = fluctuations(plan.scenario, plan.recordings)
+    expected = fluctuations(plan.scenario, plan.recordings, plan.first_period)
 
     def covariance(
         counted: Sequence[Fluctuation],

@@ -30,10 +30,10 @@ _NOISE = math.radians(0.3)
 """Least error of an inclination that the filter allows for (rad): what modes left out do."""
 _KNOWN = 0.5
 """Frequency up to which modes are known to the controller, over half of its own."""
-_STIRRED = 3.0
-"""Disturbance that it allows for, as an acceleration of the base (m/s2)."""
-_FILTER_TIME = 0.02
-"""Time constant of the filter on rates, by which the arm is swung up (s)."""
+_STIRRED = 0.15
+"""Disturbance that it allows for, as an acceleration of the base, over its greatest."""
+_FILTER_PERIODS = 2.0
+"""Time constant, in control periods, of the filter on rates, by which the arm is swung up."""
 _MOMENTUM = 0.8
 """Momentum at which the base goes most of its travel, over mass times speed of a free fall."""
 _ENERGY = 0.1
@@ -104,7 +104,7 @@ def build_hybrid(plan: Plan) -> Hybrid:
             modes=array(told),
             gain=array(_gain(upright, limits, float(servo), plan.period, length)),
             capture=array(_capture(upright, limits)),
-            filter=_filter(upright, noise**2 * told @ told.T, plan.period),
+            filter=_filter(upright, noise**2 * told @ told.T, limits, plan.period),
         )
     except (np.linalg.LinAlgError, ValueError) as error:
         text = f'got "hybrid", but no slide balances this arm upright ({error})'
@@ -124,7 +124,7 @@ def build_hybrid(plan: Plan) -> Hybrid:
         channel=0,
         period=array(plan.period),
         late=math.ceil(sensor.delay / plan.period - 1e-6),
-        filter_time=array(_FILTER_TIME),
+        filter_time=array(_FILTER_PERIODS * plan.period),
         momentum=array(_MOMENTUM * math.sqrt(mass * abs(heavy.sum()) * length)),
         momentum_time=array(1 / math.sqrt(abs(upright.squared[1]))),
         reach=array(length),
@@ -217,12 +217,12 @@ def _gain(
     return np.asarray((B @ P @ A + S[:, 0]) / (R[0, 0] + B @ P @ B))
 
 
-def _filter(upright: _Upright, noise: Matrix, period: float) -> Filter:
+def _filter(upright: _Upright, noise: Matrix, limits: ChannelLimits, period: float) -> Filter:
     """Return the steady Kalman filter of modes and rates that sees the modes, with its model."""
     n = upright.order
     force = np.concatenate([np.zeros(n), -upright.driven])
     A, pushed = _held(upright.motion, force, period)
-    stirred = np.diag(_STIRRED * np.abs(upright.driven)) * period
+    stirred = np.diag(_STIRRED * limits.acceleration * np.abs(upright.driven)) * period
     through = np.concatenate([stirred * period / 2, stirred])
     P = solve_discrete_are(A.T, np.eye(2 * n, n), through @ through.T, noise)
     trust = P[:, :n] @ np.linalg.inv(P[:n, :n] + noise)

@@ -24,8 +24,9 @@ _MOST_SHAPES = 3
 """Most shapes along the arm that the water's velocity is made of."""
 _RANK = 1e-2
 """Movement of the tip, over the largest that the inputs make, that is none."""
-_BRISK = 0.1
-"""Time in which inputs without a limit of acceleration reach their greatest speed (s)."""
+_PASSED, _BRISK = 0.75, 0.075
+"""Times over the arm's first period in which inputs without such limits pass their range, and in
+which they reach their greatest speed."""
 
 
 class Known(NamedTuple):
@@ -74,7 +75,7 @@ class Known(NamedTuple):
             if isinstance(each.measurand, (Shape, Inclination))
         ]
         shapes = min(1 + sum(stations), _MOST_SHAPES)
-        expected = fluctuations(scenario, plan.recordings)
+        expected = fluctuations(scenario, plan.recordings, plan.first_period)
         deviation = np.sqrt(np.sum([each.deviation**2 for each in expected], axis=0))
         model = linear_model(plan, scenario.driven, max(shapes, foreseen), deviation)
         water, most = Water.of(expected, shapes, plan.period), shapes * deviation.size
@@ -117,10 +118,11 @@ def _jacobian(model: LinearModel) -> Float[np.ndarray, "y u"]:
 def fastest(plan: Plan) -> PerInput:
     """Return the greatest speed of each input (1/s).
 
-    One that has no limit of its own may pass its range in a second.
+    One that has no limit of its own may pass its range in most of the arm's first period.
     """
     servo = plan.system.base.servo
     speed = np.array([float(each.upper) - float(each.lower) for each in plan.inputs])
+    speed /= _PASSED * plan.first_period
     speed[: servo.max_speed.shape[0]] = servo.max_speed
     return speed
 
@@ -129,7 +131,7 @@ def _most(plan: Plan, rows: tuple[int, ...]) -> tuple[PerInput, PerInput, PerInp
     """Return half the range, and greatest speed and acceleration, of each driven input."""
     servo, speed = plan.system.base.servo, fastest(plan)
     reach = np.array([0.5 * (float(each.upper) - float(each.lower)) for each in plan.inputs])
-    acceleration = speed / _BRISK
+    acceleration = speed / (_BRISK * plan.first_period)
     acceleration[: servo.max_speed.shape[0]] = servo.max_acceleration
     chosen = list(rows)
     return reach[chosen], speed[chosen], acceleration[chosen]

@@ -38,6 +38,8 @@ _DISCOUNT = 0.9999
 """Share of a motion that a period leaves in the Gramians, so that undamped arms have some."""
 _USUAL = 0.1
 """Share of its range by which an input is usually moved."""
+_UNMOVED = 1e-9
+"""Motion of a state over the largest below which it is round-off."""
 _CALM = 0.25
 """Share of the time in which the water is slower than that which the arm is linear about."""
 _SETTLED = 100
@@ -120,13 +122,20 @@ def linear_model(
     # scaled by as much as each usually does
     moved, stir = _spread(actuators, commanded * usual), np.tile(deviation, shapes)
     inputs = np.hstack([driving * moved, stirred * stir, hastened * stir / plan.period])
-    seen = found.observed_arm
-    scale = np.sqrt(np.sum((seen @ _reach(arm, inputs)) ** 2, axis=1))
+    seen, reach = found.observed_arm, _reach(arm, inputs)
+    scale, unit = (np.sqrt(np.sum(each**2, axis=1)) for each in (seen @ reach, reach))
     scale[scale <= 0] = 1.0
+    # states by how far they move: round-off is as small for each, and alike in any units
+    unit[unit <= _UNMOVED * unit.max()] = 1.0
     reduced = balanced(
-        arm, inputs, seen / scale[:, None], share=_SHARE, most=_MOST, discount=_DISCOUNT
+        arm * unit / unit[:, None],
+        inputs / unit[:, None],
+        seen * unit / scale[:, None],
+        share=_SHARE,
+        most=_MOST,
+        discount=_DISCOUNT,
     )
-    left = reduced.left
+    left = reduced.left / unit
     return LinearModel(
         arm=reduced.A,
         held=left @ held,
@@ -138,7 +147,7 @@ def linear_model(
             (np.linalg.matrix_power(actuators, k) @ commanded for k in range(steps)),
             np.zeros_like(commanded),
         ),
-        observed=seen @ reduced.right,
+        observed=seen @ (unit[:, None] * reduced.right),
         observed_actuators=found.observed_actuators[:, kept],
         observed_water=_observed_water(plan, along),
         values=values,

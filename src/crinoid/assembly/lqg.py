@@ -21,8 +21,8 @@ Ticks = Int[np.ndarray, " look"]
 
 _GENTLER = 2.0 ** np.arange(0, 4.1, 0.25)
 """Smoothness of each gain, over the first: errors are worth less speed."""
-_PREVIEW = 2.0
-"""How far it looks ahead to the target (s)."""
+_PREVIEW = 1.5
+"""How far it looks ahead to the target, over the arm's first period."""
 _LOOKS = 24
 """Times at which it does so."""
 
@@ -37,7 +37,7 @@ def build_lqg(plan: Plan) -> Lqg:
     """
     settings, looks = plan.scenario.control.lqg, np.zeros(1, int)
     if plan.scenario.target.feeds_forward:
-        ticks = max(_LOOKS, round(_PREVIEW / plan.period))
+        ticks = max(_LOOKS, round(_PREVIEW * plan.first_period / plan.period))
         looks = np.unique(np.round(np.geomspace(1, 1 + ticks, _LOOKS)).astype(int)) - 1
     try:
         known = Known.of(plan, settings)

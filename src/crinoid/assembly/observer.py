@@ -37,8 +37,8 @@ _LOCAL = 0.03
 than the shapes of the model's water bend it, too."""
 _BENT = 0.05
 """Share of its length by which the tip of an arm at work is moved at least."""
-_OFFSET_TIME = 1.0
-"""Correlation time of what the tip does beside the linear model (s)."""
+_OFFSET_TIME = 0.75
+"""Correlation time of the tip's offset from the linear model, over the arm's first period."""
 
 
 class Water(NamedTuple):
@@ -140,7 +140,7 @@ def augmented(model: LinearModel, water: Water, arrivals: Arrivals, plan: Plan) 
     inner[:arm, :arm] = model.arm
     inner[:arm, arm:-pose] = model.stirred @ water.velocity @ water.move + model.hastened @ change
     inner[arm:-pose, arm:-pose] = water.move
-    kept = math.exp(-plan.period / _OFFSET_TIME)
+    kept = math.exp(-plan.period / (_OFFSET_TIME * plan.first_period))
     inner[-pose:, -pose:] = kept * np.eye(pose)
     seen = np.hstack([model.observed, model.observed_water @ water.velocity])
     seen = np.hstack([seen, np.eye(seen.shape[0], pose)])

@@ -61,6 +61,8 @@ class Plan:
     """Mean velocity of the water (m/s)."""
     recordings: Mapping[int, Recording] = field(default_factory=dict)
     """Measured currents by their index in ``flow``."""
+    first_period: float = 1.0
+    """Period of the arm's slowest vibration (s): the unit of a controller's own times."""
 
     @property
     def readings(self) -> tuple[str, ...]:

@@ -58,7 +58,12 @@ def margins_table(data: xr.Dataset) -> Table:
         unit = DEGREES if name == "phase" else _time_unit(value)
         add(name, f"{name}_margin", unit.text(value) if stable else "none")
     add("modulus", "modulus_margin", f"{float(data['modulus_margin']):.3g}")
-    table.add_row("closed loop", "stable" if stable else "unstable", "")
+    away = np.hypot(1 + data["locus_real"], data["locus_imaginary"])
+    waters = dict.fromkeys(data["water"].values.tolist())
+    for water in waters if len(waters) > 1 else ():
+        least = float(away[:, data["water"].values == water].min())
+        table.add_row(f"modulus, {water}", f"{least:.3g}", "")
+    table.add_row("closed loop", "stable" if stable else f"unstable in {data.attrs['water']}", "")
     return table
 
 

@@ -102,6 +102,8 @@ def tuning_table(data: xr.Dataset, random: bool) -> Table:
     for name in MARGINS if data.attrs["margin"] else ():
         before, after = (float(data[f"{when}_{name}_margin"]) for when in ("before", "after"))
         table.add_row(f"{name} margin", *(_margin(name, value) for value in (before, after)))
+    if data.attrs["margin"]:
+        table.add_row("weakest in", data.attrs["before_water"], data.attrs["after_water"])
     words = "other draws" if random else "the run"
     before, after = (np.sqrt(np.mean(data[name].values)) for name in ("before", "after"))
     table.add_row(f"root of cost, {words}", *map(_length, (before, after)))

@@ -49,6 +49,8 @@ class SmallMotions(NamedTuple):
     """In a steady current, whose drag changes as the arm turns (N/m)."""
     damping_in_current: chain.Bands
     """Damping of the material, and the slope of the quadratic drag in that current (N s/m)."""
+    stiffness_in_still_water: chain.Bands
+    damping_in_still_water: chain.Bands
 
 
 def linearise(
@@ -60,25 +62,26 @@ def linearise(
 ) -> SmallMotions:
     """Linearise the forces on the nodes about a shape at rest.
 
-    Once in the water as it flows at ``time``, and once in a steady ``current`` (m/s) past the same
-    shape. Obstacles stay where they are (in ``position``, the rows after the nodes). In
+    In the water as it flows at ``time``, in a steady ``current`` (m/s) past the same shape, and in
+    still water. Obstacles stay where they are (in ``position``, the rows after the nodes). In
     space ``frames`` are those of the shape.
     """
     forces = forces.frozen(time)
     zero = jnp.zeros_like(position)
 
-    def tangent(by: Float[Array, "3"], steady: Bool[Array, ""]) -> chain.Bands:
+    def tangent(by: Float[Array, "3"], steady: Bool[Array, ""], speed: Array) -> chain.Bands:
         stage = Stage(time, position, zero, zero, by[0], by[1], by[2], frames)
         around = forces.surroundings(stage, zero)
-        flows = jnp.where(steady, current, around.velocity)
+        flows = jnp.where(steady, speed * current, around.velocity)
         slope = jnp.where(steady, 0.0, around.velocity_slope)
         around = eqx.tree_at(lambda a: (a.velocity, a.velocity_slope), around, (flows, slope))
         return forces.tangent(stage, forces.motion(stage, zero, around), around).bands
 
-    of = jnp.eye(3)[jnp.array([0, 2, 0, 1])]
-    steady = jnp.array([False, False, True, True])
+    of = jnp.eye(3)[jnp.array([0, 2, 0, 1, 0, 1])]
+    steady = jnp.array([False, False, True, True, True, True])
+    speed = jnp.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0])
     # one after the other: the tangent is compiled once for all
-    return SmallMotions(*jax.lax.map(lambda one: tangent(*one), (of, steady)))
+    return SmallMotions(*jax.lax.map(lambda one: tangent(*one), (of, steady, speed)))
 
 
 def find_modes(

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.assembly.controller import TAKE_UP
 from crinoid.assembly.numbers import array
 from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.prepared import Prepared
@@ -105,7 +104,7 @@ class Part(NamedTuple):
             jnp.asarray(parked),
             array(shift),
             self.loop.switched_on if since is None else array(since),
-            own if since is None else array(TAKE_UP),
+            own if since is None else array(self.setup.plan.first_period),
         )
 
 

@@ -193,6 +193,18 @@ class Facts:
 
         return foreign(self.prepared.system, self.scenario)
 
+    @cached_property
+    def waters(self) -> dict[str, tuple[float, ...]]:
+        """Steady currents that a loop is judged in, by name (m/s): drag damps each differently.
+
+        The mean current, and still water where the current varies by as much as its mean.
+        """
+        mean, speed = self.mean_current, math.hypot(*self.mean_current)
+        at_rest = {"still water": (0.0,) * len(mean)}
+        if not speed:
+            return at_rest
+        return {"the mean current": mean} | (at_rest if self.current >= 2 * speed else {})
+
     def fastest(self, index: int, flow: Flow) -> float:
         """Return the speed that a flow hardly exceeds (m/s)."""
         match flow:

@@ -56,9 +56,9 @@ def draw_bode(data: xr.Dataset) -> Figure:
         if not shown.any():
             continue
         curve, at = loci[shown, index], frequency[shown]
-        colour, name = SERIES[index % len(SERIES)], f"eigenvalue {index + 1}"
-        size.plot(at, 20 * np.log10(np.abs(curve)), color=colour, label=name)
-        phase.plot(at, np.rad2deg(np.unwrap(np.angle(curve))), color=colour)
+        name, line = _line(data, index)
+        size.plot(at, 20 * np.log10(np.abs(curve)), label=name, **line)
+        phase.plot(at, np.rad2deg(np.unwrap(np.angle(curve))), **line)
     size.axhline(0.0, color=INK, linewidth=0.8)
     low, high = phase.get_ylim()
     for turn in np.arange(np.ceil((low - 180) / 360), np.floor((high - 180) / 360) + 1):
@@ -92,17 +92,17 @@ def draw_nyquist(data: xr.Dataset) -> Figure:
     axes.add_patch(Circle((0, 0), 1.0, fill=False, edgecolor=GREY, linestyle=(0, (4, 2))))
     loci = _loci(data)
     for index in range(loci.shape[1]):
-        curve, colour = loci[:, index], SERIES[index % len(SERIES)]
-        axes.plot(curve.real, curve.imag, color=colour, label=f"eigenvalue {index + 1}", zorder=3)
-        axes.plot(curve.real, -curve.imag, color=colour, linewidth=0.6, alpha=0.6, zorder=2)
-        _arrow(axes, curve, colour)
+        curve, (name, line) = loci[:, index], _line(data, index)
+        axes.plot(curve.real, curve.imag, label=name, zorder=3, **line)
+        axes.plot(curve.real, -curve.imag, linewidth=0.6, alpha=0.6, zorder=2, **line)
+        _arrow(axes, curve, line["color"])
     axes.plot(-1, 0, marker="+", markersize=11, markeredgewidth=1.6, color=VERMILLION, zorder=4)
     axes.set_xlim(-_NEAR, _NEAR)
     axes.set_ylim(-_NEAR, _NEAR)
     axes.set_aspect("equal")
     axes.set_xlabel("real part")
     axes.set_ylabel("imaginary part")
-    key(axes, columns=4)
+    key(axes, columns=2)
     return figure
 
 
@@ -128,6 +128,18 @@ def _head(figure: Figure, data: xr.Dataset) -> None:
     unstable = not int(data["stable"])
     status = f"unstable: {data.attrs['notes']}" if unstable else "ok"
     head(figure, str(data.attrs.get("title", "")), status)
+
+
+def _line(data: xr.Dataset, index: int) -> tuple[str, dict[str, Any]]:
+    """Return the name and the style of an eigenvalue: dashed in the second of two waters."""
+    waters = data["water"].values.tolist() if "water" in data else [""] * data.sizes["locus"]
+    number = waters[:index].count(waters[index])
+    name = f"eigenvalue {number + 1}"
+    if len(set(waters)) > 1:
+        name += f" in {waters[index]}"
+    dashed = waters[index] != waters[0]
+    colour = SERIES[number % len(SERIES)]
+    return name, {"color": colour, "linestyle": (0, (3, 1.5)) if dashed else "-"}
 
 
 def _loci(data: xr.Dataset) -> Complex[np.ndarray, "frequency locus"]:

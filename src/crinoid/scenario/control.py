@@ -109,7 +109,7 @@ class Control(Model):
         default=0.0,
         ge=0,
         description="When it is switched on; what it drives rests until then. During a run it "
-        "takes up the error that it finds over 1 s, without a jolt.",
+        "takes up the error that it finds over the arm's first period, without a jolt.",
     )
     controlled: Annotated[
         tuple[Coordinate, ...],

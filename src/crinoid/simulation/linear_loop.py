@@ -1,12 +1,13 @@
 """A control loop as one linear system in discrete time: arm, actuators, sensors and controller.
 
-The arm with its actuators is the linear model of a time step (`crinoid.System.transition`) in the
-mean current, taken over a control period. A reading comes as late as the newest known one is on
-average, in whole time steps. A controller is what small changes of readings, of the states of the
-actuators and of its own memory lead to: whatever its kind, derivatives by `jax.jacfwd` where the
-arm stands still, the target is where the tip is, and no limit is met. So nothing is left out that
-is linear: hold, images of fast motions, damping by the integrator, all sensors, what an input hands
-over to others. Switches are: a sensor slower than the controller counts at each command.
+The arm with its actuators is the linear model of a time step (`crinoid.System.transition`) over a
+control period, in the mean current, and in still water where the current comes to rest at times.
+A reading comes as late as the newest known one is on average, in whole time steps. A controller is
+what small changes of readings, of the states of the actuators and of its own memory lead to:
+whatever its kind, derivatives by `jax.jacfwd` where the arm stands still, the target is where the
+tip is, and no limit is met. So nothing is left out that is linear: hold, images of fast motions,
+damping by the integrator, all sensors, what an input hands over to others. Switches are: a sensor
+slower than the controller counts at each command.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from crinoid.plausibility import Facts
 from crinoid.programs import ONCE, compiled
 from crinoid.scenario import Mistake, ScenarioError
 from crinoid.simulation.loop import Loop
-from crinoid.simulation.margin import OpenLoop, age
+from crinoid.simulation.margin import INDENTED, OpenLoop, age, around
 from crinoid.simulation.setup import Setup, set_up
 
 __all__ = ["LinearLoop", "LinearPlant", "linear_controller", "linear_loop"]
@@ -41,8 +42,8 @@ Matrix = Float[np.ndarray, "m n"]
 _GRID = 1500
 _LOWEST = 1e-5
 """Lowest frequency looked at, over the highest."""
-_AROUND = np.array([-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0])
-"""Where a resonance is looked at beside, in half-widths."""
+_WIDEST = 5e-3
+"""Distance from a resonance, over it, from which on the even frequencies are as close."""
 _SETTLED = 2.0
 """How long a controller has run when it is linearised (s)."""
 _FAR = 1e6
@@ -83,20 +84,22 @@ class LinearLoop(NamedTuple):
     inputs: tuple[str, ...]
     """Names of the inputs that are driven."""
     poles: Complex[np.ndarray, " pole"]
-    """Poles of the closed loop (1/s), the one that dies down last first."""
+    """Poles of the closed loop (1/s), the one that dies down last first; of the weakest water."""
+    water: str
+    """The water in which the loop is unstable, or else has the least modulus margin."""
 
 
 class LinearPlant(NamedTuple):
     """Arm, actuators and sensors over a control period."""
 
-    system: System
-    """From commands to readings and states of the actuators."""
+    systems: dict[str, System]
+    """From commands to readings and states of the actuators, in each water."""
     inputs: tuple[str, ...]
     period: float
     """Time between two commands (s)."""
     frequency: Float[np.ndarray, " f"]
     """Where its response is known (Hz)."""
-    response: Complex[np.ndarray, "f output input"]
+    response: Complex[np.ndarray, "water f output input"]
 
     @staticmethod
     def of(prepared: Prepared, setup: Setup) -> LinearPlant:
@@ -110,32 +113,44 @@ class LinearPlant(NamedTuple):
         if not setup.outcome.converged:
             text = 'got "equilibrium", and there is none to start from; takes "rest" as well'
             raise ScenarioError([Mistake("simulation.start", text)])
-        system, period = _plant(prepared, setup)
-        system = system.minimal()
-        frequency = _frequencies(np.linalg.eigvals(system.A), 1 / period)
+        systems, waters = {}, Facts(prepared).waters
+        for water, current in waters.items():
+            system, period = _plant(setup, current)
+            systems[water] = system.minimal()
+        poles = np.concatenate([np.linalg.eigvals(each.A) for each in systems.values()])
+        frequency = _frequencies(poles, 1 / period)
         names = tuple(each.name for each in setup.loop.system.inputs)
-        response = system.response(np.exp(2j * np.pi * frequency * period))
-        return LinearPlant(system, names, period, frequency, response)
+        found = LinearPlant(systems, names, period, frequency, np.zeros((0, 0, 0, 0), complex))
+        responses = [each.response(found.shift) for each in systems.values()]
+        return found._replace(response=np.stack(responses))
+
+    @property
+    def shift(self) -> Complex[np.ndarray, " f"]:
+        """What one period multiplies a motion by at each frequency, on the indented contour."""
+        return np.exp(2 * np.pi * (1j + INDENTED) * self.frequency * self.period)
 
     def every(self, count: int) -> LinearPlant:
         """Return it at fewer frequencies, one of so many, but for those beside resonances."""
         apart = np.diff(np.log(self.frequency), prepend=-np.inf, append=np.inf)
         beside = np.minimum(apart[1:], apart[:-1]) < 0.9 * np.median(apart)
         kept = beside | (np.arange(self.frequency.size) % count == 0)
-        return self._replace(frequency=self.frequency[kept], response=self.response[kept])
+        return self._replace(frequency=self.frequency[kept], response=self.response[:, kept])
 
     def transfer(self, controller: System) -> OpenLoop:
         """Return the loop by a controller, cut open, without knowing if it is stable closed."""
         own = controller.minimal()
         driven = _driven(own)
-        z = np.exp(2j * np.pi * self.frequency * self.period)
-        answer = own.response(z)[:, driven]
-        none = np.zeros((driven.size, driven.size))
-        return OpenLoop(self.frequency, -answer @ self.response[:, :, driven], none)
+        answer = own.response(self.shift)[:, driven]
+        none = np.zeros((len(self.systems), driven.size, driven.size))
+        loops = -answer @ self.response[..., driven]
+        return OpenLoop(self.frequency, loops, none, tuple(self.systems))
 
-    def poles(self, controller: System) -> Complex[np.ndarray, " pole"]:
-        """Return the poles of the loop closed by a controller (1/s), as `LinearLoop` has them."""
-        own, plant = controller.minimal(), self.system
+    def poles(self, controller: System) -> dict[str, Complex[np.ndarray, " pole"]]:
+        """Return the poles of the loop closed by a controller (1/s), in each water."""
+        return {water: self._poles(controller, each) for water, each in self.systems.items()}
+
+    def _poles(self, controller: System, plant: System) -> Complex[np.ndarray, " pole"]:
+        own = controller.minimal()
         driven = _driven(own)
         plant = plant._replace(B=plant.B[:, driven], D=plant.D[:, driven]).minimal()
         closed = np.block(
@@ -151,10 +166,12 @@ class LinearPlant(NamedTuple):
 
     def closed(self, controller: System) -> LinearLoop:
         """Close the loop by a controller."""
-        poles = self.poles(controller)
-        stable = bool(poles[0].real * self.period <= _GROWS)
+        poles, loop = self.poles(controller), self.transfer(controller)
+        water = max(poles, key=lambda each: poles[each][0].real)
+        stable = bool(poles[water][0].real * self.period <= _GROWS)
         names = tuple(self.inputs[index] for index in _driven(controller.minimal()))
-        return LinearLoop(self.transfer(controller)._replace(stable=stable), names, poles)
+        water = loop.weakest if stable else water
+        return LinearLoop(loop._replace(stable=stable), names, poles[water], water)
 
 
 def linear_loop(prepared: Prepared) -> LinearLoop:
@@ -183,8 +200,8 @@ def _driven(controller: System) -> Int[np.ndarray, " driven"]:
     return np.flatnonzero((controller.C != 0).any(axis=1) | (controller.D != 0).any(axis=1))
 
 
-def _plant(prepared: Prepared, setup: Setup) -> tuple[System, float]:
-    """Return arm, actuators and sensors over a control period, and the period (s).
+def _plant(setup: Setup, current: tuple[float, ...]) -> tuple[System, float]:
+    """Return arm, actuators and sensors over a control period in a current, and the period (s).
 
     From commands to readings, as late as they are known, and to the states of the actuators.
     """
@@ -192,8 +209,7 @@ def _plant(prepared: Prepared, setup: Setup) -> tuple[System, float]:
     step = float(loop.system.time_step)
     count = max(1, round(float(loop.clock.period) / step))
     period = count * step
-    current = array(Facts(prepared).mean_current)
-    found, _, _ = linearised(loop.system, state, current, loop.sensors)
+    found, _, _ = linearised(loop.system, state, array(current), loop.sensors)
     A, B, C = (np.asarray(part) for part in (found.A, found.B, found.C))
     powers, sums = [np.eye(A.shape[0])], [np.zeros_like(B)]
     for _ in range(count):
@@ -329,6 +345,7 @@ def _frequencies(poles: Complex[np.ndarray, " pole"], rate: float) -> Float[np.n
     swinging = poles[(poles.imag > 0) & (np.abs(poles) > 0)]
     speed = np.log(swinging) * rate / (2 * np.pi)
     for each in speed[np.abs(speed.real) < 0.1 * speed.imag]:
-        grid.append(each.imag + np.abs(each.real) * _AROUND)
+        width = max(abs(each.real), INDENTED * each.imag)
+        grid.append(each.imag + around(width, max(4 * width, _WIDEST * each.imag)))
     found = np.unique(np.concatenate(grid))
     return found[(found > 0) & (found <= highest)]

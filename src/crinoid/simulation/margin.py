@@ -12,16 +12,20 @@ The loop is stable if no eigenvalue of ``L`` goes round -1 (MacFarlane and Postl
 Skogestad and Postlethwaite 2005, section 4.9; Astrom and Murray 2008, section 9.3). How near they
 come to it is its modulus margin. The least singular value of ``I + L`` would depend on whether
 angles are in radians or degrees, the eigenvalues do not.
+
+The response of an undamped arm is infinite at a resonance. So the contour of Nyquist's criterion
+passes to the right of the imaginary axis by `INDENTED` times the frequency: poles on the axis count
+as stable, and ``L`` is finite everywhere.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Inexact
 
 from crinoid.actuation import Actuator
 from crinoid.control import Pid, Sensor
@@ -31,9 +35,11 @@ from crinoid.simulation.response import Plant
 ROBUST = 0.1
 """Modulus margin below which a loop gets a note: a tenth more gain may be too much for it."""
 _GRID = 120
-_AROUND = np.array([-3.0, -1.5, -0.75, -0.3, 0.0, 0.3, 0.75, 1.5, 3.0])
-"""Where a resonance is looked at, in half-widths."""
+_APART, _WIDEST = 1.3, 0.06
+"""Ratio of distances from a resonance at which it is looked at, and the largest, over it."""
 _TICKS = 4000
+INDENTED = 1e-6
+"""Growth of a motion over its angular frequency that counts as none."""
 _NOTHING = 1e-3
 """Share of the largest integrator below which one is none."""
 
@@ -41,7 +47,7 @@ _WANTED = 0.2
 """Modulus margin that the gains proposed leave."""
 _FACTORS = np.geomspace(1.0, 1e-6, 73)
 
-Loops = Complex[np.ndarray, "f input input"]
+Loops = Complex[np.ndarray, "*water f input input"]
 
 
 class Margin(NamedTuple):
@@ -74,15 +80,17 @@ class OpenLoop(NamedTuple):
     frequency: Float[np.ndarray, " f"]
     """Hz."""
     transfer: Loops
-    integrated: Float[np.ndarray, "input input"]
+    integrated: Float[np.ndarray, "*water input input"]
     """Gain of the integral terms on slow commands (1/s)."""
+    waters: tuple[str, ...] = ("",)
+    """Names of the waters, in which drag damps the arm differently."""
     stable: bool | None = None
-    """Whether the closed loop is stable, where its poles are known; else it is counted how often
-    the eigenvalues go round -1, for a plant and a controller that are stable by themselves."""
+    """Whether the closed loop is stable in all waters, where its poles are known. Else the number
+    of turns round -1 decides, for a plant and a controller that are stable by themselves."""
 
     @staticmethod
     def of(
-        plant: Plant,
+        plants: Mapping[str, Plant],
         followers: Sequence[Actuator],
         sensor: Sensor,
         controller: Pid,
@@ -92,26 +100,28 @@ class OpenLoop(NamedTuple):
     ) -> OpenLoop:
         """Build the open loop; ``time_step`` in s, ``resonances`` in Hz.
 
-        ``followers`` are the base's servos and the other actuators.
+        ``plants`` are the arm in each of the waters, ``followers`` the base's servos and the other
+        actuators.
         """
         period = float(controller.period)
-        grid = _frequencies(plant, resonances, 0.5 / period)
-        gains, mapping = _controller(controller, grid), np.asarray(controller.mapping)
+        grid = _frequencies(resonances, 0.5 / period)
+        indented = grid * (1 - INDENTED * 1j)
+        gains, mapping = _controller(controller, indented), np.asarray(controller.mapping)
         driven = np.flatnonzero(np.abs(mapping).max(axis=1) > 0)
-        rate = 2j * np.pi * grid
+        rate = 2j * np.pi * indented
         hold = (1 - np.exp(-rate * period)) / (rate * period)
         old = np.exp(-rate * age(sensor, period, time_step))
         response = np.concatenate([one.response(grid) for one in followers], axis=1)
         response *= (hold * old)[:, None]
-        loop = mapping @ plant.response(grid)
-        integrated = np.asarray(controller.ki)[:, None] * loop[0].real
+        loop = mapping @ np.stack([each.response(indented) for each in plants.values()])
+        integrated = np.asarray(controller.ki)[:, None] * loop[:, 0].real
         loop = gains[:, :, None] * loop * response[:, None, :]
         both = np.ix_(driven, driven)
-        return OpenLoop(grid, loop[:, *both], integrated[both])
+        return OpenLoop(grid, loop[..., *both], integrated[..., *both], tuple(plants))
 
     def scaled(self, factor: Float[np.ndarray, " input"] | float) -> OpenLoop:
         """Return the loop with other gains."""
-        factors = np.broadcast_to(factor, self.transfer.shape[1:2])
+        factors = np.broadcast_to(factor, self.transfer.shape[-1:])
         return self._replace(
             transfer=factors[:, None] * self.transfer,
             integrated=factors[:, None] * self.integrated,
@@ -119,14 +129,27 @@ class OpenLoop(NamedTuple):
         )
 
     def loci(self) -> Complex[np.ndarray, "f input"]:
-        """Return the eigenvalues of the transfer, each one a curve over the frequency."""
-        return _followed(np.linalg.eigvals(self.transfer))
+        """Return the eigenvalues of the transfer, each one a curve over the frequency.
+
+        Those of the first water come first.
+        """
+        values = np.linalg.eigvals(self.transfer).reshape(-1, *self.transfer.shape[-3:-1])
+        return np.concatenate([_followed(each) for each in values], axis=1)
+
+    @property
+    def weakest(self) -> str:
+        """The water in which the loop is unstable, or else has the least modulus margin."""
+        if len(self.waters) == 1:
+            return self.waters[0]
+        each = zip(self.waters, self.transfer, self.integrated, strict=True)
+        return min((OpenLoop(self.frequency, L, ki).margin(), water) for water, L, ki in each)[1]
 
     def margin(self) -> Margin:
         """Return how far the loop is from swinging by itself.
 
         Exact for changes of all commands alike: gain, phase and delay of every eigenvalue change
-        together. Phase and delay of a loop that is not stable are not numbers.
+        together. Each is the least in all waters. Phase and delay of a loop that is not stable are
+        not numbers.
         """
         values = self.loci()
         away = np.abs(1 + values).min(axis=1)
@@ -208,22 +231,29 @@ def _followed(values: Complex[np.ndarray, "f input"]) -> Complex[np.ndarray, "f 
     ordered = values.copy()
     for index in range(1, values.shape[0]):
         away = np.abs(ordered[index - 1][:, None] - values[index][None, :])
-        ordered[index] = values[index][linear_sum_assignment(away)[1]]
+        order = away.argmin(axis=1)
+        if len(set(order)) < order.size:
+            order = linear_sum_assignment(away)[1]
+        ordered[index] = values[index][order]
     return ordered
 
 
-def _frequencies(
-    plant: Plant, resonances: Float[np.ndarray, " mode"], highest: float
-) -> Float[np.ndarray, " f"]:
+def _frequencies(resonances: Float[np.ndarray, " mode"], highest: float) -> Float[np.ndarray, " f"]:
     """Return where to look: evenly by octaves, and closely around resonances."""
     slow = resonances[resonances > 0]
     lowest = 0.02 * min([*slow, highest])
     grid = np.geomspace(lowest, highest, _GRID)
-    close = [f * (1 + 0.02 * _AROUND) for f in slow if f < highest / 1.06]
+    close = [f + around(INDENTED * f, _WIDEST * f) for f in slow if f < highest / (1 + _WIDEST)]
     return np.unique(np.concatenate([grid, *close]))
 
 
-def _controller(controller: Pid, grid: Float[np.ndarray, " f"]) -> np.ndarray:
+def around(width: float, widest: float) -> Float[np.ndarray, " apart"]:
+    """Return distances from a resonance at which a peak of half-width ``width`` is resolved."""
+    apart = np.geomspace(width / 4, widest, 2 + round(math.log(4 * widest / width, _APART)))
+    return np.concatenate([-apart[::-1], [0.0], apart])
+
+
+def _controller(controller: Pid, grid: Inexact[np.ndarray, " f"]) -> np.ndarray:
     """Return what each input commands for its error, as `crinoid.control.Pid` computes it."""
     period = float(controller.period)
     back = np.exp(-2j * np.pi * grid * period)[:, None]  # one command earlier
@@ -260,15 +290,16 @@ def loop_doubts(loop: OpenLoop, gains: dict[str, PidGains]) -> list[str]:
     margin = loop.margin()
     if margin.stable and margin.modulus >= ROBUST:
         return []
+    where = f" in {loop.weakest}" if len(loop.waters) > 1 else ""
     if margin.stable:
         state = (
-            f"small motions near {margin.frequency:.2g} Hz hardly die down (modulus margin "
+            f"small motions near {margin.frequency:.2g} Hz hardly die down{where} (modulus margin "
             f"{margin.modulus:.2g})"
         )
         if np.isfinite(margin.gain):
             state += f", and with {margin.gain:.3g} times all gains they grow"
     elif margin.frequency:
-        state = f"small motions grow by themselves, near {margin.frequency:.2g} Hz"
+        state = f"small motions grow by themselves{where}, near {margin.frequency:.2g} Hz"
     else:
         state = "the tip runs away from its target"
     names = list(gains)
@@ -306,7 +337,7 @@ def factor_for(
     which
         The inputs whose gains are changed.
     """
-    inputs = np.broadcast_to(which, loop.transfer.shape[1:2])
+    inputs = np.broadcast_to(which, loop.transfer.shape[-1:])
     for factor in _FACTORS:
         margin = loop.scaled(np.where(inputs, factor, 1.0)).margin()
         if margin.stable and margin.modulus >= modulus:

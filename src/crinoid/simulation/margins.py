@@ -24,8 +24,9 @@ _LEAST_SWING = 0.01
 def find_margins(prepared: Prepared) -> xr.Dataset:
     """Return gain, phase, delay and modulus margin of a scenario's loop, and its eigenvalues.
 
-    The loop of `crinoid.simulation.linear_loop`, cut at the commands. A margin that nothing bounds
-    is infinite; phase and delay margin of a loop that is not stable are NaN.
+    The loop of `crinoid.simulation.linear_loop`, cut at the commands. Each margin is the least in
+    all waters. A margin that nothing bounds is infinite; phase and delay margin of a loop that is
+    not stable are NaN.
 
     Raises
     ------
@@ -34,6 +35,7 @@ def find_margins(prepared: Prepared) -> xr.Dataset:
     """
     loop = linear_loop(prepared)
     margin, loci, names = loop.open.margin(), loop.open.loci(), list(loop.inputs)
+    waters = loop.open.waters
     numbers = {
         "gain_margin": (margin.gain, "1", "by what all gains may be multiplied at most"),
         "gain_margin_frequency": (margin.gain_frequency, "Hz", "frequency of the gain margin"),
@@ -66,7 +68,7 @@ def find_margins(prepared: Prepared) -> xr.Dataset:
     found |= _parts(
         "transfer",
         ("frequency", "output", "input"),
-        loop.open.transfer,
+        loop.open.transfer[waters.index(loop.water)],
         "command that comes back, reversed, over one that is given where the loop is cut",
     )
     return xr.Dataset(
@@ -78,11 +80,20 @@ def find_margins(prepared: Prepared) -> xr.Dataset:
                 {"units": "Hz", "long_name": "frequency"},
             ),
             "locus": ("locus", np.arange(1, loci.shape[1] + 1), {"long_name": "eigenvalue"}),
+            "water": (
+                "locus",
+                np.repeat(waters, len(names)),
+                {"long_name": "water in which drag damps the arm"},
+            ),
             "input": ("input", names, {"long_name": "input that is driven"}),
             "output": ("output", names, {"long_name": "input that is commanded"}),
         },
         attrs=describe(prepared.scenario)
-        | {"status": Status.OK.value, "notes": "" if margin.stable else _growth(loop)},
+        | {
+            "status": Status.OK.value,
+            "notes": "" if margin.stable else _growth(loop),
+            "water": loop.water,
+        },
     )
 
 
@@ -99,11 +110,8 @@ def _parts(
 def _growth(loop: LinearLoop) -> str:
     """Say how small motions of an unstable loop grow."""
     pole = loop.poles[0]
-    time = 1 / pole.real
+    time, unstable = 1 / pole.real, f"the closed loop is unstable in {loop.water}"
     if abs(pole.imag) < _LEAST_SWING * pole.real:
-        return f"the closed loop is unstable: the tip runs away, e-fold in {time:.3g} s"
+        return f"{unstable}: the tip runs away, e-fold in {time:.3g} s"
     frequency = abs(pole.imag) / (2 * np.pi)
-    return (
-        f"the closed loop is unstable: small motions grow near {frequency:.3g} Hz, "
-        f"e-fold in {time:.3g} s"
-    )
+    return f"{unstable}: small motions grow near {frequency:.3g} Hz, e-fold in {time:.3g} s"

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Inexact
 from scipy.linalg import solve_banded
 
 from crinoid.dynamics import Influence
@@ -24,8 +24,8 @@ class Plant(NamedTuple):
     influence: Influence
     """Loads of the inputs on it, and how its tip follows."""
 
-    def response(self, frequency: Float[np.ndarray, " f"]) -> Complex[np.ndarray, "f pose input"]:
-        """Return d(tip)/d(inputs) at frequencies (Hz).
+    def response(self, frequency: Inexact[np.ndarray, " f"]) -> Complex[np.ndarray, "f pose input"]:
+        """Return d(tip)/d(inputs) at frequencies (Hz); a negative imaginary part means growth.
 
         ``(K + i w C - w^2 M) x = f`` of the free nodes, with the held ones given for the channels
         of the base and the forces of the other inputs, exact for the discrete arm: one banded solve

@@ -54,7 +54,7 @@ class Setup(NamedTuple):
     doubts: list[str]
     """Notes on odd numbers of the scenario, a sentence each."""
     open_loop: OpenLoop | None
-    """The loop, cut open, in the mean current; none without a PID."""
+    """The loop, cut open, in each of the waters that it is judged in; none without a PID."""
     loop_doubts: list[str]
     """Notes on the closed loop."""
 
@@ -80,11 +80,14 @@ def set_up(prepared: Prepared) -> Setup:
     if jacobian is not None and swings_free:
         # the stiffness is singular: what its inverse says is round-off
         jacobian = jnp.full_like(jacobian, jnp.nan)
-    loop, plan = loop_about(prepared, state, tip, jacobian)
+    swinging = modes.frequency[modes.frequency > 0] if modes is not None else np.zeros(0)
+    first_period = float(1 / swinging[0]) if swinging.size else Facts(prepared).period
+    loop, plan = loop_about(prepared, state, tip, jacobian, first_period)
     open_loop = None
     # an arm that does not swing back by itself has no response to speak of
     if control.kind == "pid" and modes is not None and np.all(modes.frequency > 0):
-        open_loop = _open_loop(loop, small, influence, modes)
+        waters = tuple(Facts(prepared).waters)
+        open_loop = _open_loop(loop, small, influence, modes, waters)
     found = loop_doubts(open_loop, control.pid.present) if open_loop is not None else []
     return Setup(loop, state, plan, outcome, modes, told, open_loop, found)
 
@@ -99,6 +102,7 @@ def loop_about(
     state: State,
     tip: Float[Array, " pose"],
     jacobian: Float[Array, "pose input"] | None,
+    first_period: float = 1.0,
 ) -> tuple[Loop, Plan]:
     """Return the loop of a scenario about a state of its arm, with the plan of its controller.
 
@@ -112,6 +116,8 @@ def loop_about(
         The pose of its tip.
     jacobian
         How that follows the inputs, where errors are mapped to inputs by that.
+    first_period
+        Period of the slowest vibration of the arm (s).
     """
     scenario, system, parts = prepared.scenario, prepared.system, prepared.parts
     sensors = (*build_sensors(scenario), *(parts.sensors if parts is not None else ()))
@@ -128,6 +134,7 @@ def loop_about(
         target,
         Facts(prepared).mean_current,
         prepared.recordings,
+        first_period,
     )
     for words, names in (
         ("sensors", [sensor.name for sensor in sensors]),
@@ -158,16 +165,29 @@ def _controller(plan: Plan, parts: Parts | None) -> Controller:
     return made("controller", Controller, given, plan)
 
 
-def _open_loop(loop: Loop, small: SmallMotions, influence: Influence, modes: Modes) -> OpenLoop:
-    """Return the loop, cut open, in the mean current."""
+def _open_loop(
+    loop: Loop,
+    small: SmallMotions,
+    influence: Influence,
+    modes: Modes,
+    waters: tuple[str, ...],
+) -> OpenLoop:
+    """Return the loop, cut open, in each of the waters."""
     assert isinstance(loop.controller, Pid)
+    in_waters = (
+        (small.stiffness_in_current, small.damping_in_current),
+        (small.stiffness_in_still_water, small.damping_in_still_water),
+    )
     return OpenLoop.of(
-        Plant(
-            stiffness=np.asarray(small.stiffness_in_current),
-            damping=np.asarray(small.damping_in_current),
-            mass=np.asarray(small.mass),
-            influence=influence,
-        ),
+        {
+            water: Plant(
+                stiffness=np.asarray(stiffness),
+                damping=np.asarray(damping),
+                mass=np.asarray(small.mass),
+                influence=influence,
+            )
+            for water, (stiffness, damping) in zip(waters, in_waters, strict=False)
+        },
         loop.system.followers,
         loop.sensors[0],
         loop.controller,

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from crinoid.control import Controller
 from crinoid.scenario import Mistake, ScenarioError
-from crinoid.simulation.linear_loop import LinearPlant, System, linear_controller
+from crinoid.simulation.linear_loop import LinearLoop, LinearPlant, System, linear_controller
 from crinoid.simulation.margin import Margin
 from crinoid.simulation.setup import Setup
 from crinoid.tuning.design import Around, Logs, difference
@@ -38,13 +38,13 @@ class Nearness(NamedTuple):
 
 
 class Stability:
-    """The linear loop of a scenario under one controller or another.
+    """The linear loop of a scenario under one controller or another, in each of its waters.
 
     The excess over a modulus margin ``m`` (`crinoid.simulation.margin`) is the smooth maximum, over
-    the frequencies and the eigenvalues ``l`` of the open loop, of ``1 - |1 + l| / m``. It is never
-    below the largest one. So that late commands do no harm at once, half of the margin is to be
-    left when they come two control periods later. Of an unstable loop these tell nothing: its
-    excess is 1 and more, by how fast it grows.
+    the waters, the frequencies and the eigenvalues ``l`` of the open loop, of ``1 - |1 + l| / m``.
+    It is never below the largest one. So that late commands do no harm at once, half of the margin
+    is to be left when they come two control periods later. Of an unstable loop these tell nothing:
+    its excess is 1 and more, by how fast it grows.
     """
 
     def __init__(self, plant: LinearPlant, setup: Setup) -> None:
@@ -52,15 +52,15 @@ class Stability:
         self._fewer = plant.every(_EVERY)
         self._late = _LATE * plant.period
 
-    def margin(self, controller: Controller) -> Margin:
-        """Return how far the loop is from swinging by itself.
+    def closed(self, controller: Controller) -> LinearLoop:
+        """Return the loop that a controller closes.
 
         Raises
         ------
         ScenarioError
             If the controller has no derivatives where the arm stands still.
         """
-        return self._plant.closed(self._linear(controller)).open.margin()
+        return self._plant.closed(self._linear(controller))
 
     def lack(self, margin: Margin, asked: float) -> float:
         """Return the share of the margins that a loop lacks; 0 and less: none."""
@@ -76,7 +76,7 @@ class Stability:
         Raises
         ------
         ScenarioError
-            As `margin` does.
+            As `closed` does.
         """
         here = self._linear(around.here)
         margin = self._plant.closed(here).open.margin()
@@ -103,5 +103,6 @@ class Stability:
         return float(logsumexp(_SHARPNESS * np.array(near)) / _SHARPNESS)
 
     def _growth(self, controller: System) -> float:
-        rate = max(float(self._plant.poles(controller)[0].real), 0.0)
+        poles = self._plant.poles(controller).values()
+        rate = max(0.0, *(float(each[0].real) for each in poles))
         return float(1 + np.log1p(_TIME * rate))

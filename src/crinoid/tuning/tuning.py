@@ -300,10 +300,12 @@ class Tuning:
         for name, unit in units.items():
             row = self.held_out.get(name, np.full(len(self.draws), np.nan))
             variables[name] = (("held_out",), row, {"units": unit})
+        waters = {}
         for when, logs in (("before", np.zeros_like(self.best)), ("after", self.best)):
             if self._stability is None:
                 continue
-            margin = self._stability.margin(self._design.controller(logs))
+            loop = self._stability.closed(self._design.controller(logs))
+            margin, waters[f"{when}_water"] = loop.open.margin(), loop.water
             for name, unit in MARGINS.items():
                 value = getattr(margin, name) if margin.stable else np.nan
                 variables[f"{when}_{name}_margin"] = ((), value, {"units": unit})
@@ -315,7 +317,7 @@ class Tuning:
                 "key": [key.removeprefix(f"control.{kind}.") for key in self.given],
                 "iteration": np.arange(1, self.done + 1),
             },
-            describe(self.scenario) | {"status": status, "margin": self.asked},
+            describe(self.scenario) | {"status": status, "margin": self.asked} | waters,
         )
 
     def _explain(self, runs: Sequence[Cost]) -> None:
