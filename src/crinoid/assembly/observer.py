@@ -29,9 +29,9 @@ _MODEL_ERROR = 2e-2
 """Error of the model in the effect of the inputs over a period, over what they usually do."""
 _LEAST_NOISE = 1e-3
 """Noise that readings have at least, over what they usually vary by."""
-_ELSEWHERE = 0.5
-"""Noise of the water's velocity at a meter, over what it varies by: at the arm it is another, and
-drag is not linear in it."""
+_ELSEWHERE = 1.5
+"""Noise of the water's velocity at a meter, over its deviation. Water at the arm differs, and drag
+is not linear in it. The difference lasts while an eddy passes, so white noise must exceed it."""
 _LOCAL = 0.03
 """Noise of curvatures or inclinations along the arm, over the largest that is usual: eddies shorter
 than the shapes of the model's water bend it, too."""
