@@ -16,8 +16,13 @@ from crinoid.assembly.observer import Arrivals, gains
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Braking, Clock, Sensor, TipPose
 from crinoid.control.lqg import nearest
+from crinoid.loop_health import limits_met
 from crinoid.metrics import tip_error
 from crinoid.reduction import balanced
+from crinoid.scenario import Scenario
+from crinoid.simulation import simulate
+from crinoid.simulation.linear_loop import linear_loop
+from crinoid.simulation.margins import find_margins
 from crinoid.simulation.setup import set_up
 
 
@@ -279,3 +284,52 @@ def test_a_mapping_that_no_model_needs_is_refused():
         crinoid.load("station-keeping").with_values(
             {"control.kind": "lqg", "control.mapping": "identity"}
         )
+
+
+REDUNDANT = """
+[arm]
+dimension = 3
+length = 0.4
+nodes = 5
+radius = [0.015, 0.006]
+youngs_modulus = 1.5e5
+[base]
+position = [0.0, 0.0, -10.0]
+[base.channels]
+slide = {}
+sway = {}
+heave = {}
+pan = {}
+tilt = {}
+[[flow]]
+kind = "uniform"
+velocity = [0.0, 0.15, 0.0]
+ramp_time = 2.0
+[control]
+kind = "lqg"
+controlled = ["x", "y", "z"]
+compare = false
+[simulation]
+duration = 12.0
+"""
+
+
+def test_inputs_that_do_the_same_to_the_tip_stay_within_their_ranges(monkeypatch):
+    # pan and sway move the tip to the side alike, tilt and heave up and down
+    scenario = Scenario.from_toml(REDUNDANT)
+    margin = linear_loop(Prepared(scenario)).open.margin()
+    result = simulate(scenario)
+    assert margin.modulus > 0.1
+    at_limit = max(met.range for met in limits_met(result).values())
+    assert at_limit < 0.1  # as the current rises
+    late = result.dataset["tip_error"].values[-100:]
+    assert late[-1] < late[0] < 0.01 * scenario.arm.length
+    # without the pull they push against each other, and what they do among themselves is named
+    monkeypatch.setattr("crinoid.assembly.regulator.SPARE", 0.0)
+    found = find_margins(Prepared(scenario))
+    assert float(found["modulus_margin"]) < 0.02
+    assert "the inputs move together by" in found.attrs["notes"]
+    assert "sway" in found.attrs["notes"] or "heave" in found.attrs["notes"]
+    loose = simulate(scenario)
+    assert max(met.range for met in limits_met(loose).values()) > 4 * at_limit
+    assert late.max() < 0.5 * loose.dataset["tip_error"].values[-100:].max()

@@ -24,7 +24,7 @@ _MOST_SHAPES = 3
 """Most shapes along the arm that the water's velocity is made of."""
 _RANK = 1e-2
 """Movement of the tip, over the largest that the inputs make, that is none."""
-_PASSED, _BRISK = 0.75, 0.075
+_PASSED, _BRISK = 0.6, 0.06
 """Times over the arm's first period in which inputs without such limits pass their range, and in
 which they reach their greatest speed."""
 
@@ -47,6 +47,8 @@ class Known(NamedTuple):
     """Error of what is controlled and can be, in metres, by the error of the pose."""
     mapping: Float[np.ndarray, "u pose"]
     """Commands that move the tip at rest."""
+    spare: Float[np.ndarray, "u u"]
+    """Part of commands, over half their ranges, that moves nothing of the tip at rest."""
 
     @property
     def tip(self) -> Float[np.ndarray, "controlled known"]:
@@ -105,6 +107,7 @@ class Known(NamedTuple):
             settings.smoothness_on(scenario.arm.length),
             integrating,
             model.usual[:, None] * damped_inverse(jacobian) @ integrating,
+            np.eye(model.usual.size) - np.linalg.pinv(jacobian) @ jacobian,
         )
 
 

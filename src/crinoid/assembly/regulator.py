@@ -14,6 +14,8 @@ Matrix = Float[np.ndarray, "_ _"]
 
 EFFORT = 0.02
 """Cost of an input at the end of its range over that of one at its greatest speed."""
+SPARE = 1.0
+"""The same for what inputs do among themselves and the tip at rest does not follow."""
 
 
 def straight(looks: Int[np.ndarray, " look"], ticks: int) -> Float[np.ndarray, "look tick"]:
@@ -57,7 +59,8 @@ class Regulator(NamedTuple):
         cost = np.zeros_like(A)
         cost[x, x] = known.tip.T @ known.tip
         cost[q, q] = np.eye(controlled) / integral_time**2
-        cost[u, u] = np.diag((EFFORT * known.worth / known.reach) ** 2)
+        pull = EFFORT**2 * np.eye(inputs) + SPARE**2 * known.spare
+        cost[u, u] = known.worth**2 * pull / np.outer(known.reach, known.reach)
         rate = np.diag((known.worth / (period * known.speed)) ** 2)
         # only the arm, first of the estimate, and the actuators answer to commands
         moving = np.r_[np.arange(parts.arm), np.arange(size, u.start)]

@@ -5,9 +5,9 @@ control period, in the mean current, and in still water where the current comes 
 A reading comes as late as the newest known one is on average, in whole time steps. A controller is
 what small changes of readings, of the states of the actuators and of its own memory lead to:
 whatever its kind, derivatives by `jax.jacfwd` where the arm stands still, the target is where the
-tip is, and no limit is met. So nothing is left out that is linear: hold, images of fast motions,
-damping by the integrator, all sensors, what an input hands over to others. Switches are: a sensor
-slower than the controller counts at each command.
+tip is, and no limit is met. Nothing linear is left out: hold, images of fast motions, damping by
+the integrator, all sensors, inputs that hand over to others. A sensor slower than the controller
+counts at each command.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class LinearLoop(NamedTuple):
     poles: Complex[np.ndarray, " pole"]
     """Poles of the closed loop (1/s), the one that dies down last first; of the weakest water."""
     water: str
-    """The water in which the loop is unstable, or else has the least modulus margin."""
+    """The weakest water (`OpenLoop.weakest`)."""
 
 
 class LinearPlant(NamedTuple):
@@ -113,8 +113,8 @@ class LinearPlant(NamedTuple):
         if not setup.outcome.converged:
             text = 'got "equilibrium", and there is none to start from; takes "rest" as well'
             raise ScenarioError([Mistake("simulation.start", text)])
-        systems, waters = {}, Facts(prepared).waters
-        for water, current in waters.items():
+        systems = {}
+        for water, current in Facts(prepared).waters.items():
             system, period = _plant(setup, current)
             systems[water] = system.minimal()
         poles = np.concatenate([np.linalg.eigvals(each.A) for each in systems.values()])
@@ -141,9 +141,8 @@ class LinearPlant(NamedTuple):
         own = controller.minimal()
         driven = _driven(own)
         answer = own.response(self.shift)[:, driven]
-        none = np.zeros((len(self.systems), driven.size, driven.size))
         loops = -answer @ self.response[..., driven]
-        return OpenLoop(self.frequency, loops, none, tuple(self.systems))
+        return OpenLoop(self.frequency, loops, np.zeros_like(loops[:, 0].real), tuple(self.systems))
 
     def poles(self, controller: System) -> dict[str, Complex[np.ndarray, " pole"]]:
         """Return the poles of the loop closed by a controller (1/s), in each water."""
@@ -169,8 +168,8 @@ class LinearPlant(NamedTuple):
         poles, loop = self.poles(controller), self.transfer(controller)
         water = max(poles, key=lambda each: poles[each][0].real)
         stable = bool(poles[water][0].real * self.period <= _GROWS)
-        names = tuple(self.inputs[index] for index in _driven(controller.minimal()))
         water = loop.weakest if stable else water
+        names = tuple(self.inputs[index] for index in _driven(controller.minimal()))
         return LinearLoop(loop._replace(stable=stable), names, poles[water], water)
 
 

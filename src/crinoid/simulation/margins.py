@@ -11,12 +11,15 @@ from jaxtyping import Complex
 from crinoid.assembly.prepared import Prepared
 from crinoid.dataset import describe
 from crinoid.simulation.linear_loop import LinearLoop, linear_loop
+from crinoid.simulation.margin import ROBUST, Margin
 from crinoid.status import Status
 
 __all__ = ["MARGINS", "find_margins"]
 
 MARGINS = "margins.nc"
 
+_SHARE = 0.05
+"""Command over the largest that counts as a part of a motion."""
 _LEAST_SWING = 0.01
 """Angle by which a pole turns in the time in which it grows e-fold, below which it runs away."""
 
@@ -91,7 +94,7 @@ def find_margins(prepared: Prepared) -> xr.Dataset:
         attrs=describe(prepared.scenario)
         | {
             "status": Status.OK.value,
-            "notes": "" if margin.stable else _growth(loop),
+            "notes": _nearly_free(loop, margin) if margin.stable else _growth(loop),
             "water": loop.water,
         },
     )
@@ -105,6 +108,25 @@ def _parts(
         f"{name}_{part}": (dims, number, {"units": "1", "long_name": f"{meaning}, {part} part"})
         for part, number in (("real", values.real), ("imaginary", values.imag))
     }
+
+
+def _nearly_free(loop: LinearLoop, margin: Margin) -> str:
+    """Name the commands that hardly come back to rest, where the modulus margin is that small."""
+    if margin.modulus >= ROBUST:
+        return ""
+    at = int(np.argmin(np.abs(loop.open.frequency - margin.frequency)))
+    values, vectors = np.linalg.eig(loop.open.transfer[loop.open.waters.index(loop.water), at])
+    along = vectors[:, np.argmin(np.abs(1 + values))]
+    shares = (along / along[np.argmax(np.abs(along))]).real
+    words = [
+        f"{share:.2g} {name}"
+        for share, name in zip(shares, loop.inputs, strict=True)
+        if abs(share) > _SHARE
+    ]
+    return (
+        f"the modulus margin is below {ROBUST:g} near {margin.frequency:.2g} Hz, where the inputs "
+        f"move together by {', '.join(words)}"
+    )
 
 
 def _growth(loop: LinearLoop) -> str:
