@@ -85,7 +85,9 @@ def test_a_step_that_fails_after_a_gain_of_energy_is_not_blamed_on_the_nodes():
     state = eqx.filter_jit(System.rest)(system)
     folded = eqx.tree_at(lambda o: o.folded, Outcome.of_nothing(converged=False), jnp.asarray(True))
     data = result.dataset
-    said = step_failure(scenario, system, state, folded, data, find_defect(data, scenario, 0.0))
+    said = step_failure(
+        scenario, system, state, folded, data, find_defect(data, scenario, 0.0, 0.0)
+    )
     assert "the arm gained" in said
     assert "until the arm folds onto itself" in said
     assert said.endswith(

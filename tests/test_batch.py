@@ -31,7 +31,7 @@ velocity = [0.2, 0.0]
 [[load]]
 kind = "tip"
 force = [0.0, 0.0]
-start = 0.1
+start = 0.095
 [sensor]
 noise_position = 1e-3
 [control]

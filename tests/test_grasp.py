@@ -84,7 +84,7 @@ def test_touches_take_it_up_and_let_it_go(obstacles, tool, touches, held):
     grip = grasp.begin()
     for second, clear in enumerate(touches):
         # a state has the grip of its own balance, the step from it what its touches make of that
-        found.append(int(grip.held(float(second))[0]))
+        found.append(int(grip.held.whole(float(second))[0]))
         grip = grasp.after(
             obstacles, grip, 0.01 * jnp.asarray(clear, float), jnp.asarray(1.0 * second)
         )
@@ -278,5 +278,5 @@ def test_without_touches_there_is_nothing_to_decide():
     # and before a touch there is no tool
     system = crinoid.system(scenario())
     (tool,) = (each for each in system.forces.elements if isinstance(each, Tool))
-    assert not np.any(tool.held(0.0))
-    assert not np.any(tool.held(1e3))
+    assert not np.any(tool.held.whole(0.0))
+    assert not np.any(tool.held.whole(1e3))

@@ -191,6 +191,7 @@ def test_commands_keep_to_the_limits_from_the_first_instant():
         "target={tip=[0.05, -9.5]}",
         'control.controlled=["x"]',
         "output.interval=0.01",
+        "flow.0.amplitude=[0.2, 0]",  # a swell that weak servos can follow
         "base.channels.slide.max_speed=0.03",
         "base.channels.slide.max_acceleration=0.1",
         "base.channels.slide.range=[-0.02, 0.04]",

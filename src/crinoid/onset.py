@@ -45,6 +45,11 @@ class Onset(eqx.Module):
         factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), on)
         return factor * (1.0 - _passed(time - self.stop))
 
+    def whole(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
+        """Return 1 from the start on and 0 from the stop on, for a body, which is never half."""
+        there = (time >= self.start - _SLACK) & (time < self.stop - _SLACK)
+        return jnp.where(there, 1.0, 0.0)
+
     def elapsed(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
         """Return the integral of the factor up to ``time`` (s): how far a clock gets that it runs.
 

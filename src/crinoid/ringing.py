@@ -10,8 +10,9 @@ from crinoid.dynamics import System
 from crinoid.elements import AddedMass
 from crinoid.pieces import pieces
 
-_LARGE = 0.25
-"""Share of the force on the base from which on vibrations that are not resolved get a note."""
+_LARGE, _SEEN = 0.25, 0.05
+"""Shares of the force on the base, as it is and at most, from which on vibrations that are not
+resolved get a note."""
 
 
 def unresolved(dataset: xr.Dataset, system: System) -> tuple[float, str]:
@@ -43,7 +44,7 @@ def unresolved(dataset: xr.Dataset, system: System) -> tuple[float, str]:
     late = slice(len(loads) // 2, None)
     rings, whole = np.median([np.where(change > fastest, inertia, 0.0)[late], force[late]], axis=1)
     note = ""
-    if rings > _LARGE * whole > 0:
+    if rings > _LARGE * whole > 0 and rings > _SEEN * force.max():
         note = (
             f"vibrations that time steps of {step:g} s do not resolve make up "
             f"{rings / whole:.0%} of the force on the base (medians of the second half): try "

@@ -41,10 +41,10 @@ class Grasp(eqx.Module):
         touched = jnp.any(obstacles.touching(gap) & self.inside, axis=1)
         taken, dropped = grip.taken, grip.dropped
         if self.take is not None:
-            due = jnp.isinf(taken) & (self.window(time) > 0)
+            due = jnp.isinf(taken) & (self.window.whole(time) > 0)
             taken = jnp.where(due & touched[self.take], time, taken)
         if self.drop is not None:
-            dropped = jnp.where((grip.held(time)[0] > 0) & touched[self.drop], time, dropped)
+            dropped = jnp.where((grip.held.whole(time)[0] > 0) & touched[self.drop], time, dropped)
         return Grip(taken, dropped)
 
 

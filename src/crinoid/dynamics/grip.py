@@ -41,4 +41,4 @@ def holding(forces: Forces, grip: Grip | None) -> Forces:
 def carried(forces: Forces, grip: Grip | None, time: Float[Array, ""]) -> Float[Array, ""] | None:
     """Return 1 where the tip has its tool at a time (s), and 0 where not; None: there is none."""
     tools = [each for each in holding(forces, grip).elements if isinstance(each, Tool)]
-    return tools[0].held(time)[0] if tools else None
+    return tools[0].held.whole(time)[0] if tools else None

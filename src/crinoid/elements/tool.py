@@ -114,7 +114,7 @@ class Tool(Element):
         total = jnp.stack([-couple, force + couple])
         if torque is not None:
             total = jnp.c_[total, jnp.stack([jnp.zeros(()), torque])]
-        return self.held(motion.time) * total
+        return self.held.whole(motion.time) * total
 
     def centre(self, place: _Points) -> Float[Array, " d"]:
         """Return the position of the centre of mass for the ends of the last edge (m)."""

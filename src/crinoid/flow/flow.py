@@ -158,9 +158,10 @@ class Water(eqx.Module):
         lasting = [jet for flow, jet in zip(self.flows, jets, strict=True) if flow.steady]
         return Current.of(together, sum(lasting, nothing))
 
-    def _displacement(self, flow: Flow, time: Time) -> Point | float:
+    def _displacement(self, flow: Flow, time: Time) -> Float[Array, "..."]:
         """Return how far the other flows carry a pattern (m)."""
-        return sum(other.displacement(time) for other in self.flows if other is not flow)
+        others = (other.displacement(time) for other in self.flows if other is not flow)
+        return sum(others, jnp.zeros(()))
 
     def _jet(self, flow: Flow, point: Point, time: Time) -> Jet:
         """Return the jet of a flow where the other flows carry it."""
