@@ -161,7 +161,7 @@ class Water(eqx.Module):
     def _displacement(self, flow: Flow, time: Time) -> Float[Array, "..."]:
         """Return how far the other flows carry a pattern (m)."""
         others = (other.displacement(time) for other in self.flows if other is not flow)
-        return jnp.asarray(sum(others))
+        return jnp.asarray(sum(others), float)
 
     def _jet(self, flow: Flow, point: Point, time: Time) -> Jet:
         """Return the jet of a flow where the other flows carry it."""
