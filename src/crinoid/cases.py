@@ -33,26 +33,14 @@ def is_table(path: Path) -> bool:
 
 
 def read_rows(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
-    """Return the columns of a table and its rows.
-
-    Raises
-    ------
-    OSError, UnicodeDecodeError, csv.Error
-        If it cannot be read.
-    """
+    """Return the columns of a table and its rows."""
     with path.open(newline="", encoding="utf-8") as file:
         table = csv.DictReader(file)
         return list(table.fieldnames or []), list(table)
 
 
 def write_rows(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write a table of at least one row, whole or not at all.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Write a table of at least one row, whole or not at all."""
     with (
         replacing(path) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as file,

@@ -27,11 +27,6 @@ def replacing(path: Path, *, private: bool = False) -> Iterator[Path]:
 
     If anything is raised in between, ``path`` stays as it was. A link of that name is replaced and
     not followed. A ``private`` file is closed to other users.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written, with the system's reason and the folder.
     """
     try:
         handle, name = tempfile.mkstemp(_UNFINISHED, f".{path.name}.", path.parent)

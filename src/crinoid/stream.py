@@ -56,11 +56,6 @@ class Stream:
         The state after them, to go on from.
     wall_time
         What it took so far (s).
-
-    Raises
-    ------
-    OSError
-        If it cannot be written, here and later on.
     """
 
     def __init__(
@@ -213,13 +208,7 @@ class _Lazy(BackendArray):
 
 
 def open_lazily(path: Path) -> xr.Dataset:
-    """Return the data of a file; what is large stays there, and the file is not kept open.
-
-    Raises
-    ------
-    Exception
-        Any, of a file that is broken.
-    """
+    """Return the data of a file; what is large stays there, and the file is not kept open."""
 
     def reader(name: str) -> Callable[[tuple[Any, ...]], np.ndarray]:
         def read(key: tuple[Any, ...]) -> np.ndarray:
@@ -254,11 +243,6 @@ def read_checkpoint(path: Path, dataset: xr.Dataset) -> dict[str, np.ndarray]:
     """Return the state that goes with a file that grows; none if none is there.
 
     Its time is put into the attribute ``wall_time`` of the data.
-
-    Raises
-    ------
-    Exception
-        Any, of a checkpoint that is broken.
     """
     there = _checkpoint_path(path, str(dataset.attrs.pop(_KEY, "")))
     if not there.exists():

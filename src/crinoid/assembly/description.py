@@ -50,13 +50,7 @@ class Description(NamedTuple):
 
     @staticmethod
     def of(path: Path) -> Description:
-        """Read the description of a policy.
-
-        Raises
-        ------
-        ScenarioError
-            If there is no such file, or it holds no policy that this version can read.
-        """
+        """Read the description of a policy."""
         with opened(path) as file:
             return described(path, file)
 
@@ -71,13 +65,7 @@ def is_policy(path: Path) -> bool:
 
 
 def described(path: Path, file: BinaryIO) -> Description:
-    """Read the first line of a file.
-
-    Raises
-    ------
-    ScenarioError
-        If it does not begin like a policy that this version can read.
-    """
+    """Read the first line of a file."""
     try:
         head = json.loads(file.readline(_LONGEST))
         form, version = head["format"], head["version"]

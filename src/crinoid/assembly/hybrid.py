@@ -73,13 +73,7 @@ class _Upright(NamedTuple):
 
 
 def build_hybrid(plan: Plan) -> Hybrid:
-    """Return the hybrid controller of a scenario.
-
-    Raises
-    ------
-    ScenarioError
-        If the base cannot balance the arm.
-    """
+    """Return the hybrid controller of a scenario."""
     scenario, system = plan.scenario, plan.system
     sensor, slide = inclinations(scenario), scenario.base.channels.slide
     bend, weight = system.forces.bend, _weight(system)

@@ -60,11 +60,6 @@ class Known(NamedTuple):
         """Linearise the arm of a plan, and design its observer.
 
         The model is of water with at least ``foreseen`` shapes along the arm.
-
-        Raises
-        ------
-        ScenarioError
-            If the inputs that are to be driven do not move what is controlled.
         """
         scenario = plan.scenario
         there = (*scenario.base.channels.present, *scenario.thread_names)

@@ -28,13 +28,7 @@ _LOOKS = 24
 
 
 def build_lqg(plan: Plan) -> Lqg:
-    """Return the LQG controller of a plan.
-
-    Raises
-    ------
-    ScenarioError
-        If the inputs do not move what is controlled, or there is no gain that does.
-    """
+    """Return the LQG controller of a plan."""
     settings, looks = plan.scenario.control.lqg, np.zeros(1, int)
     if plan.scenario.target.feeds_forward:
         ticks = max(_LOOKS, round(_PREVIEW * plan.first_period / plan.period))

@@ -30,14 +30,7 @@ _LOOKS = 12
 
 
 def build_mpc(plan: Plan) -> Mpc:
-    """Return the predictive controller of a scenario, on one model.
-
-    Raises
-    ------
-    ScenarioError
-        If the inputs that are to be driven do not move what is controlled, or there is no sensor
-        of a current that is to be measured.
-    """
+    """Return the predictive controller of a scenario, on one model."""
     return designed(plan)[0]
 
 

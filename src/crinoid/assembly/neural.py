@@ -19,13 +19,7 @@ _SAME = 1e-6
 
 
 def build_neural(plan: Plan) -> Neural:
-    """Return the neural controller of a plan.
-
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read, or its policy is for another arm, other sensors or another rate.
-    """
+    """Return the neural controller of a plan."""
     weights = plan.scenario.control.neural.weights
     assert weights is not None, "a scenario without is refused"
     policy, told = read_policy(Path(weights))

@@ -31,11 +31,6 @@ class Observables:
     ----------
     plan
         Plan that a controller would be built from.
-
-    Raises
-    ------
-    ScenarioError
-        If no input can move, or one that can has no limits.
     """
 
     def __init__(self, plan: Plan) -> None:

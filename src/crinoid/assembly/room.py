@@ -11,13 +11,7 @@ _clearance = compiled(**ONCE)(System.clearance)
 
 
 def find_room(system: System) -> Float[np.ndarray, " m"]:
-    """Return how far each obstacle is from the arm without load (m).
-
-    Raises
-    ------
-    ScenarioError
-        If any lies within the arm.
-    """
+    """Return how far each obstacle is from the arm without load (m)."""
     room = np.asarray(_clearance(system))
     mistakes = [
         Mistake(

@@ -52,12 +52,6 @@ def build_scheduled(plan: Plan) -> ScheduledMpc:
 
     The way is gone along from the start. Where the nearest model says that the base turns far from
     its pose, there is another; so each is found by one that is near.
-
-    Raises
-    ------
-    ScenarioError
-        If the inputs that are to be driven do not move what is controlled, or the arm has no
-        equilibrium on the way.
     """
     here = _local(plan, np.zeros(plan.system.base.angles.shape[0]))
     found = [here]

@@ -27,13 +27,7 @@ def write_policy(path: Path, policy: Policy, description: Description) -> None:
 
 
 def read_policy(path: Path) -> tuple[Policy, Description]:
-    """Read a policy.
-
-    Raises
-    ------
-    ScenarioError
-        If there is no such file, or it holds no policy that this version can read.
-    """
+    """Read a policy."""
     try:
         with opened(path) as file:
             told = described(path, file)

@@ -41,11 +41,6 @@ class Variation(NamedTuple):
             As `crinoid.simulate_batch` takes them.
         records
             Whether all runs are to have the same instants.
-
-        Raises
-        ------
-        ScenarioError
-            If anything is wrong with them, one line for each mistake.
         """
         columns, drawn = _columns(over), _seeds(seeds)
         if not columns and drawn is None:

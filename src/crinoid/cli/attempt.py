@@ -13,14 +13,7 @@ from crinoid.status import Status
 
 
 def find_earlier(prepared: Prepared, folder: Path) -> Result | None:
-    """Find the result to go on from; none where there is nothing yet.
-
-    Raises
-    ------
-    ScenarioError
-        If what there is is no result of this scenario, or of a longer run, or if a file that the
-        scenario names has changed since.
-    """
+    """Find the result to go on from; none where there is nothing yet."""
     scenario = prepared.scenario
     if not (folder / RESULT).exists():
         return None
@@ -76,15 +69,7 @@ def attempt(
     tell: Tell | None = None,
     into: Path | None = None,
 ) -> Result:
-    """Run a scenario, or the rest of it.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written ``into`` its folder.
-    ScenarioError
-        If it cannot be run, or not gone on with.
-    """
+    """Run a scenario, or the rest of it."""
     try:
         return play(prepared, report=report, resume=earlier, stop=stop, tell=tell, into=into)
     except ResultError as error:

@@ -11,13 +11,7 @@ from crinoid.scenario import Mistake, ScenarioError, shown
 
 @contextmanager
 def of_case(key: str, values: Mapping[str, Any]) -> Iterator[None]:
-    """Say of mistakes in which case they are, and by which key the case came to be.
-
-    Raises
-    ------
-    ScenarioError
-        If one is raised within.
-    """
+    """Say of mistakes in which case they are, and by which key the case came to be."""
     try:
         yield
     except ScenarioError as error:

@@ -26,13 +26,7 @@ _MOST_FAILURES = 4
 
 
 def kinds_of(text: str) -> list[str]:
-    """Return the kinds of controllers in a list with commas.
-
-    Raises
-    ------
-    ScenarioError
-        If one is unknown, or named twice.
-    """
+    """Return the kinds of controllers in a list with commas."""
     kinds = [kind.strip() for kind in text.split(",")]
     known = [kind for kind in (*KINDS, *installed("controllers")) if kind != "custom"]
     for kind in kinds:
@@ -46,13 +40,7 @@ def kinds_of(text: str) -> list[str]:
 
 
 def seeds_of(count: int, first: int) -> range:
-    """Return the seeds from the first one on.
-
-    Raises
-    ------
-    ScenarioError
-        If there are none, or they are no seeds.
-    """
+    """Return the seeds from the first one on."""
     if count < 1:
         raise ScenarioError([Mistake("--seeds", f"got {count}, takes a number of 1 or more")])
     if first < 0:

@@ -21,13 +21,7 @@ class Hands(NamedTuple):
 
 
 def check_hands(hands: Hands) -> None:
-    """Refuse what does not go together.
-
-    Raises
-    ------
-    ScenarioError
-        If anything is wrong.
-    """
+    """Refuse what does not go together."""
     if hands.workers is not None and hands.scheduler is not None:
         text = "takes no --scheduler beside it, whose workers are those that it has"
         raise ScenarioError([Mistake("--workers", text)])
@@ -42,13 +36,7 @@ def count_of(hands: Hands) -> int:
 
 
 def open_crew(hands: Hands) -> Crew:
-    """Start workers, or find those of a scheduler; without dask.distributed they are processes.
-
-    Raises
-    ------
-    ScenarioError
-        If no scheduler answers.
-    """
+    """Start workers, or find those of a scheduler; without dask.distributed they are processes."""
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
     try:

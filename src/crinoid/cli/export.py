@@ -36,15 +36,7 @@ def export_result(
     force: bool,
     console: Console,
 ) -> None:
-    """Write a result or a policy in another format, and tell what is left out.
-
-    Raises
-    ------
-    ReportError
-        If there is none, or none that can be written so.
-    ScenarioError
-        If an option has no such value, or does not go with the format.
-    """
+    """Write a result or a policy in another format, and tell what is left out."""
     if kind not in KINDS:
         near = get_close_matches(kind.lower(), KINDS, n=1)
         raise _mistake("--to", f"got {shown(kind)}, takes {one_of(KINDS)}", *near)

@@ -17,13 +17,7 @@ from crinoid.report.film.write import film_run
 def film_result(
     result: Path, to: Path | None, shot: Shot, *, force: bool, console: Console
 ) -> None:
-    """Film a result.
-
-    Raises
-    ------
-    ReportError
-        If there is none, or an option does not fit it.
-    """
+    """Film a result."""
     if to is None and not has_encoder():
         say_notes(console, [f"writes a GIF: {NO_ENCODER}"])
     with Interruption() as interruption, progress_bar(console) as bar:

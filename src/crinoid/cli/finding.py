@@ -17,13 +17,7 @@ from crinoid.scenario import Mistake, Scenario, ScenarioError
 
 
 def prepare_one(scenario: Scenario, finding: str) -> Prepared:
-    """Prepare a scenario of which something is to be found, such as `"a tuning"`.
-
-    Raises
-    ------
-    ScenarioError
-        If it stands for several cases.
-    """
+    """Prepare a scenario of which something is to be found, such as `"a tuning"`."""
     if scenario.vary:
         text = f"{finding} is of one case; give its values with --set and leave out vary"
         raise ScenarioError([Mistake("vary", text)])
@@ -33,13 +27,7 @@ def prepare_one(scenario: Scenario, finding: str) -> Prepared:
 
 @contextmanager
 def place_of(path: Path, *, force: bool) -> Iterator[None]:
-    """Claim the folder of a file that may be written.
-
-    Raises
-    ------
-    ScenarioError
-        If another run has the folder, or the file is someone else's and ``force`` is not set.
-    """
+    """Claim the folder of a file that may be written."""
     with claimed(path.parent):
         if not force:
             check_own(path)

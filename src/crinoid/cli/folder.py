@@ -45,15 +45,7 @@ Wanted = Mapping[str, Scenario]
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Have a folder for oneself; it is made if needed, and goes again if nothing is written.
-
-    Raises
-    ------
-    ScenarioError
-        If another command is writing to it.
-    OSError
-        If it cannot be written to.
-    """
+    """Have a folder for oneself; it is made if needed, and goes again if nothing is written."""
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     lock = filelock.FileLock(folder / _LOCK)
     try:
@@ -104,11 +96,6 @@ def check_replaced(
         Whether results of ``wanted`` are gone on with, which looks at them more closely.
     still
         Whether an equilibrium is to replace them.
-
-    Raises
-    ------
-    ScenarioError
-        If there is one.
     """
     for path in _foreign(folder, wanted, resume=resume):
         _refuse(path)
@@ -126,13 +113,7 @@ def check_replaced(
 
 
 def check_own(path: Path, is_own: Callable[[Path], object] = attributes) -> None:
-    """Refuse to replace a file that crinoid did not write, a netCDF file if nothing else is told.
-
-    Raises
-    ------
-    ScenarioError
-        If it is one.
-    """
+    """Refuse to replace a file that crinoid did not write; by default it is a netCDF file."""
     if path.exists() and not is_own(path):
         _refuse(path)
 

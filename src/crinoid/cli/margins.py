@@ -18,13 +18,7 @@ from crinoid.simulation.margins import MARGINS, find_margins
 
 
 def show_margins(scenario: Scenario, folder: Path, *, force: bool, console: Console) -> None:
-    """Find the margins of a scenario's loop, save, draw and show them.
-
-    Raises
-    ------
-    ScenarioError
-        If a file that the scenario names is not what it takes, or there is no loop.
-    """
+    """Find the margins of a scenario's loop, save, draw and show them."""
     prepared = prepare_one(scenario, "a margin")
     prepared.check()
     with place_of(folder / MARGINS, force=force):

@@ -20,13 +20,7 @@ from crinoid.simulation import MODES, find_vibrations
 def show_modes(
     scenario: Scenario, folder: Path, *, count: int, in_air: bool, force: bool, console: Console
 ) -> str:
-    """Find the modes of a scenario, save, draw and show them; return what went wrong, if anything.
-
-    Raises
-    ------
-    ScenarioError
-        If a file that the scenario names is not what it takes, or there are not as many modes.
-    """
+    """Find the modes of a scenario, save, draw and show them; return the failure, if any."""
     prepared = prepare_one(scenario, "a mode")
     with place_of(folder / MODES, force=force):
         with console.status("looking for equilibria and modes"):

@@ -89,13 +89,7 @@ def run_sweep(
 
 
 def estimate_sweep(plan: Plan, hands: Hands, console: Console) -> None:
-    """Tell what a sweep would take, from a trial of its first run; write nothing.
-
-    Raises
-    ------
-    ScenarioError
-        If a run of it cannot be begun, or no scheduler answers.
-    """
+    """Tell what a sweep would take, from a trial of its first run; write nothing."""
     say_notes(console, notes_of(plan))
     threads = count_of(hands)
     if hands.scheduler is not None:
@@ -109,13 +103,7 @@ def estimate_sweep(plan: Plan, hands: Hands, console: Console) -> None:
 
 
 def notes_of(plan: Plan) -> list[str]:
-    """Check a plan, and return what a user should know of it before it is run.
-
-    Raises
-    ------
-    ScenarioError
-        If a run of it cannot be run.
-    """
+    """Check a plan, and return what a user should know of it before it is run."""
     found = notes_of_cases(check_runs(plan))
     if plan.sampling in ("sobol", "saltelli") and plan.count.bit_count() > 1:
         found.append(f"--count: {plan.count} is no power of two, which Sobol points balance by")
@@ -123,13 +111,7 @@ def notes_of(plan: Plan) -> list[str]:
 
 
 def check_runs(plan: Plan) -> dict[str, list[str]]:
-    """Check the runs that stand for all; return what is odd about the first of each structure.
-
-    Raises
-    ------
-    ScenarioError
-        If one of them cannot be run.
-    """
+    """Check the runs that stand for all; return what is odd about the first of each structure."""
     firsts = {int(runs[0]) for runs in plan.structures[:_MOST_TOLD]}
     odd = {}
     for run in plan.examples(_MOST_TRIED):

@@ -27,13 +27,7 @@ CHECKPOINT = "training.npz"
 
 
 def drawn_keys(scenario: Scenario, given: Sequence[str] | None) -> dict[str, tuple[float, float]]:
-    """Return the keys that episodes draw, with the smallest and the largest value of each.
-
-    Raises
-    ------
-    ScenarioError
-        If one is not ``KEY=LOW:HIGH``.
-    """
+    """Return the keys that episodes draw, with the smallest and the largest value of each."""
     if not given:
         return usual_draws(scenario)
     found = {}

@@ -23,13 +23,7 @@ from crinoid.scenario import Mistake, Scenario, ScenarioError
 def run_live(
     scenario: Scenario, folder: Path, *, port: int, browser: bool | None, console: Console
 ) -> str:
-    """Simulate a scenario in a browser until Ctrl-C; return what went wrong, if anything.
-
-    Raises
-    ------
-    ScenarioError
-        If the scenario cannot be run, or the port cannot be had.
-    """
+    """Simulate a scenario in a browser until Ctrl-C; return what went wrong, if anything."""
     try:
         import viser  # noqa: F401
     except ImportError:

@@ -46,11 +46,6 @@ class Comparison:
         Kinds of controllers, as ``control.kind`` takes them; see `controlled_by`.
     seeds
         Values of ``seed``, which draws currents and the noise of sensors.
-
-    Raises
-    ------
-    ScenarioError
-        If the scenario cannot be run under one of them.
     """
 
     def __init__(self, scenario: Source, kinds: Sequence[str], seeds: Sequence[int]) -> None:

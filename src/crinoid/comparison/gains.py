@@ -37,11 +37,6 @@ def controlled_by(scenario: Scenario, kind: str) -> Scenario:
 
     A hybrid controller sees by inclinations along the arm: at eleven stations, without noise, where
     the scenario has no such sensor.
-
-    Raises
-    ------
-    ScenarioError
-        If the scenario does not go with that kind, or no such gains are found.
     """
     values: dict[str, Any] = {"control.kind": kind, "control.compare": False}
     if kind == "none" and scenario.target.feed_forward:

@@ -47,11 +47,6 @@ def sample_current(prepared: Prepared) -> xr.Dataset:
         attribute ``settled`` is the time (s) at which the last ramp is over: spectra, means and
         deviations are taken from there on. It is 0 where next to nothing of the run is left then,
         which ``notes`` say.
-
-    Raises
-    ------
-    ScenarioError
-        If a file that the scenario names is not what it takes.
     """
     scenario, system = prepared.scenario, prepared.system
     times, interval = _times(scenario)

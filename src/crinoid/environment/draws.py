@@ -54,11 +54,6 @@ class Draws:
         One case (`crinoid.Scenario.cases`).
     ranges
         Keys that every episode draws, with the smallest and the largest value.
-
-    Raises
-    ------
-    ScenarioError
-        If anything is wrong with them.
     """
 
     def __init__(self, scenario: Scenario, ranges: Mapping[str, Any] | None) -> None:
@@ -86,14 +81,6 @@ class Draws:
             What to draw from.
         options
             ``set``: values by key; ``draw``: ranges by key, beside those of all episodes.
-
-        Raises
-        ------
-        RuntimeError
-            If the arm finds no equilibrium to start from.
-        ScenarioError
-            If a key, a value or a range is not what it takes, or changes the compiled program or
-            the limits of actions or observations.
         """
         given = _options(options)
         ranges = self.ranges | _checked("options: draw", given["draw"])

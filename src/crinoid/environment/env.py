@@ -195,13 +195,7 @@ def failure(drawn: Drawn, episode: Episode, outcome: Numbers) -> str:
 
 
 def rules_of(draws: Draws, reward: Reward, success: Success | None) -> Rules:
-    """Return the rules of an environment.
-
-    Raises
-    ------
-    ScenarioError
-        If the reward is not one number for a `Moment`.
-    """
+    """Return the rules of an environment."""
     plan = draws.first.setup.plan
     scale = np.zeros(len(plan.system.tip(plan.state)))
     scale[plan.controlled[0]] = 1.0
@@ -226,13 +220,7 @@ def space_of(entries: tuple[Entry, ...], kind: Any) -> Box:
 
 
 def checked(action: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an action as numbers.
-
-    Raises
-    ------
-    ValueError
-        If it has another shape, or any is no number.
-    """
+    """Return an action as numbers."""
     found = np.asarray(action, float)
     if found.shape != shape:
         raise ValueError(f"action: got the shape {found.shape}, takes {shape}")

@@ -73,7 +73,7 @@ class Flow(eqx.Module):
     def displacement(self, time: Time) -> Point | float:
         """Return how far the part that is the same everywhere has moved the water by a time (m).
 
-        `Water` carries the patterns that drift by the displacement of the other flows.
+        `crinoid.flow.Water` carries the patterns that drift by the displacement of the other flows.
         """
         return 0.0
 

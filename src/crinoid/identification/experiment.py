@@ -43,13 +43,7 @@ class Comparison(NamedTuple):
 
 
 def given_values(scenario: Scenario, keys: Sequence[str]) -> Vector:
-    """Return the numbers of a scenario that a search begins with.
-
-    Raises
-    ------
-    ScenarioError
-        If a key is unknown, or is not of a number that can change a little.
-    """
+    """Return the numbers of a scenario that a search begins with."""
     mistakes = [
         Mistake("--of", f"got {key} twice, takes each number once")
         for key in dict.fromkeys(keys)
@@ -102,13 +96,6 @@ class Experiment:
         Keys of the numbers that are changed; they keep their sign.
     record
         What was measured.
-
-    Raises
-    ------
-    ScenarioError
-        If there is nothing to compare, or a key has no effect on the arm.
-    RuntimeError
-        If there is no equilibrium to start from.
     """
 
     def __init__(self, scenario: Scenario, keys: tuple[str, ...], record: Record) -> None:

@@ -76,13 +76,6 @@ class Identification:
     ----------
     scenario, keys, record
         As `crinoid.identification.experiment.Experiment` takes them.
-
-    Raises
-    ------
-    ScenarioError
-        If there is nothing to find.
-    RuntimeError
-        If there is no equilibrium to start from.
     """
 
     def __init__(self, scenario: Scenario, keys: Sequence[str], record: Record) -> None:
@@ -111,12 +104,6 @@ class Identification:
             Told of each trial: how many there were, and the best cost.
         stop
             Whether to stop.
-
-        Raises
-        ------
-        ScenarioError
-            If a number does nothing for what was measured, or the same as another, or if the
-            record is not of this arm.
         """
         self._report, self._stop = report, stop
         none = np.zeros(len(self.experiment.keys))

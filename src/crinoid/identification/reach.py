@@ -30,11 +30,6 @@ def within_reach(
 
     Places (m) are those on the axes `names`: of the record, and in a run whose arm is at most
     `length` (m) long.
-
-    Raises
-    ------
-    ScenarioError
-        If the arm reaches too few rows.
     """
     same = np.all(np.diff(measured, axis=0) == 0, axis=1)
     starts = np.flatnonzero(np.append(True, ~same))

@@ -59,11 +59,6 @@ def read_record(path: Path, axes: int, inputs: Sequence[Input]) -> Record:
         Dimension of the arm.
     inputs
         Inputs of the arm.
-
-    Raises
-    ------
-    ScenarioError
-        If it is no record.
     """
     try:
         if path.is_dir() or (path.name == RESULT and attributes(path)):

@@ -107,11 +107,6 @@ def imitated(
         Of what is added to the moves.
     crew
         Runs the arms.
-
-    Raises
-    ------
-    FloatingPointError
-        If no episode could be run to its end.
     """
     policy = pupil.policy
     gathered: list[tuple[np.ndarray, np.ndarray]] = []

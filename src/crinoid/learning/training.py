@@ -64,13 +64,6 @@ class Training:
         What to train for; its controller counts no more than that of ``settings.teacher``.
     settings
         How.
-
-    Raises
-    ------
-    RuntimeError
-        If an arm finds no equilibrium to start from.
-    ScenarioError
-        If anything is wrong with the scenario, the draws or the teacher.
     """
 
     def __init__(self, scenario: Scenario, settings: Settings) -> None:
@@ -106,15 +99,7 @@ class Training:
         """The learner as it is, and as it was at the look that cost least."""
 
     def begin(self) -> None:
-        """Imitate the teacher, and look at how that does.
-
-        Raises
-        ------
-        RuntimeError
-            If no episode could be run under the teacher.
-        ScenarioError
-            If the scenario does not go with the teacher.
-        """
+        """Imitate the teacher, and look at how that does."""
         values = {"control.kind": self.settings.teacher}
         loop, _ = closed_loop(self.scenario.with_values(values))
         pupil = Neural(self._course.observation, self._blank)
@@ -237,13 +222,7 @@ class Training:
             np.savez(file, **state)
 
     def restore(self, path: Path) -> None:
-        """Go on from what was saved.
-
-        Raises
-        ------
-        ScenarioError
-            If it is not of this training, or cannot be read.
-        """
+        """Go on from what was saved."""
         if about_in(path):
             self.check_same(path, "no --resume")
         try:
@@ -254,13 +233,7 @@ class Training:
             raise ScenarioError([Mistake(str(path), text)]) from error
 
     def check_same(self, path: Path, instead: str) -> None:
-        """Refuse what was saved by another training, naming what differs.
-
-        Raises
-        ------
-        ScenarioError
-            If it is of another one; ``instead`` says what else there is to do.
-        """
+        """Refuse what was saved by another training, naming what differs."""
         about = about_in(path)
         for key, got in self._about.items():
             takes = about.get(key)

@@ -68,11 +68,6 @@ class Page:
         Where it is served; 0: wherever there is room.
     keep
         Saves a recording and says in a line where it is.
-
-    Raises
-    ------
-    PortError
-        If the port cannot be had.
     """
 
     def __init__(self, session: Session, port: int, keep: Callable[[Result], str]) -> None:
@@ -114,13 +109,7 @@ class Page:
 
 
 def check_port(port: int) -> None:
-    """Refuse a port that cannot be had.
-
-    Raises
-    ------
-    PortError
-        If there is no such port, or something else has it.
-    """
+    """Refuse a port that cannot be had."""
     if not 0 <= port <= 65535:
         raise PortError(f"got {port}, takes 0 (any that is free) to 65535")
     with socket.socket() as trial:

@@ -54,15 +54,7 @@ class Part(NamedTuple):
 
     @staticmethod
     def of(scenario: Scenario, props: Props, kind: str) -> Part:
-        """Set a scenario up under a kind of controller.
-
-        Raises
-        ------
-        ScenarioError
-            If it does not go with it.
-        StartError
-            If it has no equilibrium to start from.
-        """
+        """Set a scenario up under a kind of controller."""
         if kind != scenario.control.kind:
             scenario = controlled_by(scenario, kind)
         prepared = Prepared(props.added(scenario))

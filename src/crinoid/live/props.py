@@ -89,13 +89,7 @@ class Props:
         return Props(debris, duration)
 
     def added(self, scenario: Scenario) -> Scenario:
-        """Return a scenario with them.
-
-        Raises
-        ------
-        ScenarioError
-            If they do not go with it.
-        """
+        """Return a scenario with them."""
         document, still = scenario.to_dict(), [0.0] * scenario.arm.dimension
         values: dict[str, Any] = {
             "load": [*document.get("load", []), {"kind": "tip", "force": still}],

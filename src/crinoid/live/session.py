@@ -51,15 +51,6 @@ class Session:
     ----------
     scenario
         One case.
-
-    Raises
-    ------
-    ScenarioError
-        If the scenario cannot be run.
-    StartError
-        If it has no equilibrium to start from.
-    ValueError
-        If the scenario stands for several cases.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -199,13 +190,7 @@ class Session:
             self._tape.pulls.append(self._pull)
 
     def throw(self) -> None:
-        """Throw debris at the arm; what was thrown before comes back for it.
-
-        Raises
-        ------
-        ScenarioError
-            If the arm has no surface that could be hit.
-        """
+        """Throw debris at the arm; what was thrown before comes back for it."""
         debris, arm = self.props.debris, self.scenario.arm
         if debris is None:
             text = "the arm has no surface that could be hit"
@@ -219,13 +204,7 @@ class Session:
             self._tape.thrown.append(self.time)
 
     def control(self, kind: str) -> None:
-        """Let another kind of controller take over, with gains of its own if there are none.
-
-        Raises
-        ------
-        ScenarioError
-            If the scenario does not go with it; what was at work stays so.
-        """
+        """Let another kind of controller take over, with gains of its own if there are none."""
         if kind == self.kind:
             return
         part = self._under(kind)

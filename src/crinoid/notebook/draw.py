@@ -22,13 +22,7 @@ from crinoid.report.view import View
 
 
 def draw_panels(panels: Sequence[Panel], run: Run, given: Sequence[Axes] | None) -> list[Axes]:
-    """Draw panels below each other, or into as many axes.
-
-    Raises
-    ------
-    ValueError
-        If there are not as many axes.
-    """
+    """Draw panels below each other, or into as many axes."""
     with _axes([panel.tall for panel in panels], given) as drawn:
         time = run.result["time"].values
         for axes, panel in zip(drawn, panels, strict=True):
@@ -54,13 +48,7 @@ def draw_shape(
     legend: bool,
     bar: bool,
 ) -> Axes:
-    """Draw the arm over time in a view.
-
-    Raises
-    ------
-    ValueError
-        If there are no times, or they are not of the run.
-    """
+    """Draw the arm over time in a view."""
     chosen = None
     if times is not None:
         time, wanted = data["time"].values, np.asarray(list(times), float)

@@ -7,13 +7,7 @@ from crinoid.result import Result
 
 
 def run_of(result: Result) -> run.Run:
-    """Return a result and the one without control, as far as their shapes are finite.
-
-    Raises
-    ------
-    ReportError
-        If there is no finite shape.
-    """
+    """Return a result and the one without control, as far as their shapes are finite."""
     results = {"result": result.dataset}
     if result.uncontrolled is not None:
         results["result without control"] = result.uncontrolled.dataset

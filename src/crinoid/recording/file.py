@@ -44,11 +44,6 @@ def cut_out(flow: MeasuredFlow, bed: float | None) -> Cutting:
         What to read.
     bed
         Height z of the bed (m), if it is known.
-
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read or does not hold what is asked for.
     """
     with opened(flow.file, flow.time, flow.vertical) as dataset:
         remarks: list[str] = []

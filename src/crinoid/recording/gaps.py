@@ -46,11 +46,6 @@ def fill(
         Velocity (m/s), not a number where it is missing.
     names
         What to call the components.
-
-    Raises
-    ------
-    ScenarioError
-        If half of every level or more is missing.
     """
     steps = np.diff(time)
     absent = np.maximum(np.rint(steps / np.median(steps)).astype(int) - 1, 0)

@@ -17,11 +17,6 @@ def check_marks(numbers: np.ndarray, key: str, name: str) -> None:
 
     A mark lies outside the other numbers by more than they differ from each other: 999 among
     998 and 1000 is a number.
-
-    Raises
-    ------
-    ScenarioError
-        If it holds one.
     """
     found = numbers[np.isfinite(numbers)].astype(float)
     marked = np.zeros(found.size, bool)

@@ -36,11 +36,6 @@ def opened(file: str, time: str, vertical: str | None = None) -> Iterator[xr.Dat
     time, vertical
         Variables that hold the time and, of a profile, the level: a CSV file with a row for each
         time and level is laid out by them.
-
-    Raises
-    ------
-    ScenarioError
-        If it cannot be read.
     """
     try:
         mode = os.stat(file).st_mode

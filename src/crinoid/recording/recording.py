@@ -78,13 +78,7 @@ class Recording:
 
 
 def read_recording(flow: MeasuredFlow, stage: Stage) -> Recording:
-    """Read the current of a flow, mend it, and lay it over a run.
-
-    Raises
-    ------
-    ScenarioError
-        If the file is not what it takes, or does not last.
-    """
+    """Read the current of a flow, mend it, and lay it over a run."""
     found = cut_out(flow, stage.bed)
     whole = fill(found.time, found.levels, found.velocity, list(flow.velocity))
     notes = [*found.remarks, *whole.remarks]

@@ -58,11 +58,6 @@ def read_series(file: str, time_column: str, columns: list[Column], skip: float)
 
     Times that are numbers are those of the run, dates count from the first one; ``skip`` is the
     time of the file when the run begins. Rows in which anything is missing are left out.
-
-    Raises
-    ------
-    ScenarioError
-        If the file is not what it takes.
     """
     with opened(file, time_column) as dataset:
         remarks: list[str] = []

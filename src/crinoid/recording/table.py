@@ -50,11 +50,6 @@ def read_table(file: str, time: str, vertical: str | None) -> xr.Dataset:
     Numbers may be separated by commas, semicolons, tabs or blanks, with a decimal comma unless
     commas separate; lines after # are comments; times may be ISO dates; an empty cell is missing.
     With ``vertical`` each row is of one time and one level.
-
-    Raises
-    ------
-    ScenarioError
-        If it is no such file.
     """
     name, size = Path(file).name, os.path.getsize(file)
     if size > _MAX_BYTES:

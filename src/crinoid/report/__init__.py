@@ -39,11 +39,6 @@ def write_report(path: FilePath, out: FilePath | None = None) -> list[Path]:
     -------
     list of Path
         The figures written, in the order above.
-
-    Raises
-    ------
-    ReportError
-        If there is no result at `path`, or the file is empty, broken or of another kind.
     """
     from crinoid.report.book import write_book
 
@@ -60,11 +55,6 @@ def write_page(folder: FilePath) -> Path:
     ----------
     folder
         Where `result.nc` or `cases.csv` is, and the page will be.
-
-    Raises
-    ------
-    ReportError
-        If there is too little to be drawn, or the page cannot be written.
     """
     from crinoid.cases import CASES
     from crinoid.report.page.file import PAGE

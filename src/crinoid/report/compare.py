@@ -32,13 +32,7 @@ _SPREAD = 0.22
 
 
 def open_comparison(path: Path) -> xr.Dataset:
-    """Read a comparison into memory.
-
-    Raises
-    ------
-    ReportError
-        If the file is broken, or not a comparison that crinoid wrote.
-    """
+    """Read a comparison into memory."""
     return load_as(path, "a comparison", _REQUIRED)
 
 

@@ -21,13 +21,7 @@ _REQUIRED = {
 
 
 def open_flow(path: Path) -> xr.Dataset:
-    """Read a sampled current into memory.
-
-    Raises
-    ------
-    ReportError
-        If the file is broken, or not a current that crinoid sampled.
-    """
+    """Read a sampled current into memory."""
     return load_as(path, "a current", _REQUIRED)
 
 

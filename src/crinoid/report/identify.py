@@ -24,13 +24,7 @@ _REQUIRED = {
 
 
 def open_identification(path: Path) -> xr.Dataset:
-    """Read what was found into memory.
-
-    Raises
-    ------
-    ReportError
-        If the file is broken, or not one that crinoid wrote.
-    """
+    """Read what was found into memory."""
     return load_as(path, "an identification", _REQUIRED)
 
 

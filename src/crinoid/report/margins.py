@@ -34,13 +34,7 @@ _NEAR = 2.0
 
 
 def open_margins(path: Path) -> xr.Dataset:
-    """Read margins into memory.
-
-    Raises
-    ------
-    ReportError
-        If the file is broken, or holds no margins that crinoid found.
-    """
+    """Read margins into memory."""
     return load_as(path, "margins", _REQUIRED)
 
 

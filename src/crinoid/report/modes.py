@@ -47,13 +47,7 @@ _LEFT, _BELOW, _HEADING, _HIGHEST = 0.12, 0.42, 0.28, 2.3  # inches
 
 
 def open_modes(path: Path) -> xr.Dataset:
-    """Read modes into memory.
-
-    Raises
-    ------
-    ReportError
-        If the file is broken, or holds no modes that crinoid found.
-    """
+    """Read modes into memory."""
     return load_as(path, "modes", _REQUIRED)
 
 

@@ -80,11 +80,6 @@ def open_run(path: Path, *, lazily: bool = False) -> Run:
     """Read a result file and the uncontrolled one beside it.
 
     What is large may stay in its file until it is asked for.
-
-    Raises
-    ------
-    ReportError
-        If either file is not a readable result with at least one shape to draw.
     """
     beside = path.with_name(UNCONTROLLED)
     compared = beside.is_file() and path.name != UNCONTROLLED
@@ -92,13 +87,7 @@ def open_run(path: Path, *, lazily: bool = False) -> Run:
 
 
 def run_of(results: Mapping[str, xr.Dataset]) -> Run:
-    """Return a result, and where there is one that without control, by their names.
-
-    Raises
-    ------
-    ReportError
-        If either has no record with a shape to draw.
-    """
+    """Return a result, and where there is one that without control, by their names."""
     found = [with_shapes(data, name) for name, data in results.items()]
     saved = sum(data.sizes["time"] for data in results.values())
     gone = saved - sum(data.sizes["time"] for data in found)
@@ -124,13 +113,7 @@ def load(path: Path, *, lazily: bool = False) -> xr.Dataset:
 
 
 def load_as(path: Path, kind: str, required: Mapping[str, tuple[str, ...]]) -> xr.Dataset:
-    """Read a file that must hold some variables over some dimensions into memory.
-
-    Raises
-    ------
-    ReportError
-        If the file is broken, or lacks one of them.
-    """
+    """Read a file that must hold some variables over some dimensions into memory."""
     dataset = load(path)
     for name, dims in required.items():
         if name not in dataset or dataset[name].dims != dims:
@@ -146,13 +129,7 @@ def read_result(
     *,
     lazily: bool = False,
 ) -> xr.Dataset:
-    """Read one result file, which must hold some variables over some dimensions.
-
-    Raises
-    ------
-    ReportError
-        If the file is missing, empty, broken, or not a result.
-    """
+    """Read one result file, which must hold some variables over some dimensions."""
     if not path.is_file():
         raise ReportError(f"{path}: no such file")
     if path.stat().st_size == 0:
@@ -187,13 +164,7 @@ def read_result(
 
 
 def open_result(path: Path, *, lazily: bool = False) -> xr.Dataset:
-    """Read one result file; records without a shape to draw are left out.
-
-    Raises
-    ------
-    ReportError
-        If the file is missing, empty, broken, or not a result.
-    """
+    """Read one result file; records without a shape to draw are left out."""
     return with_shapes(_checked(path, lazily), str(path))
 
 
@@ -204,13 +175,7 @@ def _checked(path: Path, lazily: bool) -> xr.Dataset:
 
 
 def with_shapes(dataset: xr.Dataset, name: str) -> xr.Dataset:
-    """Return the records with a shape to draw, of a result of some name that may have shapes.
-
-    Raises
-    ------
-    ReportError
-        If there are none.
-    """
+    """Return the records with a shape to draw, of a result of some name that may have shapes."""
     if "position" not in dataset:
         return dataset
     # A run that diverged may end in records that no axis can hold.
@@ -236,13 +201,7 @@ def shaped(position: Float[np.ndarray, "time node axis"]) -> Bool[np.ndarray, " 
 
 
 def check_bodies(dataset: xr.Dataset, path: Path) -> None:
-    """Refuse a result whose obstacles cannot be drawn.
-
-    Raises
-    ------
-    ReportError
-        If its scenario does not describe them.
-    """
+    """Refuse a result whose obstacles cannot be drawn."""
     try:
         find_bodies(dataset)
     except (

@@ -133,13 +133,7 @@ def name_of(index: int, data: xr.Dataset) -> str:
 
 
 def find_bodies(data: xr.Dataset) -> list[Body]:
-    """Find the obstacles of a result; none where it has none.
-
-    Raises
-    ------
-    tomllib.TOMLDecodeError, LookupError, TypeError, ValueError, ZeroDivisionError
-        If the scenario in the result does not describe each of them.
-    """
+    """Find the obstacles of a result; none where it has none."""
     if "obstacle_position" not in data:
         return []
     paths = np.moveaxis(in_space(data, "obstacle_position"), 1, 0)

@@ -25,13 +25,7 @@ class Case:
 
 
 def read_cases(path: Path) -> list[Case]:
-    """Read the table of a study.
-
-    Raises
-    ------
-    ReportError
-        If the table is unreadable, lacks a column, holds no case, or points out of its folder.
-    """
+    """Read the table of a study."""
     try:
         columns, rows = read_rows(path)
     except (OSError, UnicodeDecodeError, csv.Error) as error:

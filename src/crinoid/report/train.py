@@ -15,13 +15,7 @@ _REQUIRED = {"cost": ("look",), "error": ("look",)}
 
 
 def open_training(path: Path) -> xr.Dataset:
-    """Read how a training went into memory.
-
-    Raises
-    ------
-    ReportError
-        If the file is broken, or not one that crinoid wrote.
-    """
+    """Read how a training went into memory."""
     return load_as(path, "a training", _REQUIRED)
 
 

@@ -25,13 +25,7 @@ _COLUMNS = 3
 
 
 def open_tuning(path: Path) -> xr.Dataset:
-    """Read a search into memory.
-
-    Raises
-    ------
-    ReportError
-        If the file is broken, or not one that crinoid wrote.
-    """
+    """Read a search into memory."""
     return load_as(path, "a tuning", _REQUIRED)
 
 

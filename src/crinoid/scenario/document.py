@@ -11,13 +11,7 @@ __all__ = ["assign", "override", "parse", "value_at", "value_of"]
 
 
 def parse(text: str) -> dict[str, Any]:
-    """Read a TOML document.
-
-    Raises
-    ------
-    ScenarioError
-        If it is not TOML, naming line and column.
-    """
+    """Read a TOML document."""
     try:
         return tomllib.loads(text)
     except RecursionError:

@@ -72,13 +72,7 @@ class ScenarioError(ValueError):
 
 
 def gathered(readers: Mapping[str, Callable[[], _Read]]) -> dict[str, _Read]:
-    """Return what each function gives, by the key of a table; or all that is wrong with them.
-
-    Raises
-    ------
-    ScenarioError
-        If any of them does.
-    """
+    """Return what each function gives, by the key of a table; or all that is wrong with them."""
     found, mistakes = {}, []
     for key, reader in readers.items():
         try:

@@ -33,13 +33,7 @@ def installed(group: str) -> dict[str, EntryPoint]:
 
 
 def installed_table(group: str, kind: str, base: type[Model]) -> type[Any]:
-    """Load the table of a kind that an installed package brings; it is derived from ``base``.
-
-    Raises
-    ------
-    ScenarioError
-        If the package cannot be loaded, or what it names is no such table with its own `build`.
-    """
+    """Load the table of a kind that an installed package brings; it is derived from ``base``."""
     entry = installed(group)[kind]
     try:
         table = entry.load()

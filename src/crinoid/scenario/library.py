@@ -64,13 +64,7 @@ def load(
 
 
 def scenario_of(source: object) -> Scenario:
-    """Return a scenario itself, or the one that a name or a path stands for.
-
-    Raises
-    ------
-    ScenarioError
-        If it is neither, or `load` refuses it.
-    """
+    """Return a scenario itself, or the one that a name or a path stands for."""
     if isinstance(source, Scenario):
         return source
     if isinstance(source, (str, os.PathLike)):

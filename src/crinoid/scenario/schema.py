@@ -29,11 +29,6 @@ def json_schema() -> dict[str, Any]:
     """Return the JSON schema of a scenario, with the kinds that installed packages bring.
 
     Editors show descriptions and no key of ours, so units stand in the descriptions as well.
-
-    Raises
-    ------
-    ScenarioError
-        If a package cannot be loaded.
     """
     schema = Scenario.model_json_schema()
     tables = schema["$defs"]

@@ -86,11 +86,6 @@ def read_variation(text: str) -> tuple[str, Span | list[Any]]:
         The dotted key.
     values
         What it takes.
-
-    Raises
-    ------
-    ScenarioError
-        If it is none of these.
     """
     key, equals, values = (part.strip() for part in text.partition("="))
     if not equals or not key:

@@ -32,11 +32,6 @@ def restored(
         The first instant as a dataset: what there is to be at each.
     stride
         Number of time steps between kept instants.
-
-    Raises
-    ------
-    ResultError
-        If anything is missing, of another kind, or does not go with the rest.
     """
     carry, kept = earlier.restore(start), earlier.dataset
     _check_variables(kept, first)

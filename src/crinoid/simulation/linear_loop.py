@@ -103,13 +103,7 @@ class LinearPlant(NamedTuple):
 
     @staticmethod
     def of(prepared: Prepared, setup: Setup) -> LinearPlant:
-        """Return that of a scenario about the state in which its arm starts.
-
-        Raises
-        ------
-        ScenarioError
-            If there is no equilibrium to start from.
-        """
+        """Return that of a scenario about the state in which its arm starts."""
         if not setup.outcome.converged:
             text = 'got "equilibrium", and there is none to start from; takes "rest" as well'
             raise ScenarioError([Mistake("simulation.start", text)])
@@ -174,14 +168,7 @@ class LinearPlant(NamedTuple):
 
 
 def linear_loop(prepared: Prepared) -> LinearLoop:
-    """Return the loop of a scenario about the state in which its arm starts.
-
-    Raises
-    ------
-    ScenarioError
-        If the scenario has no controller, there is no equilibrium to start from, or the controller
-        has no derivatives.
-    """
+    """Return the loop of a scenario about the state in which its arm starts."""
     kind = prepared.scenario.control.kind
     if kind == "none":
         text = 'got "none", a loop takes a controller such as "pid"'

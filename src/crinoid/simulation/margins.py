@@ -30,11 +30,6 @@ def find_margins(prepared: Prepared) -> xr.Dataset:
     The loop of `crinoid.simulation.linear_loop`, cut at the commands. Each margin is the least in
     all waters. A margin that nothing bounds is infinite; phase and delay margin of a loop that is
     not stable are NaN.
-
-    Raises
-    ------
-    ScenarioError
-        If the scenario has no controller, or none that can be linearised.
     """
     loop = linear_loop(prepared)
     margin, loci, names = loop.open.margin(), loop.open.loci(), list(loop.inputs)

@@ -18,13 +18,7 @@ _AT_THE_END = 2.7
 
 
 def check_room(scenario: Scenario, into: Path | None) -> None:
-    """Refuse a run that keeps more than memory, or the disk that it is written to, can take.
-
-    Raises
-    ------
-    ScenarioError
-        If it does.
-    """
+    """Refuse a run that keeps more than memory, or the disk that it is written to, can take."""
     nodes, runs = scenario.arm.nodes, _runs(scenario)
     instants = scenario.simulation.steps // scenario.output_steps + 1
     whole = _bytes(scenario, large=True)

@@ -139,18 +139,6 @@ def play(
         The folder of files that take the run while it lasts, so that it neither fills the memory
         nor is lost; none to hold it in memory. What is large of the result stays there until
         `Result.save` replaces these files.
-
-    Raises
-    ------
-    OSError
-        If such a file cannot be written.
-    ResultError
-        If ``resume`` is no result that this scenario can go on from.
-    ScenarioError
-        If a file that the scenario names is not what it takes, the controller cannot work, or
-        there is not the room for what is to be kept.
-    ValueError
-        If the scenario stands for several cases (`crinoid.Scenario.cases`).
     """
     scenario = prepared.scenario
     require_one_case(scenario)
@@ -207,15 +195,7 @@ def equilibrium(scenario: Source) -> Result:
 
 
 def settle(prepared: Prepared) -> Result:
-    """Find the static equilibrium of a scenario that `at_rest` gave.
-
-    Raises
-    ------
-    SimulationError
-        If none was found.
-    ScenarioError
-        If a file that the scenario names is not what it takes.
-    """
+    """Find the static equilibrium of a scenario that `at_rest` gave."""
     begun = time.perf_counter()
     setup = set_up(prepared)._replace(doubts=doubts(prepared, AT_REST))
     carry, first = begin(setup.loop, _stand(setup.loop.system, setup.state))

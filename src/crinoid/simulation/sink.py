@@ -55,13 +55,7 @@ class Sink:
         """Wall time of the run when the file was last brought up to date (s)."""
 
     def go_on(self, kept: xr.Dataset, carry: LoopState, wall_time: float) -> None:
-        """Begin with what an earlier run kept, the first instant included, up to a state.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
+        """Begin with what an earlier run kept, the first instant included, up to a state."""
         first, self._written = self._take(), wall_time
         self._angle = float(kept["tip_angle"][-1])
         if self._path is None:
@@ -78,25 +72,13 @@ class Sink:
             self._held += sum(leaf.nbytes for leaf in jax.tree.leaves(record))
 
     def look(self, carry: LoopState, wall_time: float) -> None:
-        """Bring the file up to date if it is time to: instants, and a checkpoint.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written. What is there already stays, and can be gone on with.
-        """
+        """Bring the file up to date if it is time to: instants, and a checkpoint."""
         due = wall_time - self._written > _EVERY
         if self._path is not None and (due or self._held > _MOST_HELD):
             self._write(self._path, carry, wall_time, due)
 
     def close(self, carry: LoopState, wall_time: float) -> xr.Dataset:
-        """Return all instants, with the file up to date if there is one.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
+        """Return all instants, with the file up to date if there is one."""
         if self._path is not None and self._stream is not None:
             self._write(self._path, carry, wall_time, True)
             return self._stream.dataset()

@@ -60,11 +60,6 @@ def play_together(
     ------
     (index, result)
         A result, or why a scenario cannot be run.
-
-    Raises
-    ------
-    NotImplementedError
-        If a part of a user's own does not go under `jax.vmap`.
     """
     groups: dict[Any, list[_Ready]] = {}
     for index, each in enumerate(prepared):

@@ -87,13 +87,7 @@ def modes(scenario: Source, *, count: int = COUNT, in_air: bool = False) -> xr.D
 def find_vibrations(
     prepared: Prepared, *, count: int, in_air: bool
 ) -> tuple[xr.Dataset | None, str]:
-    """Find the modes as `modes` does; return those found, if any, and why others were not.
-
-    Raises
-    ------
-    ScenarioError
-        If a file that the scenario names is not what it takes, or there are not as many modes.
-    """
+    """Find the modes as `modes` does; return those found, if any, and why others were not."""
     prepared.check()
     scenario = prepared.scenario
     if scenario.vary:

@@ -32,11 +32,6 @@ class Cluster:
         How many to start on this machine.
     address
         Scheduler whose workers are taken instead.
-
-    Raises
-    ------
-    CrewError
-        If no scheduler answers there.
     """
 
     def __init__(self, number: int = 1, address: str | None = None) -> None:

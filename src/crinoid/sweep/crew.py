@@ -34,13 +34,7 @@ class Crew(Protocol):
     """Workers, by their names. A worker that dies is replaced by another one, of another name."""
 
     def workers(self) -> dict[str, int]:
-        """Return how many threads each worker has that can be given work.
-
-        Raises
-        ------
-        CrewError
-            If there is nobody to go on with.
-        """
+        """Return how many threads each worker has that can be given work."""
         ...
 
     def give(self, worker: str, work: Work) -> None:
@@ -48,13 +42,7 @@ class Crew(Protocol):
         ...
 
     def ended(self, seconds: float) -> list[Ended]:
-        """Wait for a batch to be over, no longer than some seconds, and return those that are.
-
-        Raises
-        ------
-        CrewError
-            If there is nobody to go on with, or the workers are not of this version.
-        """
+        """Wait for a batch to be over, no longer than some seconds, and return those that are."""
         ...
 
     def replace(self, worker: str) -> None:

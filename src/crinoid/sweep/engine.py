@@ -63,13 +63,6 @@ def run_batches(
     -------
     bool
         Whether all are done.
-
-    Raises
-    ------
-    CrewError
-        If there is nobody to go on with.
-    OSError
-        If a batch cannot be saved.
     """
     scenario = tomli_w.dumps(plan.scenario.to_dict())
     batches = plan.batches

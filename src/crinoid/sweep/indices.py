@@ -37,11 +37,6 @@ def indices_of(plan: Plan, values: Float[np.ndarray, " run"]) -> list[Index]:
         Plan of the sweep.
     values
         A measure of each run; NaN where it is not known.
-
-    Raises
-    ------
-    ImportError
-        If SALib is not installed.
     """
     from SALib.analyze import sobol
 

@@ -56,13 +56,7 @@ class SweepStore:
         return [name for name in names if (self.folder / name).exists()]
 
     def read_plan(self) -> Plan:
-        """Read the plan.
-
-        Raises
-        ------
-        ScenarioError
-            If it is none, or of another version.
-        """
+        """Read the plan."""
         path = self.folder / PLAN
         try:
             return Plan.from_toml(path.read_text("utf-8"))

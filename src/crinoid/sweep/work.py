@@ -54,13 +54,7 @@ class Work:
 
 
 def perform(work: Work) -> list[Row]:
-    """Run a batch, and return a row for each of its runs, in order.
-
-    Raises
-    ------
-    OtherVersionError
-        If the batch comes from another version of crinoid.
-    """
+    """Run a batch, and return a row for each of its runs, in order."""
     if work.version != __version__:
         raise OtherVersionError(f"a worker has crinoid {__version__}, the sweep is {work.version}")
     keep_programs()

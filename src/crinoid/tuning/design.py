@@ -26,13 +26,7 @@ Logs = Float[np.ndarray, " number"]
 
 
 def tuned_numbers(scenario: Scenario) -> dict[str, float]:
-    """Return what is tuned of a scenario's controller, by key: none of it is 0.
-
-    Raises
-    ------
-    ScenarioError
-        If there is nothing to tune.
-    """
+    """Return what is tuned of a scenario's controller, by key: none of it is 0."""
     if scenario.vary:
         text = "tuning is of one case; give its values with --set and leave out vary"
         raise ScenarioError([Mistake("vary", text)])
@@ -115,26 +109,14 @@ class Design:
         )
 
     def controller(self, logs: Logs) -> Controller:
-        """Return the controller.
-
-        Raises
-        ------
-        ScenarioError
-            If there is none with these numbers.
-        """
+        """Return the controller."""
         scenario = self.scenario(logs)
         pid = PidParameters.of(scenario)
         parameters = eqx.tree_at(lambda x: x.pid, self._plan.parameters, pid)
         return build_controller(replace(self._plan, scenario=scenario, parameters=parameters))
 
     def around(self, logs: Logs) -> Around:
-        """Return the controller, and those close by.
-
-        Raises
-        ------
-        ScenarioError
-            As `controller` does.
-        """
+        """Return the controller, and those close by."""
         steps = _STEP * np.eye(len(logs))
         more, less = ([self.controller(logs + s * step) for step in steps] for s in (1, -1))
         return Around(self.controller(logs), more, less)

@@ -53,13 +53,7 @@ class Stability:
         self._late = _LATE * plant.period
 
     def closed(self, controller: Controller) -> LinearLoop:
-        """Return the loop that a controller closes.
-
-        Raises
-        ------
-        ScenarioError
-            If the controller has no derivatives where the arm stands still.
-        """
+        """Return the loop that a controller closes."""
         return self._plant.closed(self._linear(controller))
 
     def lack(self, margin: Margin, asked: float) -> float:
@@ -72,11 +66,6 @@ class Stability:
         """Return the excess over the modulus margin that is asked for, with its slope.
 
         The slope is what the controllers close by tell.
-
-        Raises
-        ------
-        ScenarioError
-            As `closed` does.
         """
         here = self._linear(around.here)
         margin = self._plant.closed(here).open.margin()

@@ -72,13 +72,6 @@ class Tuning:
         Largest number of trials from each start.
     asked
         Modulus margin that is asked for; 0: none.
-
-    Raises
-    ------
-    ScenarioError
-        If there is nothing to tune, or the controller has no margins.
-    RuntimeError
-        If a draw has no equilibrium to start from.
     """
 
     def __init__(self, scenario: Scenario, seeds: int, iterations: int, asked: float = 0.0) -> None:

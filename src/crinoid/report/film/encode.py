@@ -28,15 +28,7 @@ def write_mp4(
     title: str,
     comment: str,
 ) -> None:
-    """Write pictures as an MP4 that browsers and slides play: H.264, 4:2:0, its index in front.
-
-    Raises
-    ------
-    ReportError
-        If PyAV cannot encode it.
-    OSError
-        If it cannot be written.
-    """
+    """Write pictures as an MP4 that browsers and slides play: H.264, 4:2:0, its index in front."""
     import av
 
     try:

@@ -37,13 +37,7 @@ def has_encoder() -> bool:
 
 
 def check_place(path: Path, ending: str, *, force: bool) -> None:
-    """Refuse a place where a film cannot be, or is not to be.
-
-    Raises
-    ------
-    ReportError
-        If there is no such folder, a file there is not crinoid's, or PyAV is missing.
-    """
+    """Refuse a place where a film cannot be, or is not to be."""
     if ending == ".mp4" and not has_encoder():
         raise ReportError(f"--to: {NO_ENCODER}; a GIF does not")
     if path.is_dir():

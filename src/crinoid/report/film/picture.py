@@ -41,11 +41,6 @@ class Picture:
         Of the run; the status is empty if nothing went wrong.
     window
         What the camera is to see; all of the run if left out.
-
-    Raises
-    ------
-    ReportError
-        If an option of the shot asks for what the run does not have.
     """
 
     def __init__(

@@ -84,13 +84,7 @@ class Shot:
     colour: str | None = None
 
     def check(self) -> None:
-        """Check what can be told without the run.
-
-        Raises
-        ------
-        ReportError
-            If a number is out of range, or a name unknown.
-        """
+        """Check what can be told without the run."""
         _within("--speed", self.speed, 1e-4, 1e4)
         _within("--azimuth", self.azimuth, -360.0, 360.0)
         _within("--elevation", self.elevation, -90.0, 90.0)
@@ -114,13 +108,7 @@ class Reel:
 
 
 def reel_of(shot: Shot, first: float, last: float, ending: str) -> Reel:
-    """Return the frames of a run that lasts from a time to another.
-
-    Raises
-    ------
-    ReportError
-        If options do not fit the run or the kind of file, or there would be too many frames.
-    """
+    """Return the frames of a run that lasts from a time to another."""
     kind = KINDS[ending]
     name = ending[1:].upper()
     _within("--fps", shot.fps, 1.0, kind.fastest)
@@ -159,13 +147,7 @@ def reel_of(shot: Shot, first: float, last: float, ending: str) -> Reel:
 
 
 def size_of(text: str) -> tuple[int, int]:
-    """Read a size such as 640x480.
-
-    Raises
-    ------
-    ReportError
-        If it is none, or too small or too large.
-    """
+    """Read a size such as 640x480."""
     found = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text.strip(), re.ASCII)
     if found is None:
         raise ReportError(f"--size: got {text!r}, takes WIDTHxHEIGHT in pixels, such as 640x480")
@@ -176,13 +158,7 @@ def size_of(text: str) -> tuple[int, int]:
 
 
 def ending_of(path: Path) -> str:
-    """Return the ending of a film's name, which says its kind.
-
-    Raises
-    ------
-    ReportError
-        If there is no such kind.
-    """
+    """Return the ending of a film's name, which says its kind."""
     ending = path.suffix.lower()
     if ending not in KINDS:
         raise ReportError(f"--to: got {path}, takes a name that ends in .mp4 or .gif")

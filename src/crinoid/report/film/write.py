@@ -55,11 +55,6 @@ def film_run(
         The file.
     notes
         What was left out, in words.
-
-    Raises
-    ------
-    ReportError
-        If there is no result, an option does not fit it, or the film cannot be where it is to be.
     """
     shot.check()
     source = _result_of(path)

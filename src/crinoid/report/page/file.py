@@ -20,13 +20,7 @@ def is_page(path: Path) -> bool:
 
 
 def save_page(text: str, path: Path) -> Path:
-    """Write a page.
-
-    Raises
-    ------
-    ReportError
-        If it cannot be written, or would replace what crinoid did not write.
-    """
+    """Write a page."""
     if path.exists() and not is_page(path):
         raise ReportError(f"{path}: not written by crinoid; move it away first")
     try:

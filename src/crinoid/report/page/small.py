@@ -23,11 +23,6 @@ def small_page_of(run: Run) -> tuple[str, list[str]]:
     """Return the animation of a run as a page, and what is left out of it, in words.
 
     What a user wrote is text in it, as in the large page.
-
-    Raises
-    ------
-    ReportError
-        If nothing can be drawn, or even a few instants are too many.
     """
     for frames in _FRAMES:
         page, left_out = _page(run, frames)

@@ -42,13 +42,7 @@ MOST_CASES = 4000
 
 
 def write_study(cases: Sequence[Case], source: Path, folder: Path) -> Path:
-    """Write the page of the study in ``source`` into the folder that holds those of its cases.
-
-    Raises
-    ------
-    ReportError
-        If it cannot be written, or would replace what crinoid did not write.
-    """
+    """Write the page of the study in ``source`` into the folder that holds those of its cases."""
     pages = [
         f"./{quote(case.directory)}/{PAGE}" if is_page(folder / case.directory / PAGE) else None
         for case in cases

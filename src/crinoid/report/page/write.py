@@ -42,13 +42,7 @@ _LONGEST = 200_000
 
 
 def write_run(run: Run, path: Path) -> Path:
-    """Write the page of a run.
-
-    Raises
-    ------
-    ReportError
-        If it cannot be written, or would replace what crinoid did not write.
-    """
+    """Write the page of a run."""
     return save_page(page_of(run), path)
 
 
