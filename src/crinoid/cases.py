@@ -1,7 +1,5 @@
 """The table of a study: one row for each case."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable
 from pathlib import Path

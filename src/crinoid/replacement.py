@@ -1,7 +1,5 @@
 """Files that are replaced only once their successor is complete."""
 
-from __future__ import annotations
-
 import errno
 import os
 import tempfile

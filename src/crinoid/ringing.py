@@ -1,7 +1,5 @@
 """Vibrations that time steps do not resolve: their energy, and their part of the base's force."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr

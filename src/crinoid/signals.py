@@ -1,7 +1,5 @@
 """Signals of a run in its dataset: readings of the sensors, commands and states of actuators."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

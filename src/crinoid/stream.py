@@ -6,8 +6,6 @@ file beside it, which is replaced as a whole, and is never ahead of the instants
 key that the head of the file holds too: so both are replaced at once by those of another run.
 """
 
-from __future__ import annotations
-
 import os
 import secrets
 import struct

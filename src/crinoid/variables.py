@@ -3,8 +3,6 @@
 This is the one list of them. It knows no arrays: scenarios, which name variables, read it too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from math import prod
 from typing import Any, Literal, NamedTuple

@@ -1,7 +1,5 @@
 """Actuators as small commands see them."""
 
-from __future__ import annotations
-
 from typing import Any, TypeVar
 
 import jax

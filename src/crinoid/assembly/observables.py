@@ -1,7 +1,5 @@
 """Names, units and limits of what a learned controller observes and commands."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Parts of a user's own, which no scenario describes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ The numbers are the arrays as `equinox.tree_serialise_leaves` writes them: nothi
 ever executed.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`crinoid.simulate_batch`: runs of one structure, summed up in one dataset."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Numbers that sum up a run, with their units: the same in studies, comparisons and batches."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

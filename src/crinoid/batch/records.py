@@ -1,7 +1,5 @@
 """The instants of many runs on top of each other."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One run: what there is of it already, the rest of it, and what went wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

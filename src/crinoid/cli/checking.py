@@ -1,7 +1,5 @@
 """Mistakes in one of many cases, told with the values of that case."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any

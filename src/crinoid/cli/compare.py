@@ -1,7 +1,5 @@
 """Comparing controllers: progress while they run, a file, a figure and a table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

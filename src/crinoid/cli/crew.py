@@ -1,7 +1,5 @@
 """The workers that a sweep is given."""
 
-from __future__ import annotations
-
 import os
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Showing the current of a scenario: a file, figures and a table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

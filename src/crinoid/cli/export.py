@@ -1,7 +1,5 @@
 """Exporting a result or a policy: which options go with which format, and progress."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from difflib import get_close_matches
 from functools import partial

@@ -1,7 +1,5 @@
 """Filming a result: progress while it is drawn, and one line that says where the film is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rich.console import Console

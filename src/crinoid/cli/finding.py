@@ -1,7 +1,5 @@
 """A file of findings about one case of a scenario: its folder, its figures, what is said of it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The folder that a command writes to: one command at a time, and nothing of another run in it."""
 
-from __future__ import annotations
-
 import errno
 import re
 import tempfile

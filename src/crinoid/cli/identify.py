@@ -1,7 +1,5 @@
 """Finding numbers of a scenario from a record: progress, the scenario with them, and a table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

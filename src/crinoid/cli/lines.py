@@ -1,7 +1,5 @@
 """Lines under what a command did: notes, and the files that it wrote."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

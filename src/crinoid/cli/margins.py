@@ -1,7 +1,5 @@
 """Finding the margins of a scenario's control loop: a file, figures and a table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

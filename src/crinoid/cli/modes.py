@@ -1,7 +1,5 @@
 """Finding the small vibrations of a scenario's arm: a file, a figure and a table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Notes under a table."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The arguments that commands have in common, and how they speak."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 

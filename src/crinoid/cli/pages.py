@@ -1,7 +1,5 @@
 """Pages that a command writes when its runs have ended."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from crinoid.report import ReportError, write_page

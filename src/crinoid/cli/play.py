@@ -1,7 +1,5 @@
 """Running and saving, with progress while it lasts and a table when it is over."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A study: the cases of a scenario one after the other, and a table of them."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress

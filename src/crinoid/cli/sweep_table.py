@@ -1,7 +1,5 @@
 """The tables of a sweep: what came of it, and what it would take."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

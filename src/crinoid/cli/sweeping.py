@@ -1,7 +1,5 @@
 """Running a sweep: what is checked first, progress, what is said at the end, and estimates."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

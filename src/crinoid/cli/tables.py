@@ -1,7 +1,5 @@
 """The tables that close a command."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

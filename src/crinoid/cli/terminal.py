@@ -1,7 +1,5 @@
 """Texts shown as they are: no text of a user's gives the terminal commands."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from rich.console import Console

@@ -1,7 +1,5 @@
 """Training a policy: progress, its files, and a table."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

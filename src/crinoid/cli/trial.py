@@ -1,7 +1,5 @@
 """A short trial of a sweep: how long a run takes, and how much is kept of it."""
 
-from __future__ import annotations
-
 import time
 from typing import NamedTuple
 

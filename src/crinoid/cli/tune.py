@@ -1,7 +1,5 @@
 """Tuning a controller: progress of the search, the scenario with its new gains, and a table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

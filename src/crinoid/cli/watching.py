@@ -1,7 +1,5 @@
 """Simulating while one watches: a page in the browser, and a folder for each recording."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time

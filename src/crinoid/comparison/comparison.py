@@ -1,7 +1,5 @@
 """Runs of a scenario under several controllers, and the dataset that sums them up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A scenario under another controller, with what that takes where it has none of its own."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Episodes of a scenario: which numbers each has, and where its arm starts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Environments from scenarios, and from tasks with an id."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Names and units of what an environment is told and tells."""
 
-from __future__ import annotations
-
 from crinoid.environment.draws import Draws
 
 

@@ -1,7 +1,5 @@
 """A compiled function of pytrees that is called often: only lists of arrays go in and out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

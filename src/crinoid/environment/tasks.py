@@ -1,7 +1,5 @@
 """The tasks that have an id: built-in scenarios, what they draw, and when they are done."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The files that exports are written to, beside what is exported and named after it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """The parts of a variable of a result: a name and a unit for each channel, kind, node or axis."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 

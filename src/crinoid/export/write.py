@@ -1,7 +1,5 @@
 """Writing in the formats of other programs, each file whole or not at all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass

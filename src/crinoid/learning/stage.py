@@ -1,7 +1,5 @@
 """The arms that a policy is trained on, each in an episode of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context

@@ -1,7 +1,5 @@
 """The draws of a training where nothing is said."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

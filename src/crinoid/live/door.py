@@ -1,7 +1,5 @@
 """The door of the page: which requests come in, and which messages of a browser."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from contextlib import suppress

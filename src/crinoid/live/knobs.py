@@ -1,7 +1,5 @@
 """The numbers that may be changed while it runs, each as a multiple of the scenario's."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any

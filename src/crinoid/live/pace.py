@@ -1,7 +1,5 @@
 """A session that keeps pace with the clock, on a thread of its own."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque

@@ -1,7 +1,5 @@
 """The page of a session: a server on this machine only, its scene and its panel."""
 
-from __future__ import annotations
-
 import os
 import socket
 from collections.abc import Callable

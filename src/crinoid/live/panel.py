@@ -1,7 +1,5 @@
 """The panel beside the scene: numbers to read, sliders and buttons."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from html import escape

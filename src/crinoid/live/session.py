@@ -1,7 +1,5 @@
 """A scenario that is simulated piece by piece, while its numbers change."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace

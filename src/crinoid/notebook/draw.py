@@ -1,7 +1,5 @@
 """Drawing panels into axes: those of the caller, or those of a new figure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 

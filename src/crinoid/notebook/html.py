@@ -1,7 +1,5 @@
 """A result as HTML: the table that closes its run, and a small animation."""
 
-from __future__ import annotations
-
 from html import escape
 
 from crinoid.notebook.runs import run_of

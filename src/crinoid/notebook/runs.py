@@ -1,7 +1,5 @@
 """A result as the figures see it."""
 
-from __future__ import annotations
-
 from crinoid.report import run
 from crinoid.result import Result
 

@@ -4,8 +4,6 @@ A rule is plain text and numbers: it needs neither JAX nor a run. `RULES` is the
 says what is looked at; docs/notes.md is made from it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np

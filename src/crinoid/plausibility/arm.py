@@ -1,7 +1,5 @@
 """The sizes of an arm against one another."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

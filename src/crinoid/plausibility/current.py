@@ -1,7 +1,5 @@
 """The current against the arm and the run, and what never comes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

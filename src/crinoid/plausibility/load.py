@@ -1,7 +1,5 @@
 """Loads and weight against what bends, stretches and buckles the arm."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

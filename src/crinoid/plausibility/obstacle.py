@@ -1,7 +1,5 @@
 """Obstacles against the arm that meets them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

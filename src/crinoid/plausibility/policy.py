@@ -1,7 +1,5 @@
 """A policy's scenario against that which it was trained on."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A rule: what of a scenario it looks at, what it takes for plausible, and what it says if not."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Times of the computation against those of what is computed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from operator import attrgetter

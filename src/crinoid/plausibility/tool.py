@@ -1,7 +1,5 @@
 """The tool at the tip against the arm that carries it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from crinoid.plausibility.facts import Facts

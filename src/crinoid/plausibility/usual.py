@@ -1,7 +1,5 @@
 """Numbers that are plausible or not by themselves: a range for each key."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any

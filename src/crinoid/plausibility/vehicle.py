@@ -1,7 +1,5 @@
 """The submarine that floats against what its numbers say of it, and against its arm."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from crinoid.plausibility.facts import Facts

@@ -1,7 +1,5 @@
 """The key of a compiled program: a digest of everything that the program depends on."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Memory maps that compiled code takes: a process has only so many."""
 
-from __future__ import annotations
-
 import gc
 from pathlib import Path
 

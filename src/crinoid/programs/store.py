@@ -1,7 +1,5 @@
 """Where compiled programs are kept: a folder that nobody but its user can write to."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import stat

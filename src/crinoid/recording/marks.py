@@ -1,7 +1,5 @@
 """Numbers by which instruments mark a missing value without saying so in the file."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crinoid.recording.refusal import refusal

@@ -1,7 +1,5 @@
 """The series that a scenario names: of prescribed motions and of the target's path."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Opening a file of columns or variables, so that a bad one is refused before it costs anything."""
 
-from __future__ import annotations
-
 import math
 import os
 import stat

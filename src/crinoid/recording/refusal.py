@@ -1,7 +1,5 @@
 """How a file is refused, and what it holds instead."""
 
-from __future__ import annotations
-
 from crinoid.scenario.errors import Mistake, ScenarioError
 
 _NAMED = 12

@@ -1,7 +1,5 @@
 """Reading a CSV file, as people and instruments write them, into what a netCDF file would hold."""
 
-from __future__ import annotations
-
 import csv
 import os
 import re

@@ -1,7 +1,5 @@
 """Units as files write them, turned into SI."""
 
-from __future__ import annotations
-
 import math
 import re
 

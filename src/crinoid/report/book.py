@@ -1,7 +1,5 @@
 """The book of figures that belongs to a result or a study: which are drawn, and where to."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

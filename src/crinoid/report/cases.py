@@ -1,7 +1,5 @@
 """The cases of a study side by side."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The frame in which shapes are drawn: the world's, or that of a base which travels far."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

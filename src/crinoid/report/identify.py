@@ -1,7 +1,5 @@
 """The search of `crinoid identify`: the record, the motion before and after, and what is left."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

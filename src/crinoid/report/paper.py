@@ -1,7 +1,5 @@
 """Charts on paper: panels below each other."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from matplotlib.axes import Axes

@@ -1,7 +1,5 @@
 """The velocity of a sampled current over height."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

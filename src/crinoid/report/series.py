@@ -1,7 +1,5 @@
 """The velocity of a sampled current over time."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure

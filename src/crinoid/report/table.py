@@ -1,7 +1,5 @@
 """The table of a study, read with the care that a file of anybody needs."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import dataclass

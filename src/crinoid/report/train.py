@@ -1,7 +1,5 @@
 """How the training of a policy went: cost and error in episodes that are held out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The search of `crinoid tune`: cost, margin and what is tuned over its iterations."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Nothing here computes; a mistake in a scenario is a `ScenarioError` with one lin
 key, what it got and what it takes.
 """
 
-from __future__ import annotations
-
 from crinoid.scenario.actuator import Actuator, ActuatorTable
 from crinoid.scenario.arm import Arm, Section
 from crinoid.scenario.base import Base

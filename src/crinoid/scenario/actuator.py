@@ -1,7 +1,5 @@
 """Actuators beside the servos of the base: kinds that installed packages bring."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """The arm: its shape at rest and what it is made of."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field

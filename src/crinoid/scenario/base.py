@@ -1,7 +1,5 @@
 """The base: where the submarine holds the arm, and what moves it there."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal
 

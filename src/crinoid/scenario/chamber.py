@@ -1,7 +1,5 @@
 """Chambers and tendons: soft actuators along the arm."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal

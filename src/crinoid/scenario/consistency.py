@@ -1,7 +1,5 @@
 """Rules between the tables of a scenario."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 

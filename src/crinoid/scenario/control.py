@@ -4,8 +4,6 @@ A new kind is a table of its own under the entry points ``crinoid.controllers``
 (`crinoid.scenario.kinds`); its settings stand in ``[control.KIND]``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 

@@ -4,8 +4,6 @@ What differs stands beside the type of a key, as one of the marks below. A table
 which dimension it is used; the scenario that holds it does, and looks the marks up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache

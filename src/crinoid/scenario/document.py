@@ -1,7 +1,5 @@
 """TOML documents: reading them, and setting single keys by their dotted name."""
 
-from __future__ import annotations
-
 import tomllib
 from typing import Any
 

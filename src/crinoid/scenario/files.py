@@ -1,7 +1,5 @@
 """The files that a scenario names, and where their relative paths start."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Iterator

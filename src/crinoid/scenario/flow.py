@@ -4,8 +4,6 @@ A new kind is one class here and one entry in `Flow`; or a table of an installed
 (`crinoid.scenario.kinds`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Literal
 

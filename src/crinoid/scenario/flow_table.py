@@ -1,7 +1,5 @@
 """Keys that every flow has: its kind, and when and how it sets in."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pydantic import Field

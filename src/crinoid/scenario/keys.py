@@ -1,7 +1,5 @@
 """Every key that a scenario takes, as ``--set`` names it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -5,8 +5,6 @@ A package names its tables under the entry points ``crinoid.loads``, ``crinoid.f
 scenario asks for its kind, and not before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points

@@ -1,7 +1,5 @@
 """Scenarios from files, and those that come with the package."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches

@@ -1,7 +1,5 @@
 """A table of a scenario: strict, frozen, and clear about mistakes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from difflib import get_close_matches

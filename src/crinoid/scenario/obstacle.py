@@ -3,8 +3,6 @@
 A new kind is one class here and one entry in `Obstacle`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Annotated, Literal

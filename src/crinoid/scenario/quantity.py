@@ -1,7 +1,5 @@
 """Numbers with their units, and short lists of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

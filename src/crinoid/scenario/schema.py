@@ -1,7 +1,5 @@
 """The JSON schema of a scenario, for editors that check TOML files."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from crinoid.scenario.actuator import ActuatorTable

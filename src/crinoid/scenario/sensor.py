@@ -3,8 +3,6 @@
 A new kind is one class here and one entry in `Sensors`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 

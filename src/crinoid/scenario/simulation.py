@@ -1,7 +1,5 @@
 """How the motion is computed and what of it is kept."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Annotated, Literal

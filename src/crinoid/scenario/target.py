@@ -1,7 +1,5 @@
 """The target: where the tip is wanted."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Annotated, Literal

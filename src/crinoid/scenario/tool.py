@@ -1,7 +1,5 @@
 """The tool: a rigid body that the tip of the arm carries."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated
 

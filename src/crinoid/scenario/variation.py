@@ -1,7 +1,5 @@
 """Values that vary from case to case, and every combination of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

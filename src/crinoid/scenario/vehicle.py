@@ -1,7 +1,5 @@
 """The vehicle: the submarine that holds the arm, where it floats."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """The water: what it weighs, and how it drags on the arm."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """A head start for the program of a run that takes longest to compile."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

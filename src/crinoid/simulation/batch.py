@@ -7,8 +7,6 @@ holds no more arms than there are threads. On an accelerator they take their ste
 (`crinoid.simulation.together`).
 """
 
-from __future__ import annotations
-
 import os
 import threading
 import time

@@ -1,7 +1,5 @@
 """The end of a run: from its instants to its result, with what is told of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

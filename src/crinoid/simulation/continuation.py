@@ -1,7 +1,5 @@
 """Going on from an earlier result, if that is whole and of this program."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

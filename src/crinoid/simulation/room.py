@@ -1,7 +1,5 @@
 """Whether a run has room: in memory, or on the disk that takes it."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Running a scenario: chunks of compiled time, with progress and interruption between them."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext

@@ -1,7 +1,5 @@
 """Instants of a run on their way into a result: in memory, or in a file that grows meanwhile."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Runs that take their time steps together, under `jax.vmap`: for accelerators."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext

@@ -1,7 +1,5 @@
 """Workers of dask.distributed, on this machine or on many."""
 
-from __future__ import annotations
-
 import logging
 import queue
 import time

@@ -1,7 +1,5 @@
 """Workers of a sweep: whoever runs batches, one at a time each."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The engine of a sweep: who runs which batch, and what becomes of those that fail."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter, deque
 from collections.abc import Callable

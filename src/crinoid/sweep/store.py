@@ -1,7 +1,5 @@
 """The folder of a sweep: its plan, a file for each finished batch, and the study made of them."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence

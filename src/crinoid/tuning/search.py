@@ -1,7 +1,5 @@
 """How numbers are improved by the slope of what they cost, and of how near the loop comes to -1."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """How near a loop comes to swinging by itself, with its slope."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import equinox as eqx

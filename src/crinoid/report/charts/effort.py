@@ -1,7 +1,5 @@
 """Work of the solver: how many iterations of Newton's method a step took."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -1,7 +1,5 @@
 """The numbers that sum up a run, as they are told at its end and on its page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

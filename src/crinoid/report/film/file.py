@@ -1,7 +1,5 @@
 """The file of a film: its name, and whether it is crinoid's."""
 
-from __future__ import annotations
-
 import mmap
 from importlib.util import find_spec
 from pathlib import Path

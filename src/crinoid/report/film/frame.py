@@ -1,7 +1,5 @@
 """The rim of a picture: title, clock, names, a length and the colours; where the panels are."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any

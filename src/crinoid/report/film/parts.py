@@ -1,7 +1,5 @@
 """Surfaces of all that is solid in a film: the submarine, the clamp, obstacles, the tool."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

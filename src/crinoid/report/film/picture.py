@@ -1,7 +1,5 @@
 """One picture after the other: what stands is drawn once, what moves is drawn anew over it."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 

@@ -1,7 +1,5 @@
 """Writing a film: its frames, one after the other, into one file."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path

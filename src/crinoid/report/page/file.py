@@ -1,7 +1,5 @@
 """The file of a page: how it is known, and written whole or not at all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from crinoid.replacement import replacing

@@ -1,7 +1,5 @@
 """Parts of pages: the files that they are made of, data in scripts, and tables of numbers."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

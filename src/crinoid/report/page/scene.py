@@ -1,7 +1,5 @@
 """The scene of the page as data: a table of all there is, and the numbers packed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

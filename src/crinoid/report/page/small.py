@@ -1,7 +1,5 @@
 """A page that is small: the animation of a run by itself, to stand within another page."""
 
-from __future__ import annotations
-
 from string import Template
 
 import numpy as np

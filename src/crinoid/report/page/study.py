@@ -1,7 +1,5 @@
 """Writing the page of a study: its cases in a table, in a chart over what varied, and as arms."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from html import escape

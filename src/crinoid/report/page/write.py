@@ -1,7 +1,5 @@
 """Writing the page: everything that it shows and that shows it, in one file."""
 
-from __future__ import annotations
-
 import re
 from html import escape
 from pathlib import Path
