@@ -6,13 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_discrete_lyapunov
 from scipy.optimize import lsq_linear
 
 import crinoid
 from crinoid.assembly.fluctuation import Fluctuation, fluctuations
 from crinoid.assembly.linear import calm
-from crinoid.assembly.observer import Arrivals, gains
+from crinoid.assembly.observer import Arrivals, gains, lasting
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Braking, Clock, Sensor, TipPose
 from crinoid.control.lqg import nearest
@@ -333,3 +333,12 @@ def test_inputs_that_do_the_same_to_the_tip_stay_within_their_ranges(monkeypatch
     loose = simulate(scenario)
     assert max(met.range for met in limits_met(loose).values()) > 4 * at_limit
     assert late.max() < 0.5 * loose.dataset["tip_error"].values[-100:].max()
+
+
+def test_an_arm_that_grows_by_itself_has_finite_deviations():
+    move = np.array([[1.2, 0.1], [0.0, 0.5]])
+    found = lasting(move, np.eye(2))
+    assert np.isfinite(found).all()
+    steady = np.array([[0.9, 0.1], [0.0, 0.5]])
+    expected = solve_discrete_lyapunov(steady * 0.9999, np.eye(2))
+    np.testing.assert_allclose(lasting(steady, np.eye(2)), expected, rtol=1e-9)

@@ -72,6 +72,8 @@ def bare(
             ),
             "flow_velocity": (("time", "node", "axis"), flow),
             "base_force": (("time", "axis"), base_force),
+            "tip_position": (("time", "axis"), position[:, -1]),
+            "step_error": ("time", np.zeros(time.size)),
         },
         {
             "time": time,
@@ -350,6 +352,33 @@ def test_a_strain_that_no_rubber_bears_is_a_failure():
         assert failure.startswith(f"failed at t = {first:.6g} s: an edge of the arm is {share} ")
     for length in (9.0, 0.2):
         assert torn(held_still(np.zeros(5), length=length * LENGTH)) == ""
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, True),
+        ({"simulation": {"time_step": 0.005, "duration": 20.0}}, False),
+        ({"obstacle": [{"kind": "sphere", "position": [0, -12], "radius": 0.1}]}, False),
+        ({"base": {"channels": {"tilt": {}}}, "control": {"kind": "pid"}}, False),
+    ],
+)
+def test_errors_of_steps_that_add_up_get_a_note(changes, told):
+    # Newmark's error of a step falls with the cube of it: a released arm that nothing damps
+    arm = {"damping_time": 0.0}
+    scenario = crinoid.Scenario(
+        **({"arm": arm, "simulation": {"time_step": 0.01, "duration": 20.0}} | changes)
+    )
+    data = held_still(np.zeros(201))
+    swings = 0.02 * np.sin(data["time"].values)[:, None]
+    error = 2e-6 * (scenario.simulation.time_step / 0.01) ** 3
+    data = data.assign(
+        tip_position=data["tip_position"] + xr.DataArray(swings * [0, 1], dims=("time", "axis")),
+        step_error=("time", np.full(201, error)),
+    )
+    said = [note for note in notes(data, scenario) if "errors of the time steps" in note]
+    assert bool(said) is told
+    assert not told or said[0].endswith("compare with simulation.time_step = 0.005")
 
 
 def test_a_force_that_is_round_off_gets_a_note():

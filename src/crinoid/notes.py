@@ -31,6 +31,8 @@ _FELT = 0.1
 """Share of the largest force on the base that drag must reach to be worth a note."""
 _PRESSED = 0.01
 """Share of the arm's radius that a surface may come into it: its skin is as good as through."""
+_ACCUMULATED = 0.1
+"""Sum of the local errors of all steps, over the motion of the tip, from which on it is visible."""
 _STRAIN = 0.5
 """Strain that no linear elasticity describes."""
 _TORN = 10.0
@@ -48,6 +50,7 @@ def notes(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
         _round_off(dataset, scenario),
         _vortices(dataset, scenario),
         _drag(dataset, scenario),
+        _accumulated(dataset, scenario),
     ]
     return [*_pressed(dataset), *(note for note in found if note)]
 
@@ -74,6 +77,26 @@ def tool_notes(tool: Tool | None, grip: Grip | None) -> list[str]:
         else:
             told.append(f"the tool was let go at t = {dropped:.6g} s, when {touched} was touched")
     return told
+
+
+def _accumulated(dataset: xr.Dataset, scenario: Scenario) -> str:
+    """Say where local errors of the steps add up to a visible part of the motion of the tip.
+
+    Only of an arm without feedback or contact: these take such errors back.
+    """
+    tip = dataset["tip_position"].transpose("time", "axis").values
+    moved = float(np.linalg.norm(tip - tip[0], axis=1).max())
+    if scenario.control.kind != "none" or scenario.obstacle or moved < 1e-6 * scenario.arm.length:
+        return ""
+    simulation = scenario.simulation
+    each = simulation.steps / max(1, len(tip) - 1)
+    share = float(dataset["step_error"].sum()) * each / moved
+    if share <= _ACCUMULATED:
+        return ""
+    return (
+        f"errors of the time steps add up to as much as {share:.2g} of the motion of the tip: "
+        f"compare with simulation.time_step = {simulation.time_step / 2:.3g}"
+    )
 
 
 def _pressed(dataset: xr.Dataset) -> list[str]:

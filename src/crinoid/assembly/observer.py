@@ -148,7 +148,7 @@ def augmented(model: LinearModel, water: Water, arrivals: Arrivals, plan: Plan) 
     push = model.stirred @ water.velocity + model.hastened @ water.sped / plan.period
     by_noise = np.concatenate([push, np.eye(states)])
     random[:-pose, :-pose] = by_noise @ water.noise @ by_noise.T
-    usual = np.sqrt(np.einsum("yz,zv,yv->y", seen, _lasting(inner, random), seen))
+    usual = np.sqrt(np.einsum("yz,zv,yv->y", seen, lasting(inner, random), seen))
     random[-pose:, -pose:] = np.diag((1 - kept**2) * _offset(usual[:pose], plan) ** 2)
     wrong = _MODEL_ERROR * (model.driven @ model.commanded) * model.usual
     random[:arm, :arm] += wrong @ wrong.T
@@ -230,9 +230,13 @@ def _local(plan: Plan, parts: Augmented) -> Float[np.ndarray, " y"]:
     return found
 
 
-def _lasting(move: Matrix, noise: Matrix) -> Matrix:
-    """Return the covariance of states that nobody controls or observes."""
-    total, power = noise, move * 0.9999
+def lasting(move: Matrix, noise: Matrix) -> Matrix:
+    """Return the covariance of states that nobody controls or observes.
+
+    What grows by itself has none: it counts as motion that neither grows nor decays.
+    """
+    fastest = np.abs(np.linalg.eigvals(move)).max()
+    total, power = noise, move * 0.9999 / max(1.0, fastest)
     for _ in range(30):
         total = total + power @ total @ power.T
         power = power @ power
