@@ -360,7 +360,7 @@ def test_a_strain_that_no_rubber_bears_is_a_failure():
         ({}, True),
         ({"simulation": {"time_step": 0.005, "duration": 20.0}}, False),
         ({"obstacle": [{"kind": "sphere", "position": [0, -12], "radius": 0.1}]}, False),
-        ({"base": {"channels": {"tilt": {}}}, "control": {"kind": "pid"}}, False),
+        ({"base": {"channels": {"tilt": {}}}, "control": {"kind": "lqg"}}, False),
     ],
 )
 def test_errors_of_steps_that_add_up_get_a_note(changes, told):
