@@ -94,6 +94,7 @@ class Known(NamedTuple):
         if not moves.any():
             text = "nothing of the tip that is controlled follows what is driven"
             raise ScenarioError([Mistake(f"control.{scenario.control.kind}", text)])
+        spare = np.linalg.svd(jacobian)[2][len(jacobian) :]
         return Known(
             model,
             parts,
@@ -102,7 +103,7 @@ class Known(NamedTuple):
             settings.smoothness_on(scenario.arm.length),
             integrating,
             model.usual[:, None] * damped_inverse(jacobian) @ integrating,
-            np.eye(model.usual.size) - np.linalg.pinv(jacobian) @ jacobian,
+            spare.T @ spare,
         )
 
 
