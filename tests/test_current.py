@@ -178,6 +178,18 @@ def test_an_arm_may_be_held_at_the_bed_where_no_current_is(profile):
     np.testing.assert_allclose(flow.isel(place=1), 0.2 * share, rtol=1e-9)
 
 
+@pytest.mark.parametrize("other", [{"start": 100.0}, {}])
+def test_eddies_that_nothing_carries_past_have_no_spectrum_to_compare(other):
+    eddies = {"kind": "turbulence", "mean": [0.2, 0], "intensity": 0.1, "length_scale": 0.5}
+    flows = [eddies | {"modes": 8} | other]
+    if not other:
+        flows.append({"kind": "uniform", "velocity": [-0.2, 0.0]})
+    sampled = sample_current(Prepared(Scenario(flow=flows, simulation={"duration": 2.0})))
+    compared = sampled.get("model_spectrum")
+    assert compared is None or compared.attrs["comment"] == "fitted"
+    assert np.isfinite(sampled["flow_spectrum"]).all()
+
+
 def test_a_spatial_current_is_sampled_along_three_axes():
     mean = np.array([0.3, 0.2, -0.1])
     scenario = Scenario(

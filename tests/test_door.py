@@ -143,7 +143,7 @@ def enter(parts):
         ),
         eqx.filter_eval_shape(prepared.system.rest),
     )
-    loop, _ = loop_about(prepared, state, jnp.zeros(3), None)
+    loop, _ = loop_about(prepared, state, jnp.zeros(3), None, 1.0)
     eqx.filter_eval_shape(loop.start, state)
 
 

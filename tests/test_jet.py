@@ -21,7 +21,7 @@ from crinoid.flow import (
     Water,
     Waves,
 )
-from crinoid.flow.flow import Everywhere
+from crinoid.flow.flow import Everywhere, panels_of
 from crinoid.onset import Onset
 from crinoid.spline import PiecewisePolynomial
 
@@ -164,6 +164,19 @@ def test_displacement_is_the_integral_of_the_velocity():
         np.testing.assert_allclose(moved, np.cumsum(steps, axis=0), atol=2e-5)
         assert np.abs(moved[-1]).max() > 0.05
         assert not np.any(flow.displacement(jnp.asarray(0.3)))
+
+
+def test_displacement_over_a_ramp_of_many_periods():
+    onset, frequency = Onset.of(0.0, 60.0), 1.0
+    swell = Sine(onset, *numbers([0.3, 0.0], frequency, 0.2), panels=panels_of(60.0, 1 / frequency))
+    times = jnp.linspace(0.0, 60.0, 240_001)
+    velocity = np.asarray(jax.jit(jax.vmap(swell.velocity, (None, 0)))(jnp.zeros(2), times))[:, 0]
+    expected = np.cumsum(0.5 * (velocity[1:] + velocity[:-1])) * float(times[1])
+    moved, speed = jax.jit(
+        lambda time: jax.jvp(swell.displacement, (time,), (jnp.ones_like(time),))
+    )(times[-1001])
+    assert moved[0] == pytest.approx(expected[-1001], abs=1e-7)
+    assert speed[0] == pytest.approx(velocity[-1001], abs=1e-8)
 
 
 def test_acceleration_is_that_of_a_drifting_particle():

@@ -471,6 +471,20 @@ def test_two_states_at_once_have_the_wrench_of_each(axes):
     assert both.base_moment.shape == ((2,) if axes == 2 else (2, 3))
 
 
+def test_an_equilibrium_has_a_gradient_outside_of_compiled_code():
+    system = loaded(7, dead=(0.0, -1e-2), floor=None)
+
+    def height(factor):
+        bend = system.forces.bend.stiffness
+        stiffer = eqx.tree_at(lambda one: one.forces.bend.stiffness, system, factor * bend)
+        return stiffer.equilibrium().motion.position[-1, 1]
+
+    slope = float(jax.grad(height)(1.0))
+    difference = float(height(1.001) - height(0.999)) / 0.002
+    assert slope == pytest.approx(difference, rel=1e-4)
+    assert slope > 0  # a stiffer arm sags less
+
+
 def test_loads_that_are_no_numbers_have_no_equilibrium():
     system = loaded(11, dead=(0.0, np.nan))
     _, outcome = find(system, jnp.zeros(()))

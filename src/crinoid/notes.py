@@ -31,6 +31,8 @@ _FELT = 0.1
 """Share of the largest force on the base that drag must reach to be worth a note."""
 _PRESSED = 0.01
 """Share of the arm's radius that a surface may come into it: its skin is as good as through."""
+_AIR = 10.0
+"""Density of water below which its drag takes no errors back (kg/m3)."""
 _ACCUMULATED = 0.1
 """Sum of the local errors of all steps, over the motion of the tip, from which on it is visible."""
 _STRAIN = 0.5
@@ -82,19 +84,23 @@ def tool_notes(tool: Tool | None, grip: Grip | None) -> list[str]:
 def _accumulated(dataset: xr.Dataset, scenario: Scenario) -> str:
     """Say where local errors of the steps add up to a visible part of the motion of the tip.
 
-    Only of an arm without feedback or contact: these take such errors back.
+    Only of a clamped arm, or one in air, without feedback or contact: these take errors back. The
+    arm forgets them as damping ends a vibration, within ``1 / (zeta omega)`` of its first one.
     """
     tip = dataset["tip_position"].transpose("time", "axis").values
     moved = float(np.linalg.norm(tip - tip[0], axis=1).max())
-    if scenario.control.kind != "none" or scenario.obstacle or moved < 1e-6 * scenario.arm.length:
+    floats = scenario.base.mount == "pinned" and scenario.water.density > _AIR
+    driven = scenario.control.kind != "none" or scenario.obstacle
+    if floats or driven or moved < 1e-6 * scenario.arm.length:
         return ""
-    simulation = scenario.simulation
-    each = simulation.steps / max(1, len(tip) - 1)
-    share = float(dataset["step_error"].sum()) * each / moved
+    simulation, rate = scenario.simulation, 2 * np.pi * Facts(Prepared(scenario)).frequencies[0]
+    memory = 2 / max(rate**2 * scenario.arm.damping_time, 1e-300)
+    each = min(simulation.duration, float(memory)) / simulation.time_step
+    share = float(dataset["step_error"].mean()) * each / moved
     if share <= _ACCUMULATED:
         return ""
     return (
-        f"errors of the time steps add up to as much as {share:.2g} of the motion of the tip: "
+        f"errors of the time steps may add up to {share:.0%} of the motion of the tip: "
         f"compare with simulation.time_step = {simulation.time_step / 2:.3g}"
     )
 

@@ -21,6 +21,7 @@ from crinoid.flow import (
     Uniform,
     Waves,
 )
+from crinoid.flow.flow import panels_of
 from crinoid.onset import Onset
 from crinoid.scenario import FlowTable, Scenario
 from crinoid.scenario import flow as flows
@@ -40,13 +41,15 @@ def build_flow(
         case flows.UniformFlow():
             return Uniform(onset, array(flow.velocity))
         case flows.GustFlow():
-            return Gust(onset, array(flow.velocity), array(flow.duration))
+            panels = panels_of(flow.ramp_time, flow.duration)
+            return Gust(onset, array(flow.velocity), array(flow.duration), panels=panels)
         case flows.SineFlow():
             return Sine(
                 onset,
                 array(flow.amplitude),
                 array(flow.frequency_hz),
                 array(np.deg2rad(flow.phase_deg)),
+                panels=panels_of(flow.ramp_time, 1 / flow.frequency_hz),
             )
         case flows.ShearFlow():
             depth = scenario.water.depth

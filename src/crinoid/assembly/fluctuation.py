@@ -106,7 +106,7 @@ def fluctuations(
     """
     slow = _SLOW * first_period
     axes, found = scenario.arm.dimension, []
-    carrier, swing = _carrier(scenario)
+    carrier, swing = _carrier(scenario, recordings)
     for index, flow in enumerate(scenario.flow):
         match flow:
             case TurbulenceFlow():
@@ -135,10 +135,12 @@ def fluctuations(
     return tuple(found)
 
 
-def _carrier(scenario: Scenario) -> tuple[Float[np.ndarray, " d"], float]:
+def _carrier(
+    scenario: Scenario, recordings: Mapping[int, Recording]
+) -> tuple[Float[np.ndarray, " d"], float]:
     """Return the mean velocity (m/s) that carries eddies, and its variance over all axes."""
     mean, variance = np.zeros(scenario.arm.dimension), 0.0
-    for flow in scenario.flow:
+    for index, flow in enumerate(scenario.flow):
         match flow:
             case UniformFlow():
                 mean += flow.velocity
@@ -150,6 +152,11 @@ def _carrier(scenario: Scenario) -> tuple[Float[np.ndarray, " d"], float]:
                 variance += float(spread @ spread)
             case SineFlow():
                 variance += float(np.dot(flow.amplitude, flow.amplitude)) / 2
+            case MeasuredFlow() if recordings[index].levels is None:
+                record = recordings[index]
+                mean += record.velocity[:, 0].mean(axis=0)
+                if not np.any(record.slowness):
+                    variance += float(record.velocity[:, 0].var(axis=0).sum())
             case _:
                 pass
     return mean, variance

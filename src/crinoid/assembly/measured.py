@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from crinoid.assembly.numbers import array
 from crinoid.flow import MeasuredPoint, MeasuredProfile
+from crinoid.flow.flow import panels_of
 from crinoid.onset import Onset
 from crinoid.spline import PiecewisePolynomial, between
 
@@ -36,6 +37,7 @@ def measured(
             array(origin),
             array(recording.slowness),
             carried=bool(np.any(recording.slowness)),
+            panels=panels_of(float(onset.ramp_time), 4 * recording.interval * recording.time_scale),
         )
     values = recording.velocity
     slopes = CubicSpline(recording.levels, values, axis=1)(recording.levels, 1)

@@ -214,6 +214,8 @@ def _model(
         if table["kind"] == "turbulence":
             moved = np.asarray(_displacements(system, jnp.asarray(times)))
             squares = np.mean((np.diff(moved, axis=0) / interval) ** 2, axis=0)
+            if not squares.any():  # nothing carries its eddies past
+                continue
             for axis, share in enumerate(squares / squares.sum()):
                 asked[:, axis] += von_karman(
                     frequency,

@@ -21,7 +21,7 @@ Time = Float[Array, ""]
 _NODES, _WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(64))
 
 
-def displacement(onset: Onset, path: Callable[[Time], Point], time: Time) -> Point:
+def displacement(onset: Onset, path: Callable[[Time], Point], time: Time, panels: int = 1) -> Point:
     """Return the integral (m) of a velocity times its onset, up to a time (s).
 
     By parts: ``r P - int r' P dt``, with the factor ``r`` of the onset and an antiderivative
@@ -35,6 +35,8 @@ def displacement(onset: Onset, path: Callable[[Time], Point], time: Time) -> Poi
         An antiderivative of the velocity (m).
     time
         The time (s).
+    panels
+        Panels of the quadrature of the ramp (`panels_of`).
     """
     since = jnp.where(time < onset.stop, time, onset.stop) - onset.start
     ramped = onset.ramp_time > 0
@@ -42,11 +44,16 @@ def displacement(onset: Onset, path: Callable[[Time], Point], time: Time) -> Poi
     share = jnp.where(ramped, since / jnp.where(ramped, onset.ramp_time, 1.0), 1.0)
     share = jnp.where(since < 0, 0.0, jnp.where(share < 1, share, 1.0))
     begin = path(onset.start)
-    shares = share * (0.5 + _NODES)
+    shares = share / panels * jnp.ravel(0.5 + np.arange(panels)[:, None] + _NODES)
     paths = jax.vmap(path)(onset.start + shares * onset.ramp_time) - begin
-    weights = share * 0.5 * jnp.pi * jnp.sin(jnp.pi * shares) * _WEIGHTS
+    weights = share * 0.5 * jnp.pi * jnp.sin(jnp.pi * shares) * np.tile(_WEIGHTS / panels, panels)
     factor = 0.5 - 0.5 * jnp.cos(jnp.pi * share)
     return factor * (path(onset.start + since) - begin) - jnp.sum(weights[:, None] * paths, axis=0)
+
+
+def panels_of(ramp_time: float, period: float) -> int:
+    """Return how many panels resolve a ramp (s) of a velocity with a shortest period (s)."""
+    return max(1, int(np.ceil(ramp_time / (10 * period))))
 
 
 class Flow(eqx.Module):
@@ -94,6 +101,9 @@ class Flow(eqx.Module):
 class Everywhere(Flow):
     """A flow that is the same everywhere: a velocity of time alone."""
 
+    panels: int = eqx.field(static=True, default=1, kw_only=True)
+    """Panels of the quadrature of its ramp (`displacement`)."""
+
     @abstractmethod
     def at(self, time: Time) -> Point:
         """Return the velocity (m/s) at a time (s), its onset aside."""
@@ -113,7 +123,7 @@ class Everywhere(Flow):
         raise NotImplementedError(f"{name}.path is missing; it must return the integral of `at`")
 
     def displacement(self, time: Time) -> Point:
-        return displacement(self.onset, self.path, time)
+        return displacement(self.onset, self.path, time, self.panels)
 
     def jet(self, point: Point, time: Time) -> Jet:
         moving = jax.jvp(lambda t: self.velocity(point, t), (time,), (jnp.ones_like(time),))

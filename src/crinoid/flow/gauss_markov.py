@@ -5,7 +5,7 @@ from itertools import accumulate
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.flow.flow import Everywhere, Point, Time
+from crinoid.flow.flow import Everywhere, Point, Time, panels_of
 from crinoid.onset import Onset
 from crinoid.spline import PiecewisePolynomial
 
@@ -58,7 +58,8 @@ class GaussMarkov(Everywhere):
         drawn[0] = normal[0]
         wandering = np.array(list(accumulate(drawn, lambda value, new: kept * value + new)))
         velocity = mean + standard_deviation * wandering
-        return GaussMarkov(onset, PiecewisePolynomial(CubicSpline(step * points, velocity)))
+        record = PiecewisePolynomial(CubicSpline(step * points, velocity))
+        return GaussMarkov(onset, record, panels=panels_of(float(onset.ramp_time), 4 * step))
 
     def at(self, time: Time) -> Point:
         return self.record(time)

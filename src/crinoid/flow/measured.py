@@ -27,6 +27,8 @@ class MeasuredPoint(Flow):
     """Delay of the record over distance (s/m)."""
     carried: bool = eqx.field(static=True)
     """Whether there is one."""
+    panels: int = eqx.field(static=True, default=1)
+    """Panels of the quadrature of its ramp (`crinoid.flow.flow.displacement`)."""
 
     @property
     def drifts(self) -> bool:
@@ -35,10 +37,11 @@ class MeasuredPoint(Flow):
     def fully_on(self, point: Point, time: Time) -> Point:
         return self.record(time - product(self.slowness, point - self.met))
 
-    def displacement(self, time: Time) -> Point | float:
-        if self.carried:
-            return 0.0
-        return displacement(self.onset, self.record.integral, time)
+    def displacement(self, time: Time) -> Point:
+        if self.carried:  # of its fluctuation only the mean is the same everywhere
+            mean = self.slowness / jnp.sum(self.slowness**2)
+            return mean * self.onset.elapsed(time)
+        return displacement(self.onset, self.record.integral, time, self.panels)
 
 
 class MeasuredProfile(Flow):

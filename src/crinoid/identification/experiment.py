@@ -16,7 +16,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.control import Playback
 from crinoid.dynamics import Reason
 from crinoid.identification.motion import Motion, motion
-from crinoid.identification.reach import within_reach
+from crinoid.identification.reach import stuck, within_reach
 from crinoid.identification.record import Record
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.errors import shown
@@ -160,6 +160,14 @@ class Experiment:
         tip = np.array([AXES[axes].index(name) for name in names])
         root, length = seen[:, len(POSE[axes]) + tip], float(seen[:, -1].max())
         return within_reach(names, self.measured[:, : len(names)], root, seen[:, tip], length)
+
+    def rests(self, computed: Float[np.ndarray, "time quantity"]) -> Bool[np.ndarray, " time"]:
+        """Tell which rows are of a marker that is stuck, by a fit (`stuck`)."""
+        names = [name for name in self.record.names if name in AXES[self.scenario.arm.dimension]]
+        if not names:
+            return np.zeros(self.time.size, bool)
+        places = slice(len(names))
+        return stuck(self.measured[:, places], computed[:, places], self.scenario.arm.length)
 
     def trouble(self, found: Motion | None) -> str:
         """Return why a run failed; empty if it did not."""

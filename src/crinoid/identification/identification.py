@@ -134,8 +134,11 @@ class Identification:
             return False
         self.found = best
         if (lost := 1 - self.kept.mean()) > LOST:
+            rests = self.experiment.rests(best.run.computed).mean() > LOST / 2
+            hint = "A marker that is stuck rests while the arm moves." if rests else ""
             text = f"got {lost:.0%} of rows that no motion of this arm follows; must be at most"
-            raise ScenarioError([Mistake("RECORD", f"{text} {LOST:.0%}. Check the markers.")])
+            text = f"{text} {LOST:.0%}. {hint or 'Check the markers.'}"
+            raise ScenarioError([Mistake("RECORD", text)])
         return True
 
     def _follows(self, run: Comparison) -> Bool[np.ndarray, " time"]:
@@ -151,7 +154,8 @@ class Identification:
         off = np.abs(run.left)
         lost = np.minimum(np.abs(jump), off) > np.maximum(scatter, _JUMP * motion) + between
         lost |= off > np.maximum(scatter, _AWAY * motion) + between
-        return np.asarray(~lost.any(axis=1))
+        rests = self.experiment.rests(run.computed)
+        return np.asarray(~lost.any(axis=1) & ~rests)
 
     def _usual(self, run: Comparison) -> Float[np.ndarray, " quantity"]:
         """Return the scatter of most rows."""

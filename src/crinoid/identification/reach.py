@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from crinoid.scenario import Mistake, ScenarioError
 
-__all__ = ["LOST", "within_reach"]
+__all__ = ["LOST", "stuck", "within_reach"]
 
 LOST = 0.25
 """Largest share of the rows that may be set aside as lost markers."""
@@ -31,10 +31,6 @@ def within_reach(
     Places (m) are those on the axes `names`: of the record, and in a run whose arm is at most
     `length` (m) long.
     """
-    same = np.all(np.diff(measured, axis=0) == 0, axis=1)
-    starts = np.flatnonzero(np.append(True, ~same))
-    way = np.maximum.reduceat(tip, starts) - np.minimum.reduceat(tip, starts)
-    stuck = np.repeat(way.max(axis=1) > _STUCK * length, np.diff(starts, append=len(tip)))
     inside = np.linalg.norm(measured - root, axis=1) <= _ROOM * length
     turned = np.where(np.array(names) == "z", -1.0, 1.0) * measured
     frames: list[tuple[str, Places, Places | float]] = [
@@ -50,16 +46,25 @@ def within_reach(
     near = away[best] < _CLEARLY * min(away[0], length)
     hint = f"Likely cause: {frames[best][0]}." if near else ""
     where = _spans(names, measured)
-    if (inside & ~stuck).mean() < 1 - LOST:
-        if inside.mean() >= 1 - LOST:
-            hint = "A marker that is stuck rests while the arm moves."
+    if inside.mean() < 1 - LOST:
         text = (
             f"got the tip at {where}; must lie within {_ROOM * length:.3g} m of the root at "
             f"{_spans(names, root)}. {hint or 'Check units, origin, axes and the sign of z.'}"
         )
         raise ScenarioError([Mistake("RECORD", text)])
     note = f"the record has the tip at {where}, the run at {_spans(names, tip)}. {hint}"
-    return inside & ~stuck, [note] if hint and away[0] > _STUCK * length else []
+    return inside, [note] if hint and away[0] > _STUCK * length else []
+
+
+def stuck(measured: Places, tip: Places, length: float) -> Bool[np.ndarray, " time"]:
+    """Tell the rows of a marker that rests while the tip (m) of the fit moves on.
+
+    The arm is `length` (m) long.
+    """
+    same = np.all(np.diff(measured, axis=0) == 0, axis=1)
+    starts = np.flatnonzero(np.append(True, ~same))
+    way = np.maximum.reduceat(tip, starts) - np.minimum.reduceat(tip, starts)
+    return np.repeat(way.max(axis=1) > _STUCK * length, np.diff(starts, append=len(tip)))
 
 
 def _spans(names: Sequence[str], places: Places) -> str:

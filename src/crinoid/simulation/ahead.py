@@ -50,7 +50,7 @@ def compile_ahead(
     state, jacobian = _zeros(eqx.filter_eval_shape(system.rest)), None
     if is_mapped(scenario):  # by one in which every input moves all of the tip
         jacobian = array(np.random.default_rng(0).normal(size=(size, len(system.inputs))))
-    loop, _ = loop_about(prepared, state, array(np.zeros(size)), jacobian)
+    loop, _ = loop_about(prepared, state, array(np.zeros(size)), jacobian, 1.0)
     loop = altered(loop)
     carry, _ = _zeros(eqx.filter_eval_shape(begun_with, loop, state))
     stretch.compile_ahead(loop, carry, carry.steps, carry.steps + 1, capacity)

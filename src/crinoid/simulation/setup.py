@@ -102,7 +102,7 @@ def loop_about(
     state: State,
     tip: Float[Array, " pose"],
     jacobian: Float[Array, "pose input"] | None,
-    first_period: float = 1.0,
+    first_period: float,
 ) -> tuple[Loop, Plan]:
     """Return the loop of a scenario about a state of its arm, with the plan of its controller.
 
