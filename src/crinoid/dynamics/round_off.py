@@ -1,5 +1,8 @@
 """Round-off of the force that stretches an arm, beside the loads."""
 
+import warnings
+
+import jax
 import numpy as np
 
 _KNOWN = 0.01
@@ -33,3 +36,11 @@ def round_off_note(
         f"stretch (EA = {stretching:.2g} N), and the largest on the base is {largest:.2g} N: "
         "a smaller arm.section.EA changes nothing else as long as the arm hardly stretches"
     )
+
+
+def warn_of_round_off(*values: jax.Array) -> None:
+    """Warn as `round_off_note` says, of the least of each value; not under a transformation."""
+    if any(isinstance(each, jax.core.Tracer) for each in values):
+        return
+    if note := round_off_note(*(float(each.min()) for each in values)):
+        warnings.warn(note, RuntimeWarning, stacklevel=3)

@@ -1,6 +1,5 @@
 """The assembled arm: everything that a time step needs, and the step itself."""
 
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -26,7 +25,7 @@ from crinoid.dynamics.integrator import Integrator
 from crinoid.dynamics.newton import Kept, Settings, solve
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.prescribed import prescribed
-from crinoid.dynamics.round_off import round_off_note
+from crinoid.dynamics.round_off import warn_of_round_off
 from crinoid.dynamics.state import State
 from crinoid.dynamics.surroundings import Stir
 from crinoid.dynamics.tangent import HELD
@@ -101,22 +100,16 @@ class System(eqx.Module):
             `find_equilibrium` and its outcome.
         """
         state, outcome = eqx.filter_jit(System.find_equilibrium)(self, jnp.asarray(time, float))
-        if isinstance(outcome.converged, jax.core.Tracer):
-            return state
-        if not outcome.converged:
+        if not isinstance(outcome.converged, jax.core.Tracer) and not outcome.converged:
             raise RuntimeError(
                 f"no static equilibrium found: node {int(outcome.worst_node)} is out of balance "
                 f"by {float(outcome.residual):.3g} N among forces of up to "
                 f"{float(outcome.scale):.3g} N"
             )
         if self.forces.stretch is not None:
-            stiffness = (self.forces.stretch.EA, self.forces.bending_stiffness(self.reference))
-            sizes = (self.reference.length, self.reference.rest_length)
-            values = (*stiffness, *sizes, jnp.linalg.norm(state.base_force))
-            if any(isinstance(each, jax.core.Tracer) for each in values):  # of a gradient
-                return state
-            if note := round_off_note(*(float(each.min()) for each in values)):
-                warnings.warn(note, RuntimeWarning, stacklevel=2)
+            arm, EI = self.reference, self.forces.bending_stiffness(self.reference)
+            force = jnp.linalg.norm(state.base_force)
+            warn_of_round_off(self.forces.stretch.EA, EI, arm.length, arm.rest_length, force)
         return state
 
     def find_equilibrium(self, time: float | Array = 0.0) -> tuple[State, Outcome]:
