@@ -102,7 +102,7 @@ class Everywhere(Flow):
     """A flow that is the same everywhere: a velocity of time alone."""
 
     panels: int = eqx.field(static=True, default=1, kw_only=True)
-    """Panels of the quadrature of its ramp (`displacement`)."""
+    """Panels of the quadrature of its ramp (``displacement``)."""
 
     @abstractmethod
     def at(self, time: Time) -> Point:

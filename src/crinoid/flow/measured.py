@@ -28,7 +28,7 @@ class MeasuredPoint(Flow):
     carried: bool = eqx.field(static=True)
     """Whether there is one."""
     panels: int = eqx.field(static=True, default=1)
-    """Panels of the quadrature of its ramp (`crinoid.flow.flow.displacement`)."""
+    """Panels of the quadrature of its ramp."""
 
     @property
     def drifts(self) -> bool:
