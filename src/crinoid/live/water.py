@@ -78,10 +78,9 @@ def stirred(
     flows = [_turned(flow, knobs, place) for flow in described]
     if now is None:
         return tuple(flows)
+    instant = jnp.asarray(time)
     moved, moves = (
-        np.asarray(
-            sum((flow.displacement(jnp.asarray(time)) for flow in each), np.zeros(place.size))
-        )
+        np.asarray(sum((flow.displacement(instant) for flow in each), np.zeros(place.size)))
         for each in (now, flows)
     )
     for index, (before, after) in enumerate(zip(now, flows, strict=True)):
@@ -93,7 +92,8 @@ def stirred(
                 phases = np.mod(phases + angle / (2 * np.pi), 1.0)
             flows[index] = replace(after, phases=array(phases))
         elif isinstance(before, Scaled) and isinstance(after, Scaled) and after.drifts:
-            flows[index] = replace(after, shift=array(np.asarray(before.shift) + moved - moves))
+            others = moved - moves - before.displacement(instant) + after.displacement(instant)
+            flows[index] = replace(after, shift=before.shift + others)
     return tuple(flows)
 
 
