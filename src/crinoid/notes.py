@@ -32,7 +32,7 @@ _FELT = 0.1
 _PRESSED = 0.01
 """Share of the arm's radius that a surface may come into it: its skin is as good as through."""
 _AIR = 10.0
-"""Density of water below which its drag takes no errors back (kg/m3)."""
+"""Density of water below which its drag damps no errors (kg/m3)."""
 _ACCUMULATED = 0.1
 """Sum of the local errors of all steps, over the motion of the tip, from which on it is visible."""
 _STRAIN = 0.5
@@ -82,16 +82,16 @@ def tool_notes(tool: Tool | None, grip: Grip | None) -> list[str]:
 
 
 def _accumulated(dataset: xr.Dataset, scenario: Scenario) -> str:
-    """Say where local errors of the steps add up to a visible part of the motion of the tip.
+    """Return a note if local errors of the steps add up to a visible part of the motion of the tip.
 
-    Only of a clamped arm, or one in air, without feedback or contact: these take errors back. The
-    arm forgets them as damping ends a vibration, within ``1 / (zeta omega)`` of its first one.
+    Feedback and contact damp these errors, and so does drag on a pinned arm: then there is no note.
+    Material damping ends the effect of an error within ``1 / (zeta omega)`` of the first mode.
     """
     tip = dataset["tip_position"].transpose("time", "axis").values
     moved = float(np.linalg.norm(tip - tip[0], axis=1).max())
-    floats = scenario.base.mount == "pinned" and scenario.water.density > _AIR
+    dragged = scenario.base.mount == "pinned" and scenario.water.density > _AIR
     driven = scenario.control.kind != "none" or scenario.obstacle
-    if floats or driven or moved < 1e-6 * scenario.arm.length:
+    if dragged or driven or moved < 1e-6 * scenario.arm.length:
         return ""
     simulation, rate = scenario.simulation, 2 * np.pi * Facts(Prepared(scenario)).frequencies[0]
     memory = 2 / max(rate**2 * scenario.arm.damping_time, 1e-300)

@@ -206,7 +206,7 @@ class _Lazy(BackendArray):
 
 
 def open_lazily(path: Path) -> xr.Dataset:
-    """Return the data of a file; what is large stays there, and the file is not kept open."""
+    """Return the data of a file. Large variables stay on disk, and the file closes."""
 
     def reader(name: str) -> Callable[[tuple[Any, ...]], np.ndarray]:
         def read(key: tuple[Any, ...]) -> np.ndarray:

@@ -34,7 +34,7 @@ def export_result(
     force: bool,
     console: Console,
 ) -> None:
-    """Write a result or a policy in another format, and tell what is left out."""
+    """Export a result or a policy, and report omissions."""
     if kind not in KINDS:
         near = get_close_matches(kind.lower(), KINDS, n=1)
         raise _mistake("--to", f"got {shown(kind)}, takes {one_of(KINDS)}", *near)

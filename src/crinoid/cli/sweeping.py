@@ -109,7 +109,7 @@ def notes_of(plan: Plan) -> list[str]:
 
 
 def check_runs(plan: Plan) -> dict[str, list[str]]:
-    """Check the runs that stand for all; return what is odd about the first of each structure."""
+    """Check representative runs; return the notes on the first of each structure."""
     firsts = {int(runs[0]) for runs in plan.structures[:_MOST_TOLD]}
     odd = {}
     for run in plan.examples(_MOST_TRIED):

@@ -1,11 +1,13 @@
 """Outcome of a solve: whether it counts, and why not."""
 
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import TypeVar
 
 import equinox as eqx
 import equinox.internal as eqxi
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 Tree = TypeVar("Tree")
@@ -66,6 +68,22 @@ class Outcome(eqx.Module):
         found = jnp.where(self.folded, Reason.FOLDED, found)
         found = jnp.where(self.resolved, found, Reason.HIT)
         return jnp.where(self.converged, Reason.NONE, found)
+
+    def imbalance(self, nodes: int, free: Sequence[int]) -> str:
+        """Say which node, obstacle or vehicle is out of balance, and by how much.
+
+        The arm has so many ``nodes``; ``free`` are the indices of the obstacles that float.
+        """
+        if not np.isfinite(self.residual):
+            return "forces grew without bound"
+        worst = int(self.worst_node)
+        name, body = f"node {worst}", worst - nodes
+        if body >= 0:
+            name = f"obstacle {free[body]}" if body < len(free) else "the vehicle"
+        return (
+            f"{name} is out of balance by {float(self.residual):.3g} N "
+            f"among forces of up to {float(self.scale):.3g} N"
+        )
 
     def required(self, after: Tree) -> Tree:
         """Return the state after a step, or raise an error that says why it does not count.

@@ -1,9 +1,14 @@
-"""Round-off of the force that stretches an arm, beside the loads."""
+"""Round-off of the force that stretches an arm, compared with the loads."""
 
 import warnings
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.dynamics.forces import Forces
+from crinoid.reference import Reference
 
 _KNOWN = 0.01
 """Share of the largest force on the base that round-off may have of it."""
@@ -14,7 +19,7 @@ _BENDS = 1e-6
 def round_off_note(
     stretching: float, bending: float, length: float, edge: float, largest: float
 ) -> str:
-    """Return a sentence where round-off of the stretch is not small beside the loads, or nothing.
+    """Return a sentence if round-off of the stretch is not small compared with the loads.
 
     Positions on an arm of length L are known to about eps L, the strain of an edge l to
     eps L / l, and the forces on both ends of it add up.
@@ -38,8 +43,12 @@ def round_off_note(
     )
 
 
-def warn_of_round_off(*values: jax.Array) -> None:
-    """Warn as `round_off_note` says, of the least of each value; not under a transformation."""
+def warn_of_round_off(reference: Reference, forces: Forces, base_force: Float[Array, " b"]) -> None:
+    """Warn as `round_off_note` says, by the force on the base (N); JAX transformations cannot."""
+    if forces.stretch is None:
+        return
+    sizes = forces.bending_stiffness(reference), reference.length, reference.rest_length
+    values = forces.stretch.EA, *sizes, jnp.linalg.norm(base_force)
     if any(isinstance(each, jax.core.Tracer) for each in values):
         return
     if note := round_off_note(*(float(each.min()) for each in values)):

@@ -101,15 +101,9 @@ class System(eqx.Module):
         """
         state, outcome = eqx.filter_jit(System.find_equilibrium)(self, jnp.asarray(time, float))
         if not isinstance(outcome.converged, jax.core.Tracer) and not outcome.converged:
-            raise RuntimeError(
-                f"no static equilibrium found: node {int(outcome.worst_node)} is out of balance "
-                f"by {float(outcome.residual):.3g} N among forces of up to "
-                f"{float(outcome.scale):.3g} N"
-            )
-        if self.forces.stretch is not None:
-            arm, EI = self.reference, self.forces.bending_stiffness(self.reference)
-            force = jnp.linalg.norm(state.base_force)
-            warn_of_round_off(self.forces.stretch.EA, EI, arm.length, arm.rest_length, force)
+            where = outcome.imbalance(self.reference.nodes, self.forces.free)
+            raise RuntimeError(f"no static equilibrium found: {where}")
+        warn_of_round_off(self.reference, self.forces, state.base_force)
         return state
 
     def find_equilibrium(self, time: float | Array = 0.0) -> tuple[State, Outcome]:

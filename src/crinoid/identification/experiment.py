@@ -152,7 +152,7 @@ class Experiment:
         return Comparison(computed, left, slope)
 
     def reached(self, found: Motion) -> tuple[Bool[np.ndarray, " time"], list[str]]:
-        """Tell which rows the arm can reach, and what is odd (`within_reach`)."""
+        """Return the rows within reach of the arm, and notes (`within_reach`)."""
         axes, seen = self.scenario.arm.dimension, self._seen(found.path)
         names = [name for name in self.record.names if name in AXES[axes]]
         if not names or self.scenario.vehicle is not None:  # which may drift elsewhere

@@ -54,7 +54,7 @@ class _Fit(NamedTuple):
     """Logarithms of the numbers over those that were given."""
     run: Comparison
     cost: float
-    """Mean square of what is left, over the scatter; no row counts as more than a lost one."""
+    """Mean square of the residuals over the scatter; no row counts more than a lost one."""
 
 
 class Identification:

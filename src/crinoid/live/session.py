@@ -202,7 +202,7 @@ class Session:
             self._tape.thrown.append(self.time)
 
     def control(self, kind: str) -> None:
-        """Let another kind of controller take over, with gains of its own if there are none."""
+        """Switch to another kind of controller, with default gains if there are none."""
         if kind == self.kind:
             return
         part = self._under(kind)

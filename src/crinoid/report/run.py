@@ -32,7 +32,7 @@ _REQUIRED = {
 
 
 _LARGEST = 1e9
-"""Size of what is drawn, in SI units: squares of far larger numbers are none."""
+"""Largest size of a drawing, in SI units. Squares of far larger numbers overflow."""
 
 
 class ReportError(ValueError):

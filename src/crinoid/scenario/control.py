@@ -106,8 +106,8 @@ class Control(Model):
     start: Seconds = Field(
         default=0.0,
         ge=0,
-        description="When it is switched on; what it drives rests until then. During a run it "
-        "takes up the error that it finds over the arm's first period, without a jolt.",
+        description="When it is switched on; its inputs rest until then. The error at that time "
+        "comes in over the first period of the arm, without a jolt.",
     )
     controlled: Annotated[
         tuple[Coordinate, ...],

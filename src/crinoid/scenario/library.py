@@ -62,7 +62,7 @@ def load(
 
 
 def scenario_of(source: object) -> Scenario:
-    """Return a scenario itself, or the one that a name or a path stands for."""
+    """Return a scenario, or load the one with a name or a path."""
     if isinstance(source, Scenario):
         return source
     if isinstance(source, (str, os.PathLike)):

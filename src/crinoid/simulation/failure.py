@@ -33,9 +33,9 @@ def start_failure(scenario: Scenario, system: System, outcome: Outcome) -> str:
         return ""
     if found := culprit(scenario, system, None, outcome):
         return f"failed at t = 0 s: {found}"
+    where = outcome.imbalance(system.reference.nodes, system.forces.free)
     return (
-        "failed at t = 0 s: no static equilibrium found, "
-        f"{imbalance(system, outcome)}; "
+        f"failed at t = 0 s: no static equilibrium found, {where}; "
         f"try {_other_base(scenario)}"
         'simulation.start = "rest", loads that come on with ramp_time, or more arm.nodes'
     )
@@ -122,8 +122,9 @@ def _trouble(scenario: Scenario, system: System, state: State, outcome: Outcome)
             f"simulation.error allows {1e3 * float(system.max_error):.3g} mm",
             f"{smaller}, more simulation.max_halvings, or a larger simulation.error",
         )
+    where = outcome.imbalance(system.reference.nodes, system.forces.free)
     return (
-        f"a time step could not be solved {halvings}, {imbalance(system, outcome)}",
+        f"a time step could not be solved {halvings}, {where}",
         f"{smaller}, loads that come on with ramp_time, or more simulation.max_halvings",
     )
 
@@ -185,19 +186,3 @@ def _other_base(scenario: Scenario) -> str:
     if not jointed:
         return ""
     return f"a base that points less than {LARGEST_TURN:.0f} degrees from where the arm hangs, "
-
-
-def imbalance(system: System, outcome: Outcome) -> str:
-    """Say which node, obstacle or vehicle is out of balance, and by how much."""
-    if not np.isfinite(outcome.residual):
-        return "forces grew without bound"
-    worst, nodes = int(outcome.worst_node), system.reference.nodes
-    free = system.forces.free
-    name = f"node {worst}"
-    if worst >= nodes:
-        beside = worst - nodes
-        name = f"obstacle {free[beside]}" if beside < len(free) else "the vehicle"
-    return (
-        f"{name} is out of balance by {float(outcome.residual):.3g} N "
-        f"among forces of up to {float(outcome.scale):.3g} N"
-    )

@@ -24,7 +24,6 @@ from crinoid.plausibility import Facts
 from crinoid.programs import ONCE, compiled
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.library import Source
-from crinoid.simulation.failure import imbalance
 from crinoid.simulation.run import at_rest
 from crinoid.status import Status
 
@@ -138,8 +137,9 @@ def _vibration(scenario: Scenario, current: tuple[float, ...], count: int) -> Vi
     system = Prepared(scenario).system
     position, outcome, small, lines = _at_rest(system, array(current))
     if not outcome.converged:
-        text = f"no static equilibrium found, {imbalance(system, outcome)}; try loads that are "
-        raise ModesError(f"{text}weaker, a stiffer arm, or more arm.nodes")
+        where = outcome.imbalance(system.reference.nodes, system.forces.free)
+        text = f"no static equilibrium found, {where}; try loads that are weaker"
+        raise ModesError(f"{text}, a stiffer arm, or more arm.nodes")
     found = find_damped_modes(
         small.stiffness_in_current, small.damping_in_current, small.mass, count, lines
     )

@@ -26,7 +26,7 @@ Logs = Float[np.ndarray, " number"]
 
 
 def tuned_numbers(scenario: Scenario) -> dict[str, float]:
-    """Return what is tuned of a scenario's controller, by key: none of it is 0."""
+    """Return the tuned numbers of a controller by key; none is 0."""
     if scenario.vary:
         text = "tuning is of one case; give its values with --set and leave out vary"
         raise ScenarioError([Mistake("vary", text)])

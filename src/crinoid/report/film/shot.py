@@ -84,7 +84,7 @@ class Shot:
     colour: str | None = None
 
     def check(self) -> None:
-        """Check what can be told without the run."""
+        """Check everything that does not need the run."""
         _within("--speed", self.speed, 1e-4, 1e4)
         _within("--azimuth", self.azimuth, -360.0, 360.0)
         _within("--elevation", self.elevation, -90.0, 90.0)
