@@ -21,8 +21,8 @@ from rich.table import Table
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
+from crinoid.simulation.chunk import fast_chunk
 from crinoid.simulation.setup import set_up
-from crinoid.simulation.stretch import stretch
 
 try:
     import mujoco
@@ -124,7 +124,7 @@ def crinoid_tips(scenario: crinoid.Scenario, interval: float) -> Callable[[], np
     origin = np.asarray(setup.loop.system.forces.origin)
 
     def run() -> np.ndarray:
-        _, kept, _, _ = stretch(setup.loop, carry, end, stride, samples)
+        _, kept, _, _ = fast_chunk(setup.loop, carry, end, stride, samples)
         tips = np.asarray(kept.tip)[:samples, : origin.size] - origin
         tips[np.logical_or.accumulate(np.asarray(kept.steps)[:samples] != steps)] = np.nan
         return tips

@@ -138,7 +138,7 @@ def moduli(arms: int) -> np.ndarray:
 
 def batch(case: str, arms: int, duration: float) -> dict[str, Any]:
     """Time a batch, its programs loaded."""
-    from crinoid.programs import keep_programs
+    from crinoid.compilation import keep_programs
 
     keep_programs()
     scenario, over = arm(case, duration), {"arm.youngs_modulus": moduli(arms), "seed": range(arms)}
@@ -170,7 +170,7 @@ def steps(case: str, arms: int, duration: float) -> dict[str, Any]:
     import jax
     import jax.numpy as jnp
 
-    from crinoid.programs import OFTEN
+    from crinoid.compilation import OFTEN
     from spread import over_cores
 
     scenario = arm(case, duration)

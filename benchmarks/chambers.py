@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 import crinoid
-from crinoid.programs import OFTEN
+from crinoid.compilation import OFTEN
 
 RESULTS = Path(__file__).parent / "results"
 NODES, STEPS = 21, 400

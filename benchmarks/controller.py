@@ -16,12 +16,12 @@ from rich.console import Console
 from rich.table import Table
 
 import crinoid
-from crinoid.assembly.parts import Parts
+from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Idle
-from crinoid.products import product
+from crinoid.numerics.small_matrices import product
+from crinoid.simulation.chunk import fast_chunk
 from crinoid.simulation.setup import set_up
-from crinoid.simulation.stretch import stretch
 
 HERE = Path(__file__).parent
 STEPS = 1000
@@ -82,7 +82,7 @@ def loop(controller, rate):
     numbers = [jnp.asarray(number, int) for number in (STEPS, STEPS)]
 
     def run():
-        jax.block_until_ready(stretch(setup.loop, carry, *numbers, 1)[0].steps)
+        jax.block_until_ready(fast_chunk(setup.loop, carry, *numbers, 1)[0].steps)
 
     run()
     return run

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import crinoid
-from crinoid.comparison.comparison import measured
+from crinoid.results.metrics import measured
 from crinoid.simulation.batch import run_batch
 
 SWELL = (0.0, 0.15, 0.3)

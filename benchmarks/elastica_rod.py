@@ -5,9 +5,9 @@ axes. Water is left out but for its buoyancy, which reduces gravity; so is dampi
 Kelvin-Voigt damping of an arm is not among what PyElastica has.
 """
 
+import elastica
 import numpy as np
 
-import elastica
 from crinoid import Scenario
 from rest_shape import rest_shape
 

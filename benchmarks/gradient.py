@@ -11,8 +11,8 @@ import numpy as np
 
 import crinoid
 from crinoid.assembly.parameters import Parameters
+from crinoid.compilation import OFTEN
 from crinoid.flow.turbulence import Turbulence
-from crinoid.programs import OFTEN
 from step import IN_SPACE, PLANAR, SOFT, STEADY, STEADY_IN_SPACE
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 import crinoid
-from crinoid.result import Result
+from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from crinoid.simulation.batch import run_batch
 

@@ -19,9 +19,9 @@ import numpy as np
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.identification.experiment import given_values
-from crinoid.identification.identification import Identification
-from crinoid.identification.record import read_record
+from crinoid.inverse.experiment import given_values
+from crinoid.inverse.identification import Identification
+from crinoid.inverse.recorded_motion import read_record
 
 NAME = "bend-test"
 KEYS = (

@@ -9,8 +9,8 @@ import sys
 import time
 
 import crinoid
-from crinoid.live.session import Session
-from crinoid.programs import keep_programs
+from crinoid.compilation import keep_programs
+from crinoid.view.live.session import Session
 
 FRAMES = 300
 """Frames of a thirtieth of a second that are measured."""

@@ -19,8 +19,8 @@ from rich.table import Table
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
+from crinoid.simulation.chunk import fast_chunk
 from crinoid.simulation.setup import set_up
-from crinoid.simulation.stretch import stretch
 from step import PLANAR, RESULTS, instants
 
 PLAIN = "uniform current"
@@ -123,7 +123,7 @@ def prepare(nodes: int, values: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
 
     def run() -> Any:
         return jax.block_until_ready(
-            stretch(setup.loop, carry, jnp.asarray(total), jnp.asarray(stride), count)
+            fast_chunk(setup.loop, carry, jnp.asarray(total), jnp.asarray(stride), count)
         )
 
     _, kept, filled, outcome = run()

@@ -1,15 +1,15 @@
-"""The policies that come with crinoid beside PID and LQG, on arms and water that they have not met.
+"""Built-in policies compared with PID and LQG, on arms and in water outside of their training.
 
     python benchmarks/policies.py [plane] [space] [reach]
 
 `plane` and `space`: `station-keeping` and `station-keeping-3d` on 20 seeds, each with a Young's
-modulus drawn 30 % up and down and half to one and a half times the currents; then in one and a half
-times the largest of these currents, which is more than the policies were trained on. LQG is told
-the true stiffness of each arm and the size of its currents, PID and policy are not. Prints the RMS
-error of the tip, the mean over the runs and the worst one, the policy's over the others', how many
-runs are lost (a tip more than a tenth of the arm's length off at some time), and how much the
-inputs moved. `reach`: 100 draws of load, target, stiffness and current in `reach-under-load`; how
-often the tip stays within 2 % of the arm's length for the last two seconds.
+modulus within 30 % and half to one and a half times the currents; then in one and a half times the
+largest of these currents, beyond the training of the policies. LQG knows the true stiffness of each
+arm and the size of its currents, PID and policy do not. Prints the RMS error of the tip (mean over
+the runs, and largest), the ratio of the policy's to the others', the number of lost runs (a tip
+more than a tenth of the arm's length off at some time), and the speeds of the inputs. `reach`: 100
+draws of load, target, stiffness and current in `reach-under-load`, and how often the tip stays
+within 2 % of the arm's length for the last two seconds.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 
 import crinoid
-from crinoid.metrics import input_speed, tip_error
-from crinoid.result import Result
+from crinoid.results.metrics import input_speed, tip_error
+from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from crinoid.simulation.batch import run_batch
 
@@ -29,7 +29,7 @@ KINDS = ("pid", "lqg", "neural")
 STATION = {"plane": "station-keeping", "space": "station-keeping-3d"}
 SEEDS, TRIALS = 20, 100
 LARGEST = 1.5
-"""Largest currents that are drawn, over those of the scenario."""
+"""Largest drawn currents, over those of the scenario."""
 LOST = 0.1
 NEAR, LAST = 0.02, 2.0
 
@@ -45,7 +45,7 @@ def currents(scenario: Scenario, factor: float) -> dict[str, float]:
     return found
 
 
-def keeping(result: Result) -> Measures:
+def measures(result: Result) -> Measures:
     """Return RMS (m) and largest error over the length, and RMS speeds of the commands."""
     error = tip_error(result)
     length = result.scenario.arm.length
@@ -53,13 +53,13 @@ def keeping(result: Result) -> Measures:
 
 
 def station(which: str) -> None:
-    """Print how each controller holds the tip."""
+    """Print the errors of each controller in station keeping."""
     scenario = crinoid.load(STATION[which]).with_values({"control.compare": False})
     random = np.random.default_rng(2026)
     stiffness = scenario.arm.youngs_modulus * random.uniform(0.7, 1.3, SEEDS)
     drawn = random.uniform(0.5, LARGEST, SEEDS)
     for words, factors in (
-        ("currents that are drawn", drawn),
+        ("drawn currents", drawn),
         ("1.5 times the largest of them", np.full(SEEDS, 1.5 * LARGEST)),
     ):
         print(f"{STATION[which]}, {words}")
@@ -72,8 +72,8 @@ def station(which: str) -> None:
                 )
                 for seed, (modulus, factor) in enumerate(zip(stiffness, factors, strict=True))
             ]
-            found[kind] = held(cases)
-            print(f"    {kind:8}" + told(found[kind]), flush=True)
+            found[kind] = measure(cases)
+            print(f"    {kind:8}" + row_of(found[kind]), flush=True)
         ours = np.mean([each[0] for each in found["neural"]])
         for kind in KINDS[:-1]:
             print(
@@ -81,15 +81,15 @@ def station(which: str) -> None:
             )
 
 
-def held(cases: Sequence[Scenario]) -> list[Measures]:
+def measure(cases: Sequence[Scenario]) -> list[Measures]:
     """Run arms, and return the measures of each."""
-    arms = [arm.taken for arm in run_batch(cases, keeping)]
+    arms = [arm.taken for arm in run_batch(cases, measures)]
     assert all(arm is not None for arm in arms), "a run failed"
     return [arm for arm in arms if arm is not None]
 
 
-def told(found: Sequence[Measures]) -> str:
-    """Return a row."""
+def row_of(found: Sequence[Measures]) -> str:
+    """Return a row of the table."""
     errors = 1e3 * np.array([each[0] for each in found])
     lost = sum(each[1] > LOST for each in found)
     effort = " ".join(f"{1e3 * x:.4g}" for x in np.mean([each[2] for each in found], axis=0))
@@ -98,7 +98,7 @@ def told(found: Sequence[Measures]) -> str:
 
 
 def reach() -> None:
-    """Print in how many trials each controller brings the tip to its target and holds it there."""
+    """Print the number of trials in which each controller reaches the target and stays there."""
     scenario = crinoid.load("reach-under-load").with_values({"control.compare": False})
     random = np.random.default_rng(2026)
 

@@ -26,8 +26,8 @@ import xarray as xr
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
+from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.elements import ENERGIES
-from crinoid.plausibility import doubts
 from crinoid.simulation import Progress, play
 
 STEPS = 400
@@ -114,7 +114,11 @@ def run(
     text = f"{head}, {'a note of it' if told else 'no note'}, {others} others: {result.status}"
     if result.failure:
         return "failed", text
-    warned = [note for note in [*doubts(Prepared(scenario)), *result.notes] if WARNS.search(note)]
+    warned = [
+        note
+        for note in [*plausibility_warnings(Prepared(scenario)), *result.notes]
+        if WARNS.search(note)
+    ]
     if half and not warned:
         finer = scenario.with_values({"simulation.time_step": simulation.time_step / 2})
         try:

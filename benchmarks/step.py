@@ -23,10 +23,10 @@ from rich.table import Table
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.programs import OFTEN
+from crinoid.compilation import OFTEN
+from crinoid.simulation.chunk import fast_chunk
 from crinoid.simulation.loop import Loop
 from crinoid.simulation.setup import Setup, set_up
-from crinoid.simulation.stretch import stretch
 
 try:
     import mujoco
@@ -40,6 +40,7 @@ PLANAR, IN_SPACE = (str(Path(__file__).with_name(f"{name}.toml")) for name in ("
 CONTROLLED, NOISY = "closed loop", "closed loop, noisy sensor"
 UNCONTROLLED, BARE, LED = "control off", "steps only", "steps only, same motion"
 SPATIAL, SPATIAL_BARE = "in space, closed loop", "in space, steps only"
+WITH_VORTICES = "in space, closed loop, vortices"
 SPATIAL_LED = "in space, steps only, same motion"
 
 SOFT = ("arm.radius=0.02", "arm.youngs_modulus=5e5", "arm.damping_time=0.02")
@@ -50,7 +51,7 @@ STEADY_IN_SPACE = 'flow=[{kind="uniform", velocity=[0.25, -0.15, 0.05], ramp_tim
 COMPARED = (CONTROLLED, SPATIAL_BARE)
 """Cases that MuJoCo is compared with."""
 
-HELD = (None, 1e-3, 1e-7, 1e-8)
+BOUNDARY_NODES = (None, 1e-3, 1e-7, 1e-8)
 """Values of simulation.error to compare."""
 
 NOISE = 5e-4
@@ -109,6 +110,8 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
     noise = jnp.array([NOISE, NOISE, 0.0])
     spatial = crinoid.load(IN_SPACE, [f"arm.nodes={nodes}", *SOFT, STEADY_IN_SPACE])
     in_space = set_up(Prepared(spatial))
+    shedding = spatial.with_values({"water.vortices": {}})
+    in_vortices = set_up(Prepared(shedding))
     loops = [
         closed_loop(CONTROLLED, scenario, setup.state, quiet),
         closed_loop(
@@ -121,6 +124,7 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
             eqx.tree_at(lambda x: x.enabled, quiet, jnp.asarray(False)),
         ),
         closed_loop(SPATIAL, spatial, in_space.state, in_space.loop),
+        closed_loop(WITH_VORTICES, shedding, in_vortices.state, in_vortices.loop),
     ]
     iterations = {each.name: count for each, count in loops}
     contestants = [
@@ -168,10 +172,10 @@ def measure(nodes: int, repeats: int) -> dict[str, Any]:
 
 
 def compile_stretch(scenario: crinoid.Scenario, setup: Setup) -> None:
-    """Run a stretch of nothing, as `crinoid run` does first."""
+    """Run a chunk of no steps, as `crinoid run` does first."""
     stride, count = jnp.asarray(scenario.output_steps), instants(scenario)
     carry = setup.loop.start(setup.state)
-    jax.block_until_ready(stretch(setup.loop, carry, carry.steps, stride, count))
+    jax.block_until_ready(fast_chunk(setup.loop, carry, carry.steps, stride, count))
 
 
 def instants(scenario: crinoid.Scenario) -> int:
@@ -188,7 +192,7 @@ def closed_loop(
 
     def run() -> Any:
         return jax.block_until_ready(
-            stretch(loop, carry, jnp.asarray(count * stride), jnp.asarray(stride), count)
+            fast_chunk(loop, carry, jnp.asarray(count * stride), jnp.asarray(stride), count)
         )
 
     _, kept, filled, outcome = run()
@@ -247,7 +251,7 @@ def held_table(nodes: int, repeats: int) -> Table:
     base = crinoid.load("station-keeping", [f"arm.nodes={nodes}", *SOFT, STEADY])
     setup = set_up(Prepared(base))
     contestants, rows = [], []
-    for error in HELD:
+    for error in BOUNDARY_NODES:
         scenario = base if error is None else base.with_values({"simulation.error": error})
         loop = eqx.tree_at(lambda x: x.system, setup.loop, crinoid.system(scenario))
         each, iterations = closed_loop(

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.programs import keep_programs
+from crinoid.compilation import keep_programs
 from crinoid.simulation import play
 
 

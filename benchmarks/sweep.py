@@ -14,10 +14,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from crinoid.cli.crew import Hands, open_crew
+from crinoid.cli.sweep import WorkerOptions, open_pool
 from crinoid.scenario import load
-from crinoid.sweep import Plan, SweepStore, run_batches
-from crinoid.sweep.work import Work, perform
+from crinoid.studies.sweep import SweepDesign, SweepStore, run_batches
+from crinoid.studies.sweep.engine import Work, perform
 from step import RESULTS
 
 SHORT = """
@@ -99,10 +99,10 @@ def measure(folder: Path, runs: int, loop: int, part: int, repeats: int) -> dict
 
 def writer(folder: Path, runs: int) -> tuple[float, float]:
     """Return the time in which a batch of 100 is saved, and that in which all are collected."""
-    plan = Plan.of(load(folder / "short.toml"), [], seeds=runs, batch=100)
+    plan = SweepDesign.of(load(folder / "short.toml"), [], seeds=runs, batch=100)
     store = SweepStore(folder / "writer")
     store.folder.mkdir()
-    store.begin(plan)
+    store.start(plan)
     rows = perform(Work(plan.scenario.to_toml(), [{}])) * 100
     begun = time.perf_counter()
     for number, batch in enumerate(plan.batches):
@@ -114,21 +114,21 @@ def writer(folder: Path, runs: int) -> tuple[float, float]:
 
 def engine(folder: Path, runs: int, batch: int, workers: int) -> float:
     """Return how long batches take, from when all workers have run one."""
-    plan = Plan.of(load(folder / "short.toml"), [], seeds=runs, batch=batch)
-    warm = Plan.of(load(folder / "short.toml"), [], seeds=4 * workers, batch=1)
-    crew = open_crew(Hands(workers, None))
+    plan = SweepDesign.of(load(folder / "short.toml"), [], seeds=runs, batch=batch)
+    warm = SweepDesign.of(load(folder / "short.toml"), [], seeds=4 * workers, batch=1)
+    pool = open_pool(WorkerOptions(workers, None))
     place = Path(tempfile.mkdtemp(dir=folder))
     try:
         times = []
         for name, each in (("warm", warm), ("timed", plan)):
             store = SweepStore(place / name)
             store.folder.mkdir(parents=True)
-            store.begin(each)
+            store.start(each)
             begun = time.perf_counter()
-            run_batches(each, store, crew, set(), lambda saved: None, lambda: False)
+            run_batches(each, store, pool, set(), lambda saved: None, lambda: False)
             times.append(time.perf_counter() - begun)
     finally:
-        crew.close()
+        pool.close()
     return times[-1]
 
 

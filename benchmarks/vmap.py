@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 import crinoid
-from crinoid.programs import OFTEN
+from crinoid.compilation import OFTEN
 from spread import CORES, over_cores
 from step import IN_SPACE, PLANAR, RESULTS, SOFT, STEADY, STEADY_IN_SPACE
 

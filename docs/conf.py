@@ -50,11 +50,15 @@ nitpick_ignore_regex = [
     # types of arguments that no user makes (names in docstrings are py:obj)
     (r"py:class", r"crinoid\.dynamics\..*"),
     (r"py:class", r"crinoid\.scenario\.sensor\.Reading|Builder|Numbers|Source"),
-    (r"py:class", r"crinoid\.simulation\.loop\..*|crinoid\.actuation\.small\.Actuators"),
+    (r"py:class", r"crinoid\.elements\.(material\.Strained|vortices\.Oscillation)"),
+    (
+        r"py:class",
+        r"crinoid\.simulation\.loop\..*|crinoid\.actuation\.actuator\.Actuators|crinoid\.rod\.section\.Rod",
+    ),
     (r"py:class", r"crinoid\.control\.(braking|hybrid|lqg|mpc|neural|observer|policy|qp)\..*"),
     (r"py:class", r"Float\[Array|Mapping\[int|Recording|tuple\[(Sensor|float)"),
     # type variables
-    (r"py:class", r"crinoid\.result\.Tree|crinoid\.programs\.program\.[PR]|P"),
+    (r"py:class", r"crinoid\.results\.result\.Tree|crinoid\.compilation\.program\.[PR]|P"),
 ]
 autodoc_member_order = "bysource"
 autodoc_default_options = {

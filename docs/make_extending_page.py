@@ -2,7 +2,7 @@
 
     python docs/make_extending_page.py
 
-Run it after a change to `examples/`; `tests/test_docs.py` asks for it.
+Run it after a change to `examples/`; `tests/project/test_docs.py` asks for it.
 """
 
 from __future__ import annotations

@@ -2,39 +2,40 @@
 
     python docs/make_notes_page.py
 
-Run it after a change to what is told of a scenario or a run; `tests/test_docs.py` asks for it.
+Run it after a change of a rule or a note: `tests/project/test_docs.py` compares.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from crinoid import loop_health, notes
-from crinoid.plausibility import RULES
-from crinoid.simulation import margin
+from crinoid.diagnostics import control_loop as loop_health
+from crinoid.diagnostics import run_notes as notes
+from crinoid.diagnostics.plausibility import RULES
+from crinoid.simulation import loop_margin as margin
 
 PAGE = Path(__file__).with_name("notes.md")
 BEFORE, AFTER = "scenario", "run"
 
 
 def before() -> str:
-    """Return the table of what is looked at in a scenario, and in its control loop."""
+    """Return the table of the rules for a scenario and its control loop."""
     rows = ["| Keys | Plausible |", "|---|---|"]
     for rule in RULES:
-        against = f" against {rule.against}" if rule.against else ""
+        quantity = f"{rule.quantity}: " if rule.quantity else ""
         keys = ", ".join(f"`{key}`" for key in rule.keys)
-        rows.append(f"| {keys}{against} | {rule.limit} |")
+        rows.append(f"| {keys} | {quantity}{rule.limit} |")
     gains = f"a stable linear loop with a modulus margin of {margin.ROBUST:g} or more"
     rows.append(f"| `control.pid.*` | {gains} |")
     return "\n".join(rows)
 
 
 def after() -> str:
-    """Return the table of what is looked at in a run."""
+    """Return the table of the notes on a run."""
     often = loop_health._OFTEN
-    told = [
+    found = [
         (
-            "a channel at its limits",
+            "saturation of a channel",
             f"for {often['range']:.0%} of the controlled time at an end of its travel, "
             f"{often['speed']:.0%} at its greatest speed or {often['acceleration']:.0%} at its "
             "greatest acceleration, by saved instants",
@@ -49,38 +50,42 @@ def after() -> str:
             "a limit cycle",
             f"{loop_health._NARROW:.0%} of the variance of the tip's error in the last half of the "
             f"controlled time is in one line of its spectrum, of {loop_health._CYCLES} cycles or "
-            f"more, does not die down, and is {loop_health._OWN:g} times that without control",
+            f"more, does not decay, and is {loop_health._OVER_UNCONTROLLED:g} times that without "
+            "control",
         ),
-        ("control that makes it worse", "a larger RMS error with control than without"),
+        ("control that increases the error", "a larger RMS error with control than without"),
         (
             "lock-in of vortices",
-            f"a reduced velocity from {notes._LOCK_IN[0]:g} to {notes._LOCK_IN[1]:g} for "
-            f"{notes._CYCLES:g} periods on end, on {notes._WORTH:.0%} of the length for "
-            f"{notes._WORTH:.0%} of the time",
+            "a reduced velocity in the range of lock-in, from 4 to a number by the mass ratio (18 "
+            "for an arm of nearly the density of water), without vortices in space, for "
+            f"{notes._CYCLES:g} periods on end, on {notes._NOTED:.0%} of the length for "
+            f"{notes._NOTED:.0%} of the time",
         ),
         (
-            "a drag coefficient out of its range",
+            "a drag coefficient outside of its range",
             f"the default `water.drag_normal` at Reynolds numbers outside "
-            f"{notes._SUBCRITICAL[0]:g} to {notes._SUBCRITICAL[1]:g}",
+            f"{notes._SUBCRITICAL[0]:g} to {notes._SUBCRITICAL[1]:g}, a given one more than "
+            f"{notes._OFF:g} times that of a smooth cylinder or less than the inverse, or that of "
+            f"the literature above {notes._CRISIS:g}; for most of the drag",
         ),
         (
-            "an absurd strain",
+            "a strain beyond linear elasticity",
             f"more than {notes._STRAIN:.0%}; a run fails with an edge {notes._TORN:g} times longer "
             "or shorter",
         ),
         (
-            "an obstacle pressed into the arm",
+            "penetration of an obstacle",
             f"by more than {notes._PRESSED:.0%} of the arm's radius",
         ),
-        ("a sensor that gives nan or infinity", "one reading that is not finite"),
-        ("an equilibrium that does not hold", "a mode at the start that does not swing back"),
+        ("a sensor that returns nan or infinity", "one reading that is not finite"),
+        ("an unstable equilibrium", "a mode at the start without restoring force"),
     ]
-    rows = ["| What | When it is told |", "|---|---|"]
-    return "\n".join([*rows, *(f"| {what} | {when} |" for what, when in told)])
+    rows = ["| Note | Condition |", "|---|---|"]
+    return "\n".join([*rows, *(f"| {what} | {when} |" for what, when in found)])
 
 
 def updated(text: str) -> str:
-    """Return a page with its tables renewed."""
+    """Return a page with new tables."""
     tables = {BEFORE: before(), AFTER: after()}
     for name, table in tables.items():
         begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"

@@ -2,7 +2,8 @@
 
     python docs/make_result_reference.py
 
-Run it after a change to `crinoid.variables`; `tests/test_docs.py` asks for it.
+Run it after a change to `crinoid.foundation.result_variables`; `tests/project/test_docs.py` asks
+for it.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from crinoid.variables import VARIABLES, Variable
+from crinoid.foundation.result_variables import VARIABLES, Variable
 
 PAGE = Path(__file__).with_name("result.md")
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
@@ -22,7 +23,7 @@ _GROUPS = {
     ("vehicle", "vehicle plane", "vehicle space"): "With `[vehicle]` there are also",
     ("obstacles",): "With `[[obstacle]]` there are also",
     ("tool",): "With `[tool]` there is also",
-    ("actuators",): "With actuators beside the base's channels there are also",
+    ("actuators",): "With actuators in addition to the base's channels there are also",
     (
         "lines",
     ): 'With `drive = "length"` of a tendon or `drive = "volume"` of a chamber there is also',

@@ -2,7 +2,7 @@
 
     python docs/make_scenario_reference.py
 
-Run it after a change to what a scenario takes; `tests/test_docs.py` asks for it.
+Run it after a change to what a scenario takes; `tests/project/test_docs.py` asks for it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from crinoid.scenario import Scenario
-from crinoid.scenario.model import _takes
+from crinoid.scenario.model import allowed
 from crinoid.scenario.quantity import unit_of
 
 PAGE = Path(__file__).with_name("scenario.md")
@@ -79,13 +79,13 @@ def _section(title: str, schema: Schema) -> str:
 
 
 def _table(properties: Schema) -> str:
-    rows = ["| Key | Takes | Unit | Default | Meaning |", "|---|---|---|---|---|"]
+    rows = ["| Key | Value | Unit | Default | Meaning |", "|---|---|---|---|---|"]
     for name, entry in properties.items():
         if _reference(entry) is not None or _kinds(entry) is not None or name == "vary":
             continue
         unit = unit_of(entry)
         plane, space = (
-            _takes(entry, in_space=in_space).removesuffix(f" ({unit})")
+            allowed(entry, in_space=in_space).removesuffix(f" ({unit})")
             for in_space in (False, True)
         )
         cells = (

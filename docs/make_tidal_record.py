@@ -32,8 +32,7 @@ import numpy as np
 import xarray as xr
 
 import crinoid.scenario
-from crinoid.correlation import integral_time
-from crinoid.current.spectrum import von_karman
+from crinoid.numerics.signals_and_systems import integral_time, von_karman
 
 RECORD = Path(crinoid.scenario.__file__).parent / "library" / "tidal-channel.nc"
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import crinoid
-from crinoid.metrics import angle_error, input_use, tip_error
+from crinoid.results.metrics import angle_error, input_use, tip_error
 
 PAGE = Path(__file__).with_name("turbulence.md")
 

@@ -1,10 +1,10 @@
-"""PPO of Stable-Baselines3 on crinoid's vector environment, beside crinoid's own controllers.
+"""PPO of Stable-Baselines3 on crinoid's vector environment, compared with crinoid's controllers.
 
     pip install "crinoid[learn]" stable-baselines3
     python examples/ppo_station_keeping.py [POLICY]
 
-Trains on `station-keeping`, then prints the RMS error of the tip on ten seeds that it has not met,
-of PPO, PID, LQG, and of POLICY if one that ``crinoid train`` wrote is given.
+Trains on `station-keeping`, then prints the RMS error of the tip on ten held-out seeds, for PPO,
+PID, LQG, and for POLICY, a file of ``crinoid train``, if given.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ ARMS, STEPS = 32, 1_000_000
 FIRST_SEED = 1000
 """Seed of the first draw in training."""
 HELD_OUT = range(200, 210)
-"""Seeds of the comparison: neither of training, nor of those by which settings were chosen."""
+"""Seeds of the comparison, used neither in training nor to choose settings."""
 SETTINGS = {
     "n_steps": 256,
     "batch_size": 1024,
     "n_epochs": 6,
     "gamma": 0.99,
     "learning_rate": lambda left: 1e-3 * left,
-    # noise that changes with what is seen and not with each step: a servo would average that out
+    # noise that depends on the observation: a servo would average out noise of single steps
     "use_sde": True,
     "policy_kwargs": {"log_std_init": -4.0},
 }
@@ -41,12 +41,12 @@ SETTINGS = {
 
 
 class Adapter(VecEnv):
-    """A vector environment of Gymnasium as Stable-Baselines3 takes it, with actions from -1 to 1.
+    """A vector environment of Gymnasium for Stable-Baselines3, with actions from -1 to 1.
 
-    In Gymnasium an arm begins its next episode a step after the last one; here it has begun when
-    that one is over. So where all end at once, which a time limit does, the step that begins them
-    anew is taken at once. An arm that ends alone is seen where it ended for one more step, whose
-    action is not used and whose reward is 0: others cannot stand still meanwhile.
+    In Gymnasium the next episode starts a step after the last one; Stable-Baselines3 expects it to
+    start in the same step. So if all arms end together, as with a time limit, the next step
+    follows immediately. An arm that ends alone keeps its last observation for one more step, whose
+    action has no effect and whose reward is 0, as the other arms cannot wait.
     """
 
     def __init__(self, env: VectorEnv, seed: int) -> None:
@@ -64,9 +64,9 @@ class Adapter(VecEnv):
         self._commands = self._low + (actions + 1.0) / 2.0 * self._range
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        seen, reward, terminated, truncated, told = self.env.step(self._commands)
+        seen, reward, terminated, truncated, info = self.env.step(self._commands)
         over = terminated | truncated
-        infos = [{"error": error} for error in told["error"]]
+        infos = [{"error": error} for error in info["error"]]
         for arm in np.flatnonzero(over):
             infos[arm]["terminal_observation"] = seen[arm]
             infos[arm]["TimeLimit.truncated"] = bool(truncated[arm] and not terminated[arm])
@@ -81,10 +81,10 @@ class Adapter(VecEnv):
         return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        raise NotImplementedError("arms share what they are")
+        raise NotImplementedError("arms share their attributes")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **given: Any) -> Any:
-        raise NotImplementedError("arms share what they do")
+        raise NotImplementedError("arms share their methods")
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         return [False for _ in self._get_indices(indices)]
@@ -99,16 +99,16 @@ def learned() -> tuple[PPO, VecNormalize]:
     return model, arms
 
 
-def errors_of(model: PPO, usual: VecNormalize) -> np.ndarray:
-    """Return the RMS error of the tip in each episode that is held out (m)."""
+def errors_of(model: PPO, scaling: VecNormalize) -> np.ndarray:
+    """Return the RMS error of the tip in each held-out episode (m)."""
     count = len(HELD_OUT)
     arms = Adapter(crinoid.make_vec_env(TASK, count, draws=count), HELD_OUT[0])
     seen, over, errors = arms.reset(), np.zeros(count, bool), []
     while not over.any():
-        actions, _ = model.predict(usual.normalize_obs(seen), deterministic=True)
+        actions, _ = model.predict(scaling.normalize_obs(seen), deterministic=True)
         seen, _, over, infos = arms.step(actions)
         errors.append([info["error"] for info in infos])
-    assert over.all(), "an arm was lost"
+    assert over.all(), "a run failed"
     return np.sqrt(np.mean(np.square(errors), axis=0))
 
 

@@ -1,9 +1,10 @@
-"""Settings of every test: compiled code kept between runs, and shapes checked at run time."""
+"""Settings of every test: which run, compiled code kept between runs, shapes checked."""
 
 import ctypes
 import gc
 import math
 import os
+import signal
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -18,9 +19,9 @@ _CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-# Fusions as in crinoid's own programs (`crinoid.programs.OFTEN`): a third less to compile; in one
-# piece, as two workers use two cores anyway. Left out is what makes one large kernel of a loop, and
-# what moves values out of it: a third of the time to compile, more than runs here gain by it.
+# Fusions as in crinoid's own programs (`crinoid.compilation.OFTEN`): a third less to compile; in
+# one piece, as two workers use two cores anyway. Left out is what makes one large kernel of a loop,
+# and what moves values out of it: a third of the time to compile, more than runs here gain by it.
 _PASSES = "small-while-loop-hoisting,while-loop-invariant-code-motion"
 os.environ["XLA_FLAGS"] = (
     f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
@@ -34,46 +35,105 @@ os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
 # Where an operation comes from is of use in profiles only, and part of all that is compiled.
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 
-from jaxtyping import install_import_hook  # noqa: E402
+# A script that starts the tests with `&`, or nohup, has them ignore Ctrl-C, which some tests send.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# as crinoid's own programs do: tracing makes many objects and leaves hardly any garbage
-gc.set_threshold(50_000)
-
-# Only modules imported from here on are checked: nothing above may import crinoid.
-install_import_hook("crinoid", "beartype.beartype")
-
-
-_LONGEST = (
-    *("test_builtin", "test_threads", "test_builtin_tasks", "test_learning", "test_vehicle"),
-    *("test_rollout", "test_scheduled", "test_builtin_long", "test_live", "test_space_dynamics"),
-    *("test_mpc", "test_transition", "test_builtin_space", "test_environment"),
-    *("test_space_statics", "test_identify", "test_docs", "test_tuning", "test_sweep", "test_lqg"),
-    *("test_simulation", "test_obstacles", "test_report", "test_space_gradients", "test_hybrid"),
-    *("test_cli", "test_tool", "test_saving", "test_actuation", "test_report_space"),
-)
-"""Files that take longest, in that order: begun first, so that workers end at about one time."""
+SLOW = 15.0
+"""CPU time from which on a test needs the mark ``slow`` (s)."""
+_SHAPED = [f"crinoid.{name}" for name in ("dynamics", "elements", "flow", "numerics", "rod")]
+"""Packages whose shapes are checked in every run; with ``--all`` those of all are."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the tests of the longest files first."""
-    rank = {name: number for number, name in enumerate(_LONGEST)}
-    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the choice of tests, and the check of what they cost."""
+    parser.addoption("--all", action="store_true", help="run the slow tests as well")
+    parser.addoption(
+        "--costs",
+        action="store_true",
+        help=f"fail a test without the mark slow that takes more than {SLOW:g} s of CPU time",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Check shapes at run time, of what is imported from here on."""
+    from jaxtyping import install_import_hook
+
+    shaped = "crinoid" if config.getoption("all") else _SHAPED
+    install_import_hook(shaped, "beartype.beartype")
+    # as crinoid's own programs do: tracing makes many objects and leaves hardly any garbage
+    gc.set_threshold(50_000)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out slow tests, unless named one by one; put files with most to do first.
+
+    A file is the work of one worker: so that all of them end at about one time.
+    """
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    named = any("::" in argument for argument in config.args)
+    if not (config.getoption("all") or config.getoption("-m") or named):
+        left_out = [item for item in items if item.get_closest_marker("slow")]
+        items[:] = [item for item in items if not item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=left_out)
+        slow.clear()
+    count = Counter(item.path for item in items)
+    items.sort(key=lambda item: (-slow[item.path], -count[item.path]))
+
+
+_STARTED = pytest.StashKey[float]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Note when a test begins, its fixtures included."""
+    item.stash[_STARTED] = _cpu_time()
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+    """Fail a test that passes, but takes more CPU time than its mark says."""
+    report = yield
+    if report.when == "call" and item.config.getoption("costs"):
+        cost = _cpu_time() - item.stash[_STARTED]
+        report.user_properties.append(("cpu", cost))
+        if report.passed and cost > SLOW and not item.get_closest_marker("slow"):
+            report.outcome = "failed"
+            report.longrepr = (
+                f"{item.nodeid}: {cost:.1f} s of CPU time; must be at most {SLOW:g} s without "
+                "@pytest.mark.slow. Make it smaller, or mark it."
+            )
+    return report
 
 
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    """Beside the slowest tests, that ``--durations`` asks for, tell how long each file took."""
-    if config.getoption("durations") is None:
+    """Say which files cost most, and whose slow tests have become quick."""
+    if not config.getoption("costs"):
         return
-    spent: Counter[str] = Counter()
+    spent, slow, marked = Counter[str](), Counter[str](), Counter[str]()
     for reports in terminalreporter.stats.values():
         for report in reports:
-            if isinstance(report, pytest.TestReport):
-                spent[report.nodeid.partition("::")[0]] += report.duration
-    terminalreporter.section("time of each file")
+            if isinstance(report, pytest.TestReport) and (cost := dict(report.user_properties)):
+                name = report.nodeid.partition("::")[0]
+                spent[name] += cost["cpu"]
+                if "slow" in report.keywords:
+                    slow[name] += cost["cpu"]
+                    marked[name] += 1
+    terminalreporter.section("CPU time of each file")
     for name, seconds in spent.most_common():
-        terminalreporter.write_line(f"{seconds:7.1f}s {name}")
+        terminalreporter.write_line(f"{seconds:7.1f} s {name}")
+    for name, count in marked.items():
+        if slow[name] < SLOW:
+            text = f"{name}: {count} slow tests take {slow[name]:.1f} s together: unmark them"
+            terminalreporter.write_line(text)
+
+
+def _cpu_time() -> float:
+    """Return the CPU time of this process and of those that it started and that ended (s)."""
+    return sum(os.times()[:4])
 
 
 _MOST_BYTES = 2_000_000_000
@@ -88,7 +148,7 @@ def _compiled_code() -> Iterator[None]:
     """
     import jax
 
-    from crinoid.programs.store import STORE
+    from crinoid.compilation.store import STORE
 
     yield
     STORE.set(None)  # which a command has set

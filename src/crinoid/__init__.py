@@ -3,70 +3,71 @@
 import os
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
-from crinoid import showing
-from crinoid.version import __version__
+from crinoid.foundation import display_hook
+from crinoid.foundation.moved import offer_old_names, warn_of_old_name
+from crinoid.foundation.version import __version__
 
 if TYPE_CHECKING:
     from crinoid.actuation import Actuator, Input
-    from crinoid.assembly.actuator import ActuatorParameters
-    from crinoid.assembly.flow import flow_onset
-    from crinoid.assembly.load import load_onset
-    from crinoid.assembly.plan import Plan
+    from crinoid.analysis.vibrations import modes
+    from crinoid.assembly.arrays import flow_onset, load_onset
+    from crinoid.assembly.plan import AssembledScenario
     from crinoid.assembly.prepared import parameters, system
     from crinoid.assembly.system import assemble
-    from crinoid.batch import simulate_batch
-    from crinoid.control import Controller, Measurand, Seen, Sensor
+    from crinoid.assembly.threads import ActuatorParameters
+    from crinoid.control import Controller, ControllerInput, Measurand, Sensor
     from crinoid.dynamics import Outcome, State, System
     from crinoid.elements import Element, Motion
-    from crinoid.environment.make import make_env, make_vec_env
     from crinoid.flow import Flow
-    from crinoid.onset import Onset
-    from crinoid.result import Result
+    from crinoid.learning.environment.env import make_env
+    from crinoid.learning.environment.vector import make_vec_env
+    from crinoid.numerics.ramp import Onset
+    from crinoid.results.result import Result
     from crinoid.scenario import Scenario, ScenarioError
     from crinoid.scenario.library import load
     from crinoid.simulation import (
         SimulationError,
         closed_loop,
         equilibrium,
-        modes,
         rollout,
         simulate,
         with_parameters,
     )
+    from crinoid.studies.batch import simulate_batch
 
 _HOMES = {
     "Actuator": "crinoid.actuation",
-    "ActuatorParameters": "crinoid.assembly.actuator",
+    "ActuatorParameters": "crinoid.assembly.threads",
     "Controller": "crinoid.control",
     "Element": "crinoid.elements",
     "Flow": "crinoid.flow",
     "Input": "crinoid.actuation",
     "Measurand": "crinoid.control",
     "Motion": "crinoid.elements",
-    "Onset": "crinoid.onset",
+    "Onset": "crinoid.numerics.ramp",
     "Outcome": "crinoid.dynamics",
-    "Plan": "crinoid.assembly.plan",
-    "Seen": "crinoid.control",
+    "AssembledScenario": "crinoid.assembly.plan",
+    "ControllerInput": "crinoid.control",
     "Sensor": "crinoid.control",
     "State": "crinoid.dynamics",
     "System": "crinoid.dynamics",
-    "flow_onset": "crinoid.assembly.flow",
-    "load_onset": "crinoid.assembly.load",
-    "Result": "crinoid.result",
+    "flow_onset": "crinoid.assembly.arrays",
+    "load_onset": "crinoid.assembly.arrays",
+    "Result": "crinoid.results.result",
     "Scenario": "crinoid.scenario",
     "ScenarioError": "crinoid.scenario",
     "SimulationError": "crinoid.simulation",
     "closed_loop": "crinoid.simulation",
     "equilibrium": "crinoid.simulation",
     "load": "crinoid.scenario",
-    "modes": "crinoid.simulation",
+    "modes": "crinoid.analysis.vibrations",
     "rollout": "crinoid.simulation",
     "simulate": "crinoid.simulation",
-    "simulate_batch": "crinoid.batch",
-    "make_env": "crinoid.environment.make",
-    "make_vec_env": "crinoid.environment.make",
+    "simulate_batch": "crinoid.studies.batch",
+    "make_env": "crinoid.learning.environment.env",
+    "make_vec_env": "crinoid.learning.environment.vector",
     "system": "crinoid.assembly.prepared",
     "assemble": "crinoid.assembly.system",
     "parameters": "crinoid.assembly.prepared",
@@ -77,7 +78,9 @@ _HOMES = {
 __all__ = [
     "Actuator",
     "ActuatorParameters",
+    "AssembledScenario",
     "Controller",
+    "ControllerInput",
     "Element",
     "Flow",
     "Input",
@@ -85,11 +88,9 @@ __all__ = [
     "Motion",
     "Onset",
     "Outcome",
-    "Plan",
     "Result",
     "Scenario",
     "ScenarioError",
-    "Seen",
     "Sensor",
     "SimulationError",
     "State",
@@ -113,15 +114,15 @@ __all__ = [
 ]
 
 # Round-off of 32 bits would drown the stretch of a stiff arm. JAX reads the variable when it is
-# imported, which takes longer than to answer `crinoid --help` and is left to what computes.
+# imported, which is slower than `crinoid --help` and left to the modules that compute.
 if "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", True)
 else:
     os.environ["JAX_ENABLE_X64"] = "1"
 
 
-# XLA runs a program on the CPU as a list of small functions, and calling these takes longer than
-# what they do for arrays as small as an arm's. Loops of up to so many bytes become one function.
+# XLA runs a program on the CPU as a list of small functions, and their calls cost more than
+# their work on arrays as small as an arm's. Loops of up to so many bytes become one function.
 # LLVM, which compiles it, must then forget all that it knew of loops when it unrolls one: to forget
 # the loops around it alone, it looks through the whole function each time. Written out are loops of
 # up to 8 turns, the coordinates of two nodes in space; one over the nodes is faster as a loop.
@@ -134,12 +135,19 @@ if _LOOPS not in _given:
 
 # `gymnasium.make("crinoid:crinoid/Reach-v0")` imports this, to find the id afterwards
 if "gymnasium" in sys.modules:
-    import_module("crinoid.environment")
+    import_module("crinoid.learning.environment")
 
-showing.shown_by = lambda: cast("showing.Showing", import_module("crinoid.notebook"))
+offer_old_names()
+display_hook.notebook = lambda: import_module("crinoid.view.notebook")
+
+
+_RENAMED = {"Plan": "AssembledScenario", "Seen": "ControllerInput"}
 
 
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        warn_of_old_name(f"crinoid.{name}", f"crinoid.{_RENAMED[name]}")
+        name = _RENAMED[name]
     if name not in _HOMES:
         raise AttributeError(f"module 'crinoid' has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

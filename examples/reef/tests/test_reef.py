@@ -31,19 +31,19 @@ def test_every_kind_is_taken_up_and_written_again():
 @pytest.mark.parametrize(
     ("setting", "line"),
     [
-        ("load.0.stiffness=-1", "load.0.stiffness: got -1, takes a number above 0 (N/m)"),
+        ("load.0.stiffness=-1", "load.0.stiffness: got -1; must be a number above 0 (N/m)"),
         ("load.0.stiffnes=1", "load.0.stiffnes: unknown key; did you mean load.0.stiffness?"),
-        ("flow.0.width='wide'", 'flow.0.width: got "wide", takes a number above 0 (m)'),
-        ("sensors.0.noise=-1", "sensors.0.noise: got -1, takes a number of 0 or more (m)"),
-        ("actuator.0.max_thrust=0", "actuator.0.max_thrust: got 0, takes a number above 0 (N)"),
-        ("control.homing.rate=0", "control.homing.rate: got 0, takes a number above 0 (1/s)"),
-        ("control.homing=3", "control.homing: got 3, takes a table"),
+        ("flow.0.width='wide'", 'flow.0.width: got "wide"; must be a number above 0 (m)'),
+        ("sensors.0.noise=-1", "sensors.0.noise: got -1; must be a number of 0 or more (m)"),
+        ("actuator.0.max_thrust=0", "actuator.0.max_thrust: got 0; must be a number above 0 (N)"),
+        ("control.homing.rate=0", "control.homing.rate: got 0; must be a number above 0 (1/s)"),
+        ("control.homing=3", "control.homing: got 3; must be a table"),
         (
             "actuator.0.name='slide'",
-            'actuator.0.name: got "slide", as a chamber, tendon or channel is called; '
-            "takes another",
+            'actuator.0.name: got "slide"; must differ from the name of a chamber, tendon or '
+            "channel",
         ),
-        ("load.0.kind='rope'", 'load.0.kind: got "rope", takes "distributed", "tether" or "tip"'),
+        ("load.0.kind='rope'", 'load.0.kind: got "rope"; must be "distributed", "tether" or "tip"'),
     ],
 )
 def test_mistakes_are_told_in_one_line(setting, line):
@@ -55,7 +55,9 @@ def test_mistakes_are_told_in_one_line(setting, line):
 @pytest.mark.parametrize("key", ["sensor", "thruster"])
 def test_the_controller_refuses_what_is_not_there(key):
     scenario = crinoid.load(SCENARIO, [f"control.homing.{key}='nope'"])
-    with pytest.raises(crinoid.ScenarioError, match=f'control.homing.{key}: got "nope", takes one'):
+    with pytest.raises(
+        crinoid.ScenarioError, match=f'control.homing.{key}: got "nope"; must be one'
+    ):
         crinoid.simulate(scenario)
 
 

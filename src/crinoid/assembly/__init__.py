@@ -1,1 +1,4 @@
-"""From the description of a scenario to what computes: files read, parameters, arrays, parts."""
+"""Assembly: from a scenario to numbers, arrays, `System`, controller and sensors.
+
+May import ``recording`` and lower folders.
+"""

@@ -8,20 +8,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, NoReturn
 
+from crinoid.foundation.version import __version__
 from crinoid.scenario import Mistake, ScenarioError
-from crinoid.scenario.tables import AT_REST
-from crinoid.version import __version__
+from crinoid.scenario.scenario import AT_REST
 
 KEY = "control.neural.weights"
-"""The key of a scenario that names such a file."""
+"""Key of a scenario that names such a file."""
 POLICY = "policy.eqx"
 """Name under which a training writes one."""
 _FORMAT = "crinoid-policy"
 _VERSION = 1
 PHYSICAL = (*AT_REST, "sensor", "sensors")
-"""Tables of a scenario that a policy learns to live with."""
+"""Tables of a scenario on which a policy was trained."""
 _LONGEST = 1_000_000
-"""Bytes that the first line may have."""
+"""Largest length of the first line (bytes)."""
 
 
 class Description(NamedTuple):
@@ -34,7 +34,7 @@ class Description(NamedTuple):
     rate_hz: float
     """Commands a second."""
     averages: int
-    """Times over which what is observed is averaged."""
+    """Number of times over which observations are averaged."""
     layers: list[int]
     """Outputs of each layer."""
     scenario: dict[str, Any]
@@ -44,7 +44,7 @@ class Description(NamedTuple):
 
     @property
     def line(self) -> bytes:
-        """The first line of its file."""
+        """First line of its file."""
         about = {"format": _FORMAT, "version": _VERSION, "crinoid": __version__}
         return json.dumps(about | self._asdict()).encode() + b"\n"
 
@@ -56,7 +56,7 @@ class Description(NamedTuple):
 
 
 def is_policy(path: Path) -> bool:
-    """Tell whether a file begins like a policy."""
+    """Return whether a file begins like a policy."""
     try:
         Description.of(path)
     except ScenarioError:
@@ -72,9 +72,9 @@ def described(path: Path, file: BinaryIO) -> Description:
     except (ValueError, KeyError, TypeError):  # ValueError: of the JSON and of its text
         form, version = None, None
     if form != _FORMAT:
-        refuse(path, "is no policy, takes a file that crinoid train wrote")
+        refuse(path, "is not a policy. Give a file that crinoid train wrote.")
     if version != _VERSION:
-        refuse(path, f"is of version {version} of the format, takes {_VERSION}; train it again")
+        refuse(path, f"has version {version} of the format; must be {_VERSION}. Train it again.")
     try:
         return Description(*(head[key] for key in Description._fields))
     except KeyError as error:
@@ -88,7 +88,7 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         with path.open("rb") as file:
             yield file
     except OSError as error:
-        refuse(path, f"{error.strerror or error}, takes a file that crinoid train wrote")
+        refuse(path, f"{error.strerror or error}. Give a file that crinoid train wrote.")
 
 
 def refuse(path: Path, text: str) -> NoReturn:

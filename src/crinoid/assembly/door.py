@@ -1,9 +1,10 @@
-"""The door of parts: each is checked once, where it is built or traced, and never at run time."""
+"""Checks of parts: each is checked once, where it is built or traced, never at run time."""
 
 from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,42 +12,44 @@ import equinox as eqx
 import jax
 
 from crinoid.actuation import Actuator, Input
-from crinoid.control import Controller, Seen, Sensor
+from crinoid.control import Controller, ControllerInput, Sensor
 from crinoid.dynamics import State, System
-from crinoid.dynamics.statics import standing
-from crinoid.dynamics.windows import count, gathered
+from crinoid.dynamics.statics import static_motion
+from crinoid.dynamics.windows import count, motion_windows
 from crinoid.elements import Element
 from crinoid.elements.element import ENERGIES, WORKS
 from crinoid.flow import Flow
-from crinoid.flow.jet import Jet
+from crinoid.flow.flow import Jet
 from crinoid.scenario import Mistake, ScenarioError
 from crinoid.scenario.kinds import is_own
 
 _LIBRARIES = {"crinoid", "jax", "jaxlib", "equinox", "jaxtyping", "beartype", "numpy"}
 
 
-def who(part: object, place: str) -> str:
+def part_name(part: object, place: str) -> str:
     """Return the name of a part: module, class or function, and its place in the scenario."""
     named: Any = part if hasattr(part, "__qualname__") else type(part)
     return f"{named.__module__}:{named.__qualname__} ({place})"
 
 
 def expect(part: Any, base: type, name: str) -> Any:
-    """Return a part, or refuse it if its class is another."""
+    """Return a part of a class; raise `ScenarioError` under its name if its class is another."""
     require(isinstance(part, base), name, f"got {type(part).__name__}; must be of {base.__name__}")
     return part
 
 
 def require(condition: object, name: str, text: str) -> None:
-    """Refuse a part unless a condition holds."""
+    """Refuse a part unless a condition is met."""
     if not condition:
         raise ScenarioError([Mistake(name, text)])
 
 
-def made(place: str, base: type | int, build: Callable[..., Any], *given: Any, **more: Any) -> Any:
+def build_part(
+    place: str, base: type | int, build: Callable[..., Any], *given: Any, **more: Any
+) -> Any:
     """Build a part of a class, or a tuple of so many; an error inside is one line."""
-    name = who(build, place)
-    part = _called(name, build, *given, **more)
+    name = part_name(build, place)
+    part = _call(name, build, *given, **more)
     if isinstance(base, type):
         return expect(part, base, name)
     fits = isinstance(part, tuple) and len(part) == base
@@ -58,14 +61,14 @@ def check_flow(flow: Flow, place: str, axes: int) -> None:
     """Refuse a flow that gives no velocity along each axis."""
     if is_own(expect(flow, Flow, place)):
         return
-    name, point, time = who(flow, place), _form(axes), _form()
-    _given(name, flow, "fully_on", (point, time), point)
-    _given(name, flow, "jet", (point, time), jax.eval_shape(Jet.everywhere, point, point))
+    name, point, time = part_name(flow, place), _shape(axes), _shape()
+    _trace(name, flow, "fully_on", (point, time), point)
+    _trace(name, flow, "jet", (point, time), jax.eval_shape(Jet.everywhere, point, point))
 
 
 def check_element(element: Element, place: str, system: System) -> None:
     """Refuse an element that does not fit the arm, or gives no force on each node of a window."""
-    name = who(expect(element, Element, place), place)
+    name = part_name(expect(element, Element, place), place)
     first = {leaf.shape[:1] for leaf in jax.tree.leaves(element)}
     require(len(first) == 1 and () not in first, name, f"got first axes {first}; must be one alike")
     last, most = element.first + count(element) - 1 + element.stencil, system.reference.nodes
@@ -77,69 +80,78 @@ def check_element(element: Element, place: str, system: System) -> None:
     for key, known in (("worked", WORKS), ("stored", ENERGIES)):
         given = getattr(element, key)
         require(given in known, f"{name} {key}", f"got {given!r}; must be one of {known}")
-    windows = eqx.filter_eval_shape(lambda: gathered(element, standing(*system.undeformed(0.0))))
-    motion = jax.tree.map(lambda leaf: _form(*leaf.shape[1:]), windows)
+    windows = eqx.filter_eval_shape(
+        lambda: motion_windows(element, static_motion(*system.undeformed(0.0)))
+    )
+    motion = jax.tree.map(lambda leaf: _shape(*leaf.shape[1:]), windows)
     window = jax.tree.map(lambda leaf: leaf[0], element)
-    _given(name, window, "residual", (motion,), motion.position)
-    _given(name, window, "energy", (motion,), _form())
-    _given(name, window, "working", (motion,), motion.position, None)
+    memory = _trace(name, window, "steady", (motion,), hint=" or None")
+    if memory is not None:
+        require(hasattr(window, "memory"), name, "has no field memory; must have memory and step")
+        window = replace(window, memory=memory, step=_shape())
+        _trace(name, window, "advance", (motion,), memory)
+    _trace(name, window, "residual", (motion,), motion.position)
+    _trace(name, window, "energy", (motion,), _shape())
+    _trace(name, window, "working", (motion,), motion.position, None)
 
 
 def check_actuator(actuator: Actuator) -> None:
     """Refuse an actuator whose state changes its form, or that has no drive for each input."""
     if is_own(expect(actuator, Actuator, "actuator")):
         return
-    name = who(actuator, "actuator")
-    command = _form(_called(f"{name} inputs", lambda: len(actuator.inputs)))
-    state = _given(name, actuator, "at_rest", ())
-    _given(name, actuator, "advance", (state, command, _form()), state)
-    _given(name, actuator, "drive", (state,), command)
+    name = part_name(actuator, "actuator")
+    command = _shape(_call(f"{name} inputs", lambda: len(actuator.inputs)))
+    state = _trace(name, actuator, "at_rest", ())
+    _trace(name, actuator, "advance", (state, command, _shape()), state)
+    _trace(name, actuator, "drive", (state,), command)
 
 
 def check_sensor(sensor: Sensor, place: str, system: System, state: State) -> None:
     """Refuse a sensor that does not give a value for each of its names."""
     if is_own(measurand := expect(sensor, Sensor, place).measurand):
         return
-    name, axes = who(measurand, f"sensor {sensor.name}"), system.forces.axes
-    names = _called(f"{name} names", lambda: [(one, unit) for one, unit in measurand.names(axes)])
-    _given(name, measurand, "of", (system, state), _form(len(names)))
+    name, axes = part_name(measurand, f"sensor {sensor.name}"), system.forces.axes
+    names = _call(f"{name} names", lambda: [(one, unit) for one, unit in measurand.names(axes)])
+    _trace(name, measurand, "of", (system, state), _shape(len(names)))
 
 
-def check_controller(controller: Controller, seen: Seen, inputs: Sequence[Input]) -> None:
+def check_controller(
+    controller: Controller, seen: ControllerInput, inputs: Sequence[Input]
+) -> None:
     """Refuse a controller that gives no command for each input, or changes its memory's form."""
     if is_own(controller):
         return
-    name, every = who(controller, "controller"), ", ".join(one.name for one in inputs)
-    memory = _given(name, controller, "start", (seen,))
-    form, hint = (_form(len(inputs)), memory), f", with a command for each of {every}"
-    _given(name, controller, "command", (memory, seen), form, hint=hint)
+    name, every = part_name(controller, "controller"), ", ".join(one.name for one in inputs)
+    memory = _trace(name, controller, "start", (seen,))
+    form, hint = (_shape(len(inputs)), memory), f", with a command for each of {every}"
+    _trace(name, controller, "command", (memory, seen), form, hint=hint)
 
 
-def _form(*shape: int) -> jax.ShapeDtypeStruct:
+def _shape(*shape: int) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(shape, float)
 
 
-def _given(
+def _trace(
     name: str, part: object, method: str, given: tuple[Any, ...], *forms: Any, hint: str = ""
 ) -> Any:
     """Trace a method of a part; return the form of its result, or refuse all but the given ones."""
     name = f"{name} {method}"
-    got = _called(name, eqx.filter_eval_shape, getattr(part, method), *given)
-    known = [_shown(form) for form in forms]
+    got = _call(name, eqx.filter_eval_shape, getattr(part, method), *given)
+    known = [_form_text(form) for form in forms]
     fits = all(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(got))
-    fits = _shown(got) in known if known else fits
-    require(fits, name, f"returned {_shown(got)}; must return {[*known, 'arrays'][0]}{hint}")
+    fits = _form_text(got) in known if known else fits
+    require(fits, name, f"returned {_form_text(got)}; must return {[*known, 'arrays'][0]}{hint}")
     return got
 
 
-def _shown(tree: Any) -> str:
+def _form_text(tree: Any) -> str:
     def leaf(one: Any) -> str:
         return f"{one.dtype}{list(one.shape)}" if hasattr(one, "dtype") else type(one).__name__
 
     return " ".join(str(jax.tree.map(leaf, tree)).replace("'", "").split())
 
 
-def _called(name: str, function: Callable[..., Any], *given: Any, **more: Any) -> Any:
+def _call(name: str, function: Callable[..., Any], *given: Any, **more: Any) -> Any:
     """Call a function of a user, whose errors become one line."""
     try:
         return function(*given, **more)

@@ -1,4 +1,4 @@
-"""From the description of a hybrid controller to its numbers."""
+"""Design of the swing-up controller: modes of the upright arm, LQR gain and Kalman filter."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import eig, eigh, expm, solve_discrete_are
 
-from crinoid.assembly.numbers import array
-from crinoid.assembly.plan import Plan
+from crinoid.assembly.arrays import array
+from crinoid.assembly.plan import AssembledScenario
+from crinoid.compilation import ONCE, compiled
 from crinoid.control import Balance, Filter, Hybrid, Pendulum
 from crinoid.dynamics import SmallMotions, System
 from crinoid.dynamics.modes import of_free
-from crinoid.dynamics.tangent import HELD
+from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.elements import Weight
-from crinoid.programs import ONCE, compiled
 from crinoid.scenario import Mistake, ScenarioError
-from crinoid.scenario.channel import ChannelLimits
-from crinoid.scenario.hybrid import inclinations
+from crinoid.scenario.base import ChannelLimits
+from crinoid.scenario.sensor import inclination_sensor
 
 _TIP, _BASE, _PUSH = 0.1, 0.3, 0.3
 """Errors that count alike: the tip off by this share of the length, the base by this share of its
@@ -29,11 +29,11 @@ travel, and its acceleration by this share of its greatest (Bryson and Ho 1975, 
 _NOISE = math.radians(0.3)
 """Least error of an inclination that the filter allows for (rad): what modes left out do."""
 _KNOWN = 0.5
-"""Frequency up to which modes are known to the controller, over half of its own."""
+"""Highest frequency of the modelled modes, over half the controller's rate."""
 _STIRRED = 0.15
 """Disturbance that it allows for, as an acceleration of the base, over its greatest."""
 _FILTER_PERIODS = 2.0
-"""Time constant, in control periods, of the filter on rates, by which the arm is swung up."""
+"""Time constant, in control periods, of the filter on rates during the swing-up."""
 _MOMENTUM = 0.8
 """Momentum at which the base goes most of its travel, over mass times speed of a free fall."""
 _ENERGY = 0.1
@@ -45,14 +45,14 @@ Matrix = Float[np.ndarray, "_ _"]
 Vector = Float[np.ndarray, " _"]
 
 
-class _Upright(NamedTuple):
+class _UprightModes(NamedTuple):
     """The slowest modes of the upright arm, as seen from its base.
 
     ``y'' + damping y' + squared y = -driven a``, where the base accelerates by ``a``.
     """
 
     shape: Float[np.ndarray, "node mode"]
-    """How the nodes move forward, from the root on (m)."""
+    """Forward displacement of the nodes, from the root on (m)."""
     squared: Vector
     """Squares of their circular frequencies, negative where the arm leaves (1/s2)."""
     damping: Matrix
@@ -62,20 +62,20 @@ class _Upright(NamedTuple):
 
     @property
     def motion(self) -> Matrix:
-        """The matrix by which modes and rates change."""
+        """System matrix of modes and rates."""
         zero, one = np.zeros((self.order, self.order)), np.eye(self.order)
         return np.block([[zero, one], [-np.diag(self.squared), -self.damping]])
 
     @property
     def order(self) -> int:
-        """How many modes there are."""
+        """Number of modes."""
         return self.squared.size
 
 
-def build_hybrid(plan: Plan) -> Hybrid:
+def build_hybrid(plan: AssembledScenario) -> Hybrid:
     """Return the hybrid controller of a scenario."""
     scenario, system = plan.scenario, plan.system
-    sensor, slide = inclinations(scenario), scenario.base.channels.slide
+    sensor, slide = inclination_sensor(scenario.sensors), scenario.base.channels.slide
     bend, weight = system.forces.bend, _weight(system)
     assert sensor is not None
     assert slide is not None
@@ -88,24 +88,24 @@ def build_hybrid(plan: Plan) -> Hybrid:
     # the arm leans forward by what its modes move forward along an edge: inclinations fall
     slopes = -np.diff(upright.shape, axis=0) / lengths[:, None]
     middles = (np.cumsum(lengths) - lengths / 2) / length
-    told = np.linalg.pinv(
+    to_modes = np.linalg.pinv(
         np.stack([np.interp(sensor.stations, middles, slope) for slope in slopes.T], axis=1)
     )
     noise = max(_NOISE, math.radians(sensor.noise_deg))
     servo = system.base.servo.natural[0]
     try:
         balance = Balance(
-            modes=array(told),
+            modes=array(to_modes),
             gain=array(_gain(upright, limits, float(servo), plan.period, length)),
             capture=array(_capture(upright, limits)),
-            filter=_filter(upright, noise**2 * told @ told.T, limits, plan.period),
+            filter=_filter(upright, noise**2 * to_modes @ to_modes.T, limits, plan.period),
         )
     except (np.linalg.LinAlgError, ValueError) as error:
         text = f'got "hybrid", but no slide balances this arm upright ({error})'
         raise ScenarioError([Mistake("control.kind", text)]) from error
     mass = upright.mass.sum()
     pendulum = Pendulum(
-        sampled=array(slopes @ told),
+        sampled=array(slopes @ to_modes),
         length=array(lengths),
         mass=array(upright.mass),
         weight=array(heavy),
@@ -129,7 +129,7 @@ def build_hybrid(plan: Plan) -> Hybrid:
 
 
 def _depth(pendulum: Pendulum) -> float:
-    """Return the energy that the hanging arm lacks (J); of one that stands that of a lean of 1."""
+    """Return the energy that the hanging arm lacks (J); of a standing one that of a 1 rad lean."""
     from scipy.optimize import minimize  # slow to load
 
     def stored(leans: Vector) -> float:
@@ -137,8 +137,8 @@ def _depth(pendulum: Pendulum) -> float:
         height = np.cumsum(np.asarray(pendulum.length) * (np.cos(leans) - 1.0))
         return float(pendulum.weight @ height + 0.5 * pendulum.stiffness @ bent**2)
 
-    begun = np.linspace(0.1, 1.0, pendulum.length.size)
-    return max(-minimize(stored, begun).fun, abs(stored(begun)))
+    initial = np.linspace(0.1, 1.0, pendulum.length.size)
+    return max(-minimize(stored, initial).fun, abs(stored(initial)))
 
 
 def _weight(system: System) -> Weight:
@@ -160,7 +160,7 @@ def _about_upright(system: System) -> SmallMotions:
     return system.small_motions(upright, jnp.zeros(2))
 
 
-def _modes(small: SmallMotions, count: int, fastest: float) -> _Upright:
+def _modes(small: SmallMotions, count: int, fastest: float) -> _UprightModes:
     """Return modes of what moves forward, which upright does not go with what moves up.
 
     At least two, and of the others those that are not too fast (rad/s).
@@ -173,12 +173,12 @@ def _modes(small: SmallMotions, count: int, fastest: float) -> _Upright:
     count = max(2, int(np.sum(squared < fastest**2)))
     squared, shape = squared[:count], shape[:, :count]
     # rows of the free nodes, columns of all: everything moves forward with the base
-    carried = np.asarray(small.mass)[HELD:, :, 0, 0].sum(axis=1)
+    carried = np.asarray(small.mass)[BOUNDARY_NODES:, :, 0, 0].sum(axis=1)
     ends = np.concatenate([np.zeros((1, count)), shape])
-    return _Upright(ends, squared, shape.T @ C @ shape, shape.T @ carried, carried)
+    return _UprightModes(ends, squared, shape.T @ C @ shape, shape.T @ carried, carried)
 
 
-def _held(A: Matrix, B: Vector, period: float) -> tuple[Matrix, Vector]:
+def _zero_order_hold(A: Matrix, B: Vector, period: float) -> tuple[Matrix, Vector]:
     """Return the matrices of a period in which the input is held (Van Loan 1978)."""
     whole = np.zeros((A.shape[0] + 1,) * 2)
     whole[:-1, :-1], whole[:-1, -1] = A, B
@@ -187,7 +187,7 @@ def _held(A: Matrix, B: Vector, period: float) -> tuple[Matrix, Vector]:
 
 
 def _gain(
-    upright: _Upright, limits: ChannelLimits, natural: float, period: float, length: float
+    upright: _UprightModes, limits: ChannelLimits, natural: float, period: float, length: float
 ) -> Vector:
     """Return the gain of the LQR on modes, rates, and displacement and speed of the base."""
     n = upright.order
@@ -200,7 +200,7 @@ def _gain(
     A[-2, -1], A[-1] = 1.0, pushed
     B = np.zeros(2 * n + 2)
     B[n : 2 * n], B[-1] = -upright.driven * driven, driven
-    A, B = _held(A, B, period)
+    A, B = _zero_order_hold(A, B, period)
     seen = np.zeros((2, 2 * n + 2))
     seen[0, :n] = upright.shape[-1] / (_TIP * length)
     seen[1, -2] = 1 / (_BASE * min(-limits.low, limits.high))
@@ -211,11 +211,11 @@ def _gain(
     return np.asarray((B @ P @ A + S[:, 0]) / (R[0, 0] + B @ P @ B))
 
 
-def _filter(upright: _Upright, noise: Matrix, limits: ChannelLimits, period: float) -> Filter:
+def _filter(upright: _UprightModes, noise: Matrix, limits: ChannelLimits, period: float) -> Filter:
     """Return the steady Kalman filter of modes and rates that sees the modes, with its model."""
     n = upright.order
     force = np.concatenate([np.zeros(n), -upright.driven])
-    A, pushed = _held(upright.motion, force, period)
+    A, pushed = _zero_order_hold(upright.motion, force, period)
     stirred = np.diag(_STIRRED * limits.acceleration * np.abs(upright.driven)) * period
     through = np.concatenate([stirred * period / 2, stirred])
     P = solve_discrete_are(A.T, np.eye(2 * n, n), through @ through.T, noise)
@@ -223,8 +223,8 @@ def _filter(upright: _Upright, noise: Matrix, limits: ChannelLimits, period: flo
     return Filter(array(A), array(pushed), array(trust))
 
 
-def _capture(upright: _Upright, limits: ChannelLimits) -> Float[np.ndarray, "measure state"]:
-    """Return what share of the base's limits it takes at least to bring back what leaves.
+def _capture(upright: _UprightModes, limits: ChannelLimits) -> Float[np.ndarray, "measure state"]:
+    """Return the least shares of the base's limits that bring back an unstable motion.
 
     Along a left eigenvector ``w`` of a rate ``r > 0`` the arm leaves by ``s' = r s + b a``: the
     acceleration can turn it round while ``|s| < |b| a_most / r``. Likewise for ``s - b v``, which
@@ -233,7 +233,7 @@ def _capture(upright: _Upright, limits: ChannelLimits) -> Float[np.ndarray, "mea
     n = upright.order
     rates, left, _ = eig(upright.motion, left=True)
     travel = min(-limits.low, limits.high)
-    measures = [np.zeros(2 * n + 2)]  # of an arm that stands
+    measures = [np.zeros(2 * n + 2)]  # of a stable arm
     for index in np.flatnonzero(rates.real > 0):
         rate, row = float(rates[index].real), left[:, index].real
         moved = -float(row[n:] @ upright.driven)

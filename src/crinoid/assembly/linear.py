@@ -1,4 +1,4 @@
-"""The linear model that controllers are designed on: arm, actuators, sensors, water.
+"""Reduced linear model of arm, actuators, sensors and water, from which controllers are designed.
 
 From one control period to the next, with as few coordinates of the arm as inputs, water and sensors
 tell apart: ``x' = arm x + held s + driven s' + stirred w' + hastened w_t'``. The states of the
@@ -8,7 +8,7 @@ actuators ``s`` at both ends of the period are known, the water's velocity ``w``
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,18 +18,18 @@ from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
 from crinoid.actuation import for_small_commands
-from crinoid.assembly.numbers import array
+from crinoid.assembly.arrays import array
+from crinoid.assembly.plan import AssembledScenario
+from crinoid.compilation import ONCE, compiled
 from crinoid.control import Sensor, WaterVelocity
 from crinoid.dynamics import State, System, Transition, numbers_of
+from crinoid.elements import Threads, Vortices
 from crinoid.flow import Uniform, Water
-from crinoid.onset import Onset
-from crinoid.programs import ONCE, compiled
-from crinoid.reduction import balanced
-
-if TYPE_CHECKING:
-    from crinoid.assembly.plan import Plan
+from crinoid.numerics.ramp import Onset
+from crinoid.numerics.signals_and_systems import balanced
 
 Matrix = Float[np.ndarray, "_ _"]
+Velocity = Float[np.ndarray, " d"]
 
 _SHARE = 1e-5
 """Least Hankel singular value of a state that is kept, over the largest."""
@@ -37,13 +37,13 @@ _MOST = 40
 _DISCOUNT = 0.9999
 """Share of a motion that a period leaves in the Gramians, so that undamped arms have some."""
 _USUAL = 0.1
-"""Share of its range by which an input is usually moved."""
+"""Usual movement of an input over its range."""
 _UNMOVED = 1e-9
 """Motion of a state over the largest below which it is round-off."""
 _CALM = 0.25
-"""Share of the time in which the water is slower than that which the arm is linear about."""
+"""Share of the time in which the water is slower than in the linearisation."""
 _SETTLED = 100
-"""Steps over which the answer to inputs is looked at."""
+"""Steps over which the response to inputs is summed."""
 
 
 class LinearModel(NamedTuple):
@@ -58,7 +58,7 @@ class LinearModel(NamedTuple):
     commanded: Float[np.ndarray, "s u"]
     """By the inputs that are driven."""
     observed: Float[np.ndarray, "y x"]
-    """How the values of the sensors follow the arm: the tip's pose first."""
+    """Values of the sensors by the arm: the tip's pose first."""
     observed_actuators: Float[np.ndarray, "y s"]
     observed_water: Float[np.ndarray, "y w"]
     values: Float[np.ndarray, " y"]
@@ -80,22 +80,15 @@ class LinearModel(NamedTuple):
 
 
 def linear_model(
-    plan: Plan, driven: tuple[str, ...], shapes: int, deviation: Float[np.ndarray, " d"]
+    plan: AssembledScenario, driven: tuple[str, ...], shapes: int, deviation: Velocity
 ) -> LinearModel:
     """Linearise the arm of a plan about its start in the mean current, and reduce it.
 
-    Parameters
-    ----------
-    plan
-        The arm and its sensors.
-    driven
-        Names of the inputs that move.
-    shapes
-        How many shapes along the arm (Legendre polynomials) the water's velocity is made of.
-    deviation
-        Standard deviation of the water's velocity along each axis (m/s).
+    ``driven`` names the inputs that move, ``shapes`` is the number of shapes along the arm
+    (Legendre polynomials) of the water's velocity, ``deviation`` its standard deviation along each
+    axis (m/s).
     """
-    current, steeper = calm(np.array(plan.current, float), deviation)
+    current, steeper = calm_current(np.array(plan.current, float), deviation)
     found, values, at_rest = jax.tree.map(
         np.asarray, linearised(plan.system, plan.state, array(current), plan.sensors)
     )
@@ -106,11 +99,13 @@ def linear_model(
     )
     usual = _USUAL * (upper - lower)
     commanded, actuators = found.commanded[:, rows], found.actuators
-    # clocks and what is not driven stay out
+    # without clocks and inputs that are not driven
     kept = np.flatnonzero(_spread(actuators, commanded * usual))
     actuators, commanded = actuators[np.ix_(kept, kept)], commanded[kept]
     steps = max(1, round(plan.period / plan.scenario.simulation.time_step))
-    along = _shapes(found.stirred.shape[1], shapes)
+    nodes = found.stirred.shape[1]  # the ghost's first
+    place = np.clip((np.arange(nodes) - 1) / (nodes - 2), 0.0, 1.0)
+    along = legendre.legvander(2 * place - 1, shapes - 1)
     stirred, hastened = (
         np.einsum("and,nj->ajd", each, along).reshape(each.shape[0], -1)
         for each in (found.stirred, found.hastened)
@@ -122,7 +117,10 @@ def linear_model(
     # scaled by as much as each usually does
     moved, stir = _spread(actuators, commanded * usual), np.tile(deviation, shapes)
     inputs = np.hstack([driving * moved, stirred * stir, hastened * stir / plan.period])
-    seen, reach = found.observed_arm, _reach(arm, inputs)
+    seen, parts = found.observed_arm, [inputs]
+    for _ in range(_SETTLED):
+        parts.append(arm @ parts[-1])
+    reach = np.hstack(parts)  # the controllability matrix
     scale, unit = (np.sqrt(np.sum(each**2, axis=1)) for each in (seen @ reach, reach))
     scale[scale <= 0] = 1.0
     # states by how far they move: round-off is as small for each, and alike in any units
@@ -161,9 +159,7 @@ def linear_model(
     )
 
 
-def calm(
-    mean: Float[np.ndarray, " d"], deviation: Float[np.ndarray, " d"]
-) -> tuple[Float[np.ndarray, " d"], float]:
+def calm_current(mean: Velocity, deviation: Velocity) -> tuple[Velocity, float]:
     """Return a steady current for calm moments, and how much steeper drag is on average.
 
     Along the axis where there is most of the varying current. Drag damps the arm the less the
@@ -196,10 +192,16 @@ def linearised(
 
     values = observe(system, state)
     steady = Water((Uniform(Onset.of(), current),))
+    # vortices and Coulomb friction are no linear laws: disturbances
+    elements = tuple(
+        each.without_friction() if isinstance(each, Threads) else each
+        for each in system.forces.elements
+        if not isinstance(each, Vortices)
+    )
     system = eqx.tree_at(
-        lambda s: (s.forces.water, s.base.servo, s.actuators),
+        lambda s: (s.forces.elements, s.forces.water, s.base.servo, s.actuators),
         system,
-        (steady, *for_small_commands((system.base.servo, system.actuators))),
+        (elements, steady, *for_small_commands((system.base.servo, system.actuators))),
     )
     still = system.stand(state)
     found = system.transition(still, jnp.zeros(len(system.inputs)), observe=observe)
@@ -209,7 +211,7 @@ def linearised(
 def _over(
     arm: Matrix, held: Matrix, driven: Matrix, water: Matrix, steps: int
 ) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Return the model of so many steps, over which the actuators move at a steady speed."""
+    """Return the model over several steps, in which the actuators move at a steady speed."""
     power = np.eye(arm.shape[0])
     begin, end, stir = np.zeros_like(held), np.zeros_like(driven), np.zeros_like(water)
     for step in range(steps, 0, -1):
@@ -222,14 +224,8 @@ def _over(
     return power, begin, end, stir
 
 
-def _shapes(nodes: int, count: int) -> Float[np.ndarray, "n shape"]:
-    """Return shapes along the nodes, the ghost's first."""
-    along = np.clip((np.arange(nodes) - 1) / (nodes - 2), 0.0, 1.0)
-    return legendre.legvander(2 * along - 1, count - 1)
-
-
-def _observed_water(plan: Plan, along: Float[np.ndarray, "n shape"]) -> Matrix:
-    """Return how the values of the sensors follow the water's velocity."""
+def _observed_water(plan: AssembledScenario, along: Float[np.ndarray, "n shape"]) -> Matrix:
+    """Return the values of the sensors by the water's velocity."""
     axes, rows = plan.scenario.arm.dimension, []
     nodes = np.asarray(plan.state.position)
     for sensor in plan.sensors:
@@ -244,18 +240,9 @@ def _observed_water(plan: Plan, along: Float[np.ndarray, "n shape"]) -> Matrix:
 
 
 def _spread(actuators: Matrix, commanded: Matrix) -> Float[np.ndarray, " s"]:
-    """Return by how much each state of the actuators moves under random commands."""
+    """Return the standard deviation of each state of the actuators under random commands."""
     moved, power = np.zeros(actuators.shape[0]), commanded
     for _ in range(_SETTLED):
         moved += np.sum(power**2, axis=1)
         power = actuators @ power
     return np.sqrt(moved)
-
-
-def _reach(arm: Matrix, inputs: Matrix) -> Matrix:
-    """Return where random inputs take the arm within some steps."""
-    parts, power = [inputs], inputs
-    for _ in range(_SETTLED):
-        power = arm @ power
-        parts.append(power)
-    return np.hstack(parts)

@@ -1,34 +1,32 @@
-"""From a linear model, the sensors and the statistics of the water to an observer."""
+"""Kalman filter on a linear model of the arm, its sensors and the statistics of the water."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crinoid.assembly.fluctuation import Fluctuation
+from crinoid.assembly.arrays import array
+from crinoid.assembly.forecast import Fluctuation
 from crinoid.assembly.linear import LinearModel
-from crinoid.assembly.numbers import array
+from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Inclination, Observer, Sensor, Shape, WaterVelocity
-
-if TYPE_CHECKING:
-    from crinoid.assembly.plan import Plan
 
 Matrix = Float[np.ndarray, "_ _"]
 
 _TICKS = 60
-"""Commands over which the order in which readings arrive is looked at."""
+"""Number of commands over which the pattern of arrivals is sampled."""
 _ROUNDS = 100
-"""Times that this order is gone through until the gains have settled, at most."""
+"""Largest number of passes through this pattern until the gains have settled."""
 _SETTLED = 1e-6
 _MODEL_ERROR = 2e-2
-"""Error of the model in the effect of the inputs over a period, over what they usually do."""
+"""Error of the model in the effect of the inputs over a period, relative to the usual effect."""
 _LEAST_NOISE = 1e-3
-"""Noise that readings have at least, over what they usually vary by."""
+"""Least noise of readings, over their usual variation."""
 _ELSEWHERE = 1.5
 """Noise of the water's velocity at a meter, over its deviation. Water at the arm differs, and drag
 is not linear in it. The difference lasts while an eddy passes, so white noise must exceed it."""
@@ -36,12 +34,12 @@ _LOCAL = 0.03
 """Noise of curvatures or inclinations along the arm, over the largest that is usual: eddies shorter
 than the shapes of the model's water bend it, too."""
 _BENT = 0.05
-"""Share of its length by which the tip of an arm at work is moved at least."""
+"""Least displacement of the tip of an arm at work, over its length."""
 _OFFSET_TIME = 0.75
 """Correlation time of the tip's offset from the linear model, over the arm's first period."""
 
 
-class Water(NamedTuple):
+class WaterProcess(NamedTuple):
     """Fluctuating water: ``d' = move d + v``, its velocity by shape and axis ``velocity d``."""
 
     move: Float[np.ndarray, "d d"]
@@ -52,7 +50,7 @@ class Water(NamedTuple):
     """The part of it by which particles of the water accelerate."""
 
     @staticmethod
-    def of(fluctuations: Sequence[Fluctuation], shapes: int, period: float) -> Water:
+    def of(fluctuations: Sequence[Fluctuation], shapes: int, period: float) -> WaterProcess:
         """Build the water of independent fluctuations, each of all shapes."""
         from scipy.linalg import block_diag  # slow to load
 
@@ -71,11 +69,11 @@ class Water(NamedTuple):
                     velocities.append(row)
                     sped.append(row * each.accelerates)
         parts = block_diag(*moves), block_diag(*noises), np.hstack(velocities), np.hstack(sped)
-        return Water(*parts)
+        return WaterProcess(*parts)
 
 
-class Arrivals(NamedTuple):
-    """How readings reach a controller."""
+class ReadingSchedule(NamedTuple):
+    """Arrival of readings at a controller."""
 
     fresh: Bool[np.ndarray, "tick sensor"]
     """Whether there is a new one when a command is given."""
@@ -83,8 +81,8 @@ class Arrivals(NamedTuple):
     """How old they are then, in control periods."""
 
     @staticmethod
-    def of(sensors: Sequence[Sensor], period: float, time_step: float) -> Arrivals:
-        """Work them out from the clocks and delays of the sensors."""
+    def of(sensors: Sequence[Sensor], period: float, time_step: float) -> ReadingSchedule:
+        """Compute it from the clocks and delays of the sensors."""
 
         def ticks(every: float, count: int) -> Float[np.ndarray, " tick"]:
             return np.ceil(np.arange(count) * every / time_step - 1e-6) * time_step
@@ -102,11 +100,11 @@ class Arrivals(NamedTuple):
             age = (now - taken[newest])[1:][new]
             fresh.append(new)
             ages.append(round(float(np.mean(age)) / period))
-        return Arrivals(np.stack(fresh, axis=1), tuple(ages))
+        return ReadingSchedule(np.stack(fresh, axis=1), tuple(ages))
 
 
-class Augmented(NamedTuple):
-    """The linear model with all else among its states: water, offset of the tip, late readings."""
+class AugmentedModel(NamedTuple):
+    """Linear model augmented by the states of water, offset of the tip, and late readings."""
 
     move: Float[np.ndarray, "z z"]
     held: Float[np.ndarray, "z s"]
@@ -114,28 +112,30 @@ class Augmented(NamedTuple):
     noise: Float[np.ndarray, "z z"]
     expect: Float[np.ndarray, "y z"]
     follow: Float[np.ndarray, "y s"]
-    tip: Float[np.ndarray, "pose known"]
+    tip: Float[np.ndarray, "pose estimated"]
     """How the tip's pose follows the states that are no readings under way, which come first."""
     usual: Float[np.ndarray, " y"]
     """By how much the readings vary."""
     arm: int
-    """How many states of the arm come first."""
+    """Number of states of the arm, which come first."""
 
     @property
-    def known(self) -> int:
-        """How many states are no readings under way."""
+    def estimated(self) -> int:
+        """Number of states that are not readings under way."""
         return self.tip.shape[1]
 
 
-def augmented(model: LinearModel, water: Water, arrivals: Arrivals, plan: Plan) -> Augmented:
-    """Put the parts together.
+def augmented(
+    model: LinearModel, water: WaterProcess, arrivals: ReadingSchedule, plan: AssembledScenario
+) -> AugmentedModel:
+    """Augment the linear model.
 
     The tip's pose has an offset that varies, for what a linear model does not have: a
-    bent arm is shorter, by the square of what it is bent by.
+    bent arm is shorter, by the square of its deflection.
     """
     arm, states, pose = model.arm.shape[0], water.move.shape[0], plan.sensors[0].noise.shape[0]
-    known = arm + states + pose
-    inner = np.zeros((known, known))
+    estimated = arm + states + pose
+    inner = np.zeros((estimated, estimated))
     change = water.sped @ (water.move - np.eye(states)) / plan.period
     inner[:arm, :arm] = model.arm
     inner[:arm, arm:-pose] = model.stirred @ water.velocity @ water.move + model.hastened @ change
@@ -144,50 +144,45 @@ def augmented(model: LinearModel, water: Water, arrivals: Arrivals, plan: Plan) 
     inner[-pose:, -pose:] = kept * np.eye(pose)
     seen = np.hstack([model.observed, model.observed_water @ water.velocity])
     seen = np.hstack([seen, np.eye(seen.shape[0], pose)])
-    random = np.zeros((known, known))
+    random = np.zeros((estimated, estimated))
     push = model.stirred @ water.velocity + model.hastened @ water.sped / plan.period
     by_noise = np.concatenate([push, np.eye(states)])
     random[:-pose, :-pose] = by_noise @ water.noise @ by_noise.T
-    usual = np.sqrt(np.einsum("yz,zv,yv->y", seen, lasting(inner, random), seen))
-    random[-pose:, -pose:] = np.diag((1 - kept**2) * _offset(usual[:pose], plan) ** 2)
+    usual = np.sqrt(np.einsum("yz,zv,yv->y", seen, stationary_covariance(inner, random), seen))
+    axes, length = plan.scenario.arm.dimension, plan.scenario.arm.length
+    shorter = max(float(usual[:axes].max()), _BENT * length) ** 2 / (2 * length)
+    offset = np.where(np.arange(pose) < axes, shorter, shorter / length)  # usual, of the tip
+    random[-pose:, -pose:] = np.diag((1 - kept**2) * offset**2)
     wrong = _MODEL_ERROR * (model.driven @ model.commanded) * model.usual
     random[:arm, :arm] += wrong @ wrong.T
     sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
-    total = known + sum(n * age for n, age in zip(sizes, arrivals.age, strict=True))
+    total = estimated + sum(n * age for n, age in zip(sizes, arrivals.age, strict=True))
     move, noise = np.zeros((total, total)), np.zeros((total, total))
     held, driven = (np.zeros((total, model.held.shape[1])) for _ in range(2))
     expect = np.zeros((sum(sizes), total))
     follow = np.zeros((sum(sizes), model.held.shape[1]))
-    move[:known, :known], noise[:known, :known] = inner, random
+    move[:estimated, :estimated], noise[:estimated, :estimated] = inner, random
     held[:arm], driven[:arm] = model.held, model.driven
-    first, row = known, 0
+    first, row = estimated, 0
     for size, age in zip(sizes, arrivals.age, strict=True):
         rows = slice(row, row + size)
         row += size
         if not age:
-            expect[rows, :known] = seen[rows]
+            expect[rows, :estimated] = seen[rows]
             follow[rows] = model.observed_actuators[rows]
             continue
         # the newest reading under way first
-        move[first : first + size, :known] = seen[rows]
+        move[first : first + size, :estimated] = seen[rows]
         held[first : first + size] = model.observed_actuators[rows]
         later = np.arange(first + size, first + size * age)
         move[later, later - size] = 1.0
         expect[rows, first + size * (age - 1) : first + size * age] = np.eye(size)
         first += size * age
-    return Augmented(move, held, driven, noise, expect, follow, seen[:pose], usual, arm)
-
-
-def _offset(usual: Float[np.ndarray, " pose"], plan: Plan) -> Float[np.ndarray, " pose"]:
-    """Return by how much the tip is where the linear model does not say, along each coordinate."""
-    axes, length = plan.scenario.arm.dimension, plan.scenario.arm.length
-    moved = max(float(usual[:axes].max()), _BENT * length)
-    shorter = moved**2 / (2 * length)
-    return np.where(np.arange(usual.size) < axes, shorter, shorter / length)
+    return AugmentedModel(move, held, driven, noise, expect, follow, seen[:pose], usual, arm)
 
 
 def build_observer(
-    plan: Plan, model: LinearModel, parts: Augmented, arrivals: Arrivals
+    plan: AssembledScenario, model: LinearModel, parts: AugmentedModel, arrivals: ReadingSchedule
 ) -> Observer:
     """Return the observer of least variance."""
     given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
@@ -195,15 +190,21 @@ def build_observer(
     sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
     meters = [isinstance(sensor.measurand, WaterVelocity) for sensor in plan.sensors]
     least = np.repeat(np.where(meters, _ELSEWHERE, _LEAST_NOISE), sizes)
-    noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + _local(plan, parts) ** 2
+    # motions that the model lacks
+    local = np.zeros_like(parts.usual)
+    for sensor, end in zip(plan.sensors, np.cumsum(sizes), strict=True):
+        if isinstance(sensor.measurand, (Shape, Inclination)):
+            rows = slice(end - sensor.noise.shape[0], end)
+            local[rows] = _LOCAL * parts.usual[rows].max()
+    noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + local**2
     noise = np.maximum(noise, 1e-16 * max(noise.max(), 1e-300))
     every = np.repeat(arrivals.fresh, sizes, axis=1)
     sets, found = gains(parts.move, parts.noise, parts.expect, noise, every)
-    mean = np.resize(plan.current, model.values.size)  # of the current, whatever it is by now
+    mean = np.resize(plan.current, model.values.size)  # of the current over the run
     values = np.where(np.repeat(meters, sizes), mean, model.values)
     size = plan.sensors[0].noise.shape[0]
     assert plan.target is not None
-    values[:size] = plan.target.seen(array(values[:size]), plan.state.time)
+    values[:size] = plan.target.to_frame(array(values[:size]), plan.state.time)
     return Observer(
         move=array(parts.move),
         held=array(parts.held),
@@ -219,21 +220,10 @@ def build_observer(
     )
 
 
-def _local(plan: Plan, parts: Augmented) -> Float[np.ndarray, " y"]:
-    """Return the standard deviation of what readings have of motions that the model has not."""
-    first, found = 0, np.zeros_like(parts.usual)
-    for sensor in plan.sensors:
-        rows = slice(first, first + sensor.noise.shape[0])
-        first = rows.stop
-        if isinstance(sensor.measurand, (Shape, Inclination)):
-            found[rows] = _LOCAL * parts.usual[rows].max()
-    return found
+def stationary_covariance(move: Matrix, noise: Matrix) -> Matrix:
+    """Return the stationary covariance of states without control.
 
-
-def lasting(move: Matrix, noise: Matrix) -> Matrix:
-    """Return the covariance of states that nobody controls or observes.
-
-    What grows by itself has none: it counts as motion that neither grows nor decays.
+    A growing motion has none: it counts as one that neither grows nor decays.
     """
     fastest = np.abs(np.linalg.eigvals(move)).max()
     total, power = noise, move * 0.9999 / max(1.0, fastest)
@@ -252,16 +242,8 @@ def gains(
 ) -> tuple[Bool[np.ndarray, "set y"], Float[np.ndarray, "set z y"]]:
     """Return the gains that the Riccati equation settles on, for each set of readings.
 
-    Parameters
-    ----------
-    move, noise
-        Matrix of the states from call to call, and the covariance of their noise.
-    expect
-        How readings follow the states.
-    of_readings
-        Variance of the noise of each reading.
-    fresh
-        Which readings there are at each call, of a pattern that goes on.
+    ``noise`` is the covariance of the states' noise, ``of_readings`` the variance of that of each
+    reading; ``fresh`` are the new readings of each call, a pattern that repeats.
     """
     from scipy.linalg import solve_discrete_are  # slow to load
 

@@ -1,4 +1,4 @@
-"""The numbers of a scenario by name: what a gradient or a batch acts on. SI units and radians.
+"""Numbers of a scenario by name, on which gradients and batches act. SI units and radians.
 
 Names are those of the scenario: `Parameters.arm.youngs_modulus`, `Parameters.water.density`. What
 decides on the shape of a program (numbers of nodes and axes, kinds of loads and flows, which
@@ -8,7 +8,7 @@ obstacles are free) is static.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -17,20 +17,22 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from crinoid.actuation import Input
-from crinoid.assembly.actuator import ActuatorParameters
-from crinoid.assembly.base import BaseParameters
-from crinoid.assembly.door import made
-from crinoid.assembly.flow import build_flow
-from crinoid.assembly.load import Builder, load_numbers
-from crinoid.assembly.numbers import Numbers, array, from_table
-from crinoid.assembly.obstacle import ObstacleParameters
-from crinoid.assembly.threads import ThreadParameters
-from crinoid.assembly.tool import ToolParameters
-from crinoid.assembly.vehicle import VehicleParameters
+from crinoid.assembly.arrays import Builder, Numbers, array, build_flow, from_table, load_numbers
+from crinoid.assembly.bodies import (
+    BaseParameters,
+    ObstacleParameters,
+    ToolParameters,
+    VehicleParameters,
+)
+from crinoid.assembly.door import build_part
+from crinoid.assembly.threads import ActuatorParameters, ThreadParameters
 from crinoid.dynamics import Integrator
-from crinoid.flow import Flow
+from crinoid.elements import Oscillator, Synchronisation, Vortices, WakeOscillator
+from crinoid.elements.material import branches_of_loss_factor
+from crinoid.elements.water import cylinder_added_mass
+from crinoid.flow import Flow, Waves
 from crinoid.rod import Rod
-from crinoid.scenario import Arm, Scenario, Simulation, Water
+from crinoid.scenario import Scenario, Simulation, SineFlow, SurfaceWaves
 
 if TYPE_CHECKING:
     from crinoid.recording import Recording, Series  # xarray, slow to load
@@ -43,14 +45,22 @@ _INTEGRATORS: dict[str, Callable[..., Integrator]] = {
 
 
 class SectionParameters(eqx.Module):
-    """Section properties that replace what radius, density and modulus give; None: they do not."""
+    """Section properties in place of those by radius, density and modulus; None: not replaced."""
 
-    EA: Float[Array, ""] | None
+    EA: Float[Array, ...] | None
+    """All along the arm, or at root and tip; so are the others."""
     EI: Float[Array, ...] | None
-    GJ: Float[Array, ""] | None
+    GJ: Float[Array, ...] | None
     mass_per_length: Float[Array, ""] | None
     diameter: Float[Array, ""] | None
     displaced_area: Float[Array, ""] | None
+
+
+class RelaxationParameters(eqx.Module):
+    """The numbers of a Maxwell branch."""
+
+    ratio: Float[Array, ""]
+    time: Float[Array, ""]
 
 
 class ArmParameters(eqx.Module):
@@ -65,19 +75,9 @@ class ArmParameters(eqx.Module):
     damping_time: Float[Array, ""]
     rest_curvature: Float[Array, ...]
     section: SectionParameters
+    relaxation: tuple[RelaxationParameters, ...]
     nodes: int = eqx.field(static=True)
     dimension: int = eqx.field(static=True)
-
-    @staticmethod
-    def of(arm: Arm) -> ArmParameters:
-        """Return the numbers of an arm."""
-        return from_table(
-            ArmParameters,
-            arm,
-            section=from_table(SectionParameters, arm.section),
-            nodes=arm.nodes,
-            dimension=arm.dimension,
-        )
 
     def rod(self) -> Rod:
         """Build the sections of the arm; traceable."""
@@ -91,7 +91,56 @@ class ArmParameters(eqx.Module):
             damping_time=self.damping_time,
             axes=self.dimension,
             poisson_ratio=self.poisson_ratio,
+            relaxation=jnp.stack([jnp.stack([b.ratio, b.time]) for b in self.relaxation], axis=1)
+            if self.relaxation
+            else None,
             **vars(self.section),
+        )
+
+
+class VortexParameters(eqx.Module):
+    """The numbers of ``[water.vortices]``; None of those of another model."""
+
+    lift: Float[Array, ""]
+    in_line: Float[Array, ""]
+    centre: Float[Array, ""] | None
+    range: Float[Array, ""] | None
+    strouhal: Float[Array, ""] | None
+    coupling: Float[Array, ""] | None
+    damping: Float[Array, ""] | None
+    angles: Float[Array, "edge 2"]
+    """Phases at the start across and along the flow, drawn by the seed (rad)."""
+
+    @staticmethod
+    def of(scenario: Scenario) -> VortexParameters | None:
+        """Return the numbers of a scenario's vortices, if it has any."""
+        table = scenario.water.vortices
+        if table is None or scenario.water.density == 0:
+            return None
+        # a key of two numbers: those of the flows have one
+        seed = np.random.SeedSequence(scenario.seed, spawn_key=(0, 0))
+        edges = scenario.arm.nodes - 1
+        angles = np.random.default_rng(seed).uniform(0, 2 * np.pi, (edges, 2))
+        numbers = {name: array(value) for name, value in table.numbers.items()}
+        return from_table(VortexParameters, table, angles=array(angles), **numbers)
+
+    def element(self, rod: Rod, density: Array) -> Vortices:
+        """Build the element of a rod in water of a density (kg/m3)."""
+
+        def oscillator(harmonic: int) -> Oscillator:
+            if self.centre is not None and self.range is not None:
+                return Synchronisation(harmonic, self.centre, self.range)
+            assert self.strouhal is not None
+            assert self.coupling is not None
+            assert self.damping is not None
+            return WakeOscillator(harmonic, self.strouhal, self.coupling, self.damping)
+
+        return Vortices.of(
+            rod,
+            density=density,
+            coefficients=jnp.stack([self.lift, self.in_line]),
+            angles=self.angles,
+            oscillators=(oscillator(1), oscillator(2)),
         )
 
 
@@ -105,11 +154,52 @@ class WaterParameters(eqx.Module):
     linear_drag: Float[Array, ""]
     added_mass_normal: Float[Array, ""]
     added_mass_tangential: Float[Array, ""]
+    vortices: VortexParameters | None
+    kinematic_viscosity: Float[Array, ""] | None
+    """With it (m2/s) ``drag_normal`` is a factor on the drag of a smooth cylinder."""
 
     @staticmethod
-    def of(water: Water) -> WaterParameters:
-        """Return the numbers of the water."""
-        return from_table(WaterParameters, water)
+    def of(scenario: Scenario) -> WaterParameters:
+        """Return the numbers of a scenario."""
+        water = scenario.water
+        given: dict[str, Any] = {"kinematic_viscosity": None}
+        if water.coefficients == "literature":
+            given = {
+                "kinematic_viscosity": array(water.kinematic_viscosity),
+                "drag_normal": array(1.0),
+                "added_mass_normal": array(cylinder_added_mass(keulegan_carpenter(scenario))),
+            }
+        vortices = VortexParameters.of(scenario)
+        return from_table(WaterParameters, water, vortices=vortices, **given)
+
+
+def keulegan_carpenter(scenario: Scenario) -> float:
+    """Return the Keulegan-Carpenter number of the water at the base.
+
+    It is the largest of those of sines and surface waves, and 0 without them: ``U T / d`` of the
+    amplitude of the velocity, the period and the mean diameter of the arm.
+    """
+    diameter, found = float(np.mean(scenario.arm.diameters)), [0.0]
+    for flow in scenario.flow:
+        if isinstance(flow, SineFlow):
+            found.append(float(np.hypot.reduce(flow.amplitude)) / flow.frequency_hz)
+        elif isinstance(flow, SurfaceWaves):
+            depth, gravity = scenario.water.depth, scenario.water.gravity
+            waves = Waves.regular(
+                flow.onset,
+                height=2 * np.sqrt(2) * flow.deviation,
+                period=flow.wave_period,
+                heading=(1.0,),
+                phase=0.0,
+                depth=depth,
+                gravity=gravity,
+                current=flow.current(scenario),
+            )
+            place = array((0.0, scenario.base.position[-1]))
+            # the level velocity under a crest
+            speed = float(waves.fully_on(place, array(0.0))[0])
+            found.append(speed * flow.wave_period)
+    return max(found) / diameter if diameter else 0.0
 
 
 class PidParameters(eqx.Module):
@@ -126,7 +216,7 @@ class PidParameters(eqx.Module):
     """Names of the inputs that are driven."""
 
     def gains(self, inputs: Sequence[Input]) -> dict[str, Float[Array, " input"]]:
-        """Return them by name, as `crinoid.control.Pid` takes them: 0 of what is not driven."""
+        """Return them by field of `crinoid.control.Pid`, 0 of inputs that are not driven."""
         every = [each.name for each in inputs]
         rows = [every.index(name) for name in self.names]
         place = np.eye(len(every))[:, rows]
@@ -147,7 +237,7 @@ class PidParameters(eqx.Module):
 
 
 class SimulationParameters(eqx.Module):
-    """The numbers of ``[simulation]`` that a time step takes."""
+    """The numbers of ``[simulation]`` for a time step."""
 
     time_step: Float[Array, ""]
     error: Float[Array, ""]
@@ -173,7 +263,7 @@ class SimulationParameters(eqx.Module):
 class Parameters(eqx.Module):
     """All numbers that a `crinoid.System` is assembled from, and the gains; a pytree of arrays.
 
-    Made by `crinoid.parameters`, taken by `crinoid.assemble`.
+    The result of `crinoid.parameters`, and the argument of `crinoid.assemble`.
     """
 
     arm: ArmParameters
@@ -197,30 +287,31 @@ class Parameters(eqx.Module):
         scenario: Scenario, recordings: Mapping[int, Recording], series: Mapping[str, Series]
     ) -> Parameters:
         """Return the numbers of a scenario, with what was read from its files."""
+        tool, vehicle, threads = scenario.tool, scenario.vehicle, ThreadParameters.of(scenario)
+        actuators: list[ActuatorParameters] = [] if threads is None else [threads]
+        for i, each in enumerate(scenario.actuator):
+            made = build_part(f"actuator {i}", ActuatorParameters, each.build, scenario)
+            actuators.append(made)
         loads = [load_numbers(load, i, scenario) for i, load in enumerate(scenario.load)]
+        section = from_table(SectionParameters, scenario.arm.section)
+        branches = [(branch.ratio, branch.time) for branch in scenario.arm.relaxation]
+        if (loss := scenario.arm.loss_factor) is not None:
+            branches = branches_of_loss_factor(loss.value, loss.band_hz).T.tolist()
+        relaxation = tuple(RelaxationParameters(*map(array, branch)) for branch in branches)
         return Parameters(
-            arm=ArmParameters.of(scenario.arm),
+            arm=from_table(ArmParameters, scenario.arm, section=section, relaxation=relaxation),
             base=BaseParameters.of(scenario, series),
-            water=WaterParameters.of(scenario.water),
+            water=WaterParameters.of(scenario),
             flow=tuple(
                 build_flow(scenario, index, flow, recordings.get(index))
                 for index, flow in enumerate(scenario.flow)
             ),
             load=tuple(numbers for _, numbers in loads),
             obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
-            tool=None
-            if scenario.tool is None
-            else ToolParameters.of(scenario.tool, scenario.arm.nodes),
-            actuator=_actuators(scenario),
-            vehicle=None if scenario.vehicle is None else VehicleParameters.of(scenario.vehicle),
+            tool=ToolParameters.of(tool, scenario.arm.nodes) if tool else None,
+            actuator=tuple(actuators),
+            vehicle=VehicleParameters.of(vehicle) if vehicle else None,
             pid=PidParameters.of(scenario),
             simulation=SimulationParameters.of(scenario.simulation),
             load_builders=tuple(builder for builder, _ in loads),
         )
-
-
-def _actuators(scenario: Scenario) -> tuple[ActuatorParameters, ...]:
-    threads = ThreadParameters.of(scenario)
-    own = () if threads is None else (threads,)
-    builders = [(f"actuator {i}", each.build) for i, each in enumerate(scenario.actuator)]
-    return (*own, *(made(place, ActuatorParameters, one, scenario) for place, one in builders))

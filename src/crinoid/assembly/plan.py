@@ -1,9 +1,9 @@
-"""Everything that a controller is built from."""
+"""An assembled scenario: all that a controller is built from, and the mapping of errors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -11,39 +11,77 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.actuation import Input
+from crinoid.assembly.door import check_element, check_flow
 from crinoid.assembly.parameters import Parameters
-from crinoid.control import Allocation, Sensor, Target, damped_inverse
-from crinoid.dynamics import State, System
+from crinoid.assembly.threads import ActuatorParameters
+from crinoid.compilation import ONCE, compiled
+from crinoid.control import Allocation, Controller, Sensor, Target, damped_inverse
+from crinoid.dynamics import Outcome, State, System
+from crinoid.elements import Element
+from crinoid.flow import Flow
+from crinoid.foundation.axes import POSE
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
-from crinoid.space import POSE
+from crinoid.scenario.errors import shown
 
 if TYPE_CHECKING:
-    from crinoid.recording import Recording  # xarray, slow to load
+    from crinoid.recording import Recording
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Parts in Python that are added to those of a scenario."""
+
+    controller: Controller | Callable[[AssembledScenario], Controller] | None = None
+    """In place of the scenario's; a function builds it when the start is known."""
+    elements: tuple[Element, ...] = ()
+    flows: tuple[Flow, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    actuators: tuple[ActuatorParameters, ...] = ()
+
+    def added(self, system: System) -> System:
+        """Return a system with the elements and flows, if they pass the door."""
+        forces = system.forces
+        for index, flow in enumerate(self.flows, len(forces.water.flows)):
+            check_flow(flow, f"flow {index}", forces.axes)
+        for index, element in enumerate(self.elements, len(forces.elements)):
+            check_element(element, f"element {index}", system)
+        water = replace(forces.water, flows=(*forces.water.flows, *self.flows))
+        elements = (*forces.elements, *self.elements)
+        return replace(system, forces=replace(forces, elements=elements, water=water))
+
+
+@compiled(**ONCE)
+def find_state(system: System, loaded: bool) -> tuple[State, Outcome]:
+    """Return the state that an arm starts from, in equilibrium with its loads or without any."""
+    if loaded:
+        return system.find_equilibrium()
+    return system.rest(), Outcome.of_nothing(converged=True)
+
 
 _ROUND_OFF = 1e-9
-"""Movement of the tip over that of a channel, turns at the arm's length, that is none."""
-_UNUSED = 1e-6
-"""Answer of a channel to an error, over that of the channel that answers most: none at all."""
+"""Movement of the tip over that of a channel, turns at the arm's length, below round-off."""
+_NO_RESPONSE = 1e-6
+"""Response of an input to an error, over the largest such response, that counts as zero."""
 
 
-class _Answer(NamedTuple):
-    """How what is controlled answers to the inputs that are driven."""
+class _TipResponse(NamedTuple):
+    """Static response of the controlled coordinates to the driven inputs."""
 
     rows: list[int]
     """Indices of the inputs."""
     columns: list[int]
-    """Indices of the coordinates that are controlled, and what makes errors of them metres."""
+    """Indices of the controlled coordinates."""
     jacobian: Float[np.ndarray, "coordinate input"]
     scale: Float[np.ndarray, " coordinate"]
-    """Length that makes an error of a coordinate one in metres."""
+    """Length that turns an error of a coordinate into metres."""
 
 
 @dataclass(frozen=True)
-class Plan:
-    """An arm at its start, and what is wanted of its controller."""
+class AssembledScenario:
+    """A scenario with its system, initial state, sensors and target."""
 
     scenario: Scenario
-    """The scenario that is run."""
+    """Scenario of the run."""
     parameters: Parameters
     """The numbers of the scenario."""
     system: System
@@ -51,7 +89,7 @@ class Plan:
     state: State
     """The arm at the start."""
     jacobian: Float[Array, "pose input"] | None
-    """How the tip's pose follows the inputs when they move slowly; None where the scenario maps
+    """Static Jacobian of the tip's pose by the inputs; None where the scenario maps
     errors one to one."""
     sensors: tuple[Sensor, ...] = ()
     """The sensors, that of the tip first."""
@@ -64,9 +102,18 @@ class Plan:
     first_period: float = 1.0
     """Period of the arm's slowest vibration (s): the unit of a controller's own times."""
 
+    def check_names(self) -> None:
+        """Refuse two sensors, or two inputs, of one name."""
+        for words, parts in (("sensors", self.sensors), ("inputs", self.inputs)):
+            names = [each.name for each in parts]
+            twice = sorted({name for name in names if names.count(name) > 1})
+            if twice:
+                text = f"two {words} are called {' and '.join(twice)}; names must be unique"
+                raise ValueError(text)
+
     @property
     def readings(self) -> tuple[str, ...]:
-        """Names of the sensors beside that of the tip (`crinoid.Seen.readings`)."""
+        """Names of the sensors other than that of the tip (`crinoid.ControllerInput.readings`)."""
         return tuple(sensor.name for sensor in self.sensors[1:])
 
     @cached_property
@@ -76,7 +123,7 @@ class Plan:
 
     @property
     def controlled(self) -> tuple[list[int], Float[np.ndarray, " coordinate"]]:
-        """Indices of the coordinates that are controlled, and what makes errors of them metres."""
+        """Indices of the controlled coordinates, and lengths that turn their errors into metres."""
         axes = self.scenario.arm.dimension
         # a direction in space has three coordinates
         columns = [
@@ -99,13 +146,13 @@ class Plan:
 
         In the unit of the input over m, rad or, of a direction in space, 1. The damped inverse of
         the static Jacobian for the inputs named in ``driven``, or one to one with
-        ``control.mapping = "identity"``; the others do nothing. Of more inputs than it takes each
+        ``control.mapping = "identity"``; the others do nothing. Of more inputs than needed each
         does its share: the sum of squared commands over ``weights`` (1 if left out) is least.
 
         Raises
         ------
         ScenarioError
-            If an input that is to be driven does not move what is controlled.
+            If a driven input moves no controlled coordinate.
         """
         mapping = np.zeros((len(self.inputs), len(POSE[self.scenario.arm.dimension])))
         names = list(driven)
@@ -114,13 +161,13 @@ class Plan:
             # x with slide, z with heave, angle with tilt; in space x, y, z with slide, sway, heave
             mapping[rows, rows] = 1.0
             return mapping
-        answer = self._answer(rows, self.jacobian)
-        weight = _of(names, weights, 1.0)
+        answer = self._tip_response(rows, self.jacobian)
+        weight = _values_of(names, weights, 1.0)
         scaled = answer.scale[:, None] * answer.jacobian
         scaled[np.abs(scaled) < _ROUND_OFF] = 0.0
         inverse = damped_inverse(scaled)
         self._check_use(names, inverse * answer.scale)
-        # what it does to the tip, by the least weighted commands: weights do not damp
+        # the same effect on the tip by the least weighted commands: weights do not damp
         inverse = weight[:, None] * np.linalg.pinv(scaled * weight, _ROUND_OFF) @ scaled @ inverse
         mapping[np.ix_(rows, answer.columns)] = inverse * answer.scale
         return mapping
@@ -131,7 +178,7 @@ class Plan:
         weights: Mapping[str, float] | None = None,
         release: Mapping[str, float] | None = None,
     ) -> Allocation | None:
-        """Return how the driven inputs share the work; None if they are no more than it takes.
+        """Return how the driven inputs share the work; None if there are no more than needed.
 
         ``release`` are the rates (1/s) at which inputs go back to rest; none if left out.
 
@@ -144,15 +191,15 @@ class Plan:
         rows = self.rows(names)
         if self.jacobian is None:
             return None
-        answer = self._answer(rows, self.jacobian)
+        answer = self._tip_response(rows, self.jacobian)
         if len(rows) <= len(answer.columns):
             return None
         count, size = len(self.inputs), len(POSE[self.scenario.arm.dimension])
         jacobian, scale = np.zeros((size, count)), np.ones(size)
         weight, rate = np.zeros(count), np.zeros(count)
         jacobian[np.ix_(answer.columns, rows)] = answer.jacobian
-        scale[answer.columns], weight[rows] = answer.scale, _of(names, weights, 1.0)
-        rate[rows] = _of(names, release, 0.0)
+        scale[answer.columns], weight[rows] = answer.scale, _values_of(names, weights, 1.0)
+        rate[rows] = _values_of(names, release, 0.0)
         return Allocation.of(jacobian, scale, weight, rate)
 
     def rows(self, driven: Iterable[str]) -> list[int]:
@@ -166,24 +213,23 @@ class Plan:
         names = [each.name for each in self.inputs]
         unknown = [name for name in driven if name not in names]
         if unknown:
-            text = f"{unknown[0]} is to be driven, takes {one_of(names)}"
+            text = f"got {shown(unknown[0])} as an input; must be {one_of(names)}"
             raise ScenarioError([Mistake(f"control.{self.scenario.control.kind}", text)])
         return [names.index(name) for name in driven]
 
-    def _answer(self, rows: list[int], jacobian: Float[Array, "pose input"]) -> _Answer:
+    def _tip_response(self, rows: list[int], jacobian: Float[Array, "pose input"]) -> _TipResponse:
         columns, scale = self.controlled
         needed = np.asarray(jacobian)[np.ix_(columns, rows)]
         if not np.isfinite(needed).all():
             text = (
-                'got "static-jacobian", but nothing brings this arm back to where it is at rest, '
-                'so its tip does not follow the base; takes "identity", or an arm with a clamp or '
-                "a weight"
+                'got "static-jacobian", but nothing brings this arm back to rest, so its tip '
+                'does not follow the base. Set "identity", or give the arm a clamp or a weight.'
             )
             raise ScenarioError([Mistake("control.mapping", text)])
-        return _Answer(rows, columns, needed, scale)
+        return _TipResponse(rows, columns, needed, scale)
 
     def _check_use(self, names: list[str], inverse: Float[np.ndarray, "input coordinate"]) -> None:
-        """Refuse to drive inputs that do nothing for what is controlled."""
+        """Refuse to drive inputs that move no controlled coordinate."""
         most = np.abs(inverse).max(axis=1)
         scenario = self.scenario
         threads = zip(scenario.thread_names, (*scenario.chamber, *scenario.tendon), strict=True)
@@ -191,18 +237,18 @@ class Plan:
         mistakes = [
             Mistake(
                 f"control.{scenario.control.kind}.{name}",
-                "does nothing: nothing of the tip that is controlled follows "
-                f"{name} from the start; takes an input that moves it"
-                + (", a tendon that its schedule makes taut" if name in wound else ""),
+                f"does nothing: no controlled coordinate follows {name} from the start. "
+                "Drive an input that moves the tip"
+                + (", or make the tendon taut by its schedule." if name in wound else "."),
             )
             for name, share in zip(names, most, strict=True)
-            if share <= _UNUSED * most.max()
+            if share <= _NO_RESPONSE * most.max()
         ]
         if mistakes:
             raise ScenarioError(mistakes)
 
 
-def _of(
+def _values_of(
     names: list[str], numbers: Mapping[str, float] | None, default: float
 ) -> Float[np.ndarray, " input"]:
     return np.array([(numbers or {}).get(name, default) for name in names])

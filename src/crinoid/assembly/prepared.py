@@ -1,4 +1,4 @@
-"""One case of a scenario, ready to be computed: every file read once, every part built once."""
+"""One case of a scenario with its files and parts: each is read or built once."""
 
 from __future__ import annotations
 
@@ -7,25 +7,27 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from crinoid.scenario import MeasuredFlow, Mistake, Scenario, ScenarioError
+from crinoid.scenario.document import digests
 from crinoid.scenario.errors import gathered
-from crinoid.scenario.files import digests
 from crinoid.scenario.library import Source, scenario_of
 
 if TYPE_CHECKING:
     import numpy as np
-    from jaxtyping import Float
+    from jaxtyping import Array, Float
 
+    from crinoid.assembly.facts import Facts
     from crinoid.assembly.parameters import Parameters
-    from crinoid.assembly.parts import Parts
+    from crinoid.assembly.plan import Parts
+    from crinoid.control import Sensor, Target
     from crinoid.dynamics import System
     from crinoid.recording import Recording, Series
 
 
 class Prepared:
-    """A scenario with what it is made from, each part read or built when it is first asked for.
+    """A scenario with its files and parts, each read or built at its first use.
 
-    Every attribute and method raises `crinoid.ScenarioError` if a file that the scenario names is
-    not what it takes.
+    Every attribute and method raises `crinoid.ScenarioError` if a file of the scenario does not
+    fit its key.
 
     Parameters
     ----------
@@ -36,29 +38,40 @@ class Prepared:
     """
 
     def __init__(self, source: Source, parts: Parts | None = None) -> None:
+        self.scenario, self.parts = scenario_of(source), parts
+        _require_text(self.scenario)  # as in a result: better refused before a run than after
+
+    @staticmethod
+    def with_parts(source: Source, parts: Parts) -> Prepared:
+        """Return a scenario with parts; its ``control.kind`` is "custom" where one controls it."""
         scenario = scenario_of(source)
-        _require_text(scenario)  # a result holds it as text: better refused before a run than after
-        self.scenario, self.parts = scenario, parts
+        require_one_case(scenario)
+        if parts.controller is not None:
+            scenario = scenario.with_values({"control.kind": "custom"})
+        return Prepared(scenario, parts)
+
+    def with_scenario(self, scenario: Scenario) -> Prepared:
+        """Return another scenario with the same files, which are not read again."""
+        other = Prepared(scenario, self.parts)
+        vars(other).update({name: vars(self)[name] for name in _READ if name in vars(self)})
+        return other
 
     @cached_property
     def digests(self) -> dict[str, str]:
-        """The SHA-256 digest of each file that the scenario names, as it is when first read."""
+        """SHA-256 digest of each file of the scenario, at its first reading."""
         return digests(self.scenario.to_dict())
 
     @cached_property
     def recordings(self) -> dict[int, Recording]:
         """The measured currents by their index in ``flow``."""
-        measured = {
-            index: flow
-            for index, flow in enumerate(self.scenario.flow)
-            if isinstance(flow, MeasuredFlow)
-        }
+        flows = enumerate(self.scenario.flow)
+        measured = {index: flow for index, flow in flows if isinstance(flow, MeasuredFlow)}
         if not measured:
             return {}
         _ = self.digests
-        from crinoid.recording import Stage, read_recording  # xarray, slow to load; few need it
+        from crinoid.recording import PlaybackWindow, read_recording  # xarray, slow to load
 
-        stage = Stage.of(self.scenario, self.series)
+        stage = PlaybackWindow.of(self.scenario, self.series)
         found = gathered(
             {
                 f"flow.{index}": lambda flow=flow: read_recording(flow, stage)
@@ -80,13 +93,13 @@ class Prepared:
 
     @property
     def count(self) -> int:
-        """How many numbers its files hold."""
+        """Number of numbers in its files."""
         series = [values for each in self.series.values() for values in (each.time, each.values)]
         records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
         return sum(values.size for values in (*series, *records))
 
     def notes(self) -> list[str]:
-        """Return what a user should know of the files that were read, a sentence each."""
+        """Return notes on the files of the scenario, a sentence each."""
         read = {f"flow.{index}": recording for index, recording in self.recordings.items()}
         return [
             f"{key}: {note}" for key, found in (read | self.series).items() for note in found.notes
@@ -105,8 +118,8 @@ class Prepared:
     @cached_property
     def system(self) -> System:
         """The arm, its base and the water as arrays: the differentiable core."""
-        from crinoid.assembly.samples import check_steady  # JAX: slow to load, not for reading
-        from crinoid.assembly.system import assemble_once
+        # JAX: slow to load, not for reading
+        from crinoid.assembly.system import assemble_once, check_steady
 
         system = assemble_once(self.parameters)
         if self.parts is not None:
@@ -116,17 +129,49 @@ class Prepared:
         return system
 
     @cached_property
-    def room(self) -> Float[np.ndarray, " m"]:
-        """How far each obstacle is from the arm without load (m)."""
-        from crinoid.assembly.room import find_room  # JAX: slow to load, not for reading
+    def sensors(self) -> tuple[Sensor, ...]:
+        """The sensors, that of the tip first."""
+        from crinoid.assembly.control_loop import build_sensors  # JAX: slow to load
 
-        return find_room(self.system)
+        own = () if self.parts is None else self.parts.sensors
+        return (*build_sensors(self.scenario), *own)
+
+    def target(self, tip: Float[Array, " pose"]) -> Target:
+        """Return the target, for an arm whose tip has the pose ``tip`` at t = 0."""
+        from crinoid.assembly.control_loop import build_target  # JAX: slow to load
+
+        return build_target(self.scenario, self.series.get("target"), self.system, tip)
+
+    @cached_property
+    def facts(self) -> Facts:
+        """Quantities that follow from the scenario without a run."""
+        from crinoid.assembly.facts import Facts
+
+        return Facts(self)
+
+    @cached_property
+    def room(self) -> Float[np.ndarray, " m"]:
+        """Distance of each obstacle from the arm without load (m)."""
+        from crinoid.assembly.system import clearance  # JAX: slow to load, not for reading
+
+        return clearance(self.system)
 
     def check(self) -> None:
-        """Refuse files that do not fit the scenario, and obstacles inside the arm."""
+        """Refuse several cases, files that do not fit, and obstacles inside the arm."""
+        require_one_case(self.scenario)
         self.notes()
         if self.scenario.obstacle:
             _ = self.room
+
+
+_READ = ("digests", "recordings", "series")
+"""Attributes that come from files."""
+
+
+def require_one_case(scenario: Scenario) -> None:
+    """Refuse a scenario with several cases."""
+    if scenario.vary:
+        raise ValueError("a scenario with [vary] describes several cases; run scenario.cases()")
 
 
 def _require_text(scenario: Scenario) -> None:
@@ -147,7 +192,7 @@ def system(scenario: Source) -> System:
     Raises
     ------
     ScenarioError
-        If a file that the scenario names is not what it takes.
+        If a file of the scenario does not fit its key.
     """
     return Prepared(scenario).system
 
@@ -158,6 +203,6 @@ def parameters(scenario: Source) -> Parameters:
     Raises
     ------
     ScenarioError
-        If a file that the scenario names is not what it takes.
+        If a file of the scenario does not fit its key.
     """
     return Prepared(scenario).parameters

@@ -1,9 +1,9 @@
-"""From a scenario to predictive control on models of several poses of the base."""
+"""Gain-scheduled predictive control: models of several poses of the base."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,16 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.assembly.known import Known
-from crinoid.assembly.mpc import designed
-from crinoid.assembly.numbers import array
-from crinoid.control import Mpc, ScheduledMpc, Turned, commands_at
-from crinoid.dynamics import Outcome, State, System, numbers_of
-from crinoid.programs import ONCE, compiled
+from crinoid.assembly.arrays import array
+from crinoid.assembly.control_design import ControlDesignModel
+from crinoid.assembly.optimal_control import design_mpc
+from crinoid.assembly.plan import AssembledScenario, find_state
+from crinoid.control import Mpc, RigidRotationCorrection, ScheduledMpc, commands_at
+from crinoid.dynamics import System, numbers_of
 from crinoid.scenario import Mistake, ScenarioError
-
-if TYPE_CHECKING:
-    from crinoid.assembly.plan import Plan
 
 Matrix = Float[np.ndarray, "_ _"]
 Turn = Float[np.ndarray, " angle"]
@@ -28,26 +25,26 @@ Turn = Float[np.ndarray, " angle"]
 _SPACING = 0.35
 """Turn from one model to the next along the way of the target (rad)."""
 _NEW = 0.8
-"""Share of it from which on a pose is another."""
+"""Share of it beyond which a pose needs a model."""
 _MOST = 12
 """Most models."""
 _LOOKS = 200
-"""Times at which the way of the target is looked at."""
+"""Number of times at which the path of the target is sampled."""
 
 
-class _Local(NamedTuple):
+class _LocalController(NamedTuple):
     """A controller on the model of one pose of the base."""
 
     turn: Turn
-    """How far the base is turned from where it starts, by the channels that turn (rad)."""
+    """Rotation of the base from its start, by the channels that turn (rad)."""
     controller: Mpc
-    turned: Turned
+    turned: RigidRotationCorrection
     """Part of the turn that its model lacks away from there."""
     standing: Matrix
     """Estimate at rest, by the actuators."""
 
 
-def build_scheduled(plan: Plan) -> ScheduledMpc:
+def build_scheduled(plan: AssembledScenario) -> ScheduledMpc:
     """Return predictive controllers along the way of the target, as one.
 
     The way is gone along from the start. Where the nearest model says that the base turns far from
@@ -68,10 +65,10 @@ def build_scheduled(plan: Plan) -> ScheduledMpc:
             if near is here:
                 break
             here = near
-    return _stacked(plan, found)
+    return _stack(plan, found)
 
 
-def _way(plan: Plan) -> Float[np.ndarray, "look pose"]:
+def _way(plan: AssembledScenario) -> Float[np.ndarray, "look pose"]:
     """Return poses of the target over the run."""
     target = plan.target
     assert target is not None
@@ -82,7 +79,9 @@ def _way(plan: Plan) -> Float[np.ndarray, "look pose"]:
     return np.asarray(jax.jit(jax.vmap(target.in_frame))(times))
 
 
-def _turn_for(plan: Plan, local: _Local, pose: Float[np.ndarray, " pose"]) -> Turn:
+def _turn_for(
+    plan: AssembledScenario, local: _LocalController, pose: Float[np.ndarray, " pose"]
+) -> Turn:
     """Return how far the base is to be turned for a pose of the tip, as a model says."""
     rows = list(local.controller.rows)
     around = _commands(plan, local.turn)
@@ -98,34 +97,34 @@ def _turn_for(plan: Plan, local: _Local, pose: Float[np.ndarray, " pose"]) -> Tu
 _commands_at = jax.jit(commands_at)
 
 
-def _turning(plan: Plan) -> slice:
+def _turning(plan: AssembledScenario) -> slice:
     """Return which inputs turn the base."""
     channels = plan.system.base.servo.lower.shape[0]
     return slice(channels - plan.system.base.angles.shape[0], channels)
 
 
-def _commands(plan: Plan, turn: Turn) -> Float[np.ndarray, " input"]:
+def _commands(plan: AssembledScenario, turn: Turn) -> Float[np.ndarray, " input"]:
     """Return the commands that turn the base so, and nothing else."""
     commands = np.zeros(len(plan.inputs))
     commands[_turning(plan)] = turn
     return commands
 
 
-def _local(plan: Plan, turn: Turn) -> _Local:
+def _local(plan: AssembledScenario, turn: Turn) -> _LocalController:
     """Design the controller for the arm where the base is turned.
 
-    A base that is set otherwise holds the arm as one does whose servos have turned it.
+    A base with other set angles is equivalent to one whose servos have turned it.
     """
     base, state, system = plan.system.base, plan.state, plan.system
     if turn.any():
         system = eqx.tree_at(lambda each: each.base.angles, system, base.angles + array(turn))
-        state, outcome = standing(system, plan.scenario.simulation.start == "equilibrium")
+        state, outcome = find_state(system, plan.scenario.simulation.start == "equilibrium")
         if not outcome.converged:
             angles = ", ".join(f"{each:.3g}" for each in np.rad2deg(turn))
             text = f"no equilibrium where the base is turned by {angles} deg on the way of the tip"
-            text = f'got "scheduled", but the arm has {text}; takes "frozen"'
+            text = f'got "scheduled", but the arm has {text}. Set "frozen".'
             raise ScenarioError([Mistake("control.mpc.model", text)])
-    controller, known = designed(replace(plan, system=system, state=state))
+    controller, design = design_mpc(replace(plan, system=system, state=state))
     servo = eqx.tree_at(
         lambda each: each.position,
         plan.state.servo,
@@ -134,42 +133,42 @@ def _local(plan: Plan, turn: Turn) -> _Local:
     shifted = numbers_of((servo, *plan.state.actuators))[0]
     at_rest = array(np.asarray(shifted)[list(controller.observer.kept)])
     controller = eqx.tree_at(lambda each: each.observer.at_rest, controller, at_rest)
-    parts = known.parts
+    parts = design.parts
     # water and offset of the tip do not answer to actuators
-    moving = np.r_[np.arange(parts.arm), np.arange(parts.known, parts.move.shape[0])]
+    moving = np.r_[np.arange(parts.arm), np.arange(parts.estimated, parts.move.shape[0])]
     standing_still = np.zeros_like(parts.held)
     standing_still[moving] = np.linalg.solve(
         np.eye(moving.size) - parts.move[np.ix_(moving, moving)],
         (parts.held + parts.driven)[moving],
     )
-    return _Local(turn, controller, _turned(plan, system, known), standing_still)
+    return _LocalController(
+        turn, controller, _rotation_correction(plan, system, design), standing_still
+    )
 
 
-@compiled(**ONCE)
-def standing(system: System, loaded: bool) -> tuple[State, Outcome]:
-    """Return an arm at rest, in equilibrium with its loads or without any, and if there is one."""
-    if loaded:
-        return system.find_equilibrium()
-    return system.rest(), Outcome.of_nothing(converged=True)
-
-
-def _turned(plan: Plan, system: System, known: Known) -> Turned:
+def _rotation_correction(
+    plan: AssembledScenario, system: System, design: ControlDesignModel
+) -> RigidRotationCorrection:
     """Return what the model lacks of the turn of an arm that is rigid."""
     base = system.base
     axes, none = base.axes, jnp.zeros(base.servo.lower.shape[0])
     size = plan.sensors[0].noise.shape[0]
-    pose = known.observer.values[:size]
+    pose = design.observer.values[:size]
     assert plan.target is not None
-    place = plan.target.seen(jnp.zeros(size).at[:axes].set(system.forces.origin), plan.state.time)
-    free = Turned(base, pose[:axes] - place[:axes], pose[axes:], jnp.zeros((size, none.size)))
+    place = plan.target.to_frame(
+        jnp.zeros(size).at[:axes].set(system.forces.origin), plan.state.time
+    )
+    free = RigidRotationCorrection(
+        base, pose[:axes] - place[:axes], pose[axes:], jnp.zeros((size, none.size))
+    )
     return eqx.tree_at(lambda each: each.slope, free, jax.jit(jax.jacfwd(free.swung))(none))
 
 
-def _stacked(plan: Plan, found: list[_Local]) -> ScheduledMpc:
+def _stack(plan: AssembledScenario, found: list[_LocalController]) -> ScheduledMpc:
     """Put controllers together, each with as many states as the largest: more that are zero."""
     states = max(each.standing.shape[0] for each in found)
     integrals = max(each.controller.integrating.shape[0] for each in found)
-    every = [_padded(each, states, integrals) for each in found]
+    every = [_pad(each, states, integrals) for each in found]
     around = np.stack([_commands(plan, each.turn) for each in found])
     turns = np.zeros(around.shape[1])
     turns[_turning(plan)] = 1.0
@@ -188,8 +187,8 @@ def _stacked(plan: Plan, found: list[_Local]) -> ScheduledMpc:
     )
 
 
-def _padded(local: _Local, states: int, integrals: int) -> _Local:
-    """Return a controller with as many states and integrals, the last of them always zero."""
+def _pad(local: _LocalController, states: int, integrals: int) -> _LocalController:
+    """Return a controller with as many states and integrals, the added ones always zero."""
     controller, observer = local.controller, local.controller.observer
     more = states - local.standing.shape[0]
     fewer = integrals - controller.integrating.shape[0]

@@ -1,19 +1,32 @@
-"""From the numbers of a scenario to the arrays that move the arm: pure, traceable."""
+"""Assembly of a system from the numbers of a scenario, and checks of new flows and elements."""
+
+from __future__ import annotations
+
+from itertools import zip_longest
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
 
-from crinoid.assembly.actuator import assemble_actuators
-from crinoid.assembly.door import check_element, check_flow, made
+from crinoid.assembly.arrays import array
+from crinoid.assembly.door import build_part, check_element, check_flow, part_name, require
 from crinoid.assembly.parameters import Parameters
+from crinoid.assembly.threads import assemble_actuators
+from crinoid.base import Base
+from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import Forces, Settings, System
+from crinoid.dynamics.statics import static_motion
+from crinoid.dynamics.vehicle import moments
+from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
-from crinoid.flow import Water
-from crinoid.programs import ONCE, compiled
+from crinoid.flow import Flow, Water
+from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario.kinds import is_own
 
 OWN = 6
-"""How many elements of the arm and its water there are before the loads."""
+"""Number of elements of the arm and its water, which come before the loads."""
 
 
 def place_of(index: int, loads: int) -> str:
@@ -29,7 +42,7 @@ def assemble(parameters: Parameters) -> System:
     Parameters
     ----------
     parameters
-        As `crinoid.parameters` gives them, with whatever was changed since.
+        Numbers from `crinoid.parameters`, changed or not.
     """
     arm, base, water = parameters.arm, parameters.base, parameters.water
     simulation, obstacle = parameters.simulation, parameters.obstacle
@@ -45,6 +58,7 @@ def assemble(parameters: Parameters) -> System:
             normal=water.drag_normal,
             tangential=water.drag_tangential,
             linear=water.linear_drag,
+            viscosity=water.kinematic_viscosity,
         ),
         AddedMass.of(
             rod,
@@ -56,13 +70,15 @@ def assemble(parameters: Parameters) -> System:
     assert len(elements) == OWN
     loads = zip(parameters.load_builders, parameters.load, strict=True)
     elements += tuple(
-        made(f"load {index}", Element, build, rod, **numbers)
+        build_part(f"load {index}", Element, build, rod, **numbers)
         for index, (build, numbers) in enumerate(loads)
     )
     grasp = None
     if parameters.tool is not None:
         elements += (parameters.tool.element(rod, water.density, water.gravity),)
         grasp = parameters.tool.grasp()
+    if water.vortices is not None:
+        elements += (water.vortices.element(rod, water.density),)
     actuators, through, lines = assemble_actuators(parameters.actuator, rod)
     obstacles = None
     if obstacle is not None:
@@ -80,7 +96,7 @@ def assemble(parameters: Parameters) -> System:
             vehicle=vehicle,
             lines=lines,
         ),
-        base=base.base(rod),
+        base=Base(base.angles, rod.rest_length[0], base.servo, base.motion),
         integrator=simulation.integrator,
         settings=Settings.for_rod(
             rod,
@@ -93,13 +109,13 @@ def assemble(parameters: Parameters) -> System:
         max_error=jax.lax.stop_gradient(simulation.error * arm.length),
         max_halvings=simulation.max_halvings,
         actuators=actuators,
-        grasp=grasp,
+        grip_triggers=grasp,
     )
     for index, flow in enumerate(parameters.flow):
         check_flow(flow, f"flow {index}", rod.axes)
     for index, element in enumerate(system.forces.elements):
         check_element(element, place_of(index, len(parameters.load)), system)
-    # of no weak type: systems that differ in numbers alone take the same compiled programs
+    # no weak types: systems that differ only in numbers then share compiled programs
     return jax.tree.map(
         lambda x: jax.lax.convert_element_type(x, x.dtype) if eqx.is_inexact_array(x) else x, system
     )
@@ -107,3 +123,106 @@ def assemble(parameters: Parameters) -> System:
 
 assemble_once = compiled(**ONCE)(assemble)
 """`assemble` as one small program, kept between runs; not under a transformation of JAX."""
+
+
+Sampled = tuple[dict[int, Float[np.ndarray, "s d"]], dict[str, tuple[Array, Array]]]
+
+_COUNT = 64
+_GOLDEN = (5**0.5 - 1) / 2
+_ROUND_OFF = 1e-9
+
+
+def sampled_velocities(flow: Flow, scenario: Scenario) -> Float[np.ndarray, "time point d"]:
+    """Return the velocity at full strength within a length of the arm from its base (m/s)."""
+    base, arm = scenario.base.position, scenario.arm
+    points = base + arm.length * np.random.default_rng(0).uniform(-1, 1, (_COUNT, arm.dimension))
+    velocity = np.asarray(_velocities_at(flow, array(points), _times(scenario)))
+    return velocity[:, np.isfinite(velocity).all(axis=(0, 2))]
+
+
+def check_steady(flow: Flow, place: str, scenario: Scenario) -> None:
+    """Refuse a flow of another package that says that it is steady, but changes in time."""
+    if is_own(flow):
+        return
+    velocity = sampled_velocities(flow, scenario)
+    least = _ROUND_OFF * np.abs(velocity).max(initial=0.0)
+    changes = np.any(np.abs(velocity - velocity[:1]) > least)
+    text = "got True for a velocity that changes in time; must be False"
+    require(not (flow.steady and changes), f"{part_name(flow, place)} steady", text)
+
+
+def sampled(system: System, scenario: Scenario) -> Sampled:
+    """Return velocities of flows by index, and force (N) and couple (N m) of elements by name.
+
+    The size of those of our tables follows from their keys; they are left out.
+    """
+    forces, loads, times = system.forces, len(scenario.load), _times(scenario)
+
+    def new(part: object, table: object) -> bool:
+        return not is_own(part if table is None else table)
+
+    laws = (None,) * OWN + scenario.load
+    return {
+        index: np.concatenate(sampled_velocities(flow, scenario))
+        for index, (flow, table) in enumerate(zip_longest(forces.water.flows, scenario.flow))
+        if new(flow, table)
+    }, {
+        part_name(one, place_of(index, loads)): _sampled_load(one, system, times)
+        for index, (one, table) in enumerate(zip_longest(forces.elements, laws))
+        if new(one, table)
+    }
+
+
+@eqx.filter_jit
+def _sampled_load(
+    element: Element, system: System, times: Float[Array, " time"]
+) -> tuple[Array, Array]:
+    """Return the largest sums of magnitudes, over the windows, of force and couple.
+
+    A couple is the part of a moment in a window that no force there explains.
+    """
+
+    def at(time: Float[Array, ""]) -> tuple[Array, Array]:
+        window = motion_windows(element, static_motion(*system.undeformed(time)))
+        given = jax.vmap(lambda e, m: e.residual(m))(element, window)
+        axes = system.forces.axes
+        place, force = window.position[..., :axes], given[..., :axes]
+        lever = place - jnp.mean(place, axis=1, keepdims=True)
+        size, total = (jnp.linalg.norm(x, axis=-1) for x in (lever, jnp.sum(force, axis=1)))
+        moment = jnp.linalg.norm(jnp.sum(moments(lever, force), axis=1), axis=-1)
+        couple = jnp.maximum(0, moment - total * jnp.max(size, axis=1))
+        return jnp.sum(total), jnp.sum(couple) + jnp.sum(jnp.abs(given[..., axes:]))
+
+    force, couple = jax.vmap(at)(times)
+    return jnp.max(force), jnp.max(couple)
+
+
+def _times(scenario: Scenario) -> Float[Array, " time"]:
+    """Return times that no period of a flow divides (s)."""
+    return array(scenario.simulation.duration * (_GOLDEN * np.arange(_COUNT) % 1))
+
+
+@eqx.filter_jit
+def _velocities_at(
+    flow: Flow, points: Float[Array, "point d"], times: Float[Array, " time"]
+) -> Float[Array, "time point d"]:
+    return jax.vmap(jax.vmap(flow.fully_on, (0, None)), (None, 0))(points, times)
+
+
+_clearance = compiled(**ONCE)(System.clearance)
+
+
+def clearance(system: System) -> Float[np.ndarray, " m"]:
+    """Return the distance of each obstacle from the arm without load (m), or refuse an overlap."""
+    room = np.asarray(_clearance(system))
+    mistakes = [
+        Mistake(
+            f"obstacle.{index}.position",
+            f"overlaps the arm without load by {-1e3 * gap:.3g} mm. Move it clear of the arm.",
+        )
+        for index, gap in enumerate(room)
+        if gap < 0
+    ]
+    if mistakes:
+        raise ScenarioError(mistakes)
+    return room

@@ -1,9 +1,10 @@
-"""From the description of chambers and tendons to their actuator and its element."""
+"""Chambers and tendons: their numbers, their actuator and its element."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -13,17 +14,55 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.actuation import Actuator, Follower, InputKind
-from crinoid.assembly.actuator import ActuatorParameters
-from crinoid.assembly.numbers import array
-from crinoid.dynamics import Lines
+from crinoid.assembly.arrays import array
+from crinoid.assembly.door import build_part, check_actuator, expect
+from crinoid.dynamics import LengthControlledThreads
 from crinoid.elements import Bend, BendTwist, Element, PlanarThreads, Threads
 from crinoid.rod import Rod
 from crinoid.scenario import Chamber, Scenario, Tendon
 
+
+class ActuatorParameters(eqx.Module):
+    """The numbers of an actuator: a pytree of arrays (`crinoid.parameters`)."""
+
+    def lines(self, rod: Rod, first: int) -> LengthControlledThreads | None:
+        """Return which of the threads are lines, if there are any; arguments as of `assemble`."""
+        return None
+
+    @abstractmethod
+    def assemble(self, rod: Rod, first: int) -> tuple[Actuator, tuple[Element, ...]]:
+        """Return the actuator, and the elements through which it acts; traceable.
+
+        Parameters
+        ----------
+        rod
+            The arm: its reference shape and its sections.
+        first
+            Where its drive begins in `crinoid.Motion.drive`.
+        """
+
+
+def assemble_actuators(
+    parameters: Iterable[ActuatorParameters], rod: Rod
+) -> tuple[tuple[Actuator, ...], tuple[Element, ...], LengthControlledThreads | None]:
+    """Return the actuators of an arm, all elements through which they act, and the lines."""
+    actuators: list[Actuator] = []
+    elements: list[Element] = []
+    first, lines = 0, None
+    for each in parameters:
+        lines = lines or expect(each, ActuatorParameters, "actuators").lines(rod, first)
+        actuator, through = build_part("actuator", 2, each.assemble, rod, first)
+        check_actuator(actuator)
+        actuators.append(actuator)
+        elements.extend(through)
+        first += actuator.drive(actuator.at_rest()).shape[0]
+    return tuple(actuators), tuple(elements), lines
+
+
 _UNLIMITED = 1e12
 """Rate that no step reaches (1/s)."""
 _NONE = -1
-"""Thread of a slot that none takes."""
+"""Thread of an unused slot."""
 
 
 class ThreadParameters(ActuatorParameters):
@@ -36,17 +75,19 @@ class ThreadParameters(ActuatorParameters):
     """At the ends of the span (rad)."""
     force: Float[Array, " thread"]
     """Tension at a share of 1 (N), below 0 of a chamber; of one that bends only -1 over m; 0 of a
-    line (``crinoid.dynamics.lines``)."""
+    line (``crinoid.dynamics.threads``)."""
     hold: Float[Array, " thread"]
     """Tension per load of a line: 1 of a tendon, minus the area of a chamber (m2); 0 of others."""
     shortening: Float[Array, " thread"]
-    """Length (m) that a line takes in at a share of 1, or volume (m3) that it is given."""
+    """Shortening (m) of a line at a share of 1, or its volume (m3)."""
     stiffness: Float[Array, " thread"]
     """Axial stiffness of a line (N), or bulk modulus (Pa)."""
     max_curvature: Float[Array, " thread"]
     """Curvature at a share of 1 of a chamber that bends only (1/m)."""
     stiffening: Float[Array, " thread"]
     """Share of the arm's bending stiffness that is added over the span at a share of 1."""
+    friction: Float[Array, " thread"]
+    """Coefficient of friction of a tendon in its channel (1), 0 of a chamber."""
     lower: Float[Array, " thread"]
     lag: Float[Array, " thread"]
     max_rate: Float[Array, " thread"]
@@ -55,13 +96,15 @@ class ThreadParameters(ActuatorParameters):
     shares: Float[Array, "thread point"]
     names: tuple[str, ...] = eqx.field(static=True)
     chambers: int = eqx.field(static=True)
-    """How many of them are chambers."""
+    """Number of chambers among them."""
     bends_only: tuple[bool, ...] = eqx.field(static=True)
     slots: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """Threads at each node, twice the number of each, and one more on the other side of a pair."""
     lined: tuple[tuple[int, int], ...] = eqx.field(static=True)
     """Thread and side of each line."""
     pinned: bool = eqx.field(static=True)
+    rubs: bool = eqx.field(static=True)
+    """Whether any of them has friction in the scenario."""
 
     @staticmethod
     def of(scenario: Scenario) -> ThreadParameters | None:
@@ -79,7 +122,7 @@ class ThreadParameters(ActuatorParameters):
             shares=array(shares),
             names=scenario.thread_names,
             chambers=len(scenario.chamber),
-            bends_only=tuple(_bends_only(thread) for thread in threads),
+            bends_only=tuple(getattr(each, "max_curvature", None) is not None for each in threads),
             slots=_slots(threads, scenario.arm.nodes),
             lined=tuple(
                 (number, side)
@@ -88,6 +131,7 @@ class ThreadParameters(ActuatorParameters):
                 for side in range(1 + thread.pair)
             ),
             pinned=scenario.base.mount == "pinned",
+            rubs=any(tendon.friction > 0 for tendon in scenario.tendon),
         )
 
     def assemble(self, rod: Rod, first: int) -> tuple[Actuator, tuple[Element, ...]]:
@@ -110,7 +154,7 @@ class ThreadParameters(ActuatorParameters):
         )
         return follower, (self._element(rod, first),)
 
-    def lines(self, rod: Rod, first: int) -> Lines | None:
+    def lines(self, rod: Rod, first: int) -> LengthControlledThreads | None:
         """Return the threads of given length or volume, if there are any."""
         if not self.lined:
             return None
@@ -121,7 +165,7 @@ class ThreadParameters(ActuatorParameters):
         strains = bend.rest_strain.reshape(behind.size, -1)
         paths = jax.vmap(lambda e, *at: e.path(*at))(element, strains, before, behind)
         thread, side = np.array(self.lined).T
-        return Lines(
+        return LengthControlledThreads(
             drives=tuple(int(first + k) for k in thread),
             fluid=tuple(bool(k < self.chambers) for k in thread),
             rest=jnp.sum(paths, axis=0),
@@ -133,7 +177,7 @@ class ThreadParameters(ActuatorParameters):
         """Build the element: a window for each node but the tip, a lane for each slot."""
         slots = np.asarray(self.slots)
         thread, other_side, taken = slots // 2, slots % 2, slots != _NONE
-        # the stretch of arm that each node stands for, the last one up to the tip
+        # the part of the arm that belongs to each node, the last one up to the tip
         at = jnp.linspace(0.0, 1.0, rod.nodes)[:-1, None]
         half = 0.5 / (rod.nodes - 1)
         low, high = jnp.maximum(at - half, 0.0), at + half
@@ -144,7 +188,9 @@ class ThreadParameters(ActuatorParameters):
             weight = weight.at[0].set(0.0)  # they are fixed to the arm, not to the base
 
         def offset(where: Float[Array, "count 1"]) -> Float[Array, "count lane way"]:
-            along = jnp.clip((where - low_span) / (high_span - low_span), 0.0, 1.0)
+            return at_share(jnp.clip((where - low_span) / (high_span - low_span), 0.0, 1.0))
+
+        def at_share(along: Float[Array, "count lane"]) -> Float[Array, "count lane way"]:
             ends, angles = self.offset[thread], self.angle[thread]
             away = ends[..., 0] + along * (ends[..., 1] - ends[..., 0])
             angle = angles[..., 0] + along * (angles[..., 1] - angles[..., 0])
@@ -181,7 +227,32 @@ class ThreadParameters(ActuatorParameters):
             stiffening=stiffening,
             rest_strain=bend.rest_strain.reshape(rod.nodes - 1, -1)[:, : rod.axes - 1],
             share=ends,
+            **(self._friction(rod, at_share, weight) if self.rubs else {}),
         )
+
+    def _friction(
+        self,
+        rod: Rod,
+        offset: Callable[[Float[Array, "count lane"]], Float[Array, "count lane way"]],
+        weight: Float[Array, "count lane"],
+    ) -> dict[str, Array]:
+        """Return what friction adds to the element, from offsets by shares of the spans."""
+        slots = np.asarray(self.slots)
+        thread = slots // 2
+        low, high = (self.span[thread, end] for end in (0, 1))
+        at = jnp.linspace(0.0, 1.0, rod.nodes)[:-1, None]
+        along = (at - low) / (high - low)
+        one, across = jnp.ones_like(along), rod.nodes - 1
+
+        def slope(along: Float[Array, "count lane"]) -> Float[Array, "count lane way"]:
+            return jax.jvp(offset, (along,), (one,))[1]
+
+        per_span = ((high - low) ** 2 * across * jnp.sum(rod.rest_length))[..., None]
+        return {
+            "friction": self.friction[thread] * one,
+            "winding": jax.jvp(slope, (along,), (one,))[1] / per_span,
+            "cover": weight[..., None] * (slots[..., None] == np.unique(slots[slots != _NONE])),
+        }
 
 
 def _stiffness(rod: Rod, offset: Float[Array, "count lane way"]) -> Float[Array, "count lane"]:
@@ -208,27 +279,22 @@ def _numbers(thread: Chamber | Tendon) -> dict[str, Any]:
         if not thread.lined:
             lower = lower or thread.min_pressure / thread.max_pressure
     rate = _UNLIMITED if thread.largest_rate is None else thread.largest_rate / thread.largest
-    angles = (angle, angle + math.radians(wound))
-    ends = (low, high)
     return {
         "span": thread.span,
-        "offset": ends,
-        "angle": angles,
+        "offset": (low, high),
+        "angle": (angle, angle + math.radians(wound)),
         "force": 0.0 if thread.lined else force,
         "hold": pull if thread.lined else 0.0,
         "shortening": thread.largest if thread.lined else 0.0,
         "stiffness": stiffness or 0.0,
         "max_curvature": curvature,
         "stiffening": thread.stiffening if isinstance(thread, Chamber) else 0.0,
+        "friction": thread.friction if isinstance(thread, Tendon) else 0.0,
         "lower": lower,
         "lag": thread.time_constant,
         "max_rate": rate,
         "dead_band": thread.dead_band,
     }
-
-
-def _bends_only(thread: Chamber | Tendon) -> bool:
-    return isinstance(thread, Chamber) and thread.max_curvature is not None
 
 
 def _schedules(

@@ -1,4 +1,7 @@
-"""The command line: commands, progress, exit codes; no physics."""
+"""The command line: commands, progress, exit codes; no physics.
+
+May import ``learning`` and lower folders.
+"""
 
 import contextlib
 import gc
@@ -8,21 +11,23 @@ import sys
 from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading, heed, ignore
 
 _ALLOCATIONS = 50_000
-"""New objects after which Python looks for garbage: libraries make many and leave hardly any."""
+"""New objects after which Python looks for garbage; libraries make many and drop few."""
 
 
 def main() -> None:
     """Run the command line."""
     gc.set_threshold(_ALLOCATIONS)
-    # matrices are small here: threads of linear algebra would but wait for each other
+    # matrices are small here: threads of linear algebra would only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # XLA asks for a bug report where a program compiles for minutes; crinoid says it in one line
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:
         heed()
         with Loading():
             from crinoid.cli.app import app
 
         app()
-    except Interrupted:  # while the program itself was loaded, or when it had said its last word
+    except Interrupted:  # while the program was loaded, or after its last output
         print("crinoid: interrupted", file=sys.stderr)
         _leave(INTERRUPTED)
     except SystemExit as end:
@@ -31,11 +36,11 @@ def main() -> None:
         raise
     finally:
         ignore()
-        gc.freeze()  # the system takes back the memory of all that JAX made, and much faster
+        gc.freeze()  # the system frees the memory of JAX, and much faster
 
 
 def _leave(code: int) -> None:
-    """End at once: in order, Python would wait for what is still compiled, and JAX may crash."""
+    """End immediately: otherwise Python would wait for compilations, and JAX may crash."""
     ignore()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):

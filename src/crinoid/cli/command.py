@@ -1,42 +1,150 @@
-"""How commands begin and end: what they are told, what they tell, and exit codes."""
+"""What all commands share: options, the console, messages and exit codes."""
 
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+from rich.console import Console
+from rich.text import Text
 
 from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading
-from crinoid.cli.options import errors, stop
-from crinoid.status import Status
+from crinoid.foundation.status import Status
 
 if TYPE_CHECKING:
     from crinoid.scenario import Scenario
 
-FAILED = 3
+BAD_INPUT, FAILED = 2, 3
+"""Exit codes."""
+_ESCAPED = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != 0x0A}
+"""Control characters but the new line, and their printed replacements."""
+
+
+class Terminal(Console):
+    """A console that prints text literally: markup, emoji and control characters do nothing."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, emoji=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Render text."""
+        return super().render_str(text.translate(_ESCAPED), **options)
+
+
+console = Terminal()
+errors = Terminal(stderr=True, soft_wrap=True)
+
+
+def stop(*lines: str) -> NoReturn:
+    """Print the mistakes of the input, and end."""
+    for line in lines:
+        errors.print(f"crinoid: {' '.join(line.splitlines())}")
+    raise typer.Exit(BAD_INPUT)
+
+
+def end(trouble: str) -> None:
+    """End with what went wrong, if anything did."""
+    if trouble:
+        errors.print(f"crinoid: {trouble}")
+        raise typer.Exit(INTERRUPTED if Status.of(trouble) is Status.INTERRUPTED else FAILED)
 
 
 @contextmanager
-def told(interrupted: str = "interrupted before there was anything to save") -> Iterator[None]:
-    """Turn what a user can mend into one line each, and no traceback."""
+def one_line_errors(
+    interrupted: str = "interrupted before there was anything to save",
+) -> Iterator[None]:
+    """Print errors that a user can mend as one line each, without a traceback."""
     with Loading():
         from crinoid.scenario import ScenarioError
 
     try:
         yield
-    except (ScenarioError, OSError) as error:
-        if isinstance(error, ScenarioError):
-            stop(*error.lines)
-        if error.errno == errno.EPIPE:  # who read what is shown, such as `head`, has seen enough
+    except ScenarioError as error:
+        stop(*error.lines)
+    except OSError as error:
+        if error.errno == errno.EPIPE:  # the reader of the output, such as `head`, has gone
             raise
         stop(f"{error.filename or 'file'}: {error.strerror or error}")
+    except ValueError as error:
+        figures = sys.modules.get("crinoid.view.figures")
+        if figures is None or not isinstance(error, figures.ReportError):
+            raise
+        stop(str(error))
     except (Interrupted, KeyboardInterrupt):
         errors.print(f"crinoid: {interrupted}")
         raise typer.Exit(INTERRUPTED) from None
+
+
+def complete_name(start: str) -> list[str]:
+    """Complete the name of a built-in scenario."""
+    from crinoid.scenario import builtin_names
+
+    return [name for name in builtin_names() if name.startswith(start)]
+
+
+def complete_key(start: str) -> list[str]:
+    """Complete a key of a scenario, up to its equals sign."""
+    from crinoid.scenario import Scenario
+    from crinoid.scenario.kinds import all_keys
+
+    found = all_keys(Scenario.model_json_schema())
+    return [f"{key}=" for key, table in found.items() if key.startswith(start) and not table]
+
+
+def option(
+    text: str,
+    metavar: str | None = None,
+    *,
+    name: str | None = None,
+    default: str | bool = True,
+    complete: Callable[[str], list[str]] | None = None,
+) -> Any:
+    """Return an option: its help, its value in it, its name, default in words, and completion."""
+    names = () if name is None else (name,)
+    return typer.Option(
+        *names, metavar=metavar, help=text, show_default=default, autocompletion=complete
+    )
+
+
+ScenarioName = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="A TOML file, or the name of a built-in scenario.",
+        autocompletion=complete_name,
+    ),
+]
+Settings = Annotated[
+    list[str] | None,
+    option(
+        "Change a key, such as arm.length=0.6.", "KEY=VALUE", name="--set", complete=complete_key
+    ),
+]
+Force = Annotated[
+    bool,
+    option("Replace the finished result of another scenario, or files of others.", name="--force"),
+]
+
+
+def out_option(folder: str) -> Any:
+    """Return the option that names the folder to write to; ``folder`` is shown as its default."""
+
+    def named(name: str) -> Path:
+        return Path(name) if name else stop("--out: got an empty name; must be a folder")
+
+    return typer.Option(
+        "--out", metavar="DIR", help="Where to write.", show_default=folder, parser=named
+    )
+
+
+def resume_option(what: str) -> Any:
+    """Return the option that continues an interrupted run, sweep or training."""
+    return typer.Option("--resume", help=f"Go on from where an interrupted {what} stopped.")
 
 
 def load_scenario(name: str, settings: list[str] | None) -> Scenario:
@@ -48,15 +156,8 @@ def load_scenario(name: str, settings: list[str] | None) -> Scenario:
 
 
 def folder_for(out: Path | None, name: str, ending: str = "") -> Path:
-    """Return the folder to write to, after the scenario's name where none is given."""
+    """Return the folder to write to, by default named after the scenario."""
     folder = out if out is not None else Path("results") / f"{Path(name).stem}{ending}"
     if folder.exists() and not folder.is_dir():
-        stop(f"--out: {folder} is a file, takes a folder")
+        stop(f"--out: {folder} is a file; must be a folder")
     return folder
-
-
-def end(trouble: str) -> None:
-    """End with what went wrong, if anything did."""
-    if trouble:
-        errors.print(f"crinoid: {trouble}")
-        raise typer.Exit(INTERRUPTED if Status.of(trouble) is Status.INTERRUPTED else FAILED)

@@ -1,26 +1,22 @@
-"""Comparing controllers: progress while they run, a file, a figure and a table."""
+"""Comparison of controllers: progress, a file, a figure and a table."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from rich.console import Console
 from rich.table import Table
 
-from crinoid.cli.finding import place_of, prepare_one, save_finding
+from crinoid.cli.display import listed, new_table, notes_of_cases, progress_bar, reporter, show
+from crinoid.cli.finding import finding
 from crinoid.cli.interruption import Interruption
-from crinoid.cli.lines import say_notes, say_written
-from crinoid.cli.notes import notes_of_cases, say_doubts
-from crinoid.cli.progress import progress_bar, reporter
-from crinoid.comparison import COMPARISON, Comparison
-from crinoid.report.compare import speed_unit
-from crinoid.report.units import DEGREES, Unit, largest, length_unit, si_unit
-from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of, shown
+from crinoid.foundation.status import Status
+from crinoid.scenario import Scenario, got, one_of, refusal, shown
 from crinoid.scenario.control import KINDS
 from crinoid.scenario.kinds import installed
-from crinoid.status import Status
-
-_MOST_FAILURES = 4
+from crinoid.studies.comparison import COMPARISON, ControllerComparison
+from crinoid.view.figures.controllers import speed_unit
+from crinoid.view.figures.style import DEGREES, largest, length_unit, si_unit
 
 
 def kinds_of(text: str) -> list[str]:
@@ -29,137 +25,90 @@ def kinds_of(text: str) -> list[str]:
     known = [kind for kind in (*KINDS, *installed("controllers")) if kind != "custom"]
     for kind in kinds:
         if kind not in known:
-            text = f"got {shown(kind)}, takes {one_of(known)}, with commas between them"
-            raise ScenarioError([Mistake("--controllers", text)])
+            text = got(kind, f"be {one_of(known)}, separated by commas")
+            raise refusal("--controllers", text)
         if kinds.count(kind) > 1:
-            text = f"got {shown(kind)} twice, takes each one once"
-            raise ScenarioError([Mistake("--controllers", text)])
+            text = f"got {shown(kind)} twice; must name each controller once"
+            raise refusal("--controllers", text)
     return kinds
 
 
 def seeds_of(count: int, first: int) -> range:
     """Return the seeds from the first one on."""
     if count < 1:
-        raise ScenarioError([Mistake("--seeds", f"got {count}, takes a number of 1 or more")])
+        raise refusal("--seeds", got(count, "be at least 1"))
     if first < 0:
-        raise ScenarioError([Mistake("--first-seed", f"got {first}, takes a number of 0 or more")])
+        raise refusal("--first-seed", got(first, "be at least 0"))
     return range(first, first + count)
 
 
 def compare_controllers(
-    scenario: Scenario,
-    kinds: list[str],
-    seeds: range,
-    folder: Path,
-    *,
-    force: bool,
-    console: Console,
+    scenario: Scenario, kinds: list[str], seeds: range, folder: Path, *, force: bool
 ) -> str:
     """Run a scenario under each controller, save, draw and sum up; return what went wrong."""
-    prepared = prepare_one(scenario, "a comparison")
-    prepared.check()
-    with place_of(folder / COMPARISON, force=force):
-        doubted = say_doubts(console, prepared)
-        with Interruption() as interruption:
-            with progress_bar(console) as bar:
-                comparison = Comparison(scenario, kinds, seeds)
+    with (
+        finding(scenario, folder / COMPARISON, "a comparison", force=force) as found,
+        Interruption() as interruption,
+    ):
+        with progress_bar() as bar:
+            comparison = ControllerComparison(scenario, kinds, seeds)
 
-                def stop() -> bool:
-                    # until a run is complete there is nothing to save: a wish is heard at once
-                    return comparison.begun and interruption.stop()
+            def stop() -> bool:
+                # until a run is complete there is nothing to save: stop immediately
+                return comparison.has_runs and interruption.stop()
 
-                comparison.run(reporter(bar, ""), stop)
-                interruption.stop()
-            dataset = comparison.dataset()
-            files = save_finding(dataset, folder / COMPARISON)
-            console.print(comparison_table(dataset))
-            told = {
-                name: [note for note in notes if note not in doubted]
-                for name, notes in comparison.notes.items()
-            }
-            say_notes(console, [*_alike(dataset), *notes_of_cases(told)])
-            say_written(console, files)
-    return _trouble(dataset)
+            comparison.run(reporter(bar, ""), stop)
+            interruption.stop()
+        data = comparison.dataset()
+        rms, notes = data["rms_error"].values, []
+        if len(seeds) > 1 and np.isfinite(rms).all() and not np.ptp(rms, axis=1).any():
+            notes = ["nothing in this scenario is random: all seeds give the same run"]
+        of_runs = {
+            name: [note for note in notes if note not in found.doubts]
+            for name, notes in comparison.notes.items()
+        }
+        show(comparison_table(data), [*notes, *notes_of_cases(of_runs)], found.save(data))
+    failures = [
+        f"{kind} with seed {seed}: {arm.status}"
+        for (kind, seed), arm in comparison.runs.items()
+        if Status.of(arm.status) not in (Status.OK, Status.INTERRUPTED)
+    ]
+    text, status = listed(failures, COMPARISON), str(data.attrs["status"])
+    if Status.of(status) is Status.INTERRUPTED:
+        return f"{status} and saved" + (f"; {text}" if text else "")
+    return text
 
 
 def comparison_table(data: xr.Dataset) -> Table:
-    """Sum up a comparison: means over the runs that reached their end."""
-    table = Table(title=str(data.attrs["title"]), title_justify="left")
-    table.add_column("")
-    for kind in data["controller"].values:
-        table.add_column(str(kind), justify="right")
+    """Return means over the runs that reached their end."""
+    rows: list[tuple[str, ...]] = []
 
-    def add(name: str, values: np.ndarray, unit: Unit) -> None:
-        table.add_row(name, *("-" if np.isnan(v) else unit.text(float(v)) for v in values))
+    def add(name: str, values: xr.DataArray, text_of: Callable[[float], str]) -> None:
+        rows.append((name, *("-" if np.isnan(v) else text_of(v) for v in values.values.tolist())))
 
-    rms, most = data["rms_error"].values, data["max_error"].values
-    unit = length_unit(largest(most))
-    add("tip error, RMS", _mean(rms), unit)
-    add("tip error, RMS, worst run", _most(rms), unit)
-    add("tip error, maximum", _most(most), unit)
-    if "none" in data["controller"].values and _stays(Scenario.from_toml(data.attrs["scenario"])):
-        free = data["fluctuation"].sel(controller="none").values
-        ratio = _mean(rms / free)
-        cells = ("-" if np.isnan(value) else f"{value:.1%}" for value in ratio)
-        table.add_row("tip error over fluctuation", *cells)
+    rms, most = data["rms_error"], data["max_error"]
+    length = length_unit(largest(most.values)).text
+    add("tip error, RMS", rms.mean("seed"), length)
+    add("tip error, RMS, worst run", rms.max("seed"), length)
+    add("tip error, maximum", most.max("seed"), length)
+    kinds, scenario = data["controller"].values, Scenario.from_toml(data.attrs["scenario"])
+    moves = scenario.target.moves or (scenario.target.frame == "base" and scenario.base.motion)
+    if "none" in kinds and not moves:
+        ratio = rms / data["fluctuation"].sel(controller="none", drop=True)
+        mean = ratio.where(np.isfinite(ratio)).mean("seed")
+        add("tip error over fluctuation", mean, lambda share: f"{share:.1%}")
     if "rms_angle_error" in data:
-        add("angle error, RMS", _mean(data["rms_angle_error"].values), DEGREES)
-        add("angle error, maximum", _most(data["max_angle_error"].values), DEGREES)
+        add("angle error, RMS", data["rms_angle_error"].mean("seed"), DEGREES.text)
+        add("angle error, maximum", data["max_angle_error"].max("seed"), DEGREES.text)
     for index, name in enumerate(data["input"].values):
-        speed = data["effort"].values[..., index]
-        unit = speed_unit(str(data["input_unit"].values[index]), largest(speed))
-        add(f"speed of {name}, RMS", _mean(speed), unit)
-    work = data["work"].values
-    add("work of base and actuators", _mean(work), si_unit(largest(work), "J"))
-    tick = data["tick_time"].values
-    table.add_row(
-        "time per tick",
-        *("-" if np.isnan(t) else si_unit(float(t), "s").text(float(t)) for t in tick),
-    )
+        speed = data["effort"][..., index]
+        unit = speed_unit(str(data["input_unit"].values[index]), largest(speed.values))
+        add(f"speed of {name}, RMS", speed.mean("seed"), unit.text)
+    work = data["work"]
+    joules = si_unit(largest(work.values), "J")
+    add("work of base and actuators", work.mean("seed"), joules.text)
+    add("time per tick", data["tick_time"], lambda time: si_unit(time, "s").text(time))
     count = data.sizes["seed"]
-    complete = np.isfinite(rms).sum(axis=1)
-    table.add_row("runs", *(str(n) if n == count else f"{n} of {count}" for n in complete))
-    return table
-
-
-def _mean(values: np.ndarray) -> np.ndarray:
-    """Return the mean over seeds of what there is; NaN where there is nothing."""
-    there = np.isfinite(values)
-    total = np.where(there, values, 0.0).sum(axis=1)
-    return np.where(there.any(axis=1), total / np.maximum(1, there.sum(axis=1)), np.nan)
-
-
-def _most(values: np.ndarray) -> np.ndarray:
-    there = np.isfinite(values)
-    return np.where(there.any(axis=1), np.where(there, values, -np.inf).max(axis=1), np.nan)
-
-
-def _stays(scenario: Scenario) -> bool:
-    """Tell whether the tip is not to go away from its mean."""
-    moves = scenario.target.frame == "base" and scenario.base.motion
-    return not (scenario.target.moves or moves)
-
-
-def _alike(data: xr.Dataset) -> list[str]:
-    """Return a note if seeds make no difference."""
-    rms = data["rms_error"].values
-    if data.sizes["seed"] < 2 or not np.isfinite(rms).all() or np.ptp(rms, axis=1).any():
-        return []
-    return ["nothing in this scenario is random: all seeds give the same run"]
-
-
-def _trouble(data: xr.Dataset) -> str:
-    """Say which runs did not reach their end, and why."""
-    kinds, seeds = data["controller"].values, data["seed"].values
-    failures = []
-    for (row, column), words in np.ndenumerate(data["status"].values):
-        if Status.of(words) not in (Status.OK, Status.INTERRUPTED):
-            failures.append(f"{kinds[row]} with seed {seeds[column]}: {words}")
-    left = len(failures) - _MOST_FAILURES
-    told = "; ".join(failures[:_MOST_FAILURES])
-    if left > 0:
-        told += f"; {left} more {'is' if left == 1 else 'are'} in {COMPARISON}"
-    summed = str(data.attrs["status"])
-    if Status.of(summed) is Status.INTERRUPTED:
-        return f"{summed} and saved" + (f"; {told}" if told else "")
-    return told
+    complete = np.isfinite(rms.values).sum(axis=1)
+    rows.append(("runs", *(str(n) if n == count else f"{n} of {count}" for n in complete)))
+    return new_table(data.attrs["title"], ("", *map(str, kinds)), rows)

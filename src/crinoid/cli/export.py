@@ -1,64 +1,58 @@
-"""Exporting a result or a policy: which options go with which format, and progress."""
+"""Export of a result or a policy: options of each format, and progress."""
 
 from collections.abc import Callable
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
-from rich.console import Console
-
+from crinoid.cli.display import progress_bar, say_notes, say_written
 from crinoid.cli.folder import check_own, claimed
-from crinoid.cli.lines import say_notes, say_written
-from crinoid.cli.progress import progress_bar
-from crinoid.export import Written, write_csv, write_gltf, write_onnx, write_vtkhdf
-from crinoid.export.files import KINDS, files_of, is_own
-from crinoid.export.source import find_policy, find_result
-from crinoid.scenario import Mistake, ScenarioError, one_of, shown
-
-
-class Table(NamedTuple):
-    """Options of a table as they are given."""
-
-    variables: str | None
-    nodes: str | None
+from crinoid.scenario import Mistake, ScenarioError, got, one_of, refusal
+from crinoid.view.export import Written, write_csv, write_gltf, write_onnx, write_vtkhdf
+from crinoid.view.export.source import KINDS, files_of, find_policy, find_result
 
 
 def export_result(
     result: Path,
     kind: str,
     out: Path | None,
-    table: Table,
     *,
+    variables: str | None,
+    nodes: str | None,
     instants: int | None,
     force: bool,
-    console: Console,
 ) -> None:
     """Export a result or a policy, and report omissions."""
     if kind not in KINDS:
         near = get_close_matches(kind.lower(), KINDS, n=1)
-        raise _mistake("--to", f"got {shown(kind)}, takes {one_of(KINDS)}", *near)
+        raise ScenarioError([Mistake("--to", got(kind, f"be {one_of(KINDS)}"), *near)])
     if instants is not None and instants < 1:
-        raise _mistake("--instants", f"got {instants}, takes a number of 1 or more")
+        raise refusal("--instants", got(instants, "be at least 1"))
     if instants is not None and kind == "onnx":
-        raise _mistake("--instants", f"goes with results, not with --to {kind}")
-    for option, value in {"--variables": table.variables, "--nodes": table.nodes}.items():
+        raise refusal("--instants", f"needs a result. Leave it out with --to {kind}.")
+    for option, value in {"--variables": variables, "--nodes": nodes}.items():
         if value is not None and kind != "csv":
-            raise _mistake(option, f"goes with --to csv, not with --to {kind}")
+            raise refusal(option, f"needs --to csv. Leave it out with --to {kind}.")
     if out is not None and out.exists() and not out.is_dir():
-        raise _mistake("--out", f"{out} is a file, takes a folder")
+        raise refusal("--out", f"{out} is a file; must be a folder")
+    names = None if variables is None else [part.strip() for part in variables.split(",")]
+    try:
+        numbers = None if nodes is None else [int(part) for part in nodes.split(",")]
+    except ValueError:
+        must = "be whole numbers separated by commas, such as 0,10,-1"
+        raise refusal("--nodes", got(nodes, must)) from None
     path = find_policy(result) if kind == "onnx" else find_result(result)
     folder = path.parent if out is None else out
     writers: dict[str, Callable[..., Written]] = {
-        "csv": partial(write_csv, variables=_names(table.variables), nodes=_numbers(table.nodes)),
+        "csv": partial(write_csv, variables=names, nodes=numbers),
         "vtkhdf": write_vtkhdf,
         "gltf": write_gltf,
         "onnx": lambda path, folder, **_: write_onnx(path, folder),
     }
     with claimed(folder):
         for file in [] if force else files_of(folder, path.stem, kind):
-            check_own(file, is_own)
-        with progress_bar(console) as bar:
+            check_own(file)
+        with progress_bar() as bar:
             task = bar.task_ids[0]
             bar.update(task, description="reading")
 
@@ -69,23 +63,5 @@ def export_result(
                 )
 
             written = writers[kind](path, folder, instants=instants, report=report)
-    say_notes(console, written.notes)
-    say_written(console, written.files)
-
-
-def _names(text: str | None) -> list[str] | None:
-    return None if text is None else [part.strip() for part in text.split(",")]
-
-
-def _numbers(text: str | None) -> list[int] | None:
-    if text is None:
-        return None
-    try:
-        return [int(part) for part in text.split(",")]
-    except ValueError:
-        takes = "takes whole numbers with commas between them, such as 0,10,-1"
-        raise _mistake("--nodes", f"got {shown(text)}, {takes}") from None
-
-
-def _mistake(option: str, text: str, near: str = "") -> ScenarioError:
-    return ScenarioError([Mistake(option, text, near)])
+    say_notes(written.notes)
+    say_written(written.files)

@@ -1,39 +1,109 @@
-"""A file of findings about one case of a scenario: its folder, its figures, what is said of it."""
+"""Findings about one case of a scenario: a file with its figures, a table and notes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import xarray as xr
 
 from crinoid.assembly.prepared import Prepared
+from crinoid.cli.display import say_doubts
 from crinoid.cli.folder import check_own, claimed
-from crinoid.programs import keep_programs
-from crinoid.replacement import replacing
-from crinoid.report import write_report
-from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.compilation import keep_programs
+from crinoid.foundation.atomic_file import atomic_write
+from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
+from crinoid.studies.sweep import SweepDesign
+from crinoid.view.figures import ReportError, write_page, write_report
 
 
-def prepare_one(scenario: Scenario, finding: str) -> Prepared:
-    """Prepare a scenario of which something is to be found, such as `"a tuning"`."""
+class Finding(NamedTuple):
+    """The file of a command that examines one case."""
+
+    prepared: Prepared
+    path: Path
+    doubts: list[str]
+    """Implausible values that were reported."""
+
+    def save(self, data: xr.Dataset) -> list[Path]:
+        """Save and draw a dataset; return its files."""
+        with atomic_write(self.path) as temporary:
+            data.to_netcdf(temporary, engine="netcdf4")
+        return [self.path, *write_report(self.path)]
+
+    def write(self, name: str, text: str) -> Path:
+        """Write a text next to the file."""
+        path = self.path.parent / name
+        with atomic_write(path) as temporary:
+            temporary.write_text(text, "utf-8")
+        return path
+
+
+def require_one(scenario: Scenario, name: str) -> None:
+    """Require a scenario of one case for a command such as `"a tuning"`, and load programs."""
     if scenario.vary:
-        text = f"{finding} is of one case; give its values with --set and leave out vary"
-        raise ScenarioError([Mistake("vary", text)])
+        text = f"{name} is of one case. Set its values with --set and leave out vary."
+        raise refusal("vary", text)
     keep_programs()
-    return Prepared(scenario)
 
 
 @contextmanager
-def place_of(path: Path, *, force: bool) -> Iterator[None]:
-    """Claim the folder of a file that may be written."""
+def finding(
+    scenario: Scenario,
+    path: Path,
+    name: str,
+    *,
+    force: bool,
+    check: bool = True,
+    doubts: bool = True,
+) -> Iterator[Finding]:
+    """Prepare and check a case, and lock the folder of a file about it.
+
+    The ``name`` is its subject in messages: `"a tuning"`. With ``force`` the file may replace one
+    that crinoid did not write. Without ``check`` files and room of the scenario are not checked,
+    without ``doubts`` implausible values are not reported.
+    """
+    require_one(scenario, name)
+    prepared = Prepared(scenario)
+    if check:
+        prepared.check()
     with claimed(path.parent):
         if not force:
             check_own(path)
+        yield Finding(prepared, path, say_doubts(prepared) if doubts else [])
+
+
+@contextmanager
+def solvable() -> Iterator[None]:
+    """Turn a failure before the first trial, such as a missing equilibrium, into a mistake."""
+    try:
         yield
+    except RuntimeError as error:
+        raise refusal("", str(error)) from error
 
 
-def save_finding(dataset: xr.Dataset, path: Path) -> list[Path]:
-    """Save what was found, draw it, and return the files."""
-    with replacing(path) as temporary:
-        dataset.to_netcdf(temporary, engine="netcdf4")
-    return [path, *write_report(path)]
+def checked_runs(
+    plan: SweepDesign, runs: Iterable[int], key: str
+) -> Iterator[tuple[str, Prepared]]:
+    """Check runs of a plan, and yield each with its name; a mistake at ``key`` names its case."""
+    for run in runs:
+        try:
+            prepared = Prepared(plan.case(run))
+            prepared.check()
+        except ScenarioError as error:
+            values = plan.values(run).items()
+            case = ", ".join(f"{name} = {shown(value)}" for name, value in values)
+            mistakes = [Mistake(key, f"case {case}: {mistake}") for mistake in error.mistakes]
+            raise ScenarioError(mistakes) from error
+        yield plan.name(run), prepared
+
+
+def page_in(folder: Path) -> tuple[list[Path], list[str]]:
+    """Write the page of the run or the study in a folder; return it, or a note of why not.
+
+    A run without a page is a run all the same.
+    """
+    try:
+        return [write_page(folder)], []
+    except ReportError as error:
+        return [], [f"no page: {error}"]

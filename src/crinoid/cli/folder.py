@@ -1,49 +1,46 @@
-"""The folder that a command writes to: one command at a time, and nothing of another run in it."""
+"""The folder that a command writes to: its lock, its earlier files, and where results go."""
 
 import errno
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from typing import NoReturn
 
 import filelock
 import netCDF4
-from rich.console import Console
 
-from crinoid.cases import CASES, is_table
-from crinoid.cli.lines import say_written
-from crinoid.comparison import COMPARISON
-from crinoid.current import FLOW
-from crinoid.export.files import exports_in
-from crinoid.identification import IDENTIFICATION
-from crinoid.replacement import remove_unfinished
-from crinoid.report.film.file import films_in
-from crinoid.report.page.file import PAGE, is_page
-from crinoid.result import RESULT, TRAINING, UNCONTROLLED, Result, attributes
-from crinoid.scenario import Mistake, Scenario, ScenarioError
-from crinoid.simulation import MODES
-from crinoid.simulation.margins import MARGINS
-from crinoid.status import Status
-from crinoid.stream import is_stream, remove_checkpoints
-from crinoid.sweep import PLAN
-from crinoid.tuning import TUNING
+from crinoid.analysis.current import FLOW
+from crinoid.analysis.margins import MARGINS
+from crinoid.analysis.vibrations import MODES
+from crinoid.foundation.atomic_file import remove_unfinished
+from crinoid.foundation.status import Status
+from crinoid.inverse import IDENTIFICATION, TUNING
+from crinoid.results.metrics import CASES
+from crinoid.results.own_files import is_own
+from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result, attributes
+from crinoid.results.stream import is_stream, remove_checkpoints
+from crinoid.scenario import Scenario, ScenarioError, refusal
+from crinoid.studies.comparison import COMPARISON
+from crinoid.studies.sweep import PLAN
+from crinoid.view.export.source import exports_of
+from crinoid.view.film.encode import FILMS
+from crinoid.view.page.parts import PAGE
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
 _APART = (FLOW, MODES, COMPARISON, MARGINS, TUNING, IDENTIFICATION, TRAINING)
-"""Files of commands that run no scenario by itself, which may lie beside a result."""
+"""Files of commands that run no scenario by itself, which may be next to a result."""
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 
 Wanted = Mapping[str, Scenario]
-"""Scenarios to run, by the folder below the one given; "" for that one itself."""
+"""Scenarios to run, by the folder below that of the command; "" for that one itself."""
 
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Have a folder for oneself; it is made if needed, and goes again if nothing is written."""
+    """Lock a folder; create it if needed and remove it if nothing was written."""
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     lock = filelock.FileLock(folder / _LOCK)
     try:
@@ -60,7 +57,7 @@ def claimed(folder: Path) -> Iterator[None]:
                 (folder / _LOCK).unlink(missing_ok=True)
                 lock.release()
     finally:
-        with suppress(OSError):  # not empty: something came of it
+        with suppress(OSError):  # not empty: something was written
             for each in made:
                 each.rmdir()
 
@@ -72,8 +69,8 @@ def _open(folder: Path, lock: filelock.BaseFileLock) -> None:
             pass
         lock.acquire(blocking=False)
     except filelock.Timeout:
-        text = f"another command is writing to {folder}: takes another folder, or a moment"
-        raise ScenarioError([Mistake("--out", text)]) from None
+        text = f"{folder} is in use by another crinoid process. Wait for its end, or choose "
+        raise refusal("--out", f"{text}another folder.") from None
     except NotImplementedError:
         pass  # a file system without locks
     except OSError as error:
@@ -84,75 +81,51 @@ def _open(folder: Path, lock: filelock.BaseFileLock) -> None:
 def check_replaced(
     folder: Path, wanted: Wanted, *, resume: bool = False, still: bool = False
 ) -> None:
-    """Refuse to replace a finished result of another scenario, and what crinoid did not write.
+    """Refuse to replace finished results of other scenarios, a sweep, or files of other programs.
 
-    Parameters
-    ----------
-    folder, wanted
-        Where, and what is to be run there.
-    resume
-        Whether results of ``wanted`` are gone on with, which looks at them more closely.
-    still
-        Whether an equilibrium is to replace them.
+    Results that ``resume`` continues are checked more closely elsewhere; with ``still`` an
+    equilibrium is to replace them.
     """
-    for path in _foreign(folder, wanted, resume=resume):
-        _refuse(path)
+    for place in wanted:
+        if not (resume and (folder / place / RESULT).exists()):  # checked more closely
+            check_own(folder / place / RESULT)
+            check_own(folder / place / UNCONTROLLED)
+    if "" not in wanted:
+        check_own(folder / CASES)
     if (folder / PLAN).exists():
-        text = f"{folder} holds a sweep; takes another folder, or --force to write beside it"
-        raise ScenarioError([Mistake("--out", text)])
+        text = f"{folder} contains a sweep. Choose another folder, or use --force to write next "
+        raise refusal("--out", f"{text}to it.")
     for place in ("", *(each.name for each in _case_folders(folder))):
         path = folder / place / RESULT
         found = attributes(path)
         if Status.of(found.get("status")) is not Status.OK or (resume and place in wanted):
             continue
         if place not in wanted or not _same(found, wanted[place]) or still != _still(path):
-            text = f"{path} is a finished result of another scenario; takes another folder, or "
-            raise ScenarioError([Mistake("--out", f"{text}--force to replace it")])
+            text = f"{path} is a finished result of another scenario. Choose another folder, or "
+            raise refusal("--out", f"{text}use --force to replace it.")
 
 
-def check_own(path: Path, is_own: Callable[[Path], object] = attributes) -> None:
-    """Refuse to replace a file that crinoid did not write; by default it is a netCDF file."""
-    if path.exists() and not is_own(path):
-        _refuse(path)
+def check_own(path: Path, own: Callable[[Path], object] = is_own) -> None:
+    """Refuse to replace a file that crinoid did not write."""
+    if path.exists() and not own(path):
+        text = f"{path} was not written by crinoid, or cannot be read. Choose another folder, or "
+        raise refusal("--out", f"{text}use --force to replace it.")
 
 
-def _refuse(path: Path) -> NoReturn:
-    text = f"{path} was not written by crinoid, or cannot be read; takes another folder, or "
-    raise ScenarioError([Mistake("--out", f"{text}--force to replace it")])
-
-
-def _foreign(folder: Path, wanted: Wanted, *, resume: bool) -> Iterator[Path]:
-    """Yield files that are not crinoid's and have the name of one that it would write or read."""
-    for place in wanted:
-        if resume and (folder / place / RESULT).exists():
-            continue  # the two are looked at more closely
-        for path in (folder / place / RESULT, folder / place / UNCONTROLLED):
-            if path.exists() and not attributes(path):
-                yield path
-    if "" not in wanted and (folder / CASES).exists() and not is_table(folder / CASES):
-        yield folder / CASES
-
-
-def interrupted(folder: Path, scenario: Scenario) -> bool:
-    """Tell whether a folder holds an interrupted run of a scenario."""
+def contains(folder: Path, scenario: Scenario, *statuses: Status) -> bool:
+    """Return whether a folder contains a result of a scenario, of some statuses or any."""
     found = attributes(folder / RESULT)
-    stopped = Status.of(found.get("status")) in (Status.INTERRUPTED, Status.UNFINISHED)
-    return stopped and _same(found, scenario)
-
-
-def holds(folder: Path, scenario: Scenario) -> bool:
-    """Tell whether a folder holds a result of a scenario, whatever became of it."""
-    return _same(attributes(folder / RESULT), scenario)
+    wanted = not statuses or Status.of(found.get("status")) in statuses
+    return wanted and _same(found, scenario)
 
 
 def clear(folder: Path, wanted: Wanted, *, resume: bool = False, force: bool = False) -> None:
-    """Remove what crinoid wrote here of anything but the results of ``wanted``.
+    """Remove crinoid's files of all scenarios except the results of ``wanted``.
 
-    With ``force`` no file of others is left that would be read as the comparison of such a result.
+    With ``force`` also files of other programs that would be read as its run without control.
     """
-    for place in wanted if force else ():
-        path = folder / place / UNCONTROLLED
-        if path.is_file() and not attributes(path):
+    for path in [folder / place / UNCONTROLLED for place in wanted] if force else []:
+        if path.is_file() and not is_own(path):
             path.unlink()
     for place in ("", *(each.name for each in _case_folders(folder))):
         found = attributes(folder / place / RESULT)
@@ -164,55 +137,51 @@ def clear(folder: Path, wanted: Wanted, *, resume: bool = False, force: bool = F
                 remove_checkpoints(folder / place / name)
         clear_figures(folder / place)
         if place:
-            remove_table(folder / place)
-            with suppress(OSError):  # it holds something else as well
+            clear_own(folder / place, [CASES])
+            with suppress(OSError):  # it contains other files
                 (folder / place).rmdir()
     if "" in wanted:
-        remove_table(folder)
-
-
-def remove_table(folder: Path) -> None:
-    """Remove the table of an earlier study."""
-    if is_table(folder / CASES):
-        with suppress(OSError):
-            (folder / CASES).unlink()
+        clear_own(folder, [CASES])
 
 
 def clear_figures(folder: Path) -> None:
-    """Remove all that was made of an earlier result, but not what is of other commands."""
-    page = [folder / PAGE] if is_page(folder / PAGE) else []
-    exports = (*exports_in(folder, "result"), *exports_in(folder, "uncontrolled"))
-    for path in (*page, *films_in(folder), *exports):
-        with suppress(OSError):
-            path.unlink()
+    """Remove figures, page, films and exports of a result; keep those of other commands."""
+    clear_own(folder, [PAGE, *FILMS, *exports_of(RESULT), *exports_of(UNCONTROLLED)])
+    apart = [b"Source\0" + name.encode() for name in _APART]
     for path in folder.glob("*.png"):
-        with suppress(OSError), path.open("rb") as file:
-            head = file.read(2000)
-            apart = any(b"Source\0" + name.encode() in head for name in _APART)
-            if b"Software\0crinoid" in head and not apart:
+        with suppress(OSError):
+            if is_own(path) and not any(name in path.read_bytes()[:2000] for name in apart):
+                path.unlink()
+
+
+def clear_own(folder: Path, names: Iterable[str]) -> None:
+    """Remove files of some names, of those that crinoid wrote."""
+    for path in (folder / name for name in names):
+        with suppress(OSError):
+            if path.is_file() and is_own(path):
                 path.unlink()
 
 
 def place_for(folder: Path, scenario: Scenario) -> Path:
-    """Return the folder in which a run is written while it lasts.
+    """Return the folder to write a run to while it lasts.
 
-    That is a new one beside a finished result of the same scenario, which a run that fails or is
-    interrupted does not replace.
+    Next to a finished result of the same scenario it is a new one: a run that fails or is
+    interrupted does not replace such a result.
     """
-    return _beside(folder) if _finished(folder, scenario) else folder
+    compare = scenario.control.kind != "none" and scenario.control.compare
+    for name in (RESULT, UNCONTROLLED) if compare else (RESULT,):
+        found = attributes(folder / name)
+        if Status.of(found.get("status")) is not Status.OK or not _same(found, scenario):
+            return folder
+    folder = folder.resolve() if folder.name in ("", "..") else folder
+    names = (f"{folder.name}-unfinished{'' if n == 1 else f'-{n}'}" for n in count(1))
+    return next(place for name in names if not (place := folder.parent / name).exists())
 
 
 def save(result: Result, folder: Path, place: Path) -> tuple[list[Path], str]:
-    """Save a result, elsewhere if it cannot be in its folder.
+    """Save a result, elsewhere if need be; return its files and what went wrong, if anything.
 
-    One that failed or was interrupted stays in the ``place`` that `place_for` gave.
-
-    Returns
-    -------
-    paths
-        Its files.
-    trouble
-        What went wrong, if anything did.
+    One that failed or was interrupted is left in the ``place`` that `place_for` returned.
     """
     aside = bool(result.failure or result.interrupted)
     try:
@@ -231,33 +200,15 @@ def save(result: Result, folder: Path, place: Path) -> tuple[list[Path], str]:
 
 
 def stopped(error: OSError, place: Path) -> str:
-    """Say that a run could not be written, and what there is of it."""
+    """Return why a run could not be written, and where the part before is."""
     reason = f"{error.filename or place}: {error.strerror or error}"
     if is_stream(place / RESULT):
         return f"{reason}; what was written before is in {place}, --resume goes on from there"
     return f"{reason}; nothing of the run could be written"
 
 
-def _finished(folder: Path, scenario: Scenario) -> bool:
-    """Tell whether a folder holds all that a scenario is to give."""
-    names = [RESULT]
-    if scenario.control.kind != "none" and scenario.control.compare:
-        names.append(UNCONTROLLED)
-    found = [attributes(folder / name) for name in names]
-    return all(
-        Status.of(each.get("status")) is Status.OK and _same(each, scenario) for each in found
-    )
-
-
-def _beside(folder: Path) -> Path:
-    """Return a new folder beside another."""
-    folder = folder.resolve() if folder.name in ("", "..") else folder
-    names = (f"{folder.name}-unfinished{'' if n == 1 else f'-{n}'}" for n in count(1))
-    return next(place for name in names if not (place := folder.parent / name).exists())
-
-
 def _remove_made(folder: Path) -> None:
-    """Remove a new folder in which no result is to stay, with what there is of it."""
+    """Remove a new folder with its results."""
     for name in (RESULT, UNCONTROLLED):
         with suppress(OSError):
             (folder / name).unlink()
@@ -289,13 +240,6 @@ def _rescue(result: Result, reason: str) -> tuple[list[Path], str]:
     return [], f"{reason}; what was computed could be saved nowhere and is lost"
 
 
-def say_where(console: Console, paths: list[Path]) -> None:
-    """Show where the results are; the first of them is in their folder."""
-    say_written(console, paths)
-    if paths:
-        console.print(f"figures: crinoid report {paths[0].parent}", soft_wrap=True)
-
-
 def _case_folders(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
@@ -307,7 +251,7 @@ def _case_folders(folder: Path) -> list[Path]:
 
 
 def _still(path: Path) -> bool:
-    """Tell whether a result is of one instant, an equilibrium."""
+    """Return whether a result is of one instant, an equilibrium."""
     with netCDF4.Dataset(path) as file:
         return "time" in file.dimensions and file.dimensions["time"].size == 1
 
@@ -318,5 +262,5 @@ def _same(found: Mapping[str, object], scenario: Scenario) -> bool:
         return True
     try:
         return Scenario.from_toml(text) == scenario
-    except ScenarioError:  # of a version that took something else
+    except ScenarioError:  # of another version
         return False

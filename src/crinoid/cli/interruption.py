@@ -1,4 +1,4 @@
-"""Ctrl-C, and the signals that end a program as well: they stop it, and it loses nothing."""
+"""Interruption by Ctrl-C or another signal: the program stops, and loses nothing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ INTERRUPTED = 130
 
 
 class Interrupted(BaseException):
-    """A wish to stop that is heard at once; typer would end without a word on KeyboardInterrupt."""
+    """An immediate request to stop; on KeyboardInterrupt typer would end without a message."""
 
 
 _HANG_UP = getattr(signal, "SIGHUP", None)  # Windows has none
@@ -21,21 +21,21 @@ _SIGNALS = [number for number in (signal.SIGINT, signal.SIGTERM, _HANG_UP) if nu
 
 
 def heed() -> None:
-    """Let a request to end the program, and the end of its terminal, do what Ctrl-C does."""
+    """Treat a request to end the program, and the end of its terminal, like Ctrl-C."""
     sys.unraisablehook = _overlook
     Interruption().__enter__()
 
 
 def ignore() -> None:
-    """Let the program end in peace, which a signal on the way would make it crash."""
+    """Ignore all signals, which could make the program crash while it ends."""
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 class Interruption:
-    """A wish to stop: heard at once, or, while there is something to save, after that is saved.
+    """A request to stop: raised immediately, or kept while there is something to save.
 
-    Within ``with``, `stop` is to be asked whether to stop; from the first time on the wish is only
+    Within ``with``, call `stop` to learn whether to stop; from the first call on a request is only
     kept, until `release`.
     """
 
@@ -44,11 +44,13 @@ class Interruption:
         self._held = False
 
     def __enter__(self) -> Interruption:
-        self._earlier = {number: signal.getsignal(number) for number in _heeded()}
+        # `nohup` and the shell's ``&`` turn some off
+        now = {number: signal.getsignal(number) for number in _SIGNALS}
+        self._earlier = {number: how for number, how in now.items() if how is not signal.SIG_IGN}
         for number, handler in self._earlier.items():
             outer = getattr(handler, "__self__", None)
             if isinstance(outer, Interruption) and outer.asked:
-                raise Interrupted  # what it raised was lost on the way
+                raise Interrupted  # the earlier exception was lost on the way
             signal.signal(number, self._hear)
         return self
 
@@ -57,14 +59,14 @@ class Interruption:
             signal.signal(number, handler)
 
     def stop(self) -> bool:
-        """Tell whether to stop, and hold later wishes: now there is something to save."""
+        """Return whether to stop, and keep later requests: now there is something to save."""
         if self.asked and not self._held:
-            raise Interrupted  # again: something on the way, such as a destructor, has lost it
+            raise Interrupted  # again: a destructor or the like has lost it
         self._held = True
         return self.asked
 
     def release(self) -> bool:
-        """Tell whether to stop, and no longer hold such a wish: all is saved."""
+        """Return whether to stop, and no longer keep such a request: all is saved."""
         self._held = False
         return self.asked
 
@@ -77,9 +79,9 @@ class Interruption:
 
 
 class Loading(Interruption):
-    """While libraries are loaded: a wish to stop ends the program at once, as nothing is there yet.
+    """Loading of libraries: a request to stop ends the program, as there is nothing to save yet.
 
-    Libraries in C answer an exception with words and errors of their own.
+    Libraries in C answer an exception with messages and errors that mean nothing to users.
     """
 
     def _hear(self, number: int, frame: Any) -> None:
@@ -90,18 +92,13 @@ class Loading(Interruption):
 
 
 def _overlook(lost: Any) -> None:
-    """Say nothing of a wish to stop that a destructor lost: it is kept, and heard later."""
+    """Suppress the message of an interrupt raised in a destructor; it is raised again later."""
     if lost.exc_type is not Interrupted:
         sys.__unraisablehook__(lost)
 
 
-def _heeded() -> list[signal.Signals]:
-    """Return the signals that are to be heeded: `nohup` and the shell's ``&`` turn some off."""
-    return [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-
-
 def _leave_terminal() -> None:
-    """Write to nowhere instead of to a terminal that is gone, which would raise."""
+    """Redirect output from a closed terminal, which would raise, to nowhere."""
     for stream in (1, 2):
         try:
             gone = stat.S_ISCHR(os.fstat(stream).st_mode) and not os.isatty(stream)

@@ -1,105 +1,274 @@
-"""The command `sweep`, and its options."""
+"""A sweep: checks, workers, progress, tables, and an estimate from a trial run."""
 
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import NamedTuple
 
-import typer
+import numpy as np
+import xarray as xr
+from rich.progress import Progress
+from rich.table import Table
 
-from crinoid.cli.command import end, folder_for, load_scenario, told
-from crinoid.cli.interruption import Loading
-from crinoid.cli.options import (
-    Force,
-    ScenarioName,
-    Settings,
-    complete_key,
-    console,
-    out_option,
-    stop,
+from crinoid.assembly.prepared import Prepared
+from crinoid.cli.command import console
+from crinoid.cli.display import listed, new_table, notes_of_cases, progress_bar, say_notes, show
+from crinoid.cli.finding import checked_runs, page_in
+from crinoid.cli.folder import claimed, clear
+from crinoid.cli.interruption import Interruption
+from crinoid.compilation import keep_programs
+from crinoid.diagnostics.plausibility import plausibility_warnings
+from crinoid.foundation.status import Status
+from crinoid.results.metrics import CASES
+from crinoid.scenario import counted, got, refusal, shown
+from crinoid.simulation import Progress as RunProgress
+from crinoid.simulation import play
+from crinoid.simulation.batch import cores
+from crinoid.studies.sweep import (
+    PLAN,
+    SweepDesign,
+    SweepStore,
+    WorkerPool,
+    WorkerPoolError,
+    has_zarr,
+    run_batches,
 )
+from crinoid.view.figures.style import DEGREES, largest, length_unit, si_unit
+
+_MOST_TRIED = 1000
+"""Values of a key that are tried before a sweep starts."""
+_MOST_TOLD = 100
+"""Structures whose implausible values are reported."""
+_NO_ZARR = "Zarr is not installed (pip install 'crinoid[sweep]'): the study is a netCDF file"
+_ONE_THREAD = ("NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Variables that keep XLA and linear algebra of a worker to one thread."""
+_LONGEST = 10.0
+"""Time after which a trial is long enough (s)."""
+_RUN, _BATCH = 400, 18_000
+"""Bytes on the disk of a run, and of a batch without its runs (`benchmarks/sweep.py`)."""
+_ROWS = {
+    "rms_error": "tip error, RMS",
+    "max_error": "tip error, maximum",
+    "steady_error": "tip error, steady",
+    "rms_error_uncontrolled": "tip error, RMS, free",
+    "rms_angle_error": "angle error, RMS",
+    "settling_time": "settled after",
+    "work": "work of base and actuators",
+}
 
 
-@told()
-def sweep(
-    scenario: ScenarioName,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUES",
-            help="What varies: FROM:TO:COUNT, FROM:TO:COUNT:log or A,B,C; with --sample also "
-            "FROM:TO and FROM:TO:log.",
-            autocompletion=complete_key,
-        ),
-    ] = None,
-    sample: Annotated[
-        str,
-        typer.Option(
-            metavar="KIND", help="How ranges without a count are filled: lhs, sobol or saltelli."
-        ),
-    ] = "grid",
-    count: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="How many points to sample; of saltelli, blocks of as many as keys and two.",
-            show_default=False,
-        ),
-    ] = None,
-    seeds: Annotated[
-        int, typer.Option(metavar="N", help="How many seeds to run each with, from seed on.")
-    ] = 1,
-    batch: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Runs that are sent and saved together.",
-            show_default="up to 100, in 200 batches",
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Workers on this machine.", show_default="one a core"),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Scheduler of dask.distributed whose workers are to run it.",
-            show_default="this machine",
-        ),
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Tell what it would take, and write nothing.")
-    ] = False,
-    settings: Settings = None,
-    out: Annotated[Path | None, out_option("results/SCENARIO-sweep")] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from where an interrupted sweep stopped.")
-    ] = False,
-    force: Force = False,
-) -> None:
-    """Run a scenario with many values and seeds, on all cores or on a cluster."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-sweep")
-    with Loading():
-        from crinoid.cli.crew import Hands, check_hands
-        from crinoid.cli.sweeping import estimate_sweep, run_sweep
-        from crinoid.sweep import Plan
+class WorkerOptions(NamedTuple):
+    """Options about workers."""
 
-    plan = Plan.of(described, vary or (), sampling=sample, count=count, seeds=seeds, batch=batch)
-    hands = Hands(workers, scheduler)
-    check_hands(hands)
-    if dry_run:
-        if resume or force:
-            stop("--dry-run: takes no --resume and no --force beside it: it writes nothing")
-        estimate_sweep(plan, hands, console)
-        return
-    end(
-        run_sweep(
-            plan,
-            folder,
-            hands,
-            sized=batch is not None,
-            resume=resume,
-            force=force,
-            console=console,
-        )
+    workers: int | None
+    scheduler: str | None
+
+    def check(self) -> None:
+        """Refuse impossible options."""
+        if self.workers is not None and self.scheduler is not None:
+            text = "excludes --scheduler. Leave it out; the scheduler has its own workers."
+            raise refusal("--workers", text)
+        if self.workers is not None and self.workers < 1:
+            raise refusal("--workers", got(self.workers, "be at least 1"))
+
+    @property
+    def number(self) -> int:
+        """Number of workers on this machine."""
+        return self.workers or cores()
+
+
+def open_pool(options: WorkerOptions) -> WorkerPool:
+    """Start workers, or find those of a scheduler; without dask.distributed they are processes."""
+    for name in _ONE_THREAD:
+        os.environ.setdefault(name, "1")
+    from crinoid.studies.sweep.workers import Cluster, Processes
+
+    try:
+        return Cluster(options.number, options.scheduler)
+    except ImportError:
+        if options.scheduler is None:
+            return Processes(options.number)
+        text = "needs dask.distributed: pip install 'crinoid[sweep]'"
+        raise refusal("--scheduler", text) from None
+    except WorkerPoolError as error:
+        raise refusal("--scheduler", str(error)) from error
+
+
+def run_sweep(
+    plan: SweepDesign,
+    folder: Path,
+    options: WorkerOptions,
+    *,
+    sized: bool,
+    resume: bool,
+    force: bool,
+) -> str:
+    """Run a sweep, collect and sum up its runs; return what went wrong, if anything.
+
+    ``sized`` says whether the user chose the size of batches.
+    """
+    store = SweepStore(folder)
+    there = store.files()
+    known = resume and PLAN in there
+    if known:
+        earlier = store.read_plan()
+        asked = (plan if sized else replace(plan, batch=earlier.batch)).to_dict()
+        differing = [key for key, value in earlier.to_dict().items() if value != asked[key]]
+        if differing:
+            text = f"the sweep in {folder} is of another plan ({', '.join(differing)} differ"
+            text += f"{'s' if len(differing) == 1 else ''}). Repeat its command, or choose another "
+            raise refusal("--resume", f"{text}folder.")
+        plan = earlier
+    elif there and not force:
+        text = f"{folder} contains {there[0]} already. Choose another folder, or use --resume "
+        text += "to continue a sweep, or --force to replace it."
+        raise refusal("--out", text)
+    say_notes(notes_of(plan))
+    with claimed(folder):
+        store.tidy()
+        if not known:
+            clear(folder, {}, force=force)
+            store.start(plan)
+        done = store.finished(plan)
+        with Interruption() as interruption:
+            interruption.stop()  # from here on there is something to save
+            try:
+                with progress_bar() as bar:
+                    if not _run(plan, store, options, done, bar, interruption.stop):
+                        return f"{Status.INTERRUPTED}: {_saved(plan, done)}"
+                    bar.update(bar.task_ids[0], description="collecting", reached="")
+                    data, files = store.collect(plan)
+            except OSError as error:
+                reason = f"{error.filename or folder}: {error.strerror or error}"
+                return f"{reason}; {_saved(plan, done)}"
+            except WorkerPoolError as error:
+                return f"{error}; {_saved(plan, done)}"
+    pages, lacking = page_in(folder)
+    notes = lacking if has_zarr() else [_NO_ZARR, *lacking]
+    show(sweep_table(data), notes, [*files, *pages])
+    errors, status = data["rms_error"].values, data["status"].values
+    if np.isfinite(errors).any():
+        run = int(np.nanargmax(errors)) + 1
+        error = float(errors[run - 1])
+        values = ", ".join(f"{key} = {shown(value)}" for key, value in plan.values(run).items())
+        case = f"run {run} ({values})" if values else f"run {run}"
+        text = f"worst: {case}, tip error {length_unit(error).text(error)}"
+        console.print(f"{text}\nplay it: crinoid run --case {folder} {run}", soft_wrap=True)
+    failures = [
+        f"run {number} {words}"
+        for number, words in enumerate(status, start=1)
+        if Status.of(words) is not Status.OK
+    ]
+    if not failures:
+        return ""
+    text = f"{len(failures)} of {len(status)} runs did not reach their end"
+    return f"{text}: {listed(failures, CASES)}"
+
+
+def notes_of(plan: SweepDesign) -> list[str]:
+    """Check representative runs of a plan, and return notes on the first of each structure."""
+    firsts = {plan.name(int(runs[0])) for runs in plan.structures[:_MOST_TOLD]}
+    found = notes_of_cases(
+        {
+            name: plausibility_warnings(prepared)
+            for name, prepared in checked_runs(plan, plan.examples(_MOST_TRIED), "--vary")
+            if name in firsts
+        }
     )
+    if plan.sampling in ("sobol", "saltelli") and plan.count.bit_count() > 1:
+        found.append(f"--count: {plan.count} is no power of two, which Sobol points balance by")
+    return found
+
+
+def _run(
+    plan: SweepDesign,
+    store: SweepStore,
+    options: WorkerOptions,
+    done: set[int],
+    bar: Progress,
+    stop: Callable[[], bool],
+) -> bool:
+    """Run the missing batches, and return whether all are there."""
+    if len(done) == len(plan.batches):
+        return True
+    task = bar.task_ids[0]
+    bar.update(task, description="starting")
+    pool = open_pool(options)
+
+    def report(saved: int) -> None:
+        if bar.tasks[0].total is None:  # the time left is that of the present runs
+            bar.reset(task, total=plan.runs, completed=saved, description="sweep")
+        bar.update(task, completed=saved, reached=f"{saved} of {plan.runs} runs")
+
+    try:
+        return run_batches(plan, store, pool, done, report, stop)
+    finally:
+        pool.close()
+
+
+def _saved(plan: SweepDesign, done: set[int]) -> str:
+    text = f"{len(done)} of {counted(len(plan.batches), 'batch', 'batches')}"
+    return f"{text} {'is' if len(done) == 1 else 'are'} saved, --resume goes on from there"
+
+
+def sweep_table(data: xr.Dataset) -> Table:
+    """Return quantiles over the runs that reached their end."""
+    rows = []
+    for name, words in _ROWS.items():
+        values = data[name].values
+        known = values[np.isfinite(values)]
+        if known.size == 0:
+            continue
+        symbol, size = str(data[name].attrs["units"]), largest(known)
+        unit = {"m": length_unit(size), "rad": DEGREES}.get(symbol) or si_unit(size, symbol)
+        numbers = (*np.quantile(known, (0.5, 0.95)), known.max())
+        run = int(data["run"].values[np.nanargmax(values)])
+        rows.append((words, *(unit.text(float(number)) for number in numbers), str(run)))
+    complete, count = int(np.isfinite(data["rms_error"].values).sum()), data.sizes["run"]
+    rows.append(("runs", str(count) if complete == count else f"{complete} of {count}"))
+    return new_table(data.attrs["title"], ("", "median", "95 %", "worst", "of run"), rows)
+
+
+def estimate_sweep(plan: SweepDesign, options: WorkerOptions) -> None:
+    """Estimate the cost of a sweep from a trial of its first run; write nothing."""
+    say_notes(notes_of(plan))
+    workers = options.number
+    if options.scheduler is not None:
+        pool = open_pool(options)
+        workers = sum(pool.workers().values())
+        pool.close()
+    keep_programs()
+    with console.status("timing the first run"):
+        _play(plan, 0.0)  # compiling does not count
+        started = time.perf_counter()
+        part = _play(plan, _LONGEST)
+        seconds = (time.perf_counter() - started) / part
+    whole = "whole" if part > 0.99 else f"{part:.1%} of it"
+    hours = plan.runs * seconds / 3600 / max(1, workers)
+    size = (plan.runs * _RUN + len(plan.batches) * _BATCH) / 1e9
+    rows = (
+        ("runs", str(plan.runs)),
+        ("batches", f"{len(plan.batches)} of up to {plan.batch} runs"),
+        ("structures", str(len(plan.structures))),
+        ("workers", str(workers)),
+        ("time of a run", f"{seconds:.3g} s on one core (timed: the first run, {whole})"),
+        ("hours", f"{hours:.3g}" if workers else "unknown: the scheduler has no workers"),
+        ("gigabytes", f"{size:.2g}"),
+    )
+    console.print(new_table(plan.scenario.title or None, (), rows, show_header=False))
+
+
+def _play(plan: SweepDesign, seconds: float) -> float:
+    """Play the first run for some seconds at least, and return the part of it that was played."""
+    case = plan.case(1)
+    ends: dict[str, float] = {}
+    end = time.perf_counter() + seconds
+
+    def report(progress: RunProgress) -> None:
+        ends[progress.label] = progress.time
+
+    play(Prepared(case), report=report, stop=lambda: time.perf_counter() > end, steps=plan.steps)
+    stages = 2 if case.control.kind != "none" and case.control.compare else 1
+    return max(sum(ends.values()), case.simulation.time_step) / (stages * case.simulation.duration)

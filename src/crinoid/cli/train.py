@@ -1,60 +1,98 @@
-"""The command `train`, and its options."""
+"""Training of a policy: progress, its files, and a table."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import numpy as np
+from rich.table import Table
 
-from crinoid.cli.command import end, folder_for, load_scenario, told
-from crinoid.cli.interruption import Loading
-from crinoid.cli.options import (
-    Force,
-    ScenarioName,
-    Settings,
-    complete_key,
-    console,
-    out_option,
-    stop,
-)
+from crinoid.assembly.description import POLICY, is_policy
+from crinoid.cli.display import new_table, progress_bar, show
+from crinoid.cli.finding import finding, solvable
+from crinoid.cli.folder import check_own, clear_own
+from crinoid.cli.interruption import Interruption
+from crinoid.foundation.status import Status
+from crinoid.learning.settings import TrainingSettings, default_randomization
+from crinoid.learning.training import EVALUATION_INTERVAL, Training, checkpoint_header
+from crinoid.results.result import TRAINING
+from crinoid.scenario import Scenario, got, refusal
+from crinoid.view.export.source import exports_of
+
+CHECKPOINT = "training.npz"
 
 
-@told()
-def train(
-    scenario: ScenarioName,
-    method: Annotated[
-        str, typer.Option(metavar="KIND", help="How it is improved: gradient or ppo.")
-    ] = "gradient",
-    teacher: Annotated[
-        str,
-        typer.Option(metavar="KIND", help="What it imitates first: lqg, mpc, pid or none."),
-    ] = "lqg",
-    draw: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=LOW:HIGH",
-            help="Key that each episode draws.",
-            show_default="stiffness, currents, sensor, tool",
-            autocompletion=complete_key,
-        ),
-    ] = None,
-    arms: Annotated[int, typer.Option(metavar="N", help="Arms that are run at a time.")] = 16,
-    updates: Annotated[int, typer.Option(metavar="N", help="Largest number of updates.")] = 1500,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of everything random.")] = 0,
-    settings: Settings = None,
-    out: Annotated[Path | None, out_option("results/SCENARIO-train")] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from where an interrupted training stopped.")
-    ] = False,
-    force: Force = False,
-) -> None:
-    """Train a neural policy in simulation."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-train")
-    try:
-        with Loading():
-            from crinoid.cli.training import drawn_keys, train_policy
-            from crinoid.learning.settings import Settings as How
-    except ImportError as error:
-        stop(f'training needs {error.name or "Gymnasium"}: pip install "crinoid[learn]"')
+def drawn_keys(scenario: Scenario, given: Sequence[str] | None) -> dict[str, tuple[float, float]]:
+    """Return the keys that episodes draw, with the smallest and the largest value of each."""
+    if not given:
+        return default_randomization(scenario)
+    found: dict[str, tuple[float, float]] = {}
+    for each in given:
+        key, _, pair = (part.strip() for part in each.partition("="))
+        try:
+            low, high = map(float, pair.split(":"))
+        except ValueError:
+            text = got(each, "be KEY=LOW:HIGH, such as arm.youngs_modulus=3e6:5e6")
+            raise refusal("--draw", text) from None
+        if low > high or key in found:
+            must = "have the smaller number first" if low > high else "name each key once"
+            raise refusal("--draw", got(each, must))
+        found[key] = low, high
+    return found
 
-    how = How(method, teacher, arms, updates, seed, drawn_keys(described, draw))
-    end(train_policy(described, how, folder, resume=resume, force=force, console=console))
+
+def train_policy(
+    scenario: Scenario, settings: TrainingSettings, folder: Path, *, resume: bool, force: bool
+) -> str:
+    """Train, save and draw how it went, and sum it up; return what went wrong."""
+    checkpoint = folder / CHECKPOINT
+    if resume and not checkpoint.exists():
+        text = f"{checkpoint} does not exist. Name the folder of an interrupted training."
+        raise refusal("--resume", text)
+    replace = force or resume  # a continued training replaces its files
+    with (
+        finding(scenario, folder / TRAINING, "a training", force=replace, doubts=False) as found,
+        Interruption() as interruption,
+    ):
+        if not replace:
+            check_own(folder / POLICY, is_policy)
+            check_own(checkpoint, checkpoint_header)
+        with progress_bar() as bar:
+            (task,) = bar.task_ids
+            bar.update(task, total=settings.updates, completed=0, description="imitating")
+            with solvable():
+                training = Training(scenario, settings)
+                if checkpoint.exists() and not replace:
+                    training.check_same(checkpoint, "use --force")
+                if resume:
+                    training.restore(checkpoint)
+                else:
+                    training.begin()
+
+            def report(training: Training) -> None:
+                words = f"best {training.least:.3g}, error {1e3 * training.rows[-1][2]:.3g} mm"
+                bar.update(task, completed=training.updates, description="training", reached=words)
+                if training.updates % EVALUATION_INTERVAL == 0:
+                    training.save(checkpoint)
+
+            stopped = training.run(report, interruption.stop)
+        training.save(checkpoint)
+        training.write(folder / POLICY)
+        clear_own(folder, exports_of(POLICY))  # an old export must not pass for the new policy
+        wrong = "" if np.isfinite(training.least) else f"{Status.FAILED}: no policy could be run"
+        if stopped:
+            wrong = f"{Status.INTERRUPTED} after {training.updates} updates"
+        notes = [f"{training.lost} stretches could not be run to their end"] * bool(training.lost)
+        data = training.dataset(wrong or Status.OK.value)
+        show(training_table(training), notes, [folder / POLICY, *found.save(data)])
+    return f"{wrong}; go on with --resume" if stopped else wrong
+
+
+def training_table(training: Training) -> Table:
+    """Return the numbers of the imitation and of the best policy."""
+    first, best = training.rows[0], training.rows[training.best_row]
+    rows = (
+        ("updates", "0", f"{best[0]:.0f} of {training.updates}"),
+        ("cost, held out", f"{first[1]:.4g}", f"{best[1]:.4g}"),
+        ("tip error, RMS, held out", f"{1e3 * first[2]:.4g} mm", f"{1e3 * best[2]:.4g} mm"),
+    )
+    return new_table(training.scenario.title, ("", "imitation", "policy"), rows)

@@ -1,4 +1,4 @@
-"""Moves of inputs that keep to limits on value, speed and acceleration, and can always stop."""
+"""Limits on value, speed and acceleration of inputs that always leave room to stop."""
 
 import equinox as eqx
 import jax
@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.products import product
+from crinoid.numerics.small_matrices import product
 
 Moves = Float[Array, "input move"]
 Inputs = Float[Array, " input"]
@@ -26,7 +26,7 @@ class Braking(eqx.Module):
     change: Float[Array, "input move"]
     """Largest change to each move from the one before."""
     spared: Float[Array, "input move move"]
-    """How much shorter the way of a move and as many that brake is than that of as many equal ones;
+    """Distance that braking saves against equal moves, by first move and number of moves;
     infinite past the horizon."""
     lasting: Float[Array, "move move"]
     """Periods that as many moves last."""
@@ -40,8 +40,7 @@ class Braking(eqx.Module):
     ) -> "Braking":
         """Build it from the largest move, its largest change over a period, and the blocks.
 
-        Between two blocks a move may change by what it could from the middle of one to that of the
-        other.
+        Between two blocks a move may change by the largest change between their middles.
         """
         limited = np.minimum(acceleration, _UNLIMITED * rate)
         before = np.concatenate([[1.0], lengths[:-1]])
@@ -77,7 +76,7 @@ class Braking(eqx.Module):
                 for room in (down, up)
             ]
             move = jnp.clip(move, -fastest[0], fastest[1])
-            move = jnp.clip(move, -down / length, up / length)  # from beyond a limit at once
+            move = jnp.clip(move, -down / length, up / length)  # from beyond a limit immediately
             return (up - length * move, down + length * move, move), move
 
         first = jnp.arange(self.lengths.size) == 0
@@ -104,6 +103,6 @@ class Braking(eqx.Module):
         return room / periods + 0.5 * self.acceleration * (periods - 1)
 
 
-def moved(moves: Moves, lengths: Float[Array, " move"]) -> Moves:
+def displacements(moves: Moves, lengths: Float[Array, " move"]) -> Moves:
     """Return the displacement at the end of each move."""
     return product(moves * lengths, jnp.triu(jnp.ones((lengths.size, lengths.size))))

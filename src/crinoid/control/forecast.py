@@ -1,4 +1,4 @@
-"""Forecasts: what is known of the water ahead of time."""
+"""Forecasts of the water along the arm."""
 
 from abc import abstractmethod
 from typing import Any
@@ -8,22 +8,22 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.control.seen import Seen
+from crinoid.control.controller import ControllerInput
 from crinoid.flow import Water
-from crinoid.products import product
+from crinoid.numerics.small_matrices import product
 
 Foreseen = Float[Array, "ahead w"]
 
 
 class Forecast(eqx.Module):
-    """Tells how the water moves along the arm, now and at times ahead."""
+    """Forecast of the water along the arm, now and at times ahead."""
 
     @abstractmethod
-    def start(self, seen: Seen) -> Any:
+    def start(self, seen: ControllerInput) -> Any:
         """Return its memory at the first call: a pytree of arrays."""
 
     @abstractmethod
-    def ahead(self, memory: Any, seen: Seen) -> tuple[Any, Foreseen]:
+    def ahead(self, memory: Any, seen: ControllerInput) -> tuple[Any, Foreseen]:
         """Return its memory, and how the water moves now and later, as `Along` has it.
 
         Less that at the start.
@@ -31,7 +31,7 @@ class Forecast(eqx.Module):
 
 
 class Along(eqx.Module):
-    """From the water at stations along the arm to what a linear model of its loads takes."""
+    """Projection of the water at stations along the arm onto the inputs of a linear model."""
 
     shapes: Float[Array, "shape station"]
     """Weight of each shape in numbers given at the stations."""
@@ -60,23 +60,23 @@ class Along(eqx.Module):
 
 
 class KnownWater(Forecast):
-    """The water is known: the flows themselves, evaluated ahead along the arm at its start."""
+    """Forecast of known water: the flows, evaluated ahead along the arm at its start."""
 
     water: Water
     hastening: Water
-    """The flows that accelerate their water."""
+    """Flows that accelerate their water."""
     stations: Float[Array, "station d"]
     """Positions (m)."""
     along: Along
     begin: Float[Array, " w"]
     """Its value at the start."""
     lead: Float[Array, " ahead"]
-    """How far it looks ahead (s), first not at all."""
+    """Preview times (s), the first 0."""
 
-    def start(self, seen: Seen) -> None:
+    def start(self, seen: ControllerInput) -> None:
         return None
 
-    def ahead(self, memory: None, seen: Seen) -> tuple[None, Foreseen]:
+    def ahead(self, memory: None, seen: ControllerInput) -> tuple[None, Foreseen]:
         def at(time: Array) -> Float[Array, " w"]:
             velocity = jax.vmap(lambda point: self.water.velocity(point, time))(self.stations)
             found = jax.vmap(lambda point: self.hastening.current(point, time))(self.stations)
@@ -85,7 +85,7 @@ class KnownWater(Forecast):
         return None, jax.vmap(at)(seen.time + self.lead)
 
 
-class Passed(eqx.Module):
+class ReadingHistory(eqx.Module):
     """Readings so far."""
 
     readings: Float[Array, "kept p d"]
@@ -94,8 +94,8 @@ class Passed(eqx.Module):
     """Its value at the start."""
 
 
-class CarriedWater(Forecast):
-    """The water is measured; what it does along the arm, now and later, follows by its statistics.
+class FrozenTurbulenceForecast(Forecast):
+    """Forecast from measured water: its statistics give the water along the arm, now and later.
 
     Most of all, the mean current carries it along.
     """
@@ -110,16 +110,18 @@ class CarriedWater(Forecast):
     stride: int = eqx.field(static=True)
     """Calls from one reading that counts to the next."""
 
-    def start(self, seen: Seen) -> Passed:
+    def start(self, seen: ControllerInput) -> ReadingHistory:
         first = seen.readings[self.name].value.reshape(-1, self.mean.size)
         kept = (self.weights.shape[4] - 1) * self.stride + 1
         readings = jnp.broadcast_to(first, (kept, *first.shape))
-        return Passed(readings, self._flow(readings)[0])
+        return ReadingHistory(readings, self._flow(readings)[0])
 
-    def ahead(self, memory: Passed, seen: Seen) -> tuple[Passed, Foreseen]:
+    def ahead(
+        self, memory: ReadingHistory, seen: ControllerInput
+    ) -> tuple[ReadingHistory, Foreseen]:
         newest = seen.readings[self.name].value.reshape(1, -1, self.mean.size)
         readings = jnp.concatenate([newest, memory.readings[:-1]])
-        return Passed(readings, memory.begin), self._flow(readings) - memory.begin
+        return ReadingHistory(readings, memory.begin), self._flow(readings) - memory.begin
 
     def _flow(self, readings: Float[Array, "kept p d"]) -> Foreseen:
         away = (readings[:: self.stride] - self.mean).reshape(-1)

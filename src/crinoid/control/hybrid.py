@@ -1,4 +1,4 @@
-"""Swing-up and balance: an arm too heavy to stand is brought upright and held there."""
+"""Swing-up and balance of an arm that is too heavy to stand."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from crinoid.control.controller import Controller
-from crinoid.control.seen import Command, Seen
-from crinoid.products import product
+from crinoid.control.controller import Command, Controller, ControllerInput
+from crinoid.numerics.small_matrices import product
 
 Stations = Float[Array, " station"]
 Moving = Float[Array, " motion"]
@@ -20,18 +19,18 @@ _ROOM = 0.98
 
 
 class Swing(NamedTuple):
-    """How an arm swings."""
+    """State of a swinging arm."""
 
     energy: Number
     """Above that of the arm at rest upright (J)."""
     momentum: Number
     """Forward (kg m/s)."""
     ahead: Number
-    """How far ahead of the root its centre of mass is (m)."""
+    """Forward distance of its centre of mass from the root (m)."""
 
 
 class Pendulum(eqx.Module):
-    """A planar arm as a chain of straight edges, of which inclinations tell the directions."""
+    """Planar arm as a chain of straight edges, with directions from inclinations."""
 
     sampled: Float[Array, "edge station"]
     """From what inclinations are off upright to what those of the edges are."""
@@ -45,14 +44,9 @@ class Pendulum(eqx.Module):
     """Bending stiffness of the joint that begins each edge (N m)."""
 
     def swing(self, off: Stations, rate: Stations, speed: Number) -> Swing:
-        """Return how the arm swings on a base that moves forward.
+        """Return how the arm swings on a base that moves forward at a speed (m/s).
 
-        Parameters
-        ----------
-        off, rate
-            How far the inclinations are from upright (rad), and their rates (rad/s).
-        speed
-            Speed of the base (m/s).
+        ``off`` is how far the inclinations are from upright (rad), ``rate`` their rates (rad/s).
         """
         leans, turning = product(self.sampled, jnp.stack([off, rate], axis=1)).T
         along = jnp.stack([-jnp.sin(leans), jnp.cos(leans)])
@@ -76,18 +70,18 @@ class Filter(eqx.Module):
     """Steady Kalman filter of the upright arm's modes and their rates ("motion")."""
 
     advance: Float[Array, "motion motion"]
-    """How the motion goes on over a control period."""
+    """Transition matrix of the motion over a control period."""
     pushed: Moving
     """Its change meanwhile per acceleration of the base (m/s2)."""
     trust: Float[Array, "motion mode"]
     """Its correction per mode that is seen elsewhere than expected."""
 
-    def corrected(self, motion: Moving, seen: Moving) -> Moving:
-        """Return the motion, corrected by what is seen of the modes."""
+    def correct(self, motion: Moving, seen: Moving) -> Moving:
+        """Return the motion, corrected by measured modes."""
         count = self.trust.shape[1]
         return motion + product(self.trust, seen[:count] - motion[:count])
 
-    def ahead(self, motion: Moving, accelerations: Float[Array, " period"]) -> Moving:
+    def predict(self, motion: Moving, accelerations: Float[Array, " period"]) -> Moving:
         """Return the motion some control periods on, the base accelerating meanwhile (m/s2)."""
         for acceleration in accelerations:
             motion = product(self.advance, motion) + self.pushed * acceleration
@@ -95,7 +89,7 @@ class Filter(eqx.Module):
 
 
 class Balance(eqx.Module):
-    """The upright arm in small motions: its modes and their rates, and where the base is."""
+    """Balance of the upright arm in small motions: modes, filter, LQR gain and capture."""
 
     modes: Float[Array, "mode station"]
     """From inclinations, less those of the upright arm, to the modes."""
@@ -103,25 +97,25 @@ class Balance(eqx.Module):
     gain: Float[Array, " state"]
     """Gain of the LQR on motion, displacement and speed of the base: less where it is to go (m)."""
     capture: Float[Array, "measure state"]
-    """Shares of the base's acceleration, speed and travel that it takes at least to bring what
-    leaves back: beyond 1 the arm cannot be caught."""
+    """Least shares of the base's acceleration, speed and travel that bring back an unstable
+    motion: beyond 1 the arm cannot be caught."""
 
-    def seen(self, off: Stations, rate: Stations) -> Moving:
-        """Return the motion by what is seen alone."""
+    def modes_of(self, off: Stations, rate: Stations) -> Moving:
+        """Return the motion by measurements alone."""
         return product(self.modes, jnp.stack([off, rate], axis=1)).T.reshape(-1)
 
-    def needed(self, state: Float[Array, " state"]) -> Number:
-        """Return the largest share of the base's limits that it takes to catch the arm."""
+    def effort(self, state: Float[Array, " state"]) -> Number:
+        """Return the largest share of the base's limits needed to catch the arm."""
         return jnp.max(jnp.abs(product(self.capture, state)))
 
 
 class HybridMemory(eqx.Module):
-    """Numbers that the controller carries from one call to the next."""
+    """Memory of the swing-up controller."""
 
     off: Stations
-    """How far the newest inclinations are from upright (rad)."""
+    """Newest inclinations from upright (rad)."""
     taken: Number
-    """When they were measured (s)."""
+    """Time of their measurement (s)."""
     rate: Stations
     """Their filtered rates (rad/s)."""
     momentum: Number
@@ -148,8 +142,8 @@ class Hybrid(Controller):
     cycle.
 
     Where the base's limits allow it to bring back what leaves, the arm is caught and balanced, by
-    an LQR on its slowest modes and the base, which a Kalman filter tells. It is let go, and swung
-    up again, only well beyond that.
+    an LQR on its slowest modes and the base, estimated by a Kalman filter. It is let go, and
+    swung up again, only well beyond that.
     """
 
     pendulum: Pendulum
@@ -177,33 +171,38 @@ class Hybrid(Controller):
     release: Float[Array, "2"]
     """Lean and share beyond which it is let go."""
 
-    def start(self, seen: Seen) -> HybridMemory:
+    def start(self, seen: ControllerInput) -> HybridMemory:
         reading = seen.readings[self.sensor]
         off, still = reading.value - _UP, jnp.zeros_like(reading.value)
         return HybridMemory(
             off=off,
-            taken=reading.taken,
+            taken=reading.measurement_time,
             rate=still,
             momentum=jnp.zeros(()),
-            motion=self.balance.seen(_short_way(off), still),
+            motion=self.balance.modes_of(_short_way(off), still),
             pushed=jnp.zeros(self.late + 1),
             speed=seen.actuators[0].velocity[self.channel],
             balances=jnp.asarray(False),
         )
 
-    def command(self, memory: HybridMemory, seen: Seen) -> tuple[Command, HybridMemory]:
+    def command(self, memory: HybridMemory, seen: ControllerInput) -> tuple[Command, HybridMemory]:
         reading, servo = seen.readings[self.sensor], seen.actuators[0]
         position, speed = servo.position[self.channel], servo.velocity[self.channel]
-        off, rate = self._followed(memory, reading.value - _UP, reading.taken)
+        # unwrapped angles and their rates
+        moved = _short_way(reading.value - _UP - memory.off)
+        lasted = reading.measurement_time - memory.taken
+        new, share = lasted > 0, lasted / (self.filter_time + lasted)
+        rate = memory.rate + share * (moved / jnp.where(new, lasted, 1.0) - memory.rate)
+        off, rate = memory.off + moved, jnp.where(new, rate, memory.rate)
 
-        told, model = self.balance.seen(_short_way(off), rate), self.balance.filter
+        observed, model = self.balance.modes_of(_short_way(off), rate), self.balance.filter
         pushed = jnp.append(memory.pushed[1:], (speed - memory.speed) / self.period)
-        followed = model.corrected(model.ahead(memory.motion, pushed[:1]), told)
-        # far from upright the modes are not what they are there, and what is seen has to do
-        motion = jnp.where(memory.balances, followed, told)
-        now = model.ahead(motion, pushed[1:])
+        followed = model.correct(model.predict(memory.motion, pushed[:1]), observed)
+        # far from upright the modes of the upright arm do not apply: measurements alone count
+        motion = jnp.where(memory.balances, followed, observed)
+        now = model.predict(motion, pushed[1:])
         state = jnp.concatenate([now, jnp.stack([position, speed])])
-        met = jnp.stack([jnp.max(jnp.abs(_short_way(off))), self.balance.needed(state)])
+        met = jnp.stack([jnp.max(jnp.abs(_short_way(off))), self.balance.effort(state)])
         balances = jnp.all(met < jnp.where(memory.balances, self.release, self.catch))
 
         swing = self.pendulum.swing(off, rate, speed)
@@ -219,18 +218,8 @@ class Hybrid(Controller):
         )
         command = jnp.zeros_like(seen.command).at[self.channel].set(driven)
         return command, HybridMemory(
-            off, reading.taken, rate, momentum, motion, pushed, speed, balances
+            off, reading.measurement_time, rate, momentum, motion, pushed, speed, balances
         )
-
-    def _followed(
-        self, memory: HybridMemory, value: Stations, taken: Number
-    ) -> tuple[Stations, Stations]:
-        """Return angles that turn on and on, and their rates."""
-        moved, lasted = _short_way(value - memory.off), taken - memory.taken
-        new = lasted > 0
-        share = lasted / (self.filter_time + lasted)
-        rate = memory.rate + share * (moved / jnp.where(new, lasted, 1.0) - memory.rate)
-        return memory.off + moved, jnp.where(new, rate, memory.rate)
 
 
 def _short_way(turn: Stations) -> Stations:

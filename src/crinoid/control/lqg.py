@@ -1,48 +1,152 @@
-"""LQG control: state feedback on what an observer makes of the readings."""
+"""LQG control: a Kalman filter and state feedback within the limits of the inputs."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from crinoid.control.braking import Braking
-from crinoid.control.controller import Controller
-from crinoid.control.observer import Observer, ObserverState
-from crinoid.control.seen import Command, Seen
+from crinoid.control.controller import Command, Controller, ControllerInput
 from crinoid.control.target import pose_error
-from crinoid.products import product
+from crinoid.dynamics import numbers_of
+from crinoid.numerics.small_matrices import product
+
+Estimate = Float[Array, " z"]
+Following = Float[Array, " s"]
+
+
+class ObserverState(eqx.Module):
+    """State of an observer: the estimate and its last data."""
+
+    estimate: Estimate
+    """Arm, water and readings under way, all as differences."""
+    actuators: Following
+    """States of the actuators, less those at rest."""
+    taken: Float[Array, " sensor"]
+    """Time of the newest reading of each sensor (s)."""
+
+
+class Observer(eqx.Module):
+    """A Kalman filter on the linear model of an arm in fluctuating water (Kalman 1960).
+
+    The states of the actuators are measured, limits of speed and acceleration included, and not
+    derived from commands: so an input that lags at its limit does not mislead it. A
+    reading that arrives late is compared with what was expected when it was taken. Each sensor
+    counts only at calls at which it has a new reading; every set of sensors with new readings
+    has its gain.
+    """
+
+    move: Float[Array, "z z"]
+    """Estimate after a period, by that before."""
+    held: Float[Array, "z s"]
+    """And by the actuators before."""
+    driven: Float[Array, "z s"]
+    """And by the actuators after it."""
+    expect: Float[Array, "y z"]
+    """Expected readings by the estimate."""
+    follow: Float[Array, "y s"]
+    """And by the actuators."""
+    gains: Float[Array, "set z y"]
+    """Gain for each set of sensors with new readings."""
+    fresh: Int[Array, "set sensor"]
+    """Sensors of each set (0, 1)."""
+    values: Float[Array, " y"]
+    """Readings where the model is linear about."""
+    at_rest: Following
+    """States of the actuators there."""
+    kept: tuple[int, ...] = eqx.field(static=True)
+    """Indices of the modelled numbers in the states of all actuators."""
+    sensors: tuple[str, ...] = eqx.field(static=True)
+    """Names of the sensors other than that of the tip."""
+
+    def start(self, seen: ControllerInput) -> ObserverState:
+        """Begin with the arm that the model is linear about."""
+        none = jnp.full(len(self.sensors) + 1, -jnp.inf)
+        return ObserverState(jnp.zeros(self.move.shape[0]), self._actuators(seen), none)
+
+    def update(
+        self, before: ObserverState, seen: ControllerInput, pushed: Estimate | None = None
+    ) -> ObserverState:
+        """Return the estimate at the next call, a period later.
+
+        ``pushed`` is a further known change meanwhile.
+        """
+        actuators = self._actuators(seen)
+        first = jnp.all(before.taken == -jnp.inf)
+        moved = (
+            product(self.move, before.estimate)
+            + product(self.held, before.actuators)
+            + product(self.driven, actuators)
+        )
+        if pushed is not None:
+            moved += pushed
+        estimate = jnp.where(first, before.estimate, moved)
+        others = [seen.readings[name] for name in self.sensors]
+        taken = jnp.stack([seen.measurement_time, *(each.measurement_time for each in others)])
+        fresh = (taken > before.taken).astype(int)
+        chosen = jnp.all(self.fresh == fresh, axis=1)
+        read = jnp.concatenate(
+            [
+                pose_error(seen.measured, self.values[: seen.measured.size]),
+                *(each.value for each in others),
+            ]
+        )
+        read = read.at[seen.measured.size :].add(-self.values[seen.measured.size :])
+        surprise = read - product(self.expect, estimate) - product(self.follow, actuators)
+        gain = jnp.sum(jnp.where(chosen[:, None, None], self.gains, 0.0), axis=0)
+        return ObserverState(estimate + product(gain, surprise), actuators, taken)
+
+    def _actuators(self, seen: ControllerInput) -> Following:
+        numbers, _ = numbers_of(seen.actuators)
+        return numbers[jnp.asarray(self.kept, int)] - self.at_rest
+
 
 _SWEEPS = 20
-"""Times that each input is gone through to find the best moves within limits."""
+"""Sweeps of coordinate descent over the inputs for the best moves within limits."""
 
 
 class LqgMemory(eqx.Module):
-    """Numbers that an LQG controller carries from one call to the next."""
+    """Memory of an LQG controller."""
 
     observed: ObserverState
     integral: Float[Array, " controlled"]
-    """Integral of the error of what is controlled (m s)."""
+    """Integral of the error of the controlled coordinates (m s)."""
     rate: Float[Array, " driven"]
     """Rate at which the commands move (1/s)."""
 
 
-class Lqg(Controller):
+class ModelBased(Controller):
+    """Controller on a linear model of the arm, with an observer and integral action."""
+
+    observer: Observer
+    integrating: Float[Array, "controlled pose"]
+    """Error that is integrated, in metres, by the error of the pose."""
+    mapping: Float[Array, "driven pose"]
+    """Command for a displacement of the tip."""
+    lead: Float[Array, " look"]
+    """Preview times of the target (s), the first 0."""
+    period: Float[Array, ""]
+    """Time between two commands (s)."""
+    rows: tuple[int, ...] = eqx.field(static=True)
+    """Indices of the driven inputs."""
+
+
+class Lqg(ModelBased):
     """Linear quadratic Gaussian control with integral action, within the limits of the inputs.
 
-    An observer estimates the arm and the water; a gain makes of both the next move of each command,
-    the best one for a linear model, a quadratic cost of errors and speeds, and white noise
-    (Anderson and Moore 1990; Astrom and Wittenmark 1997, section 11.4). What is estimated of the
+    An observer estimates the arm and the water; a gain turns both into the next move of each
+    command, the best one for a linear model, a quadratic cost of errors and speeds, and white noise
+    (Anderson and Moore 1990; Astrom and Wittenmark 1997, section 11.4). The estimate of the
     water is thereby fed forward.
 
-    What is best without limits can be unstable with them. So there are several gains, each gentler
-    than the one before, and the first one counts whose move the inputs can do (Wredenhagen and
+    A gain that is best without limits can be unstable with them. So there are several, each gentler
+    than the one before, and the first one applies whose move the inputs can make (Wredenhagen and
     Belanger, Automatica 30 (1994) 403-416).
 
     Where the target moves, a part of each move is for where it will be (Katayama, Ohki, Inoue and
     Kato 1985).
     """
 
-    observer: Observer
     gains: Float[Array, "gain driven full"]
     """Moves of the commands by estimate of arm and water, actuators, commands and the integral; the
     gentlest last."""
@@ -50,24 +154,14 @@ class Lqg(Controller):
     """And by the commands at which the tip would stand still where it is wanted, now and later."""
     curved: Float[Array, "gain driven driven"]
     """Second derivative of the cost of each by the moves."""
-    integrating: Float[Array, "controlled pose"]
-    """Error that is integrated, in metres, by the error of the pose."""
-    period: Float[Array, ""]
-    """Time between two commands (s)."""
-    mapping: Float[Array, "driven pose"]
-    """Command for a displacement of the tip."""
-    lead: Float[Array, " look"]
-    """How far it looks ahead to the target (s), first not at all."""
     braking: Braking
     """Limits of the commands, one period ahead."""
-    rows: tuple[int, ...] = eqx.field(static=True)
-    """Which inputs are driven."""
 
-    def start(self, seen: Seen) -> LqgMemory:
+    def start(self, seen: ControllerInput) -> LqgMemory:
         none = jnp.zeros(self.integrating.shape[0])
         return LqgMemory(self.observer.start(seen), none, jnp.zeros(len(self.rows)))
 
-    def command(self, memory: LqgMemory, seen: Seen) -> tuple[Command, LqgMemory]:
+    def command(self, memory: LqgMemory, seen: ControllerInput) -> tuple[Command, LqgMemory]:
         rows = jnp.asarray(self.rows, int)
         observed, before = self.observer.update(memory.observed, seen), seen.command[rows]
         full = jnp.concatenate([observed.estimate, observed.actuators, before, memory.integral])
@@ -81,15 +175,15 @@ class Lqg(Controller):
         chosen = jnp.where(jnp.any(can), jnp.argmax(can), can.size - 1)
         kept = nearest(moves[chosen], slowest, fastest, self.curved[chosen])
         held = jnp.clip(before + kept, lower, upper)
-        error = product(self.integrating, pose_error(seen.measured, seen.wanted))
-        # at a limit an integral would only wind up
+        error = product(self.integrating, pose_error(seen.measured, seen.reference))
+        # no wind-up of the integral at a limit
         integral = memory.integral + jnp.where(jnp.any(can), self.period, 0.0) * error
         command = jnp.zeros_like(seen.command).at[rows].set(held)
         return command, LqgMemory(observed, integral, (held - before) / self.period)
 
 
 def wanted_commands(
-    seen: Seen,
+    seen: ControllerInput,
     mapping: Float[Array, "driven pose"],
     start: Float[Array, " y"],
     lead: Float[Array, " look"],
@@ -100,18 +194,15 @@ def wanted_commands(
     first in ``start``.
     """
     wanted = jax.vmap(seen.target.in_frame)(seen.time + lead)
-    return jax.vmap(lambda pose: product(mapping, pose_error(pose, start[: seen.wanted.size])))(
+    return jax.vmap(lambda pose: product(mapping, pose_error(pose, start[: seen.reference.size])))(
         wanted
     )
 
 
 def nearest(
-    wanted: Float[Array, " input"],
-    lower: Float[Array, " input"],
-    upper: Float[Array, " input"],
-    curved: Float[Array, "input input"],
-) -> Float[Array, " input"]:
-    """Return the moves that cost least within limits, where ``wanted`` cost least without.
+    wanted: Command, lower: Command, upper: Command, curved: Float[Array, "input input"]
+) -> Command:
+    """Return the moves of least cost within limits; ``wanted`` are those without limits.
 
     Others make up for what one input cannot do: coordinate descent on a quadratic cost with the
     second derivative ``curved``.

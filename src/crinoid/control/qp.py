@@ -1,4 +1,4 @@
-"""The quadratic program of a receding horizon: the best moves of inputs within their limits."""
+"""Quadratic program of a receding horizon: the best moves of inputs within their limits."""
 
 from typing import NamedTuple
 
@@ -8,19 +8,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from crinoid.control.braking import Braking, moved
-from crinoid.products import inverse, product
+from crinoid.control.braking import Braking, displacements
+from crinoid.numerics.small_matrices import inverse, product
 
 Moves = Float[Array, "input move"]
 Inputs = Float[Array, " input"]
 Rows = Float[Array, "side input row"]
+Limits = Float[Array, "input row"]
 
 _TO_BOUNDARY = 0.995
 """Share of the way to the nearest limit that a step of the interior point goes."""
 _CENTRED = 1e-13
 """Complementarity over that of the start at which the interior point has arrived."""
 _NEAR = 1e-6
-"""Share of it from which on it only falls."""
+"""Share of it below which it may only fall."""
 _STIFFEST = 1e12
 """Weight of a limit over the curvature of the costs, beyond which round-off would win."""
 _PENALTY = 1e3
@@ -34,14 +35,14 @@ _NARROWEST = 1e-9
 
 
 class Solution(NamedTuple):
-    """Increments of the inputs, and how good they are."""
+    """Moves of the inputs, and the quality of the optimum."""
 
     moves: Moves
     """Change of each input per control period, in its unit; within all limits."""
     optimal: Bool[Array, ""]
-    """Whether the conditions of an optimum hold (to 1e-9); if not, it is nearly one."""
+    """Whether the conditions of an optimum are met (to 1e-9); if not, it is nearly one."""
     residual: Float[Array, ""]
-    """Largest entry of what is left of the gradient, over that of the gradient without moves."""
+    """Largest entry of the remaining gradient, over that of the gradient without moves."""
 
 
 class HorizonQp(eqx.Module):
@@ -56,9 +57,9 @@ class HorizonQp(eqx.Module):
     with a fixed number of iterations: the sums of moves are the unknowns, in which each limit
     concerns three neighbours at most. From the limits that are active there an augmented
     Lagrangian finds the optimum to round-off; it counts only if it meets all limits and its
-    multipliers have the right signs. What is left beyond a limit is cut off (``Braking``).
-    An iteration of operator splitting (Stellato et al. 2020) is cheaper by far, but after hundreds
-    of them it is still some percent away where limits on acceleration are active.
+    multipliers have the right signs. Remaining excess over a limit is clipped (``Braking``).
+    An iteration of operator splitting (Stellato et al. 2020) is much cheaper, but after hundreds of
+    iterations it is still some percent away where limits on acceleration are active.
     """
 
     hessian: Float[Array, "unknown unknown"]
@@ -86,7 +87,7 @@ class HorizonQp(eqx.Module):
         lengths: Float[np.ndarray, " move"],
         iterations: int = 14,
     ) -> "HorizonQp":
-        """Build it from the Hessian by the moves, positive definite.
+        """Build the program from its positive definite Hessian and limits of a period.
 
         ``rate`` is the largest move, ``acceleration`` the largest change from one period to the
         next, both in the unit of the input and above zero; infinite where there is none.
@@ -147,19 +148,19 @@ class HorizonQp(eqx.Module):
 
     def _bounds(
         self, lower: Inputs, upper: Inputs, moving: Inputs, safe: Moves
-    ) -> tuple[Float[Array, "input row"], Float[Array, "input row"]]:
+    ) -> tuple[Limits, Limits]:
         """Return the scaled bounds of all rows, wide enough for the moves that are always safe."""
         speed, change = self.braking.rate[:, None] * self.lengths, self.braking.change
         begin = jnp.zeros_like(safe).at[:, 0].set(moving)
 
-        def bounds(side: float, value: Inputs) -> Float[Array, "input row"]:
+        def bounds(side: float, value: Inputs) -> Limits:
             fastest = jnp.minimum(self.braking.rate, self.braking.stoppable(side * value))
             values = jnp.broadcast_to(value[:, None], safe.shape)
             rates = side * speed.at[:, 0].set(fastest)
             return jnp.concatenate([values, rates, begin + side * change], axis=1)
 
         sides = bounds(-1.0, lower), bounds(1.0, upper)
-        kept = product(moved(safe, self.lengths), self.rows.T)
+        kept = product(displacements(safe, self.lengths), self.rows.T)
         low = jnp.minimum(sides[0], kept) / self.scale[:, None]
         high = jnp.maximum(sides[1], kept) / self.scale[:, None]
         spare = 0.5 * jnp.maximum(_NARROWEST * jnp.max(high - low) - (high - low), 0.0)
@@ -168,7 +169,7 @@ class HorizonQp(eqx.Module):
     def _times(self, displacements: Moves) -> Moves:
         return _applied(self.hessian, displacements)
 
-    def _inverse(self, weights: Float[Array, "input row"]) -> Float[Array, "unknown unknown"]:
+    def _inverse(self, weights: Limits) -> Float[Array, "unknown unknown"]:
         """Return the inverse of the Hessian with ``weights`` on the squares of the rows."""
         matrix, size = self.hessian, self.hessian.shape[0]
         for offset in range(3):
@@ -177,9 +178,7 @@ class HorizonQp(eqx.Module):
             matrix += upper if offset == 0 else upper + upper.T
         return inverse(matrix)
 
-    def _interior(
-        self, gradient: Moves, low: Float[Array, "input row"], high: Float[Array, "input row"]
-    ) -> tuple[Moves, Rows, Rows]:
+    def _interior(self, gradient: Moves, low: Limits, high: Limits) -> tuple[Moves, Rows, Rows]:
         """Return displacements, slacks and multipliers of the lower and the upper bounds."""
         side, bound = jnp.array([-1.0, 1.0])[:, None, None], jnp.stack([-low, high])
 
@@ -201,7 +200,7 @@ class HorizonQp(eqx.Module):
                 wanted = target / slack - dual
                 right = -uphill - back(wanted + dual * beyond / slack)
                 move = _applied(inverted, right)
-                # once more, for what round-off has left
+                # once more, against round-off
                 left = right - self._times(move) - back(weight * rows(move))
                 move += _applied(inverted, left)
                 opened = -rows(move) - beyond
@@ -231,13 +230,7 @@ class HorizonQp(eqx.Module):
         return jax.lax.fori_loop(0, self.iterations, step, carry)
 
     def _polished(
-        self,
-        gradient: Moves,
-        low: Float[Array, "input row"],
-        high: Float[Array, "input row"],
-        x: Moves,
-        slack: Rows,
-        dual: Rows,
+        self, gradient: Moves, low: Limits, high: Limits, x: Moves, slack: Rows, dual: Rows
     ) -> tuple[Moves, Bool[Array, ""], Float[Array, ""]]:
         """Return displacements with the active limits met exactly, if these are the right ones."""
         steep, width = jnp.max(jnp.abs(gradient)) + jnp.finfo(float).tiny, high - low
@@ -276,5 +269,5 @@ class HorizonQp(eqx.Module):
 
 
 def _applied(symmetric: Float[Array, "unknown unknown"], moves: Moves) -> Moves:
-    # from the left: XLA adds up whole rows at once
+    # from the left: XLA adds up whole rows together
     return product(moves.reshape(-1), symmetric).reshape(moves.shape)

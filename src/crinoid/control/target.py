@@ -1,36 +1,73 @@
-"""Where the tip should be."""
+"""Target of the tip: a fixed pose or a path, in the world or in the submarine's frame."""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.base import Base
-from crinoid.control.path import Line, Orbit
-from crinoid.products import product
-from crinoid.space import POSE
-from crinoid.spline import PiecewisePolynomial
+from crinoid.foundation.axes import POSE
+from crinoid.numerics.piecewise import PiecewisePolynomial
+from crinoid.numerics.ramp import Onset
+from crinoid.numerics.small_matrices import product
 
-Pose = Float[Array, " pose"]
 Time = Float[Array, ""]
 
 
-class Carrier(eqx.Module):
-    """The submarine as a frame of reference: it moves as prescribed, whatever the servos do."""
+class Orbit(eqx.Module):
+    """Circle, ellipse or oscillation: ``centre + cos(angle) cosine + sin(angle) sine``."""
+
+    centre: Float[Array, " d"]
+    """Position of the centre (m)."""
+    cosine: Float[Array, " d"]
+    """From the centre to where the angle is zero (m)."""
+    sine: Float[Array, " d"]
+    """From the centre to where the angle is a right one (m)."""
+    rate: Float[Array, ""]
+    """Rate of the angle, once it is up to speed (rad/s)."""
+    phase: Float[Array, ""]
+    """Angle at the start (rad)."""
+    onset: Onset
+
+    def __call__(self, time: Time) -> Float[Array, " d"]:
+        """Return the position at ``time`` (s)."""
+        angle = self.phase + self.rate * self.onset.elapsed(time)
+        return self.centre + jnp.cos(angle) * self.cosine + jnp.sin(angle) * self.sine
+
+
+class Line(eqx.Module):
+    """A straight line at a constant velocity (m/s), once it is up to speed."""
+
+    begin: Float[Array, " d"]
+    """Position at the start (m)."""
+    velocity: Float[Array, " d"]
+    """Velocity once it is up to speed (m/s)."""
+    onset: Onset
+
+    def __call__(self, time: Time) -> Float[Array, " d"]:
+        """Return the position at ``time`` (s)."""
+        return self.begin + self.velocity * self.onset.elapsed(time)
+
+
+Pose = Float[Array, " pose"]
+
+
+class SubmarineFrame(eqx.Module):
+    """Frame of the submarine, which moves as prescribed; the servos do not move it."""
 
     base: Base
-    """The base whose prescribed motion it follows."""
+    """Base with the prescribed motion."""
     origin: Float[Array, " d"]
     """Set position of the base (m)."""
 
-    def carry(self, pose: Pose, time: Time) -> Pose:
-        """Return in the world what is fixed to the submarine at ``time`` (s)."""
+    def to_world(self, pose: Pose, time: Time) -> Pose:
+        """Return in the world a pose of the submarine's frame at ``time`` (s)."""
         shift, turn, angle = self._displacement(time)
         axes = shift.size
         pointing = pose[axes:] + angle if axes == 2 else product(turn, pose[axes:])
         return jnp.concatenate([self.origin + shift + product(turn, pose[:axes]), pointing])
 
-    def seen(self, pose: Pose, time: Time) -> Pose:
-        """Return from the submarine what is in the world at ``time`` (s)."""
+    def to_frame(self, pose: Pose, time: Time) -> Pose:
+        """Return in the submarine's frame a pose of the world at ``time`` (s)."""
         shift, turn, angle = self._displacement(time)
         axes = shift.size
         pointing = pose[axes:] - angle if axes == 2 else product(turn.T, pose[axes:])
@@ -45,7 +82,7 @@ class Carrier(eqx.Module):
 
 
 class Target(eqx.Module):
-    """The wanted pose of the tip (`crinoid.space.POSE`): fixed parts and parts on a path."""
+    """Reference pose of the tip (`crinoid.foundation.axes.POSE`): fixed or on a path."""
 
     fixed: Pose
     """Pose that the target has where it does not move (m, rad)."""
@@ -53,17 +90,17 @@ class Target(eqx.Module):
     """Values of the coordinates in ``moving`` over time."""
     moving: tuple[int, ...] = eqx.field(static=True)
     """Coordinates of the pose that follow the path, by index."""
-    carrier: Carrier | None = None
-    """Frame that the target moves with; none: the world."""
+    carrier: SubmarineFrame | None = None
+    """Frame of the target; None: the world."""
 
     def __call__(self, time: Time) -> Pose:
         """Return the wanted pose at ``time`` (s), in the world."""
         pose = self.in_frame(time)
-        return pose if self.carrier is None else self.carrier.carry(pose, time)
+        return pose if self.carrier is None else self.carrier.to_world(pose, time)
 
-    def seen(self, pose: Pose, time: Time) -> Pose:
+    def to_frame(self, pose: Pose, time: Time) -> Pose:
         """Return a pose of the world at ``time`` (s) in the frame of the target."""
-        return pose if self.carrier is None else self.carrier.seen(pose, time)
+        return pose if self.carrier is None else self.carrier.to_frame(pose, time)
 
     def in_frame(self, time: Time) -> Pose:
         """Return the wanted pose at ``time`` (s), in the frame of the target."""
@@ -77,7 +114,7 @@ class Target(eqx.Module):
 
 
 def pose_error(wanted: Pose, measured: Pose) -> Pose:
-    """Return how far the tip is from where it should be.
+    """Return the error of a pose.
 
     In the plane the angle the short way round; in space directions differ by the chord between
     their unit vectors, which no orientation of the arm makes singular.

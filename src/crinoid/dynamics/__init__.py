@@ -1,32 +1,43 @@
-"""The assembled arm, and how it is brought to rest and moved in time."""
+"""Dynamics of the assembled arm: state, forces, time integration, statics, modes.
 
-from crinoid.dynamics.books import Books as Books
-from crinoid.dynamics.damped import DampedModes as DampedModes
-from crinoid.dynamics.damped import find_damped_modes as find_damped_modes
+May import ``elements`` and ``flow`` and ``base`` and lower folders.
+"""
+
+from typing import TYPE_CHECKING
+
+from crinoid.dynamics.damped_modes import DampedModes as DampedModes
+from crinoid.dynamics.damped_modes import Relaxing as Relaxing
+from crinoid.dynamics.damped_modes import find_damped_modes as find_damped_modes
+from crinoid.dynamics.damped_modes import find_relaxing_modes as find_relaxing_modes
 from crinoid.dynamics.forces import Forces as Forces
-from crinoid.dynamics.grasp import Grasp as Grasp
-from crinoid.dynamics.grip import Grip as Grip
-from crinoid.dynamics.grip import carried as carried
-from crinoid.dynamics.halving import Progress as Progress
-from crinoid.dynamics.influence import Influence as Influence
+from crinoid.dynamics.gripper import GripState as GripState
+from crinoid.dynamics.gripper import GripTriggers as GripTriggers
+from crinoid.dynamics.gripper import tool_factor as tool_factor
 from crinoid.dynamics.integrator import Integrator as Integrator
-from crinoid.dynamics.lines import Lines as Lines
 from crinoid.dynamics.modes import Modes as Modes
 from crinoid.dynamics.modes import ModesError as ModesError
-from crinoid.dynamics.modes import SmallMotions as SmallMotions
 from crinoid.dynamics.modes import find_modes as find_modes
 from crinoid.dynamics.newton import SOLVED as SOLVED
 from crinoid.dynamics.newton import Settings as Settings
 from crinoid.dynamics.obstacles import Obstacles as Obstacles
 from crinoid.dynamics.obstacles import Touch as Touch
 from crinoid.dynamics.outcome import Outcome as Outcome
+from crinoid.dynamics.outcome import Progress as Progress
 from crinoid.dynamics.outcome import Reason as Reason
-from crinoid.dynamics.round_off import round_off_note as round_off_note
+from crinoid.dynamics.outcome import round_off_note as round_off_note
+from crinoid.dynamics.small_motions import Influence as Influence
+from crinoid.dynamics.small_motions import SmallMotions as SmallMotions
+from crinoid.dynamics.state import EnergyAccount as EnergyAccount
 from crinoid.dynamics.state import State as State
 from crinoid.dynamics.system import System as System
-from crinoid.dynamics.transition import Chart as Chart
+from crinoid.dynamics.threads import LengthControlledThreads as LengthControlledThreads
+from crinoid.dynamics.transition import LocalCoordinates as LocalCoordinates
 from crinoid.dynamics.transition import Transition as Transition
 from crinoid.dynamics.transition import numbers_of as numbers_of
 from crinoid.dynamics.vehicle import Thrusters as Thrusters
 from crinoid.dynamics.vehicle import Vehicle as Vehicle
-from crinoid.dynamics.vehicle import Voyage as Voyage
+from crinoid.dynamics.vehicle import VehicleOutput as VehicleOutput
+from crinoid.foundation.moved import renamed_names
+
+if not TYPE_CHECKING:
+    __getattr__ = renamed_names(__name__, {"Chart": "LocalCoordinates", "carried": "tool_factor"})

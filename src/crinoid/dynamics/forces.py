@@ -1,8 +1,8 @@
-"""All forces on the arm: their balance, its tangent matrix, and their energies.
+"""All forces on the arm: residual, tangent matrix and energies.
 
-Whatever moves has a row in the arrays here: first the nodes, then the obstacles, then a vehicle's
-two (`crinoid.dynamics.vehicle`). A row has ``b`` entries: ``d`` coordinates and, in space, the spin
-of the edge that ends at the node.
+Arrays have a row for each node, then for each obstacle, then two for a vehicle
+(`crinoid.dynamics.vehicle`). A row has ``b`` entries: ``d`` coordinates and, in space, the spin of
+the edge that ends at the node.
 """
 
 from dataclasses import replace
@@ -15,60 +15,66 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid import chain
 from crinoid.dynamics import windows
-from crinoid.dynamics.arm import Arm
-from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.lines import Lines
+from crinoid.dynamics.arm import Arm, Memory
+from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.obstacles import Obstacles
-from crinoid.dynamics.surroundings import Surroundings
-from crinoid.dynamics.tangent import HELD, LineStiffness, Tangent
-from crinoid.dynamics.vehicle import ROWS, Mount, Vehicle, paired, unknowns
+from crinoid.dynamics.tangent import BOUNDARY_NODES, LineStiffness, Tangent
+from crinoid.dynamics.threads import LengthControlledThreads
+from crinoid.dynamics.vehicle import ROWS, Mount, Vehicle, unknowns, vehicle_rows
+from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion
 from crinoid.flow import Current, Water
+from crinoid.numerics import banded
 
 Rows = Float[Array, "rows b"]
 Points = Float[Array, "rows d"]
 
 
 class Forces(Arm):
-    """The elements of an arm, the water that they stand in, and the obstacles in it.
+    """Elements of an arm, the water around them, obstacles, and a floating vehicle.
 
-    Its larger methods are compiled functions: each is traced once, not at each place in a program
-    that calls it.
+    The larger methods are compiled functions, traced once and not at each call in a program.
 
-    ``origin`` (m) is where in the world the arm's coordinates start: keeping them small keeps
-    their round-off small, however deep the arm works.
+    ``origin`` (m) is the origin of the arm's coordinates in the world: small coordinates have small
+    round-off at any depth.
     """
 
     water: Water
     origin: Float[Array, " d"]
     obstacles: Obstacles | None = None
     drive: Float[Array, " drive"] | None = None
-    """Drives of the actuators, which elements find in a motion; None: there are no actuators."""
+    """Drives of the actuators, if there are any."""
     vehicle: Vehicle | None = None
-    """The submarine where it floats; None where the base goes where it is told."""
-    lines: Lines | None = None
-    """Tendons and chambers among the elements whose length or content is given."""
+    """The submarine, if it floats; otherwise the motion of the base is prescribed."""
+    lines: LengthControlledThreads | None = None
+    """Tendons of given length and chambers of given content among the elements."""
     mount: Mount | None = None
-    """Where the vehicle holds the arm; None where it stays, and what it holds with it."""
+    """Clamp of the arm on a vehicle; None while the vehicle is held still."""
 
     def frozen(self, time: Float[Array, ""]) -> "Forces":
-        """Return the forces in the flow as it is at ``time``, for good: what statics balances.
-
-        Obstacles stay where they are, and so does a vehicle.
-        """
+        """Return the forces in the flow frozen at ``time``, obstacles and vehicle held still."""
         water = Water(self.water.flows, time)
         held = None if self.obstacles is None else self.obstacles.held()
         return replace(self, water=water, obstacles=held, mount=None)
 
     def driven(self, drive: Float[Array, " drive"] | None) -> "Forces":
-        """Return the forces where the actuators drive the arm so."""
+        """Return a copy of the forces with given drives; None without actuators."""
         return replace(self, drive=drive)
 
     def mounted(self, mount: Mount | None) -> "Forces":
-        """Return the forces where the vehicle holds the arm so."""
+        """Return the forces with the arm clamped on a vehicle."""
         return replace(self, mount=mount)
+
+    def remembering(self, memory: Memory, step: Array | float) -> "Forces":
+        """Return the forces with the memory of elements at the start of a step of given length."""
+        elements = tuple(
+            element
+            if held is None
+            else element.remembering(held, jnp.full(windows.count(element), step))
+            for element, held in zip(self.elements, memory, strict=True)
+        )
+        return replace(self, elements=elements)
 
     def nodes(self, rows: Rows) -> Float[Array, "n b"]:
         """Return the rows of the nodes."""
@@ -80,12 +86,9 @@ class Forces(Arm):
         return rows if self.vehicle is None else rows[:-ROWS]
 
     def unknown(self, rows: Rows, turn: Array | float = 1.0) -> Float[Array, "unknown b"]:
-        """Return the rows that a step solves for: free nodes, free obstacles, a vehicle's rows.
-
-        Entries of its turn are multiplied by ``turn``.
-        """
+        """Return the rows of unknowns: free nodes, free obstacles, a vehicle (its turn scaled)."""
         nodes = self.nodes(rows)
-        parts = [nodes[HELD:]]
+        parts = [nodes[BOUNDARY_NODES:]]
         if self.free:
             parts.append(rows[nodes.shape[0] + jnp.asarray(self.free)])
         if self.mount is not None:
@@ -94,16 +97,16 @@ class Forces(Arm):
 
     @property
     def reach(self) -> Float[Array, ""]:
-        """How far a turn of the vehicle moves it (m); 1 where there is none."""
+        """Radius of gyration of the vehicle (m); 1 without one."""
         return jnp.ones(()) if self.vehicle is None else self.vehicle.reach
 
     @property
     def free(self) -> tuple[int, ...]:
-        """Which obstacles are free."""
+        """Indices of the free obstacles."""
         return () if self.obstacles is None else self.obstacles.free
 
     def extra(self, size: int) -> tuple[int, ...]:
-        """Return which entries of the rows after the nodes are solved for; a row has ``size``."""
+        """Return the indices of unknowns of free bodies, in rows of ``size`` after the nodes."""
         free = tuple(size * body + i for body in self.free for i in range(size))
         if self.mount is None:
             return free
@@ -120,28 +123,23 @@ class Forces(Arm):
         return jax.vmap(lambda point: self.water.velocity(self.origin + point, time))(points)
 
     @eqx.filter_jit
-    def surroundings(self, stage: Stage, correction: Rows) -> Surroundings:
-        """Return the water around the rows at a stage of the step."""
+    def surroundings(self, stage: StepMap, correction: Rows) -> Surroundings:
+        """Return the water around the rows for a correction."""
         position = self._points(stage.position + stage.by_position * correction)
 
         def current(point: Float[Array, " d"]) -> Current:
             return self.water.current(self.origin + point, stage.time)
 
         water, slope = jax.vmap(current)(position), None
-        # a time step does well without, an equilibrium moves by it
+        # needed for an equilibrium only
         if self.water.frozen_at is not None:
             slope = jax.vmap(jax.jacfwd(lambda point: current(point).acceleration))(position)
-        return Surroundings(
-            position,
-            water.velocity,
-            water.acceleration,
-            water.velocity_slope,
-            slope,
-        )
+        velocity, acceleration = water.velocity, water.acceleration
+        return Surroundings(position, velocity, acceleration, water.velocity_slope, slope)
 
     @eqx.filter_jit
-    def motion(self, stage: Stage, correction: Rows, around: Surroundings) -> Motion:
-        """Return the motion of everything and of the water around it, at a stage of the step."""
+    def motion(self, stage: StepMap, correction: Rows, around: Surroundings) -> Motion:
+        """Return the motion of all rows and of the water there, for a correction."""
         rows = (
             stage.position + stage.by_position * correction,
             stage.velocity + stage.by_velocity * correction,
@@ -149,14 +147,14 @@ class Forces(Arm):
         )
         return self._moving(stage, rows, around)
 
-    def _moving(self, stage: Stage, rows: tuple[Rows, ...], around: Surroundings) -> Motion:
-        """Return the motion where all but what a vehicle holds moves so."""
+    def _moving(self, stage: StepMap, rows: tuple[Rows, ...], around: Surroundings) -> Motion:
+        """Return the motion from all rows except those clamped on a vehicle."""
         position, velocity, acceleration = rows
         frames = stage.frames
         if self.mount is not None:
-            held = self.mount.ride(*rows).carried(self.mount.held, frames)
+            held = self.mount.kinematics(*rows).to_world(self.mount.held, frames)
             position, velocity, acceleration = (
-                chain.begun_with(carried, row) for row, carried in zip(rows, held, strict=True)
+                banded.with_first_rows(first, row) for row, first in zip(rows, held, strict=True)
             )
         motion = Motion(
             position,
@@ -175,24 +173,24 @@ class Forces(Arm):
     def residual(
         self, motion: Motion, load_factor: Array | None = None
     ) -> tuple[Rows, Float[Array, " b"]]:
-        """Return the imbalance of each row, and the largest single force in it of each column (N).
+        """Return the residual of each row, and the largest single force in it of each column (N).
 
-        The column of spins holds torques (N m).
+        The column of spins has torques (N m).
         """
         size = motion.position.shape[1]
         num_nodes = self.nodes(motion.position).shape[0]
         total, largest = jnp.zeros((num_nodes, size)), jnp.zeros(size)
         for first, elements in windows.groups(self.elements, self.axes):
             local = jax.vmap(lambda e, m: windows.residuals(e, m, load_factor))
-            forces = local(elements, windows.gathered(elements[0], motion))
+            forces = local(elements, windows.motion_windows(elements[0], motion))
             width = forces.shape[-1]
-            nodal = chain.scatter(jnp.sum(forces, axis=1), first, num_nodes)
-            total += chain.widened(nodal, size)
+            nodal = banded.scatter(jnp.sum(forces, axis=1), first, num_nodes)
+            total += banded.pad_columns(nodal, size)
             most = jnp.max(jnp.abs(forces), axis=(0, 1, 2))
             largest = jnp.maximum(largest, jnp.pad(most, (0, size - width)))
         rows = total
         if self.obstacles is not None:
-            _, pushed = self.obstacles.push(self.beside(motion))
+            _, pushed = self.obstacles.push(self.obstacle_motion(motion))
             largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed), axis=0))
             rows = jnp.pad(total, ((0, self.obstacles.count), (0, 0))) - pushed
             if self.free:
@@ -205,47 +203,48 @@ class Forces(Arm):
             return rows, largest
         pushed = jnp.zeros((ROWS, size))
         if self.mount is not None:
-            pushed = self._on_vehicle(motion, rows[:HELD])
+            pushed = self._on_vehicle(motion, rows[:BOUNDARY_NODES])
         return jnp.concatenate([rows, pushed]), largest
 
     def tangent(
         self,
-        stage: Stage,
+        stage: StepMap,
         motion: Motion,
         around: Surroundings,
         load_factor: Array | None = None,
     ) -> Tangent:
-        """Return d(residual)/d(correction): each element's Jacobian along the stage's motion."""
+        """Return d(residual)/d(correction), assembled from the elements' Jacobians."""
         size = motion.position.shape[1]
         num_nodes = self.nodes(motion.position).shape[0]
-
         slopes = (around.velocity_slope, around.acceleration_slope)
 
         def jacobian(elements: windows.Elements, window: Motion, slopes: windows.Slopes) -> Array:
-            return windows.jacobian(windows.course(stage, slopes), elements, window, load_factor)
+            return windows.jacobian(
+                windows.tangent_direction(stage, slopes), elements, window, load_factor
+            )
 
         jacobians = jax.vmap(jacobian)
-        # elements that do without spins are assembled on positions only
+        # elements without spins are assembled on positions only
         blocks: dict[int, list[tuple[int, Array]]] = {self.axes: [], size: []}
         for first, elements in windows.groups(self.elements, self.axes):
             count, stencil = windows.count(elements[0]), elements[0].stencil
-            window = windows.gathered(elements[0], motion)
+            window = windows.motion_windows(elements[0], motion)
             along = jax.tree.map(
-                partial(chain.gather, first=first, count=count, stencil=stencil), slopes
+                partial(banded.gather, first=first, count=count, stencil=stencil), slopes
             )
             block = jacobians(elements, window, along)
             blocks[block.shape[-1]].append((first, block))
         obstacles = self.obstacles
         if obstacles is not None:
-            pairs = obstacles.motions(self.beside(motion))
-            # contact does not feel the water
+            pairs = obstacles.motions(self.obstacle_motion(motion))
+            # contact does not depend on the water
             still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
             touch = jacobians((obstacles.contact,), pairs, (still, None))
             touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
             blocks[size].append((obstacles.contact.first, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
         bands = sum(
             (
-                jnp.pad(chain.assemble(some, num_nodes), [(0, 0)] * 2 + [(0, size - width)] * 2)
+                jnp.pad(banded.assemble(some, num_nodes), [(0, 0)] * 2 + [(0, size - width)] * 2)
                 for width, some in blocks.items()
                 if some
             ),
@@ -273,12 +272,12 @@ class Forces(Arm):
     def _with_vehicle(
         self,
         tangent: Tangent,
-        stage: Stage,
+        stage: StepMap,
         motion: Motion,
         around: Surroundings,
         load_factor: Array | None,
     ) -> Tangent:
-        """Border a tangent by the unknowns of the vehicle, which move what it holds."""
+        """Border a tangent by the unknowns of the vehicle, which move the clamp."""
         rows, size = motion.position.shape
         own = np.array(unknowns(self.axes, size))
         rates = (stage.by_position, stage.by_velocity, stage.by_acceleration)
@@ -300,34 +299,36 @@ class Forces(Arm):
     def _on_vehicle(
         self, motion: Motion, held: Float[Array, "held b"], *, alone: bool = True
     ) -> Float[Array, "2 b"]:
-        """Return the imbalance of the vehicle's rows for forces on what it holds.
+        """Return the residual of the vehicle's rows for forces on the clamp.
 
-        Without what acts on the vehicle alone it is linear in these.
+        Without the forces on the vehicle ``alone`` it is linear in these.
         """
         vehicle, mount = self.vehicle, self.mount
         assert vehicle is not None
         assert mount is not None
-        ride = mount.ride(*_rows(motion))
-        force, moment = ride.pushed(mount.held, held)
+        kinematics = mount.kinematics(*_rows(motion))
+        force, moment = kinematics.resultant(mount.held, held)
         if alone:
-            own = vehicle.residual(ride, motion.flow_velocity[-2], motion.flow_acceleration[-2])
+            own = vehicle.residual(
+                kinematics, motion.flow_velocity[-2], motion.flow_acceleration[-2]
+            )
             force, moment = force + own[0], moment + own[1]
-        return paired(force, moment, held.shape[1])
+        return vehicle_rows(force, moment, held.shape[1])
 
     def _points(self, rows: Rows) -> Points:
-        """Return where each row is; of a vehicle's turn where its centre of mass is."""
+        """Return the position of each row; a vehicle's turn has that of its centre of mass."""
         points = rows[:, : self.axes]
         return points if self.vehicle is None else points.at[-1].set(points[-2])
 
     def attitude(self, motion: Motion) -> Float[Array, "d d"] | None:
-        """Return the attitude of the vehicle, if there is one that moves."""
-        return None if self.mount is None else self.mount.ride(*_rows(motion)).attitude
+        """Return the attitude of a moving vehicle, if there is one."""
+        return None if self.mount is None else self.mount.kinematics(*_rows(motion)).attitude
 
     def gaps(self, rows: Rows) -> Float[Array, "m e"] | None:
-        """Return how far each obstacle is from each edge (m)."""
+        """Return the distance of each obstacle from each edge (m)."""
         return None if self.obstacles is None else self.obstacles.gaps(self.without_vehicle(rows))
 
-    def beside(self, motion: Motion) -> Motion:
+    def obstacle_motion(self, motion: Motion) -> Motion:
         """Return the motion of nodes and obstacles."""
         if self.vehicle is None:
             return motion
@@ -339,7 +340,7 @@ class Forces(Arm):
         )
 
     def _bodies(self, motion: Motion) -> Motion:
-        """Return the motion of the free obstacles, a window each."""
+        """Return the motion of the free obstacles, one window each."""
         free = self.nodes(motion.position).shape[0] + jnp.asarray(self.free)
         width = motion.position.shape[1]
         return motion.windows(lambda rows: rows[free][:, None], (len(self.free),), width)

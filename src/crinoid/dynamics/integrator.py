@@ -1,21 +1,21 @@
-"""Time integration: how the motion at the end of a step follows the accelerations there."""
+"""Time integration by methods of the generalized-alpha family."""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.elements import Motion
-from crinoid.frames import Frames
+from crinoid.numerics.frames import Frames
 
 Nodes = Float[Array, "n b"]
 
 
-class Stage(eqx.Module):
-    """The motion of the nodes as an affine function of the unknown correction ``d``.
+class StepMap(eqx.Module):
+    """Affine map from the correction ``d`` of the nodes to their motion at the end of a step.
 
-    ``q = position + by_position d``, and so on for velocity and acceleration: all that Newton's
-    method needs to know of an integrator. Measuring ``d`` from a prediction keeps the
-    acceleration free of cancellation at small steps.
+    ``q = position + by_position d``, likewise velocity and acceleration: all that Newton's method
+    needs of an integrator. With ``d`` measured from a prediction the acceleration is free of
+    cancellation at small steps.
     """
 
     time: Float[Array, ""]
@@ -26,17 +26,17 @@ class Stage(eqx.Module):
     by_velocity: Float[Array, ""]
     by_acceleration: Float[Array, ""]
     frames: Frames | None = None
-    """In space the frames that the motion takes along."""
-    stays: tuple[str, ...] = eqx.field(static=True, default=())
-    """Which of position and velocity no correction changes: the tangent leaves them out."""
+    """Frames in space from which those of the motion follow."""
+    fixed_fields: tuple[str, ...] = eqx.field(static=True, default=())
+    """Fields without a derivative, of position and velocity: the tangent omits them."""
 
 
 class Integrator(eqx.Module):
-    """One-step methods of the generalized-alpha family; all of them differ by numbers only.
+    """One-step methods of the generalized-alpha family, which differ by numbers only.
 
     The forces are balanced at the end of each step, at ``(q', v', acceleration')``. Positions and
     velocities follow an auxiliary acceleration ``a`` (Arnold and Bruels 2007, equations 6 and 7):
-    ``q' = q + h v + h^2 (lead a + beta a')``, ``v' = v + h (lag a + gamma a')`` and
+    ``q' = q + h v + h^2 (beta_old a + beta a')``, ``v' = v + h (gamma_old a + gamma a')`` and
     ``(1 - alpha_m) a' + alpha_m a = (1 - alpha_f) acceleration' + alpha_f acceleration``. The
     correction ``d`` that Newton's method finds is ``beta h^2 a'``.
     """
@@ -45,8 +45,8 @@ class Integrator(eqx.Module):
     alpha_f: Float[Array, ""]
     beta: Float[Array, ""]
     gamma: Float[Array, ""]
-    lead: Float[Array, ""]
-    lag: Float[Array, ""]
+    beta_old: Float[Array, ""]
+    gamma_old: Float[Array, ""]
 
     @staticmethod
     def newmark(beta: float | Array = 0.25, gamma: float | Array = 0.5) -> "Integrator":
@@ -57,8 +57,8 @@ class Integrator(eqx.Module):
     def generalized_alpha(spectral_radius: float | Array = 0.8) -> "Integrator":
         """Chung and Hulbert (1993): order 2, damps what the step cannot resolve.
 
-        ``spectral_radius`` is the share of amplitude that the fastest vibration keeps per step:
-        1 damps nothing, 0 removes it at once.
+        ``spectral_radius`` is the factor of amplitude of the fastest vibration per step: 1 damps
+        nothing, 0 removes it in one step.
         """
         alpha_m = (2 * spectral_radius - 1) / (spectral_radius + 1)
         alpha_f = spectral_radius / (spectral_radius + 1)
@@ -68,22 +68,24 @@ class Integrator(eqx.Module):
 
     @staticmethod
     def implicit_euler() -> "Integrator":
-        """Backward Euler, to compare: order 1, damps strongly."""
+        """Backward Euler, for comparison: order 1, damps strongly."""
         return _integrator(0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
 
-    def stage(self, before: Motion, ahead: Nodes, step: Array, frames: Frames | None) -> Stage:
+    def stage(
+        self, before: Motion, auxiliary_offset: Nodes, step: Array, frames: Frames | None
+    ) -> StepMap:
         """Return the end of a step as a function of the correction.
 
-        ``ahead`` is the auxiliary acceleration at its start less the true one, over the length of
-        the step before (m/s3): as a rate it serves steps of any length.
+        ``auxiliary_offset`` is the auxiliary acceleration at its start less the true one, over the
+        length of the step before (m/s3): as a rate it serves steps of any length.
         """
-        auxiliary = before.acceleration + step * ahead
+        auxiliary = before.acceleration + step * auxiliary_offset
         held = self.alpha_m * auxiliary - self.alpha_f * before.acceleration
         per_step = self.beta * step
-        return Stage(
+        return StepMap(
             before.time + step,
-            before.position + step * before.velocity + self.lead * step**2 * auxiliary,
-            before.velocity + self.lag * step * auxiliary,
+            before.position + step * before.velocity + self.beta_old * step**2 * auxiliary,
+            before.velocity + self.gamma_old * step * auxiliary,
             held / (1 - self.alpha_f),
             jnp.ones(()),
             self.gamma / per_step,
@@ -92,15 +94,19 @@ class Integrator(eqx.Module):
         )
 
     def correction(self, acceleration: Nodes, step: Array) -> Nodes:
-        """Return the correction that an auxiliary acceleration at the end of a step means (m)."""
+        """Return the correction of an auxiliary acceleration at the end of a step (m)."""
         return self.beta * step**2 * acceleration
 
-    def ahead(self, before: Nodes, ahead: Nodes, after: Nodes, step: Array) -> Nodes:
+    def auxiliary_offset(
+        self, before: Nodes, auxiliary_offset: Nodes, after: Nodes, step: Array
+    ) -> Nodes:
         """Return the auxiliary acceleration less the true one after a step, over its length.
 
         ``before`` and ``after`` are the true accelerations at its two ends.
         """
-        change = self.alpha_f * (before - after) + self.alpha_m * (after - before - step * ahead)
+        change = self.alpha_f * (before - after) + self.alpha_m * (
+            after - before - step * auxiliary_offset
+        )
         return change / ((1 - self.alpha_m) * step)
 
     def error(self, before: Nodes, after: Nodes, step: Array) -> Nodes:
@@ -112,7 +118,7 @@ class Integrator(eqx.Module):
         out ``h^2 a / 2`` as well.
         """
         by_change = self.beta - 0.5 * (self.alpha_f - self.alpha_m) - 1 / 6
-        whole = self.lead + self.beta - 0.5
+        whole = self.beta_old + self.beta - 0.5
         return step**2 * (whole * before + by_change * (after - before))
 
 

@@ -1,100 +1,48 @@
-"""Small free vibrations about a state at rest: natural frequencies and the shapes that go along."""
+"""Undamped modes of vibration about a state at rest. Computed on the host."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
-from crinoid import chain
-from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.tangent import HELD, LineStiffness
-from crinoid.frames import Frames
+from crinoid.dynamics.tangent import BOUNDARY_NODES, LineStiffness
+from crinoid.numerics import banded
 
 COUNT = 8
-"""How many modes are looked for: more than a current can reach on all but the limpest arms."""
+"""Default number of modes: more than a current can excite on all but very limp arms."""
 
 
 class ModesError(RuntimeError):
-    """Modes could not be found."""
+    """Failure of an eigenvalue solver."""
 
 
 class Modes(NamedTuple):
-    """The slowest vibrations of an arm whose base is held, slowest first.
+    """Undamped modes of an arm whose base is held, slowest first.
 
-    Of an arm that is far from stable those nearest to none.
+    Of an arm far from stable, those of least frequency.
     """
 
     frequency: Float[np.ndarray, " mode"]
     """Natural frequencies (Hz); 0 where the arm does not swing back, to within round-off."""
     shape: Float[np.ndarray, "mode n b"]
-    """How the nodes move, from the root (which does not) to the tip; at most 1.
+    """Displacement of the nodes from the root (zero) to the tip; at most 1.
 
-    In space with the spin of the edge that ends at each node (rad for 1 m).
+    In space with the spin of the edge that ends at each node (rad per m).
     """
-
-
-class SmallMotions(NamedTuple):
-    """Stiffness, damping and mass of small motions of all nodes about a shape at rest."""
-
-    stiffness: chain.Bands
-    """N/m, and of spins N m."""
-    mass: chain.Bands
-    """With added mass (kg)."""
-    stiffness_in_current: chain.Bands
-    """In a steady current, whose drag changes as the arm turns (N/m)."""
-    damping_in_current: chain.Bands
-    """Damping of the material, and the slope of the quadratic drag in that current (N s/m)."""
-    stiffness_in_still_water: chain.Bands
-    damping_in_still_water: chain.Bands
-
-
-def linearise(
-    forces: Forces,
-    time: Float[Array, ""],
-    position: Float[Array, "rows b"],
-    frames: Frames | None,
-    current: Float[Array, " d"],
-) -> SmallMotions:
-    """Linearise the forces on the nodes about a shape at rest.
-
-    In the water as it flows at ``time``, in a steady ``current`` (m/s) past the same shape, and in
-    still water. Obstacles stay where they are (in ``position``, the rows after the nodes). In
-    space ``frames`` are those of the shape.
-    """
-    forces = forces.frozen(time)
-    zero = jnp.zeros_like(position)
-
-    def tangent(by: Float[Array, "3"], steady: Bool[Array, ""], speed: Array) -> chain.Bands:
-        stage = Stage(time, position, zero, zero, by[0], by[1], by[2], frames)
-        around = forces.surroundings(stage, zero)
-        flows = jnp.where(steady, speed * current, around.velocity)
-        slope = jnp.where(steady, 0.0, around.velocity_slope)
-        around = eqx.tree_at(lambda a: (a.velocity, a.velocity_slope), around, (flows, slope))
-        return forces.tangent(stage, forces.motion(stage, zero, around), around).bands
-
-    of = jnp.eye(3)[jnp.array([0, 2, 0, 1, 0, 1])]
-    steady = jnp.array([False, False, True, True, True, True])
-    speed = jnp.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0])
-    # one after the other: the tangent is compiled once for all
-    return SmallMotions(*jax.lax.map(lambda one: tangent(*one), (of, steady, speed)))
 
 
 def find_modes(
-    stiffness: chain.Bands,
-    mass: chain.Bands,
+    stiffness: banded.Bands,
+    mass: banded.Bands,
     count: int = COUNT,
     lines: LineStiffness | None = None,
 ) -> Modes:
     """Solve ``K phi = (2 pi f)^2 M phi`` of the free nodes for the slowest vibrations.
 
-    Damping is left out. Of the stiffness the symmetric part is taken: drag and follower loads make
-    it lopsided, but as ``phi . A phi = 0`` the antisymmetric rest ``A`` moves no squared frequency
-    to first order. By Lanczos's method on the inverse, shifted to zero (ARPACK); runs on the host.
+    Damping is omitted, and the stiffness symmetrised: drag and follower loads make it asymmetric,
+    but as ``phi . A phi = 0`` the antisymmetric part ``A`` changes no squared frequency to first
+    order. Shift-invert Lanczos method (ARPACK), on the host.
 
     Round-off in the stiffness shifts the first bending frequency by a share that grows as the
     fourth power of the number of nodes, to some 1e-5 at 1000 nodes.
@@ -102,16 +50,11 @@ def find_modes(
     Parameters
     ----------
     stiffness, mass
-        Of all nodes (N/m, kg), as `crinoid.System.linearise` returns them.
+        Matrices of all nodes (N/m, kg), as `crinoid.System.linearise` returns them.
     count
-        How many modes; fewer than the free nodes have coordinates.
+        Number of modes; less than the coordinates of the free nodes.
     lines
-        What lines add to the stiffness.
-
-    Raises
-    ------
-    ModesError
-        If the matrices hold what is no number, or the iteration does not converge.
+        Stiffness that lines add.
     """
     # slow to load, and many commands do without
     from scipy.linalg import eigh
@@ -119,9 +62,11 @@ def find_modes(
 
     K, M = (0.5 * (A + A.T) for A in map(of_free, (stiffness, mass)))
     unknowns, size = K.shape[0], stiffness.shape[-1]
-    held = _roots(lines, unknowns)
+    pull, follow = of_lines(lines, unknowns)
+    # the stiffness of lines is U U^T: the nodes that they pull at are those that they follow
+    held = pull * np.sqrt(np.linalg.norm(follow, axis=1) / np.linalg.norm(pull, axis=0))
     nothing = round_off(K, M, held, held.T)
-    shift = -1e3 * nothing  # the least ones are next to it, and nothing is singular there
+    shift = -1e3 * nothing  # below the least ones, so nothing is singular there
     try:
         _, near = eigsh(
             K,
@@ -131,32 +76,27 @@ def find_modes(
             OPinv=LinearOperator(K.shape, inverse(K - shift * M, held, held.T), dtype=float),
             v0=np.random.default_rng(0).standard_normal(unknowns),
         )
-        # what the shift has cost in accuracy comes back in the space of these few
+        # Rayleigh-Ritz in the space of these few restores the accuracy that the shift cost
         taut = held.T @ near
         squared, mixed = eigh(near.T @ (K @ near) + taut.T @ taut, near.T @ (M @ near))
-    except (RuntimeError, ValueError) as error:  # of ARPACK, SuperLU and LAPACK
+    except (RuntimeError, ValueError) as error:  # from ARPACK, SuperLU and LAPACK
         raise ModesError(f"no natural frequencies found: {error}") from error
-    shapes = np.pad((near @ mixed).T.reshape(squared.size, -1, size), ((0, 0), (1, 0), (0, 0)))
+    frequency = np.sqrt(np.where(squared > nothing, squared, 0.0)) / (2 * np.pi)
+    return Modes(frequency, normalised(near @ mixed, size))
+
+
+def normalised(shapes: np.ndarray, size: int) -> np.ndarray:
+    """Return shapes from the columns of free nodes, with a root, the largest entry of each 1."""
+    shapes = np.pad(shapes.T.reshape(shapes.shape[1], -1, size), ((0, 0), (1, 0), (0, 0)))
     for shape in shapes:
         shape /= shape.flat[np.argmax(np.abs(shape))]
-    frequency = np.sqrt(np.where(squared > nothing, squared, 0.0)) / (2 * np.pi)
-    return Modes(frequency, shapes)
-
-
-def _roots(lines: LineStiffness | None, unknowns: int) -> Float[np.ndarray, "unknowns line"]:
-    """Return ``U`` of the stiffness ``U U^T`` of lines: what they pull at is what they follow."""
-    if lines is None:
-        return np.zeros((unknowns, 0))
-    pull = np.asarray(lines.pull)[HELD:].reshape(unknowns, -1)
-    follow = np.asarray(lines.follow)[:, HELD:].reshape(-1, unknowns)
-    stiffness = np.linalg.norm(follow, axis=1) / np.linalg.norm(pull, axis=0)
-    return np.asarray(pull * np.sqrt(stiffness))
+    return shapes
 
 
 def inverse(
     matrix: Any, pull: Float[np.ndarray, "n line"], follow: Float[np.ndarray, "line n"]
 ) -> Callable[[np.ndarray], Any]:
-    """Return what solves with a sparse matrix plus ``pull follow`` (Woodbury's formula)."""
+    """Return a solver of a sparse matrix plus ``pull follow`` (Woodbury's formula)."""
     from scipy.sparse.linalg import splu
 
     parts = splu(matrix.tocsc())
@@ -172,11 +112,11 @@ def inverse(
     return solve
 
 
-def of_free(bands: chain.Bands) -> Any:
-    """Return the matrix of the free nodes, sparse."""
+def of_free(bands: banded.Bands) -> Any:
+    """Return the sparse matrix of the free nodes."""
     from scipy.sparse import csc_array
 
-    blocks = np.asarray(bands)[HELD:]
+    blocks = np.asarray(bands)[BOUNDARY_NODES:]
     nodes, _, size, _ = blocks.shape
     node, offset, i, j = np.indices(blocks.shape)
     row, column = node * size + i, (node + offset - 2) * size + j
@@ -189,7 +129,15 @@ def of_free(bands: chain.Bands) -> Any:
 def round_off(
     K: Any, M: Any, pull: Float[np.ndarray, "n line"], follow: Float[np.ndarray, "line n"]
 ) -> float:
-    """Return the squared circular frequency (1/s2) that is none but round-off of the stiffness."""
+    """Return the squared circular frequency (1/s2) that round-off of the stiffness makes."""
     scale = 1 / np.sqrt(M.diagonal())
     resisted = abs(K) @ scale + np.abs(pull) @ (np.abs(follow) @ scale)
     return float(16 * np.finfo(float).eps * (resisted * scale).max())
+
+
+def of_lines(lines: LineStiffness | None, unknowns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return pull and follow of lines on the free nodes, empty without lines."""
+    if lines is None:
+        return np.zeros((unknowns, 0)), np.zeros((0, unknowns))
+    pull = np.asarray(lines.pull)[BOUNDARY_NODES:].reshape(unknowns, -1)
+    return pull, np.asarray(lines.follow)[:, BOUNDARY_NODES:].reshape(-1, unknowns)

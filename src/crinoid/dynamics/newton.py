@@ -10,48 +10,70 @@ from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.outcome import Outcome
-from crinoid.dynamics.surroundings import Surroundings
-from crinoid.dynamics.tangent import HELD, Factorised, Tangent
+from crinoid.dynamics.tangent import BOUNDARY_NODES, Tangent, TangentFactors
+from crinoid.dynamics.windows import Surroundings
 from crinoid.rod import Rod
 
 Rows = Float[Array, "rows b"]
 
 SOLVED = "solved"
-"""Name of solutions under `jax.checkpoint`: a policy that saves them spares solving again."""
+"""Name of solutions under `jax.checkpoint`, for a policy that saves them."""
 _NOISE = 1 / 16
-"""Share of the floor that round-off makes up in any case."""
+"""Share of round-off in the floor."""
 _MARGIN = 4.0
-"""Factor by which an iteration with an old tangent must be expected to suffice."""
+"""Safety factor on the expected success of an iteration with an old tangent."""
 _AGED = 1e-3
-"""Least share of the imbalance that an iteration with the tangent of an earlier step may leave.
+"""Least contraction assumed for the tangent of an earlier step.
 
-One with a new tangent may leave far less, by which nothing can be told of the next step.
+That of a new tangent may be far less, which says nothing about the next step.
 """
 _STALLED = 0.5
-"""Share of the imbalance from which on what an iteration leaves of it is no progress."""
+"""Contraction above which an iteration makes no progress."""
+
+
+class Balance(eqx.Module):
+    """Balance of forces at the end of a step, as a function of the correction."""
+
+    forces: Forces
+    around: Surroundings
+    """The water, expanded about given positions."""
+    stage: StepMap
+    load_factor: Float[Array, ""] | None = None
+    """Factor on the forces from outside; None for 1."""
+
+    def residual(self, correction: Rows) -> tuple[Rows, Float[Array, " b"]]:
+        """Return the residual, and the largest single force in it of each column (N)."""
+        motion = self.forces.motion(self.stage, correction, self.around)
+        return self.forces.residual(motion, self.load_factor)
+
+    @eqx.filter_jit
+    def tangent(self, correction: Rows) -> Tangent:
+        """Return d(residual)/d(correction)."""
+        motion = self.forces.motion(self.stage, correction, self.around)
+        return self.forces.tangent(self.stage, motion, self.around, self.load_factor)
 
 
 class Settings(eqx.Module):
-    """When Newton's method is done, and when it gives up."""
+    """Criteria of convergence and failure of Newton's method."""
 
     tolerance: Float[Array, ""]
-    """Largest imbalance over the largest force in it."""
+    """Largest imbalance over the largest force."""
     floor: Float[Array, ""]
-    """Imbalance below which round-off may rule (N): there an iteration need not gain anything."""
+    """Imbalance below which round-off may dominate (N) and progress is not required."""
     max_iterations: Int[Array, ""]
-    """Iterations after which a solve has failed."""
+    """Largest number of iterations."""
     weights: Float[Array, " b"]
-    """Factors from the imbalance of each coordinate to a force: 1, of a spin one over a length."""
+    """Factor from the imbalance of each coordinate to a force: 1, for a spin 1 over a length."""
     max_turn: Float[Array, ""] | None = None
     """Largest relative displacement of neighbours in one iteration, over their distance; in space
     also the largest spin (rad).
 
-    Keeps edges from flipping in a static solve from a distant guess; a time step needs no limit.
+    It keeps edges from flipping in a static solve from a distant guess; time steps need no limit.
     """
     max_move: Float[Array, ""] | None = None
-    """Largest displacement in one iteration (m), so that a static solve jumps over no obstacle."""
+    """Largest displacement in one iteration (m), so that statics jumps over no obstacle."""
 
     @staticmethod
     def for_rod(
@@ -62,7 +84,7 @@ class Settings(eqx.Module):
     ) -> "Settings":
         """Set the floor to the round-off of the forces that stretch, bend and twist a rod.
 
-        A position on a rod of length L is known to about eps L, so the strain of an edge l to
+        A position on a rod of length L is accurate to about eps L, so the strain of an edge l to
         eps L / l, and that of a line along the rod to eps; ``lines`` is the largest stiffness of
         one (N). The floor is well above that.
         """
@@ -77,120 +99,103 @@ class Settings(eqx.Module):
         return Settings(jnp.asarray(tolerance), floor, jnp.asarray(max_iterations), weights)
 
 
-class Kept(eqx.Module):
-    """A tangent that one solve leaves to the next: most of what an iteration costs."""
+class ReusedTangent(eqx.Module):
+    """Factorised tangent reused by the next solve (modified Newton method)."""
 
-    tangent: Factorised
-    share: Float[Array, ""]
-    """Share of the imbalance that an iteration with it leaves; 1 where there is none."""
+    tangent: TangentFactors
+    contraction: Float[Array, ""]
+    """Factor on the imbalance in an iteration with it; 1 without a tangent."""
     by_acceleration: Float[Array, ""]
-    """Factor of the acceleration in the stage that it was made for (1/s2), by which a step of
-    another length is told."""
+    """Factor of the acceleration in its stage (1/s2), which detects another step length."""
 
     @staticmethod
-    def nothing(forces: Forces, rows: Rows) -> "Kept":
-        """Return the place for what will be kept."""
+    def none(forces: Forces, rows: Rows) -> "ReusedTangent":
+        """Return the tangent before the first solve: none."""
         nodes, size = forces.nodes(rows).shape
         lines = 0 if forces.lines is None else forces.lines.rest.size
-        tangent = Factorised.blank(nodes, size, forces.extra(size), lines)
-        return Kept(tangent, jnp.ones(()), jnp.zeros(()))
+        tangent = TangentFactors.blank(nodes, size, forces.extra(size), lines)
+        return ReusedTangent(tangent, jnp.ones(()), jnp.zeros(()))
 
 
-class _Search(eqx.Module):
-    """How far Newton's method is."""
+class _Iteration(eqx.Module):
+    """State of Newton's method."""
 
     correction: Rows
-    """To be judged next; the result, once that is done."""
+    """Next correction to evaluate; the result at the end."""
     residual: Rows
-    """Imbalance of the correction judged last."""
+    """Residual of the correction evaluated last."""
     outcome: Outcome
     """Outcome of that correction; its iterations are in ``count``."""
     count: Int[Array, ""]
-    """Iterations so far."""
-    tangent: Factorised
-    """The one of the last iteration, which may do for the next."""
-    share: Float[Array, ""]
-    """Share of the imbalance that it left."""
-    anew: Bool[Array, ""]
-    """Whether the tangent is not, or no longer to be, that of an earlier step."""
+    tangent: TangentFactors
+    """Tangent of the last iteration, perhaps good enough for the next."""
+    contraction: Float[Array, ""]
+    """Factor on the imbalance in the last iteration."""
+    refresh: Bool[Array, ""]
+    """Whether the tangent must be, or is, one of this step."""
     done: Bool[Array, ""]
 
 
-@eqx.filter_custom_jvp
-def solve(
-    forces: Forces,
-    around: Surroundings,
-    stage: Stage,
-    guess: Rows,
-    settings: Settings,
-    load_factor: Array | None,
-    kept: Kept,
-) -> tuple[Rows, Float[Array, "held b"], Outcome, Kept]:
-    """Find the correction of what is free to move that balances the forces at a stage.
+Solution = tuple[Rows, Float[Array, "held b"], Outcome, ReusedTangent]
 
-    The water is that of ``around``. Convergence is judged by the residual, relative to the
-    largest force in it; where round-off may rule, iterations go on as long as they gain anything.
-    The tangent of one iteration serves the next one where that will do (chord method), and the one
-    ``kept`` from the solve before the first ones.
-    The derivative of the solution comes from the converged tangent, solved once (implicit
+
+@eqx.filter_custom_jvp
+def solve(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
+    """Find the correction of the unknowns that balances the forces at a stage.
+
+    Convergence is judged by the residual, relative to the largest force in it; where round-off may
+    dominate, iterations go on while they gain anything. The tangent of one iteration serves the
+    next one if that suffices (chord method), and ``reused``, from the solve before, the first ones.
+    The derivative of the solution follows from the converged tangent, solved once (implicit
     function theorem), so iterations are never differentiated.
 
-    Returns the correction (m, zero on what is prescribed), the forces that hold the ghost node and
-    the root where they are prescribed to be (N), the outcome, and what the next solve may use; a
-    failure is an outcome, never an exception.
+    Returns the correction (m, zero on prescribed nodes), the forces that hold the ghost node and
+    the root if they are prescribed (N), the outcome, and the tangent for the next solve; a failure
+    is an outcome, never an exception.
 
-    In a batch on a processor each solution is found by itself: together all would take as many
-    iterations as the slowest, a tangent in each, and as much memory as no cache has.
+    In a batch on a CPU each solution is found separately: together all would need as many
+    iterations as the slowest, a tangent in each, and more memory than a cache has.
     """
-    arrays, rest = eqx.partition(
-        (forces, around, stage, guess, settings, load_factor, kept), eqx.is_array
-    )
+    arrays, rest = eqx.partition((balance, guess, settings, reused), eqx.is_array)
 
-    def search(given: Any) -> tuple[Rows, Float[Array, "held b"], Outcome, Kept]:
-        return _search(*eqx.combine(given, rest))
+    def search(arrays: Any) -> Solution:
+        return _iterate(*eqx.combine(arrays, rest))
 
     alone = jax.default_backend() == "cpu"
     return (sequential_vmap(search) if alone else search)(arrays)
 
 
-def _search(
-    forces: Forces,
-    around: Surroundings,
-    stage: Stage,
-    guess: Rows,
-    settings: Settings,
-    load_factor: Array | None,
-    kept: Kept,
-) -> tuple[Rows, Float[Array, "held b"], Outcome, Kept]:
-    """Do what `solve` does, for one."""
+def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
+    forces, stage = balance.forces, balance.stage
 
-    def unfinished(carry: _Search) -> Bool[Array, ""]:
+    def unfinished(carry: _Iteration) -> Bool[Array, ""]:
         return ~carry.done
 
-    def iterate(carry: _Search) -> _Search:
-        # what is judged here, the guess or what the last iteration made of it, is described once:
-        # the elements are most of a program
+    def iterate(carry: _Iteration) -> _Iteration:
+        # evaluated in one place, for the guess and its successors: elements are most of a program
         correction, before = carry.correction, carry.outcome
-        residual, outcome = imbalance(forces, around, stage, correction, settings, load_factor)
-        # an iteration with the same tangent leaves about twice the share that the last one left
-        share = jnp.where(carry.count > 0, outcome.residual / before.residual, carry.share)
+        residual, outcome = imbalance(balance, correction, settings)
+        # the same tangent contracts about twice less in the next iteration
+        contraction = jnp.where(
+            carry.count > 0, outcome.residual / before.residual, carry.contraction
+        )
         allowed = settings.tolerance * outcome.scale + _NOISE * settings.floor
-        # a kept tangent may take two iterations: they cost less than one with a new one
-        left_over = jnp.where(carry.count > 0, share, share**2) * outcome.residual
+        # a reused tangent may need two iterations: they cost less than one with a new tangent
+        left_over = jnp.where(carry.count > 0, contraction, contraction**2) * outcome.residual
         suffices = _MARGIN * left_over <= allowed
-        stalled = outcome.converged & carry.anew & (share > _STALLED)
-        # the tangent of an earlier step led astray: back to the guess, with one of this step
-        astray = (carry.count > 0) & ~carry.anew & ~(share < 1.0)
+        stalled = outcome.converged & carry.refresh & (contraction > _STALLED)
+        # the tangent of an earlier step failed: back to the guess, with one of this step
+        astray = (carry.count > 0) & ~carry.refresh & ~(contraction < 1.0)
         sound = jnp.isfinite(outcome.residual) | astray
         left = (carry.count < settings.max_iterations) & sound
         done = (outcome.residual <= allowed) | stalled | ~left
 
-        def correct(one: tuple[Rows, Factorised, Array]) -> tuple[Rows, Factorised, Array]:
+        def correct(one: tuple[Rows, TangentFactors, Array]) -> tuple[Rows, TangentFactors, Array]:
             correction, tangent, _ = one
             tangent = jax.lax.cond(
                 suffices,
                 lambda: tangent,
-                lambda: tangent_at(forces, around, stage, correction, load_factor).factorised(),
+                lambda: balance.tangent(correction).factorise(),
             )
             change = tangent.solve(-residual)
             if settings.max_turn is not None:
@@ -201,64 +206,52 @@ def _search(
                 change *= jnp.minimum(1.0, settings.max_move / _largest(change[:, : forces.axes]))
             return correction + change, tangent, jnp.asarray(False)
 
-        # a loop of one turn or none, not a choice: in a batch that goes together all would do both
+        # a loop of one pass or none: `cond` in a batch would compute both branches
         following, tangent, _ = jax.lax.while_loop(
             lambda one: one[2], correct, (correction, carry.tangent, ~(done | astray))
         )
         back = astray & ~done
         following = jnp.where(back, guess, following)
-        # of which no share is known then
+        # without a known contraction then
         outcome = eqx.tree_at(
             lambda o: o.residual, outcome, jnp.where(back, jnp.nan, outcome.residual)
         )
-        anew = carry.anew | astray | ~suffices
+        refresh = carry.refresh | astray | ~suffices
         count = carry.count + ~done
-        return _Search(following, residual, outcome, count, tangent, share, anew, done)
+        return _Iteration(following, residual, outcome, count, tangent, contraction, refresh, done)
 
-    nothing = Outcome.of_nothing(converged=False)
-    start = _Search(
+    none = Outcome.of_nothing(converged=False)
+    start = _Iteration(
         guess,
         jnp.zeros_like(guess),
-        eqx.tree_at(lambda o: o.residual, nothing, jnp.asarray(jnp.inf)),
+        eqx.tree_at(lambda o: o.residual, none, jnp.asarray(jnp.inf)),
         jnp.asarray(0),
-        kept.tangent,
-        jnp.where(kept.by_acceleration == stage.by_acceleration, kept.share, 1.0),
+        reused.tangent,
+        jnp.where(reused.by_acceleration == stage.by_acceleration, reused.contraction, 1.0),
         jnp.asarray(False),
         jnp.asarray(False),
     )
     end = jax.lax.while_loop(unfinished, iterate, start)
     outcome = eqx.tree_at(lambda o: o.iterations, end.outcome, end.count)
-    kept = Kept(end.tangent, jnp.maximum(end.share, _AGED), stage.by_acceleration)
-    return end.correction, end.residual[:HELD], outcome, kept
+    reused = ReusedTangent(end.tangent, jnp.maximum(end.contraction, _AGED), stage.by_acceleration)
+    return end.correction, end.residual[:BOUNDARY_NODES], outcome, reused
 
 
 @solve.def_jvp
 def _solve_jvp(primals: Any, tangents: Any) -> Any:
-    forces, around, stage, _, _, load_factor, _ = primals
-    t_forces, t_around, t_stage, _, _, t_load_factor, _ = tangents
-    *found, kept = solve(*primals)  # which nothing needs that is differentiated
+    *found, reused = solve(*primals)  # nothing that is differentiated needs the tangent
     correction, held, outcome = jax.tree.map(lambda x: checkpoint_name(x, SOLVED), found)
-    t_correction, t_held = implied(
-        (forces, around, stage, load_factor),
-        (t_forces, t_around, t_stage, t_load_factor),
-        correction,
-        tangent_at(forces, around, stage, correction, load_factor),
-    )
-    given = (correction, held, outcome, kept)
-    return given, (t_correction, t_held, constant(outcome), constant(kept))
+    tangent = primals[0].tangent(correction)
+    t_correction, t_held = implicit_derivative(primals[0], tangents[0], correction, tangent)
+    values = (correction, held, outcome, reused)
+    return values, (t_correction, t_held, zero_tangents(outcome), zero_tangents(reused))
 
 
 @eqx.filter_jit
-def imbalance(
-    forces: Forces,
-    around: Surroundings,
-    stage: Stage,
-    correction: Rows,
-    settings: Settings,
-    load_factor: Array | None,
-) -> tuple[Rows, Outcome]:
-    """Return the residual of a correction, and how near to a balance that is."""
-    residual, largest = forces.residual(forces.motion(stage, correction, around), load_factor)
+def imbalance(balance: Balance, correction: Rows, settings: Settings) -> tuple[Rows, Outcome]:
+    """Return the residual of a correction, and the outcome by its size."""
+    forces = balance.forces
+    residual, largest = balance.residual(correction)
     scale = jnp.max(settings.weights * largest)
     lacking = jnp.abs(forces.unknown(residual, 1 / forces.reach))
     unbalanced = jnp.max(settings.weights * lacking, axis=1)
@@ -268,44 +261,30 @@ def imbalance(
         iterations=jnp.asarray(0),
         residual=most,
         scale=scale,
-        worst_node=jnp.argmax(unbalanced) + HELD - 1,
+        worst_node=jnp.argmax(unbalanced) + BOUNDARY_NODES - 1,
         resolved=jnp.asarray(True),
         folded=jnp.asarray(False),
         error=jnp.zeros(()),
     )
 
 
-def implied(
-    primals: Any, tangents: Any, correction: Rows, tangent: Tangent
+def implicit_derivative(
+    balance: Balance, t_balance: Any, correction: Rows, tangent: Tangent
 ) -> tuple[Rows, Float[Array, "held b"]]:
-    """Return how a converged correction follows forces, water, stage and load factor.
+    """Return the derivatives of a converged correction and of the forces on prescribed nodes.
 
-    And how the forces on what is prescribed do. ``tangent`` is the one at the correction.
+    ``t_balance`` is the tangent of the balance, ``tangent`` the matrix at the correction.
     """
-
-    def residual(forces: Forces, around: Surroundings, stage: Stage, factor: Array | None) -> Rows:
-        return forces.residual(forces.motion(stage, correction, around), factor)[0]
-
-    _, t_residual = eqx.filter_jvp(residual, primals, tangents)
-    followed = tangent.solve(-t_residual)
-    return followed, t_residual[:HELD] + tangent.on_held(followed)
+    _, t_residual = eqx.filter_jvp(
+        lambda balance: balance.residual(correction)[0], (balance,), (t_balance,)
+    )
+    t_correction = tangent.solve(-t_residual)
+    return t_correction, t_residual[:BOUNDARY_NODES] + tangent.on_held(t_correction)
 
 
-def constant(known: Any) -> Any:
-    """Return the tangent of what does not depend on anything."""
-    return jax.tree.map(lambda x: jnp.zeros_like(x) if eqx.is_inexact_array(x) else None, known)
-
-
-@eqx.filter_jit
-def tangent_at(
-    forces: Forces,
-    around: Surroundings,
-    stage: Stage,
-    correction: Rows,
-    load_factor: Array | None,
-) -> Tangent:
-    """Return d(residual)/d(correction) at a correction."""
-    return forces.tangent(stage, forces.motion(stage, correction, around), around, load_factor)
+def zero_tangents(tree: Any) -> Any:
+    """Return zero tangents."""
+    return jax.tree.map(lambda x: jnp.zeros_like(x) if eqx.is_inexact_array(x) else None, tree)
 
 
 def _largest_turn(position: Rows, change: Rows, axes: int) -> Float[Array, ""]:

@@ -1,4 +1,4 @@
-"""Rigid bodies beside the arm: how they move, and what they and the arm do to each other."""
+"""Obstacles: rigid bodies near the arm, their motion and their contact with it."""
 
 from collections.abc import Callable
 
@@ -8,21 +8,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from crinoid import chain
 from crinoid.dynamics.tangent import Border
 from crinoid.elements import Body, Contact, Motion
+from crinoid.numerics import banded
 
 Rows = Float[Array, "rows b"]
 Points = Float[Array, "m d"]
 
 _MISSED = 0.01
-"""Error that a step may make in the work of a contact, over the energy of the hit."""
+"""Largest error of a step in the work of a contact, over the energy of the hit."""
 _NEGLIGIBLE = 5e-7
-"""Error in that work that does not matter, over the energy that the whole skin takes up."""
+"""Negligible error in that work, over the energy of the fully compressed skin."""
 
 
 class Touch(eqx.Module):
-    """Contact of ``m`` obstacles with the arm, now and summed up since the start. SI units."""
+    """Contact of ``m`` obstacles with the arm, now and since the start. SI units."""
 
     force: Float[Array, "m d"]
     """Force of each obstacle on the arm (N)."""
@@ -30,12 +30,12 @@ class Touch(eqx.Module):
     impulse: Float[Array, "m d"]
     """Impulse of each obstacle on the arm since the start (N s)."""
     duration: Float[Array, " m"]
-    """Time that each one has been in contact since the start (s)."""
+    """Duration of contact since the start (s)."""
     closest: Float[Array, " m"]
-    """Smallest distance of each one from the arm since the start (m)."""
+    """Smallest distance from the arm since the start (m)."""
 
     def since(self, before: "Touch", step: Array) -> "Touch":
-        """Return this with what was before a step added."""
+        """Return the contact with the sums up to a step added."""
         return Touch(
             self.force,
             self.in_contact,
@@ -46,24 +46,24 @@ class Touch(eqx.Module):
 
 
 class Obstacles(eqx.Module):
-    """``m`` obstacles; in what a time step solves for, they are the rows after the nodes.
+    """``m`` obstacles, the rows after the nodes.
 
-    Most move as they are told: at a steady velocity, which may be zero, or carried by the water.
-    Those with a mass are free: the arm, the water and their weight move them. In space their rows
-    have a column for a spin, like those of the nodes; it stays zero, as obstacles do not spin.
+    Most have a prescribed motion: a steady velocity, which may be zero, or that of the water. Those
+    with a mass are free: the arm, the water and their weight move them. In space their rows have a
+    column for the spin, which is zero: obstacles do not spin.
     """
 
     contact: Contact
     """Contact of every obstacle with every edge, obstacle by obstacle."""
     bodies: Body
-    """Inertia, weight and drag of the free ones."""
+    """Inertia, weight and drag of the free obstacles."""
     position: Float[Array, "m d"]
     """Position at the start (m)."""
     drift: Float[Array, "m d"]
-    """Velocity of the steady ones, and of the free ones at the start (m/s)."""
+    """Steady velocity, of free obstacles the initial one (m/s)."""
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
-    """Obstacles that start with the water's velocity; they keep to it unless they are free."""
+    """Obstacles that start with the water's velocity, and keep it unless they are free."""
 
     @property
     def count(self) -> int:
@@ -72,58 +72,58 @@ class Obstacles(eqx.Module):
 
     @property
     def finest(self) -> Float[Array, ""]:
-        """Smallest distance between the middles of an obstacle and the arm where they touch (m)."""
+        """Smallest distance between the axes of an obstacle and the arm in contact (m)."""
         return jnp.min(self.contact.arm_radius + self.contact.radius)
 
     @property
-    def led(self) -> np.ndarray:
-        """Which ones move as they are told."""
+    def prescribed(self) -> np.ndarray:
+        """Indices of the obstacles with a prescribed motion."""
         return np.setdiff1d(np.arange(self.count), self.free)
 
     def held(self) -> "Obstacles":
-        """Return the same obstacles, none of them free: what statics leans the arm against."""
+        """Return the same obstacles, none of them free, for statics."""
         none = jax.tree.map(lambda x: x[:0], self.bodies)
         return Obstacles(self.contact, none, self.position, self.drift, (), self.carried)
 
     def begin(self, points: Points, velocity: Callable[[Points], Points]) -> Points:
-        """Return the velocities that the obstacles start with; ``velocity`` is the water's."""
+        """Return the initial velocities of the obstacles; ``velocity`` is the water's."""
         if not self.carried:
             return self.drift
-        carried = jnp.asarray(self.carried)
-        return self.drift.at[carried].set(velocity(points[carried]), unique_indices=True)
+        at = jnp.asarray(self.carried)
+        return self.drift.at[at].set(velocity(points[at]), unique_indices=True)
 
-    def lead(
+    def prescribed_motion(
         self,
         position: Points,
         flow_velocity: Points,
         velocity: Callable[[Points], Points],
         step: Array,
     ) -> tuple[Points, Points]:
-        """Return where the obstacles that move as they are told get to, and how fast they then are.
+        """Return positions and velocities of the obstacles after a step, as if none were free.
 
-        The carried ones drift with the mean of the water's velocities at both ends of the step
-        (Heun); ``velocity`` is that at given positions at its end.
+        Obstacles carried by the water move with the mean of its velocities at both ends of the step
+        (Heun's method); ``velocity`` is that at the end, by position.
         """
-        told = position + step * self.drift
-        carried = np.setdiff1d(self.carried, self.free).astype(int)
-        if not carried.size:
-            return told, self.drift
-        start, leaving = position[carried], flow_velocity[carried]
-        reached = start + 0.5 * step * (leaving + velocity(start + step * leaving))
+        end = position + step * self.drift
+        at = np.setdiff1d(self.carried, self.free).astype(int)
+        if not at.size:
+            return end, self.drift
+        start, initial = position[at], flow_velocity[at]
+        reached = start + 0.5 * step * (initial + velocity(start + step * initial))
         return (
-            told.at[carried].set(reached, unique_indices=True),
-            self.drift.at[carried].set(velocity(reached), unique_indices=True),
+            end.at[at].set(reached, unique_indices=True),
+            self.drift.at[at].set(velocity(reached), unique_indices=True),
         )
 
     def push(self, motion: Motion) -> tuple[Float[Array, "m e"], Rows]:
-        """Return how far each obstacle is from each edge (m), and the forces on all rows (N)."""
+        """Return the distance of obstacles from edges (m), and the forces on all rows (N)."""
         push = jax.vmap(lambda contact, pair: contact.push(pair))
         gap, forces = push(self.contact, self.motions(motion))
         rows = self.scatter(forces, motion.position.shape[0])
         return gap.reshape(self.count, -1), rows
 
     def touch(self, motion: Motion) -> tuple[Touch, Float[Array, "n b"]]:
-        """Return what the obstacles do to the arm right now, and the forces on the nodes (N).
+        """Return the present contact, and the forces on the nodes (N).
 
         In space the last column has the torques about the edges that end there (N m).
         """
@@ -135,29 +135,29 @@ class Obstacles(eqx.Module):
         return Touch(force, touching, 0.0 * force, none, closest), rows[: -self.count]
 
     def touching(self, gap: Float[Array, "m e"]) -> Bool[Array, "m e"]:
-        """Return which obstacles press on which edges, of which the gaps are given (m)."""
+        """Return which obstacles press on which edges, from the gaps (m)."""
         _, pressing = self.contact.press(gap.reshape(-1))
         return pressing.reshape(gap.shape) > 0
 
-    def felt(self, motion: Motion, inside: Bool[Array, " e"]) -> Float[Array, " d"]:
-        """Return the force of all obstacles on some of the edges, one vector (N)."""
+    def edge_force(self, motion: Motion, inside: Bool[Array, " e"]) -> Float[Array, " d"]:
+        """Return the total force of all obstacles on some of the edges (N)."""
         _, forces = jax.vmap(lambda contact, pair: contact.push(pair))(
             self.contact, self.motions(motion)
         )
-        back = -forces[:, 2, : self.contact.axes].reshape(self.count, -1, self.contact.axes)
-        return jnp.sum(jnp.where(inside[:, None], back, 0.0), axis=(0, 1))
+        on_edges = -forces[:, 2, : self.contact.axes].reshape(self.count, -1, self.contact.axes)
+        return jnp.sum(jnp.where(inside[:, None], on_edges, 0.0), axis=(0, 1))
 
     def windows(self, rows: Rows) -> Float[Array, "pairs 3 b"]:
-        """Return each edge with each obstacle, obstacle by obstacle."""
+        """Return the windows of each edge with each obstacle, obstacle by obstacle."""
         nodes, points = rows[: -self.count], rows[-self.count :]
-        edges = chain.gather(nodes, 1, nodes.shape[0] - 2, 2)
+        edges = banded.gather(nodes, 1, nodes.shape[0] - 2, 2)
         shape = (self.count, *edges.shape)
         each = jnp.broadcast_to(points[:, None, None], (*shape[:2], 1, shape[-1]))
         pairs = jnp.concatenate([jnp.broadcast_to(edges, shape), each], axis=2)
         return pairs.reshape(-1, 3, shape[-1])
 
     def motions(self, motion: Motion) -> Motion:
-        """Return how each edge moves with each obstacle."""
+        """Return the motion of each edge with each obstacle."""
         width = motion.position.shape[1]
         return motion.windows(self.windows, self.contact.radius.shape, width)
 
@@ -169,9 +169,9 @@ class Obstacles(eqx.Module):
         return gaps.reshape(self.count, -1)
 
     def scatter(self, windows: Float[Array, "pairs 3 b"], num_rows: int) -> Rows:
-        """Add forces on edges and obstacles up on their rows."""
+        """Sum forces on edges and obstacles into their rows."""
         each = windows.reshape(self.count, -1, *windows.shape[1:])
-        nodes = chain.scatter(jnp.sum(each, axis=0)[:, :2], 1, num_rows - self.count)
+        nodes = banded.scatter(jnp.sum(each, axis=0)[:, :2], 1, num_rows - self.count)
         return jnp.concatenate([nodes, jnp.sum(each[:, :, 2], axis=1)])
 
     def border(
@@ -180,17 +180,17 @@ class Obstacles(eqx.Module):
         own: Float[Array, "f b b"],
         num_nodes: int,
     ) -> Border:
-        """Return how nodes and free obstacles move each other.
+        """Return the blocks of the tangent that couple nodes and free obstacles.
 
-        ``touch`` are the derivatives of the contacts, ``own`` those of what else acts on the free
-        ones.
+        ``touch`` has the derivatives of the contacts, ``own`` those of other forces on the free
+        obstacles.
         """
         touch = touch[jnp.asarray(self.free)]
         own = own + jnp.sum(touch[:, :, 2, :, 2], axis=1)
         count, size = own.shape[:2]
 
         def scatter(edges: Float[Array, "edges 2 b"]) -> Float[Array, "n b"]:
-            return chain.scatter(edges, self.contact.first, num_nodes)
+            return banded.scatter(edges, self.contact.first, num_nodes)
 
         by_column, by_row = jax.vmap(scatter, -1, -1), jax.vmap(scatter, 1, 0)
         of_nodes = jax.vmap(by_column, 0, 2)(touch[:, :, :2, :, 2])
@@ -204,30 +204,24 @@ class Obstacles(eqx.Module):
         )
 
     def resolved(
-        self,
-        before: Rows,
-        was: Float[Array, "m e"],
-        after: Rows,
-        now: Float[Array, "m e"],
-        step: Array,
+        self, moved: Rows, before: Float[Array, "m e"], after: Float[Array, "m e"], step: Array
     ) -> Bool[Array, ""]:
-        """Return whether a step was short enough for its contacts, of which the gaps are given (m).
+        """Return whether a step resolves its contacts, from the displacements and both gaps (m).
 
-        It was if the force at its two ends accounts for what the skin takes up in between, so
-        that a hit gives back the energy that it took; and if no obstacle moved on further,
-        relative to an edge, than would bring its middle half of the way into the arm's, so that
-        none can pass through unseen.
+        It does if the forces at its two ends account for the energy that the skin stores in
+        between, so that a hit returns the energy that it took; and if no obstacle moves further
+        relative to an edge than halfway to the arm's axis, so that none passes through unnoticed.
         """
         contact = self.contact
-        gap, gap_before = now.reshape(-1), was.reshape(-1)
-        (held, force), (held_before, force_before) = map(contact.press, (gap, gap_before))
+        gap, gap_before = after.reshape(-1), before.reshape(-1)
+        (stored, force), (stored_before, force_before) = map(contact.press, (gap, gap_before))
         closed = gap_before - gap
-        missed = 0.5 * (force + force_before) * closed - (held - held_before)
-        hit = held + held_before + 0.5 * contact.mass * (closed / step) ** 2
+        missed = 0.5 * (force + force_before) * closed - (stored - stored_before)
+        hit = stored + stored_before + 0.5 * contact.mass * (closed / step) ** 2
         negligible = _NEGLIGIBLE * contact.press(jnp.zeros_like(gap))[0]
         accounted = jnp.abs(missed) <= _MISSED * hit + negligible
 
-        moved = self.windows((after - before)[:, : contact.axes])
-        travel = jnp.max(jnp.sum((moved[:, :2] - moved[:, 2:]) ** 2, axis=-1), axis=1)
+        windows = self.windows(moved[:, : contact.axes])
+        travel = jnp.max(jnp.sum((windows[:, :2] - windows[:, 2:]) ** 2, axis=-1), axis=1)
         room = jnp.maximum(gap_before, 0.0) + 0.5 * (contact.arm_radius + contact.radius)
         return jnp.all(accounted) & jnp.all(travel <= room**2)

@@ -1,20 +1,72 @@
-"""Outcome of a solve: whether it counts, and why not."""
+"""Outcome of a solve and of a time step: convergence, folds, and step-size control."""
 
-from collections.abc import Sequence
+import math
+import warnings
+from collections.abc import Callable, Sequence
 from enum import IntEnum
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import equinox.internal as eqxi
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+from crinoid.dynamics.forces import Forces
+from crinoid.foundation.axes import LARGEST_TURN
+from crinoid.rod.reference import Reference
+
+_KNOWN = 0.01
+"""Largest round-off of forces that goes unreported, over the largest force on the base."""
+_BENDS = 1e-6
+"""Largest force that bends an arm imperceptibly, over EI / L^2."""
+
+
+def round_off_note(
+    stretching: float, bending: float, length: float, edge: float, largest: float
+) -> str:
+    """Return a sentence if round-off of the stretch is not small compared to the loads, or none.
+
+    Positions on an arm of length L are accurate to about eps L, the strain of an edge l to
+    eps L / l, and the forces on both of its ends add up.
+
+    Parameters
+    ----------
+    stretching, bending
+        Stiffness EA (N) and EI (N m2).
+    length, edge
+        Length of the arm and of an edge (m).
+    largest
+        Largest force on the base (N).
+    """
+    noise = 2 * np.finfo(float).eps * stretching * length / edge
+    if noise <= max(_KNOWN * largest, _BENDS * bending / length**2):
+        return ""
+    return (
+        f"forces are accurate to {noise:.2g} N only, the round-off of an arm this stiff to "
+        f"stretch (EA = {stretching:.2g} N), and the largest on the base is {largest:.2g} N. "
+        "Lower arm.section.EA; that changes nothing else as long as the arm hardly stretches"
+    )
+
+
+def warn_of_round_off(reference: Reference, forces: Forces, base_force: Float[Array, " b"]) -> None:
+    """Warn of `round_off_note` by the force on the base (N), outside of JAX transformations."""
+    if forces.stretch is None:
+        return
+    sizes = forces.bending_stiffness(reference), reference.length, reference.rest_length
+    values = forces.stretch.EA, *sizes, jnp.linalg.norm(base_force)
+    if any(isinstance(each, jax.core.Tracer) for each in values):
+        return
+    if note := round_off_note(*(float(each.min()) for each in values)):
+        warnings.warn(note, RuntimeWarning, stacklevel=3)
+
 
 Tree = TypeVar("Tree")
 
 
 class Reason(IntEnum):
-    """Why a time step does not count."""
+    """Reason for rejecting a time step."""
 
     NONE = 0
     IMBALANCE = 1
@@ -24,24 +76,24 @@ class Reason(IntEnum):
 
     @property
     def words(self) -> str:
-        """A sentence for messages."""
+        """Sentence for messages."""
         return _WORDS[self]
 
 
 _WORDS = {
-    Reason.NONE: "the time step counts",
-    Reason.IMBALANCE: "Newton's method found no balance of forces; take a smaller time step",
-    Reason.FOLDED: "the arm folds onto itself; take more nodes or a smaller time step",
-    Reason.HIT: "a hit is too hard or too fast for the time step; take a smaller one",
-    Reason.ERROR: "the time step errs by more than is allowed; take a smaller one",
+    Reason.NONE: "the time step is accepted",
+    Reason.IMBALANCE: "Newton's method did not converge. Lower the time step",
+    Reason.FOLDED: "the arm folds onto itself. Use more nodes or a smaller time step",
+    Reason.HIT: "a contact force changes too fast for this time step. Lower it",
+    Reason.ERROR: "the local error of the time step exceeds its limit. Lower the time step",
 }
 
 
 class Outcome(eqx.Module):
-    """How a solve ended."""
+    """Outcome of a solve."""
 
     converged: Bool[Array, ""]
-    """Whether the result counts; if not, do not use it."""
+    """Whether the result is valid; if not, do not use it."""
     iterations: Int[Array, ""]
     """Iterations of Newton's method."""
     residual: Float[Array, ""]
@@ -57,22 +109,22 @@ class Outcome(eqx.Module):
     resolved: Bool[Array, ""]
     """Whether a balanced step was short enough for its contacts; if not it has not converged."""
     folded: Bool[Array, ""]
-    """Whether a balanced step bent an edge back onto the one before; then it does not count."""
+    """Whether a balanced step bent an edge back onto the one before; then it is rejected."""
     error: Float[Array, ""]
     """Estimated local error of the positions after a balanced step (m)."""
 
     @property
     def reason(self) -> Int[Array, ""]:
-        """Why a step does not count, `crinoid.dynamics.Reason`, or that it does."""
+        """Reason for rejecting a step, or that it is accepted (`crinoid.dynamics.Reason`)."""
         found = jnp.where(self.error > 0, Reason.ERROR, Reason.IMBALANCE)
         found = jnp.where(self.folded, Reason.FOLDED, found)
         found = jnp.where(self.resolved, found, Reason.HIT)
         return jnp.where(self.converged, Reason.NONE, found)
 
     def imbalance(self, nodes: int, free: Sequence[int]) -> str:
-        """Say which node, obstacle or vehicle is out of balance, and by how much.
+        """Describe the largest imbalance and where it is.
 
-        The arm has so many ``nodes``; ``free`` are the indices of the obstacles that float.
+        ``nodes`` is the number of nodes, ``free`` has the indices of the floating obstacles.
         """
         if not np.isfinite(self.residual):
             return "forces grew without bound"
@@ -85,19 +137,109 @@ class Outcome(eqx.Module):
             f"among forces of up to {float(self.scale):.3g} N"
         )
 
-    def required(self, after: Tree) -> Tree:
-        """Return the state after a step, or raise an error that says why it does not count.
-
-        Raises
-        ------
-        equinox.EquinoxRuntimeError
-            When the computation runs, if the step has not converged.
-        """
+    def raise_unless_converged(self, after: Tree) -> Tree:
+        """Return the state after a step; raise the reason at run time if it has not converged."""
         words = [reason.words for reason in Reason if reason is not Reason.NONE]
         return eqxi.branched_error_if(after, ~self.converged, self.reason - 1, words)
 
     @staticmethod
     def of_nothing(*, converged: bool) -> "Outcome":
-        """Return the outcome of no iterations, to start a loop with."""
+        """Return the outcome of no iterations, the start of a loop."""
         none, zero, yes, no = jnp.asarray(0), jnp.zeros(()), jnp.asarray(True), jnp.asarray(False)
         return Outcome(jnp.asarray(converged), none, zero, zero, none, yes, no, zero)
+
+
+MIN_COSINE = math.cos(math.radians(LARGEST_TURN))
+"""Cosine of the largest valid turn between two edges.
+
+At half a turn the strains are infinite; a step can jump over it, to a bend of the other sign.
+"""
+
+
+def cos_turn_angle(forces: Forces, position: Float[Array, "rows b"]) -> Float[Array, " bent"]:
+    """Return the cosine of the turn at each node but the tip.
+
+    It is 1 without bending stiffness: a planar pinned root may point anywhere. One in space resists
+    twist, which is undefined past half a turn.
+    """
+    edges = jnp.diff(forces.nodes(position)[:, : forces.axes], axis=0)
+    tangent = edges / jnp.sqrt(jnp.sum(edges**2, axis=1))[:, None]
+    cosine = jnp.sum(tangent[1:] * tangent[:-1], axis=1)
+    bend = forces.bend
+    if bend is None:
+        return jnp.ones_like(cosine)
+    resists = jnp.max(bend.stiffness.reshape(cosine.size, -1), axis=1) > 0
+    return jnp.where(resists, cosine, 1.0)
+
+
+_GROWTH = 8.0
+"""Growth of the local error of a method of order 2 when a step is doubled."""
+
+
+class Progress(eqx.Module):
+    """Statistics of a time step and its substeps."""
+
+    outcome: Outcome
+    """Outcome of the last solve."""
+    residual: Float[Array, ""]
+    """Largest imbalance of a substep that succeeded (N)."""
+    error: Float[Array, ""]
+    """Largest estimated local error of a substep that succeeded (m)."""
+    steps: Int[Array, ""]
+    """Number of substeps that succeeded."""
+    iterations: Int[Array, ""]
+    """Newton iterations of all solves, failed ones included."""
+
+
+def halve(
+    step: Callable[[Any, Array], tuple[Any, Outcome]],
+    state: Any,
+    length: Float[Array, ""],
+    max_halvings: Int[Array, ""],
+    max_error: Float[Array, ""],
+) -> tuple[Any, Progress]:
+    """Advance a state, any pytree, by ``length`` (s), in substeps where ``step`` fails.
+
+    The shortest substep is ``2**-max_halvings`` of the length; if it fails too, the last good state
+    comes back with a failed outcome. A substep is doubled again where the longer one is expected
+    to keep within ``max_error`` (m).
+    """
+    whole = 2**max_halvings  # length of the step in units of the shortest substep
+
+    def unfinished(carry: tuple[Any, Progress, Array, Array]) -> Bool[Array, ""]:
+        _, _, done, part = carry
+        return (done < whole) & (part > 0)
+
+    def attempt(
+        carry: tuple[Any, Progress, Array, Array],
+    ) -> tuple[Any, Progress, Array, Array]:
+        state, progress, done, part = carry
+        new, outcome = step(state, length * (part / whole))
+        good = outcome.converged
+        accepted = jax.lax.cond(good, lambda: new, lambda: state)
+        done = done + jnp.where(good, part, 0)
+        # after a success double the substep, if the time reached is a multiple of the longer one
+        room = _GROWTH * outcome.error <= max_error
+        longer = jnp.where((done % (2 * part) == 0) & (part < whole) & room, 2 * part, part)
+        part = jnp.where(good, longer, part // 2)
+        return (
+            accepted,
+            Progress(
+                outcome,
+                jnp.maximum(progress.residual, jnp.where(good, outcome.residual, 0.0)),
+                jnp.maximum(progress.error, jnp.where(good, outcome.error, 0.0)),
+                progress.steps + good,
+                progress.iterations + outcome.iterations,
+            ),
+            done,
+            part,
+        )
+
+    nothing, zero = jnp.asarray(0), jnp.zeros(())
+    unsolved = Outcome.of_nothing(converged=False)
+    state, progress, _, _ = jax.lax.while_loop(
+        unfinished,
+        attempt,
+        (state, Progress(unsolved, zero, zero, nothing, nothing), nothing, whole),
+    )
+    return state, progress

@@ -1,4 +1,4 @@
-"""Where a motion starts from: the arm without load, and how it moves along with its base."""
+"""Initial and boundary conditions, and the predictor of a time step."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,28 +6,135 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from crinoid.base import Base, Prescribed, ServoState
-from crinoid.chain import begun_with, widened
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.grip import Grip
-from crinoid.dynamics.integrator import Stage
-from crinoid.dynamics.newton import Kept, implied, tangent_at
+from crinoid.dynamics.integrator import StepMap
+from crinoid.dynamics.newton import Balance, ReusedTangent, implicit_derivative
 from crinoid.dynamics.state import State
-from crinoid.dynamics.surroundings import Surroundings
-from crinoid.dynamics.tangent import HELD, Tangent
+from crinoid.dynamics.tangent import BOUNDARY_NODES, Tangent
 from crinoid.elements import Motion
-from crinoid.frames import Frames, Orientation, cross, dot, tangents
-from crinoid.reference import Reference
+from crinoid.numerics.banded import pad_columns, with_first_rows
+from crinoid.numerics.frames import Frames, Orientation, cross, dot, tangents
+from crinoid.rod.reference import Reference
+
+
+def with_prescribed_motion(
+    forces: Forces, base: Base, stage: StepMap, state: State, servo: ServoState, step: Array
+) -> StepMap:
+    """Return the stage with the prescribed motion of boundary nodes and obstacles set.
+
+    Nodes clamped on a floating vehicle are not prescribed. The stage is that of a step of given
+    length (s) from ``state``, with the servo at its end.
+    """
+    rows: tuple[Array, ...] = (stage.position, stage.velocity, stage.acceleration)
+    width = stage.position.shape[1]
+    if forces.mount is None:
+        held = base.prescribe(stage.time, servo)
+        position = held.position
+        if held.frame is not None:
+            frames = stage.frames
+            assert frames is not None
+            spin = frames.spin_to(1, held.frame[0], held.frame[1])
+            position = jnp.c_[position, jnp.stack([jnp.zeros(()), spin])]
+        values = (position, held.velocity, held.acceleration)
+        rows = tuple(with_first_rows(value, row) for row, value in zip(rows, values, strict=True))
+    obstacles = forces.obstacles
+    if obstacles is not None:
+        first = forces.nodes(stage.position).shape[0]
+        water = state.motion.flow_velocity[first : first + obstacles.count]
+        positions, velocity = obstacles.prescribed_motion(
+            state.obstacle_position,
+            water,
+            lambda points: forces.flow_velocity(points, stage.time),
+            step,
+        )
+        values = (positions, velocity, jnp.zeros_like(positions))
+        at = first + obstacles.prescribed
+        rows = tuple(
+            row.at[at].set(pad_columns(value[obstacles.prescribed], width), unique_indices=True)
+            for row, value in zip(rows, values, strict=True)
+        )
+    return eqx.tree_at(lambda s: (s.position, s.velocity, s.acceleration), stage, rows)
+
 
 Rows = Float[Array, "rows b"]
+
+_JERKY = 1.0
+"""Threshold of a jerky base: squared changes of its acceleration over squared accelerations.
+
+It is 1.5 for noise, 3 for a sign that alternates from step to step, 0.1 for resolved motion.
+"""
+
+_CAUTION = np.array([1.0, 2.0, 16.0])
+"""Weights of the squared errors of three predictions; the last one assumes smooth motion."""
+
+
+def expected_acceleration(forces: Forces, state: State) -> Rows:
+    """Predict the acceleration at the end of the next step (m/s2).
+
+    It stays constant, returns to that of one step ago, or is extrapolated smoothly: the prediction
+    that would have been best one step ago, by the differences of its error between neighbouring
+    nodes, which stretch and bend the arm.
+
+    If Newton's method accepted the last prediction unchanged, its error is unknown; then the
+    acceleration stays constant.
+    """
+    known = jnp.concatenate([state.motion.acceleration[None], state.acceleration_history])
+    errors = [forces.nodes(known[0] - guess) for guess in _guesses(known[1:])]
+    unlike = jnp.stack([jnp.sum(jnp.diff(error, axis=0) ** 2) for error in errors])
+    best = jnp.where(state.predictor_accepted, 0, jnp.argmin(_CAUTION * unlike))
+    return jax.lax.select_n(best.astype(jnp.int32), *_guesses(known[:-1]))
+
+
+def _guesses(known: Float[Array, "5 rows b"]) -> list[Rows]:
+    """Predict an acceleration from those of the five steps before, the last one first.
+
+    The trapezoid rule does not damp stiff motion; its acceleration alternates in sign (Hairer and
+    Wanner 1996, section IV.3), as in the second prediction. The means ``(a + 2 a' + a'') / 4`` over
+    three steps do not alternate: they are the second differences of its positions, over the step
+    squared. The third prediction extrapolates these by a parabola, and the alternation as well, for
+    steps of equal length.
+    """
+    a, b, c, d, e = known
+    return [a, b, a + 2.0 * (b - c) - d + e]
+
+
+def first_guess(
+    forces: Forces, held: Prescribed, stage: StepMap, state: State, usual: Rows
+) -> Rows:
+    """Return the initial correction of Newton's method (m), zero on prescribed nodes.
+
+    The ``usual`` prediction ignores a base that each new command jerks: the nodes next to it would
+    stay behind, bent and stretched far too much. Then the arm moves rigidly with its base, without
+    bending or damping.
+
+    ``held`` is the motion of the base at the stage, ``state`` the start of the step.
+    """
+    nodes = forces.nodes(stage.position)
+    count = nodes.shape[0]
+    follows = (rigid_body_velocity(held, nodes) - stage.velocity[:count]) / stage.by_velocity
+    rigid = jnp.concatenate([usual[:BOUNDARY_NODES], follows[BOUNDARY_NODES:], usual[count:]])
+    return jnp.where(_is_jerky(state, held, count), rigid, usual)
+
+
+def _is_jerky(state: State, held: Prescribed, count: int) -> Bool[Array, ""]:
+    """Return whether the base's acceleration jumps, at the end of a step and in the last ones."""
+    past = jnp.stack([*state.acceleration_history[1::-1], state.motion.acceleration])[
+        :, :BOUNDARY_NODES
+    ]
+    root = jnp.concatenate([past, held.acceleration[None]])
+    # the ghost node, for the rotation of the base: the swing of the tip
+    root = jnp.stack([(root[:, 0] - root[:, 1]) * count, root[:, 1]], axis=1)
+    return jnp.sum(jnp.diff(root, axis=0) ** 2) > _JERKY * jnp.sum(root**2)
 
 
 def undeformed(
     reference: Reference, base: Base, forces: Forces, time: Float[Array, ""]
 ) -> tuple[Rows, Frames | None]:
-    """Return everything where it is without load (m), and in space the frames."""
+    """Return the undeformed positions of all rows (m), and in space the frames."""
     pose, _, _ = base.pose(time, base.servo.at_rest())
     held = base.hold(pose)
     if forces.axes == 2:
@@ -37,7 +144,7 @@ def undeformed(
         assert reference.rest_twist is not None
         clamp = base.frame(pose)
         shape, directors = reference.rest_frames(clamp)
-        rows = widened(jnp.concatenate([held[:1], held[1] + shape]), 4)
+        rows = pad_columns(jnp.concatenate([held[:1], held[1] + shape]), 4)
         directors = jnp.concatenate([clamp[1:2], clamp[1:2], directors])
         # nothing twists at the tip
         twists = jnp.pad((reference.rest_twist * reference.voronoi_length)[:-1], (1, 1))
@@ -45,28 +152,28 @@ def undeformed(
         frames = Frames.of(rows, known.at(rows))
     parts, width = [rows], rows.shape[1]
     if (obstacles := forces.obstacles) is not None:
-        parts.append(widened(obstacles.position + time * obstacles.drift, width))
+        parts.append(pad_columns(obstacles.position + time * obstacles.drift, width))
     if forces.vehicle is not None:
-        middle = widened(forces.vehicle.offset[None], width)
+        middle = pad_columns(forces.vehicle.offset[None], width)
         parts += [middle, jnp.zeros_like(middle)]
     return jnp.concatenate(parts), frames
 
 
-def clamped(base: Base, time: Float[Array, ""], rows: Rows, frames: Frames | None) -> Rows:
-    """Return the rows with a spin of the clamp that follows its frame: zero, but not its slope.
+def with_clamp_spin(base: Base, time: Float[Array, ""], rows: Rows, frames: Frames | None) -> Rows:
+    """Return the rows with the spin of the clamp from its frame: zero, with a derivative.
 
-    Statics starts from frames that it takes for given.
+    The frames from which statics starts have none.
     """
     if frames is None:
         return rows
     pose, _, _ = base.pose(time, base.servo.at_rest())
     frame = base.frame(pose)
-    given = jax.lax.stop_gradient(frames)
-    return rows.at[1, 3].set(given.spin_to(1, frame[0], frame[1]))
+    spin = jax.lax.stop_gradient(frames).spin_to(1, frame[0], frame[1])
+    return rows.at[1, 3].set(spin)
 
 
-def carried(held: Prescribed, nodes: Float[Array, "n b"]) -> Float[Array, "n b"]:
-    """Return the velocities of nodes that move rigidly with the base (m/s, of spins rad/s)."""
+def rigid_body_velocity(held: Prescribed, nodes: Float[Array, "n b"]) -> Float[Array, "n b"]:
+    """Return the velocities of nodes that move rigidly with the base (m/s, spins rad/s)."""
     axes = held.position.shape[1]
     lever = held.position[0] - held.position[1]
     swing = (held.velocity[0] - held.velocity[1])[:axes]
@@ -80,10 +187,10 @@ def carried(held: Prescribed, nodes: Float[Array, "n b"]) -> Float[Array, "n b"]
     return jnp.concatenate([velocity, dot(tangents(nodes), turning)[:, None]], axis=1)
 
 
-def mounted(
+def with_mount(
     forces: Forces, base: Base, time: Array, servo: ServoState, before: State | None = None
 ) -> Forces:
-    """Return the forces at the end of a step from a state, or at the start, on a vehicle if any."""
+    """Return the forces on a vehicle, if any, at the end of a step from a state or at the start."""
     vehicle, axes = forces.vehicle, forces.axes
     if vehicle is None:
         return forces
@@ -103,84 +210,79 @@ def begin(
     position: Rows,
     frames: Frames | None,
 ) -> tuple[Forces, Motion, Float[Array, "held b"]]:
-    """Return the motion that a shape starts with, the forces then, and those on what is held (N).
+    """Return forces, motion and reaction (N) of a shape that starts from rest on its base.
 
-    It moves rigidly with the base, and with the acceleration that follows; a vehicle that floats
-    starts from rest.
+    It moves rigidly with the base, with the acceleration in balance; a floating vehicle starts from
+    rest.
     """
-    forces = mounted(forces, base, time, servo)
+    forces = with_mount(forces, base, time, servo)
     nodes, held = forces.nodes(position), base.prescribe(time, servo)
-    moving = [begun_with(held.velocity, carried(held, nodes))]
+    moving = [with_first_rows(held.velocity, rigid_body_velocity(held, nodes))]
     obstacles = forces.obstacles
     if obstacles is not None:
         points = position[nodes.shape[0] :][: obstacles.count, : forces.axes]
         started = obstacles.begin(points, lambda p: forces.flow_velocity(p, time))
-        moving.append(widened(started, position.shape[1]))
+        moving.append(pad_columns(started, position.shape[1]))
     velocity = jnp.concatenate(moving)
     velocity = jnp.pad(velocity, ((0, position.shape[0] - velocity.shape[0]), (0, 0)))
     none, zero = jnp.zeros_like(position), jnp.zeros(())
-    accelerated = begun_with(held.acceleration, none)
-    stays, one = ("position", "velocity"), jnp.ones(())
-    stage = Stage(time, position, velocity, accelerated, zero, zero, one, frames, stays)
+    accelerated = with_first_rows(held.acceleration, none)
+    fixed_fields, one = ("position", "velocity"), jnp.ones(())
+    stage = StepMap(time, position, velocity, accelerated, zero, zero, one, frames, fixed_fields)
     around = forces.surroundings(stage, none)
-    acceleration, reaction = _accelerated(forces, around, stage)
+    memory = forces.memory_at_start(forces.motion(stage, none, around))
+    forces = forces.remembering(memory, 0.0)
+    acceleration, reaction = _acceleration(Balance(forces, around, stage))
     return forces, forces.motion(stage, acceleration, around), reaction
 
 
 @eqx.filter_custom_jvp
-def _accelerated(
-    forces: Forces, around: Surroundings, stage: Stage
-) -> tuple[Rows, Float[Array, "held b"]]:
-    """Return the accelerations that balance the forces at a stage, and the forces on what is held.
+def _acceleration(balance: Balance) -> tuple[Rows, Float[Array, "held b"]]:
+    """Return the accelerations in balance, and the forces on the ghost node and the root.
 
     The forces are affine in the acceleration: one Newton step is exact. Its derivative follows from
     the balance, so the tangent is never differentiated.
     """
-    return _one_step(forces, around, stage)[:2]
+    return _one_step(balance)[:2]
 
 
-@_accelerated.def_jvp
-def _accelerated_jvp(primals: Any, tangents: Any) -> Any:
+@_acceleration.def_jvp
+def _acceleration_jvp(primals: Any, tangents: Any) -> Any:
     acceleration, reaction, tangent = _one_step(*primals)
-    found = implied((*primals, None), (*tangents, None), acceleration, tangent)
+    found = implicit_derivative(primals[0], tangents[0], acceleration, tangent)
     return (acceleration, reaction), found
 
 
-def _one_step(
-    forces: Forces, around: Surroundings, stage: Stage
-) -> tuple[Rows, Float[Array, "held b"], Tangent]:
-    none = jnp.zeros_like(stage.position)
-    residual, _ = forces.residual(forces.motion(stage, none, around))
-    tangent = tangent_at(forces, around, stage, none, None)
+def _one_step(balance: Balance) -> tuple[Rows, Float[Array, "held b"], Tangent]:
+    none = jnp.zeros_like(balance.stage.position)
+    residual, _ = balance.residual(none)
+    tangent = balance.tangent(none)
     acceleration = tangent.solve(-residual)
-    return acceleration, residual[:HELD] + tangent.on_held(acceleration), tangent
+    return acceleration, residual[:BOUNDARY_NODES] + tangent.on_held(acceleration), tangent
 
 
-def steady(
+def steady_state(
     forces: Forces,
     motion: Motion,
     reaction: Float[Array, "held b"],
     followers: Sequence[Any],
-    attitude: Float[Array, "d d"] | None,
-    grip: Grip | None,
-    kept: Kept,
 ) -> State:
-    """Return the state of an arm whose motion is known, and steady.
+    """Return the state of an arm in steady motion, without a grip.
 
-    ``reaction`` are the forces on what is held (N), and ``followers`` the states of the base's
-    servo and of the other actuators.
+    ``reaction`` has the forces on the ghost node and the root (N), ``followers`` the states of the
+    base's servo and of the other actuators.
     """
     servo, *actuators = followers
     return State(
         motion=motion,
-        ahead=jnp.zeros_like(motion.position),
+        auxiliary_offset=jnp.zeros_like(motion.position),
         servo=servo,
         actuators=tuple(actuators),
         reaction=reaction,
         gap=forces.gaps(motion.position),
-        earlier=jnp.stack([motion.acceleration] * 5),
-        guessed=jnp.asarray(False),
-        kept=kept,
-        attitude=attitude,
-        grip=grip,
+        acceleration_history=jnp.stack([motion.acceleration] * 5),
+        predictor_accepted=jnp.asarray(False),
+        reused_tangent=ReusedTangent.none(forces, motion.position),
+        attitude=forces.attitude(motion),
+        memory=forces.memory_at_start(motion),
     )

@@ -1,31 +1,37 @@
-"""Everything that one step hands to the next."""
+"""State of an arm, and the account of its energy."""
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from crinoid.base import Base, ServoState
-from crinoid.dynamics.grip import Grip
-from crinoid.dynamics.newton import Kept
+from crinoid.dynamics.arm import Memory
+from crinoid.dynamics.forces import Forces
+from crinoid.dynamics.gripper import GripState, with_grip
+from crinoid.dynamics.newton import ReusedTangent
+from crinoid.dynamics.obstacles import Touch
+from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.dynamics.vehicle import ROWS
-from crinoid.elements import Motion
-from crinoid.frames import Frames
+from crinoid.elements import WORKS, Motion
+from crinoid.foundation.moved import renamed
+from crinoid.numerics.frames import Frames, beyond, unit
 
 Nodes = Any  # (n, d), of one state or of many at once, in JAX or NumPy
 
 
 class State(eqx.Module):
-    """How everything moves at one time. SI units; positions are relative to the base's set one.
+    """State of arm, water, actuators and solver. SI units; positions from the base's set one.
 
-    Node 0 is the ghost behind the root, node 1 the root. All that the next step needs is here; the
-    works of the energy ledger and the impulses of contacts are `crinoid.dynamics.Books`.
+    Node 0 is the ghost behind the root, node 1 the root. A step needs nothing else; works and
+    impulses of contacts are in `crinoid.dynamics.EnergyAccount`.
     """
 
     motion: Motion
-    """Motion of the nodes, in the rows after them of the obstacles and of a vehicle, and of the
-    water at them."""
-    ahead: Float[Array, "rows b"]
+    """Motion of the nodes, then of the obstacles and of a vehicle, and of the water there."""
+    auxiliary_offset: Float[Array, "rows b"]
     """Auxiliary acceleration of generalized-alpha less the true one, over the last step (m/s3)."""
     servo: ServoState
     """State of the base's servos: its channels (m or rad) and how they move."""
@@ -35,16 +41,20 @@ class State(eqx.Module):
     """Force of the base on the ghost node and the root (N), torque about the ghost edge (N m)."""
     gap: Float[Array, "m e"] | None
     """Distance of each obstacle from the surface of each edge (m)."""
-    earlier: Float[Array, "5 rows b"]
-    """Accelerations of the five steps before, the last one first, to guess the next one by."""
-    guessed: Bool[Array, ""]
-    """Whether Newton's method took its guess as it was in the last step."""
-    kept: Kept
-    """Tangent that Newton's method made last, to begin with in the next step."""
+    acceleration_history: Float[Array, "5 rows b"]
+    """Accelerations of the five steps before, the last one first, for the predictor."""
+    predictor_accepted: Bool[Array, ""]
+    """Whether Newton's method accepted the prediction of the last step unchanged."""
+    reused_tangent: ReusedTangent
+    """Last tangent of Newton's method, which the next step tries first."""
     attitude: Float[Array, "d d"] | None = None
-    """Matrix from the axes of a vehicle that floats to those of the world."""
-    grip: Grip | None = None
-    """Grip of a tool that touches take up or let go; None where they do not."""
+    """Matrix from the axes of a floating vehicle to those of the world."""
+    grip: GripState | None = None
+    """Grip of a tool, if touches take it up or let it go."""
+    memory: Memory = ()
+    """Memory of each element (`crinoid.Element`); None for those without."""
+
+    kept = renamed("reused_tangent")
 
     @property
     def time(self) -> Any:
@@ -73,7 +83,7 @@ class State(eqx.Module):
 
     @property
     def frames(self) -> Frames | None:
-        """In space the frames of the edges, from which a later shape takes its own."""
+        """Frames of the edges, from which those of a later shape follow; None in the plane."""
         orientation = self.motion.orientation
         if orientation is None:
             return None
@@ -91,23 +101,27 @@ class State(eqx.Module):
 
     @property
     def obstacle_position(self) -> Any:
-        """Positions of the obstacles (m), None where there are none."""
+        """Positions of the obstacles (m), if there are any."""
         return self._obstacles(self.motion.position)
 
     @property
     def obstacle_velocity(self) -> Any:
-        """Velocities of the obstacles (m/s), None where there are none."""
+        """Velocities of the obstacles (m/s), if there are any."""
         return self._obstacles(self.motion.velocity)
 
     @property
     def vehicle_position(self) -> Any:
-        """Position of a vehicle's centre of mass (m), None where the base does not float."""
+        """Position of the centre of mass of a floating vehicle (m), if there is one."""
         return None if self.attitude is None else self.motion.position[..., -2, : self._axes]
 
     @property
     def vehicle_velocity(self) -> Any:
-        """Velocity of a vehicle's centre of mass (m/s), None where the base does not float."""
+        """Velocity of the centre of mass of a floating vehicle (m/s), if there is one."""
         return None if self.attitude is None else self.motion.velocity[..., -2, : self._axes]
+
+    def remembered(self, forces: Forces) -> Forces:
+        """Return a copy of the forces with the grip and the elements' memory of this state."""
+        return with_grip(forces.remembering(self.memory, 0.0), self.grip)
 
     @property
     def _axes(self) -> int:
@@ -124,3 +138,68 @@ class State(eqx.Module):
 
     def _others(self, rows: Any) -> Any:
         return rows if self.attitude is None else rows[..., :-ROWS, :]
+
+
+def tip_pose(position: Float[Array, "n d"]) -> Float[Array, " pose"]:
+    """Return the tip's pose (m, rad; `crinoid.foundation.axes.POSE`) in the arm's coordinates.
+
+    The last edge has the arm's direction half an edge before the tip; its turn is extrapolated.
+    """
+    (last, _), (before, _) = unit(position[-1] - position[-2]), unit(position[-2] - position[-3])
+    direction = beyond(before, last)
+    if position.shape[1] == 2:
+        direction = jnp.arctan2(direction[1], direction[0])
+    return jnp.append(position[-1], direction)
+
+
+class EnergyAccount(eqx.Module):
+    """Works and impulses since the start, and the present forces, for runs that ask for them.
+
+    Stored energies follow from a state alone (`crinoid.System.energy`).
+    """
+
+    nonconservative_forces: dict[str, Float[Array, "n b"]]
+    """Forces on the nodes whose work is not stored, by the names in `crinoid.elements.WORKS` (N),
+    torques about the edges (N m). The force on the base is ``reaction`` of the state."""
+    work: Float[Array, " work"]
+    """Work done on the arm since the start, in the order of `crinoid.elements.WORKS` (J)."""
+    contact: Touch | None
+    """Forces, impulses and times of the obstacles on the arm."""
+    memory_energy: dict[str, Float[Array, ""]]
+    """Stored energy that the memory of elements adds, by the names of their works (J)."""
+
+    working, touch = renamed("nonconservative_forces"), renamed("contact")
+
+    @staticmethod
+    def of(forces: Forces, state: State) -> "EnergyAccount":
+        """Open the account of an arm that starts from ``state``."""
+        nodes = forces.nodes(state.motion.position).shape[0]
+        remembered = state.remembered(forces)
+        known = remembered.nonconservative_forces(state.motion, nodes)
+        contact = None
+        if forces.obstacles is not None:
+            motion = forces.obstacle_motion(state.motion)
+            contact, known["contact"] = forces.obstacles.touch(motion)
+        held = remembered.memory_energy(state.motion)
+        return EnergyAccount(known, jnp.zeros(len(WORKS)), contact, held)
+
+    def after(self, forces: Forces, before: State, after: State, step: Array) -> "EnergyAccount":
+        """Return the account after a step of given length (s).
+
+        Works are forces along the path, which is known, and not powers over the time: the speed of
+        a servo, or of an arm that is hit, may change much within a step.
+        """
+        now = EnergyAccount.of(forces, after)
+        path = forces.nodes(after.motion.position - before.motion.position)
+        gained = dict.fromkeys(WORKS, jnp.zeros(()))
+        for name, force in now.nonconservative_forces.items():
+            gained[name] += jnp.sum((self.nonconservative_forces[name] + force) * path)
+        for name, energy in now.memory_energy.items():
+            # twice, as the sums of both ends: what memory stores its force has not dissipated
+            gained[name] += 2.0 * (energy - self.memory_energy[name])
+        gained["actuation"] += jnp.sum((before.reaction + after.reaction) * path[:BOUNDARY_NODES])
+        contact = now.contact
+        if contact is not None and self.contact is not None:
+            contact = contact.since(self.contact, step)
+        work = self.work + 0.5 * jnp.stack([gained[name] for name in WORKS])
+        return replace(now, work=work, contact=contact)

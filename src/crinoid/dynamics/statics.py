@@ -1,4 +1,4 @@
-"""Static equilibrium: the arm at rest under its loads, however far they bend it."""
+"""Static equilibrium at large deflections, by load steps and pseudo-transient continuation."""
 
 from typing import Any
 
@@ -9,61 +9,61 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.integrator import Stage
+from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.newton import (
-    Kept,
+    Balance,
+    ReusedTangent,
     Settings,
-    constant,
     imbalance,
-    implied,
+    implicit_derivative,
     solve,
-    tangent_at,
+    zero_tangents,
 )
 from crinoid.dynamics.outcome import Outcome
-from crinoid.dynamics.surroundings import Surroundings
+from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion
-from crinoid.frames import Frames
-from crinoid.reference import Reference
+from crinoid.numerics.frames import Frames
+from crinoid.rod.reference import Reference
 
 Rows = Float[Array, "rows b"]
 
 _FIRST_SHARE = 0.25
-"""Share of the loads that the first solve brings on."""
+"""Share of the loads in the first solve."""
 _SMALLEST_SHARE = 1e-3
-"""Share below which the rest of the loads is brought on at once, for the relaxation to mend."""
+"""Share below which all remaining loads are applied, for the relaxation to balance."""
 _NEARER = 0.9
-"""Share of the imbalance that an accepted solve may leave in the water where the arm now is."""
+"""Largest share of the imbalance after an accepted solve, in the water at the new place."""
 _SHIFT_FALL = 0.5
-"""Factor of the resistance from one solve to the next while the arm comes to rest."""
+"""Factor on the resistance from one solve to the next while the arm comes to rest."""
 _SHIFT_RISE = 4.0
-"""Factor of the resistance after a solve that was not accepted."""
+"""Factor on the resistance after a rejected solve."""
 _KICK = 1e-3
-"""Push aside that tries an equilibrium, over the arm's length; less a solve is no progress."""
+"""Lateral push that tests an equilibrium, and least progress of a solve, over the length."""
 _STILL = 1e-9
-"""Movement over the arm's length that is none."""
+"""Negligible movement, over the arm's length."""
 _LEAVING = 1.2
-"""Growth of the movement, at the same resistance, from which on the arm leaves where it is."""
+"""Growth of the movement at the same resistance that shows divergence."""
 _MAX_SOLVES = 400
-"""Solves in which the arm must come to rest."""
+"""Largest number of solves for the arm to come to rest."""
 _LAST_SOLVES = 20
-"""Solves after that for an arm that is given back the shape that first bore all loads."""
+"""Further solves from the shape that first bore all loads."""
 
 _TOLERANCE_SHARE = 1e-3
-"""Tolerance over that of a time step: what the search leaves aside would stay there."""
+"""Tolerance over that of a time step."""
 
 
-def still(
+def static_stage(
     time: Array, position: Rows, frames: Frames | None, by_acceleration: Array | float = 0.0
-) -> Stage:
-    """Return a stage without velocity in which the correction moves the nodes."""
+) -> StepMap:
+    """Return a stage without velocity whose correction is a displacement."""
     zero, one = jnp.zeros_like(position), jnp.ones(())
     shift = jnp.asarray(by_acceleration, float)
-    return Stage(time, position, zero, zero, one, jnp.zeros(()), shift, frames, ("velocity",))
+    return StepMap(time, position, zero, zero, one, jnp.zeros(()), shift, frames, ("velocity",))
 
 
-def standing(forces: Forces, time: Array, position: Rows, frames: Frames | None) -> Motion:
-    """Return the motion of an arm that does not move, in the water around it."""
-    stage, none = still(time, position, frames), jnp.zeros_like(position)
+def static_motion(forces: Forces, time: Array, position: Rows, frames: Frames | None) -> Motion:
+    """Return the motion of an arm at rest, in the water around it."""
+    stage, none = static_stage(time, position, frames), jnp.zeros_like(position)
     return forces.motion(stage, none, forces.surroundings(stage, none))
 
 
@@ -75,15 +75,12 @@ def find(
     start: Rows,
     frames: Frames | None,
 ) -> tuple[Rows, Frames | None, Outcome]:
-    """Find a stable `equilibrium` of an arm, searching as far and as finely as its sections ask.
-
-    ``settings`` are those of a time step.
-    """
-    # bending over length, and loads over mass: the squared rates at which an arm leaves a
-    # shape that does not hold lie between the first, the softer way, and the sum of both
+    """Find a stable `equilibrium` of an arm, with ``settings`` of a time step."""
+    # stiffness and loads over mass: the squared rates at which an arm leaves an unstable shape lie
+    # between the softer bending stiffness and the sum of both
     mass, length = forces.mass, reference.length
     bending = forces.bending_stiffness(reference) / (mass * length**3)
-    _, loads = forces.residual(standing(forces, time, start, frames))
+    _, loads = forces.residual(static_motion(forces, time, start, frames))
     load = jnp.max(settings.weights * loads)
     room = None if forces.obstacles is None else forces.obstacles.finest / 2
     careful = eqx.tree_at(
@@ -110,21 +107,21 @@ class _Shape(eqx.Module):
     """The water where the arm is."""
 
 
-class _Search(eqx.Module):
+class _Continuation(eqx.Module):
     shape: _Shape
     first_loaded: _Shape
-    """Where the arm first bore the whole load."""
+    """Shape that first bore the whole load."""
     bore_load: Bool[Array, ""]
-    """Whether it ever did: it may have been let go without."""
+    """Whether a shape bore the whole load."""
     load_factor: Float[Array, ""]
     share: Float[Array, ""]
-    """Share of the loads to bring on next."""
+    """Share of the loads to apply next."""
     loaded: Bool[Array, ""]
-    """Whether the whole load is on."""
+    """Whether the whole load is applied."""
     shift: Float[Array, ""]
     """Viscosity of the medium, times the mass (1/s2)."""
     moved: Float[Array, ""]
-    """How far the last solve with this shift moved the arm (m); negative before the first."""
+    """Displacement of the last solve with this shift (m); negative before the first."""
     settled: Bool[Array, ""]
     """Whether the arm has come to rest, or has given up: solves are without a medium."""
     solves: Int[Array, ""]
@@ -143,44 +140,42 @@ def equilibrium(
 ) -> tuple[Rows, Frames | None, Outcome]:
     """Find a stable equilibrium of the forces at ``time``.
 
-    First the forces from outside are brought on in shares, halved where Newton's method fails and
-    doubled where it does not. Then the arm is pushed aside by a thousandth of its length and let
-    go in a very viscous medium (implicit Euler steps of ``s M dq/ds = -residual``, pseudo-transient
-    continuation, Kelley and Keyes 1998). The viscosity ``s`` is halved from step to step while
-    the arm comes to rest, and kept while two steps at the same viscosity show it moving faster
-    and faster: it comes back to an equilibrium that is stable, leaves one that is not (a column
-    past its buckling load), and also arrives where the shares got stuck at a limit point. Loads
-    that turn or twist the arm need not leave it any stable equilibrium; if it is still moving
-    after the allowed solves, the shape that first bore the whole load is what there is.
+    First the external forces are applied in shares, halved where Newton's method fails and doubled
+    where it succeeds. Then the arm is pushed aside by a thousandth of its length and released in a
+    very viscous medium (implicit Euler steps of ``s M dq/ds = -residual``, pseudo-transient
+    continuation, Kelley and Keyes 1998). The viscosity ``s`` is halved from step to step while the
+    arm comes to rest, and constant while two steps show it accelerating: it returns to a stable
+    equilibrium, leaves an unstable one (a column past its buckling load), and passes a limit point
+    where load shares fail. Follower loads may admit no stable equilibrium; if the arm still moves
+    after all solves, the result is the shape that first bore the whole load.
 
-    Each solve takes the water as it is where the arm is, expanded to first order. One that carries
-    the arm to where the water is another counts only if the balance there, in the water as it is,
-    is nearer than before: else the arm would wander from eddy to eddy for ever.
+    Each solve expands the water to first order at the arm. A solve that moves the arm to other
+    water is accepted only if the imbalance there is smaller than before; otherwise the arm could
+    wander from eddy to eddy forever.
 
     ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
     leave an equilibrium. Returns the positions (m; the first two as in ``start``, and those of the
-    obstacles), in space the frames there, and the outcome: the balance at these positions, in the
-    water as it is there, with all iterations counted. The positions, spins with them, are
-    differentiable as the solution of the balance; the frames are to be carried on from there.
+    obstacles), in space the frames there, and the outcome: the balance in the water there, with all
+    iterations counted. Positions and spins are differentiable as the solution of the balance.
     """
     tip = forces.nodes(start).shape[0] - 1
     along = jnp.linspace(0.0, 1.0, tip - 1)[1:, None]
     edges = jnp.diff(start[1 : tip + 1, : forces.axes], axis=0)
     reach = jnp.sum(jnp.sqrt(jnp.sum(edges**2, axis=1)))
     none = jnp.zeros_like(start)
-    nothing_kept = Kept.nothing(forces, start)
+    no_tangent = ReusedTangent.none(forces, start)
 
-    def allowed(search: _Search) -> Int[Array, ""]:
+    def allowed(search: _Continuation) -> Int[Array, ""]:
         return jnp.where(search.bore_load, _MAX_SOLVES + _LAST_SOLVES, _MAX_SOLVES)
 
-    def unfinished(carry: tuple[_Search, Outcome]) -> Bool[Array, ""]:
+    def unfinished(carry: tuple[_Continuation, Outcome]) -> Bool[Array, ""]:
         search, outcome = carry
         return ~outcome.converged & (search.solves <= allowed(search))
 
-    def advance(carry: tuple[_Search, Outcome]) -> tuple[_Search, Outcome]:
+    def advance(carry: tuple[_Continuation, Outcome]) -> tuple[_Continuation, Outcome]:
         search, _ = carry
         shape = search.shape
-        # after the last solve the balance as it is decides, as that of a time step would
+        # after the last solve the tolerance is that of a time step
         last = search.solves == allowed(search)
         judged = eqx.tree_at(
             lambda s: (s.tolerance, s.max_iterations),
@@ -193,16 +188,15 @@ def equilibrium(
         load_factor = jnp.minimum(1.0, search.load_factor + search.share)
         load_factor = jnp.where(search.loaded | last, 1.0, load_factor)
         bare = last | search.settled | ~search.loaded
-        stage = still(time, shape.position, shape.frames, jnp.where(bare, 0.0, search.shift))
+        stage = static_stage(time, shape.position, shape.frames, jnp.where(bare, 0.0, search.shift))
 
-        def balance(around: Surroundings, correction: Rows) -> Outcome:
-            return imbalance(forces, around, stage, correction, judged, load_factor)[1]
+        def outcome_at(around: Surroundings, correction: Rows) -> Outcome:
+            return imbalance(Balance(forces, around, stage, load_factor), correction, judged)[1]
 
-        correction, _, solved, _ = solve(
-            forces, shape.around, stage, none, judged, load_factor, nothing_kept
-        )
+        here = Balance(forces, shape.around, stage, load_factor)
+        correction, _, solved, _ = solve(here, none, judged, no_tangent)
         there = forces.surroundings(stage, correction)
-        both = jax.vmap(balance)(*_stacked((shape.around, none), (there, correction)))
+        both = jax.vmap(outcome_at)(*_stacked((shape.around, none), (there, correction)))
         outcome = jax.tree.map(lambda x: x[1], both)
         nearer = outcome.residual <= _NEARER * both.residual[0]
         good = solved.converged & (outcome.converged | nearer)
@@ -221,22 +215,22 @@ def equilibrium(
 
         moved = jnp.max(jnp.abs(correction[:, : forces.axes]))
         leaving = (moved > _LEAVING * search.moved) & (moved > _STILL * reach)
-        kept = good & ((search.moved < 0) | leaving)
-        fall = jnp.where(kept, 1.0, jnp.where(good, _SHIFT_FALL, _SHIFT_RISE))
+        repeats = good & ((search.moved < 0) | leaving)
+        fall = jnp.where(repeats, 1.0, jnp.where(good, _SHIFT_FALL, _SHIFT_RISE))
         shift = jnp.where(search.loaded, fall * search.shift, search.shift)
 
-        # still moving after the allowed solves: give up, and go back to the shape that first
-        # bore the whole load; an arm that no longer gets anywhere is stuck short of one
+        # still moving after the allowed solves: give up, and return to the shape that first bore
+        # the whole load
         wandering = good & (moved > _KICK * reach) & ~search.settled
         gives_up = search.bore_load & wandering & (search.solves >= _MAX_SOLVES)
-        # frames and water are those of before the kick: they reach that far
+        # frames and water are those before the kick, which is small
         chord = shape.position[tip] - shape.position[1]
         kick = _KICK * reach * along**2 * _aside(chord, reach, forces.axes)
-        beside = ((3, shape.position.shape[0] - tip - 1), (0, 0))
-        kicked = shape.position + jnp.pad(jnp.where(just_loaded, kick, 0.0), beside)
+        margins = ((3, shape.position.shape[0] - tip - 1), (0, 0))
+        kicked = shape.position + jnp.pad(jnp.where(just_loaded, kick, 0.0), margins)
         shape = _choose(gives_up, first_loaded, _Shape(kicked, shape.frames, shape.around))
         iterations = search.iterations + solved.iterations
-        return _Search(
+        return _Continuation(
             shape=shape,
             first_loaded=first_loaded,
             bore_load=search.bore_load | (just_loaded & bears_load),
@@ -244,25 +238,25 @@ def equilibrium(
             share=share,
             loaded=loaded,
             shift=jnp.where(gives_up, 0.0, shift),
-            moved=jnp.where(search.loaded & kept, moved, -1.0),
+            moved=jnp.where(search.loaded & repeats, moved, -1.0),
             settled=gives_up | (search.loaded & good & (shift < slowest_rate)),
             solves=search.solves + 1,
             iterations=iterations,
         ), eqx.tree_at(
-            # only a bare balance decides, in the water as it is where the arm has come to lie
+            # only a balance without a medium decides, in the water where the arm is
             lambda o: (o.converged, o.iterations),
             outcome,
             (solved.converged & outcome.converged & (search.settled | last), iterations),
         )
 
-    beginning = still(time, start, frames)
+    beginning = static_stage(time, start, frames)
     shape = _Shape(start, frames, forces.surroundings(beginning, none))
     no, nothing, zero = jnp.asarray(False), jnp.asarray(0), jnp.zeros(())
     search, outcome = jax.lax.while_loop(
         unfinished,
         advance,
         (
-            _Search(
+            _Continuation(
                 shape=shape,
                 first_loaded=shape,
                 bore_load=no,
@@ -288,23 +282,19 @@ def _equilibrium_jvp(primals: Any, tangents: Any) -> Any:
     position, frames, outcome = equilibrium(*primals)
     held = jnp.zeros_like(start) if t_start is None else t_start
 
-    def begin(forces: Forces, time: Array, position: Rows) -> tuple[Stage, Surroundings]:
-        stage = still(time, position, frames)
+    def begin(forces: Forces, time: Array, position: Rows) -> tuple[StepMap, Surroundings]:
+        stage = static_stage(time, position, frames)
         return stage, forces.surroundings(stage, jnp.zeros_like(start))
 
     (stage, around), (t_stage, t_around) = eqx.filter_jvp(
         begin, (forces, time, position), (t_forces, t_time, held)
     )
-    full = jnp.ones(())
+    balance = Balance(forces, around, stage, jnp.ones(()))
+    t_balance = Balance(t_forces, t_around, t_stage)
     none = jnp.zeros_like(start)
-    correction, _ = implied(
-        (forces, around, stage, full),
-        (t_forces, t_around, t_stage, None),
-        none,
-        tangent_at(forces, around, stage, none, full),
-    )
+    correction, _ = implicit_derivative(balance, t_balance, none, balance.tangent(none))
     t_frames = jax.tree.map(jnp.zeros_like, frames)
-    return (position, frames, outcome), (correction + held, t_frames, constant(outcome))
+    return (position, frames, outcome), (correction + held, t_frames, zero_tangents(outcome))
 
 
 def _choose(first: Bool[Array, ""], one: Any, other: Any) -> Any:
@@ -316,10 +306,10 @@ def _stacked(*trees: Any) -> Any:
 
 
 def _aside(chord: Float[Array, " b"], reach: Float[Array, ""], axes: int) -> Float[Array, " b"]:
-    """Return a direction across a chord: in the plane the one up from it, in space a bit of y too.
+    """Return a direction across a chord: upward in the plane, in space with a small part of y.
 
-    So the arm finds its way out of a plane in which it does not stay, and in the plane it goes to
-    the same side as a planar arm. Of an arm that closes on itself the chord is taken as forward.
+    So the arm leaves a plane in which it is unstable, and buckles to the same side as a planar arm.
+    The chord of a closed arm counts as forward.
     """
     up = axes - 1
     length = jnp.sqrt(jnp.sum(chord[:axes] ** 2))

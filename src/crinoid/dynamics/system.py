@@ -1,6 +1,8 @@
-"""The assembled arm: everything that a time step needs, and the step itself."""
+"""System: the assembled arm and its time step."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -9,31 +11,32 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from crinoid import chain
 from crinoid.actuation import Actuator, Input, drives, followed
 from crinoid.base import Base
 from crinoid.dynamics import modes, start, statics
-from crinoid.dynamics.books import Books
-from crinoid.dynamics.fold import SHARPEST, facing
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.grasp import Grasp, begun, gripped
-from crinoid.dynamics.grip import holding
-from crinoid.dynamics.guess import expected_acceleration, first_guess
-from crinoid.dynamics.halving import Progress, halve
-from crinoid.dynamics.influence import Influence, influence
+from crinoid.dynamics.gripper import GripTriggers, with_grip
 from crinoid.dynamics.integrator import Integrator
-from crinoid.dynamics.newton import Kept, Settings, solve
-from crinoid.dynamics.outcome import Outcome
-from crinoid.dynamics.prescribed import prescribed
-from crinoid.dynamics.round_off import warn_of_round_off
-from crinoid.dynamics.state import State
-from crinoid.dynamics.surroundings import Stir
-from crinoid.dynamics.tangent import HELD
-from crinoid.dynamics.tip import tip_pose
+from crinoid.dynamics.newton import Balance, Settings, solve
+from crinoid.dynamics.outcome import (
+    MIN_COSINE,
+    Outcome,
+    Progress,
+    cos_turn_angle,
+    halve,
+    warn_of_round_off,
+)
+from crinoid.dynamics.small_motions import Influence, SmallMotions, influence, linearise
+from crinoid.dynamics.start import expected_acceleration, first_guess, with_prescribed_motion
+from crinoid.dynamics.state import EnergyAccount, State, tip_pose
+from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.dynamics.transition import Transition, transition
-from crinoid.dynamics.vehicle import Voyage
-from crinoid.frames import Frames
-from crinoid.reference import Reference
+from crinoid.dynamics.vehicle import VehicleOutput
+from crinoid.dynamics.windows import FlowPerturbation
+from crinoid.foundation.moved import renamed
+from crinoid.numerics import banded
+from crinoid.numerics.frames import Frames
+from crinoid.rod.reference import Reference
 
 Command = Float[Array, " input"]
 Rows = Float[Array, "rows b"]
@@ -53,36 +56,39 @@ class System(eqx.Module):
     settings: Settings
     time_step: Float[Array, ""]
     max_error: Float[Array, ""]
-    """Largest estimated local error of a step that counts (m); infinite where any does."""
+    """Largest local error of an accepted step (m); infinite without a limit."""
     max_halvings: Int[Array, ""]
     actuators: tuple[Actuator, ...] = ()
-    """Actuators beside the servos of the base."""
-    grasp: Grasp | None = None
-    """Touches at which the tip takes up its tool, or lets it go; None where none decides."""
+    """Actuators besides the servos of the base."""
+    grip_triggers: GripTriggers | None = None
+    """Touches at which the tip takes up its tool or lets it go, if there are any."""
+
+    advance_with_books, grasp = renamed("advance_with_account"), renamed("grip_triggers")
+    moved, voyage = renamed("step_with"), renamed("vehicle_output")
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        """The inputs that a command stands for: the base's channels, then those of actuators."""
+        """Inputs in the order of a command: the base's channels, then those of the actuators."""
         return tuple(each for one in self.followers for each in one.inputs)
 
     @property
     def followers(self) -> tuple[Actuator, ...]:
-        """The servos of the base, and the other actuators: who follows a command, in its order."""
+        """The base's servos and the other actuators, in the order of a command."""
         return (self.base.servo, *self.actuators)
 
     def rest(self, time: float | Array = 0.0) -> State:
-        """Return the arm without load, as the base holds it at ``time``."""
+        """Return the undeformed arm, clamped to the base as it is at ``time``."""
         time = jnp.asarray(time, float)
         return self._begin(time, *start.undeformed(self.reference, self.base, self.forces, time))
 
     def undeformed(self, time: float | Array) -> tuple[Forces, Array, Rows, Frames | None]:
-        """Return the forces with actuators at rest, the time, and the arm without load then."""
+        """Return the forces with actuators at rest, the time, and the undeformed shape then."""
         time = jnp.asarray(time, float)
         forces = self.forces.driven(drives(self.actuators, [x.at_rest() for x in self.actuators]))
         return forces, time, *start.undeformed(self.reference, self.base, forces, time)
 
     def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
-        """Return how far each obstacle is from the arm without load (m)."""
+        """Return the distance of each obstacle from the undeformed arm (m)."""
         if self.forces.obstacles is None:
             return jnp.zeros(0)
         _, _, rows, _ = self.undeformed(time)
@@ -91,12 +97,12 @@ class System(eqx.Module):
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
 
-        A `RuntimeWarning` says where round-off of the stretch is not small beside the loads.
+        A `RuntimeWarning` reports round-off of the stretch that is not small compared to the loads.
 
         Raises
         ------
         RuntimeError
-            If none was found. Under a JAX transformation nothing can be raised: there, use
+            If there is none. Under a JAX transformation nothing can be raised: there, use
             `find_equilibrium` and its outcome.
         """
         state, outcome = eqx.filter_jit(System.find_equilibrium)(self, jnp.asarray(time, float))
@@ -107,11 +113,10 @@ class System(eqx.Module):
         return state
 
     def find_equilibrium(self, time: float | Array = 0.0) -> tuple[State, Outcome]:
-        """Find the static equilibrium at ``time``; the outcome says whether there was one.
+        """Find the static equilibrium at ``time``; the outcome says whether there is one.
 
-        The water flows on as it does at that time: what it is just gaining or losing in speed
-        would be no lasting load. Of its acceleration that of the steady flows counts.
-        See ``crinoid.dynamics.statics`` for how.
+        The flow is frozen at that time: only the acceleration of steady flows is a lasting load.
+        The method is in ``crinoid.dynamics.statics``.
         """
         forces, time, rows, frames = self.undeformed(time)
         position, frames, outcome = statics.find(
@@ -119,18 +124,22 @@ class System(eqx.Module):
             forces.frozen(time),
             self.settings,
             time,
-            start.clamped(self.base, time, rows, frames),
+            start.with_clamp_spin(self.base, time, rows, frames),
             frames,
         )
         return self._begin(time, position, frames), outcome
 
     def stand(self, state: State) -> State:
-        """Return the same shape without any motion, in water that flows on as it does: statics."""
+        """Return the same shape without motion, in the flow frozen at its time."""
         forces = self._driven(state).frozen(state.time)
-        motion = statics.standing(forces, state.time, state.motion.position, state.frames)
-        at_rest, kept = (state.servo, *state.actuators), state.kept
-        reaction = forces.residual(motion)[0][:HELD]
-        return start.steady(forces, motion, reaction, at_rest, state.attitude, state.grip, kept)
+        motion = statics.static_motion(forces, state.time, state.motion.position, state.frames)
+        reaction = forces.residual(motion)[0][:BOUNDARY_NODES]
+        return replace(
+            start.steady_state(forces, motion, reaction, (state.servo, *state.actuators)),
+            attitude=state.attitude,
+            grip=state.grip,
+            reused_tangent=state.reused_tangent,
+        )
 
     def step(
         self,
@@ -142,142 +151,162 @@ class System(eqx.Module):
     ) -> tuple[State, Outcome]:
         """Advance by one time step, the actuators following ``command``, in units of `inputs`.
 
-        Differentiable in both modes. Where Newton's method fails the state comes back with the
-        outcome that says so, and should not be used; `advance` recovers. With ``throw`` an error is
-        raised there, under `jax.jit` as well (`equinox.error_if`, which asks the host).
+        Differentiable in both modes. If the outcome has not converged, the state must not be used;
+        `advance` recovers. With ``throw`` an error is raised then, under `jax.jit` as well
+        (`equinox.error_if`, by a callback to the host).
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
         at_start = (state.servo, *state.actuators)
-        after, outcome = self.moved(state, followed(self.followers, at_start, command, h), h)
-        return outcome.required(after) if throw else after, outcome
+        after, outcome = self.step_with(state, followed(self.followers, at_start, command, h), h)
+        return outcome.raise_unless_converged(after) if throw else after, outcome
 
-    def moved(
-        self, state: State, ends: Sequence[Any], step: Float[Array, ""], stir: Stir | None = None
+    def step_with(
+        self,
+        state: State,
+        ends: Sequence[Any],
+        step: Float[Array, ""],
+        perturbation: FlowPerturbation | None = None,
     ) -> tuple[State, Outcome]:
         """Advance by one time step at whose end the actuators are in the states ``ends``.
 
-        ``stir`` changes the water at the nodes then.
+        ``perturbation`` changes the water at the nodes at the end of the step.
         """
         h, before, method = step, state.motion, self.integrator
         servo, *actuators = ends
-        grip = gripped(self.grasp, self.forces.obstacles, state)
-        forces = holding(self.forces.driven(drives(self.actuators, actuators)), grip)
-        stage = method.stage(before, state.ahead, h, state.frames)
-        forces = start.mounted(forces, self.base, stage.time, servo, state)
-        stage = prescribed(forces, self.base, stage, state, servo, h)
+        grip = None
+        if self.grip_triggers is not None:
+            obstacles = self.forces.obstacles
+            grip = self.grip_triggers.after(obstacles, state.grip, state.gap, state.time)
+        forces = self.forces.driven(drives(self.actuators, actuators))
+        forces = with_grip(forces.remembering(state.memory, h), grip)
+        stage = method.stage(before, state.auxiliary_offset, h, state.frames)
+        forces = start.with_mount(forces, self.base, stage.time, servo, state)
+        stage = with_prescribed_motion(forces, self.base, stage, state, servo, h)
 
-        def moved(acceleration: Rows) -> Rows:
-            free = method.correction(acceleration, h)[HELD:]  # the others are prescribed
-            return jnp.pad(free, ((HELD, 0), (0, 0)))
+        def correction_for(acceleration: Rows) -> Rows:
+            free = method.correction(acceleration, h)[BOUNDARY_NODES:]  # the others are prescribed
+            return jnp.pad(free, ((BOUNDARY_NODES, 0), (0, 0)))
 
-        # the water is costly: looked at once, where the arm gets to if its acceleration stays, and
-        # expanded from there. Not from Newton's guess, which is chosen: a step would jump with it
-        around = forces.surroundings(stage, moved(before.acceleration))
-        if stir is not None:
-            around = around.stirred(stir)
-        guess = moved(expected_acceleration(forces, state))
+        # the water is costly: evaluated once, for constant acceleration, and expanded from there.
+        # Not at Newton's guess: a switch between predictors would make the step discontinuous
+        around = forces.surroundings(stage, correction_for(before.acceleration))
+        if perturbation is not None:
+            around = around.perturbed(perturbation)
+        guess = correction_for(expected_acceleration(forces, state))
         if forces.mount is None:
             held = self.base.prescribe(stage.time, servo)
             guess = first_guess(forces, held, stage, state, guess)
-        correction, reaction, outcome, kept = solve(
-            forces, around, stage, guess, self.settings, None, state.kept
+        correction, reaction, outcome, reused_tangent = solve(
+            Balance(forces, around, stage), guess, self.settings, state.reused_tangent
         )
         motion = forces.motion(stage, correction, around)
         after = State(
             motion=motion,
-            ahead=method.ahead(before.acceleration, state.ahead, motion.acceleration, h),
+            auxiliary_offset=method.auxiliary_offset(
+                before.acceleration, state.auxiliary_offset, motion.acceleration, h
+            ),
             servo=servo,
             actuators=tuple(actuators),
             reaction=reaction,
             gap=forces.gaps(motion.position),
-            earlier=jnp.concatenate([before.acceleration[None], state.earlier[:-1]]),
-            guessed=outcome.iterations == 0,
-            kept=jax.lax.stop_gradient(kept),
+            acceleration_history=jnp.concatenate(
+                [before.acceleration[None], state.acceleration_history[:-1]]
+            ),
+            predictor_accepted=outcome.iterations == 0,
+            reused_tangent=jax.lax.stop_gradient(reused_tangent),
             attitude=forces.attitude(motion),
             grip=grip,
+            memory=forces.memory_after(motion),
         )
         return after, self._judged(forces, state, after, outcome, h)
 
     def advance(
         self, state: State, command: Command, step: float | Array | None = None
     ) -> tuple[State, Progress]:
-        """Advance by one time step, halving it where Newton's method fails or it errs too much.
+        """Advance by one time step, halving it where Newton's method or the error limit fails.
 
-        Down to ``2**-max_halvings`` of the step; past that the last good state comes back with a
-        failed outcome. Not differentiable in reverse mode (a loop of unknown length): use `step`.
+        The shortest substep is ``2**-max_halvings`` of the step; if it fails too, the last good
+        state comes back with a failed outcome. Not differentiable in reverse mode (a loop of
+        unknown length): use `step`.
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
-        return halve(
-            lambda s, part: self.step(s, command, part),
-            state,
-            h,
-            self.max_halvings,
-            self.max_error,
-        )
 
-    def advance_with_books(
-        self, state: State, books: Books, command: Command, step: float | Array | None = None
-    ) -> tuple[State, Books, Progress]:
-        """Advance like `advance`, and keep the accounts of each part of the step."""
+        def once(state: State, part: Array) -> tuple[State, Outcome]:
+            return self.step(state, command, part)
 
-        def once(carry: tuple[State, Books], part: Array) -> tuple[tuple[State, Books], Outcome]:
-            state, books = carry
+        return halve(once, state, h, self.max_halvings, self.max_error)
+
+    def advance_with_account(
+        self,
+        state: State,
+        account: EnergyAccount,
+        command: Command,
+        step: float | Array | None = None,
+    ) -> tuple[State, EnergyAccount, Progress]:
+        """Advance like `advance`, and keep the account of works over each substep."""
+
+        def once(
+            carry: tuple[State, EnergyAccount], part: Array
+        ) -> tuple[tuple[State, EnergyAccount], Outcome]:
+            state, account = carry
             after, outcome = self.step(state, command, part)
-            return (after, books.after(self.forces, state, after, part)), outcome
+            return (after, account.after(self.forces, state, after, part)), outcome
 
         h = self.time_step if step is None else jnp.asarray(step, float)
-        (state, books), progress = halve(once, (state, books), h, self.max_halvings, self.max_error)
-        return state, books, progress
+        (state, account), progress = halve(
+            once, (state, account), h, self.max_halvings, self.max_error
+        )
+        return state, account, progress
 
     def energy(self, state: State) -> Float[Array, " energy"]:
         """Return the stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
-        return holding(self.forces, state.grip).energy(state.motion)
+        return state.remembered(self.forces).energy(state.motion)
 
     def tip(self, state: State) -> Float[Array, " pose"]:
-        """Return the tip's pose in the world (`crinoid.space.POSE`): position (m) and direction."""
+        """Return the tip's pose in the world (m, rad; `crinoid.foundation.axes.POSE`)."""
         pose = tip_pose(state.position)
         axes = self.forces.axes
         return pose + jnp.pad(self.forces.origin, (0, pose.size - axes))
 
-    def voyage(self, state: State) -> Voyage | None:
-        """Return where the vehicle is and what its thrusters do; None where the base is held."""
+    def vehicle_output(self, state: State) -> VehicleOutput | None:
+        """Return pose and thrust of the vehicle; None if the base does not float."""
         vehicle = self.forces.vehicle
         if vehicle is None or state.attitude is None:
             return None
-        return vehicle.voyage(state.motion, state.attitude)
+        return vehicle.vehicle_output(state.motion, state.attitude)
 
     def strains(self, state: State) -> Float[Array, "n strain"]:
         """Return the curvature at each node (1/m); in space kappa_1, kappa_2 and twist (rad/m).
 
-        The tip's are carried on from the two nodes before, as nothing bends round the tip.
+        Those of the tip are extrapolated from the two nodes before it.
         """
         rest, length = self.reference.rest_strain[:-1], self.reference.strain_length[:-1]
         inner = rest + self.forces.strains(state.motion) / length
         return jnp.concatenate([inner, 2 * inner[-1:] - inner[-2:-1]])
 
-    def linearise(self, state: State) -> tuple[chain.Bands, chain.Bands]:
+    def linearise(self, state: State) -> tuple[banded.Bands, banded.Bands]:
         """Return stiffness (N/m) and mass (kg) of small motions of all nodes about ``state``.
 
-        The state is taken as still, obstacles included, in water that flows on as it does; the
-        mass contains the added mass. `influence` has the stiffness of lines.
+        The state is taken as still, obstacles included, in frozen flow; the mass includes the added
+        mass. `influence` has the stiffness of lines.
         """
         small = self.small_motions(state, jnp.zeros(self.forces.axes))
         return small.stiffness, small.mass
 
-    def small_motions(self, state: State, current: Float[Array, " d"]) -> modes.SmallMotions:
-        """Return what `linearise` does, and more, for a steady ``current`` (m/s)."""
+    def small_motions(self, state: State, current: Float[Array, " d"]) -> SmallMotions:
+        """Return stiffness, damping and mass about ``state``, and in a steady ``current`` (m/s)."""
         motion = state.motion
         forces = self._driven(state)
-        return modes.linearise(forces, state.time, motion.position, state.frames, current)
+        return linearise(forces, state.time, motion.position, state.frames, current)
 
     def natural_frequencies(
         self, state: State, *, count: int = modes.COUNT
     ) -> Float[np.ndarray, " mode"]:
         """Return the natural frequencies of small vibrations about ``state`` (Hz), ascending.
 
-        The base is held and damping left out; 0 stands for a motion that does not swing back.
-        Computed on the host: not for use under a JAX transformation.
-        See `crinoid.dynamics.find_modes` for how, and for the shapes.
+        The base is held and damping omitted; 0 for a motion without restoring force. Computed on
+        the host: not for use under a JAX transformation. `crinoid.dynamics.find_modes` has the
+        method and the shapes.
         """
         bands, lines = eqx.filter_jit(System.linearise)(self, state), None
         if self.forces.lines is not None:
@@ -285,14 +314,11 @@ class System(eqx.Module):
         return modes.find_modes(*bands, count, lines).frequency
 
     def static_jacobian(self, state: State) -> Float[Array, "pose input"]:
-        """Return d(tip)/d(inputs) at rest: how the tip follows the inputs when moved slowly.
-
-        The forces are linearised about ``state``, taken as still.
-        """
+        """Return d(tip)/d(inputs) for inputs that change slowly about ``state``, taken as still."""
         return self.influence(state).static(self.linearise(state)[0])
 
     def influence(self, state: State) -> Influence:
-        """Return what small moves of the inputs do to the arm about ``state``, taken as still."""
+        """Return the influence of the inputs on boundary, loads and tip about a still ``state``."""
         return influence(self.base, self._driven(state), state)
 
     def transition(
@@ -304,21 +330,21 @@ class System(eqx.Module):
     ) -> Transition:
         """Linearise the time step from ``state`` under ``command``, exact for the integrator.
 
-        ``observe`` says what is seen of a state, that of the tip if left out; a
-        `crinoid.Measurand` has it as its method ``of``. See ``crinoid.dynamics.transition`` for the
-        coordinates.
+        ``observe`` is the output of a state, by default the pose of the tip; the method ``of`` of a
+        `crinoid.Measurand` fits. ``crinoid.dynamics.transition`` defines the coordinates.
         """
-        return transition(self, state, command, self.time_step, observe or System.tip)
+        output = partial(observe or System.tip, self)
+        return transition(self, state, command, self.time_step, output)
 
     def _judged(
         self, forces: Forces, state: State, after: State, outcome: Outcome, step: Array
     ) -> Outcome:
-        """Return the outcome of a step, which counts only if neither folds, errors nor hits forbid.
+        """Return the outcome of a step, rejected for a fold, a large error or a contact too fast.
 
-        Whether Newton's method converged the outcome says on entry.
+        On entry ``outcome`` is that of Newton's method.
         """
         before, now = state.motion, after.motion
-        folded = jnp.any(facing(forces, now.position) < SHARPEST)
+        folded = jnp.any(cos_turn_angle(forces, now.position) < MIN_COSINE)
         errors = self.integrator.error(before.acceleration, now.acceleration, step)
         errors = jax.lax.stop_gradient(forces.unknown(errors, forces.reach)[:, : forces.axes])
         largest = jnp.sqrt(jnp.max(jnp.sum(errors**2, axis=1)))
@@ -327,9 +353,8 @@ class System(eqx.Module):
         if forces.obstacles is not None:
             assert state.gap is not None
             assert after.gap is not None
-            rows = map(forces.without_vehicle, (before.position, now.position))
-            was, now_at = rows
-            resolved = ~good | forces.obstacles.resolved(was, state.gap, now_at, after.gap, step)
+            moved = forces.without_vehicle(now.position) - forces.without_vehicle(before.position)
+            resolved = ~good | forces.obstacles.resolved(moved, state.gap, after.gap, step)
         return eqx.tree_at(
             lambda o: (o.converged, o.resolved, o.folded, o.error),
             outcome,
@@ -337,14 +362,15 @@ class System(eqx.Module):
         )
 
     def _begin(self, time: Array, position: Rows, frames: Frames | None) -> State:
-        """Start from a shape, moving rigidly with the base, with the acceleration that follows."""
+        """Return the state of a shape that moves rigidly with the base, in dynamic balance."""
         servo, *actuators = (one.at_rest() for one in self.followers)
         forces = self.forces.driven(drives(self.actuators, actuators))
         forces, motion, held = start.begin(forces, self.base, servo, time, position, frames)
-        attitude, grip = forces.attitude(motion), begun(self.grasp)
-        kept = Kept.nothing(forces, motion.position)
-        return start.steady(forces, motion, held, (servo, *actuators), attitude, grip, kept)
+        state = start.steady_state(forces, motion, held, (servo, *actuators))
+        return (
+            state if self.grip_triggers is None else replace(state, grip=self.grip_triggers.begin())
+        )
 
     def _driven(self, state: State) -> Forces:
-        """Return the forces with the actuators as they are in a state."""
-        return holding(self.forces.driven(drives(self.actuators, state.actuators)), state.grip)
+        """Return the forces with the actuators and the grip of a state."""
+        return with_grip(self.forces.driven(drives(self.actuators, state.actuators)), state.grip)

@@ -1,4 +1,4 @@
-"""The matrix of a Newton step: the chain of nodes, bordered by the unknowns that are no nodes."""
+"""Tangent matrix: the banded matrix of the nodes, bordered by the other unknowns."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -8,18 +8,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid import chain
-from crinoid.products import product, solve
+from crinoid.numerics import banded
+from crinoid.numerics.small_matrices import product, solve
 
-HELD = 2
-"""The ghost node and the root: their motion is prescribed, not solved for."""
+BOUNDARY_NODES = 2
+"""Number of nodes with a prescribed motion: the ghost node and the root."""
 
 Rows = Float[Array, "_ b"]
 Extra = Float[Array, " p"]
 
 
 class Border(eqx.Module):
-    """Blocks that couple ``p`` unknowns beside the chain to the nodes and to themselves."""
+    """Blocks that couple ``p`` other unknowns to the nodes and to themselves."""
 
     of_nodes: Float[Array, "n b p"]
     """d(residual of the nodes) / d(the other unknowns)."""
@@ -28,8 +28,10 @@ class Border(eqx.Module):
     corner: Float[Array, "p p"]
 
     def of_free(self) -> "Border":
-        """Return the border of the nodes that are solved for."""
-        return Border(self.of_nodes[HELD:], self.of_extra[:, HELD:], self.corner)
+        """Return the border of the free nodes."""
+        return Border(
+            self.of_nodes[BOUNDARY_NODES:], self.of_extra[:, BOUNDARY_NODES:], self.corner
+        )
 
     def transposed(self) -> "Border":
         """Return the border of the transposed matrix."""
@@ -38,134 +40,138 @@ class Border(eqx.Module):
         )
 
 
-class Beside(eqx.Module):
-    """Where the unknowns of a tangent stand among all rows."""
+class UnknownLayout(eqx.Module):
+    """Layout of the unknowns of a tangent among all rows."""
 
     nodes: int = eqx.field(static=True)
-    """How many rows are nodes."""
+    """Number of nodes, the first rows."""
     extra: tuple[int, ...] = eqx.field(static=True)
-    """Entries solved for among the rows after them."""
+    """Indices of unknowns among the flattened rows after the nodes."""
     lines: int = eqx.field(static=True)
-    """Unknowns without a row."""
+    """Number of unknowns without a row."""
 
-    def taken(self, rows: Rows) -> tuple[Rows, Extra]:
+    def gather(self, rows: Rows) -> tuple[Rows, Extra]:
         """Return the rows of free nodes, and the other unknowns."""
         if not self.extra and not self.lines:
-            return rows[HELD : self.nodes], jnp.zeros(0)
-        beside = rows[self.nodes :].reshape(-1)[jnp.asarray(self.extra, int)]
-        return rows[HELD : self.nodes], jnp.append(beside, jnp.zeros(self.lines))
+            return rows[BOUNDARY_NODES : self.nodes], jnp.zeros(0)
+        others = rows[self.nodes :].reshape(-1)[jnp.asarray(self.extra, int)]
+        return rows[BOUNDARY_NODES : self.nodes], jnp.append(others, jnp.zeros(self.lines))
 
-    def rows(self, nodes: Rows, extra: Extra, shape: tuple[int, ...]) -> Rows:
-        """Return all rows, zero where they are not solved for."""
+    def scatter(self, nodes: Rows, extra: Extra, shape: tuple[int, ...]) -> Rows:
+        """Return all rows, zero where there is no unknown."""
         if not self.extra:
-            return jnp.pad(nodes, ((HELD, shape[0] - self.nodes), (0, 0)))
+            return jnp.pad(nodes, ((BOUNDARY_NODES, shape[0] - self.nodes), (0, 0)))
         at = jnp.asarray(self.extra, int)
         others = jnp.zeros((shape[0] - self.nodes) * shape[1])
         others = others.at[at].set(extra[: at.size], unique_indices=True)
-        held = jnp.zeros((HELD, shape[1]))
+        held = jnp.zeros((BOUNDARY_NODES, shape[1]))
         return jnp.concatenate([held, nodes, others.reshape(-1, shape[1])])
 
 
-class Eliminated(eqx.Module):
-    """A bordered matrix after block elimination, the nodes first."""
+class BlockElimination(eqx.Module):
+    """Block LU factors of a bordered matrix, the nodes eliminated first."""
 
-    bands: chain.Factors
+    bands: banded.Factors
     back: Float[Array, "p nb"] | None
-    """Rows of the other unknowns in the columns of the nodes; None where there are none."""
+    """Rows of the other unknowns in the columns of the nodes, if there are any."""
     followed: Float[Array, "n b p"] | None
-    """Answers of the nodes to each of the other unknowns."""
+    """Solution of the nodes for the column of each other unknown."""
     schur: Float[Array, "p p"] | None
-    """Matrix of the other unknowns when the nodes are eliminated."""
+    """Schur complement of the other unknowns."""
 
     @staticmethod
-    def of(bands: chain.Bands, border: Border | None) -> "Eliminated":
-        """Eliminate the blocks of a matrix."""
-        factors = chain.factorised(bands)
+    def of(bands: banded.Bands, border: Border | None) -> "BlockElimination":
+        """Factorise a bordered matrix."""
+        factors = banded.factorise(bands)
         if border is None:
-            return Eliminated(factors, None, None, None)
-        followed = chain.substituted(factors, border.of_nodes)
+            return BlockElimination(factors, None, None, None)
+        followed = banded.substitute(factors, border.of_nodes)
         back = border.of_extra.reshape(border.of_extra.shape[0], -1)
         schur = border.corner - product(back, followed.reshape(-1, back.shape[0]))
-        return Eliminated(factors, back, followed, schur)
+        return BlockElimination(factors, back, followed, schur)
 
     def solve(self, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
         """Solve for the nodes and the other unknowns."""
-        alone = chain.substituted(self.bands, nodes)
+        alone = banded.substitute(self.bands, nodes)
         if self.schur is None:
             return alone, extra
         assert self.back is not None
         assert self.followed is not None
-        # a body's inertia rules its own column: no pivots
+        # no pivots: inertia dominates the column of a body
         moved = solve(self.schur, extra - product(self.back, alone.reshape(-1)))
         return alone - product(self.followed, moved), moved
 
 
-class Factorised(eqx.Module):
-    """A tangent made ready to be solved."""
+class TangentFactors(eqx.Module):
+    """Factorised tangent."""
 
-    matrix: Eliminated
-    beside: Beside
+    matrix: BlockElimination
+    layout: UnknownLayout
 
     @staticmethod
-    def blank(nodes: int, size: int, extra: tuple[int, ...], lines: int) -> "Factorised":
-        """Return the place for one, with nothing in it."""
-        free, p = nodes - HELD, len(extra) + lines
+    def blank(nodes: int, size: int, extra: tuple[int, ...], lines: int) -> "TangentFactors":
+        """Return factors of zeros in the shape of a tangent."""
+        free, p = nodes - BOUNDARY_NODES, len(extra) + lines
         parts: tuple[Array | None, ...] = (None, None, None)
         if p:
             parts = tuple(map(jnp.zeros, ((p, free * size), (free, size, p), (p, p))))
-        return Factorised(Eliminated(chain.blank(free, size), *parts), Beside(nodes, extra, lines))
+        return TangentFactors(
+            BlockElimination(banded.blank(free, size), *parts), UnknownLayout(nodes, extra, lines)
+        )
 
     def solve(self, rhs: Rows) -> Rows:
-        """Solve for what is not prescribed; the other rows come back as zero."""
-        return self.beside.rows(*self.matrix.solve(*self.beside.taken(rhs)), rhs.shape)
+        """Solve for the unknowns; the other rows are zero."""
+        return self.layout.scatter(*self.matrix.solve(*self.layout.gather(rhs)), rhs.shape)
 
 
 class LineStiffness(NamedTuple):
-    """Stiffness of lines beside that of the bands: ``pull . follow``."""
+    """Low-rank stiffness of lines, in addition to the bands: ``pull . follow``."""
 
     pull: Float[Array, "rows b line"]
-    """Force lacking on everything that has a row, per load."""
+    """Residual of all rows per load of a line."""
     follow: Float[Array, "line n b"]
-    """How the loads follow the nodes."""
+    """Derivative of the loads by the nodes."""
 
 
 class Tangent(eqx.Module):
-    """d(residual)/d(correction), with the rows of nodes and then of whatever else moves.
+    """d(residual)/d(correction), with the rows of the nodes and then of other bodies.
 
-    Of these rows the entries ``extra`` are solved for, counted from the first row after the nodes.
+    The unknowns of these are the entries ``extra``, counted from the first row after the nodes.
     """
 
-    bands: chain.Bands
+    bands: banded.Bands
     border: Border | None
     extra: tuple[int, ...] = eqx.field(static=True)
     lines: int = eqx.field(static=True, default=0)
-    """How many unknowns without a row come last in the border: they follow from the nodes."""
+    """Number of loads of lines, the last unknowns of the border, without a row."""
 
     def solve(self, rhs: Rows) -> Rows:
-        """Solve for what is not prescribed; the other rows come back as zero."""
-        bands, beside = self.bands[HELD:], self._beside
-        nodes, extra = beside.taken(rhs)
+        """Solve for the unknowns; the other rows are zero."""
+        bands, layout = self.bands[BOUNDARY_NODES:], self._layout
+        nodes, extra = layout.gather(rhs)
         if self.border is None:
-            return beside.rows(chain.solve(bands, nodes), extra, rhs.shape)
+            return layout.scatter(banded.solve(bands, nodes), extra, rhs.shape)
         border = self.border.of_free()
         nodes, extra = jax.lax.custom_linear_solve(
             lambda x: _matvec(bands, border, *x),
             (nodes, extra),
-            solve=lambda _, b: Eliminated.of(bands, border).solve(*b),
-            transpose_solve=lambda _, b: Eliminated.of(
-                chain.transpose(bands), border.transposed()
+            solve=lambda _, b: BlockElimination.of(bands, border).solve(*b),
+            transpose_solve=lambda _, b: BlockElimination.of(
+                banded.transpose(bands), border.transposed()
             ).solve(*b),
         )
-        return beside.rows(nodes, extra, rhs.shape)
+        return layout.scatter(nodes, extra, rhs.shape)
 
-    def factorised(self) -> Factorised:
-        """Return the tangent made ready to be solved again and again."""
+    def factorise(self) -> TangentFactors:
+        """Return the factors of the tangent."""
         border = None if self.border is None else self.border.of_free()
-        return Factorised(Eliminated.of(self.bands[HELD:], border), self._beside)
+        return TangentFactors(
+            BlockElimination.of(self.bands[BOUNDARY_NODES:], border), self._layout
+        )
 
     @property
-    def _beside(self) -> Beside:
-        return Beside(self.bands.shape[0], self.extra, self.lines)
+    def _layout(self) -> UnknownLayout:
+        return UnknownLayout(self.bands.shape[0], self.extra, self.lines)
 
     def bordered(
         self,
@@ -173,40 +179,37 @@ class Tangent(eqx.Module):
         push: Callable[[Float[Array, "held b"]], Extra],
         extra: tuple[int, ...],
     ) -> "Tangent":
-        """Add ``p`` unknowns that move what is held, and are pushed by the forces on it.
+        """Add the ``p`` unknowns of a body to which the boundary nodes are clamped.
 
-        ``columns`` are the derivatives of all residuals by them. Their own residual is, by the
-        residual of what is held, ``push``, which is linear.
+        ``columns`` has the derivatives of all residuals by them. Their residual is the linear
+        function ``push`` of that of the boundary nodes.
         """
         num_nodes, _, size, _ = self.bands.shape
-        before = self.border
-        if before is None:
-            before = _no_border(num_nodes, size)
+        before = self.border or _no_border(num_nodes, size)
         at = (*self.extra, *extra)
-        beside = columns[num_nodes:].reshape(-1, len(extra))[jnp.asarray(at)]
+        own = columns[num_nodes:].reshape(-1, len(extra))[jnp.asarray(at)]
         each = jax.vmap(push, -1, -1)
         of_extra = jax.vmap(each, -1, -1)(_of_held(self.bands))
-        back = each(before.of_nodes[:HELD])
+        back = each(before.of_nodes[:BOUNDARY_NODES])
         border = Border(
             jnp.concatenate([before.of_nodes, columns[:num_nodes]], axis=2),
             jnp.concatenate([before.of_extra, of_extra]),
-            jnp.concatenate([jnp.concatenate([before.corner, back]), beside], axis=1),
+            jnp.concatenate([jnp.concatenate([before.corner, back]), own], axis=1),
         )
         return Tangent(self.bands, border, at)
 
     def coupled(self, lines: LineStiffness) -> "Tangent":
-        """Add the loads of lines as unknowns that follow the nodes.
+        """Add the loads of lines as unknowns, because they depend on all nodes.
 
-        So a force that depends on all nodes stays out of the bands: ``(K + C R) dq`` is
-        ``K dq + C df`` with ``R dq - df = 0``.
+        ``(K + C R) dq`` is ``K dq + C df`` with ``R dq - df = 0``.
         """
         columns, follows = lines
         num_nodes, _, size, _ = self.bands.shape
         at = jnp.asarray(self.extra, int)
         before = self.border or _no_border(num_nodes, size)
-        beside = columns[num_nodes:].reshape(-1, columns.shape[-1])[at]
-        none, own = jnp.zeros_like(beside.T), -jnp.eye(columns.shape[-1])
-        corner = [[before.corner, beside], [none, own]]
+        on_others = columns[num_nodes:].reshape(-1, columns.shape[-1])[at]
+        none, own = jnp.zeros_like(on_others.T), -jnp.eye(columns.shape[-1])
+        corner = [[before.corner, on_others], [none, own]]
         border = Border(
             jnp.concatenate([before.of_nodes, columns[:num_nodes]], axis=2),
             jnp.concatenate([before.of_extra, follows]),
@@ -223,15 +226,15 @@ class Tangent(eqx.Module):
         return LineStiffness(self.border.of_nodes[..., moved:], self.border.of_extra[moved:])
 
     def on_held(self, change: Rows) -> Float[Array, "held b"]:
-        """Return how the forces on what is prescribed follow a change of the rest."""
-        near = 2 * HELD  # as far as elements reach
-        forces = chain.matvec(self.bands[:near], change[:near])[:HELD]
+        """Return the change of the forces on the boundary nodes for a change of the rows."""
+        near = 2 * BOUNDARY_NODES  # as far as elements reach
+        forces = banded.matvec(self.bands[:near], change[:near])[:BOUNDARY_NODES]
         if self.border is None:
             return forces
         num_nodes, moved = self.bands.shape[0], len(self.extra)
         extra = change[num_nodes:].reshape(-1)[jnp.asarray(self.extra, int)]
         lines = jnp.einsum("pnb,nb->p", self.border.of_extra[moved:], change[:num_nodes])
-        return forces + product(self.border.of_nodes[:HELD], jnp.append(extra, lines))
+        return forces + product(self.border.of_nodes[:BOUNDARY_NODES], jnp.append(extra, lines))
 
 
 def _no_border(num_nodes: int, size: int) -> Border:
@@ -239,17 +242,17 @@ def _no_border(num_nodes: int, size: int) -> Border:
     return Border(none, jnp.moveaxis(none, -1, 0), jnp.zeros((0, 0)))
 
 
-def _of_held(bands: chain.Bands) -> Float[Array, "held b n b"]:
-    """Return the rows of what is held, written out."""
+def _of_held(bands: banded.Bands) -> Float[Array, "held b n b"]:
+    """Return the rows of the boundary nodes as dense matrices."""
     num_nodes = bands.shape[0]
-    rows = [jnp.moveaxis(bands[i, 2 - i :], 0, 1) for i in range(HELD)]
+    rows = [jnp.moveaxis(bands[i, 2 - i :], 0, 1) for i in range(BOUNDARY_NODES)]
     return jnp.stack(
         [jnp.pad(row, ((0, 0), (0, num_nodes - row.shape[1]), (0, 0))) for row in rows]
     )
 
 
-def _matvec(bands: chain.Bands, border: Border, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
+def _matvec(bands: banded.Bands, border: Border, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
     return (
-        chain.matvec(bands, nodes) + product(border.of_nodes, extra),
+        banded.matvec(bands, nodes) + product(border.of_nodes, extra),
         jnp.einsum("pnb,nb->p", border.of_extra, nodes) + product(border.corner, extra),
     )

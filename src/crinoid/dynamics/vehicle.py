@@ -1,8 +1,8 @@
-"""A submarine that floats: a rigid body that holds the arm and is pushed by it.
+"""Floating submarine: a rigid body to which the arm is clamped.
 
-What floats has two rows in what a time step solves for, after all others: its centre of mass, and
-its turn since the start of the step, in its own axes (one number in the plane). Its axes are those
-of the world as long as it is not turned.
+It has the last two rows of unknowns of a time step: its centre of mass, and its rotation since the
+start of the step in body axes (one number in the plane). Unrotated, its axes are those of the
+world.
 """
 
 import equinox as eqx
@@ -12,12 +12,12 @@ from jaxtyping import Array, Float
 
 from crinoid.base import Prescribed
 from crinoid.elements import Motion
-from crinoid.elements.geometry import smooth_speed, turned
-from crinoid.frames import Frames, cross, dot, rotated
-from crinoid.products import product
+from crinoid.elements.water import smooth_speed
+from crinoid.numerics.frames import Frames, cross, dot, rotate_90, rotated
+from crinoid.numerics.small_matrices import product
 
 ROWS = 2
-"""Rows of a vehicle: its centre of mass and its turn."""
+"""Rows of a vehicle: centre of mass and rotation."""
 
 Vector = Float[Array, " d"]
 Turns = Float[Array, " turns"]
@@ -26,17 +26,17 @@ Rows = Float[Array, "rows b"]
 
 
 class Mount(eqx.Module):
-    """Where a vehicle holds the arm at the end of a step, and its attitude at the start."""
+    """Clamp of the arm on a vehicle at the end of a step, and its attitude at the start."""
 
     held: Prescribed
-    """Ghost node and root from the centre of mass, in the vehicle's axes."""
+    """Motion of ghost node and root from the centre of mass, in the vehicle's axes."""
     attitude: Float[Array, "d d"]
     """Matrix from the vehicle's axes to the world's at the start of the step."""
     turn: Turns
-    """Turn in the vehicle's row at the start of the step (rad)."""
+    """Rotation in the vehicle's row at the start of the step (rad)."""
 
-    def ride(self, position: Rows, velocity: Rows, acceleration: Rows) -> "Ride":
-        """Read how the vehicle moves from its rows, the last ones."""
+    def kinematics(self, position: Rows, velocity: Rows, acceleration: Rows) -> "VehicleKinematics":
+        """Return the motion of the vehicle from its rows, the last ones."""
         turns, axes = self.turn.size, self.attitude.shape[0]
         step = position[-1, :turns] - self.turn
         if axes == 2:
@@ -44,18 +44,12 @@ class Mount(eqx.Module):
             turn = jnp.stack([jnp.stack([cosine, -sine]), jnp.stack([sine, cosine])])
         else:
             turn = rotated(jnp.eye(3), step).T
-        return Ride(
-            product(self.attitude, turn),
-            position[-2, :axes],
-            velocity[-2, :axes],
-            acceleration[-2, :axes],
-            velocity[-1, :turns],
-            acceleration[-1, :turns],
-        )
+        attitude = product(self.attitude, turn)
+        return VehicleKinematics.of(attitude, turns, position, velocity, acceleration)
 
 
-class Ride(eqx.Module):
-    """How a vehicle moves: its centre of mass in the world, its turning in its own axes."""
+class VehicleKinematics(eqx.Module):
+    """Motion of a vehicle: its centre of mass in world axes, its rotation in body axes."""
 
     attitude: Float[Array, "d d"]
     position: Vector
@@ -63,22 +57,45 @@ class Ride(eqx.Module):
     acceleration: Vector
     rate: Turns
     """Angular velocity (rad/s)."""
-    hastening: Turns
+    angular_acceleration: Turns
     """Angular acceleration (rad/s2)."""
 
-    def carried(self, held: Prescribed, frames: Frames | None) -> tuple[Held, Held, Held]:
-        """Return how the ghost node and the root move in the world that a mount holds."""
+    @staticmethod
+    def of(
+        attitude: Float[Array, "d d"],
+        turns: int,
+        position: Rows,
+        velocity: Rows,
+        acceleration: Rows,
+    ) -> "VehicleKinematics":
+        """Read the last two rows; of the last one the first ``turns`` entries count."""
+        axes = attitude.shape[0]
+        return VehicleKinematics(
+            attitude,
+            position[-2, :axes],
+            velocity[-2, :axes],
+            acceleration[-2, :axes],
+            velocity[-1, :turns],
+            acceleration[-1, :turns],
+        )
+
+    def to_world(self, held: Prescribed, frames: Frames | None) -> tuple[Held, Held, Held]:
+        """Return the motion of ghost node and root in world axes."""
         axes = self.position.size
         place, speed, gain = held.position, held.velocity[:, :axes], held.acceleration[:, :axes]
-        swing = swung(self.rate, place)
+        swing = rotation_velocity(self.rate, place)
         moving = speed + swing
-        hastened = gain + swung(self.rate, 2 * speed + swing) + swung(self.hastening, place)
+        points_acceleration = (
+            gain
+            + rotation_velocity(self.rate, 2 * speed + swing)
+            + rotation_velocity(self.angular_acceleration, place)
+        )
         rows = [
             middle + product(vectors, self.attitude.T)
             for middle, vectors in (
                 (self.position, place),
                 (self.velocity, moving),
-                (self.acceleration, hastened),
+                (self.acceleration, points_acceleration),
             )
         ]
         if held.frame is None:
@@ -90,7 +107,9 @@ class Ride(eqx.Module):
         spins = (
             frames.spin_to(1, product(self.attitude, tangent), product(self.attitude, director)),
             held.velocity[1, 3] + dot(self.rate, tangent),
-            held.acceleration[1, 3] + dot(self.hastening, tangent) + dot(self.rate, swept),
+            held.acceleration[1, 3]
+            + dot(self.angular_acceleration, tangent)
+            + dot(self.rate, swept),
         )
         position, velocity, acceleration = (
             jnp.pad(row, ((0, 0), (0, 1))).at[1, 3].set(spin)
@@ -98,11 +117,8 @@ class Ride(eqx.Module):
         )
         return position, velocity, acceleration
 
-    def pushed(self, held: Prescribed, forces: Held) -> tuple[Vector, Turns]:
-        """Return the force (N, in the world) and the moment (N m) of forces on the held nodes.
-
-        The moment is about the centre of mass, in the vehicle's axes.
-        """
+    def resultant(self, held: Prescribed, forces: Held) -> tuple[Vector, Turns]:
+        """Return force (N, world axes) and moment (N m, body axes) of forces on the held nodes."""
         axes = self.position.size
         on_nodes = forces[:, :axes]
         moment = jnp.sum(moments(held.position, product(on_nodes, self.attitude)), axis=0)
@@ -112,9 +128,9 @@ class Ride(eqx.Module):
 
 
 class Thrusters(eqx.Module):
-    """Thrusters that pull a vehicle back to where it started: proportional to distance and speed.
+    """Station-keeping thrusters: a PD law along and about the vehicle's axes, with limits.
 
-    Along and about the vehicle's axes, each up to a limit. All zero where there are none.
+    All zero without thrusters.
     """
 
     stiffness: Vector
@@ -128,24 +144,24 @@ class Thrusters(eqx.Module):
     max_force: Float[Array, ""]
     max_moment: Float[Array, ""]
 
-    def __call__(self, ride: Ride, set_point: Vector) -> tuple[Vector, Turns]:
+    def __call__(self, kinematics: VehicleKinematics, set_point: Vector) -> tuple[Vector, Turns]:
         """Return force (N) and moment (N m) in the vehicle's axes."""
-        turn = ride.attitude
-        off = product(ride.position - set_point, turn)
+        turn = kinematics.attitude
+        off = product(kinematics.position - set_point, turn)
         error = turn_of(turn)
-        force = -self.stiffness * off - self.damping * product(ride.velocity, turn)
-        moment = -self.turn_stiffness * error - self.turn_damping * ride.rate
+        force = -self.stiffness * off - self.damping * product(kinematics.velocity, turn)
+        moment = -self.turn_stiffness * error - self.turn_damping * kinematics.rate
         return (
             jnp.clip(force, -self.max_force, self.max_force),
             jnp.clip(moment, -self.max_moment, self.max_moment),
         )
 
 
-class Voyage(eqx.Module):
-    """Where a vehicle is, and what its thrusters do."""
+class VehicleOutput(eqx.Module):
+    """Pose and thrust of a vehicle."""
 
     pose: Float[Array, "*t channel"]
-    """Displacement from the start: `crinoid.space.CHANNELS`, of its centre of mass (m, rad)."""
+    """Displacement of its centre of mass (m, rad; `crinoid.foundation.axes.CHANNELS`)."""
     force: Float[Array, "*t d"]
     """Thrust along its axes (N)."""
     moment: Float[Array, "*t turns"]
@@ -153,9 +169,9 @@ class Voyage(eqx.Module):
 
 
 class Vehicle(eqx.Module):
-    """A rigid body in the water, with the water that it carries along (Fossen 2011, chapter 6).
+    """Rigid body in water, with its added mass (Fossen 2011, chapter 6).
 
-    With the slip ``s = v - u`` and the angular velocity ``w`` in its axes, its water has the
+    With the slip ``s = v - u`` and the angular velocity ``w`` in body axes, the added mass has the
     momentum ``p = M_a s`` and the angular momentum ``J_a w``; its force and moment are
     ``-(M_a ds/dt + w x p)`` and ``-(J_a dw/dt + w x J_a w + s x p)``.
     """
@@ -179,24 +195,32 @@ class Vehicle(eqx.Module):
     offset: Vector
     """Centre of mass at the start, in the arm's coordinates (m)."""
     thrusters: Thrusters
+    linear_drag: Vector | None = None
+    """Drag along its axes over ``s`` (N s/m)."""
+    angular_linear_drag: Turns | None = None
+    """Drag about its axes over ``w`` (N m s)."""
 
     @property
     def reach(self) -> Float[Array, ""]:
-        """Radius of gyration (m): what a turn moves."""
+        """Radius of gyration (m)."""
         return jnp.sqrt(jnp.max(self.inertia) / self.mass)
 
     def residual(
-        self, ride: Ride, flow_velocity: Vector, flow_acceleration: Vector
+        self, kinematics: VehicleKinematics, flow_velocity: Vector, flow_acceleration: Vector
     ) -> tuple[Vector, Turns]:
-        """Return minus the force (N) and, in its axes, minus the moment (N m) that are lacking."""
-        turn, rate = ride.attitude, ride.rate
-        slip = product(ride.velocity - flow_velocity, turn)
-        gain = product(ride.acceleration - flow_acceleration, turn) - swung(rate, slip)
+        """Return minus the unbalanced force (N, world axes) and moment (N m, body axes)."""
+        turn, rate = kinematics.attitude, kinematics.rate
+        slip = product(kinematics.velocity - flow_velocity, turn)
+        gain = product(kinematics.acceleration - flow_acceleration, turn) - rotation_velocity(
+            rate, slip
+        )
         water = self.added_mass * slip
         drag = self.drag * smooth_speed(slip**2) * slip
-        thrust, steering = self.thrusters(ride, self.offset)
-        along = self.added_mass * gain + swung(rate, water) + drag - thrust
-        force = self.mass * ride.acceleration - self.displaced * flow_acceleration
+        if self.linear_drag is not None:
+            drag = drag + self.linear_drag * slip
+        thrust, steering = self.thrusters(kinematics, self.offset)
+        along = self.added_mass * gain + rotation_velocity(rate, water) + drag - thrust
+        force = self.mass * kinematics.acceleration - self.displaced * flow_acceleration
         force = force + product(turn, along)
         up = jnp.asarray(np.eye(slip.size)[-1])
         whole = self.inertia + self.added_inertia
@@ -204,28 +228,29 @@ class Vehicle(eqx.Module):
             self.displaced * self.gravity * self.metacentric_height * moments(up, product(up, turn))
         )
         angular_drag = self.angular_drag * smooth_speed(rate**2) * rate
-        moment = whole * ride.hastening + moments(slip, water) + angular_drag - righting - steering
+        if self.angular_linear_drag is not None:
+            angular_drag = angular_drag + self.angular_linear_drag * rate
+        moment = (
+            whole * kinematics.angular_acceleration
+            + moments(slip, water)
+            + angular_drag
+            - righting
+            - steering
+        )
         if rate.size == 3:
             moment = moment + cross(rate, whole * rate)
         return force + (self.mass - self.displaced) * self.gravity * up, moment
 
-    def voyage(self, motion: Motion, attitude: Float[Array, "d d"]) -> Voyage:
-        """Return where the vehicle is, and what its thrusters do."""
-        axes, turns = self.offset.size, self.inertia.size
-        ride = Ride(
-            attitude,
-            motion.position[-2, :axes],
-            motion.velocity[-2, :axes],
-            motion.acceleration[-2, :axes],
-            motion.velocity[-1, :turns],
-            motion.acceleration[-1, :turns],
-        )
-        angles = motion.position[-1, :1] if axes == 2 else _angles(attitude)
-        pose = jnp.concatenate([ride.position - self.offset, angles])
-        return Voyage(pose, *self.thrusters(ride, self.offset))
+    def vehicle_output(self, motion: Motion, attitude: Float[Array, "d d"]) -> VehicleOutput:
+        """Return pose and thrust of the vehicle."""
+        rows = motion.position, motion.velocity, motion.acceleration
+        kinematics = VehicleKinematics.of(attitude, self.inertia.size, *rows)
+        angles = motion.position[-1, :1] if self.offset.size == 2 else _angles(attitude)
+        pose = jnp.concatenate([kinematics.position - self.offset, angles])
+        return VehicleOutput(pose, *self.thrusters(kinematics, self.offset))
 
     def mount(self, held: Prescribed, attitude: Float[Array, "d d"], turn: Turns) -> Mount:
-        """Return the mount of what a base holds where the vehicle is not moved."""
+        """Return the mount for a clamp given where the vehicle starts."""
         return Mount(
             Prescribed(held.position - self.offset, held.velocity, held.acceleration, held.frame),
             attitude,
@@ -234,16 +259,16 @@ class Vehicle(eqx.Module):
 
 
 def turn_of(rotation: Float[Array, "d d"]) -> Turns:
-    """Return the turn of a rotation matrix (rad) if it is small, else the sine of it."""
+    """Return the rotation vector of a small rotation (rad), else the sine of its angle."""
     if rotation.shape[0] == 2:
         return rotation[1, :1]
     difference = rotation - rotation.T
     return 0.5 * jnp.stack([difference[2, 1], difference[0, 2], difference[1, 0]])
 
 
-def swung(rate: Turns, points: Float[Array, "*many d"]) -> Float[Array, "*many d"]:
-    """Return the velocities of points of a body that turns about the origin."""
-    return rate[0] * turned(points) if rate.size == 1 else cross(rate, points)
+def rotation_velocity(rate: Turns, points: Float[Array, "*many d"]) -> Float[Array, "*many d"]:
+    """Return the velocities of points of a body that rotates about the origin."""
+    return rate[0] * rotate_90(points) if rate.size == 1 else cross(rate, points)
 
 
 def moments(
@@ -256,7 +281,7 @@ def moments(
 
 
 def _angles(attitude: Float[Array, "3 3"]) -> Float[Array, "3"]:
-    """Return pan, tilt and roll of a rotation, as `crinoid.base.Base` takes them (rad)."""
+    """Return pan, tilt and roll of a rotation (rad; `crinoid.base.Base`)."""
     tangent, director = attitude[:, 0], attitude[:, 1]
     pan, tilt = jnp.arctan2(tangent[1], tangent[0]), jnp.arcsin(jnp.clip(tangent[2], -1.0, 1.0))
     port = jnp.stack([-jnp.sin(pan), jnp.cos(pan), jnp.zeros(())])
@@ -265,11 +290,11 @@ def _angles(attitude: Float[Array, "3 3"]) -> Float[Array, "3"]:
 
 
 def unknowns(axes: int, width: int) -> tuple[int, ...]:
-    """Return which entries of a vehicle's rows, one after the other, it moves along."""
+    """Return the indices of a vehicle's unknowns among its two flattened rows."""
     turns = 1 if axes == 2 else 3
     return (*range(axes), *range(width, width + turns))
 
 
-def paired(force: Vector, moment: Turns, width: int) -> Held:
+def vehicle_rows(force: Vector, moment: Turns, width: int) -> Held:
     """Return a force and a moment as the rows of a vehicle."""
     return jnp.stack([jnp.pad(part, (0, width - part.size)) for part in (force, moment)])

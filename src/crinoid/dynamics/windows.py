@@ -1,24 +1,71 @@
-"""The elements of an arm on their windows: what acts on the same ones together, and its slopes."""
+"""Elements on their windows of nodes: groups that share windows, residuals and Jacobians."""
 
 from collections.abc import Iterable
+from dataclasses import replace
+from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid import chain
-from crinoid.dynamics.integrator import Stage
-from crinoid.elements import Course, Element, Linearised, Motion
+from crinoid.dynamics.integrator import StepMap
+from crinoid.elements import Element, Linearised, Motion, TangentDirection
+from crinoid.numerics import banded
+
+Rows = Float[Array, "rows b"]
+Points = Float[Array, "rows d"]
+
+
+class FlowPerturbation(NamedTuple):
+    """Change of the flow at the nodes."""
+
+    velocity: Float[Array, "n d"]
+    """m/s."""
+    acceleration: Float[Array, "n d"]
+    """Material acceleration (m/s2)."""
+
+
+class Surroundings(eqx.Module):
+    """Flow around given positions: the velocity to first order in position.
+
+    The acceleration too if it has a slope, as in statics.
+    """
+
+    position: Points
+    velocity: Points
+    acceleration: Points
+    """Material acceleration Du/Dt (m/s2)."""
+    velocity_slope: Float[Array, "rows d d"]
+    acceleration_slope: Float[Array, "rows d d"] | None = None
+
+    def at(self, position: Rows) -> tuple[Points, Points]:
+        """Return velocity and material acceleration near the positions."""
+        moved = (position[:, : self.position.shape[1]] - self.position)[:, None, :]
+        velocity = self.velocity + jnp.sum(self.velocity_slope * moved, axis=-1)
+        if self.acceleration_slope is None:
+            return velocity, self.acceleration
+        return velocity, self.acceleration + jnp.sum(self.acceleration_slope * moved, axis=-1)
+
+    def perturbed(self, perturbation: FlowPerturbation) -> "Surroundings":
+        """Return the surroundings with the flow at the nodes, the first rows, changed."""
+        nodes = slice(perturbation.velocity.shape[0])
+        return replace(
+            self,
+            velocity=self.velocity.at[nodes].add(perturbation.velocity),
+            acceleration=self.acceleration.at[nodes].add(perturbation.acceleration),
+        )
+
 
 Elements = tuple[Element, ...]
 Slopes = tuple[Array, Array | None]
 
 
 def groups(elements: Iterable[Element], axes: int) -> list[tuple[int, Elements]]:
-    """Return the elements that act on the same windows together, by their first node.
+    """Return the elements in groups that share windows, with their first node.
 
-    One pass over the windows then serves all of them: less to compile and to run. Those that
-    bring a Jacobian of their own gain nothing from that.
+    One pass over the windows serves a group: less to compile and to run. Elements with their own
+    Jacobian gain nothing from that.
     """
     found: dict[tuple[int, int, int, bool, bool], Elements] = {}
     for element in elements:
@@ -29,15 +76,15 @@ def groups(elements: Iterable[Element], axes: int) -> list[tuple[int, Elements]]
     return [(first, some) for (first, *_), some in found.items()]
 
 
-def gathered(element: Element, motion: Motion) -> Motion:
+def motion_windows(element: Element, motion: Motion) -> Motion:
     """Return the motion in all windows of an element."""
     axes, number = motion.flow_velocity.shape[1], count(element)
     width = motion.position.shape[1] if element.spins else axes
 
     def gather(rows: Array) -> Array:
-        return chain.gather(rows, element.first, number, element.stencil)
+        return banded.gather(rows, element.first, number, element.stencil)
 
-    return motion.windows(gather, (number,), width, turned=element.spins)
+    return motion.windows(gather, (number,), width, oriented=element.spins)
 
 
 def count(element: Element) -> int:
@@ -45,25 +92,25 @@ def count(element: Element) -> int:
     return int(jax.tree.leaves(element)[0].shape[0])
 
 
-def course(stage: Stage, slopes: Slopes) -> Course:
-    """Return how a window follows a correction; ``slopes`` are those of the water there."""
+def tangent_direction(stage: StepMap, slopes: Slopes) -> TangentDirection:
+    """Return the direction of a window's tangent; ``slopes`` are those of the water there."""
     by = (stage.by_position, stage.by_velocity, stage.by_acceleration)
-    return Course(*by, *slopes, stays=stage.stays)
+    return TangentDirection(*by, *slopes, fixed_fields=stage.fixed_fields)
 
 
 def jacobian(
-    course: Course, elements: Elements, window: Motion, load_factor: Array | None
+    direction: TangentDirection, elements: Elements, window: Motion, load_factor: Array | None
 ) -> Array:
     """Return d(residual)/d(correction) of one window: ``(k, b, k, b)``."""
-    known = [e for e in elements if isinstance(e, Linearised)]  # all of a group, or none
-    if known and "position" not in course.stays:
-        return jnp.sum(jnp.stack([e.jacobian(window, course) for e in known]), axis=0)
+    known = [e for e in elements if isinstance(e, Linearised)]  # all of a group or none
+    if known and "position" not in direction.fixed_fields:
+        return jnp.sum(jnp.stack([e.jacobian(window, direction) for e in known]), axis=0)
 
     def residual(window: Motion) -> Array:
         return jnp.sum(residuals(elements, window, load_factor), axis=0)
 
-    def along(direction: Float[Array, "k b"]) -> Array:
-        return course.derivative(residual, window, direction)
+    def along(correction: Float[Array, "k b"]) -> Array:
+        return direction.derivative(residual, window, correction)
 
     shape = window.position.shape
     basis = jnp.eye(shape[0] * shape[1]).reshape(-1, *shape)

@@ -1,22 +1,31 @@
-"""Force laws that act on the arm, each on a short run of neighbouring nodes."""
+"""Elements: force laws on the arm, each on a short run of neighbouring nodes.
 
-from crinoid.elements.body import Body as Body
+May import ``rod`` and ``compilation`` and ``actuation`` and lower folders.
+"""
+
+from crinoid.elements.bodies import Body as Body
+from crinoid.elements.bodies import Tool as Tool
 from crinoid.elements.contact import Contact as Contact
 from crinoid.elements.elastic import Bend as Bend
+from crinoid.elements.elastic import Inertia as Inertia
 from crinoid.elements.elastic import Stretch as Stretch
 from crinoid.elements.element import ENERGIES as ENERGIES
 from crinoid.elements.element import WORKS as WORKS
-from crinoid.elements.element import Course as Course
 from crinoid.elements.element import Element as Element
 from crinoid.elements.element import Linearised as Linearised
 from crinoid.elements.element import Motion as Motion
-from crinoid.elements.inertia import Inertia as Inertia
+from crinoid.elements.element import TangentDirection as TangentDirection
 from crinoid.elements.loads import DistributedLoad as DistributedLoad
 from crinoid.elements.loads import TipLoad as TipLoad
+from crinoid.elements.material import Material as Material
+from crinoid.elements.planar_threads import PlanarThreads as PlanarThreads
 from crinoid.elements.spatial import BendTwist as BendTwist
-from crinoid.elements.threads import PlanarThreads as PlanarThreads
 from crinoid.elements.threads import Threads as Threads
-from crinoid.elements.tool import Tool as Tool
+from crinoid.elements.vortices import Oscillator as Oscillator
+from crinoid.elements.vortices import Synchronisation as Synchronisation
+from crinoid.elements.vortices import VortexForces as VortexForces
+from crinoid.elements.vortices import Vortices as Vortices
+from crinoid.elements.vortices import WakeOscillator as WakeOscillator
 from crinoid.elements.water import AddedMass as AddedMass
 from crinoid.elements.water import Drag as Drag
 from crinoid.elements.water import Weight as Weight

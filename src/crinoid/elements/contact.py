@@ -1,4 +1,4 @@
-"""Contact of the arm with rigid bodies: a soft skin that keeps them apart, and friction in it."""
+"""Contact of the arm with rigid bodies: a penalty force in a soft skin, and friction."""
 
 from typing import ClassVar
 
@@ -7,9 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from crinoid.elements.element import Element, Motion
-from crinoid.elements.geometry import unit
-from crinoid.frames import cross
-from crinoid.products import product
+from crinoid.numerics.frames import cross, unit
+from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
 
 SKIN = 0.05
@@ -17,39 +16,38 @@ SKIN = 0.05
 _STRENGTH = 32.0
 """Force where the surfaces meet, over the modulus and the squared radius of the arm."""
 _EASE = 0.01
-"""How strongly the point of contact is drawn to the middle of an edge."""
+"""Weight that draws the point of contact to the middle of an edge."""
 _DAMPING = 0.2
-"""Damping ratio of the skin of what rubs: a hit gives back about half of its speed."""
+"""Damping ratio of the skin of a rough surface: a hit returns about half of its speed."""
 _CREEP = 1e-3
-"""Sliding speed at which friction has come on (m/s)."""
+"""Sliding speed at which friction is fully developed (m/s)."""
 
 
 class Contact(Element):
     """Contact of an edge, a capsule as thick as the arm, with one obstacle.
 
-    A window holds the two nodes of the edge and the obstacle's position. The obstacle is a sphere,
-    a capsule whose core reaches ``half_axis`` to both sides of its position (a cylinder's core has
-    no end in sight), or the half space behind a plane.
+    A window has the two nodes of the edge and the obstacle's position. The obstacle is a sphere, a
+    capsule whose core extends ``half_axis`` to both sides of its position (a cylinder has a very
+    long core), or the half space behind a plane.
 
     The gap ``g`` is the least distance of the surfaces. Within a skin ``d``, a twentieth of the
     radius outside the arm's surface, a force ``F (1 - g / d)^4`` keeps them apart, the gradient of
     a potential: soft at first, and by far strong enough before the surfaces meet, where it is
     ``F = 32 E r^2``, with the modulus ``E`` that bends the arm.
 
-    Where the point of least distance would jump from end to end of the edge, as it does when the
-    arm lies flat on something, it is drawn to the middle: the distance is the root of
+    Where the point of least distance would jump from end to end of the edge, as for an arm that
+    lies flat on a plane, it is drawn to the middle: the distance is the root of
     ``min_s |x(s) - c|^2 + _EASE |e|^2 (s - 1/2)^2``. So its gradient is continuous, and the force
     does not change the momentum or the angular momentum of the two.
 
-    A surface that rubs also damps: a dashpot ``2 _DAMPING sqrt(k m)``, by the skin's stiffness
+    A rough surface also damps: a dashpot ``2 _DAMPING sqrt(k m)``, by the skin's stiffness
     ``k`` at this depth and the reduced mass, acts against the rate of the gap and never pulls.
     Without it the skin chatters under an arm that slides.
 
     Friction is Coulomb's, ``-mu N v / sqrt(v^2 + creep^2)`` with the sliding velocity ``v`` of
-    the surfaces: at rest there is none, a body that sticks creeps by less than 1 mm/s. It acts on
-    the arm's surface. There the edge's turning adds to the velocity, and the moment about the axis
-    goes back into the edge: as a couple on its ends and, in space, a torque about it. Obstacles do
-    not spin.
+    the surfaces: zero at rest, so a body that sticks creeps by less than 1 mm/s. It acts on the
+    arm's surface, where the rotation of the edge adds to the velocity; its moment about the axis is
+    a couple on the ends of the edge and, in space, a torque about it. Obstacles do not spin.
     """
 
     stencil: ClassVar[int] = 3
@@ -62,10 +60,10 @@ class Contact(Element):
     radius: Float[Array, "*count"]
     half_axis: Float[Array, "*count d"]
     normal: Float[Array, "*count d"]
-    """Out of the half space; zero for what is round."""
+    """Outward normal of the half space; zero for round obstacles."""
     friction: Float[Array, "*count"]
     mass: Float[Array, "*count"]
-    """Reduced mass of edge and obstacle (kg): what a hit has to turn back."""
+    """Reduced mass of edge and obstacle (kg)."""
 
     @staticmethod
     def of(
@@ -79,10 +77,10 @@ class Contact(Element):
     ) -> "Contact":
         """Pair every edge of a rod with every one of ``m`` obstacles.
 
-        ``radius`` and ``half_axis`` in m, ``mass`` in kg, infinite for what the arm cannot move.
+        ``radius`` and ``half_axis`` in m, ``mass`` in kg, infinite for an immovable obstacle.
         """
         arm_radius = _at_edges(rod.diameter) / 2
-        # in space that of the stiffer way to bend
+        # in space that of the stiffer direction
         stiffness = jnp.max(rod.EI.reshape(rod.nodes, -1), axis=1)
         modulus = _at_edges(stiffness) / (jnp.pi / 4 * arm_radius**4)
         edges, obstacles = arm_radius.shape[0], radius.shape[0]
@@ -104,7 +102,7 @@ class Contact(Element):
 
     @property
     def axes(self) -> int:
-        """Number of axes that a position has: columns of a row past them are an edge's spin."""
+        """Number of axes of a position; a further column of a row is an edge's spin."""
         return self.half_axis.shape[-1]
 
     @property
@@ -125,7 +123,7 @@ class Contact(Element):
         """Return the force of skin and dashpot (N), by the gap (m) and its rate (m/s)."""
         _, force = self.press(gap)
         rubs = (force > 0) & (self.friction > 0)
-        depth = jnp.where(rubs, 1.0 - gap / self.skin, 1.0)  # whose root has a slope
+        depth = jnp.where(rubs, 1.0 - gap / self.skin, 1.0)  # a root with a finite slope
         dashpot = 4.0 * _DAMPING * jnp.sqrt(self.mass * self.strength * depth**3 / self.skin)
         return jnp.where(rubs, jnp.maximum(force - dashpot * rate, 0.0), force)
 
@@ -156,7 +154,7 @@ class Contact(Element):
         rubbing = (
             -self.friction * pressing * sliding / jnp.sqrt(product(sliding, sliding) + _CREEP**2)
         )
-        # likewise the moment lever x rubbing, but for what of it is about the edge
+        # likewise the moment lever x rubbing, without its part about the edge
         couple = (rubbing * product(edge, lever) - lever * product(edge, rubbing)) / length
         rubbed = jnp.stack([at_axis[0] * rubbing - couple, at_axis[1] * rubbing + couple, -rubbing])
         forces = pressing * slopes + rubbed
@@ -166,7 +164,7 @@ class Contact(Element):
         return gap, forces
 
     def _closest(self, position: Float[Array, "3 d"]) -> tuple[Array, Array, Array]:
-        """Return the gap, its gradient by the three positions, and where along the edge it is."""
+        """Return the gap, its gradient by the three positions, and its place along the edge."""
         near, far, place = position
         edge, apart = far - near, near - place
         flat = jnp.any(self.normal != 0)
@@ -184,7 +182,7 @@ class Contact(Element):
         off = share - 0.5
         between = apart + share * edge - along * self.half_axis
         eased = _EASE * off**2 * edge
-        # what is flat has no distance from its position: keep the branch not taken finite
+        # a plane has no distance from its position: keep the unused branch finite
         distance = jnp.sqrt(
             product(between, between) + product(eased, edge) + jnp.finfo(float).tiny
         )

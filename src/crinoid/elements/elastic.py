@@ -1,18 +1,57 @@
-"""Elasticity of a discrete rod, with Kelvin-Voigt damping on every strain: stretch, planar bend.
+"""Elasticity of a discrete rod: stretch, planar bend.
 
-A strain ``s`` of a window stores ``1/2 K (s - s_rest)^2``; its stress is
-``K (s - s_rest + damping_time ds/dt)``, and the force is the stress times ``grad s``.
+A strain ``s`` of a window stores ``1/2 K (s - s_rest)^2``. Its stress, ``K`` times that of a
+`Material`, acts as a force along ``grad s``.
 """
 
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.elements.element import Course, Element, Linearised, Motion
-from crinoid.elements.geometry import bend_strain, turned, unit
+from crinoid.elements.element import Element, Linearised, Motion, TangentDirection
+from crinoid.elements.material import Material
+from crinoid.numerics.frames import rotate_90, unit
+from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
+from crinoid.rod.reference import mass_matrices
+
+
+class Inertia(Element):
+    """Inertia: ``m a`` along each edge, and in space ``I`` times the acceleration of its spin."""
+
+    stencil: ClassVar[int] = 2
+    stored: ClassVar[str] = "kinetic"
+    spins: ClassVar[bool] = True
+    first: int = eqx.field(static=True)
+    mass: Float[Array, "*count 2 2"]
+    """Mass matrix of an edge (kg)."""
+    spin: Float[Array, "*count turns"]
+    """Moment of inertia of the edge about its axis in space (kg m2)."""
+
+    @staticmethod
+    def of(rod: Rod) -> "Inertia":
+        """Build the inertia of a rod."""
+        mass = mass_matrices(rod.edge_mass)
+        spin = rod.spin_inertia
+        spin = jnp.zeros((mass.shape[0], 0)) if spin is None else spin[:, None]
+        return Inertia(1, mass, spin)
+
+    def residual(self, motion: Motion) -> Float[Array, "2 b"]:
+        return self._momentum(motion.acceleration)
+
+    def energy(self, motion: Motion) -> Float[Array, ""]:
+        return 0.5 * jnp.sum(self._momentum(motion.velocity) * motion.velocity)
+
+    def working(self, motion: Motion) -> None:
+        return None
+
+    def _momentum(self, velocity: Float[Array, "2 b"]) -> Float[Array, "2 b"]:
+        axes = velocity.shape[1] - self.spin.size
+        moving = product(self.mass, velocity[:, :axes])
+        spinning = jnp.stack([jnp.zeros_like(self.spin), self.spin * velocity[1, axes:]])
+        return jnp.concatenate([moving, spinning], axis=1)
 
 
 class Stretch(Element):
@@ -26,28 +65,37 @@ class Stretch(Element):
     """Stretching stiffness (N)."""
     rest_length: Float[Array, "*count"]
     """Length of the edge at rest (m)."""
-    damping_time: Float[Array, "*count"]
-    """Viscosity over modulus (s)."""
+    material: Material
+    memory: Any = None
+    step: Float[Array, "*count"] | None = None
 
     @staticmethod
     def of(rod: Rod) -> "Stretch":
         """Build the edges of a rod."""
-        damping_time = jnp.broadcast_to(rod.damping_time, rod.EA.shape)
-        return Stretch(1, rod.EA, rod.chord_length, damping_time)
+        return Stretch(1, rod.EA, rod.chord_length, Material.of(rod, rod.EA.size))
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
         strain, rate, direction = self._strain(motion)
-        force = self.EA * (strain + self.damping_time * rate) * direction
+        stress = self.material.stress(strain, rate, self.memory, self.step)
+        force = self.EA * stress * direction
         return jnp.stack([-force, force])
 
     def working(self, motion: Motion) -> Float[Array, "2 b"]:
-        _, rate, direction = self._strain(motion)
-        force = self.EA * self.damping_time * rate * direction
+        strain, rate, direction = self._strain(motion)
+        stress = self.material.viscous_stress(strain, rate, self.memory, self.step)
+        force = self.EA * stress * direction
         return jnp.stack([force, -force])
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
         strain, _, _ = self._strain(motion)
-        return 0.5 * self.EA * self.rest_length * strain**2
+        energy = self.material.energy(strain, self.memory, self.step)
+        return self.EA * self.rest_length * energy
+
+    def steady(self, motion: Motion) -> Any:
+        return self.material.steady(self._strain(motion)[0])
+
+    def advance(self, motion: Motion) -> Any:
+        return self.material.advance(self._strain(motion)[0], self.memory, self.step)
 
     def _strain(self, motion: Motion) -> tuple[Array, Array, Array]:
         direction, length = unit(motion.position[1] - motion.position[0])
@@ -73,11 +121,11 @@ class Turn(NamedTuple):
 
     @staticmethod
     def of(position: Float[Array, "3 2"]) -> "Turn":
-        """Observe the turn of three nodes."""
+        """Return the turn at the middle one of three nodes."""
         edges = position[1:] - position[:-1]
         lengths = jnp.sqrt(jnp.sum(edges**2, axis=1))[:, None]
         directions = edges / lengths
-        normals = turned(directions)
+        normals = rotate_90(directions)
         before, after = directions
         half = jnp.sum(normals[0] * after) / (1.0 + jnp.sum(before * after))  # its tangent
         secant = jnp.sqrt(1.0 + half**2)
@@ -93,7 +141,7 @@ class Turn(NamedTuple):
         )
 
     def along(self, moved: Float[Array, "3 2"]) -> Float[Array, "3 2"]:
-        """Return how the gradient changes where the nodes are moved."""
+        """Return the change of the gradient for displacements of the nodes."""
         on_first, on_second = jnp.sum(self.curved * (moved[1:] - moved[:-1])[:, None], axis=-1)
         return jnp.stack([-on_first, on_first - on_second, on_second])
 
@@ -104,7 +152,7 @@ class Turn(NamedTuple):
 
 
 def by_nodes(first: Float[Array, "2 2"], second: Float[Array, "2 2"]) -> Float[Array, "3 2 3 2"]:
-    """Return second derivatives by three nodes from those by the vectors of the edges between."""
+    """Return second derivatives by three nodes from those by the vectors of their edges."""
     none = jnp.zeros((2, 2))
     rows = [[first, -first, none], [-first, first + second, -second], [none, -second, second]]
     return jnp.stack([jnp.stack(row, axis=1) for row in rows])
@@ -113,11 +161,11 @@ def by_nodes(first: Float[Array, "2 2"], second: Float[Array, "2 2"]) -> Float[A
 class Bend(Linearised):
     """Bend at a node between two edges: ``s`` is the turn (``bend_strain``), and ``K = EI / l``.
 
-    ``l`` is the length over which the node gathers the bend (after Bergou et al. 2008, eq. 1; 2010,
-    section 4.1.1). The strain grows without bound as the edges fold onto each other, so an arm does
-    not snap through a fold.
+    ``l`` is the length over which the node integrates the bend (after Bergou et al. 2008, eq. 1;
+    2010, section 4.1.1). The strain grows without bound as the edges fold onto each other, so an
+    arm does not snap through a fold.
     At the root the first edge of the window is the ghost edge of the clamp, and the node owns half
-    an edge: that keeps the clamp at the root itself.
+    an edge, which places the clamp at the root itself.
     """
 
     stencil: ClassVar[int] = 3
@@ -128,19 +176,19 @@ class Bend(Linearised):
     """``EI / l`` (N m)."""
     rest_strain: Float[Array, "*count"]
     """Strain without load (rad)."""
-    damping_time: Float[Array, "*count"]
-    """Viscosity over modulus (s)."""
+    material: Material
+    memory: Any = None
+    step: Float[Array, "*count"] | None = None
 
     @staticmethod
     def of(rod: Rod, *, pinned: bool = False) -> "Bend":
-        """Build the nodes of a rod but its tip; a pinned root resists no bending."""
+        """Build the bending of a rod, without its tip; a pinned root has no stiffness."""
         stiffness = rod.EI[:-1] / rod.strain_length[:-1, 0]
         if pinned:
             stiffness = stiffness.at[0].set(0.0)
-        damping_time = jnp.broadcast_to(rod.damping_time, stiffness.shape)
         tangent = jnp.tan(0.5 * rod.rest_turn[:-1])
         rest = bend_strain(tangent, jnp.sqrt(1.0 + tangent**2))
-        return Bend(0, stiffness, rest, damping_time)
+        return Bend(0, stiffness, rest, Material.of(rod, stiffness.size))
 
     def residual(self, motion: Motion) -> Float[Array, "3 2"]:
         turn = Turn.of(motion.position)
@@ -148,15 +196,17 @@ class Bend(Linearised):
 
     def working(self, motion: Motion) -> Float[Array, "3 2"]:
         turn = Turn.of(motion.position)
-        moment = self.stiffness * self.damping_time * self._rate(turn, motion)
-        return -moment * turn.growth * turn.gradient
+        strain, rate = turn.strain - self.rest_strain, self._rate(turn, motion)
+        stress = self.material.viscous_stress(strain, rate, self.memory, self.step)
+        return -self.stiffness * stress * turn.growth * turn.gradient
 
-    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 2 3 2"]:
-        turn, viscous = Turn.of(motion.position), self.stiffness * self.damping_time
-        moment, grows, by_position = self._moment(turn, motion), turn.growth, course.by_position
+    def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "3 2 3 2"]:
+        turn, viscous = Turn.of(motion.position), self.stiffness * self.material.damping_time
+        stiffness = self.stiffness * self.material.slope(self.memory, self.step)
+        moment, grows, by_position = self._moment(turn, motion), turn.growth, direction.by_position
         speed = jnp.sum(turn.gradient * motion.velocity)
-        by_turn = by_position * self.stiffness * grows + viscous * (
-            course.by_velocity * grows + by_position * turn.growth_slope * speed
+        by_turn = by_position * stiffness * grows + viscous * (
+            direction.by_velocity * grows + by_position * turn.growth_slope * speed
         )
         of_moment = by_turn * turn.gradient + (
             by_position * viscous * grows * turn.along(motion.velocity)
@@ -168,17 +218,34 @@ class Bend(Linearised):
         )
 
     def strains(self, motion: Motion) -> Float[Array, "1"]:
-        """Return the strain, as the one of a window."""
+        """Return the strain of a window."""
         return Turn.of(motion.position).strain[None]
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
-        turn = Turn.of(motion.position)
-        return 0.5 * self.stiffness * (turn.strain - self.rest_strain) ** 2
+        strain = Turn.of(motion.position).strain - self.rest_strain
+        return self.stiffness * self.material.energy(strain, self.memory, self.step)
+
+    def steady(self, motion: Motion) -> Any:
+        return self.material.steady(Turn.of(motion.position).strain - self.rest_strain)
+
+    def advance(self, motion: Motion) -> Any:
+        strain = Turn.of(motion.position).strain - self.rest_strain
+        return self.material.advance(strain, self.memory, self.step)
 
     def _moment(self, turn: Turn, motion: Motion) -> Float[Array, ""]:
-        strained = turn.strain - self.rest_strain + self.damping_time * self._rate(turn, motion)
-        return self.stiffness * strained
+        strain, rate = turn.strain - self.rest_strain, self._rate(turn, motion)
+        return self.stiffness * self.material.stress(strain, rate, self.memory, self.step)
 
     @staticmethod
     def _rate(turn: Turn, motion: Motion) -> Float[Array, ""]:
         return turn.growth * jnp.sum(turn.gradient * motion.velocity)
+
+
+def bend_strain(tangent: Float[Array, "..."], secant: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Return the strain of a bend from tangent and secant of half its angle.
+
+    ``(2 tan(a / 2) + 4 sin(a / 2)) / 3``, a mean of Snell's and Huygens's bounds of the arc: the
+    angle ``a`` to within ``a^5 / 320``, yet unbounded as the edges fold onto each other. The
+    binormal ``2 tan(a / 2)`` alone would stiffen a bend by ``a^2 / 3``.
+    """
+    return 2.0 / 3.0 * tangent * (1.0 + 2.0 / secant)

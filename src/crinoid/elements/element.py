@@ -1,29 +1,30 @@
-"""The one interface between physics and numerics: a force law on a short run of nodes."""
+"""Element: a force law on a few consecutive nodes, the interface of physics and numerics."""
 
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from operator import attrgetter
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.frames import Orientation, cross, dot
+from crinoid.numerics.frames import Orientation, cross, dot
 
 ENERGIES = ("kinetic", "elastic", "potential")
-"""Stored energies of the ledger."""
+"""Stored energies of the balance."""
 WORKS = ("drag", "damping", "actuation", "loads", "added_mass", "tool", "contact")
-"""Running works of the ledger: together they equal the change of the stored energies."""
+"""Works of the balance: their sum equals the change of the stored energies."""
 
 
 class Motion(eqx.Module):
-    """How ``k`` nodes move, and how the water moves where they are. SI units.
+    """Motion of ``k`` nodes and of the water there. SI units.
 
     The arrays have a leading axis, ``count``, for all windows of an element together. A node has
-    ``b`` coordinates: its position along ``d`` axes and, of a spatial arm that spins, the angle by
-    which the edge that ends at it has spun about itself (rad).
+    ``b`` coordinates: its position along ``d`` axes and, in space, the spin: the angle by which the
+    edge that ends at it has turned about its axis (rad).
     """
 
     position: Float[Array, "*count k b"]
@@ -39,11 +40,11 @@ class Motion(eqx.Module):
     time: Float[Array, "*count"]
     """Time (s)."""
     orientation: Orientation | None = None
-    """Orientation of the edges in space; None for elements that see positions only."""
+    """Orientation of the edges in space; None for elements without spins."""
     drive: Float[Array, "*count drive"] | None = None
-    """Drives of the actuators (`crinoid.Actuator`), each in its own unit."""
+    """Drives of the actuators (`crinoid.Actuator`), each in its unit."""
     line: Float[Array, "*count line"] | None = None
-    """Loads of lines (``crinoid.dynamics.lines``): tensions (N), pressures (Pa)."""
+    """Loads of lines (``crinoid.dynamics.threads``): tensions (N), pressures (Pa)."""
 
     def windows(
         self,
@@ -51,11 +52,11 @@ class Motion(eqx.Module):
         count: tuple[int, ...],
         width: int,
         *,
-        turned: bool = False,
+        oriented: bool = False,
     ) -> "Motion":
         """Return the motion of ``count`` windows, which ``take`` cuts from the rows of an array.
 
-        They have the first ``width`` coordinates, and the orientation of the edges if ``turned``.
+        With the first ``width`` coordinates, and the orientation of the edges if ``oriented``.
         """
         return Motion(
             take(self.position[:, :width]),
@@ -64,7 +65,7 @@ class Motion(eqx.Module):
             take(self.flow_velocity),
             take(self.flow_acceleration),
             jnp.broadcast_to(self.time, count),
-            jax.tree.map(take, self.orientation) if turned else None,
+            jax.tree.map(take, self.orientation) if oriented else None,
             *(
                 None if all_ is None else jnp.broadcast_to(all_, (*count, all_.size))
                 for all_ in (self.drive, self.line)
@@ -72,8 +73,8 @@ class Motion(eqx.Module):
         )
 
 
-class Course(eqx.Module):
-    """How the motion of a window follows a correction of its nodes."""
+class TangentDirection(eqx.Module):
+    """Direction of a tangent: change of the motion of a window per correction of its nodes."""
 
     by_position: Float[Array, "*count"]
     """Change of the positions over the correction (1)."""
@@ -84,9 +85,9 @@ class Course(eqx.Module):
     velocity_slope: Float[Array, "*count k d d"]
     """Derivative of the water's velocity along the axes of space, the last index (1/s)."""
     acceleration_slope: Float[Array, "*count k d d"] | None = None
-    """Derivative of its material acceleration (1/s2); where it is left out, None."""
-    stays: tuple[str, ...] = eqx.field(static=True, default=())
-    """Which of position and velocity no correction changes."""
+    """Derivative of its material acceleration (1/s2); None if it is omitted."""
+    fixed_fields: tuple[str, ...] = eqx.field(static=True, default=())
+    """Fields that no correction changes, of position and velocity."""
 
     def derivative(
         self,
@@ -94,18 +95,18 @@ class Course(eqx.Module):
         motion: Motion,
         direction: Float[Array, "k b"],
     ) -> Float[Array, "k b"]:
-        """Return how a residual changes where the nodes are corrected along ``direction``."""
+        """Return the derivative of a residual for a correction of the nodes along ``direction``."""
         change = self._tangent(motion, direction)
         changes = jax.tree.map(lambda x: x is not None, change, is_leaf=lambda x: x is None)
         moving, still = eqx.partition(motion, changes)
         return jax.jvp(lambda m: residual(eqx.combine(m, still)), (moving,), (change,))[1]
 
     def _tangent(self, motion: Motion, direction: Float[Array, "k b"]) -> Motion:
-        """Return how the motion changes, with None for what stays as it is."""
+        """Return the change of the motion, with None for unchanged fields."""
         changes = {"acceleration": self.by_acceleration * direction}
-        if "velocity" not in self.stays:
+        if "velocity" not in self.fixed_fields:
             changes["velocity"] = self.by_velocity * direction
-        if "position" not in self.stays:
+        if "position" not in self.fixed_fields:
             moved = self.by_position * direction
             changes["position"] = moved
             flows = moved[:, None, : motion.flow_velocity.shape[-1]]
@@ -124,9 +125,9 @@ class Course(eqx.Module):
 
 
 def _turning(motion: Motion, moved: Float[Array, "k b"]) -> Float[Array, "k 3"]:
-    """Return how the directors of a window turn; their twist an element works out from them."""
+    """Return the change of the directors of a window, from which elements compute twists."""
     assert motion.orientation is not None
-    # of the edge that ends at the first node the window shows one end only
+    # the edge that ends at the first node is not in the window
     edge, moving = jnp.diff(motion.position[:, :3], axis=0), jnp.diff(moved[:, :3], axis=0)
     length = jnp.sqrt(dot(edge, edge))[:, None]
     tangent, director = edge / length, motion.orientation.director[1:]
@@ -140,27 +141,33 @@ class Element(eqx.Module):
     """A force law that repeats along the arm.
 
     Every field that is an array has the windows of ``stencil`` consecutive nodes as its leading
-    axis; the methods see one window, without that axis. The sum of the residuals of all elements
-    vanishes where the arm moves as it should:
-    ``M a + (internal forces) - (forces from outside) = 0``.
+    axis; the methods see one window, without that axis. The equation of motion is that the
+    residuals of all elements add up to zero:
+    ``M a + (internal forces) - (external forces) = 0``.
 
-    Only ``residual`` matters to the motion: its tangent matrix is taken by forward-mode
-    differentiation. The rest keeps the energy ledger.
+    Only ``residual`` affects the motion: its tangent matrix follows by forward-mode
+    differentiation. ``energy`` and ``working`` serve the energy balance.
+
+    A force law with a *memory*, such as a material that relaxes, also has the methods ``steady``
+    and ``advance``, and two more fields, None by default: ``memory``, that at the start of a time
+    step, and ``step``, the length of the step (s). Both are None in an equilibrium and in its
+    stiffness. The memory is any pytree of floats and follows from the motion at the end of the
+    step, so it adds no unknowns.
     """
 
     stencil: ClassVar[int]
-    """How many consecutive nodes one window holds (1 to 3)."""
+    """Number of consecutive nodes in a window (1 to 3)."""
     spins: ClassVar[bool] = False
-    """Whether this depends on the spin of edges in space; if not it sees positions only."""
+    """Whether it depends on the spin of edges in space; if not, it sees positions only."""
     external: ClassVar[bool] = False
-    """Whether this comes from outside, so that a static solve may bring it on step by step."""
+    """Whether it is an external force, which a static solve may apply in steps."""
     stored: ClassVar[str] = "potential"
-    """Which of `crinoid.elements.ENERGIES` receives ``energy``."""
+    """Name in `crinoid.elements.ENERGIES` under which ``energy`` counts."""
     worked: ClassVar[str] = "loads"
-    """Which of `crinoid.elements.WORKS` receives what ``working`` does."""
+    """Name in `crinoid.elements.WORKS` under which the work of ``working`` counts."""
 
     first: eqx.AbstractVar[int]
-    """The node at which the first window starts; node 0 is the ghost behind the root."""
+    """Node at which the first window starts; node 0 is the ghost behind the root."""
 
     @abstractmethod
     def residual(self, motion: Motion) -> Float[Array, "k b"]:
@@ -173,18 +180,32 @@ class Element(eqx.Module):
     def working(self, motion: Motion) -> Float[Array, "k b"] | None:
         """Return the force on each node (N, N m) whose work ``energy`` does not store.
 
-        None where it stores the work of all.
+        None if it stores all work.
         """
         return -self.residual(motion)
 
+    def remembering(self, memory: Any, step: Array | None) -> "Element":
+        """Return the element with its memory at the start of a step, or without one."""
+        return replace(self, memory=memory, step=step)  # type: ignore[call-arg]
+
+    def steady(self, motion: Motion) -> Any:
+        """Return the memory of a window at the start of a run; None for a law without memory."""
+        return None
+
+    def advance(self, motion: Motion) -> Any:
+        """Return the memory of a window at the end of the step, from the motion there.
+
+        A step of length 0 changes nothing.
+        """
+        return None
+
 
 class Linearised(Element):
-    """A force law with a tangent matrix of its own, where that is measured to be faster.
+    """Force law with a hand-written tangent matrix, where that is measured to be faster.
 
-    At the start of a motion, where only accelerations are sought, ``residual`` is differentiated
-    all the same.
+    For the accelerations at the start of a motion ``residual`` is differentiated nevertheless.
     """
 
     @abstractmethod
-    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "k b k b"]:
+    def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "k b k b"]:
         """Return d(residual)/d(correction) of a window."""

@@ -1,4 +1,4 @@
-"""Loads that a user puts on the arm."""
+"""Prescribed loads: forces per length, and force and moment at the tip."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -7,21 +7,29 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.chain import widened
 from crinoid.elements.element import Element, Motion
-from crinoid.elements.geometry import beyond, turned, unit
-from crinoid.frames import cross, dot, spun, transport, twist_between
-from crinoid.onset import Onset
+from crinoid.numerics.banded import pad_columns
+from crinoid.numerics.frames import (
+    beyond,
+    cross,
+    dot,
+    rotate_90,
+    spun,
+    transport,
+    twist_between,
+    unit,
+)
+from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod
 
 Vector = Sequence[float] | Array
 
 
 class DistributedLoad(Element):
-    """A force per length of the arm at rest: along its tangent, its normal, or a fixed direction.
+    """Force per rest length of the arm: along its tangent, its normal, or a fixed direction.
 
-    The first two follow the arm; the normal is the tangent turned from +x toward +z, which in
-    space is the director m_2.
+    The first two are follower loads; the normal is the tangent rotated from +x toward +z, in space
+    the director m_2.
     """
 
     stencil: ClassVar[int] = 2
@@ -34,7 +42,7 @@ class DistributedLoad(Element):
     normal: Float[Array, "*count"]
     """Force along the normal on each end of an edge (N)."""
     fixed: Float[Array, "*count d"]
-    """Force that does not turn with the arm on each end of an edge (N)."""
+    """Dead force on each end of an edge (N)."""
     onset: Onset
 
     @staticmethod
@@ -46,7 +54,7 @@ class DistributedLoad(Element):
         fixed: Vector | None = None,
         onset: Onset | None = None,
     ) -> "DistributedLoad":
-        """Build the load of a rod from its three parts (N/m), there from the start by default."""
+        """Build the load of a rod from its three parts (N/m), by default from the start on."""
         share = rod.rest_length / 2
         fixed = (0.0,) * rod.axes if fixed is None else fixed
         return DistributedLoad(
@@ -61,7 +69,7 @@ class DistributedLoad(Element):
         axes = self.fixed.shape[-1]
         tangent, _ = unit(motion.position[1, :axes] - motion.position[0, :axes])
         if motion.orientation is None:
-            normal = turned(tangent)
+            normal = rotate_90(tangent)
         else:
             normal = cross(tangent, motion.orientation.director[1])
         force = self.tangential * tangent + self.normal * normal + self.fixed
@@ -71,11 +79,11 @@ class DistributedLoad(Element):
 class TipLoad(Element):
     """A force and a moment on the tip.
 
-    Dead ones keep their direction; followers are given in the directions that they have on a
-    straight arm along +x that is not turned, and turn with the arm's tip. Its frame is carried on
-    from those of the last two edges (the last edge alone would stand as the arm does half an edge
-    earlier). The moment is a couple on the ends of the last edge, normal to it, and in space a
-    torque about it; in the plane it is positive from +x toward +z, in space by the right hand.
+    Dead loads keep their direction; follower loads are given for a straight arm along +x, and turn
+    with the tip. The tip's frame is extrapolated from those of the last two edges (that of the last
+    edge is the arm's half an edge before the tip). The moment is a couple on the ends of the last
+    edge, normal to it, and in space a torque about it; in the plane it is positive from +x toward
+    +z, in space by the right-hand rule.
     """
 
     stencil: ClassVar[int] = 3
@@ -88,9 +96,9 @@ class TipLoad(Element):
     follower_force: Float[Array, "*count d"]
     """Force that turns with the tip (N)."""
     moment: Float[Array, "*count turns"]
-    """One number in the plane, a vector in space."""
+    """Dead moment: one number in the plane, a vector in space (N m)."""
     follower_moment: Float[Array, "*count turns"]
-    """Moment that turns with the tip; in the plane it does the same as ``moment``."""
+    """Moment that turns with the tip; in the plane equivalent to ``moment`` (N m)."""
     onset: Onset
 
     @staticmethod
@@ -103,7 +111,7 @@ class TipLoad(Element):
         follower_moment: float | Vector | None = None,
         onset: Onset | None = None,
     ) -> "TipLoad":
-        """Build the load (N, N m) on the tip of a rod, there from the start by default."""
+        """Build the load (N, N m) on the tip of a rod, by default from the start on."""
 
         def vector(given: float | Vector | None, size: int) -> Float[Array, "1 size"]:
             return jnp.asarray((0.0,) * size if given is None else given, float).reshape(1, size)
@@ -124,11 +132,11 @@ class TipLoad(Element):
         last, length = unit(place[2] - place[1])
         tip = beyond(before, last)
         if motion.orientation is None:
-            axes = jnp.stack([tip, turned(tip)])
+            axes = jnp.stack([tip, rotate_90(tip)])
             moment = (self.moment + self.follower_moment)[0]
-            couple, torque = moment / length * turned(last), None
+            couple, torque = moment / length * rotate_90(last), None
         else:
-            # the last frame, turned on along with its tangent and by half of the last twist
+            # the last frame, transported to the tip's tangent and spun by half of the last twist
             director = motion.orientation.director
             expected = motion.orientation.twist[1]
             twist = twist_between(director[1], director[2], (before, last), expected)
@@ -146,8 +154,8 @@ class TipLoad(Element):
 
 
 def _with_torque(force: Float[Array, "k d"], motion: Motion) -> Float[Array, "k b"]:
-    """Add to forces on nodes the torque about edges, none, where edges spin."""
-    return widened(force, motion.position.shape[1])
+    """Add a column of zero torques to forces on nodes, where edges spin."""
+    return pad_columns(force, motion.position.shape[1])
 
 
 def _combined(parts: Float[Array, " d"], axes: Float[Array, "d d"]) -> Float[Array, " d"]:

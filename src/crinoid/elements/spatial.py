@@ -1,4 +1,4 @@
-"""Bending and twisting of a discrete rod in space, with Kelvin-Voigt damping on every strain.
+"""Bending and twisting of a discrete rod in space.
 
 The two edges at a node carry a material frame each. Turned by half of the twist and half of the
 bend both come to the same middle frame ``(d, M_1, M_2)``, with ``d`` along ``t_a + t_b``. The
@@ -23,7 +23,7 @@ symmetric
 so that a stress ``S`` along the same axes hands on the moment ``m = G S`` from edge to edge.
 """
 
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -31,10 +31,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.element import Course, Linearised, Motion
-from crinoid.elements.geometry import bend_strain, unit
-from crinoid.frames import cross, dot, transport, twist_between
-from crinoid.products import product
+from crinoid.elements.elastic import bend_strain
+from crinoid.elements.element import Linearised, Motion, TangentDirection
+from crinoid.elements.material import Material
+from crinoid.numerics.frames import cross, dot, transport, twist_between, unit
+from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
 
 Vector = Float[Array, "3"]
@@ -42,7 +43,7 @@ Matrix = Float[Array, "3 3"]
 
 
 class SpatialEdge(NamedTuple):
-    """An edge of a window and how it moves."""
+    """Edge of a window and its motion."""
 
     tangent: Vector
     director: Vector
@@ -64,11 +65,11 @@ class SpatialEdge(NamedTuple):
         return cross(self.tangent, self.rate) + self.spin_rate * self.tangent
 
     def force(self, moment: Vector) -> Float[Array, "4"]:
-        """Return what a moment is on the edge's vector (N) and about the edge (N m)."""
+        """Return a moment as a force on the edge's vector (N) and a torque about it (N m)."""
         return jnp.append(cross(moment, self.tangent) / self.length, dot(moment, self.tangent))
 
     def turning(self, lean: Vector) -> Float[Array, "3 4"]:
-        """Return how the edge turns with its vector (m) and its spin (rad)."""
+        """Return d(rotation)/d(vector and spin)."""
         swung = _crossing(self.tangent, np.eye(3)) + _outer(self.tangent, lean)
         return jnp.concatenate([swung / self.length, self.tangent[:, None]], axis=1)
 
@@ -89,19 +90,19 @@ class SpatialEdge(NamedTuple):
 
 
 class NodeStrain(NamedTuple):
-    """The strains of a node, and the middle frame that they are read in."""
+    """Strains of a node, and the middle frame of their components."""
 
     binormal: Vector
     axes: Matrix
-    """Rows ``M_2, -M_1, d``: the directions of the three strains."""
+    """Rows ``M_2, -M_1, d``, the directions of the three strains."""
     strains: Vector
-    """``kappa_1, kappa_2, tau``, gathered by the node (rad)."""
+    """Integrated strains ``kappa_1, kappa_2, tau`` of the node (rad)."""
     stretch: Float[Array, ""]
     """``C``."""
 
     @staticmethod
     def of(a: Vector, b: Vector, director: Vector, twist: Float[Array, ""]) -> "NodeStrain":
-        """Observe two tangents, the director of the first edge and the twist to the second."""
+        """Return the strains from two tangents, the first edge's director and the twist."""
         facing = 1.0 + dot(a, b)
         binormal = 2.0 * cross(a, b) / facing
         stretch = jnp.sqrt(1.0 + 0.25 * dot(binormal, binormal))
@@ -130,7 +131,7 @@ class NodeStrain(NamedTuple):
         return a * jnp.eye(3) + (C - a) * _outer(d, d) + self.excess * _outer(K, K)
 
     def map_slope(self, vector: Vector) -> Matrix:
-        """Return ``d(G vector)/dw`` in the middle frame, ``vector`` turning along with it."""
+        """Return ``d(G vector)/dw`` for a ``vector`` that turns with the middle frame."""
         K, C, d = self.binormal, self.stretch, self.axes[2]
         b = self.excess
         b_slope = (C**2 + 4.0 * C + 2.0) / (12.0 * C**2 * (C + 1.0) ** 2)
@@ -142,17 +143,16 @@ class NodeStrain(NamedTuple):
         return _outer(by_stretch, stretching) + b * (_outer(K, turned) + along * bending)
 
     def moment_slopes(self, stress: Vector, moment: Vector) -> tuple[Matrix, Matrix]:
-        """Return how the moment of a stress follows ``w`` where the stress turns along.
+        """Return the derivatives of the moment of a stress that turns with the frame.
 
-        Also how it follows the difference of the edges' turns from their mean: the mean's turn is
-        half of each edge's and takes the moment along.
+        By ``w``, and by the mean rotation of the edges, half of each edge's.
         """
         steered = self.map_slope(stress) - _crossing(moment, self.turning)
         return steered, -0.5 * _crossing(moment, np.eye(3))
 
     @property
     def turning(self) -> Matrix:
-        """How the middle frame turns with ``w`` beyond the mean of the two edges."""
+        """Rotation of the middle frame per ``w``, relative to the mean of the two edges."""
         middle = self.axes[2]
         aside = cross(self.binormal, middle)
         return self.share * _outer(middle, aside) - 0.25 * _outer(aside, middle)
@@ -173,7 +173,7 @@ class BendTwist(Linearised):
     """Bend and twist at a node between two edges in space.
 
     Stores ``1/2 sum_i K_i (s_i - s_i rest)^2`` over the strains ``s = kappa_1, kappa_2, tau`` with
-    ``K = EI_1 / l, EI_2 / l, GJ / l``; ``l`` is the length over which the node gathers the strain.
+    ``K = EI_1 / l, EI_2 / l, GJ / l``; ``l`` is the length over which the node integrates them.
     At the root the first edge of the window is the ghost edge of the clamp, as in the plane
     (`Bend`).
 
@@ -189,19 +189,19 @@ class BendTwist(Linearised):
     """``EI_1 / l, EI_2 / l, GJ / l`` (N m)."""
     rest_strain: Float[Array, "*count 3"]
     """Strains without load (rad)."""
-    damping_time: Float[Array, "*count"]
-    """Viscosity over modulus (s)."""
+    material: Material
+    memory: Any = None
+    step: Float[Array, "*count"] | None = None
 
     @staticmethod
     def of(rod: Rod, *, pinned: bool = False) -> "BendTwist":
-        """Build the nodes of a rod but its tip; a pinned root twists but resists no bending."""
+        """Build bend and twist of a rod, without its tip; a pinned root resists twist only."""
         assert rod.GJ is not None
         assert rod.rest_twist is not None
         stiffness = jnp.concatenate([rod.EI, rod.GJ[:, None]], axis=1) / rod.strain_length
         stiffness = stiffness[:-1]
         if pinned:
             stiffness = stiffness.at[0, :2].set(0.0)
-        damping_time = jnp.broadcast_to(rod.damping_time, stiffness.shape[:1])
         clamp = jnp.eye(3)
         places, directors = rod.rest_frames(clamp)
         edges = jnp.concatenate([clamp[:1], jnp.diff(places, axis=0)])
@@ -211,23 +211,25 @@ class BendTwist(Linearised):
         expected = (rod.rest_twist * rod.voronoi_length)[:-1]
         twist = twist_between(directors[:-1], directors[1:], pairs, expected)
         rest = jax.vmap(lambda *edge: NodeStrain.of(*edge).strains)(*pairs, directors[:-1], twist)
-        return BendTwist(0, stiffness, rest, damping_time)
+        return BendTwist(0, stiffness, rest, Material.of(rod, stiffness.shape[0]))
 
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
-        a, b, strain = observed(motion)
+        a, b, strain = node_kinematics(motion)
         moment = product(strain.map, self._stress(strain, b.angular_velocity - a.angular_velocity))
         return on_nodes(-a.force(moment), b.force(moment))
 
     def working(self, motion: Motion) -> Float[Array, "3 4"]:
-        a, b, strain = observed(motion)
+        a, b, strain = node_kinematics(motion)
+        strained = strain.strains - self.rest_strain
         rates = strain.rates(b.angular_velocity - a.angular_velocity)
-        moment = product(strain.map, self._directed(strain, self.damping_time * rates))
+        stress = self.material.viscous_stress(strained, rates, self.memory, self.step)
+        moment = product(strain.map, self._directed(strain, stress))
         return on_nodes(a.force(moment), -b.force(moment))
 
-    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 4 3 4"]:
+    def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "3 4 3 4"]:
         assert motion.orientation is not None
         lean = motion.orientation.lean
-        a, b, strain = observed(motion)
+        a, b, strain = node_kinematics(motion)
         relative = b.angular_velocity - a.angular_velocity
         stress = self._stress(strain, relative)
         G = strain.map
@@ -238,17 +240,19 @@ class BendTwist(Linearised):
         moment = product(G, stress)
         # d(moment)/dw where the edges' mean does not turn, and d(moment)/d(relative velocity)
         on_strain = product(G, stiffness)
-        viscous = self.damping_time * product(on_strain, G)
+        damping_time = self.material.damping_time
+        viscous = damping_time * product(on_strain, G)
         rated = strain.map_slope(relative) + product(G, _crossing(relative, strain.turning))
         steered, taken_along = strain.moment_slopes(stress, moment)
-        by_turn = steered + product(on_strain, G + self.damping_time * rated)
-        # the velocities of before, seen from what has turned, change the other way
+        slope = self.material.slope(self.memory, self.step)
+        by_turn = steered + product(on_strain, slope * G + damping_time * rated)
+        # fixed velocities rotate backward in the turned frame
         by_mean = taken_along + 0.5 * cross(viscous, relative)
 
         def followed(edge: SpatialEdge, end: int, by_turn: Matrix) -> Float[Array, "3 4"]:
-            velocity = course.by_velocity * edge.turning(jnp.zeros(3))
-            velocity += course.by_position * edge.angular_velocity_slope()
-            return course.by_position * product(by_turn, edge.turning(lean[end])) + (
+            velocity = direction.by_velocity * edge.turning(jnp.zeros(3))
+            velocity += direction.by_position * edge.angular_velocity_slope()
+            return direction.by_position * product(by_turn, edge.turning(lean[end])) + (
                 product(viscous, velocity)
             )
 
@@ -257,28 +261,37 @@ class BendTwist(Linearised):
         return slopes_on_nodes(
             (-a.turning(still).T, b.turning(still).T),
             (-followed(a, 1, by_turn - by_mean), followed(b, 2, by_turn + by_mean)),
-            (course.by_position * own[0], course.by_position * own[1]),
+            (direction.by_position * own[0], direction.by_position * own[1]),
         )
 
     def strains(self, motion: Motion) -> Float[Array, "3"]:
-        """Return ``kappa_1, kappa_2, tau``, gathered by the node (rad)."""
-        return observed(motion)[2].strains
+        """Return the integrated strains ``kappa_1, kappa_2, tau`` (rad)."""
+        return node_kinematics(motion)[2].strains
 
     def energy(self, motion: Motion) -> Float[Array, ""]:
-        _, _, strain = observed(motion)
-        return 0.5 * jnp.sum(self.stiffness * (strain.strains - self.rest_strain) ** 2)
+        strained = self.strains(motion) - self.rest_strain
+        energy = self.material.energy(strained, self.memory, self.step)
+        return jnp.sum(self.stiffness * energy)
+
+    def steady(self, motion: Motion) -> Any:
+        return self.material.steady(self.strains(motion) - self.rest_strain)
+
+    def advance(self, motion: Motion) -> Any:
+        strained = self.strains(motion) - self.rest_strain
+        return self.material.advance(strained, self.memory, self.step)
 
     def _stress(self, strain: NodeStrain, relative: Vector) -> Vector:
         """Return the stress as a vector in space."""
-        strained = strain.strains - self.rest_strain + self.damping_time * strain.rates(relative)
-        return self._directed(strain, strained)
+        strained, rates = strain.strains - self.rest_strain, strain.rates(relative)
+        stress = self.material.stress(strained, rates, self.memory, self.step)
+        return self._directed(strain, stress)
 
     def _directed(self, strain: NodeStrain, strained: Vector) -> Vector:
         return jnp.sum((self.stiffness * strained)[:, None] * strain.axes, axis=0)
 
 
-def observed(motion: Motion) -> tuple[SpatialEdge, SpatialEdge, NodeStrain]:
-    """Return the two edges of a window, and the strains of the node between them."""
+def node_kinematics(motion: Motion) -> tuple[SpatialEdge, SpatialEdge, NodeStrain]:
+    """Return the two edges of a window, and the strains of their node."""
     assert motion.orientation is not None
     a, b = SpatialEdge.of(motion, 1), SpatialEdge.of(motion, 2)
     twist = motion.orientation.twist[1]
@@ -286,7 +299,7 @@ def observed(motion: Motion) -> tuple[SpatialEdge, SpatialEdge, NodeStrain]:
 
 
 def on_nodes(on_a: Float[Array, "4 ..."], on_b: Float[Array, "4 ..."]) -> Float[Array, "3 4 ..."]:
-    """Spread what acts on the vectors of two edges, and about them, over their nodes."""
+    """Distribute forces on the vectors of two edges, and torques about them, to their nodes."""
     places = [-on_a[:3], on_a[:3] - on_b[:3], on_b[:3]]
     spins = [jnp.zeros_like(on_a[3:]), on_a[3:], on_b[3:]]
     return jnp.stack([jnp.concatenate(node) for node in zip(places, spins, strict=True)])
@@ -297,10 +310,10 @@ def slopes_on_nodes(
     followed: tuple[Float[Array, "s 4"], Float[Array, "s 4"]],
     own: tuple[Float[Array, "4 4"], Float[Array, "4 4"]],
 ) -> Float[Array, "3 4 3 4"]:
-    """Return the Jacobian of what stresses do to two edges: to the vector of each and about it.
+    """Return the Jacobian of the forces and torques of stresses on two edges.
 
-    ``acts`` is what each edge feels per unit of a stress, ``followed`` how the stresses follow each
-    edge, and ``own`` how what it feels at fixed stresses follows the edge itself.
+    ``acts`` has the force on each edge per unit of a stress, ``followed`` the derivatives of the
+    stresses by each edge, and ``own`` those of the forces at fixed stresses.
     """
     blocks = [[product(act, by) for by in followed] for act in acts]
     blocks[0][0] += own[0]
@@ -314,7 +327,7 @@ def _outer(a: Vector, b: Vector) -> Matrix:
 
 
 def across(tangent: Vector) -> Matrix:
-    """Return the projection on what is normal to a unit vector."""
+    """Return the projection normal to a unit vector."""
     return jnp.eye(3) - _outer(tangent, tangent)
 
 

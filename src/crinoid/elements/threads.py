@@ -2,41 +2,44 @@
 
 A thread runs at an offset ``d`` from the axis, in the material frame of the section. Over a node
 its path advances by ``v = (l - kappa . d) t + tau t x d + dd``: ``l`` is half of the edge on either
-side, ``kappa`` and ``tau`` the strains that the node gathers, and ``dd`` the change of ``d`` in the
-section, of a route that tapers or winds (the path of a cable in a Cosserat rod, over the length of
+side, ``kappa`` and ``tau`` the integrated strains, and ``dd`` the change of ``d`` in the
+section, for a route that tapers or winds (the path of a cable in a Cosserat rod, over the length of
 a node: Renda et al. 2020, IEEE Robotics and Automation Letters 5(3)). A tension ``T`` on a path of
 length ``sum |v|`` does the work ``-T d(sum |v|)``; a chamber of section ``A`` under a pressure
 ``p`` is a thread that pushes, ``T = -p A``, as its volume is ``A sum |v|``.
 
 The strains are those of `crinoid.elements.Bend` and `crinoid.elements.BendTwist`: a tension bends a
 straight arm to the circle that is exact in them, however large the bend.
+
+Friction in the channel is that of `crinoid.elements.tendon_friction`.
 """
 
-from typing import ClassVar
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.elastic import Turn, by_nodes
-from crinoid.elements.element import Course, Linearised, Motion
-from crinoid.elements.geometry import unit
+from crinoid.elements.element import Element, Linearised, Motion, TangentDirection
 from crinoid.elements.spatial import (
     NodeStrain,
     SpatialEdge,
     across,
-    observed,
+    node_kinematics,
     on_nodes,
     slopes_on_nodes,
 )
-from crinoid.products import product
+from crinoid.elements.tendon_friction import ADHESION, EVEN, Capstan, Sliding, slide
+from crinoid.numerics.small_matrices import product
 
 
 class Threads(Linearised):
     """All threads of an arm in space; a window is a node between two edges.
 
-    Each thread that runs past a node has a lane there.
+    Each thread that runs past a node has a lane there. With friction the memory is ``Sliding``.
     """
 
     stencil: ClassVar[int] = 3
@@ -45,11 +48,11 @@ class Threads(Linearised):
     worked: ClassVar[str] = "actuation"
     first: int = eqx.field(static=True)
     at: int = eqx.field(static=True)
-    """Where the drives of these threads begin in `crinoid.Motion.drive`."""
+    """Index of the first drive of these threads in `crinoid.Motion.drive`."""
     pull: Float[Array, "*count lane drive"]
-    """Tension in a lane per unit of each drive that is above 0 (N)."""
+    """Tension in a lane per unit of each positive drive (N)."""
     push_back: Float[Array, "*count lane drive"]
-    """Tension in a lane per unit of each drive that is below 0, as a positive number (N)."""
+    """Tension in a lane per unit of each negative drive, as a positive number (N)."""
     hold: Float[Array, "*count lane line"]
     """Tension in a lane per load of each line: 1 of a tendon, minus the area of a chamber (m2)."""
     offset: Float[Array, "*count lane way"]
@@ -57,16 +60,107 @@ class Threads(Linearised):
     change: Float[Array, "*count lane way"]
     """Change of the offset over the node (m)."""
     routed: Float[Array, "*count lane"]
-    """1 for a route; 0 for a lane that bends only, which is the limit of small strains."""
+    """1 for a route; 0 for a lane that only bends, the limit of small strains."""
     stiffening: Float[Array, "*count way drive"]
     """Bending stiffness ``EI / l`` that each drive adds (N m)."""
     rest_strain: Float[Array, "*count way"]
     """Bend without load (rad)."""
     share: Float[Array, "*count 2"]
-    """Share of the edges before and behind a node that counts as its own."""
+    """Share of the edges before and behind a node that the node owns."""
+    friction: Float[Array, "*count lane"] | None = None
+    """Coefficient ``mu`` of each lane (1); None of an arm without friction."""
+    winding: Float[Array, "*count lane way"] | None = None
+    """Change of the slope of the offset along the arm, over the length of an edge (1)."""
+    cover: Float[Array, "*count lane thread"] | None = None
+    """Share of the node that each thread covers in each lane, to sum along the threads."""
+    memory: Any = None
+    step: Float[Array, "*count"] | None = None
+    capstan: Any = None
+    """``Capstan`` of a step."""
+
+    def remembering(self, memory: Any, step: Array | None) -> Element:
+        """Return the element at the start of a step, with the factor on its tensions."""
+        if memory is None or step is None or self.friction is None or self.cover is None:
+            return super().remembering(memory, step)
+        cover = self.cover
+
+        def on_lanes(threads: Float[Array, "count thread"]) -> Float[Array, "count lane"]:
+            return jnp.sum(threads[:, None] * (cover > 0), axis=-1)
+
+        def on_threads(lanes: Float[Array, "count lane"]) -> Float[Array, "count thread"]:
+            return jnp.sum(lanes[..., None] * cover, axis=1)
+
+        def up_to(each: Float[Array, "count thread"]) -> Float[Array, "count thread"]:
+            return jnp.cumsum(each, axis=0) - 0.5 * each
+
+        lengthened, length = on_threads(memory.path - memory.before), on_threads(memory.path)
+        total = jnp.sum(length, axis=0)
+        slid = (up_to(lengthened) - jnp.sum(lengthened, axis=0)) / (ADHESION * total)
+        direction = slide(memory.direction, on_lanes(slid))
+        wrap = on_threads(memory.wrap)
+        turn = up_to(wrap)
+        mean = up_to(on_threads(direction * memory.wrap)) / (turn + EVEN)
+        reach = up_to(wrap * (total - up_to(length))) / (ADHESION * total * (turn + EVEN))
+        moves = step[:, None] > 0
+        # between steps the factor of the last one, with which the arm is in balance
+        capstan = Capstan(
+            jnp.where(moves, self.friction * on_lanes(turn), -jnp.log(memory.factor)),
+            jnp.where(moves, on_lanes(mean), 1.0),
+            jnp.where(moves, on_lanes(reach), 0.0),
+        )
+        start = memory._replace(direction=direction, before=memory.path)
+        return replace(self, memory=start, step=step, capstan=capstan)
+
+    def steady(self, motion: Motion) -> Sliding | None:
+        if self.friction is None:
+            return None
+        path, wrap = self._wrapped(motion)
+        return Sliding(jnp.zeros_like(path), path, path, wrap, jnp.ones_like(path))
+
+    def advance(self, motion: Motion) -> Sliding | None:
+        if self.friction is None:
+            return None
+        path, wrap = self._wrapped(motion)
+        return self.memory._replace(path=path, wrap=wrap, factor=self._factor(path))
+
+    def _factor(self, path: Float[Array, " lane"]) -> Float[Array, " lane"]:
+        """Return the tension over that at the root end, from the paths at the end of a step.
+
+        In the step a thread slides as if all of it lengthened as it does here. So the change is
+        local, and not smaller than the true one: sticking threads are stable, and damped.
+        """
+        hold = self.capstan
+        slid = -hold.reach * (path / self.memory.path - 1.0)
+        return jnp.exp(-hold.friction * slide(hold.direction, slid))
+
+    def _wrapped(self, motion: Motion) -> tuple[Float[Array, " lane"], Float[Array, " lane"]]:
+        """Return path (m) and turn (rad) of each lane."""
+        strains, before, behind = self._strained(motion)
+        along, aside = self._advance(strains, before, behind)
+        path = jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1))
+        assert self.winding is not None
+        # the direction of the path turns in the section and, across the arm and along it, with it
+        bend = strains[: self.winding.shape[1]]
+        turned = along[:, None] * (jnp.sum(self.share) * self.winding + bend)
+        if self.winding.shape[1] == 2:
+            turned += strains[2] * _around(aside)
+        squares = jnp.sum(turned**2, axis=-1) + jnp.sum(aside * bend, axis=-1) ** 2
+        return path, jnp.sqrt(squares / path**2 + EVEN**2) - EVEN
+
+    def without_friction(self) -> "Threads":
+        """Return the same threads in channels without friction."""
+        return replace(self, friction=None, winding=None, cover=None)
+
+    def at_root(self, mean: Float[Array, " line"]) -> Float[Array, " line"]:
+        """Return the load of each line at its root end, from the mean along its path."""
+        if self.memory is None:
+            return mean
+        each = self.hold * self.memory.path[..., None]
+        reduced = each * self.memory.factor[..., None]
+        return mean * jnp.sum(each, axis=(0, 1)) / jnp.sum(reduced, axis=(0, 1))
 
     def residual(self, motion: Motion) -> Float[Array, "3 4"]:
-        a, b, strain = observed(motion)
+        a, b, strain = node_kinematics(motion)
         slope, _ = self._work(motion, strain.strains, a.length, b.length)
         moment = product(slope[:3], product(strain.axes, strain.map))
         pull = slope[3] * self.share
@@ -75,9 +169,9 @@ class Threads(Linearised):
             jnp.append(pull[1] * b.tangent, 0.0) + b.force(moment),
         )
 
-    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 4 3 4"]:
+    def jacobian(self, motion: Motion, direction: TangentDirection) -> Float[Array, "3 4 3 4"]:
         assert motion.orientation is not None
-        a, b, strain = observed(motion)
+        a, b, strain = node_kinematics(motion)
         slope, curvature = self._work(motion, strain.strains, a.length, b.length)
         moment = product(slope[:3], product(strain.axes, strain.map))
         turned = _turned(strain)
@@ -92,14 +186,14 @@ class Threads(Linearised):
         by_a = product(by_strain + jnp.pad(by_turn - by_mean, (0, 1)), swung[0])
         by_b = product(by_strain + jnp.pad(by_turn + by_mean, (0, 1)), swung[1])
         acts = self._swings(a, b, jnp.zeros((3, 3)))
-        return course.by_position * slopes_on_nodes(
+        return direction.by_position * slopes_on_nodes(
             (acts[0].T, acts[1].T), (by_a, by_b), (own(a, 0), own(b, 1))
         )
 
     def _swings(
         self, a: SpatialEdge, b: SpatialEdge, lean: Float[Array, "3 3"]
     ) -> tuple[Float[Array, "4 4"], Float[Array, "4 4"]]:
-        """Return how the relative turn of the edges, and the length, follow each of them."""
+        """Return the derivatives of the edges' relative turn, and of the length, by each edge."""
         parts = []
         for end, edge in enumerate((a, b)):
             lengthened = jnp.append(self.share[end] * edge.tangent, 0.0)
@@ -116,10 +210,9 @@ class Threads(Linearised):
     ) -> tuple[Float[Array, " s+1"], Float[Array, "s+1 s+1"]]:
         """Return first and second derivatives of the work of the tensions along their paths.
 
-        Together with the energy ``1/2 K s^2`` of what the drives add to the bending stiffness.
-
-        By the strains of the node and the length of arm that it stands for: moments (N m) and a
-        pull (N), and their slopes.
+        Including the energy ``1/2 K s^2`` of the bending stiffness that the drives add. By the
+        strains of the node and the length that it owns: moments (N m) and a pull (N), and their
+        slopes.
         """
         tension, routed = self.tension(motion), self.routed > 0
         path, lever, slopes = self._lanes(strains, before, behind)
@@ -128,14 +221,22 @@ class Threads(Linearised):
             wound = jnp.sum(self.offset**2, axis=-1)
             curvature += wound[:, None, None] * np.diag([0.0, 0.0, 1.0, 0.0])
         curvature = curvature - slopes[:, :, None] * slopes[:, None, :]
+        tightened = None
+        if self.memory is not None:
+            factor, by_path = jax.jvp(self._factor, (path,), (jnp.ones_like(path),))
+            tension, tightened = tension * factor, tension * by_path
         bent = tension * self.routed / path
         slope = jnp.where(routed[:, None], slopes, jnp.pad(lever[:, :-1], ((0, 0), (0, 1))))
+        steepened = jnp.sum(bent[:, None, None] * curvature, axis=0)
+        if tightened is not None:
+            tightened = tightened[:, None, None] * slope[:, :, None] * slopes[:, None, :]
+            steepened += jnp.sum(tightened, axis=0)
         stiff = self._stiffened(motion)
         bending = stiff * (strains[: stiff.size] - self.rest_strain)
         more = (0, strains.size + 1 - stiff.size)
         return (
             jnp.sum(tension[:, None] * slope, axis=0) + jnp.pad(bending, more),
-            jnp.sum(bent[:, None, None] * curvature, axis=0) + jnp.diag(jnp.pad(stiff, more)),
+            steepened + jnp.diag(jnp.pad(stiff, more)),
         )
 
     def _lanes(
@@ -143,7 +244,7 @@ class Threads(Linearised):
     ) -> tuple[Float[Array, " lane"], Float[Array, "lane s+1"], Float[Array, "lane s+1"]]:
         """Return path of each lane (m), and derivatives of ``v . t`` and the path.
 
-        By the strains, and by the length of arm that the node stands for.
+        By the strains, and by the length that the node owns.
         """
         along, aside = self._advance(strains, before, behind)
         path = jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1))
@@ -159,7 +260,7 @@ class Threads(Linearised):
     def _advance(
         self, strains: Float[Array, " s"], before: Float[Array, ""], behind: Float[Array, ""]
     ) -> tuple[Float[Array, " lane"], Float[Array, "lane way"]]:
-        """Return how far each lane runs along the arm and to its side (m): ``v``."""
+        """Return the advance ``v`` of each lane along the arm and to its side (m)."""
         along = self.share[0] * before + self.share[1] * behind
         along = along - jnp.sum(self.offset * strains[: self.offset.shape[1]], axis=-1)
         if self.offset.shape[1] == 1:
@@ -169,22 +270,28 @@ class Threads(Linearised):
     def path(
         self, strains: Float[Array, " s"], before: Float[Array, ""], behind: Float[Array, ""]
     ) -> Float[Array, " line"]:
-        """Return what each line measures past a node: its length (m), or minus its volume (m3).
+        """Return the path of each line over a node: length (m), or minus volume (m3), from strains.
 
         From the strains of the node and the lengths of the edges before and behind it.
         """
         along, aside = self._advance(strains, before, behind)
         return product(jnp.sqrt(along**2 + jnp.sum(aside**2, axis=-1)), self.hold)
 
-    def measured(self, motion: Motion) -> Float[Array, " line"]:
-        """Return `path` in a window."""
-        a, b, strain = observed(motion)
-        return self.path(strain.strains, a.length, b.length)
+    def measure(self, motion: Motion) -> Float[Array, " line"]:
+        """Return the `path` in a window."""
+        return self.path(*self._strained(motion))
 
-    def measured_slope(self, motion: Motion) -> Float[Array, "line 3 b"]:
-        """Return the derivative of `measured` by positions and spins."""
+    def _strained(
+        self, motion: Motion
+    ) -> tuple[Float[Array, " s"], Float[Array, ""], Float[Array, ""]]:
+        """Return the strains of the node, and the lengths of the edges before and behind it."""
+        a, b, strain = node_kinematics(motion)
+        return strain.strains, a.length, b.length
+
+    def measure_slope(self, motion: Motion) -> Float[Array, "line 3 b"]:
+        """Return the derivative of `measure` by positions and spins."""
         assert motion.orientation is not None
-        a, b, strain = observed(motion)
+        a, b, strain = node_kinematics(motion)
         _, _, slopes = self._lanes(strain.strains, a.length, b.length)
         by_strain = product(self.hold.T, product(slopes, _turned(strain)))
         ends = self._swings(a, b, motion.orientation.lean)
@@ -192,14 +299,14 @@ class Threads(Linearised):
         return jnp.moveaxis(on_nodes(on_a, on_b), -1, 0)
 
     def _stiffened(self, motion: Motion) -> Float[Array, " way"]:
-        """Return what the drives add to the bending stiffness (N m)."""
+        """Return the bending stiffness that the drives add (N m)."""
         assert motion.drive is not None
         drive = motion.drive[self.at : self.at + self.stiffening.shape[-1]]
-        # at 0 the slope of a drive that goes up
+        # at 0 the slope of an increasing drive
         return product(self.stiffening, jnp.where(drive < 0, -drive, drive))
 
     def tension(self, motion: Motion) -> Float[Array, " lane"]:
-        """Return the tension in each lane of a window (N)."""
+        """Return the tension in each lane of a window, at its root end (N)."""
         assert motion.drive is not None
         drive = motion.drive[self.at : self.at + self.pull.shape[-1]]
         pulled = self.pull * jnp.maximum(drive, 0.0) + self.push_back * jnp.maximum(-drive, 0.0)
@@ -207,50 +314,8 @@ class Threads(Linearised):
         return total if motion.line is None else total + product(self.hold, motion.line)
 
 
-class PlanarThreads(Threads):
-    """Threads in the plane."""
-
-    spins: ClassVar[bool] = False
-
-    def residual(self, motion: Motion) -> Float[Array, "3 2"]:
-        turn, ends = Turn.of(motion.position), _edges(motion.position)
-        (bending, pull), _ = self._work(motion, turn.strain[None], ends[0][1], ends[1][1])
-        return bending * turn.growth * turn.gradient + pull * self._lengthened(ends)
-
-    def jacobian(self, motion: Motion, course: Course) -> Float[Array, "3 2 3 2"]:
-        turn, ends = Turn.of(motion.position), _edges(motion.position)
-        slope, curvature = self._work(motion, turn.strain[None], ends[0][1], ends[1][1])
-        strained, lengthened = turn.growth * turn.gradient, self._lengthened(ends)
-        bending = curvature[0, 0] * strained + curvature[0, 1] * lengthened
-        pull = curvature[1, 0] * strained + curvature[1, 1] * lengthened
-        steered = strained[:, :, None, None] * bending + lengthened[:, :, None, None] * pull
-        curved = turn.growth * turn.hessian + turn.growth_slope * (
-            turn.gradient[:, :, None, None] * turn.gradient
-        )
-        swung = [
-            share / length * (jnp.eye(2) - direction[:, None] * direction)
-            for share, (direction, length) in zip(self.share, ends, strict=True)
-        ]
-        return course.by_position * (steered + slope[0] * curved + slope[1] * by_nodes(*swung))
-
-    def measured(self, motion: Motion) -> Float[Array, " line"]:
-        ends = _edges(motion.position)
-        return self.path(Turn.of(motion.position).strain[None], ends[0][1], ends[1][1])
-
-    def measured_slope(self, motion: Motion) -> Float[Array, "line 3 2"]:
-        turn, ends = Turn.of(motion.position), _edges(motion.position)
-        _, _, slopes = self._lanes(turn.strain[None], ends[0][1], ends[1][1])
-        by_strain, by_length = product(self.hold.T, slopes).T[:, :, None, None]
-        return by_strain * turn.growth * turn.gradient + by_length * self._lengthened(ends)
-
-    def _lengthened(self, ends: list[tuple[Array, Array]]) -> Float[Array, "3 2"]:
-        """Return the derivative of the length by the positions."""
-        before, behind = self.share[0] * ends[0][0], self.share[1] * ends[1][0]
-        return jnp.stack([-before, before - behind, behind])
-
-
 def _turned(strain: NodeStrain) -> Float[Array, "4 4"]:
-    """Return how the strains follow the relative turn of the edges, and the length itself."""
+    """Return the derivatives of the strains by the edges' relative turn, and of the length."""
     turned = product(strain.axes, strain.map)
     return jnp.pad(turned, (0, 1)) + np.diag([0.0, 0.0, 0.0, 1.0])
 
@@ -258,8 +323,3 @@ def _turned(strain: NodeStrain) -> Float[Array, "4 4"]:
 def _around(offset: Float[Array, "lane 2"]) -> Float[Array, "lane 2"]:
     """Return ``t x d``."""
     return jnp.stack([-offset[:, 1], offset[:, 0]], axis=-1)
-
-
-def _edges(position: Float[Array, "3 2"]) -> list[tuple[Array, Array]]:
-    """Return direction and length of the edges between nodes."""
-    return [unit(position[end] - position[end - 1]) for end in (1, 2)]

@@ -1,12 +1,12 @@
 """Forces of the water on the arm: Morison's on the relative velocity, weight and buoyancy.
 
-Forces per length are integrated along each edge (`crinoid.elements.edge`) with the edge's own
-tangent ``t`` all along it. The relative velocity ``w = u - v`` splits into ``w_t`` along the
+Forces per length are integrated along each edge (``crinoid.rod.reference.shared``) with the
+edge's tangent ``t`` all along it. The relative velocity ``w = u - v`` splits into ``w_t`` along the
 tangent and ``w_n`` normal to it (Morison et al. 1950; cross-flow principle, Sumer and Fredsoe
 2006, section 1.4).
 """
 
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import equinox as eqx
 import jax
@@ -14,17 +14,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.edge import along, at_ends, mass_matrices, shared
 from crinoid.elements.element import Element, Motion
-from crinoid.elements.geometry import smooth_speed, unit
-from crinoid.products import product
+from crinoid.numerics.frames import unit
+from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
+from crinoid.rod.reference import along, at_ends, mass_matrices, shared
 
 
 class Drag(Element):
-    """Quadratic drag along and across the arm, and a linear one.
+    """Drag: quadratic along and across the arm, and linear.
 
-    Per length: ``1/2 rho C_dn d |w_n| w_n + 1/2 rho C_dt pi d |w_t| w_t + c w``.
+    Per length: ``1/2 rho C_dn d |w_n| w_n + 1/2 rho C_dt pi d |w_t| w_t + c w``. With a viscosity
+    ``C_dn`` is multiplied by ``cylinder_drag`` of the Reynolds number of ``w_n``.
     """
 
     stencil: ClassVar[int] = 2
@@ -40,6 +41,8 @@ class Drag(Element):
     linear: Float[Array, "*count 3"]
     """Force per length over ``w`` at the start, the middle and the end of an edge,
     times its length (kg/s)."""
+    reynolds: Float[Array, "*count 3"] | None = None
+    """Reynolds number over the speed across, at the same places (s/m); None: constant drag."""
 
     @staticmethod
     def of(
@@ -49,8 +52,12 @@ class Drag(Element):
         normal: float | Array,
         tangential: float | Array,
         linear: float | Array,
+        viscosity: float | Array | None = None,
     ) -> "Drag":
-        """Build the drag of a rod; ``linear`` in N s/m2, the others are coefficients."""
+        """Build the drag of a rod; ``linear`` in N s/m2, the others dimensionless.
+
+        With a kinematic ``viscosity`` (m2/s) ``normal`` is a factor on the drag of a cylinder.
+        """
         length = rod.rest_length[:, None]
         wetted = 0.5 * density * jax.vmap(along)(at_ends(rod.diameter)) * length
         return Drag(
@@ -58,6 +65,7 @@ class Drag(Element):
             jnp.asarray(normal) * wetted,
             jnp.asarray(tangential) * jnp.pi * wetted,
             jnp.asarray(linear) * jnp.broadcast_to(length, wetted.shape),
+            None if viscosity is None else jax.vmap(along)(at_ends(rod.diameter)) / viscosity,
         )
 
     def residual(self, motion: Motion) -> Float[Array, "2 b"]:
@@ -66,8 +74,11 @@ class Drag(Element):
         slip = jnp.sum(relative * tangent, axis=1)  # `@` would call a routine for each edge
         across = relative - slip[:, None] * tangent
         across_speed = smooth_speed(jnp.sum(across**2, axis=1))
+        normal = self.normal * across_speed
+        if self.reynolds is not None:
+            normal = normal * cylinder_drag(self.reynolds * across_speed)
         return -shared(
-            (self.normal * across_speed)[:, None] * across
+            normal[:, None] * across
             + (self.tangential * smooth_speed(slip**2) * slip)[:, None] * tangent
             + self.linear[:, None] * relative
         )
@@ -77,7 +88,7 @@ class AddedMass(Element):
     """Inertia of the water: added mass along and across the arm, and the Froude-Krylov force.
 
     Per length: ``rho A [C_an (I - t t) + C_at t t] (Du/Dt - a) + rho A Du/Dt``. Its work counts
-    as that of a force from outside, the kinetic energy of the water not being kept.
+    as external: the kinetic energy of the water is not stored.
     """
 
     stencil: ClassVar[int] = 2
@@ -136,3 +147,31 @@ class Weight(Element):
 
     def working(self, motion: Motion) -> None:
         return None
+
+
+Number = TypeVar("Number", Float[Array, "..."], Float[np.ndarray, "..."])
+
+
+def cylinder_drag(reynolds: Number) -> Number:
+    """Return the drag coefficient of a smooth cylinder across a steady flow.
+
+    For Reynolds numbers from 1e-4 to 2e5 (Sucker and Brauer 1975).
+    """
+    hump = 4e-4 * reynolds / (1 + 3.64e-7 * reynolds**2)
+    return 1.18 + 6.8 * reynolds**-0.89 + 1.96 * reynolds**-0.5 - hump
+
+
+def cylinder_added_mass(keulegan_carpenter: float) -> float:
+    """Return the added mass of a smooth cylinder over the displaced mass.
+
+    By the Keulegan-Carpenter number of the flow (DNV-RP-C205, section 6.9).
+    """
+    return max(0.6, 1 - 0.044 * max(0.0, keulegan_carpenter - 3))
+
+
+def smooth_speed(squared: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Return the root of a squared speed, with a derivative at rest.
+
+    The rounding is 1e-9 m/s wide: above 1e-6 m/s it changes a drag force by less than 1e-6 of it.
+    """
+    return jnp.sqrt(squared + 1e-18)

@@ -1,30 +1,36 @@
 """Surface waves."""
 
+from collections.abc import Sequence
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.flow.flow import Flow, Point, Time
-from crinoid.flow.jet import Jet
-from crinoid.flow.turns import cosine, sine
-from crinoid.onset import Onset
-from crinoid.products import product
+from crinoid.flow.flow import Flow, Jet, Point, Time
+from crinoid.flow.turbulence import cosine, sine
+from crinoid.numerics.ramp import Onset
+from crinoid.numerics.small_matrices import product
 
+_DEEP = 100
+"""Depth of deep water, over the wavelength."""
 _LOWEST, _HIGHEST = 0.5, 4.0
-"""Where the spectrum is cut, over its peak frequency: all but 0.5 % of it lie between."""
+"""Limits of the spectrum over its peak frequency: 99.5 % of it lie between."""
 
 
 class Waves(Flow):
     """Linear (Airy) waves on water of finite depth, with the still surface at z = 0.
 
     With ``theta = k (heading . x) - omega t + phase`` and the elevation ``sum a cos(theta)``,
-    level and upward velocity are sums of ``a omega C cos(theta)``, along the heading, and
-    ``a omega S sin(theta)``, where ``C, S = cosh, sinh(k (z + h)) / sinh(k h)`` (Dean and
-    Dalrymple 1991, chapter 3). Above the still surface the water moves as it does there, and
-    below the bed as on it.
+    level and upward velocity are sums of ``a sigma C cos(theta)``, along the heading, and
+    ``a sigma S sin(theta)``, where ``C, S = cosh, sinh(k (z + h)) / sinh(k h)`` (Dean and
+    Dalrymple 1991, chapter 3). Above the still surface the water moves as at the surface,
+    below the bed as on it. In still water ``sigma = omega``; on a uniform current ``U`` waves have
+    ``omega = sigma + k heading . U`` at a fixed point (Peregrine 1976, Adv. Appl. Mech. 16).
     """
 
+    steady: ClassVar[bool] = False
     onset: Onset
     depth: Float[Array, ""]
     """Depth of the water (m)."""
@@ -33,7 +39,9 @@ class Waves(Flow):
     amplitudes: Float[Array, " m"]
     """Amplitudes of the elevation (m)."""
     frequencies: Float[Array, " m"]
-    """Angular frequencies (rad/s)."""
+    """Angular frequencies at a fixed point (rad/s)."""
+    intrinsic_frequencies: Float[Array, " m"]
+    """Angular frequencies seen from the current that carries the waves (rad/s)."""
     wave_numbers: Float[Array, " m"]
     """Wave numbers at these frequencies (rad/m)."""
     phases: Float[Array, " m"]
@@ -45,20 +53,25 @@ class Waves(Flow):
         *,
         significant_height: float,
         peak_period: float,
-        heading: Float[np.ndarray, " level"],
+        heading: Sequence[float] | Float[np.ndarray, " level"],
         gamma: float,
         components: int,
         depth: float,
         gravity: float,
         generator: np.random.Generator,
+        current: float = 0.0,
     ) -> "Waves":
         """Draw waves with a JONSWAP spectrum (Hasselmann et al. 1973).
 
-        Each component has the same energy, and a frequency somewhere in the band that holds
-        this share of the spectrum; no period is common to all. The components' variance is
-        ``(significant_height / 4)^2`` exactly. SI units; ``heading`` as in the class.
+        Each component has the same energy, and a random frequency in the band with this share
+        of the spectrum; no period is common to all. The components' variance is
+        ``(significant_height / 4)^2`` exactly. SI units; ``heading`` as in the class. On a
+        ``current`` along the heading the spectrum is that at a fixed point. Components that cannot
+        travel against it are left out.
         """
-        relative = np.linspace(_LOWEST, _HIGHEST, 4001)
+        stop = stopped(-current, depth, gravity) * (1 - 1e-9)
+        highest = min(_HIGHEST, stop * peak_period / (2 * np.pi))
+        relative = np.linspace(_LOWEST, highest, 4001)
         density = jonswap(relative, gamma)
         below = np.append(0.0, np.cumsum(density[1:] + density[:-1]))
         shares = (np.arange(components) + generator.random(components)) / components
@@ -67,11 +80,40 @@ class Waves(Flow):
         return Waves(
             onset,
             jax.device_put(np.asarray(depth, float)),
-            jax.device_put(heading),
+            jax.device_put(np.asarray(heading)),
             jax.device_put(np.full(components, amplitude)),
-            jax.device_put(frequencies),
-            jax.device_put(wave_number(frequencies, depth, gravity)),
+            *_carried(frequencies, depth, gravity, current),
             jax.device_put(generator.random(components)),
+        )
+
+    @staticmethod
+    def regular(
+        onset: Onset,
+        *,
+        height: float,
+        period: float,
+        heading: Sequence[float] | Float[np.ndarray, " level"],
+        phase: float,
+        depth: float | None,
+        gravity: float,
+        current: float = 0.0,
+    ) -> "Waves":
+        """Return one Airy wave, with its crest at the origin at t = 0 for ``phase = 0`` (rad).
+
+        SI units; without a depth the water is deep. ``heading`` as in the class.
+        """
+        frequency = np.array([2 * np.pi / period])
+        carried = _carried(frequency, depth, gravity, current)
+        if depth is None:
+            # of so many wavelengths nothing is felt of the bed, to the last digit
+            depth = _DEEP * 2 * np.pi / float(carried[2][0])
+        return Waves(
+            onset,
+            jax.device_put(np.asarray(depth, float)),
+            jax.device_put(np.asarray(heading)),
+            jax.device_put(np.array([height / 2])),
+            *carried,
+            jax.device_put(np.array([phase / (2 * np.pi)])),
         )
 
     def elevation(self, point: Point, time: Time) -> Float[Array, ""]:
@@ -109,8 +151,8 @@ class Waves(Flow):
         return jnp.concatenate([across * cos, across * sin, up * cos, up * sin])
 
     def _weights(self) -> Float[Array, "shapes b"]:
-        """Return what each shape adds to the velocity."""
-        speed = self.amplitudes * self.frequencies
+        """Return the coefficients of the shapes in the velocity."""
+        speed = self.amplitudes * self.intrinsic_frequencies
         level = speed[:, None] * jnp.append(self.heading, 0.0)
         upward = speed[:, None] * jnp.append(0 * self.heading, 1.0)
         return jnp.concatenate([level, 0 * level, 0 * level, upward])
@@ -138,13 +180,88 @@ def jonswap(relative: Float[np.ndarray, " f"], gamma: float) -> Float[np.ndarray
 
 
 def wave_number(
-    frequency: Float[np.ndarray, " f"], depth: float, gravity: float
+    frequency: Float[np.ndarray, " f"], depth: float | None, gravity: float, current: float = 0.0
 ) -> Float[np.ndarray, " f"]:
-    """Solve the dispersion relation ``omega^2 = g k tanh(k h)`` for ``k`` (rad/m)."""
-    wanted = frequency**2 * depth / gravity
-    number = wanted / np.sqrt(np.tanh(wanted))  # within a twentieth (Eckart 1952)
-    for _ in range(5):  # Newton's method doubles the digits each time
-        tanh = np.tanh(number)
-        residual = number * tanh - wanted
-        number = number - residual / (tanh + number * (1 - tanh**2))
-    return number / depth
+    """Solve the dispersion relation ``omega = sigma + k U`` for ``k`` (rad/m).
+
+    ``sigma^2 = g k tanh(k h)``, in deep water (None) ``g k``. ``current`` is ``U`` along the
+    direction of travel (m/s). Against it, of two solutions the one whose energy travels on.
+
+    Raises
+    ------
+    ValueError
+        If a wave cannot travel against the current.
+    """
+    if not current:
+        if depth is None:
+            return frequency**2 / gravity
+        wanted = frequency**2 * depth / gravity
+        number = wanted / np.sqrt(np.tanh(wanted))  # within a twentieth (Eckart 1952)
+        for _ in range(5):  # Newton's method doubles the digits each time
+            tanh = np.tanh(number)
+            residual = number * tanh - wanted
+            number = number - residual / (tanh + number * (1 - tanh**2))
+        return number / depth
+    if np.any(frequency >= stopped(-current, depth, gravity)):
+        raise ValueError("a wave cannot travel against the current")
+    # sigma is at most that of deep and of shallow water: so both numbers are too small
+    # (that of deep water is the root of sqrt(g k) + k U = omega)
+    root = np.sqrt(np.maximum(1 + 4 * current * frequency / gravity, 0.0))
+    number = (2 * frequency / (1 + root)) ** 2 / gravity
+    if depth is not None:
+        number = np.maximum(number, frequency / (np.sqrt(gravity * depth) + current))
+    # the residual is concave: from there Newton's method only rises
+    for _ in range(100):
+        sigma, group = _dispersion(number, depth, gravity)
+        step = (frequency - sigma - number * current) / (group + current)
+        number = number + step
+        if np.all(np.abs(step) <= 1e-14 * number):
+            break
+    return number
+
+
+def stopped(against: float, depth: float | None, gravity: float) -> float:
+    """Return the lowest frequency at a fixed point that a current stops waves of (rad/s).
+
+    ``against`` is its speed against the waves (m/s); infinite if it does not run against them.
+    Where waves are stopped their energy travels as fast as the water comes.
+    """
+    if against <= 0:
+        return np.inf
+    if depth is not None and against >= np.sqrt(gravity * depth):
+        return 0.0
+
+    def at(number: float) -> tuple[float, float]:
+        sigma, group = _dispersion(np.array([number]), depth, gravity)
+        return float(sigma[0]), float(group[0])
+
+    low, high = 0.0, gravity / (4 * against**2)  # that of deep water
+    if depth is not None:
+        high = max(high, 1 / depth)
+        while at(high)[1] > against:
+            high *= 2
+        for _ in range(100):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if at(middle)[1] > against else (low, middle)
+    return at(high)[0] - high * against
+
+
+def _dispersion(
+    number: Float[np.ndarray, " f"], depth: float | None, gravity: float
+) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
+    """Return the frequency from the water (rad/s) and the speed of the energy (m/s)."""
+    if depth is None:
+        sigma = np.sqrt(gravity * number)
+        return sigma, sigma / (2 * number)
+    tanh = np.tanh(number * depth)
+    sigma = np.sqrt(gravity * number * tanh)
+    return sigma, gravity * (tanh + number * depth * (1 - tanh**2)) / (2 * sigma)
+
+
+def _carried(
+    frequencies: Float[np.ndarray, " m"], depth: float | None, gravity: float, current: float
+) -> tuple[Array, Array, Array]:
+    """Return frequencies at a fixed point and from the current (rad/s), and wave numbers."""
+    numbers = wave_number(frequencies, depth, gravity, current)
+    carried = frequencies - numbers * current if current else frequencies
+    return jax.device_put(frequencies), jax.device_put(carried), jax.device_put(numbers)

@@ -1,1 +1,4 @@
-"""Policies trained in simulation: imitation, gradients through the closed loop, and PPO."""
+"""Policies trained in simulation, by imitation and by gradients through the closed loop.
+
+May import ``view`` and lower folders.
+"""

@@ -1,112 +1,281 @@
-"""Improvement by gradients through the closed loop.
+"""Gradient update of a policy and its critic through the closed loop.
 
-The policy is improved by the derivative of what a stretch costs, through every time step of it, and
-of what a critic expects from its last step on (short-horizon actor-critic: Xu et al., ICLR 2022).
+The policy goes down the derivative of the cost of a segment, through every time step, plus the cost
+that a critic expects after it (short-horizon actor-critic: Xu et al., ICLR 2022).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 from jaxtyping import Array, Bool, Float
 
+from crinoid.compilation import OFTEN, ONCE, compiled
 from crinoid.control import Neural
-from crinoid.control.policy import Policy
-from crinoid.learning.learner import AWRY, Learner, Pace, Trained, judged, returns, stepped
-from crinoid.learning.network import Critic
-from crinoid.learning.stage import Arm, Crew
-from crinoid.learning.stretch import Course, Stretch, run_stretch
-from crinoid.programs import OFTEN, compiled
+from crinoid.control.neural import Dense, Policy
+from crinoid.learning.rollout import (
+    EpisodeState,
+    Learners,
+    RolloutSegment,
+    SegmentResult,
+    run_segment,
+)
 
-_STEEP = 3.0
-"""Largest slope of an arm that counts in full, over the usual one of them: near the edge of
-stability one arm would outweigh all others."""
+AVERAGED = (0.02, 0.05, 0.12, 0.3, 0.8, 2.0)
+"""Time constants of the running averages of an observation (s)."""
+HIDDEN = (32, 32)
+"""Units of the hidden layers of the policy."""
+_CRITIC_HIDDEN = (64, 64)
+_LARGEST_FEATURE = 10.0
+"""Limit of the critic's features, over their typical size: larger ones are too rare to learn."""
+UNSCALED = 1e-9
+"""Factor on a feature whose size is unknown yet: so small that nothing saturates."""
+TRACE = 0.95
+"""Lambda of the critic's target (`lambda_returns`)."""
+_TARGET_SHARE = 0.2
+"""Share by which the target critic approaches the critic in an update."""
+_CRITIC_STEPS = 4
+"""Steps of the critic in an update."""
+_RATE, _CRITIC_RATE = 3e-4, 1e-3
+_FINAL_SHARE = 0.05
+"""Learning rate at the end, over the initial one."""
+DIVERGED_COST = 20.0
+"""Mean cost from which an arm counts as diverged; the critic learns no larger cost."""
+_LARGEST_GRADIENT = 1.0
+"""Norm to which the gradient of the policy is clipped."""
+_LARGEST_RATIO = 3.0
+"""Norm of an arm's gradient that counts in full, over the median: near the edge of stability one
+arm would outweigh all others."""
 
 
-class Slope(eqx.Module):
-    """How a stretch asks for a policy to be changed."""
+class Critic(eqx.Module):
+    """Expected mean cost of the next time steps, from the features of a policy.
 
-    stretch: Stretch
-    slope: Policy
-    """Derivative, by the numbers of the policy, of what the stretch and all after it cost."""
+    The time step ``k`` ahead has the weight ``discount ** k``.
+    """
+
+    linear: Float[Array, " feature"]
+    layers: tuple[Dense, ...]
+
+    def __call__(self, features: Float[Array, " feature"]) -> Float[Array, ""]:
+        """Return the expected cost."""
+        # outside of the loop of time steps, for many rows: a matrix product is faster
+        *inner, last = self.layers
+        features = jnp.clip(features, -_LARGEST_FEATURE, _LARGEST_FEATURE)
+        hidden = features
+        for layer in inner:
+            hidden = jnp.tanh(layer.weight @ hidden + layer.bias)
+        return self.linear @ features + (last.weight @ hidden + last.bias)[0]
+
+
+def new_policy(
+    entries: int, fastest: Float[np.ndarray, " driven"], period: float, random: np.random.Generator
+) -> Policy:
+    """Return a policy that commands nothing."""
+    features = entries * (len(AVERAGED) + 1)
+    return Policy(
+        centre=jnp.zeros(entries),
+        usual=jnp.full(features, UNSCALED),
+        kept=jnp.exp(-period / jnp.array(AVERAGED)),
+        linear=jnp.zeros((fastest.size, features)),
+        layers=_layers((features, *HIDDEN, fastest.size), random),
+        swing=jnp.ones(fastest.size),
+        fastest=jnp.asarray(fastest * period),
+    )
+
+
+def new_critic(features: int, random: np.random.Generator) -> Critic:
+    """Return a critic that expects no cost."""
+    return Critic(jnp.zeros(features), _layers((features, *_CRITIC_HIDDEN, 1), random))
+
+
+def _layers(sizes: tuple[int, ...], random: np.random.Generator) -> tuple[Dense, ...]:
+    """Return layers with weights of mean square 1 / inputs, and a last one of zeros."""
+    layers = []
+    for number, (before, after) in enumerate(pairwise(sizes), start=2):
+        weight = random.normal(size=(after, before)) / np.sqrt(before)
+        layers.append(Dense(jnp.asarray(weight * (number < len(sizes))), jnp.zeros(after)))
+    return tuple(layers)
+
+
+Features = Float[Array, "arm step feature"]
+Steps = Float[Array, "arm step"]
+
+
+class TrainableWeights(NamedTuple):
+    """Weights of a policy that training changes."""
+
+    linear: Array
+    layers: Any
+
+
+class Learner(eqx.Module):
+    """A policy and its critic, with the states of their optimisers."""
+
+    policy: Policy
+    critic: Critic
+    target_critic: Critic
+    """Slowly following copy of the critic, so that the critic does not chase itself."""
+    policy_optimiser: Any
+    critic_optimiser: Any
+    rate_factor: Float[Array, ""]
+    """Factor on the learning rate of the policy."""
+
+    @property
+    def weights(self) -> TrainableWeights:
+        """Weights of the policy that training changes."""
+        return TrainableWeights(self.policy.linear, self.policy.layers)
+
+
+class Optimisers(eqx.Module):
+    """Adam (Kingma and Ba 2015) for policy and critic; the policy's rate decays as a cosine."""
+
+    updates: int = eqx.field(static=True)
+
+    @property
+    def policy(self) -> optax.GradientTransformation:
+        """Optimiser of the policy."""
+        rate = optax.cosine_decay_schedule(_RATE, self.updates, _FINAL_SHARE)
+        return optax.chain(optax.clip_by_global_norm(_LARGEST_GRADIENT), optax.adam(rate, b2=0.95))
+
+    @property
+    def critic(self) -> optax.GradientTransformation:
+        """Optimiser of the critic."""
+        return optax.adam(_CRITIC_RATE)
+
+
+def new_learner(policy: Policy, optimisers: Optimisers, random: np.random.Generator) -> Learner:
+    """Return a learner that starts with a policy."""
+    critic = new_critic(policy.usual.size, random)
+    states = _initial_states(optimisers, TrainableWeights(policy.linear, policy.layers), critic)
+    return Learner(policy, critic, critic, *states, jnp.asarray(1.0))
+
+
+@compiled(**ONCE)
+def _initial_states(
+    optimisers: Optimisers, weights: TrainableWeights, critic: Critic
+) -> tuple[Any, Any]:
+    return optimisers.policy.init(weights), optimisers.critic.init(critic)
+
+
+def lambda_returns(cost: Steps, expected: Steps, discount: Float[Array, ""]) -> Steps:
+    """Return the TD(lambda) returns: discounted mean cost from each step on.
+
+    After Sutton and Barto 2018, chapter 12, with `TRACE` for lambda. ``expected`` is the critic's
+    cost from each step on, and all that is known after the last step.
+    """
+
+    def back(after: Array, at: tuple[Array, Array]) -> tuple[Array, Array]:
+        cost, expected = at
+        after = (1 - discount) * cost + discount * ((1 - TRACE) * expected + TRACE * after)
+        return after, after
+
+    last = expected[:, -1]
+    _, found = jax.lax.scan(back, last, (cost[:, :-1].T, expected[:, 1:].T), reverse=True)
+    return jnp.concatenate([found.T, last[:, None]], axis=1)
+
+
+class PolicyGradient(eqx.Module):
+    """Result of a segment, and the gradient of its cost by the weights of the policy."""
+
+    result: SegmentResult
+    gradient: Policy
 
 
 @compiled(**OFTEN)
-def _slope(shared: tuple[Course, Policy, Critic], arm: Arm) -> Slope:
-    course, policy, critic = shared
-    weight = (1 - course.discount) * course.discount ** jnp.arange(course.steps - 1)
+def _gradient(shared: tuple[RolloutSegment, Policy, Critic], arm: EpisodeState) -> PolicyGradient:
+    segment, policy, critic = shared
+    weight = (1 - segment.discount) * segment.discount ** jnp.arange(segment.steps - 1)
 
-    def value(policy: Policy) -> tuple[Array, Stretch]:
-        found = run_stretch(course, Neural(course.observation, policy), *arm)
-        features = found.kept.features
-        later = course.discount ** (course.steps - 1) * critic(features[-1])
-        kept = eqx.tree_at(lambda x: x.kept, found, features)
-        return jnp.sum(weight * found.cost[:-1]) + later, kept
+    def value(policy: Policy) -> tuple[Array, SegmentResult]:
+        found = run_segment(segment, Neural(segment.observation, policy), *arm)
+        features = found.memory.features
+        later = segment.discount ** (segment.steps - 1) * critic(features[-1])
+        result = eqx.tree_at(lambda x: x.memory, found, features)
+        return jnp.sum(weight * found.cost[:-1]) + later, result
 
-    (_, stretch), slope = jax.value_and_grad(value, has_aux=True)(policy)
-    return Slope(stretch, slope)
+    (_, result), gradient = jax.value_and_grad(value, has_aux=True)(policy)
+    return PolicyGradient(result, gradient)
 
 
 @compiled(**OFTEN)
-def _improved(
-    pace: Pace,
-    course: Course,
+def _update(
+    optimisers: Optimisers,
+    segment: RolloutSegment,
     learner: Learner,
-    slopes: Policy,
-    features: Float[Array, "arm step feature"],
-    cost: Float[Array, "arm step"],
-    sound: Bool[Array, " arm"],
+    gradients: Policy,
+    features: Features,
+    cost: Steps,
+    finite: Bool[Array, " arm"],
 ) -> Learner:
-    size = jnp.sqrt(sum(jax.vmap(lambda x: jnp.sum(x**2))(x) for x in jax.tree.leaves(slopes)))
-    usual = jnp.nanmedian(jnp.where(sound, size, jnp.nan))
-    share = jnp.where(sound, jnp.minimum(1.0, _STEEP * usual / jnp.maximum(size, usual)), 0.0)
-    share /= jnp.maximum(jnp.sum(sound), 1)
+    size = jnp.sqrt(sum(jax.vmap(lambda x: jnp.sum(x**2))(x) for x in jax.tree.leaves(gradients)))
+    median = jnp.nanmedian(jnp.where(finite, size, jnp.nan))
+    ratio = jnp.minimum(1.0, _LARGEST_RATIO * median / jnp.maximum(size, median))
+    share = jnp.where(finite, ratio, 0.0)
+    share /= jnp.maximum(jnp.sum(finite), 1)
 
     def mean(each: Array) -> Array:
-        # 0 times what is no number is none either
-        kept = jnp.where(sound.reshape(-1, *[1] * (each.ndim - 1)), each, 0.0)
-        return jnp.tensordot(share, kept, axes=1)
+        # 0 times a value that is not finite is not finite either
+        chosen = jnp.where(finite.reshape(-1, *[1] * (each.ndim - 1)), each, 0.0)
+        return jnp.tensordot(share, chosen, axes=1)
 
-    by = jax.tree.map(mean, slopes)
-    after = stepped(pace, learner, Trained(by.linear, by.layers, jnp.zeros_like(learner.spread)))
-    # of an arm that was lost nothing is learned
-    features = jnp.where(sound[:, None, None], features, 0.0)
-    expected = jax.vmap(jax.vmap(learner.believed))(features)
-    wanted = returns(jnp.minimum(cost, AWRY), expected, course.discount)
-    wanted = jnp.where(sound[:, None], wanted, expected)
-    return judged(pace, after, features, wanted)
+    by = jax.tree.map(mean, gradients)
+    moves, state = optimisers.policy.update(
+        TrainableWeights(by.linear, by.layers), learner.policy_optimiser
+    )
+    weights = jax.tree.map(lambda at, move: at + learner.rate_factor * move, learner.weights, moves)
+    policy = replace(learner.policy, linear=weights.linear, layers=weights.layers)
+    after = replace(learner, policy=policy, policy_optimiser=state)
+    # nothing is learned from an arm that failed
+    features = jnp.where(finite[:, None, None], features, 0.0)
+    expected = jax.vmap(jax.vmap(learner.target_critic))(features)
+    returns = lambda_returns(jnp.minimum(cost, DIVERGED_COST), expected, segment.discount)
+    return _critic_step(optimisers, after, features, jnp.where(finite[:, None], returns, expected))
 
 
-def improve_by_gradient(
-    pace: Pace, course: Course, learner: Learner, arms: Sequence[Arm], crew: Crew, number: int
-) -> tuple[Learner, list[Stretch]]:
-    """Run all arms for a stretch, and learn from it.
+def _critic_step(
+    optimisers: Optimisers, learner: Learner, features: Features, returns: Steps
+) -> Learner:
+    critic, state = learner.critic, learner.critic_optimiser
 
-    Parameters
-    ----------
-    pace
-        How fast is learned.
-    course
-        Everything that the arms have in common.
-    learner
-        What is trained.
-    arms
-        The arms where they are.
-    crew
-        Runs them.
-    number
-        Of the update.
-    """
-    found = crew.each(_slope, (course, learner.policy, learner.believed), arms)
-    slopes = jax.tree.map(lambda *same: jnp.stack(same), *[each.slope for each in found])
-    features = jnp.stack([each.stretch.kept for each in found])
-    cost = jnp.stack([each.stretch.cost for each in found])
-    sound = np.isfinite(np.asarray(cost)).all(axis=1)
-    for leaf in jax.tree.leaves(slopes):
-        sound &= np.isfinite(np.asarray(leaf)).reshape(len(arms), -1).all(axis=1)
-    learner = _improved(pace, course, learner, slopes, features, cost, jnp.asarray(sound))
-    return learner, [each.stretch for each in found]
+    def loss(critic: Critic) -> Array:
+        return jnp.mean((jax.vmap(jax.vmap(critic))(features) - returns) ** 2)
+
+    for _ in range(_CRITIC_STEPS):
+        moves, state = optimisers.critic.update(jax.grad(loss)(critic), state)
+        critic = jax.tree.map(jnp.add, critic, moves)
+    target = jax.tree.map(
+        lambda new, old: _TARGET_SHARE * new + (1 - _TARGET_SHARE) * old,
+        critic,
+        learner.target_critic,
+    )
+    return replace(learner, critic=critic, target_critic=target, critic_optimiser=state)
+
+
+def gradient_update(
+    optimisers: Optimisers,
+    segment: RolloutSegment,
+    learner: Learner,
+    arms: Sequence[EpisodeState],
+    learners: Learners,
+) -> tuple[Learner, list[SegmentResult]]:
+    """Run all arms for a segment, and return the improved learner with the results."""
+    shared = segment, learner.policy, learner.target_critic
+    found = learners.run(_gradient, shared, arms)
+    gradients = jax.tree.map(lambda *same: jnp.stack(same), *[each.gradient for each in found])
+    results = [each.result for each in found]
+    features = jnp.stack([each.memory for each in results])
+    cost = jnp.stack([each.cost for each in results])
+    finite = np.isfinite(np.asarray(cost)).all(axis=1)
+    for leaf in jax.tree.leaves(gradients):
+        finite &= np.isfinite(np.asarray(leaf)).reshape(len(arms), -1).all(axis=1)
+    learner = _update(optimisers, segment, learner, gradients, features, cost, jnp.asarray(finite))
+    return learner, results

@@ -1,8 +1,8 @@
-"""Imitation: a policy takes after a controller that knows a model of the arm.
+"""Imitation of a model-based controller by a policy.
 
-The policy steers more and more while the controller says at each instant what it would do, so that
-what is learned is also of the states that the policy itself brings about (Ross, Gordon and
-Bagnell, AISTATS 2011).
+The policy steers more and more, while the controller says at each call which command it would give.
+So the policy also learns from the states that it causes itself (DAgger: Ross, Gordon and Bagnell,
+AISTATS 2011).
 """
 
 from __future__ import annotations
@@ -16,133 +16,127 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from crinoid.control import Controller, Seen
-from crinoid.control.neural import Neural, NeuralMemory
-from crinoid.control.policy import Policy
-from crinoid.control.seen import Command
-from crinoid.learning.network import UNKNOWN
-from crinoid.learning.stage import Arm, Crew
-from crinoid.programs import OFTEN, compiled
+from crinoid.compilation import OFTEN, compiled
+from crinoid.control import Controller, ControllerInput
+from crinoid.control.controller import Command
+from crinoid.control.neural import Neural, NeuralMemory, Policy
+from crinoid.learning.gradient import UNSCALED
+from crinoid.learning.rollout import EpisodeState, Learners
 from crinoid.simulation import Loop, LoopState, rollout
 
 ROUNDS = (1.0, 0.5, 0.0)
-"""Share of each move that is the teacher's, one round of episodes after the other."""
-_STIRRED = 0.02
-"""Standard deviation of what is added to each move, over the fastest one, to learn from."""
-_NOTHING = 1e-9
-"""Standard deviation of a feature, in the unit of what is observed, that is none."""
+"""Share of the teacher in each move, in successive rounds of episodes."""
+_NOISE = 0.02
+"""Standard deviation of the noise on each move, over the fastest move."""
+_CONSTANT = 1e-9
+"""Standard deviation below which a feature counts as constant, in its unit."""
 _RIDGE = 1e-5
-"""Penalty on weights, over the mean square of a feature."""
+"""Ridge penalty on weights, over the mean square of a feature."""
 
 
-class Lesson(eqx.Module):
-    """Numbers that pupil and teacher carry from one call to the next."""
+class ImitationMemory(eqx.Module):
+    """Memories of teacher and pupil between two calls, with the teacher's last advice."""
 
-    taught: object
-    """Memory of the teacher."""
-    learned: NeuralMemory
+    teacher: object
+    pupil: NeuralMemory
     advice: Float[Array, " driven"]
     """Move that the teacher would make, over the fastest one."""
     calls: Int[Array, ""]
 
 
-class Taught(Controller):
-    """A neural controller under a teacher."""
+class GuidedPolicy(Controller):
+    """A neural controller that shares its moves with a teacher."""
 
     teacher: Controller
     pupil: Neural
     share: Float[Array, ""]
-    """Share of each move that is the teacher's."""
+    """Share of the teacher in each move."""
     key: PRNGKeyArray
 
-    def start(self, seen: Seen) -> Lesson:
+    def start(self, seen: ControllerInput) -> ImitationMemory:
         """Return the memory at the first call."""
         pupil = self.pupil.start(seen)
         none = jnp.zeros(self.pupil.policy.fastest.size)
-        return Lesson(self.teacher.start(seen), pupil, none, jnp.asarray(0))
+        return ImitationMemory(self.teacher.start(seen), pupil, none, jnp.asarray(0))
 
-    def command(self, memory: Lesson, seen: Seen) -> tuple[Command, Lesson]:
-        """Return the command, and the memory for the next."""
-        wanted, taught = self.teacher.command(memory.taught, seen)
-        learned, policy = self.pupil.remembered(memory.learned, seen), self.pupil.policy
+    def command(
+        self, memory: ImitationMemory, seen: ControllerInput
+    ) -> tuple[Command, ImitationMemory]:
+        """Return the command, and the memory for the next call."""
+        advised, teacher = self.teacher.command(memory.teacher, seen)
+        pupil, policy = self.pupil.update_memory(memory.pupil, seen), self.pupil.policy
         rows = jnp.asarray(self.pupil.observation.driven, int)
-        advice = (wanted - seen.command)[rows] / policy.fastest
+        advice = (advised - seen.command)[rows] / policy.fastest
         key = jax.random.fold_in(self.key, memory.calls)
-        stirred = _STIRRED * jax.random.normal(key, advice.shape)
-        own = policy.speed(learned.features)
-        mixed = self.share * advice + (1 - self.share) * own + stirred
-        command, learned = self.pupil.moved(learned, seen, mixed)
-        return command, Lesson(taught, learned, advice, memory.calls + 1)
+        noise = _NOISE * jax.random.normal(key, advice.shape)
+        own = policy.speed(pupil.features)
+        mixed = self.share * advice + (1 - self.share) * own + noise
+        command, pupil = self.pupil.act(pupil, seen, mixed)
+        return command, ImitationMemory(teacher, pupil, advice, memory.calls + 1)
 
 
 @compiled(**OFTEN)
 def _lesson(
-    shared: tuple[Taught, int], pupils: tuple[Arm, PRNGKeyArray]
+    shared: tuple[GuidedPolicy, int], arm: tuple[EpisodeState, PRNGKeyArray]
 ) -> tuple[Float[Array, "step feature"], Float[Array, "step driven"]]:
-    (taught, steps), (arm, key) = shared, pupils
-    loop = replace(arm.loop, controller=replace(taught, key=key))
+    """Return the features and the advice at each time step of an episode."""
+    (guided, steps), (episode, key) = shared, arm
+    loop = replace(episode.loop, controller=replace(guided, key=key))
 
-    def look(_: Loop, now: LoopState) -> tuple[Array, Array]:
-        return now.memory.learned.features, now.memory.advice
+    def observe(_: Loop, now: LoopState) -> tuple[Array, Array]:
+        return now.memory.pupil.features, now.memory.advice
 
-    return rollout(loop, arm.now.state, steps, observe=look).kept
+    return rollout(loop, episode.now.state, steps, observe=observe).kept
 
 
-def imitated(
-    teacher: Controller, pupil: Neural, arms: Sequence[Arm], steps: int, seed: int, crew: Crew
+def imitate(
+    teacher: Controller,
+    pupil: Neural,
+    arms: Sequence[EpisodeState],
+    steps: int,
+    seed: int,
+    learners: Learners,
 ) -> Policy:
-    """Return a policy of which the linear part takes after a teacher, and the sizes of features.
+    """Return a policy with the sizes of its features, and a linear part that imitates a teacher.
 
-    Parameters
-    ----------
-    teacher
-        The controller to take after.
-    pupil
-        A neural controller whose features are in the units of what is observed.
-    arms
-        Arms at the start, on which it is taught: in each round all of them.
-    steps
-        Time steps of each.
-    seed
-        Of what is added to the moves.
-    crew
-        Runs the arms.
+    Each round runs all arms from their start for ``steps`` time steps; ``seed`` is that of the
+    noise on the moves. The features of the pupil are in the units of the observations.
     """
     policy = pupil.policy
     gathered: list[tuple[np.ndarray, np.ndarray]] = []
     keys = jax.random.split(jax.random.key(seed), (len(ROUNDS), len(arms)))
     for share, own in zip(ROUNDS, keys, strict=True):
-        taught = Taught(teacher, replace(pupil, policy=policy), jnp.asarray(share), own[0])
-        found = crew.each(_lesson, (taught, steps), list(zip(arms, own, strict=True)))
+        guided = GuidedPolicy(teacher, replace(pupil, policy=policy), jnp.asarray(share), own[0])
+        found = learners.run(_lesson, (guided, steps), list(zip(arms, own, strict=True)))
         rows = [tuple(map(np.asarray, each)) for each in found]
         rows = [each for each in rows if np.isfinite(each[1]).all()]
         if not rows:
             raise FloatingPointError("no episode could be run to its end")
         features, advice = (np.concatenate(each) for each in zip(*rows, strict=True))
         if not gathered:
-            policy, features = _scaled(policy, features, advice)
+            policy, features = _scale(policy, features, advice)
         gathered.append((features, advice))
         x, y = (np.concatenate(each) for each in zip(*gathered, strict=True))
-        wide = x.T @ x + _RIDGE * len(x) * np.eye(x.shape[1])
-        # what comes out goes through a hyperbolic tangent
-        wanted = np.arctanh(np.clip(y, -0.95, 0.95)) / policy.swing
-        linear = np.linalg.solve(wide, x.T @ wanted).T
+        normal = x.T @ x + _RIDGE * len(x) * np.eye(x.shape[1])
+        # the output passes through a hyperbolic tangent
+        target = np.arctanh(np.clip(y, -0.95, 0.95)) / policy.swing
+        linear = np.linalg.solve(normal, x.T @ target).T
         policy = eqx.tree_at(lambda p: p.linear, policy, jnp.asarray(linear))
     return policy
 
 
-def _scaled(policy: Policy, features: np.ndarray, advice: np.ndarray) -> tuple[Policy, np.ndarray]:
-    """Return a policy that knows the usual sizes of features, and the features over these.
+def _scale(policy: Policy, features: np.ndarray, advice: np.ndarray) -> tuple[Policy, np.ndarray]:
+    """Return a policy with the typical sizes of features, and the features over these sizes.
 
-    The centre of what is observed is left out of the slowest features.
+    The slowest features are taken about the mean observation.
     """
-    entries, features = policy.centre.size, features / UNKNOWN
+    entries, features = policy.centre.size, features / UNSCALED
     centre = features[:, -entries:].mean(axis=0)
     features[:, -entries:] -= centre
     size = features.std(axis=0)
-    told = size > _NOTHING
-    usual = np.where(told, 1 / np.where(told, size, 1.0), 0.0)
-    swing = np.maximum(np.sqrt(np.mean(advice**2, axis=0)), _STIRRED)
-    known = (jnp.asarray(centre), jnp.asarray(usual), jnp.asarray(swing))
-    policy = eqx.tree_at(lambda p: (p.centre, p.usual, p.swing), policy, known)
-    return policy, features * usual
+    varies = size > _CONSTANT
+    scale = np.where(varies, 1 / np.where(varies, size, 1.0), 0.0)
+    swing = np.maximum(np.sqrt(np.mean(advice**2, axis=0)), _NOISE)
+    values = (jnp.asarray(centre), jnp.asarray(scale), jnp.asarray(swing))
+    policy = eqx.tree_at(lambda p: (p.centre, p.usual, p.swing), policy, values)
+    return policy, features * scale

@@ -1,55 +1,78 @@
-"""How a policy is trained."""
+"""Settings of a training, and default ranges of what its episodes draw."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from crinoid.learning.gradient import improve_by_gradient
-from crinoid.learning.ppo import STEPS, improve_by_ppo
-from crinoid.scenario import Mistake, ScenarioError, one_of, shown
+from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
+from crinoid.scenario.errors import got
 
-METHODS = {"gradient": (improve_by_gradient, 3e-4, 1), "ppo": (improve_by_ppo, 1e-4, STEPS)}
-"""How a policy is improved, the learning rate at first, and the steps of an update."""
+METHOD = "gradient"
 TEACHERS = ("lqg", "mpc", "pid", "none")
-_LARGEST = 1_000_000
-"""Largest seed of a training."""
+_LARGEST_SEED = 1_000_000
 
 
 @dataclass(frozen=True)
-class Settings:
-    """How a policy is trained."""
+class TrainingSettings:
+    """Settings of a training."""
 
-    method: str = "gradient"
-    """One of `METHODS`."""
+    method: str = METHOD
+    """How the policy is improved; only `METHOD`."""
     teacher: str = "lqg"
-    """Kind of controller that is imitated first."""
+    """Kind of controller that the policy imitates first, one of `TEACHERS`."""
     arms: int = 16
-    """Arms that are run between two updates."""
+    """Number of arms that run between two updates."""
     updates: int = 1500
     seed: int = 0
     draw: Mapping[str, tuple[float, float]] | None = None
-    """Keys of the scenario that each episode draws, with the smallest and the largest value; none
-    if left out (`crinoid.learning.usual.usual_draws` is what the command takes)."""
+    """Keys of the scenario that each episode draws, with the smallest and the largest value."""
 
     def __post_init__(self) -> None:
+        library = "For PPO, use Stable-Baselines3 as examples/ppo_station_keeping.py does."
+        rules = (
+            ("method", self.method == METHOD, f'be "{METHOD}"', library),
+            ("teacher", self.teacher in TEACHERS, f"be {one_of(TEACHERS)}", ""),
+            ("arms", self.arms >= 1, "be at least 1", ""),
+            ("updates", self.updates >= 0, "be at least 0", ""),
+            ("seed", 0 <= self.seed <= _LARGEST_SEED, f"be from 0 to {_LARGEST_SEED}", ""),
+        )
         mistakes = [
-            Mistake(f"--{name}", f"got {shown(value)}, takes {one_of(known)}")
-            for name, value, known in (
-                ("method", self.method, tuple(METHODS)),
-                ("teacher", self.teacher, TEACHERS),
-            )
-            if value not in known
+            Mistake(f"--{name}", got(getattr(self, name), must, hint))
+            for name, fulfilled, must, hint in rules
+            if not fulfilled
         ]
-        mistakes += [
-            Mistake(f"--{name}", f"got {value}, takes a number of {least} or more")
-            for name, value, least in (
-                ("arms", self.arms, 1),
-                ("updates", self.updates, 0),
-                ("seed", self.seed, 0),
-            )
-            if value < least
-        ]
-        if self.seed > _LARGEST:
-            text = f"got {self.seed}, takes a number up to {_LARGEST}"
-            mistakes.append(Mistake("--seed", text))
         if mistakes:
             raise ScenarioError(mistakes)
+
+
+_STRENGTHS = ("velocity", "amplitude", "mean", "standard_deviation", "significant_height", "height")
+_ERRORS = ("noise_position", "noise_angle_deg", "delay")
+
+
+def default_randomization(scenario: Scenario) -> dict[str, tuple[float, float]]:
+    """Return the default ranges of what episodes draw.
+
+    Young's modulus and a given bending stiffness vary by 30 %; currents, the errors and the delay
+    of the sensor, and the mass of a tool by 50 %.
+    """
+    document = scenario.to_dict()
+    arm, sensor, tool = (document.get(name) or {} for name in ("arm", "sensor", "tool"))
+    stiffness = {
+        "arm.youngs_modulus": scenario.arm.youngs_modulus,
+        "arm.section.EI": arm.get("section", {}).get("EI"),
+    }
+    others = {
+        f"flow.{index}.{name}": flow.get(name)
+        for index, flow in enumerate(document.get("flow", []))
+        for name in _STRENGTHS
+    }
+    others |= {f"sensor.{name}": sensor.get(name) for name in _ERRORS}
+    others["tool.mass"] = tool.get("mass")
+    ranges = {}
+    for key, value in (stiffness | others).items():
+        spread = 0.3 if key in stiffness else 0.5
+        numbers = {f"{key}.{i}": x for i, x in enumerate(value)} if isinstance(value, list) else {}
+        for name, number in (numbers or {key: value}).items():
+            if isinstance(number, float) and number:
+                low, high = sorted(((1 - spread) * number, (1 + spread) * number))
+                ranges[name] = low, high
+    return ranges

@@ -1,10 +1,12 @@
-"""Reading files: a CSV or netCDF file becomes a current, a motion or a path.
+"""Readers of measured time series: CSV and netCDF files as currents, motions and paths.
+
+May import ``scenario`` and lower folders.
 
 Nothing here knows how they are evaluated; a file that does not fit is a `ScenarioError`.
 """
 
-from crinoid.recording.named import series_readers as series_readers
+from crinoid.recording.recording import PlaybackWindow as PlaybackWindow
 from crinoid.recording.recording import Recording as Recording
 from crinoid.recording.recording import read_recording as read_recording
 from crinoid.recording.series import Series as Series
-from crinoid.recording.stage import Stage as Stage
+from crinoid.recording.series import series_readers as series_readers

@@ -1,4 +1,4 @@
-"""One component of a velocity, cut out of a variable that may run over more than time."""
+"""Selection of a current from a file: the velocity at times and levels, in SI units."""
 
 from __future__ import annotations
 
@@ -6,13 +6,26 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.recording.opening import numbers_of
-from crinoid.recording.refusal import listed, refusal
-from crinoid.scenario.errors import shown
-from crinoid.scenario.measured import Component, MeasuredFlow
+from crinoid.recording.opening import (
+    check_count,
+    factor_to,
+    find,
+    heights,
+    numbers_of,
+    only_dimension,
+    opened,
+    seconds,
+)
+from crinoid.recording.series import FilledRecord, fill
+from crinoid.recording.table import MARKED, check_marks, listed, velocity_factor
+from crinoid.scenario.errors import ScenarioError, got, refusal, shown
+from crinoid.scenario.flow import Component, MeasuredFlow
+
+_FASTEST = 50.0
+"""No current is so fast (m/s): such a number marks a missing value."""
 
 
-def component_of(
+def _velocity_of(
     variable: xr.DataArray,
     component: Component,
     key: str,
@@ -21,14 +34,14 @@ def component_of(
     flow: MeasuredFlow,
     used: set[str],
 ) -> Float[np.ndarray, "time level"]:
-    """Cut one component out of a variable; ``used`` gathers the dimensions selected in."""
+    """Return one component of the velocity; ``used`` collects the dimensions of ``select``."""
     name = component.name
     if len(set(variable.dims)) < variable.ndim:
         dims = ", ".join(map(str, variable.dims))
-        raise refusal(key, f"{name} runs over {dims}, takes each dimension once")
+        raise refusal(key, f"{name} has dimensions {dims}", "have each dimension once")
     for dimension, which in ((along, "time"), (upright, "vertical")):
         if dimension is not None and dimension not in variable.dims:
-            raise refusal(key, f"{name} has no dimension {dimension}, as {which} has")
+            raise refusal(key, f"{name} lacks a dimension", f"have {dimension}, as {which}")
     if component.entry:
         variable = _entry(variable, component, key, {along, upright})
     for dimension in map(str, variable.dims):
@@ -40,13 +53,9 @@ def component_of(
         elif variable.sizes[dimension] == 1:
             variable = variable.isel({dimension: 0})
         else:
-            hint = _left_over(variable, component, dimension)
-            numbered = dimension in variable.coords and not labelled_by_text(variable, dimension)
-            if upright is None and numbered:
-                hint += f', or vertical = "{dimension}" for a profile'
-            raise refusal(key, f"{name} also runs over {hint}")
-    kept = [along] if upright is None else [along, upright]
-    values = numbers_of(variable.transpose(*kept), key, "a velocity")
+            raise _left_over(variable, component, key, dimension, profile=upright is not None)
+    order = [along] if upright is None else [along, upright]
+    values = numbers_of(variable.transpose(*order), key, "a velocity")
     values = values.astype(float).reshape(values.shape[0], -1)
     return np.where(np.isfinite(values), values, np.nan)
 
@@ -62,14 +71,13 @@ def _entry(
     found = [dimension for dimension, texts in labels.items() if component.entry in texts]
     if len(found) != 1:
         known = "; ".join(f"{dimension}: {listed(texts)}" for dimension, texts in labels.items())
-        has = f"its entries are {known}" if known else "it has no labelled dimension"
-        raise refusal(key, f"{component.name} has no entry {shown(component.entry)}; {has}")
-    index = labels[found[0]].index(component.entry)
-    return variable.isel({found[0]: index})
+        must = f"name one of {known}" if known else "name no entry of a variable without labels"
+        raise refusal(key, f"{component.name} has no entry {shown(component.entry)}", must)
+    return variable.isel({found[0]: labels[found[0]].index(component.entry)})
 
 
-def labelled_by_text(variable: xr.DataArray, dimension: str) -> bool:
-    """Whether the entries of a dimension have names, and no numbers."""
+def _is_labelled(variable: xr.DataArray, dimension: str) -> bool:
+    """Return whether the entries of a dimension have names instead of numbers."""
     return dimension in variable.coords and variable.coords[dimension].dtype.kind not in "iuf"
 
 
@@ -80,40 +88,86 @@ def _labels(variable: xr.DataArray, dimension: str) -> list[str]:
 
 
 def _nearest(variable: xr.DataArray, dimension: str, flow: MeasuredFlow) -> int:
-    """Return the entry nearest to what is asked for; it is not to lie outside."""
-    key, wanted, size = f"select.{dimension}", flow.select[dimension], variable.sizes[dimension]
+    """Return the index nearest to the selected place, which must not lie outside."""
+    key, place, size = f"select.{dimension}", flow.select[dimension], variable.sizes[dimension]
     if dimension not in variable.coords:
-        if wanted != int(wanted) or not 0 <= wanted < size:
-            raise refusal(key, f"got {wanted:g}, takes an index from 0 to {size - 1}")
-        return int(wanted)
-    if labelled_by_text(variable, dimension):
-        text = f"holds {listed(_labels(variable, dimension))}"
-        raise refusal(key, f'{dimension} {text}; takes an entry in velocity, such as "name[label]"')
+        if place != int(place) or not 0 <= place < size:
+            raise refusal(key, f"got {place:g}", f"be an index from 0 to {size - 1}")
+        return int(place)
+    if _is_labelled(variable, dimension):
+        text = f"{dimension} contains {listed(_labels(variable, dimension))}"
+        raise refusal(key, text, 'be an entry in velocity, such as "name[label]"')
     places = np.asarray(variable.coords[dimension].values, float)
     low, high = float(places.min()), float(places.max())
     slack = 0.5 * (high - low) / max(1, size - 1)
     # longitudes count from -180 or from 0
-    turns = (0.0, 360.0, -360.0) if _is_longitude(variable.coords[dimension]) else (0.0,)
-    for turned in (wanted + turn for turn in turns):
-        if low - slack <= turned <= high + slack:
-            return int(np.argmin(np.abs(places - turned)))
-    raise refusal(key, f"got {wanted:g}, takes {low:g} to {high:g}")
+    units = str(variable.coords[dimension].attrs.get("units", ""))
+    turns = (0.0, 360.0, -360.0) if units.startswith("degrees_east") else (0.0,)
+    for equal in (place + turn for turn in turns):
+        if low - slack <= equal <= high + slack:
+            return int(np.argmin(np.abs(places - equal)))
+    raise refusal(key, f"got {place:g}", f"be {low:g} to {high:g}")
 
 
-def _is_longitude(coordinate: xr.DataArray) -> bool:
-    return str(coordinate.attrs.get("units", "")).startswith("degrees_east")
-
-
-def _left_over(variable: xr.DataArray, component: Component, dimension: str) -> str:
-    """Say which dimension is left, and what to do about it."""
+def _left_over(
+    variable: xr.DataArray, component: Component, key: str, dimension: str, *, profile: bool
+) -> ScenarioError:
+    """Return the refusal of a dimension from which no entry is selected."""
+    name, select = component.name, f"select = {{{dimension} = ...}}"
     if dimension not in variable.coords:
-        size = variable.sizes[dimension]
-        return f"{dimension}; takes select = {{{dimension} = ...}}, an index from 0 to {size - 1}"
-    if labelled_by_text(variable, dimension):
+        last = variable.sizes[dimension] - 1
+        subject, hint = dimension, f"Set {select}, an index from 0 to {last}."
+    elif _is_labelled(variable, dimension):
         texts = _labels(variable, dimension)
-        return (
-            f'{dimension} ({listed(texts)}); takes an entry, such as "{component.name}[{texts[0]}]"'
-        )
-    coordinate = variable.coords[dimension]
-    low, high = float(coordinate.min()), float(coordinate.max())
-    return f"{dimension} ({low:g} to {high:g}); takes select = {{{dimension} = ...}}"
+        subject = f"{dimension} ({listed(texts)})"
+        hint = f'Name an entry, such as "{name}[{texts[0]}]".'
+    else:
+        places = variable.coords[dimension]
+        subject = f"{dimension} ({float(places.min()):g} to {float(places.max()):g})"
+        vertical = "" if profile else f', or vertical = "{dimension}" for a profile'
+        hint = f"Set {select}{vertical}."
+    return refusal(key, f"{name} also has a dimension {subject}. {hint}")
+
+
+def read_selection(flow: MeasuredFlow, bed: float | None) -> FilledRecord:
+    """Read the part of its file that a flow selects; ``bed`` is the height z of the bed (m)."""
+    with opened(flow.file, flow.time, flow.vertical) as dataset:
+        remarks: list[str] = []
+        clock = dataset[find(dataset, flow.time, "time", flow.file)]
+        along = only_dimension(clock, "time")
+        level, upright, sign = None, None, 1.0
+        if flow.vertical is not None:
+            component = Component.of(flow.vertical)
+            if component is None or component.entry:
+                raise refusal("vertical", got(flow.vertical, "be the name of a variable"))
+            level = dataset[find(dataset, component.name, "vertical", flow.file)]
+            upright, sign = only_dimension(level, "vertical"), component.sign
+        layers = 1 if level is None else level.size
+        columns = sum(item is not None for item in flow.components)
+        check_count(clock.size * layers * columns, flow.file, "this current")
+        time = seconds(clock, remarks)
+        levels = None if level is None else heights(level, sign, flow.origin, bed, remarks)
+        velocity = np.zeros((time.size, layers, len(flow.components)))
+        used, others = set[str](), set[str]()
+        for index, component in enumerate(flow.components):
+            if component is not None:
+                key = f"velocity.{index}"
+                variable = dataset[find(dataset, component.name, key, flow.file)]
+                part = _velocity_of(variable, component, key, along, upright, flow, used)
+                factor = component.sign * factor_to(variable, velocity_factor, key, "m/s", remarks)
+                velocity[:, :, index] = factor * part
+                fastest = float(np.nanmax(np.abs(velocity[:, :, index]), initial=0.0))
+                if fastest > _FASTEST:
+                    text = f"{component.name} reaches {fastest:g} m/s"
+                    raise refusal(key, text, f"reach at most {_FASTEST:g}", MARKED)
+                check_marks(part, key, component.name)
+                others |= {
+                    dimension
+                    for dimension in map(str, variable.dims)
+                    if dimension not in (along, upright) and not _is_labelled(variable, dimension)
+                }
+        for dimension in flow.select:
+            if dimension not in used:
+                must = f"be {listed(sorted(others))}" if others else "be left out"
+                raise refusal(f"select.{dimension}", "no dimension to select in", must)
+    return fill(time, levels, velocity, list(flow.velocity), remarks)

@@ -1,48 +1,126 @@
-"""Columns of numbers over the time of a run: a prescribed motion, a target's path."""
+"""Series over the time of a run: prescribed motions and paths of the target from files."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from crinoid.recording.coordinates import factor_to, only_dimension, seconds
-from crinoid.recording.marks import check_marks
-from crinoid.recording.opening import check_count, find, numbers_of, opened, short
-from crinoid.recording.refusal import refusal
-from crinoid.recording.units import time_factor
-from crinoid.scenario.errors import counted
+from crinoid.foundation.axes import ANGLES, AXES
+from crinoid.recording.opening import (
+    check_count,
+    factor_to,
+    find,
+    numbers_of,
+    only_dimension,
+    opened,
+    seconds,
+    short,
+)
+from crinoid.recording.table import MARKED, angle_factor, check_marks, length_factor, time_factor
+from crinoid.scenario import FileMotion, Scenario, Target
+from crinoid.scenario.errors import counted, refusal
+from crinoid.scenario.quantity import OPPOSITE
+
+_MOST = 0.5
+"""Smallest measured share of a level."""
+_LATE = 1.5
+"""Interval, over the usual one, above which samples are missing."""
+
+
+class FilledRecord(NamedTuple):
+    """A record without gaps."""
+
+    time: Float[np.ndarray, " time"]
+    """Time (s), with the instants that are missing in the file."""
+    levels: Float[np.ndarray, " level"] | None
+    """Heights z (m), in the order of the file; None for a record at one point."""
+    velocity: Float[np.ndarray, "time level component"]
+    """Velocity (m/s); zero for a component named ``0``."""
+    filled: Bool[np.ndarray, "time level"]
+    """Whether a component is missing."""
+    remarks: list[str]
+    """Assumptions, omitted levels and filled gaps, a sentence each."""
+
+
+def fill(
+    time: Float[np.ndarray, " time"],
+    levels: Float[np.ndarray, " level"] | None,
+    velocity: Float[np.ndarray, "time level component"],
+    names: list[str],
+    remarks: list[str],
+) -> FilledRecord:
+    """Fill the gaps of a record (NaN) by straight lines in time, and omit empty levels."""
+    steps = np.diff(time)
+    absent = np.maximum(np.rint(steps / np.median(steps)).astype(int) - 1, 0)
+    absent[steps <= _LATE * np.median(steps)] = 0
+    if absent.sum(dtype=float) >= time.size:
+        text = f"most samples are missing at the usual interval of {np.median(steps):.6g} s"
+        raise refusal("time", text, "be a record in one piece", "Cut one out.")
+    places = np.concatenate([[0], np.cumsum(absent + 1)])
+    whole = np.interp(np.arange(places[-1] + 1), places, time)
+    measured = np.zeros((whole.size, *velocity.shape[1:]), bool)
+    measured[places] = np.isfinite(velocity)
+    full = (measured.mean(axis=0) >= _MOST).all(axis=1)
+    if not full.any():
+        absence = 1 - measured.mean(axis=0).max(axis=0)
+        name, share = names[int(np.argmax(absence))], float(absence.max())
+        must = "have half of the values" + ("" if levels is None else " at one level")
+        raise refusal("file", f"{share:.0%} of {name} is missing", must)
+    if levels is not None and not full.all():
+        heights = ", ".join(f"{height:.6g}" for height in np.sort(levels[~full]))
+        remarks.append(f"most is missing at z = {heights} m: left out")
+    measured = measured[:, full]
+    filled = np.empty(measured.shape)
+    for at in np.ndindex(*measured.shape[1:]):
+        there, values = measured[:, *at], velocity[:, full][:, *at]
+        filled[:, *at] = np.interp(whole, whole[there], values[np.isfinite(values)])
+    for component, name in enumerate(names):
+        there = measured[:, :, component]
+        if not there.all():
+            # between two samples of a level, or to the ends of the record
+            gaps = [
+                np.diff(np.concatenate([whole[:1], whole[level], whole[-1:]])).max()
+                for level in there.T
+                if not level.all()
+            ]
+            remarks.append(
+                f"{1 - there.mean():.2%} of {name} is missing and was filled by straight lines, "
+                f"the longest gap {max(gaps):.4g} s"
+            )
+    levels = None if levels is None else levels[full]
+    return FilledRecord(whole, levels, filled, np.logical_not(measured.all(axis=2)), remarks)
 
 
 class Column(NamedTuple):
-    """Variable to read."""
+    """A variable of a series."""
 
     key: str
-    """Under which the scenario names it."""
+    """Key in the scenario that names it."""
     name: str
-    """In the file."""
+    """Its name in the file."""
     factor_of: Callable[[str], float | None]
-    """Function that turns a unit into SI."""
+    """Factor from a unit to SI."""
     unit: str
-    """If the file names none."""
+    """Unit if the file names none."""
     most: float
-    """Largest size of a value; larger ones stand for missing values (SI)."""
+    """Largest size of a value (SI); a larger one marks a missing value."""
     wraps: bool = False
-    """Whether it is an angle, of which an instrument may leave out whole turns."""
+    """Whether it is an angle, from which an instrument may omit whole turns."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """The values read, in SI units."""
+    """Columns of numbers over time, in SI units."""
 
     time: Float[np.ndarray, " time"]
     """Time of the run (s), increasing."""
     values: Float[np.ndarray, "time column"]
     notes: tuple[str, ...]
-    """Notes on what was assumed and left out."""
+    """Assumptions and omitted rows, a sentence each."""
 
     def during(
         self, duration: float
@@ -57,7 +135,7 @@ def read_series(file: str, time_column: str, columns: list[Column], skip: float)
     """Read columns of a CSV or netCDF file.
 
     Times that are numbers are those of the run, dates count from the first one; ``skip`` is the
-    time of the file when the run begins. Rows in which anything is missing are left out.
+    time of the file when the run begins. Rows with a missing value are omitted.
     """
     with opened(file, time_column) as dataset:
         remarks: list[str] = []
@@ -73,20 +151,20 @@ def read_series(file: str, time_column: str, columns: list[Column], skip: float)
             variable = dataset[find(dataset, name, key, file)]
             if variable.dims != (along,):
                 dims = ", ".join(map(str, variable.dims)) or "nothing"
-                raise refusal(key, f"{name} runs over {dims}, takes a column beside {time_column}")
+                raise refusal(key, f"{name} has dimensions {dims}", f"have those of {time_column}")
             numbers = numbers_of(variable, key, "numbers").astype(float)
             factor = factor_to(variable, factor_of, key, unit, remarks)
             values[:, index] = factor * numbers
             most = float(np.nanmax(np.abs(numbers), initial=0.0))
             if most > limit / factor:
-                text = f"{name} reaches {most:g}, takes up to {limit / factor:.4g}; missing values "
-                raise refusal(key, text + "take an empty cell, or in a netCDF file a _FillValue")
+                must = f"reach at most {limit / factor:.4g}"
+                raise refusal(key, f"{name} reaches {most:g}", must, MARKED)
             check_marks(numbers, key, name)
     there = np.isfinite(values).all(axis=1)
     if there.sum() < 2:
         rows = counted(int(there.sum()), "row")
-        text = f"{short(file)} has {rows} without a missing value, takes 2 or more"
-        raise refusal("file", text)
+        text = f"{short(file)} has {rows} without a missing value"
+        raise refusal("file", text, "have at least 2")
     if not there.all():
         gap, lacking = np.diff(time[there]).max(), int((~there).sum())
         lack, are = ("lacks", "is") if lacking == 1 else ("lack", "are")
@@ -104,3 +182,79 @@ def read_series(file: str, time_column: str, columns: list[Column], skip: float)
                 f"{time[there][1:][jumps][0]:.6g} s: the turn goes on by the shorter way round"
             )
     return Series(time[there] - skip, values, tuple(remarks))
+
+
+_NO_UNIT = dict.fromkeys(("1", "-", "m/m"), 1.0).get
+_SHIFT, _DEPTHS, _TURNS, _LONG = 1e3, 2e4, 100.0, 1e15
+"""Greatest shift (m), depth (m), turn (rad) and length of a vector without a unit."""
+
+
+def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
+    """Return a reader of each series that a scenario names, by the key of its table."""
+    duration, axes = scenario.simulation.duration, AXES[scenario.arm.dimension]
+    readers: dict[str, Callable[[], Series]] = {
+        f"base.motion.{index}": lambda motion=motion: _motion(motion, duration)
+        for index, motion in enumerate(scenario.base.motion)
+        if isinstance(motion, FileMotion)
+    }
+    if scenario.target.path == "file":
+        readers["target"] = lambda: _path(scenario.target, axes, duration)
+    return readers
+
+
+def _motion(motion: FileMotion, duration: float) -> Series:
+    turns = motion.channel in ANGLES
+    column = Column(
+        "value_column",
+        motion.value_column or motion.channel,
+        angle_factor if turns else length_factor,
+        "degrees" if turns else "m",
+        _TURNS if turns else _SHIFT,
+        turns,
+    )
+    series = read_series(motion.file, motion.time_column, [column], motion.skip)
+    first, last = series.time[[0, -1]]
+    if first > 0:
+        text = f"begins at {first:.6g} s of the run"
+        raise refusal("time_column", text, "begin at 0 or earlier")
+    if last < duration * (1 - 1e-9):
+        text = f"ends at {last:.6g} s of the run"
+        raise refusal("time_column", text, f"end at simulation.duration = {duration} or later")
+    return series
+
+
+def _path(target: Target, axes: tuple[str, ...], duration: float) -> Series:
+    columns = [
+        Column(f"tip_columns.{index}", name, length_factor, "m", _DEPTHS)
+        for index, name in enumerate(target.tip_columns or axes)
+    ]
+    if target.angle_column is not None:
+        angle = Column("angle_column", target.angle_column, angle_factor, "degrees", _TURNS, True)
+        columns.append(angle)
+    for index, name in enumerate(target.direction_columns or ()):
+        columns.append(Column(f"direction_columns.{index}", name, _NO_UNIT, "1", _LONG))
+    assert target.file is not None
+    series = read_series(target.file, target.time_column or "time", columns, target.skip or 0.0)
+    if series.time[-1] <= 0:
+        text = f"the path ends at {series.time[-1]:.6g} s of the run"
+        raise refusal("skip", text, "leave a part of the path", "Lower it.")
+    if series.time[0] >= duration:
+        text = f"the path begins at {series.time[0]:.6g} s of a run of {duration:g} s"
+        raise refusal("skip", text, "be the time of the file when the run begins (s)")
+    return series if target.direction_columns is None else _pointed(series)
+
+
+def _pointed(series: Series) -> Series:
+    """Return the series with unit vectors in its last three columns."""
+    values = series.values.copy()
+    vectors = values[:, -3:]
+    largest = np.abs(vectors).max(axis=1, keepdims=True)
+    if not largest.all():
+        raise refusal("direction_columns", "a vector is 0", "have a direction in each row")
+    vectors /= largest  # squares of very small numbers are 0
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    opposite = np.flatnonzero((vectors[1:] * vectors[:-1]).sum(axis=1) < OPPOSITE)
+    if opposite.size:
+        text = f"turn to the opposite at {series.time[opposite[0] + 1]:.6g} s of the run"
+        raise refusal("direction_columns", text, "turn by less", "Add a direction between.")
+    return replace(series, values=values)

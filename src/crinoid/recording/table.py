@@ -1,6 +1,7 @@
-"""Reading a CSV file, as people and instruments write them, into what a netCDF file would hold."""
+"""Reading of CSV files into datasets like those of netCDF files."""
 
 import csv
+import math
 import os
 import re
 import warnings
@@ -12,16 +13,111 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from crinoid.recording.refusal import listed, refusal
-from crinoid.recording.units import is_unit
-from crinoid.scenario.errors import shown
-from crinoid.scenario.measured import Component
+from crinoid.scenario.errors import refusal, shown
+from crinoid.scenario.flow import Component
+
+_NAMED = 12
+MARKED = "Mark missing values by an empty cell, or in a netCDF file by a _FillValue."
+
+
+def reason_of(error: Exception) -> str:
+    """Return the reason of an error in one line."""
+    return " ".join(str(getattr(error, "strerror", None) or error).split())[:200]
+
+
+def listed(names: list[str]) -> str:
+    """Return the first dozen names, with commas between them."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+_MARKS = (999, 999.9, 999.99, 9999, 9999.9, 9999.99, 99999, 99999.9, 999999, 32767, 32768)
+"""Usual marks of missing values: nines, and the ends of a 16-bit counter."""
+_CLOSE = 1e-6
+"""Relative error of numbers in single precision."""
+
+
+def check_marks(numbers: np.ndarray, key: str, name: str) -> None:
+    """Refuse a variable with a mark of missing values among its numbers.
+
+    A mark differs from the other numbers by more than they differ from each other: 999 between
+    998 and 1000 is a number.
+    """
+    found = numbers[np.isfinite(numbers)].astype(float)
+    marked = np.zeros(found.size, bool)
+    large = np.flatnonzero(np.abs(found) > _MARKS[0] * (1 - _CLOSE))
+    for mark in _MARKS:
+        marked[large] |= np.isclose(np.abs(found[large]), mark, rtol=_CLOSE, atol=0)
+    if not marked.any():
+        return
+    others, marks = found[~marked], found[marked]
+    if others.size:
+        low, high = others.min(), others.max()
+        marks = marks[np.maximum(low - marks, marks - high) > high - low]
+    if marks.size:
+        text = f"{name} contains {marks[0]:g}, far from its other numbers"
+        raise refusal(key, text, "contain measured values only", MARKED)
+
+
+_LENGTHS = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 1e-2),
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1e-3),
+}
+_ANGLES = {
+    **dict.fromkeys(("deg", "degree", "degrees", "\N{DEGREE SIGN}"), math.radians(1.0)),
+    **dict.fromkeys(("rad", "radian", "radians"), 1.0),
+}
+_SECONDS = ("s", "sec", "secs", "second", "seconds")
+_TIMES = {
+    **dict.fromkeys(_SECONDS, 1.0),
+    **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("us", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
+}
+# m/s, m s-1, m s^-1, m.s**-1, metres per second
+_RATE = re.compile(r"([a-z]+)(?:\s*(?:/|\bper\b)\s*([a-z]+)|[\s.*·]\s*([a-z]+)\s*[\^*]*\(?-1\)?)")
+
+
+def velocity_factor(units: str) -> float | None:
+    """Return the factor from a unit of velocity to m/s, or None for an unknown unit."""
+    found = _RATE.fullmatch(units.strip().lower())
+    if found is None or (found[2] or found[3]) not in _SECONDS:
+        return None
+    return _LENGTHS.get(found[1])
+
+
+def length_factor(units: str) -> float | None:
+    """Return the factor from a unit of length to m, or None for an unknown unit."""
+    return _LENGTHS.get(units.strip().lower())
+
+
+def angle_factor(units: str) -> float | None:
+    """Return the factor from a unit of angle to rad, or None for an unknown unit."""
+    return _ANGLES.get(units.strip().lower())
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a known unit, with or without brackets."""
+    known = (velocity_factor, length_factor, time_factor, angle_factor)
+    return any(factor(text.strip().strip("[]()")) is not None for factor in known)
+
+
+def time_factor(units: str) -> float | None:
+    """Return the factor from a unit of time, also ``since`` a date, to s, or None if unknown."""
+    unit, _, _ = units.strip().lower().partition(" since ")
+    return _TIMES.get(unit.strip())
+
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 _MAX_BYTES = 500_000_000
 _MAX_CELLS = 20_000_000
+_SHORTEN = "Cut out a shorter part, or convert it to netCDF."
 _HEAD = 1 << 16
-"""Bytes in which the header and enough rows to tell the layout are to be found."""
+"""Bytes from which the header and the layout are determined."""
 _MISSING = ["", "-", "--", "n/a", "N/A", "NA", "NaN", "nan", "NAN", "null", "NULL", "None"]
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(inf|nan)", re.I)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
@@ -51,8 +147,8 @@ def read_table(file: str, time: str, vertical: str | None) -> xr.Dataset:
     """
     name, size = Path(file).name, os.path.getsize(file)
     if size > _MAX_BYTES:
-        text = f"{name} has {size / 1e6:.0f} MB, takes up to {_MAX_BYTES / 1e6:.0f} MB of CSV"
-        raise refusal("file", f"{text}; cut out the part that is needed, or make it netCDF")
+        must = f"have at most {_MAX_BYTES / 1e6:.0f} MB as CSV"
+        raise refusal("file", f"{name} has {size / 1e6:.0f} MB", must, _SHORTEN)
     layout = _layout(file)
     frame = _frame(file, layout)
     columns = {
@@ -77,26 +173,26 @@ def _layout(file: str) -> _Layout:
     except (UnicodeError, LookupError):
         text = "\0"
     if "\0" in text:
-        raise refusal("file", f"{name} is no text, takes a CSV or netCDF file")
+        raise refusal("file", f"{name} is no text", "be a CSV or netCDF file")
     lines = text.splitlines()
     if len(head) == _HEAD:
         lines = lines[:-1]  # cut in two
     full = [index for index, line in enumerate(lines) if line.split("#")[0].strip()]
-    told = re.fullmatch(r"sep=(.)", lines[full[0]].strip()) if full else None  # as Excel has it
-    full = full[1:] if told else full
+    declared = re.fullmatch(r"sep=(.)", lines[full[0]].strip()) if full else None  # as Excel has it
+    full = full[1:] if declared else full
     if not full:
-        raise refusal("file", f"{name} holds no rows, takes a header and rows of numbers")
+        raise refusal("file", f"{name} has no rows", "have a header and rows of numbers")
     first = full[0]
     header, rows = lines[first].split("#")[0], [lines[index] for index in full[1:]]
-    separator = told[1] if told else next((mark for mark in "\t;," if mark in header), "")
+    separator = declared[1] if declared else next((mark for mark in "\t;," if mark in header), "")
     fields, skipped = _fields(header, separator), first + 1
     if all(_NUMBER.fullmatch(field) or _DECIMAL_COMMA.fullmatch(field) for field in fields):
         # as NumPy writes it, the header is a comment
-        said = [line.lstrip("# \t") for line in lines[:first] if line.strip().startswith("#")]
-        names = _fields(said[-1], separator) if said else []
+        comments = [line.lstrip("# \t") for line in lines[:first] if line.strip().startswith("#")]
+        names = _fields(comments[-1], separator) if comments else []
         if len(names) != len(fields):
-            text = f"{name} begins with numbers, takes a first line of names such as time, u, w"
-            raise refusal("file", text)
+            must = "have a first line of names such as time, u, w"
+            raise refusal("file", f"{name} begins with numbers", must)
         rows, fields, skipped = [header, *rows], names, first
     units = [""] * len(fields)
     for index, field in enumerate(fields):
@@ -106,15 +202,18 @@ def _layout(file: str) -> _Layout:
         below = _fields(rows[0].split("#")[0], separator)
         if len(below) == len(fields) and any(below) and all(not u or is_unit(u) for u in below):
             units, skipped = [u.strip("[]()") for u in below], full[1] + 1
-    widths = [_fields(row.split("#")[0], separator) for row in rows[:100]]
-    trailing = any(len(row) == len(fields) + 1 and not row[-1] for row in widths)
+    cells = [_fields(row.split("#")[0], separator) for row in rows[:100]]
+    trailing = any(len(row) == len(fields) + 1 and not row[-1] for row in cells)
     if len(fields) > 1 and not fields[-1]:
         trailing, fields, units = True, fields[:-1], units[:-1]
     names = [field or f"column {index + 1}" for index, field in enumerate(fields)]
     twice = [field for field, count in Counter(names).items() if count > 1]
     if twice:
-        raise refusal("file", f"{name} has several columns {listed(twice)}, takes each name once")
-    decimal = _decimal(rows, separator)
+        text = f"{name} has several columns {listed(twice)}"
+        raise refusal("file", text, "have each name once")
+    comma = any(_DECIMAL_COMMA.fullmatch(cell) for row in cells for cell in row)
+    point = any("." in cell for row in cells for cell in row if _NUMBER.fullmatch(cell))
+    decimal = "," if separator != "," and comma and not point else "."
     return _Layout(encoding, skipped, names, units, separator, decimal, trailing)
 
 
@@ -132,14 +231,6 @@ def _fields(line: str, separator: str) -> list[str]:
     if not separator:  # a unit in brackets may stand apart
         return re.findall(r"\S+(?:[ \t]*[\[(][^\])]*[\])])?", line)
     return [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
-
-
-def _decimal(rows: list[str], separator: str) -> str:
-    if separator == ",":
-        return "."
-    fields = [field for row in rows[:100] for field in _fields(row.split("#")[0], separator)]
-    comma = any(_DECIMAL_COMMA.fullmatch(field) for field in fields)
-    return "," if comma and not any("." in f for f in fields if _NUMBER.fullmatch(f)) else "."
 
 
 def _frame(file: str, layout: _Layout) -> pd.DataFrame:
@@ -167,25 +258,20 @@ def _frame(file: str, layout: _Layout) -> pd.DataFrame:
     except pd.errors.EmptyDataError:
         frame = pd.DataFrame({column: [] for column in names})
     except pd.errors.ParserWarning as error:
-        text = f"{name} has rows of more values than the {len(layout.names)} of its header"
-        raise refusal("file", text) from error
+        must = f"have {len(layout.names)} values in each row, as in its header"
+        raise refusal("file", f"{name} has longer rows", must) from error
     except pd.errors.ParserError as error:
         if found := _FIELDS.search(str(error)):
-            taken, line, got = found.groups()
-            text = f"{name} has {got} values in line {line}, takes {taken} as in its header"
-            raise refusal("file", text) from error
-        raise _broken(name, error) from error
-    except Exception as error:  # whatever a library makes of a damaged file
-        raise _broken(name, error) from error
+            width, line, count = found.groups()
+            text = f"{name} has {count} values in line {line}"
+            raise refusal("file", text, f"have {width}, as in its header") from error
+        raise refusal("file", f"{name} is no CSV file ({reason_of(error)})") from error
+    except Exception as error:  # libraries raise anything on a damaged file
+        raise refusal("file", f"{name} is broken or no CSV file ({reason_of(error)})") from error
     if frame.size > _MAX_CELLS:
-        text = f"{name} holds {frame.size} values, takes up to {_MAX_CELLS}"
-        raise refusal("file", f"{text}; cut out the part that is needed, or make it netCDF")
+        text = f"{name} contains {frame.size} values"
+        raise refusal("file", text, f"contain at most {_MAX_CELLS}", _SHORTEN)
     return frame[layout.names].dropna(how="all")
-
-
-def _broken(name: str, error: Exception) -> Exception:
-    reason = " ".join(str(error).split())[:200]
-    return refusal("file", f"{name} is broken or no CSV file ({reason})")
 
 
 _Series = tuple[np.ndarray, dict[str, str]]
@@ -213,33 +299,25 @@ def _numbers(column: pd.Series, unit: str, *, is_time: bool) -> _Series:
 
 
 def _profile(columns: dict[str, _Series], time: str, level: str) -> xr.Dataset:
-    """Lay rows of a time and a level each out over both."""
+    """Return rows with a time and a level each as arrays over both."""
     places = []
     for key, name in (("time", time), ("vertical", level)):
         values, attributes = columns[name]
         if values.dtype.kind not in "iuf" or not np.isfinite(values).all():
-            odd = f" ({attributes['odd']})" if "odd" in attributes else ""
-            raise refusal(key, f"{name} holds what is no number{odd}, takes one in each row")
-        places.append(np.unique(values, return_inverse=True))
-    (times, row), (levels, layer) = places
+            odd = attributes.get("odd", "a missing or infinite entry")
+            raise refusal(key, f"{name} contains {odd}", "contain a number in each row")
+        places.append(np.unique(values))
+    (times, levels), shape = places, f"{places[0].size} times at {places[1].size} levels"
     if times.size * levels.size > _MAX_CELLS:
-        text = f"{times.size} times at {levels.size} levels make {times.size * levels.size} values"
-        raise refusal("file", f"{text}, takes up to {_MAX_CELLS}")
-    cell = row * levels.size + layer
-    order = np.argsort(cell, kind="stable")
-    again = np.flatnonzero(np.diff(cell[order]) == 0)
-    if again.size:
-        index = order[again[0] + 1]
-        text = f"{time} {times[row[index]]:.12g} and {level} {levels[layer[index]]:.6g} stand in "
-        raise refusal("time", text + "two rows, takes one row for each time and level")
-    laid_out: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {
-        time: ((time,), times, columns[time][1]),
-        level: ((level,), levels, columns[level][1]),
-    }
-    for name, (values, attributes) in columns.items():
-        if name in (time, level) or values.dtype.kind not in "iuf":
-            continue
-        grid = np.full((times.size, levels.size), np.nan)
-        grid[row, layer] = values
-        laid_out[name] = ((time, level), grid, attributes)
-    return xr.Dataset(laid_out)
+        text = f"{shape} give {times.size * levels.size} values"
+        raise refusal("file", text, f"give at most {_MAX_CELLS}")
+    numbers = {name: each for name, (each, _) in columns.items() if each.dtype.kind in "iuf"}
+    frame = pd.DataFrame(numbers).set_index([time, level])
+    twice = frame.index[frame.index.duplicated()]
+    if twice.size:
+        text = f"{time} {twice[0][0]:.12g} and {level} {twice[0][1]:.6g} are in two rows"
+        raise refusal("time", text, "have one row for each time and level")
+    dataset = xr.Dataset.from_dataframe(frame)
+    for variable in dataset.variables:
+        dataset[variable].attrs = columns[str(variable)][1]
+    return dataset

@@ -1,121 +1,54 @@
-"""The description of a scenario: a strict model, to and from TOML.
+"""Scenario: a strict model of a run, to and from TOML; computes nothing.
+
+May import ``control`` and lower folders.
 
 Nothing here computes; a mistake in a scenario is a `ScenarioError` with one line that names the
-key, what it got and what it takes.
+key, its value, the right value and the remedy.
 """
 
-from crinoid.scenario.actuator import Actuator, ActuatorTable
-from crinoid.scenario.arm import Arm, Section
-from crinoid.scenario.base import Base
-from crinoid.scenario.chamber import Chamber, Tendon
-from crinoid.scenario.channel import (
-    AngularChannel,
-    ChannelLimits,
-    ChannelName,
-    Channels,
-    LinearChannel,
-)
-from crinoid.scenario.control import Control, ControllerTable, Coordinate, Pid, PidGains
-from crinoid.scenario.errors import Mistake, ScenarioError, counted, one_of, shown
-from crinoid.scenario.flow import (
-    Flow,
-    GaussMarkovFlow,
-    GustFlow,
-    MeasuredFlow,
-    ShearFlow,
-    SineFlow,
-    TurbulenceFlow,
-    UniformFlow,
-    WavesFlow,
-)
-from crinoid.scenario.flow_table import FlowTable
-from crinoid.scenario.library import builtin_files, builtin_names, builtin_text, load
-from crinoid.scenario.load import DistributedLoad, Load, LoadTable, TipLoad
-from crinoid.scenario.motion import FileMotion, Motion, SineMotion, TableMotion, VelocityMotion
-from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle, Plane, Sphere
-from crinoid.scenario.scenario import Scenario
-from crinoid.scenario.schema import json_schema
-from crinoid.scenario.sensor import (
-    ContactSensor,
-    CurrentSensor,
-    InclinationSensor,
-    Sensor,
-    Sensors,
-    SensorTable,
-    ShapeSensor,
-    WrenchSensor,
-)
-from crinoid.scenario.simulation import Output, Simulation
-from crinoid.scenario.target import Target
-from crinoid.scenario.tool import Tool
-from crinoid.scenario.vehicle import Vehicle
-from crinoid.scenario.water import Water
-
-__all__ = [
-    "Actuator",
-    "ActuatorTable",
-    "AngularChannel",
-    "Arm",
-    "Base",
-    "Capsule",
-    "Chamber",
-    "ChannelLimits",
-    "ChannelName",
-    "Channels",
-    "ContactSensor",
-    "Control",
-    "ControllerTable",
-    "Coordinate",
-    "CurrentSensor",
-    "Cylinder",
-    "DistributedLoad",
-    "FileMotion",
-    "Flow",
-    "FlowTable",
-    "GaussMarkovFlow",
-    "GustFlow",
-    "InclinationSensor",
-    "LinearChannel",
-    "Load",
-    "LoadTable",
-    "MeasuredFlow",
-    "Mistake",
-    "Motion",
-    "Obstacle",
-    "Output",
-    "Pid",
-    "PidGains",
-    "Plane",
-    "Scenario",
-    "ScenarioError",
-    "Section",
-    "Sensor",
-    "SensorTable",
-    "Sensors",
-    "ShapeSensor",
-    "ShearFlow",
-    "Simulation",
-    "SineFlow",
-    "SineMotion",
-    "Sphere",
-    "TableMotion",
-    "Target",
-    "Tendon",
-    "TipLoad",
-    "Tool",
-    "TurbulenceFlow",
-    "UniformFlow",
-    "Vehicle",
-    "VelocityMotion",
-    "Water",
-    "WavesFlow",
-    "WrenchSensor",
-    "builtin_files",
-    "builtin_names",
-    "builtin_text",
-    "counted",
-    "json_schema",
-    "load",
-    "one_of",
-    "shown",
-]
+from crinoid.scenario.actuator import Chamber as Chamber
+from crinoid.scenario.actuator import Tendon as Tendon
+from crinoid.scenario.arm import Arm as Arm
+from crinoid.scenario.base import Base as Base
+from crinoid.scenario.base import ChannelName as ChannelName
+from crinoid.scenario.base import Channels as Channels
+from crinoid.scenario.base import FileMotion as FileMotion
+from crinoid.scenario.base import TableMotion as TableMotion
+from crinoid.scenario.body import Capsule as Capsule
+from crinoid.scenario.body import Obstacle as Obstacle
+from crinoid.scenario.body import Plane as Plane
+from crinoid.scenario.body import Sphere as Sphere
+from crinoid.scenario.body import Tool as Tool
+from crinoid.scenario.body import Vehicle as Vehicle
+from crinoid.scenario.control import Coordinate as Coordinate
+from crinoid.scenario.control import Pid as Pid
+from crinoid.scenario.control import PidGains as PidGains
+from crinoid.scenario.errors import Mistake as Mistake
+from crinoid.scenario.errors import ScenarioError as ScenarioError
+from crinoid.scenario.errors import counted as counted
+from crinoid.scenario.errors import got as got
+from crinoid.scenario.errors import one_of as one_of
+from crinoid.scenario.errors import refusal as refusal
+from crinoid.scenario.errors import shown as shown
+from crinoid.scenario.flow import FlowTable as FlowTable
+from crinoid.scenario.flow import GaussMarkovFlow as GaussMarkovFlow
+from crinoid.scenario.flow import GustFlow as GustFlow
+from crinoid.scenario.flow import MeasuredFlow as MeasuredFlow
+from crinoid.scenario.flow import ShearFlow as ShearFlow
+from crinoid.scenario.flow import SineFlow as SineFlow
+from crinoid.scenario.flow import SurfaceWaves as SurfaceWaves
+from crinoid.scenario.flow import TurbulenceFlow as TurbulenceFlow
+from crinoid.scenario.flow import UniformFlow as UniformFlow
+from crinoid.scenario.flow import WavesFlow as WavesFlow
+from crinoid.scenario.library import builtin_files as builtin_files
+from crinoid.scenario.library import builtin_names as builtin_names
+from crinoid.scenario.library import builtin_text as builtin_text
+from crinoid.scenario.library import load as load
+from crinoid.scenario.load import DistributedLoad as DistributedLoad
+from crinoid.scenario.load import Load as Load
+from crinoid.scenario.load import LoadTable as LoadTable
+from crinoid.scenario.load import TipLoad as TipLoad
+from crinoid.scenario.scenario import Scenario as Scenario
+from crinoid.scenario.scenario import json_schema as json_schema
+from crinoid.scenario.simulation import Simulation as Simulation
+from crinoid.scenario.target import Target as Target

@@ -1,24 +1,26 @@
-"""The arm: its shape at rest and what it is made of."""
+"""The arm: its shape at rest, material and section."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.dimension import Count, Only
-from crinoid.scenario.model import Model
+from crinoid.scenario.errors import Mistake, got
+from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import (
     AsTuple,
+    Count,
+    ListOf,
     Metres,
-    Newtons,
+    Only,
+    Pascals,
     Quantity,
     Seconds,
     SquareMetres,
     Triple,
 )
 
-__all__ = ["Arm", "Section"]
-
-# The one place that says which arms there are.
+# The only list of the dimensions of an arm.
 Dimension = Annotated[
     Literal[2, 3], Quantity(takes="2 (a planar arm) or 3 (an arm that bends both ways and twists)")
 ]
@@ -28,10 +30,16 @@ Radius = Annotated[
     _Above0 | Annotated[tuple[_Above0, _Above0], AsTuple],
     Quantity("m", "a number above 0, or [root, tip], both above 0"),
 ]
+_Ends = Annotated[tuple[_Above0, _Above0], AsTuple]
+_TAPER = "a number above 0, or [root, tip], both above 0"
 Bending = Annotated[
-    _Above0 | Annotated[tuple[_Above0, _Above0], AsTuple] | None,
-    Quantity("N m2", "a number above 0", "a number above 0, or [EI_1, EI_2], both above 0"),
-    Count(plane=(1,), space=(1, 2)),
+    _Above0 | _Ends | Annotated[tuple[_Ends, _Ends], AsTuple] | None,
+    Quantity(
+        "N m2",
+        _TAPER,
+        "a number above 0, [EI_1, EI_2] or [[EI_1, EI_2] at the root, [EI_1, EI_2] at the tip], "
+        "all above 0",
+    ),
 ]
 RestCurvature = Annotated[
     float | Triple,
@@ -48,63 +56,78 @@ Nodes = Annotated[
 class Section(Model):
     """Section properties that replace what radius, density and modulus would give."""
 
-    EA: Newtons | None = Field(default=None, gt=0, description="Axial stiffness.")
-    EI: Bending = Field(
-        default=None,
-        description="Bending stiffness; in space one for both ways, or those toward m_1 and m_2.",
+    EA: Annotated[_Above0 | _Ends | None, Quantity("N", _TAPER)] = entry(
+        None, "Axial stiffness, linear from root to tip."
+    )
+    EI: Bending = entry(
+        None,
+        "Bending stiffness, linear from root to tip; in space one for both directions, or those "
+        "toward m_1 and m_2, or such a pair for the root and one for the tip.",
     )
     GJ: Annotated[
-        Annotated[float, Quantity("N m2")] | None, Only(3, "but only a spatial arm twists")
-    ] = Field(default=None, gt=0, description="Twisting stiffness.")
-    mass_per_length: Annotated[float, Quantity("kg/m")] | None = Field(
-        default=None, gt=0, description="Mass of a metre of arm, without the water it moves."
+        _Above0 | _Ends | None,
+        Quantity("N m2", _TAPER),
+        Only(3, "Only a spatial arm twists."),
+    ] = entry(None, "Twisting stiffness, linear from root to tip.")
+    mass_per_length: Annotated[float, Quantity("kg/m")] | None = entry(
+        None, "Mass of a metre of arm, without added mass.", gt=0
     )
-    diameter: Metres | None = Field(
-        default=None, ge=0, description="Diameter that water and obstacles see."
+    diameter: Metres | None = entry(None, "Diameter for water and obstacles.", ge=0)
+    displaced_area: SquareMetres | None = entry(
+        None, "Section area for buoyancy and added mass.", ge=0
     )
-    displaced_area: SquareMetres | None = Field(
-        default=None,
-        ge=0,
-        description="Section area that displaces water: buoyancy and added mass.",
-    )
+
+
+class Relaxation(Model):
+    """A Maxwell branch of the material, next to its spring."""
+
+    ratio: float = Field(gt=0, description="Modulus of the branch over `youngs_modulus`.")
+    time: Seconds = Field(gt=0, description="Relaxation time.")
+
+
+class LossFactor(Model):
+    """A loss factor that is nearly constant over a band of frequencies, by Maxwell branches."""
+
+    value: float = Field(gt=0, le=1, description="Loss modulus over storage modulus.")
+    band_hz: Annotated[
+        tuple[float, float], AsTuple, Quantity("Hz", "[lowest, highest], 0 < lowest < highest")
+    ] = Field(description="Lowest and highest frequency.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        lowest, highest = self.band_hz
+        if not 0 < lowest < highest <= 1e6 * lowest:
+            yield self.mistake("band_hz")
 
 
 class Arm(Model):
     """The arm at rest, a round elastic rod."""
 
-    dimension: Dimension = Field(
-        default=2, description="2: the arm moves in the plane of x and z; 3: in space."
+    dimension: Dimension = entry(2, "2: the arm moves in the plane of x and z; 3: in space.")
+    length: Metres = entry(0.5, "Length at rest.", gt=0)
+    nodes: Nodes = entry(21, "Number of nodes, evenly spaced along the arm.")
+    radius: Radius = entry(0.02, "Radius of the section; a pair gives a linear taper.")
+    density: Annotated[float, Quantity("kg/m3")] = entry(1080.0, "Density of the material.", gt=0)
+    youngs_modulus: Pascals = entry(1.0e5, "Young's modulus of the material.", gt=0)
+    poisson_ratio: float = entry(
+        0.5, "Poisson's ratio, for the shear modulus, which resists twist in space.", ge=0, le=0.5
     )
-    length: Metres = Field(default=0.5, gt=0, description="Length at rest.")
-    nodes: Nodes = Field(default=21, description="Number of nodes, evenly spaced along the arm.")
-    radius: Radius = Field(
-        default=0.02,
-        description="Radius of the section; a pair gives a linear taper from root to tip.",
+    damping_time: Seconds = entry(0.02, "Kelvin-Voigt damping: viscosity over modulus.", ge=0)
+    relaxation: ListOf[Relaxation] = entry(
+        (), "Maxwell branches: E(t) = youngs_modulus (1 + sum of ratio exp(-t / time))."
     )
-    density: Annotated[float, Quantity("kg/m3")] = Field(
-        default=1080.0, gt=0, description="Density of the material."
+    loss_factor: LossFactor | None = entry(None, "In place of `relaxation`: a loss factor.")
+    rest_curvature: RestCurvature = entry(
+        0.0, "Curvature at rest; positive curls like tilt (in space kappa_2)."
     )
-    youngs_modulus: Annotated[float, Quantity("Pa")] = Field(
-        default=1.0e5, gt=0, description="Young's modulus of the material."
-    )
-    poisson_ratio: float = Field(
-        default=0.5,
-        ge=0,
-        le=0.5,
-        description="Poisson's ratio nu: the shear modulus, which resists twist in space, is "
-        "youngs_modulus / (2 (1 + nu)); a planar arm does not feel it.",
-    )
-    damping_time: Seconds = Field(
-        default=0.02, ge=0, description="Kelvin-Voigt damping: viscosity over modulus."
-    )
-    rest_curvature: RestCurvature = Field(
-        default=0.0,
-        description="Curvature at rest; positive curls the way tilt turns (in space kappa_2).",
-    )
-    section: Section = Field(
-        default=Section(),
-        description="Section properties given directly; each replaces a derived one.",
-    )
+    section: Section = entry(Section(), "Section properties that replace derived ones.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if self.relaxation and self.loss_factor is not None:
+            yield Mistake("loss_factor", "got both loss_factor and relaxation; must be one of them")
+        bending = self.section.EI
+        if self.dimension == 2 and isinstance(bending, tuple) and isinstance(bending[0], tuple):
+            hint = "Set arm.dimension = 3 to use it."
+            yield Mistake("section.EI", got(bending, f"be {_TAPER} (N m2)", hint))
 
     @property
     def diameters(self) -> tuple[float, ...]:

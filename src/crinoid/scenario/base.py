@@ -1,41 +1,292 @@
-"""The base: where the submarine holds the arm, and what moves it there."""
+"""The base: its pose, its channels, and its prescribed motions."""
+
+from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import Field, create_model
 
-from crinoid.scenario.channel import Channels
-from crinoid.scenario.dimension import InSpace, Only
-from crinoid.scenario.model import Model
-from crinoid.scenario.motion import Motion
-from crinoid.scenario.quantity import AsTuple, Degrees, Position
+from crinoid.foundation.axes import ANGLES, CHANNEL_TABLE, CHANNELS, Channel
+from crinoid.scenario.document import RecordFile
+from crinoid.scenario.errors import Mistake, got, missing, one_of
+from crinoid.scenario.model import Model, entry
+from crinoid.scenario.quantity import (
+    LATEST,
+    AsTuple,
+    Degrees,
+    DegreesPerSecond,
+    Hertz,
+    InSpace,
+    ListOf,
+    Metres,
+    MetresPerSecond,
+    Only,
+    Pair,
+    Position,
+    Quantity,
+    Seconds,
+    Times,
+    length_conflicts,
+    time_conflicts,
+)
 
-__all__ = ["Base"]
+if TYPE_CHECKING:
+    ChannelName = str
+else:
+    ChannelName = Annotated[
+        Literal[CHANNELS[3]], Quantity(takes=one_of(CHANNELS[2]), in_space=one_of(CHANNELS[3]))
+    ]
+
+
+class ChannelLimits(NamedTuple):
+    """Limits of a channel in SI units: m for a shift, rad for a turn."""
+
+    low: float
+    high: float
+    speed: float
+    acceleration: float
+    bandwidth_hz: float
+
+
+def _range_conflict(key: str, limits: tuple[float, float]) -> Iterator[Mistake]:
+    low, high = limits
+    if not (low <= 0 <= high and low < high):
+        yield Mistake(key, got(limits, "be [low, high] with low <= 0 <= high, not both 0"))
+
+
+class LinearChannel(Model):
+    """A channel that shifts the base."""
+
+    range: Annotated[Pair, Quantity("m", "[low, high]")] = entry(
+        (-0.2, 0.2), "Travel, from the base's position."
+    )
+    max_speed: MetresPerSecond = entry(0.3, "Greatest speed.", gt=0)
+    max_acceleration: Annotated[float, Quantity("m/s2")] = entry(
+        2.0, "Greatest acceleration.", gt=0
+    )
+    bandwidth_hz: Hertz = entry(5.0, "Bandwidth of the actuator.", gt=0)
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from _range_conflict("range", self.range)
+
+    @property
+    def limits(self) -> ChannelLimits:
+        """The limits in m, m/s, m/s2 and Hz."""
+        return ChannelLimits(*self.range, self.max_speed, self.max_acceleration, self.bandwidth_hz)
+
+
+class AngularChannel(Model):
+    """A channel that turns the base."""
+
+    range_deg: Annotated[Pair, Quantity("degrees", "[low, high]")] = entry(
+        (-60.0, 60.0), "Travel, from the base's set angle."
+    )
+    max_speed_deg: DegreesPerSecond = entry(90.0, "Greatest speed.", gt=0)
+    max_acceleration_deg: Annotated[float, Quantity("degrees/s2")] = entry(
+        720.0, "Greatest acceleration.", gt=0
+    )
+    bandwidth_hz: Hertz = entry(5.0, "Bandwidth of the actuator.", gt=0)
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from _range_conflict("range_deg", self.range_deg)
+
+    @property
+    def limits(self) -> ChannelLimits:
+        """The limits in rad, rad/s, rad/s2 and Hz."""
+        angles = (*self.range_deg, self.max_speed_deg, self.max_acceleration_deg)
+        low, high, speed, acceleration = map(math.radians, angles)
+        return ChannelLimits(low, high, speed, acceleration, self.bandwidth_hz)
+
+
+def by_channel(
+    of: Callable[[Channel], type[Model]], about: Callable[[Channel], str]
+) -> dict[str, Any]:
+    """Return a field of pydantic for each channel: a table that may be left out."""
+
+    def field(channel: Channel) -> tuple[Any, Any]:
+        table: Any = of(channel) | None
+        if 2 not in channel.dimensions:
+            table = Annotated[table, Only(3)]
+        return table, entry(None, about(channel))
+
+    return {channel.name: field(channel) for channel in CHANNEL_TABLE}
+
+
+_Fields: Any = create_model(
+    "_Fields",
+    __base__=Model,
+    **by_channel(
+        lambda channel: AngularChannel if channel.turns else LinearChannel,
+        lambda channel: channel.about,
+    ),
+)
+
+
+class Channels(_Fields):
+    """The channels a controller may drive; the base is fixed along others."""
+
+    @property
+    def present(self) -> dict[str, LinearChannel | AngularChannel]:
+        """The existing channels, by name, in the order of `crinoid.foundation.axes.CHANNELS`."""
+        every = {name: getattr(self, name) for name in CHANNELS[3]}
+        return {name: channel for name, channel in every.items() if channel is not None}
+
+
+Interpolation = Annotated[
+    Literal["monotone", "smooth"],
+    Field(
+        description="monotone: between two points it rises or falls as they do, and never swings "
+        "past them; smooth: a cubic spline, more accurate where the points follow a smooth curve. "
+        "Either has a continuous acceleration."
+    ),
+]
+
+
+class _Motion(Model):
+    kind: str
+    channel: ChannelName = Field(
+        description="Channel that moves: slide (x), heave (z) or tilt; in space also sway "
+        "(y), pan or roll."
+    )
+
+    def _unit_conflict(self, plain: str) -> Iterator[Mistake]:
+        """Yield an angle without degrees, or a shift with them."""
+        right, wrong = plain, f"{plain}_deg"
+        if self.channel in ANGLES:
+            right, wrong = wrong, right
+        where = f'with channel = "{self.channel}"'
+        value = getattr(self, wrong)
+        if value is not None:
+            yield Mistake(wrong, got(value, f"be left out {where}", f"Use {right} instead."))
+        elif getattr(self, right) is None:
+            yield Mistake(right, missing(f"be given {where}"))
+
+
+class SineMotion(_Motion):
+    """A motion ``amplitude * sin(2 pi frequency_hz t + phase)``."""
+
+    kind: Literal["sine"] = entry("sine", "A sine.")
+    amplitude: Metres | None = entry(None, "Amplitude of a shift.")
+    amplitude_deg: Degrees | None = entry(None, "Amplitude of a turn.")
+    frequency_hz: Hertz = Field(gt=0, description="Frequency.")
+    phase_deg: Degrees = entry(0.0, "Phase at t = 0.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from self._unit_conflict("amplitude")
+
+    @property
+    def amplitude_si(self) -> float:
+        """The amplitude in m or rad."""
+        if self.amplitude_deg is not None:
+            return math.radians(self.amplitude_deg)
+        return self.amplitude or 0.0
+
+    def farthest(self, duration: float) -> float:
+        """Return the largest displacement during a run (m or rad), or a bound to it."""
+        return abs(self.amplitude_si)
+
+
+class VelocityMotion(_Motion):
+    """A constant velocity, reached along half a cosine from rest."""
+
+    kind: Literal["velocity"] = entry("velocity", "A constant velocity.")
+    velocity: MetresPerSecond | None = entry(None, "Velocity of a shift.")
+    velocity_deg: DegreesPerSecond | None = entry(None, "Velocity of a turn.")
+    start: Seconds = entry(0.0, "Start time.", ge=0, le=LATEST)
+    ramp_time: Seconds = entry(1.0, "Time to reach the velocity.", gt=0)
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from self._unit_conflict("velocity")
+
+    @property
+    def velocity_si(self) -> float:
+        """The velocity in m/s or rad/s."""
+        if self.velocity_deg is not None:
+            return math.radians(self.velocity_deg)
+        return self.velocity or 0.0
+
+    def farthest(self, duration: float) -> float:
+        """Return the largest displacement during a run (m or rad), or a bound to it."""
+        return abs(self.velocity_si) * duration
+
+
+_Shifts = Annotated[tuple[Metres, ...], AsTuple, Quantity("m", "a list of numbers")]
+_Turns = Annotated[tuple[Degrees, ...], AsTuple, Quantity("degrees", "a list of numbers")]
+
+
+class TableMotion(_Motion):
+    """A motion through points in time."""
+
+    kind: Literal["table"] = entry("table", "Points in time.")
+    time: Times = Field(description="Times, increasing, from 0 or before to the end of the run.")
+    value: _Shifts | None = entry(None, "Shift at these times.")
+    value_deg: _Turns | None = entry(None, "Turn at these times.")
+    interpolation: Interpolation = "monotone"
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from self._unit_conflict("value")
+        yield from time_conflicts(self.time)
+        for key, values in (("value", self.value), ("value_deg", self.value_deg)):
+            if values is not None:
+                yield from length_conflicts(key, values, self.time)
+
+    @property
+    def value_si(self) -> tuple[float, ...]:
+        """The values in m or rad."""
+        if self.value_deg is not None:
+            return tuple(map(math.radians, self.value_deg))
+        return self.value or ()
+
+    def farthest(self, duration: float) -> float:
+        """Return the largest displacement during a run (m or rad), or a bound to it."""
+        return max(map(abs, self.value_si))
+
+
+class FileMotion(_Motion):
+    """A motion as in a file, such as a record of heave."""
+
+    kind: Literal["file"] = entry("file", "Points in time from a file.")
+    file: RecordFile
+    time_column: str = entry(
+        "time",
+        "Column of times, from 0 or earlier to the end of the run; dates count from the first.",
+        min_length=1,
+    )
+    value_column: str | None = entry(
+        None,
+        "Column of shifts, or of turns (in degrees without a unit); by default the name of the "
+        "channel.",
+        min_length=1,
+    )
+    skip: Seconds = entry(0.0, "Time of the file at which the run starts.", ge=0)
+    interpolation: Interpolation = "monotone"
+
+
+Motion = Annotated[
+    SineMotion | VelocityMotion | TableMotion | FileMotion, Field(discriminator="kind")
+]
 
 
 class Base(Model):
-    """Where the arm is held, and what moves it there."""
+    """Pose of the arm's root, and its motion."""
 
-    position: Annotated[Position, InSpace((0.0, 0.0, -10.0))] = Field(
-        default=(0.0, -10.0), description="Where the arm is held; z is up."
+    position: Annotated[Position, InSpace((0.0, 0.0, -10.0))] = entry(
+        (0.0, -10.0), "Position of the arm's root; z is up."
     )
-    tilt_deg: Degrees = Field(default=0.0, description="Turn of the arm's root from x towards z.")
-    pan_deg: Annotated[Degrees, Only(3)] = Field(
-        default=0.0, description="Turn of the arm's root from x towards y."
+    tilt_deg: Degrees = entry(0.0, "Turn of the arm's root from x towards z.")
+    pan_deg: Annotated[Degrees, Only(3)] = entry(0.0, "Turn of the arm's root from x towards y.")
+    roll_deg: Annotated[Degrees, Only(3)] = entry(
+        0.0, "Turn of the arm's root about itself, from y towards z."
     )
-    roll_deg: Annotated[Degrees, Only(3)] = Field(
-        default=0.0, description="Turn of the arm's root about itself, from y towards z."
+    mount: Literal["clamped", "pinned"] = entry(
+        "clamped",
+        "clamped: the root points along tilt and pan; pinned: it turns freely, in space on a "
+        "joint that bends both ways but transmits twist.",
     )
-    mount: Literal["clamped", "pinned"] = Field(
-        default="clamped",
-        description="clamped: the root points along tilt and pan; pinned: it turns freely, in "
-        "space on a joint that bends both ways but hands on twist.",
-    )
-    channels: Channels = Field(default=Channels(), description="Channels a controller may drive.")
-    motion: Annotated[tuple[Motion, ...], AsTuple] = Field(
-        default=(), description="Prescribed motions of the submarine, added to the channels."
-    )
+    channels: Channels = entry(Channels(), "Channels a controller may drive.")
+    motion: ListOf[Motion] = entry((), "Prescribed motions, added to the channels.")
 
     @property
     def angles(self) -> tuple[float, float, float]:

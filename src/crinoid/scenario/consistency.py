@@ -1,278 +1,321 @@
 """Rules between the tables of a scenario."""
 
+from __future__ import annotations
+
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, TypeVar
 
-from crinoid.scenario.arm import Arm
-from crinoid.scenario.base import Base
-from crinoid.scenario.control import COORDINATES, Control
-from crinoid.scenario.errors import Mistake, one_of, shown
-from crinoid.scenario.flow import Flow, GaussMarkovFlow, MeasuredFlow, ShearFlow, WavesFlow
-from crinoid.scenario.motion import TableMotion
-from crinoid.scenario.obstacle import Capsule, Cylinder, Obstacle
-from crinoid.scenario.sensor import Reading
-from crinoid.scenario.simulation import Output, Simulation, not_whole, whole_steps
-from crinoid.scenario.target import Target
-from crinoid.scenario.vehicle import Vehicle
-from crinoid.scenario.water import Water
-from crinoid.space import AXES, CHANNELS, LARGEST_TURN, PARTNERS
-from crinoid.variables import large_names, of_dimension
+from crinoid.foundation.axes import AXES, CHANNELS, LARGEST_TURN, PARTNERS
+from crinoid.foundation.result_variables import large_names, of_dimension
+from crinoid.scenario.actuator import actuator_conflicts, thread_conflicts
+from crinoid.scenario.base import TableMotion
+from crinoid.scenario.body import Capsule, Cylinder, tool_conflicts
+from crinoid.scenario.control import COORDINATES
+from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
+from crinoid.scenario.flow import GaussMarkovFlow, MeasuredFlow, ShearFlow, SurfaceWaves
+from crinoid.scenario.sensor import inclination_sensor, sensor_conflicts
+from crinoid.scenario.simulation import whole_conflicts
 
-__all__ = [
-    "channel_conflicts",
-    "contact_conflicts",
-    "control_conflicts",
-    "depth_conflicts",
-    "joint_conflicts",
-    "measured_conflicts",
-    "motion_conflicts",
-    "output_conflicts",
-    "rate_conflicts",
-    "record_conflicts",
-    "shape_conflicts",
-    "vehicle_conflicts",
-    "wave_conflicts",
-]
+if TYPE_CHECKING:
+    from crinoid.scenario.scenario import Scenario
 
 _MAX_READINGS = 10_000
-"""Readings under way at once: all are moved at each time step."""
+"""Readings on their way at the same time: all move at each time step."""
 _MAX_CORRELATION_TIMES = 50_000
-"""A random current as long as that takes 2 s to draw and 64 MB to keep."""
+"""Drawing a random current of that length needs 2 s and 64 MB."""
+
+_Flow = TypeVar("_Flow")
 
 
-def joint_conflicts(base: Base, dimension: int) -> Iterator[Mistake]:
-    """Yield what turns the root of a planar arm that turns freely.
+def _flows_of_kind(scenario: Scenario, kind: type[_Flow]) -> Iterator[tuple[str, _Flow]]:
+    """Yield the flows of a kind, each with its dotted key."""
+    return ((f"flow.{i}", flow) for i, flow in enumerate(scenario.flow) if isinstance(flow, kind))
 
-    In space the joint hands on twist, so each turn of the base is felt.
+
+def _joint_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield turns of the base that a planar arm on a joint does not feel.
+
+    In space the joint transmits twist, so the arm feels each turn of the base.
     """
-    if base.mount == "clamped" or dimension == 3:
+    base = scenario.base
+    if base.mount == "clamped" or scenario.arm.dimension == 3:
         return
-    text = 'moves nothing: with base.mount = "pinned" the root turns freely'
+    pinned, hint = 'with base.mount = "pinned"', "The root turns freely."
     if "tilt" in base.channels.present:
-        yield Mistake("base.channels.tilt", text)
+        yield scenario.mistake("base.channels.tilt", f"be left out {pinned}", hint)
     for index, motion in enumerate(base.motion):
         if motion.channel == "tilt":
-            yield Mistake(f"base.motion.{index}.channel", f"{shown(motion.channel)} {text}")
+            must = f'be "slide" or "heave" {pinned}'
+            yield scenario.mistake(f"base.motion.{index}.channel", must, hint)
 
 
-def shape_conflicts(arm: Arm) -> Iterator[Mistake]:
+def _shape_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     """Yield a natural shape in which edges fold onto each other."""
+    arm = scenario.arm
     given = arm.rest_curvature
     bend = math.hypot(*given[:2]) if isinstance(given, tuple) else abs(given)
     turn = math.degrees(bend * arm.length / (arm.nodes - 1))
     if turn > LARGEST_TURN:
-        text = f"turns the arm by {turn:.0f} degrees at each node; takes up to {LARGEST_TURN:.0f}: "
-        yield Mistake("arm.rest_curvature", text + "less, or more arm.nodes")
+        must = f"turn the arm by at most {LARGEST_TURN:.0f} degrees at each node, not {turn:.0f}"
+        yield scenario.mistake("arm.rest_curvature", must, "Lower it, or raise arm.nodes.")
 
 
-def depth_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterator[Mistake]:
-    """Yield what lies below the bed, and what needs to know where it is."""
-    depth = water.depth
-    needing = {
-        f"flow.{index}": flow
-        for index, flow in enumerate(flows)
-        if isinstance(flow, ShearFlow | WavesFlow)
-    }
+def _depth_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield a base below the bed, and flows that do not fit the depth of the water."""
+    depth = scenario.water.depth
+    shears = dict(_flows_of_kind(scenario, ShearFlow))
+    waves = dict(_flows_of_kind(scenario, SurfaceWaves))
     if depth is None:
-        if needing:
-            names = ", ".join(needing)
-            yield Mistake("water.depth", f"missing, takes a number above 0 (m): {names} needs it")
+        irregular = (name for name, wave in waves.items() if not wave.regular)
+        if names := ", ".join([*shears, *irregular]):
+            yield Mistake("water.depth", missing(f"be a number above 0 (m) for {names}"))
         return
-    key, height = _height(base)
-    if height < -depth:
-        yield Mistake(key, f"got {height}; must be -water.depth = {-depth} or more (m), at the bed")
-    for name, flow in needing.items():
-        if isinstance(flow, WavesFlow):
-            if flow.significant_height >= depth:
-                text = f"got {flow.significant_height}, takes a number below water.depth"
-                yield Mistake(f"{name}.significant_height", f"{text} = {depth} (m)")
-            continue
-        reference = depth - flow.reference_depth
+    if scenario.base.position[-1] < -depth:
+        must = f"be -water.depth = {-depth} or more (m), at the bed"
+        yield scenario.mistake(_height(scenario), must)
+    below_depth = f"be below water.depth = {depth} (m)"
+    for name, wave in waves.items():
+        if wave.wave_height >= depth:
+            yield scenario.mistake(f"{name}.{wave.height_key}", below_depth)
+    for name, shear in shears.items():
+        reference = depth - shear.reference_depth
+        roughness = shear.roughness_length
         if reference <= 0:
-            text = f"got {flow.reference_depth}, takes a number below water.depth = {depth} (m)"
-            yield Mistake(f"{name}.reference_depth", text)
-        elif flow.roughness_length is not None and flow.roughness_length >= reference:
-            text = f"got {flow.roughness_length}, takes a number below {reference:.6g} (m), "
-            text += "the height of reference_depth above the bed"
-            yield Mistake(f"{name}.roughness_length", text)
+            yield scenario.mistake(f"{name}.reference_depth", below_depth)
+        elif roughness is not None and roughness >= reference:
+            must = f"be below {reference:.6g} (m), the height of reference_depth above the bed"
+            yield scenario.mistake(f"{name}.roughness_length", must)
 
 
-def wave_conflicts(water: Water, base: Base, flows: tuple[Flow, ...]) -> Iterator[Mistake]:
-    """Yield what waves cannot do without."""
-    waves = [f"flow.{index}" for index, flow in enumerate(flows) if isinstance(flow, WavesFlow)]
-    if not waves:
-        return
-    names = ", ".join(waves)
-    if water.gravity == 0:
-        yield Mistake("water.gravity", f"got 0.0, takes a number above 0 (m/s2): {names} needs it")
-    key, height = _height(base)
-    if height >= 0:
-        text = f"got {height}, takes a number below 0 (m): {names} has its still surface at z = 0"
-        yield Mistake(key, text)
-
-
-def _height(base: Base) -> tuple[str, float]:
-    """Return the height of the base (m), with its key."""
-    return f"base.position.{len(base.position) - 1}", base.position[-1]
-
-
-def measured_conflicts(flows: tuple[Flow, ...], dimension: int) -> Iterator[Mistake]:
-    """Yield measured currents that lack a component, or have one too many."""
-    for index, flow in enumerate(flows):
-        if not isinstance(flow, MeasuredFlow):
+def _wave_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield mistakes of waves: no gravity, a base above them, or a current that stops them."""
+    names = ", ".join(name for name, _ in _flows_of_kind(scenario, SurfaceWaves))
+    if names and scenario.water.gravity == 0:
+        yield scenario.mistake("water.gravity", f"be above 0 (m/s2) for {names}")
+    if names and scenario.base.position[-1] >= 0:
+        must = f"be below 0 (m), the still surface of {names}"
+        yield scenario.mistake(_height(scenario), must)
+    for name, wave in _flows_of_kind(scenario, SurfaceWaves):
+        against = -wave.current(scenario)
+        if against <= 0 or not scenario.water.gravity:
             continue
+        stopped = resolve_name("crinoid.flow.waves:stopped")
+        frequency = stopped(against, scenario.water.depth, scenario.water.gravity)
+        # of irregular waves those that the spectrum has little of may be stopped
+        least = 2 * math.pi * (1.0 if wave.regular else 2.0)
+        if frequency * wave.wave_period <= least:
+            must = "be that of waves that travel"
+            if frequency:
+                must = f"be above {least / frequency:.3g} (s) for waves to travel"
+            must += f" against the mean current of {against:.3g} m/s"
+            yield scenario.mistake(f"{name}.{wave.period_key}", must)
+
+
+def _height(scenario: Scenario) -> str:
+    """Return the key of the height of the base."""
+    return f"base.position.{scenario.arm.dimension - 1}"
+
+
+def _measured_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield measured currents with too few or too many components."""
+    dimension = scenario.arm.dimension
+    for key, flow in _flows_of_kind(scenario, MeasuredFlow):
         headed = flow.heading_deg is not None
-        wanted = ("east", "north", "up") if headed else AXES[dimension]
-        if len(flow.velocity) != len(wanted):
-            text = f"got {shown(flow.velocity)}, takes a name for each of {', '.join(wanted)}"
-            if dimension == 2 and not headed and len(flow.velocity) == 3:
-                text += "; east, north and up go with heading_deg"
-            yield Mistake(f"flow.{index}.velocity", text)
+        components = ("east", "north", "up") if headed else AXES[dimension]
+        if len(flow.velocity) != len(components):
+            east = dimension == 2 and not headed and len(flow.velocity) == 3
+            hint = "Set heading_deg to name east, north and up." if east else ""
+            must = f"have a name for each of {', '.join(components)}"
+            yield scenario.mistake(f"{key}.velocity", must, hint)
 
 
-def record_conflicts(flows: tuple[Flow, ...], simulation: Simulation) -> Iterator[Mistake]:
-    """Yield random currents that change so quickly that a run holds too much of them."""
-    duration = simulation.duration
-    for index, flow in enumerate(flows):
-        if not isinstance(flow, GaussMarkovFlow):
-            continue
+def _record_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield random currents that change too quickly for the length of the run."""
+    duration = scenario.simulation.duration
+    for key, flow in _flows_of_kind(scenario, GaussMarkovFlow):
         if duration > _MAX_CORRELATION_TIMES * flow.correlation_time:
-            text = f"got {flow.correlation_time}, takes {duration / _MAX_CORRELATION_TIMES:.6g} or "
-            text += f"more (s): simulation.duration = {duration} may hold {_MAX_CORRELATION_TIMES}"
-            yield Mistake(f"flow.{index}.correlation_time", f"{text} of them")
+            must = f"be at least {duration / _MAX_CORRELATION_TIMES:.6g} (s)"
+            hint = f"Or shorten simulation.duration = {duration}."
+            yield scenario.mistake(f"{key}.correlation_time", must, hint)
 
 
-def motion_conflicts(base: Base, simulation: Simulation, dimension: int) -> Iterator[Mistake]:
-    """Yield prescribed motions of channels that are not there, or not from start to end."""
-    duration = simulation.duration
-    for index, motion in enumerate(base.motion):
-        if motion.channel not in CHANNELS[dimension]:
-            text = f"got {shown(motion.channel)}, takes {one_of(CHANNELS[dimension])}; "
-            text += f"{motion.channel} needs arm.dimension = 3"
-            yield Mistake(f"base.motion.{index}.channel", text)
-        if not isinstance(motion, TableMotion):
-            continue
-        name, last = f"base.motion.{index}.time", len(motion.time) - 1
-        if motion.time[0] > 0:
-            yield Mistake(f"{name}.0", f"starts at {motion.time[0]}, takes 0 or before (s)")
-        if motion.time[-1] < duration:
-            text = f"ends at {motion.time[-1]}, takes simulation.duration = {duration} or later (s)"
-            yield Mistake(f"{name}.{last}", text)
+def _motion_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield prescribed motions of channels that do not exist, or that do not span the run."""
+    duration, channels = scenario.simulation.duration, CHANNELS[scenario.arm.dimension]
+    for index, motion in enumerate(scenario.base.motion):
+        key = f"base.motion.{index}"
+        if motion.channel not in channels:
+            must, hint = f"be {one_of(channels)}", "Set arm.dimension = 3 to use it."
+            yield scenario.mistake(f"{key}.channel", must, hint)
+        if isinstance(motion, TableMotion):
+            if motion.time[0] > 0:
+                yield scenario.mistake(f"{key}.time.0", "be 0 or earlier (s)")
+            if motion.time[-1] < duration:
+                must = f"be at least simulation.duration = {duration} (s)"
+                yield scenario.mistake(f"{key}.time.{len(motion.time) - 1}", must)
 
 
-def vehicle_conflicts(vehicle: Vehicle | None, base: Base, target: Target) -> Iterator[Mistake]:
-    """Yield what goes with a base that does not float only."""
-    if vehicle is None:
-        return
-    if base.motion:
-        text = "prescribes what the submarine does, takes no table vehicle, in which it floats"
-        yield Mistake("base.motion", text)
-    if target.frame == "base":
-        text = 'got "base", which moves as prescribed; takes "world" with a table vehicle'
-        yield Mistake("target.frame", text)
+def _vehicle_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield keys that exist only for a base that does not float."""
+    floats, motion = scenario.vehicle is not None, scenario.base.motion
+    if floats and motion:
+        hint = "A vehicle floats and has no prescribed motion."
+        yield scenario.mistake("base.motion", "be left out with a table vehicle", hint)
+    if floats and scenario.target.frame == "base":
+        yield scenario.mistake("target.frame", 'be "world" with a table vehicle')
 
 
-def channel_conflicts(
-    control: Control, base: Base, threads: tuple[str, ...], dimension: int, *, others: bool
-) -> Iterator[Mistake]:
-    """Yield inputs that are driven but not there.
-
-    ``threads`` are the names of chambers and tendons; with ``others`` there are actuators too,
-    whose names are known when they have been built.
-    """
-    names = (*base.channels.present, *threads)
-    for name in control.pid.present:
+def _channel_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield gains of inputs that do not exist."""
+    channels, threads = CHANNELS[scenario.arm.dimension], scenario.thread_names
+    names = (*scenario.base.channels.present, *threads)
+    for name, gains in scenario.control.pid.present.items():
         key = f"control.pid.{name}"
-        if name in CHANNELS[dimension] and name not in names:
-            text = f"drives a channel that is not there; takes a table base.channels.{name} with it"
+        if name in channels and name not in names:
+            text = got(gains, "drive an existing channel", f"Add a table base.channels.{name}.")
             yield Mistake(key, text)
-        elif name not in (*names, *CHANNELS[3]) and not others:
-            known = (*CHANNELS[dimension], *threads)
-            yield Mistake(key, f"drives an input that is not there, takes {one_of(known)}")
+        # the inputs of other actuators are known only after they are built
+        elif name not in (*names, *CHANNELS[3]) and not scenario.actuator:
+            yield Mistake(key, got(gains, f"drive {one_of((*channels, *threads))}"))
 
 
-def control_conflicts(control: Control, target: Target, dimension: int) -> Iterator[Mistake]:
-    """Yield coordinates that the tip does not have, and what does not go with the controller."""
-    if target.feed_forward and control.kind == "none":
-        text = 'got true, goes with a controller; control.kind takes "pid" with it'
-        yield Mistake("target.feed_forward", text)
-    takes = f"takes {one_of(COORDINATES[dimension])}"
-    if dimension == 3:
-        takes += ": arm.dimension = 3"
+def _control_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield coordinates that the tip does not have, and keys that the controller does not use."""
+    control, dimension = scenario.control, scenario.arm.dimension
+    if scenario.target.feed_forward and control.kind == "none":
+        must = 'be left out with control.kind = "none"'
+        yield scenario.mistake("target.feed_forward", must, 'Set control.kind = "pid".')
+    in_space = " with arm.dimension = 3" if dimension == 3 else ""
     for index, name in enumerate(control.controlled):
         if name not in COORDINATES[dimension]:
-            yield Mistake(f"control.controlled.{index}", f"got {shown(name)}, {takes}")
+            must = f"be {one_of(COORDINATES[dimension])}{in_space}"
+            yield scenario.mistake(f"control.controlled.{index}", must)
     driven = control.pid.present
     if control.mapping != "identity" or not driven:
         return
-    partners = PARTNERS[dimension]
-    for channel in driven:
+    partners, identity = PARTNERS[dimension], 'with mapping = "identity"'
+    for channel, gains in driven.items():
         if channel not in partners:
-            does = (
-                "turns the base, which"
-                if channel in CHANNELS[dimension]
-                else "bends the arm, which"
-            )
-            text = f'{does} goes with no one coordinate; mapping = "identity" takes '
-            text += ", ".join(partners)
-            yield Mistake(f"control.pid.{channel}", text)
+            hint = f"It maps to no single coordinate. Use {one_of(partners)}."
+            yield Mistake(f"control.pid.{channel}", got(gains, f"be left out {identity}", hint))
         elif partners[channel] not in control.controlled:
-            text = f'mapping = "identity" takes {shown(partners[channel])} in controlled along'
-            yield Mistake(f"control.pid.{channel}", f"{text} with it")
+            must = f"have {shown(partners[channel])} in controlled {identity}"
+            yield scenario.mistake(f"control.pid.{channel}", must)
     for channel, coordinate in partners.items():
         if coordinate in control.controlled and channel not in driven:
-            text = f'{shown(coordinate)} takes gains in pid.{channel} with mapping = "identity"'
-            yield Mistake("control.controlled", text)
+            must = f"have gains in pid.{channel} for {shown(coordinate)} {identity}"
+            yield scenario.mistake("control.controlled", must)
     if "direction" in control.controlled:
-        text = 'got "direction", which does not go with mapping = "identity"; takes '
-        text += one_of(partners.values())
-        yield Mistake(f"control.controlled.{control.controlled.index('direction')}", text)
+        must, index = f"be {one_of(partners.values())}", control.controlled.index("direction")
+        yield scenario.mistake(f"control.controlled.{index}", f"{must} {identity}")
 
 
-def rate_conflicts(
-    sensors: Mapping[str, Reading], default_rate: float, control: Control, simulation: Simulation
-) -> Iterator[Mistake]:
-    """Yield rates of more than once a time step, and readings too many to keep."""
-    step = simulation.time_step
-    rates = {f"{key}.rate_hz": sensor.rate_hz for key, sensor in sensors.items()}
-    rates["control.rate_hz"] = control.rate_hz
-    for name, rate in rates.items():
+def _hybrid_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield what a hybrid controller, where one is chosen, cannot use."""
+    control, arm, base = scenario.control, scenario.arm, scenario.base
+    if control.kind != "hybrid":
+        return
+    hybrid = 'with control.kind = "hybrid"'
+    if arm.dimension == 3:
+        yield scenario.mistake("arm.dimension", f"be 2 {hybrid}")
+        return
+    if base.channels.slide is None:
+        yield Mistake("base.channels.slide", missing(f"be a table {hybrid}"))
+    elif 0 in base.channels.slide.range:
+        yield scenario.mistake("base.channels.slide.range", f"reach to both sides of 0 {hybrid}")
+    if base.mount != "clamped":
+        yield scenario.mistake("base.mount", f'be "clamped" {hybrid}')
+    if not math.isclose(base.tilt_deg, 90.0):
+        yield scenario.mistake("base.tilt_deg", f"be 90 {hybrid}, for an upright arm")
+    if arm.rest_curvature != 0.0:
+        yield scenario.mistake("arm.rest_curvature", f"be 0 {hybrid}")
+    for name in ("vehicle", "tool", "chamber", "tendon"):
+        if getattr(scenario, name):
+            yield scenario.mistake(name, f"be left out {hybrid}")
+    sensor = inclination_sensor(scenario.sensors)
+    if sensor is None:
+        yield Mistake("sensors", missing(f'have an entry with kind = "inclination" {hybrid}'))
+        return
+    key, modes = f"sensors.{scenario.sensors.index(sensor)}", control.hybrid.modes
+    if len(sensor.stations) < modes:
+        must = f"have at least control.hybrid.modes = {modes} entries"
+        yield scenario.mistake(f"{key}.stations", must)
+    if modes >= arm.nodes:
+        yield scenario.mistake("control.hybrid.modes", f"be below arm.nodes = {arm.nodes}")
+    rate, commands = scenario.rate_hz(sensor.rate_hz), scenario.control_rate_hz
+    if rate < commands * (1 - 1e-9):
+        must = f"be at least control.rate_hz = {commands:g} (Hz) {hybrid}"
+        yield Mistake(f"{key}.rate_hz", got(rate, must))
+
+
+def _rate_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield rates above one per time step, and delays with too many readings on their way."""
+    step = scenario.simulation.time_step
+    further = {f"sensors.{index}": sensor for index, sensor in enumerate(scenario.sensors)}
+    sensors = {"sensor": scenario.sensor, **further}
+    rates = {f"{key}.rate_hz": each.rate_hz for key, each in sensors.items()}
+    for key, rate in {**rates, "control.rate_hz": scenario.control.rate_hz}.items():
         if rate is not None and rate * step > 1 + 1e-9:
-            text = f"got {rate}, takes up to {1 / step:.6g} (Hz), once a time step"
-            yield Mistake(name, f"{text} (simulation.time_step = {step})")
+            must = f"be at most {1 / step:.6g} (Hz), once a time step"
+            yield Mistake(key, got(rate, must, f"Lower simulation.time_step = {step} for more."))
     for key, sensor in sensors.items():
-        rate = sensor.rate_hz or default_rate
+        rate = scenario.rate_hz(sensor.rate_hz)
         if sensor.delay * rate > _MAX_READINGS:
-            text = f"got {sensor.delay}, takes up to {_MAX_READINGS / rate:.6g} (s): at {rate:g} "
-            text += f"Hz {_MAX_READINGS} readings are under way then"
-            yield Mistake(f"{key}.delay", text)
+            most = f"{_MAX_READINGS / rate:.6g} (s), {_MAX_READINGS} readings at {rate:g} Hz"
+            yield scenario.mistake(f"{key}.delay", f"be at most {most}")
 
 
-def contact_conflicts(arm: Arm, obstacles: tuple[Obstacle, ...]) -> Iterator[Mistake]:
-    """Yield an arm that has no surface to be touched, and what a planar arm would meet askew."""
+def _contact_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield an arm without a surface to touch, and obstacles oblique to the plane of the arm."""
+    arm, obstacles = scenario.arm, scenario.obstacle
     for index, obstacle in enumerate(obstacles):
         if arm.dimension == 2 and isinstance(obstacle, Cylinder | Capsule) and obstacle.oblique:
-            text = f"got {shown(obstacle.axis)}, takes [0, 1, 0] or a vector with y = 0: oblique "
-            text += "to the arm's plane its cut would be an ellipse"
-            yield Mistake(f"obstacle.{index}.axis", text)
+            hint = "An oblique axis has an ellipse as its cut with the plane of the arm."
+            must = "be [0, 1, 0] or a vector with y = 0"
+            yield scenario.mistake(f"obstacle.{index}.axis", must, hint)
     if obstacles and arm.section.diameter == 0:
-        text = "got 0.0, takes a number above 0 (m): the arm meets obstacles with this surface"
-        yield Mistake("arm.section.diameter", text)
+        must = "be above 0 (m), the surface that obstacles touch"
+        yield scenario.mistake("arm.section.diameter", must)
 
 
-def output_conflicts(output: Output, simulation: Simulation, dimension: int) -> Iterator[Mistake]:
-    """Yield variables that there are not, and an interval that no number of time steps fills."""
-    there = of_dimension(dimension)
-    for index, name in enumerate(output.variables or ()):
-        if name not in there:
-            text = f"got {shown(name)}, takes {one_of(large_names(dimension))}"
-            yield Mistake(f"output.variables.{index}", text)
-    interval = output.interval
+def _output_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield variables that do not exist, and an interval that does not fit the time steps."""
+    simulation, dimension = scenario.simulation, scenario.arm.dimension
+    for index, name in enumerate(scenario.output.variables or ()):
+        without = ("vortices",) if scenario.water.vortices is None else ()
+        if name not in of_dimension(dimension, without=without):
+            must = f"be {one_of(large_names(dimension, without=without))}"
+            yield scenario.mistake(f"output.variables.{index}", must)
+    interval = scenario.output.interval
     if interval is None:
         return
-    steps = whole_steps(interval, simulation.time_step)
-    if steps is None:
-        yield Mistake("output.interval", not_whole(interval, simulation.time_step))
-    elif steps > simulation.steps:
-        text = f"got {interval}, takes up to simulation.duration = {simulation.duration} (s)"
-        yield Mistake("output.interval", text)
+    mistakes = list(whole_conflicts("output.interval", interval, simulation.time_step))
+    yield from mistakes
+    if not mistakes and round(interval / simulation.time_step) > simulation.steps:
+        must = f"be at most simulation.duration = {simulation.duration} (s)"
+        yield scenario.mistake("output.interval", must)
+
+
+RULES: tuple[Callable[[Scenario], Iterator[Mistake]], ...] = (
+    _shape_conflicts,
+    _joint_conflicts,
+    _depth_conflicts,
+    _wave_conflicts,
+    _measured_conflicts,
+    _record_conflicts,
+    _motion_conflicts,
+    _vehicle_conflicts,
+    _channel_conflicts,
+    _control_conflicts,
+    _hybrid_conflicts,
+    _rate_conflicts,
+    lambda scenario: sensor_conflicts(scenario.sensors, scenario.obstacle),
+    lambda scenario: actuator_conflicts(scenario.actuator, scenario.thread_names),
+    lambda scenario: thread_conflicts(scenario.chamber, scenario.tendon, scenario.arm),
+    _contact_conflicts,
+    lambda scenario: tool_conflicts(scenario.tool, len(scenario.obstacle)),
+    _output_conflicts,
+)
+"""Rules that need vectors of the right length."""

@@ -1,11 +1,71 @@
 """TOML documents: reading them, and setting single keys by their dotted name."""
 
+import hashlib
+import os
 import tomllib
-from typing import Any
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any
 
-from crinoid.scenario.errors import Mistake, ScenarioError, shown
+from pydantic import AfterValidator, Field
 
-__all__ = ["assign", "override", "parse", "value_at", "value_of"]
+from crinoid.scenario.errors import ScenarioError, got, shown
+from crinoid.scenario.quantity import Quantity
+
+_KEYS = ("file", "weights")
+"""Keys that name a file."""
+
+# absolute, so that a scenario that is stored means the same file wherever it is read again
+FileName = Annotated[
+    str, Field(min_length=1), AfterValidator(lambda path: os.path.abspath(os.path.expanduser(path)))
+]
+File = Annotated[FileName, Quantity(takes="the path of a CSV or netCDF file")]
+RecordFile = Annotated[
+    File,
+    Field(
+        description="CSV or netCDF file; a relative path starts from the scenario file, with "
+        "--set and in Python from the working directory."
+    ),
+]
+
+
+def anchor(document: dict[str, Any], folder: Path) -> None:
+    """Resolve the relative paths of a document from a folder, in place."""
+    for holder, key in _places(document):
+        holder[key] = str(folder / os.path.expanduser(holder[key]))
+
+
+def named_files(document: dict[str, Any]) -> list[str]:
+    """Return the files that a document names, each once."""
+    return list(dict.fromkeys(holder[key] for holder, key in _places(document)))
+
+
+def digests(document: dict[str, Any]) -> dict[str, str]:
+    """Return the SHA-256 digest of each file that a document names, if it can be read."""
+    found = {}
+    for name in named_files(document):
+        with suppress(OSError, ValueError):  # ValueError: a name that no file can have
+            if Path(name).is_file():  # a pipe would never end
+                with Path(name).open("rb") as file:
+                    found[name] = hashlib.file_digest(file, "sha256").hexdigest()
+    return found
+
+
+def _places(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield the container and the key or index of each file name, also in ``vary``."""
+    # an empty name is no folder; the scenario refuses it
+    if isinstance(value, dict):
+        for name, item in value.items():
+            if name in _KEYS and item and isinstance(item, str):
+                yield value, name
+            elif name.endswith(tuple(f".{key}" for key in _KEYS)) and isinstance(item, list):
+                yield from ((item, i) for i, each in enumerate(item) if each and type(each) is str)
+            else:
+                yield from _places(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _places(item)
 
 
 def parse(text: str) -> dict[str, Any]:
@@ -13,27 +73,26 @@ def parse(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise ScenarioError([Mistake("", "not valid TOML: nested too deeply")]) from None
+        reason = "nested too deeply"
     except ValueError as error:  # broken, or a number of thousands of digits
         lines = text.split("\n")
         end = f"(at line {len(lines)}, column {len(lines[-1]) + 1})"
-        what = str(error).replace("(at end of document)", end)
-        raise ScenarioError([Mistake("", f"not valid TOML: {what}")]) from None
+        reason = str(error).replace("(at end of document)", end)
+    raise ScenarioError.of("", f"not valid TOML: {reason}")
 
 
 def override(document: dict[str, Any], setting: str) -> None:
     """Change a document by one ``key=value``, in place; see `value_of`."""
     key, equals, text = setting.partition("=")
     if not equals or not key.strip():
-        takes = "key=value, such as arm.length=0.6"
-        raise ScenarioError([Mistake("", f"got {shown(setting)}, takes {takes}")])
+        raise ScenarioError.of("", got(setting, "be key=value, such as arm.length=0.6"))
     assign(document, key.strip(), value_of(text.strip()))
 
 
 def assign(document: dict[str, Any], key: str, value: Any) -> None:
-    """Set a dotted key of a document, in place; tables that are missing are made.
+    """Set a dotted key of a document, in place; missing tables are created.
 
-    A number is an index where it meets a list; the index after the last one adds an entry.
+    A number is an index into a list; the index after the last one adds an entry.
     """
     *outer, last = _parts(key)
     table: Any = document
@@ -48,7 +107,7 @@ def assign(document: dict[str, Any], key: str, value: Any) -> None:
 
 
 def value_of(text: str) -> Any:
-    """Return a TOML value; what is not TOML is taken as text, so that words need no quotes."""
+    """Return a TOML value, or the text itself if it is not TOML, so that words need no quotes."""
     try:
         table = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
@@ -57,7 +116,7 @@ def value_of(text: str) -> Any:
 
 
 def value_at(document: dict[str, Any], key: str) -> Any:
-    """Return what stands at a dotted key of a document; None where nothing does."""
+    """Return the value at a dotted key of a document, or None without one."""
     found: Any = document
     for part in _parts(key):
         if isinstance(found, list) and part.isdecimal() and int(part) < len(found):
@@ -70,16 +129,16 @@ def value_at(document: dict[str, Any], key: str) -> Any:
 
 
 def _index(table: Any, part: str, key: str, outer: list[str]) -> Any:
-    """Return a part of a key as the table takes it; a list gets an entry if it asks for one."""
+    """Return a part of a key as the index into a table or list; the list may get a new entry."""
     here = ".".join(outer)
     if isinstance(table, dict):
         return part
     if not isinstance(table, list):
-        text = f"unknown key, {here} is {shown(table)} and not a table"
-        raise ScenarioError([Mistake(key, text)])
+        raise ScenarioError.of(key, f"unknown key; {here} is {shown(table)} and not a table")
     if not part.isdecimal() or len(part) > 9 or int(part) > len(table):
-        text = f"unknown key, {here} takes an index from 0 to {len(table)} ({len(table)} adds one)"
-        raise ScenarioError([Mistake(key, text)])
+        text = f"unknown key; must be an index into {here} from 0 to {len(table)}. "
+        text += f"Use {len(table)} to add an entry."
+        raise ScenarioError.of(key, text)
     if int(part) == len(table):
         table.append(None)
     return int(part)
@@ -91,10 +150,32 @@ def _parts(key: str) -> list[str]:
             raise ValueError(key)
         table: Any = tomllib.loads(f"{key} = 0")
     except ValueError:
-        text = "not a key; takes names joined by dots, such as arm.length"
-        raise ScenarioError([Mistake(key.replace("\n", " "), text)]) from None
+        text = "not a key; must be names joined by dots, such as arm.length"
+        raise ScenarioError.of(key.replace("\n", " "), text) from None
     parts = []
     while isinstance(table, dict):
         part, table = next(iter(table.items()))
         parts.append(part)
     return parts
+
+
+def plain(value: Any) -> Any:
+    """Return a value with the types that TOML has, as `from_toml` would read it."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if not isinstance(value, (bool, int, float, str)):
+        raise ValueError(f"{value!r} is not a TOML value")
+    return value
+
+
+def without_empty(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a document without empty tables and lists."""
+    full = {
+        key: without_empty(value) if isinstance(value, dict) else value
+        for key, value in table.items()
+    }
+    return {key: value for key, value in full.items() if value not in ({}, [])}

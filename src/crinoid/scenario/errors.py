@@ -7,26 +7,26 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-__all__ = ["Mistake", "ScenarioError", "counted", "gathered", "join", "one_of", "shown"]
+from pydantic import BaseModel
 
 _Read = TypeVar("_Read")
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """One thing wrong with a scenario.
+    """One mistake in a scenario.
 
     Parameters
     ----------
     key
-        Where it is: a dotted key with indexes, as ``--set`` takes it (``flow.0.velocity``).
-        Empty where no key is to blame.
+        Dotted key with indexes, in the form of ``--set`` (``flow.0.velocity``). Empty where no
+        key is to blame.
     text
-        What was got and what is taken.
+        The value, the right one and the remedy, as `got` writes them.
     instead
         The nearest valid key, if there is one.
     in_space
-        The text where the arm is spatial, if it is another.
+        The text for a spatial arm, if it differs.
     """
 
     key: str
@@ -35,13 +35,13 @@ class Mistake:
     in_space: str = ""
 
     def under(self, prefix: str) -> Mistake:
-        """Return the same mistake seen from the table that holds this one as ``prefix``."""
+        """Return the same mistake seen from the table that contains this one as ``prefix``."""
         instead = join(prefix, self.instead) if self.instead else ""
         return replace(self, key=join(prefix, self.key), instead=instead)
 
-    def told(self, *, in_space: bool) -> Mistake:
-        """Return the same mistake with the text for a planar or a spatial arm, and only that."""
-        text = self.in_space if in_space and self.in_space else self.text
+    def in_dimension(self, dimension: int) -> Mistake:
+        """Return the same mistake in the words for a planar or a spatial arm."""
+        text = self.in_space if dimension == 3 and self.in_space else self.text
         return replace(self, text=text, in_space="")
 
     def __str__(self) -> str:
@@ -55,12 +55,17 @@ class ScenarioError(ValueError):
     Parameters
     ----------
     mistakes
-        What is wrong, one or more; kept as a tuple in ``mistakes``.
+        One or more mistakes, also an attribute.
     """
 
     def __init__(self, mistakes: Iterable[Mistake]) -> None:
         self.mistakes = tuple(mistakes)
         super().__init__(self.mistakes)
+
+    @classmethod
+    def of(cls, key: str, text: str) -> ScenarioError:
+        """Return the error of one mistake."""
+        return cls([Mistake(key, text)])
 
     @property
     def lines(self) -> list[str]:
@@ -72,7 +77,7 @@ class ScenarioError(ValueError):
 
 
 def gathered(readers: Mapping[str, Callable[[], _Read]]) -> dict[str, _Read]:
-    """Return what each function gives, by the key of a table; or all that is wrong with them."""
+    """Return the result of each function by the key of its table; raise all mistakes together."""
     found, mistakes = {}, []
     for key, reader in readers.items():
         try:
@@ -90,8 +95,8 @@ def join(*parts: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return a value as TOML would write it, shortened to fit into a line."""
-    if isinstance(value, dict):
+    """Return a value in the form of TOML, shortened to fit into a line."""
+    if isinstance(value, (dict, BaseModel)):
         return "a table"
     if isinstance(value, (list, tuple)):
         text = f"[{', '.join(shown(item) for item in value)}]"
@@ -102,12 +107,43 @@ def shown(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def got(value: Any, must: str, hint: str = "") -> str:
+    """Return the text of a mistake: the value, the right one, and the remedy.
+
+    Parameters
+    ----------
+    value
+        The wrong value, shown as in TOML.
+    must
+        The right value, from its verb on: ``be at least 4``.
+    hint
+        The remedy, a sentence in the imperative.
+    """
+    return mistake_text(f"got {shown(value)}", must, hint)
+
+
+def missing(must: str, hint: str = "") -> str:
+    """Return the text of a mistake for a key without a value; see `got`."""
+    return mistake_text("missing", must, hint)
+
+
+def mistake_text(subject: str, must: str, hint: str = "") -> str:
+    """Return the text of a mistake whose subject is not only a value; see `got`."""
+    text = f"{subject}; must {must}"
+    return f"{text}. {hint}" if hint else text
+
+
+def refusal(key: str, subject: str, must: str = "", hint: str = "") -> ScenarioError:
+    """Return the mistake at a key: a whole text, or its subject and its condition."""
+    return ScenarioError([Mistake(key, mistake_text(subject, must, hint) if must else subject)])
+
+
 def counted(number: int, one: str, more: str = "") -> str:
-    """Return a number with what it counts, such as 1 row and 2 rows."""
+    """Return a number with its noun, such as 1 row and 2 rows."""
     return f"{number} {one if number == 1 else more or f'{one}s'}"
 
 
 def one_of(values: Iterable[Any], last_word: str = "or") -> str:
-    """Return values as TOML would write them, as a list in a sentence."""
+    """Return values in the form of TOML, as a list in a sentence."""
     *first, last = (shown(value) for value in values)
     return f"{', '.join(first)} {last_word} {last}" if first else last

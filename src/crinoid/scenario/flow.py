@@ -1,40 +1,152 @@
-"""The flow: how the water moves; several flows add up.
+"""Flows of the water, which add up.
 
 A new kind is one class here and one entry in `Flow`; or a table of an installed package
 (`crinoid.scenario.kinds`).
 """
+# ruff: noqa: D102  # the base class documents its methods
 
+from __future__ import annotations
+
+import math
+import re
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from pkgutil import resolve_name
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from crinoid.scenario.dimension import Count
-from crinoid.scenario.errors import Mistake, shown
-from crinoid.scenario.flow_table import FlowTable
-from crinoid.scenario.kinds import KindOf
-from crinoid.scenario.measured import MeasuredFlow
+from crinoid.scenario.document import RecordFile
+from crinoid.scenario.errors import Mistake
+from crinoid.scenario.flow_table import FlowTable as FlowTable
+from crinoid.scenario.kinds import KindOf, part
+from crinoid.scenario.model import entry
 from crinoid.scenario.quantity import (
     AsTuple,
+    Count,
     Degrees,
     Hertz,
+    InSpace,
     Metres,
+    MetresPerSecond,
     Quantity,
     Seconds,
     Velocity,
 )
+from crinoid.scenario.waves import RegularWaveFlow as RegularWaveFlow
+from crinoid.scenario.waves import SurfaceWaves as SurfaceWaves
+from crinoid.scenario.waves import WavesFlow as WavesFlow
 
-__all__ = [
-    "Flow",
-    "GaussMarkovFlow",
-    "GustFlow",
-    "MeasuredFlow",
-    "ShearFlow",
-    "SineFlow",
-    "TurbulenceFlow",
-    "UniformFlow",
-    "WavesFlow",
+_COMPONENT = re.compile(r"(-?)\s*([^\[\]]*[^\[\]\s])\s*(?:\[([^\[\]]+)\])?")
+
+
+class Component(NamedTuple):
+    """Place of a component of the velocity in a file."""
+
+    name: str
+    """Name or CF standard name of a variable."""
+    entry: str
+    """Label of an entry of its labelled dimension; empty for none."""
+    sign: float
+
+    @staticmethod
+    def of(text: str) -> Component | None:
+        """Read ``u``, ``-u`` or ``vel[E]``; None for ``0``, a component of zero."""
+        found = _COMPONENT.fullmatch(text.strip())
+        if found is None:
+            raise ValueError(text)
+        sign, name, entry = found.groups()
+        if name == "0":
+            return None
+        return Component(name, (entry or "").strip().strip("\"'"), -1.0 if sign else 1.0)
+
+
+def _known(text: str) -> str:
+    Component.of(text)
+    return text
+
+
+Name = Annotated[
+    str,
+    AfterValidator(_known),
+    Quantity(takes='the name of a variable, such as "u", "-u", "vel[E]", or "0" for none'),
 ]
+
+
+class MeasuredFlow(FlowTable):
+    """A measured current, from a CSV or netCDF file.
+
+    A record at one point drifts past the arm with its mean velocity; a profile (`vertical`) is the
+    same at all points of a height. With `phase_speed` either is delayed along x.
+    """
+
+    kind: Literal["measured"] = entry("measured", "A measured current.")
+    file: RecordFile
+    velocity: Annotated[
+        tuple[Name, ...], AsTuple, Quantity(takes="a list of names"), InSpace(("u", "v", "w"))
+    ] = entry(
+        ("u", "w"),
+        "Variables, by name or CF standard name: along x and z, in space x, y and z; with "
+        'heading_deg east, north and up. "-u" reverses one, "vel[E]" is an entry of a labelled '
+        'dimension, "0" is zero.',
+    )
+    time: str = entry("time", "Variable of the time.", min_length=1)
+    vertical: str | None = entry(
+        None,
+        'Variable of the levels of a profile, upward from z = origin; downward with "-range" or'
+        ' if the file says so (positive = "down").',
+        min_length=1,
+    )
+    origin: Metres | None = entry(
+        None, "Height z from which levels count; by default the bed, for a depth the surface."
+    )
+    heading_deg: Degrees | None = entry(
+        None, "Compass heading of x, clockwise from north; velocity then names east, north and up."
+    )
+    select: Annotated[
+        dict[str, float], Quantity(takes="a table of numbers, such as {lat = 48.1}")
+    ] = entry(
+        {},
+        "Place in the other dimensions, such as {lat = 48.1}: the nearest point; without "
+        "coordinates the index, from 0.",
+    )
+    skip: Seconds = entry(
+        0.0,
+        "Time of the record at which the run starts; later if the drift past the arm needs it.",
+        ge=0,
+    )
+    velocity_scale: float = entry(1.0, "Velocity in the run over that in the record.", gt=0)
+    time_scale: float = entry(1.0, "Duration of a second of the record in the run.", gt=0)
+    low_pass_hz: Hertz | None = entry(
+        None,
+        "Cut-off of a low-pass filter without delay (Butterworth), in the record's time.",
+        gt=0,
+    )
+    phase_speed: MetresPerSecond | None = entry(
+        None,
+        "Speed along x at which the record travels in the run; negative: toward -x. By default a "
+        "point's drifts with its mean velocity, and a profile is the same along x.",
+    )
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if all(component is None for component in self.components):
+            yield self.mistake("velocity", "have the name of at least one variable")
+        if self.phase_speed == 0:
+            hint = "Leave it out for water that moves as one in a profile."
+            yield self.mistake("phase_speed", "be a speed other than 0 (m/s)", hint)
+        if self.origin is not None and self.vertical is None:
+            hint = "Set vertical, the levels of a profile, to use it."
+            yield self.mistake("origin", "be left out without vertical", hint)
+
+    def build(self, scenario: Any, generator: Any, recording: Any) -> Any:  # type: ignore[override]
+        """Return the `crinoid.Flow` of a recording that was read from the file."""
+        played = resolve_name("crinoid.assembly.arrays:measured")
+        return played(self.onset, recording, scenario.base.position)
+
+    @property
+    def components(self) -> tuple[Component | None, ...]:
+        """Places of the components of the velocity; None for a component of zero."""
+        return tuple(Component.of(text) for text in self.velocity)
+
 
 _From0 = Annotated[float, Field(ge=0)]
 StandardDeviation = Annotated[
@@ -51,8 +163,15 @@ StandardDeviation = Annotated[
 class UniformFlow(FlowTable):
     """The same velocity everywhere."""
 
-    kind: Literal["uniform"] = Field(default="uniform", description="The same velocity everywhere.")
+    kind: Literal["uniform"] = entry("uniform", "The same velocity everywhere.")
     velocity: Velocity = Field(description="Velocity.")
+
+    @property
+    def uniform_mean(self) -> tuple[float, ...]:
+        return self.velocity
+
+    def build(self, scenario: Any, generator: Any) -> Any:
+        return part("crinoid.flow:Uniform", self.onset, self.velocity)
 
 
 class ShearFlow(FlowTable):
@@ -63,23 +182,17 @@ class ShearFlow(FlowTable):
     ``velocity * ln(h / z0) / ln(h_ref / z0)``.
     """
 
-    kind: Literal["shear"] = Field(
-        default="shear", description="A current that slows towards the bed."
-    )
+    kind: Literal["shear"] = entry("shear", "A current that slows towards the bed.")
     velocity: Velocity = Field(description="Velocity at the reference depth.")
-    reference_depth: Metres = Field(
-        ge=0, description="Depth below the surface at which the velocity is reached."
-    )
-    exponent: float | None = Field(
-        default=None, ge=0, description="Exponent of the power law; 0.142857 if nothing is given."
-    )
-    roughness_length: Metres | None = Field(
-        default=None, gt=0, description="Roughness of the bed; selects the logarithmic profile."
+    reference_depth: Metres = Field(ge=0, description="Depth below the surface of that velocity.")
+    exponent: float | None = entry(None, "Exponent of the power law; 0.142857 by default.", ge=0)
+    roughness_length: Metres | None = entry(
+        None, "Roughness of the bed, for a logarithmic profile.", gt=0
     )
 
     def _conflicts(self) -> Iterator[Mistake]:
         if self.exponent is not None and self.roughness_length is not None:
-            yield Mistake("exponent", "does not go with roughness_length; takes one of the two")
+            yield self.mistake("exponent", "be left out with roughness_length")
 
     @property
     def power_exponent(self) -> float | None:
@@ -88,22 +201,38 @@ class ShearFlow(FlowTable):
             return None
         return 0.142857 if self.exponent is None else self.exponent
 
+    def build(self, scenario: Any, generator: Any) -> Any:
+        depth = scenario.water.depth
+        profile = self.onset, self.velocity, depth - self.reference_depth, -depth
+        if self.power_exponent is None:
+            return part("crinoid.flow:LogarithmicShear", *profile, self.roughness_length)
+        return part("crinoid.flow:PowerShear", *profile, self.power_exponent)
+
 
 class GustFlow(FlowTable):
     """One gust that rises and falls: ``velocity * (1 - cos(2 pi (t - start) / duration)) / 2``."""
 
-    kind: Literal["gust"] = Field(default="gust", description="One gust that rises and falls.")
+    kind: Literal["gust"] = entry("gust", "One gust that rises and falls.")
     velocity: Velocity = Field(description="Velocity at the peak.")
-    duration: Seconds = Field(gt=0, description="How long it blows, from start.")
+    duration: Seconds = Field(gt=0, description="Duration, from start.")
+
+    def build(self, scenario: Any, generator: Any) -> Any:
+        panels = resolve_name("crinoid.flow.flow:panels_of")(self.ramp_time, self.duration)
+        return part("crinoid.flow:Gust", self.onset, self.velocity, self.duration, panels=panels)
 
 
 class SineFlow(FlowTable):
     """A velocity that swings: ``amplitude * sin(2 pi frequency_hz t + phase)``."""
 
-    kind: Literal["sine"] = Field(default="sine", description="A velocity that swings.")
+    kind: Literal["sine"] = entry("sine", "A velocity that swings.")
     amplitude: Velocity = Field(description="Velocity at the peak.")
     frequency_hz: Hertz = Field(gt=0, description="Frequency.")
-    phase_deg: Degrees = Field(default=0.0, description="Phase at t = 0.")
+    phase_deg: Degrees = entry(0.0, "Phase at t = 0.")
+
+    def build(self, scenario: Any, generator: Any) -> Any:
+        panels = resolve_name("crinoid.flow.flow:panels_of")(self.ramp_time, 1 / self.frequency_hz)
+        numbers = self.amplitude, self.frequency_hz, math.radians(self.phase_deg)
+        return part("crinoid.flow:Sine", self.onset, *numbers, panels=panels)
 
 
 class GaussMarkovFlow(FlowTable):
@@ -112,16 +241,28 @@ class GaussMarkovFlow(FlowTable):
     The same everywhere; drawn from `seed`.
     """
 
-    kind: Literal["gauss-markov"] = Field(
-        default="gauss-markov", description="A velocity that wanders about its mean."
-    )
+    kind: Literal["gauss-markov"] = entry("gauss-markov", "A velocity that wanders about its mean.")
     mean: Velocity = Field(description="Mean velocity.")
     standard_deviation: StandardDeviation = Field(
-        description="Standard deviation of each component, or one for each."
+        description="Standard deviation of all components or of each."
     )
     correlation_time: Seconds = Field(
-        gt=0, description="Time over which its correlation falls to 1/e."
+        gt=0, description="Time in which its correlation falls to 1/e."
     )
+
+    @property
+    def uniform_mean(self) -> tuple[float, ...]:
+        return self.mean
+
+    def build(self, scenario: Any, generator: Any) -> Any:
+        return resolve_name("crinoid.flow:GaussMarkov.of")(
+            self.onset,
+            mean=self.mean,
+            standard_deviation=self.standard_deviation,
+            correlation_time=self.correlation_time,
+            duration=scenario.simulation.duration,
+            generator=generator,
+        )
 
 
 class TurbulenceFlow(FlowTable):
@@ -133,42 +274,32 @@ class TurbulenceFlow(FlowTable):
     Drawn from `seed`. A planar arm sees a cut through three-dimensional turbulence.
     """
 
-    kind: Literal["turbulence"] = Field(
-        default="turbulence", description="Turbulence that the water carries along."
-    )
+    kind: Literal["turbulence"] = entry("turbulence", "Turbulence that the water carries along.")
     mean: Velocity = Field(description="Mean velocity.")
     intensity: float = Field(
-        gt=0,
-        le=1,
-        description="Standard deviation of each component, as a share of the mean's magnitude.",
+        gt=0, le=1, description="Standard deviation of each component over the mean's magnitude."
     )
     length_scale: Metres = Field(gt=0, description="Longitudinal integral scale.")
-    modes: int = Field(default=256, ge=8, le=10_000, description="Number of Fourier modes.")
+    modes: int = entry(256, "Number of Fourier modes.", ge=8, le=10_000)
 
     def _conflicts(self) -> Iterator[Mistake]:
         if not any(self.mean):
-            text = f"got {shown(self.mean)}, takes a velocity other than 0: "
-            yield Mistake("mean", f"{text}intensity is a share of it")
+            hint = "The intensity is a share of it."
+            yield self.mistake("mean", "be a velocity other than 0", hint)
 
+    @property
+    def uniform_mean(self) -> tuple[float, ...]:
+        return self.mean
 
-class WavesFlow(FlowTable):
-    """Surface waves: linear, with a JONSWAP spectrum, on a still surface at z = 0.
-
-    Drawn from `seed`. They need `water.depth`.
-    """
-
-    kind: Literal["waves"] = Field(default="waves", description="Surface waves.")
-    significant_height: Metres = Field(
-        gt=0, description="Significant height, four standard deviations of the surface."
-    )
-    peak_period: Seconds = Field(gt=0, description="Period of the highest waves.")
-    direction_deg: Degrees = Field(
-        default=0.0, description="Where they travel: 0 toward +x, 90 toward +y."
-    )
-    gamma: float = Field(
-        default=3.3, ge=1, le=10, description="How peaked the spectrum is; 1: Pierson-Moskowitz."
-    )
-    components: int = Field(default=64, ge=1, le=10_000, description="Number of waves that add up.")
+    def build(self, scenario: Any, generator: Any) -> Any:
+        return resolve_name("crinoid.flow:Turbulence.of")(
+            self.onset,
+            mean=self.mean,
+            intensity=self.intensity,
+            length_scale=self.length_scale,
+            modes=self.modes,
+            generator=generator,
+        )
 
 
 Flow = Annotated[
@@ -179,6 +310,7 @@ Flow = Annotated[
     | GaussMarkovFlow
     | TurbulenceFlow
     | WavesFlow
+    | RegularWaveFlow
     | MeasuredFlow,
     Field(discriminator="kind"),
     KindOf("flows", FlowTable),

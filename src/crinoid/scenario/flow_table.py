@@ -1,28 +1,37 @@
-"""Keys that every flow has: its kind, and when and how it sets in."""
+"""Keys that every flow has."""
 
+from __future__ import annotations
+
+from pkgutil import resolve_name
 from typing import Any
 
-from pydantic import Field
-
-from crinoid.scenario.model import Model
-from crinoid.scenario.quantity import Seconds
-
-__all__ = ["FlowTable"]
+from crinoid.scenario.model import Model, entry
+from crinoid.scenario.quantity import (
+    Seconds,
+)
 
 
 class FlowTable(Model):
-    """A flow that sets in at a time, at once or along a ramp."""
+    """A flow with a start time and a ramp."""
 
     kind: str
-    start: Seconds = Field(default=0.0, ge=0, description="When it sets in.")
-    ramp_time: Seconds = Field(
-        default=0.0, ge=0, description="How long it takes to reach full strength."
-    )
+    start: Seconds = entry(0.0, "Start time.", ge=0)
+    ramp_time: Seconds = entry(0.0, "Time to reach full strength.", ge=0)
 
     def build(self, scenario: Any, generator: Any) -> Any:
         """Return the `crinoid.Flow`.
 
-        For tables of installed packages; ``scenario`` is the `crinoid.Scenario` that holds it,
-        ``generator`` a `numpy.random.Generator` for what is random.
+        ``scenario`` is the `crinoid.Scenario` with this table, ``generator`` a
+        `numpy.random.Generator` of this flow alone.
         """
         raise NotImplementedError
+
+    @property
+    def uniform_mean(self) -> tuple[float, ...] | None:
+        """Its mean velocity (m/s) if that is the same everywhere; surface waves ride on it."""
+        return None
+
+    @property
+    def onset(self) -> Any:
+        """When and how it sets in, as a `crinoid.Onset`."""
+        return resolve_name("crinoid.assembly.arrays:onset")(self)

@@ -1,64 +1,128 @@
-"""Kinds of tables that other installed packages bring, by the names that scenarios give them.
+"""Kinds of tables from other installed packages, by their names in scenarios.
 
 A package names its tables under the entry points ``crinoid.loads``, ``crinoid.flows``,
 ``crinoid.controllers``, ``crinoid.sensors`` and ``crinoid.actuators``. One is imported when a
-scenario asks for its kind, and not before.
+scenario names its kind, and not before.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pkgutil import resolve_name
 from typing import Any, get_args
 
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
-from crinoid.scenario.errors import Mistake, ScenarioError, one_of, shown
-from crinoid.scenario.model import Model
+from crinoid.scenario.errors import Mistake, ScenarioError, got, join, missing, one_of
+from crinoid.scenario.model import Model, Schema
+from crinoid.scenario.quantity import unit_of
 
-__all__ = ["KindOf", "installed", "installed_table", "is_own"]
+_MOST_PLACES = 3
+
+
+def all_keys(schema: Schema) -> dict[str, bool]:
+    """Return the dotted keys of a JSON schema, each with whether it is a table.
+
+    A list of tables has its first index: ``flow.0.velocity``.
+    """
+    found = _below("", schema, schema["$defs"])
+    return {key: any(_tables(entry)) for key, entry in found}
+
+
+def unit_at(schema: Schema, key: str) -> str:
+    """Return the unit of a dotted key, in the schema of all tables; empty without one."""
+    first = ".".join("0" if part.isdecimal() else part for part in key.split("."))
+    names = {first, first.removesuffix(".0")}  # one component of a vector
+    keys = _below("", schema, schema["$defs"])
+    return next(filter(None, (unit_of(entry) for name, entry in keys if name in names)), "")
+
+
+def _below(prefix: str, table: Schema, definitions: Schema) -> Iterator[tuple[str, Schema]]:
+    for name, entry in table["properties"].items():
+        key = join(prefix, name)
+        inner = list(_tables(entry))
+        yield key, entry
+        for index, found in inner:
+            place = join(key, index)
+            yield from _below(place, definitions[found.rpartition("/")[2]], definitions)
+
+
+def _tables(entry: Schema) -> Iterator[tuple[str, str]]:
+    """Yield the definitions of a table or of a list of tables, with the index of the latter."""
+    for member in (entry, *entry.get("anyOf", ()), *entry.get("allOf", ())):
+        if "$ref" in member:
+            yield "", member["$ref"]
+    items = entry.get("items", {})
+    for member in (items, *items.get("oneOf", ())) if isinstance(items, dict) else ():
+        if "$ref" in member:
+            yield "0", member["$ref"]
+
+
+def with_places(mistake: Mistake, schema: Schema) -> Mistake:
+    """Return a mistake with the places in a scenario where an unknown key exists."""
+    table, _, name = mistake.key.partition(".")
+    if table == "vary" and name in schema["properties"]:
+        return replace(mistake, text=f"{mistake.text}. Write {name} above the first table.")
+    if not mistake.text.startswith("unknown key"):
+        return mistake
+    name = mistake.key.rpartition(".")[2]
+    found = [key for key in all_keys(schema) if key.rpartition(".")[2] == name]
+    if not found or mistake.key in found:  # of another kind of the same table
+        return mistake
+    near = [mistake.instead] if name in mistake.instead else []
+    *others, last = dict.fromkeys([*near, *found[:_MOST_PLACES]])
+    instead = f"{', '.join(others)} or {last}" if others else last
+    return replace(mistake, text="unknown key", instead=instead)
+
+
+def part(name: str, *numbers: Any, **named: Any) -> Any:
+    """Build a part of crinoid by a class or a function that is named as ``module:Class``.
+
+    The module is imported here: a table describes, and by itself loads no JAX. Numbers and tuples
+    of numbers become arrays.
+    """
+    array = resolve_name("crinoid.assembly.arrays:array_of_plain")
+    named = {key: array(value) for key, value in named.items()}
+    return resolve_name(name)(*map(array, numbers), **named)
 
 
 def is_own(part: object) -> bool:
-    """Tell whether a part or a table comes with crinoid."""
+    """Return whether a part or a table comes with crinoid."""
     return type(part).__module__.partition(".")[0] == "crinoid"
 
 
 @cache
 def installed(group: str) -> dict[str, EntryPoint]:
-    """Return the kinds of a group that installed packages bring, by name."""
+    """Return the kinds of a group from installed packages, by name."""
     return {each.name: each for each in entry_points(group=f"crinoid.{group}")}
 
 
 def installed_table(group: str, kind: str, base: type[Model]) -> type[Any]:
-    """Load the table of a kind that an installed package brings; it is derived from ``base``."""
+    """Return the table of a kind from an installed package; it is derived from ``base``."""
     entry = installed(group)[kind]
     try:
         table = entry.load()
-    except Exception as error:  # whatever the package does wrong
+    except Exception as error:  # any fault of the package
         raise _broken(entry, f"{type(error).__name__}: {error}") from error
     if not (isinstance(table, type) and issubclass(table, base)):
         raise _broken(entry, f"{entry.value} is not derived from {base.__name__}")
     if table.build is base.build:  # type: ignore[attr-defined]
-        raise _broken(entry, f"{entry.value} has no method build of its own")
+        raise _broken(entry, f"{entry.value} has no own method build")
     return table
 
 
 def _broken(entry: EntryPoint, why: str) -> ScenarioError:
     package = entry.dist.name if entry.dist is not None else entry.value
-    text = f"got {shown(entry.name)}, which the installed package {package} brings and which "
-    return ScenarioError([Mistake("kind", f"{text}cannot be loaded: {' '.join(why.split())}")])
+    hint = f"The installed package {package} fails: {' '.join(why.split())}"
+    return ScenarioError([Mistake("kind", got(entry.name, "be a kind that can be loaded", hint))])
 
 
 class KindOf:
-    """Mark of tables that are told apart by ``kind``, some of them by installed packages.
+    """Mark of tables that differ by ``kind``, some of them from installed packages.
 
-    Parameters
-    ----------
-    group
-        Name of the entry points, without ``crinoid.``.
-    base
-        What their tables are derived from.
+    ``group`` is the name of the entry points without ``crinoid.``, ``base`` that of their tables.
     """
 
     def __init__(self, group: str, base: type[Model]) -> None:
@@ -76,22 +140,22 @@ class KindOf:
         return core_schema.no_info_wrap_validator_function(
             self._table,
             handler(source),
-            # else what a table of a package has of its own would not be written
+            # else the further keys of a table of a package would not be written
             serialization=core_schema.simple_ser_schema("any"),
         )
 
     def _table(self, value: Any, own: Callable[[Any], Any]) -> Any:
-        tables = isinstance(value, Mapping)
-        if not tables and not isinstance(value, self.base):
+        if isinstance(value, Mapping):
+            kind = value.get("kind")
+        elif isinstance(value, self.base):
+            kind = getattr(value, "kind", None)
+        else:
             return own(value)
-        given: Any = value
-        kind = given.get("kind") if tables else given.kind
         if kind in self._own:
             return own(value)
         if isinstance(kind, str) and kind in installed(self.group):
             table = installed_table(self.group, kind, self.base)
-            return table(**given) if tables else given
+            return table(**value) if isinstance(value, Mapping) else value
         known = sorted({*self._own, *installed(self.group)})
-        takes = one_of(known) if known else "that of a package, of which none is installed"
-        got = "missing" if kind is None else f"got {shown(kind)}"
-        raise ScenarioError([Mistake("kind", f"{got}, takes {takes}")])
+        must = f"be {one_of(known)}" if known else "be that of a package. None is installed"
+        raise ScenarioError.of("kind", missing(must) if kind is None else got(kind, must))

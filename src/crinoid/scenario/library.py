@@ -1,4 +1,4 @@
-"""Scenarios from files, and those that come with the package."""
+"""Scenarios from files, and the built-in ones."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -7,12 +7,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from crinoid.scenario.document import assign, override, parse
-from crinoid.scenario.errors import Mistake, ScenarioError, shown
-from crinoid.scenario.files import anchor, named_files
+from crinoid.scenario.document import anchor, assign, named_files, override, parse
+from crinoid.scenario.errors import Mistake, ScenarioError, got
 from crinoid.scenario.scenario import Scenario
-
-__all__ = ["Source", "builtin_files", "builtin_names", "builtin_text", "load", "scenario_of"]
 
 Source = Scenario | str | os.PathLike[str]
 """A scenario, the name of a built-in one, or the path of a TOML file."""
@@ -26,8 +23,8 @@ def load(
 ) -> Scenario:
     """Load a scenario.
 
-    The relative path of a file starts from the folder of the TOML file that names it, that of an
-    override from the working directory; the scenario holds it absolute.
+    A relative path in the file starts from its folder, one in an override from the working
+    directory; the scenario has it absolute.
 
     Parameters
     ----------
@@ -35,9 +32,9 @@ def load(
         Name of a built-in scenario, or path to a TOML file. A built-in one goes first; write
         ``./name`` for a file of the same name.
     overrides
-        Changes ``key=value``, as ``--set`` of the command line takes them: the key dotted, with
-        indexes into lists (``load.0.magnitude``), the value TOML; words need no quotes. Or values
-        by such keys: ``{"arm.length": 0.6}``.
+        Changes ``key=value``, as in ``--set`` of the command line: the key is dotted, with indexes
+        into lists (``load.0.magnitude``), the value is TOML; words need no quotes. Or values by
+        such keys: ``{"arm.length": 0.6}``.
 
     Raises
     ------
@@ -67,8 +64,8 @@ def scenario_of(source: object) -> Scenario:
         return source
     if isinstance(source, (str, os.PathLike)):
         return load(source)
-    must = "must be a Scenario, the name of a built-in one, or the path of a TOML file"
-    raise ScenarioError([Mistake("scenario", f"got {shown(source)}; {must}")])
+    must = "be a Scenario, the name of a built-in one, or the path of a TOML file"
+    raise ScenarioError.of("scenario", got(source, must))
 
 
 def builtin_names() -> list[str]:
@@ -85,7 +82,7 @@ def builtin_text(name: str) -> str:
 
 
 def builtin_files(name: str) -> list[Path]:
-    """Return the files that come with a built-in scenario and that it names."""
+    """Return the files that a built-in scenario names."""
     return [_FOLDER / file for file in named_files(parse(builtin_text(name)))]
 
 
@@ -95,7 +92,7 @@ def _read(path: Path) -> str:
     except FileNotFoundError:
         mistake = _not_found(str(path), "no such file or built-in scenario")
     except IsADirectoryError:
-        mistake = Mistake(str(path), "is a folder, takes a TOML file")
+        mistake = Mistake(str(path), "is a folder; must be a TOML file")
     except UnicodeDecodeError as error:
         mistake = Mistake(str(path), f"not valid TOML: byte {error.start} is not UTF-8")
     except OSError as error:

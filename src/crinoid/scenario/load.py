@@ -1,29 +1,31 @@
-"""Loads: forces on the arm that are not the water's.
+"""Loads: forces on the arm besides those of the water.
 
 A new kind is one class here and one entry in `Load`; or a table of an installed package
 (`crinoid.scenario.kinds`).
 """
+# ruff: noqa: D102  # the base class documents its methods
 
+import math
 from collections.abc import Callable, Iterator
+from pkgutil import resolve_name
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.dimension import Count, InSpace
-from crinoid.scenario.errors import Mistake
+from crinoid.scenario.errors import Mistake, missing
 from crinoid.scenario.kinds import KindOf
-from crinoid.scenario.model import Model
+from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import (
     PER_AXIS,
     Components,
+    Count,
     Force,
+    InSpace,
     Quantity,
     Seconds,
     Triple,
     direction_conflicts,
 )
-
-__all__ = ["DistributedLoad", "Load", "LoadTable", "TipLoad"]
 
 Direction = Annotated[
     Literal["tangential", "normal"] | Components,
@@ -41,40 +43,38 @@ Moment = Annotated[
 
 
 class LoadTable(Model):
-    """Keys that every load has: its kind, when and how it sets in, when it is taken off."""
+    """Keys of every load: its kind, start, ramp and stop."""
 
     kind: str
-    start: Seconds = Field(default=0.0, ge=0, description="When it sets in.")
-    ramp_time: Seconds = Field(
-        default=0.0, ge=0, description="How long it takes to reach full strength."
-    )
-    stop: Seconds | None = Field(
-        default=None, gt=0, description="When it is taken off; never if left out."
-    )
+    start: Seconds = entry(0.0, "Start time.", ge=0)
+    ramp_time: Seconds = entry(0.0, "Time to reach full strength.", ge=0)
+    stop: Seconds | None = entry(None, "Time when it ends; never by default.", gt=0)
 
     def _conflicts(self) -> Iterator[Mistake]:
         if self.stop is not None and self.stop <= self.start:
-            yield Mistake("stop", f"got {self.stop}, takes a time after start = {self.start} (s)")
+            yield self.mistake("stop", f"be after start = {self.start} (s)")
 
     def build(self, scenario: Any) -> tuple[Callable[..., Any], dict[str, Any]]:
-        """Return a function that builds the element, and what it takes beside the rod.
+        """Return a function that builds the element from a rod, and its other arguments by name.
 
-        For tables of installed packages; ``scenario`` is the `crinoid.Scenario` that holds it. The
-        second are arrays by name, on which gradients act; `crinoid.load_onset` gives that of
-        ``start``, ``ramp_time`` and ``stop``.
+        Numbers and tuples of numbers become arrays, on which gradients act. ``scenario`` is the
+        `crinoid.Scenario` with this table.
         """
         raise NotImplementedError
+
+    @property
+    def onset(self) -> Any:
+        """When it sets in and is taken off, as a `crinoid.Onset`."""
+        return resolve_name("crinoid.assembly.arrays:onset")(self)
 
 
 class DistributedLoad(LoadTable):
     """A force along the whole arm."""
 
-    kind: Literal["distributed"] = Field(
-        default="distributed", description="A force along the arm."
-    )
+    kind: Literal["distributed"] = entry("distributed", "A force along the arm.")
     direction: Direction = Field(
         description="tangential and normal (in space along m_2) follow the arm; a vector is "
-        "fixed, its length is ignored."
+        "fixed, and its length is ignored."
     )
     magnitude: Annotated[float, Quantity("N/m")] = Field(description="Force on a metre of arm.")
 
@@ -83,28 +83,42 @@ class DistributedLoad(LoadTable):
         if isinstance(self.direction, tuple):
             yield from direction_conflicts("direction", self.direction)
 
+    def build(self, scenario: Any) -> tuple[Callable[..., Any], dict[str, Any]]:
+        fixed, direction = (0.0,) * scenario.arm.dimension, self.direction
+        if isinstance(direction, tuple):
+            length = math.sqrt(sum(each * each for each in direction))
+            fixed = tuple(each / length for each in direction)
+        return resolve_name("crinoid.elements:DistributedLoad.of"), {
+            "onset": self.onset,
+            "tangential": self.magnitude * (direction == "tangential"),
+            "normal": self.magnitude * (direction == "normal"),
+            "fixed": tuple(self.magnitude * each for each in fixed),
+        }
+
 
 class TipLoad(LoadTable):
     """A force and a moment at the tip."""
 
-    kind: Literal["tip"] = Field(default="tip", description="A force and a moment at the tip.")
-    force: Annotated[Force, InSpace((0.0, 0.0, 0.0))] = Field(
-        default=(0.0, 0.0), description="Force; of a follower, as it is on a straight arm along x."
+    kind: Literal["tip"] = entry("tip", "A force and a moment at the tip.")
+    force: Annotated[Force, InSpace((0.0, 0.0, 0.0))] = entry(
+        (0.0, 0.0), "Force; of a follower, as on a straight arm along x."
     )
-    moment: Moment = Field(
-        default=0.0,
-        description="Moment, positive the way tilt is; in space right-handed about each axis, so "
-        "that [0, -1, 0] is 1 of a planar arm.",
+    moment: Moment = entry(
+        0.0,
+        "Moment, positive like tilt; in space right-handed about each axis, so that [0, -1, 0] "
+        "is 1 of a planar arm.",
     )
-    follower: bool = Field(
-        default=False,
-        description="Whether the force turns with the tip, in space the moment as well.",
-    )
+    follower: bool = entry(False, "Whether the force turns with the tip, in space also the moment.")
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from super()._conflicts()
         if not self.model_fields_set & {"force", "moment"}:
-            yield Mistake("force", "missing, a tip load takes force, moment or both")
+            yield Mistake("force", missing("be given without moment"))
+
+    def build(self, scenario: Any) -> tuple[Callable[..., Any], dict[str, Any]]:
+        names = ("follower_force", "follower_moment") if self.follower else ("dead_force", "moment")
+        numbers = dict(zip(names, (self.force, self.moment), strict=True))
+        return resolve_name("crinoid.elements:TipLoad.of"), {"onset": self.onset} | numbers
 
 
 Load = Annotated[DistributedLoad | TipLoad, Field(discriminator="kind"), KindOf("loads", LoadTable)]

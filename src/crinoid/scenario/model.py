@@ -1,16 +1,18 @@
-"""A table of a scenario: strict, frozen, and clear about mistakes."""
+"""Strict, frozen tables of a scenario, with plain messages for mistakes."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from difflib import get_close_matches
-from functools import cache
-from typing import Any
+from functools import cache, partial
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from crinoid.scenario.errors import Mistake, ScenarioError, join, one_of, shown
+from crinoid.scenario.errors import Mistake, ScenarioError, got, join, missing, one_of
 
-__all__ = ["Model", "unknown_key"]
+Schema = dict[str, Any]
+
+_Value = TypeVar("_Value")
 
 
 class Model(BaseModel):
@@ -19,7 +21,7 @@ class Model(BaseModel):
     Raises
     ------
     ScenarioError
-        From the constructor, naming every key at fault.
+        From the constructor, with every mistake.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -30,88 +32,96 @@ class Model(BaseModel):
         try:
             super().__init__(**data)
         except ValidationError as error:
-            raise ScenarioError(_mistakes(type(self), data, error)) from None
+            properties = _properties(type(self))
+            found = (
+                mistake
+                for detail in error.errors(include_url=False)
+                for mistake in _translated(detail, properties, data)
+            )
+            # Every alternative of a union complains; they end up as the same line.
+            raise ScenarioError(dict.fromkeys(found)) from None
 
     def model_post_init(self, context: Any, /) -> None:
-        """Refuse keys that are each fine alone but not together."""
+        """Refuse keys that are valid alone but not together."""
         mistakes = list(self._conflicts())
         if mistakes:
             raise ScenarioError(mistakes)
 
-    def refused(self, name: str) -> Mistake:
-        """Say what a key got and what it takes."""
-        return _taking(name, f"got {shown(getattr(self, name))}", _properties(type(self))[name])
+    def mistake(self, name: str, must: str = "", hint: str = "") -> Mistake:
+        """Return the mistake of the value at a dotted key; by default it breaks the schema."""
+        value: Any = self
+        for part in name.split("."):
+            value = value[int(part)] if isinstance(value, tuple) else getattr(value, part)
+        say = partial(got, value, hint=hint)
+        if must:
+            return Mistake(name, say(must))
+        return _refused(name, _properties(type(self))[name], say)
 
     def _conflicts(self) -> Iterator[Mistake]:
-        """Yield what is wrong between keys that are each fine alone."""
+        """Yield the mistakes between keys that are valid alone."""
         yield from ()
 
 
+def entry(default: _Value, description: str, **rules: Any) -> _Value:
+    """Return the field of a key that may be left out, with the rules of pydantic's ``Field``."""
+    value: _Value = Field(default=default, description=description, **rules)
+    return value
+
+
 def unknown_key(table: type[Model], name: str) -> Mistake:
-    """Say that a table has no such key, and which it has."""
+    """Return the mistake for a key that a table does not have."""
     return _unknown(name, _properties(table))
 
 
 @cache
-def _properties(table: type[Model]) -> dict[str, Any]:
+def _properties(table: type[Model]) -> Schema:
     """Return the JSON schema of each key; it needs far more time than the table."""
     return dict(table.model_json_schema()["properties"])
 
 
-def _mistakes(model: type[Model], data: dict[str, Any], error: ValidationError) -> list[Mistake]:
-    properties = _properties(model)
-    found = (
-        mistake
-        for detail in error.errors(include_url=False)
-        for mistake in _translated(detail, properties, data)
-    )
-    # Every alternative of a union complains; they end up as the same line.
-    return list(dict.fromkeys(found))
-
-
-def _translated(detail: Any, properties: dict[str, Any], data: dict[str, Any]) -> list[Mistake]:
+def _translated(detail: Any, properties: Schema, data: dict[str, Any]) -> list[Mistake]:
+    """Return one error of pydantic as mistakes."""
     kind, place = detail["type"], detail["loc"]
     cause = detail.get("ctx", {}).get("error")
+    inner = cause.mistakes if isinstance(cause, ScenarioError) else None
     if not place:
-        known = isinstance(cause, ScenarioError)
-        return list(cause.mistakes) if known else [Mistake("", detail["msg"])]
-    name = str(place[0])
+        return [Mistake("", detail["msg"])] if inner is None else list(inner)
+    key = str(place[0])
     if kind == "extra_forbidden":
-        return [_unknown(name, properties)]
-    if name not in properties:  # of a table that takes names of its own
-        if isinstance(cause, ScenarioError):
-            return [mistake.under(name) for mistake in cause.mistakes]
-        return [Mistake(name, f"got {shown(data[name])}, takes a table")]
-    schema = properties[name]
+        return [_unknown(key, properties)]
+    if key not in properties:  # of a table with keys of any name
+        if inner is None:
+            return [Mistake(key, got(data[key], "be a table"))]
+        return [mistake.under(key) for mistake in inner]
+    schema = properties[key]
     if kind == "missing" and len(place) == 1:
-        return [_taking(name, "missing", schema)]
+        return [_refused(key, schema, missing)]
 
+    value, schema = data[key], properties[key]
     if "additionalProperties" in schema and len(place) > 1:  # a table of any keys
-        key, value = f"{name}.{place[1]}", data[name][place[1]]
-        return [_taking(key, f"got {shown(value)}", schema["additionalProperties"])]
-    key, value = name, data[name]
+        key, value = f"{key}.{place[1]}", value[place[1]]
+        return [_refused(key, schema["additionalProperties"], partial(got, value))]
     for index in (part for part in place[1:] if isinstance(part, int)):
         # Of a union, or of a list that is too short, the whole is at fault.
-        if _alternatives(schema) or index >= len(value):
+        if len(_present(schema)) > 1 or index >= len(value):
             break
         key, value, schema = f"{key}.{index}", value[index], _item(schema, index)
-    if isinstance(cause, ScenarioError):
-        return [mistake.under(key) for mistake in cause.mistakes]
+    if inner is not None:
+        return [mistake.under(key) for mistake in inner]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        takes = one_of(schema["discriminator"]["mapping"])
+        must = f"be {one_of(schema['discriminator']['mapping'])}"
         tag = detail["ctx"].get("tag")
-        got = "missing" if tag is None else f"got {shown(tag)}"
-        return [Mistake(join(key, "kind"), f"{got}, takes {takes}")]
+        return [Mistake(join(key, "kind"), missing(must) if tag is None else got(tag, must))]
     if not _finite(value):
-        takes = "a finite number" if isinstance(value, float) else "finite numbers"
-        return [Mistake(key, f"got {shown(value)}, takes {takes}")]
-    return [_taking(key, f"got {shown(value)}", schema)]
+        must = "be a finite number" if isinstance(value, float) else "be finite numbers"
+        return [Mistake(key, got(value, must))]
+    return [_refused(key, schema, partial(got, value))]
 
 
-def _taking(key: str, got: str, schema: dict[str, Any]) -> Mistake:
-    planar, spatial = _takes(schema), _takes(schema, in_space=True)
-    in_space = f"{got}, takes {spatial}: arm.dimension = 3" if spatial != planar else ""
-    return Mistake(key, f"{got}, takes {planar}", in_space=in_space)
+def _refused(key: str, schema: Schema, say: Callable[[str], str]) -> Mistake:
+    planar, spatial = allowed(schema), allowed(schema, in_space=True)
+    in_space = say(f"be {spatial} with arm.dimension = 3") if spatial != planar else ""
+    return Mistake(key, say(f"be {planar}"), in_space=in_space)
 
 
 def _finite(value: Any) -> bool:
@@ -120,42 +130,35 @@ def _finite(value: Any) -> bool:
     return not isinstance(value, float) or math.isfinite(value)
 
 
-def _unknown(name: str, properties: dict[str, Any]) -> Mistake:
+def _unknown(name: str, properties: Schema) -> Mistake:
     by_lower = {key.lower(): key for key in properties}
     near = get_close_matches(name.lower(), by_lower, n=1)
     if near:
         return Mistake(name, "unknown key", by_lower[near[0]])
-    return Mistake(name, f"unknown key, takes {', '.join(properties)}")
+    return Mistake(name, f"unknown key; must be one of {', '.join(properties)}")
 
 
-def _alternatives(schema: dict[str, Any]) -> bool:
-    return len(_present(schema)) > 1
-
-
-def _present(schema: dict[str, Any]) -> list[dict[str, Any]]:
+def _present(schema: Schema) -> list[Schema]:
     return [member for member in schema.get("anyOf", ()) if member.get("type") != "null"]
 
 
-def _item(schema: dict[str, Any], index: int) -> dict[str, Any]:
+def _item(schema: Schema, index: int) -> Schema:
     found = _array(schema)
     item = found["prefixItems"][index] if "prefixItems" in found else found["items"]
     return {"unit": found["unit"], **item} if "unit" in found else item
 
 
-def _array(schema: dict[str, Any]) -> dict[str, Any]:
-    """Return the first alternative that is a list, with what is said of all alternatives."""
+def _array(schema: Schema) -> Schema:
+    """Return the first alternative that is a list, with the keys of the whole."""
     if "prefixItems" in schema or "items" in schema:
         return schema
-    below = (_array({**member, **_shared(schema)}) for member in _present(schema))
+    shared = {key: value for key, value in schema.items() if key != "anyOf"}
+    below = (_array({**member, **shared}) for member in _present(schema))
     return next((found for found in below if found), {})
 
 
-def _shared(schema: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in schema.items() if key != "anyOf"}
-
-
-def _takes(schema: dict[str, Any], *, in_space: bool = False) -> str:
-    """Say in words what a JSON schema takes, for a planar or a spatial arm."""
+def allowed(schema: Schema, *, in_space: bool = False) -> str:
+    """Return the values that a JSON schema allows, in words, for a planar or a spatial arm."""
     present = _present(schema)
     if len(present) == 1:
         schema = {**present[0], **schema}
@@ -165,13 +168,14 @@ def _takes(schema: dict[str, Any], *, in_space: bool = False) -> str:
     return f"{words} ({schema['unit']})" if "unit" in schema else words
 
 
-def _words(schema: dict[str, Any]) -> str:
+def _words(schema: Schema) -> str:
     if "enum" in schema or "const" in schema:
         return one_of(schema.get("enum") or [schema["const"]])
     match schema.get("type"):
-        case "number" | "integer" as kind:
-            noun = "a number" if kind == "number" else "a whole number"
-            return f"{noun}{_bounds(schema)}"
+        case "number":
+            return f"a number{_bounds(schema)}"
+        case "integer":
+            return f"a whole number{_bounds(schema)}"
         case "string":
             return "text in quotes"
         case "boolean":
@@ -184,7 +188,7 @@ def _words(schema: dict[str, Any]) -> str:
             return "a table"
 
 
-def _bounds(schema: dict[str, Any]) -> str:
+def _bounds(schema: Schema) -> str:
     # Whole numbers without ".0", however pydantic writes a bound.
     limits = ("minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum")
     least, above, most, below = (

@@ -1,118 +1,60 @@
-"""A whole scenario: the tables together, to and from TOML."""
+"""Scenario: all tables together, to and from TOML."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from math import prod
 from typing import Annotated, Any
 
 import tomli_w
 from pydantic import BeforeValidator, Field
 
-from crinoid.scenario.actuator import Actuator, actuator_conflicts
+from crinoid.scenario.actuator import Actuator, ActuatorTable, Chamber, Tendon, thread_names
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
-from crinoid.scenario.chamber import Chamber, Tendon, thread_conflicts, thread_names
-from crinoid.scenario.consistency import (
-    channel_conflicts,
-    contact_conflicts,
-    control_conflicts,
-    depth_conflicts,
-    joint_conflicts,
-    measured_conflicts,
-    motion_conflicts,
-    output_conflicts,
-    rate_conflicts,
-    record_conflicts,
-    shape_conflicts,
-    vehicle_conflicts,
-    wave_conflicts,
-)
-from crinoid.scenario.control import Control
-from crinoid.scenario.dimension import dimension_conflicts, fitted, unwritten
-from crinoid.scenario.document import assign, parse
+from crinoid.scenario.body import Obstacle, Tool, Vehicle
+from crinoid.scenario.consistency import RULES
+from crinoid.scenario.control import Control, ControllerTable
+from crinoid.scenario.document import assign, parse, plain, without_empty
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
-from crinoid.scenario.flow import Flow
-from crinoid.scenario.hybrid import hybrid_conflicts
-from crinoid.scenario.keys import all_keys
-from crinoid.scenario.load import Load
-from crinoid.scenario.model import Model
-from crinoid.scenario.obstacle import Obstacle
-from crinoid.scenario.quantity import AsTuple, Quantity
-from crinoid.scenario.sensor import Sensor, Sensors, sensor_conflicts
+from crinoid.scenario.flow import Flow, FlowTable
+from crinoid.scenario.kinds import installed, installed_table, with_places
+from crinoid.scenario.load import Load, LoadTable
+from crinoid.scenario.model import Model, entry
+from crinoid.scenario.quantity import (
+    ListOf,
+    Quantity,
+    dimension_conflicts,
+    dimension_defaults,
+    unit_of,
+    unwritten,
+)
+from crinoid.scenario.sensor import Sensor, Sensors, SensorTable
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
-from crinoid.scenario.tool import Tool, tool_conflicts
 from crinoid.scenario.variation import combination
-from crinoid.scenario.vehicle import Vehicle
 from crinoid.scenario.water import Water
-
-__all__ = ["Scenario"]
 
 _DEFAULT_RATE_HZ = 100.0
 _DEFAULT_INTERVAL = 0.02
 _MAX_CASES = 10_000
-_MOST_HINTS = 3
+AT_REST = ("arm", "base", "water", "flow", "load", "tool", "chamber", "tendon", "obstacle")
+"""Tables that an equilibrium depends on."""
 _DIMENSION = {"arm", "arm.dimension"}
-"""Keys that a change of dimension goes by."""
+"""Keys that set the dimension."""
 
 
-def _plain(value: Any) -> Any:
-    """Return a value as TOML gives it back, so that reading what was written changes nothing."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if not isinstance(value, (bool, int, float, str)):
-        raise ValueError(f"{value!r} is not a TOML value")
-    return value
-
-
-def _without_empty(table: dict[str, Any]) -> dict[str, Any]:
-    full = {
-        key: _without_empty(value) if isinstance(value, dict) else value
-        for key, value in table.items()
-    }
-    return {key: value for key, value in full.items() if value not in ({}, [])}
-
-
-def _placed(mistake: Mistake, scenario: type[Scenario]) -> Mistake:
-    """Say where a key that is not taken here belongs."""
-    table, _, name = mistake.key.partition(".")
-    if table == "vary" and name in scenario.model_fields:
-        text = f"{mistake.text}; {name} itself stands above the first table"
-        return replace(mistake, text=text)
-    if not mistake.text.startswith("unknown key"):
-        return mistake
-    name = mistake.key.rpartition(".")[2]
-    keys = all_keys(scenario.model_json_schema())
-    found = [key for key in keys if key.rpartition(".")[2] == name]
-    if not found or mistake.key in found:  # another kind of the same table takes it
-        return mistake
-    near = [mistake.instead] if name in mistake.instead else []
-    *others, last = dict.fromkeys([*near, *found[:_MOST_HINTS]])
-    instead = f"{', '.join(others)} or {last}" if others else last
-    return replace(mistake, text="unknown key", instead=instead)
-
-
-_Values = Annotated[
-    list[Any],
-    Field(min_length=1),
-    Quantity(takes="a list of one value or more"),
-]
+_Values = Annotated[list[Any], Field(min_length=1), Quantity(takes="a list of one value or more")]
 
 Variations = Annotated[
     dict[str, _Values],
-    BeforeValidator(_plain),
+    BeforeValidator(plain),
     Quantity(takes='keys such as "arm.length", each with a list of one value or more'),
 ]
 
 
 class Scenario(Model):
-    """An arm, the water around it, what acts on it and what is wanted of it.
+    """Description of an arm, the water around it, the loads on it and its target.
 
     Every argument is a table of the TOML file, as a dictionary or as its class, and may be
     left out.
@@ -123,64 +65,50 @@ class Scenario(Model):
         If anything is wrong, naming every key at fault.
     """
 
-    title: str = Field(default="", description="What the scenario shows.")
-    seed: int = Field(default=0, ge=0, lt=2**63, description="Seed of everything random.")
-    arm: Arm = Field(default=Arm(), description="The arm.")
-    base: Base = Field(default=Base(), description="The base, which holds the arm.")
-    vehicle: Vehicle | None = Field(default=None, description="The submarine, if it floats.")
-    water: Water = Field(default=Water(), description="The water.")
-    flow: Annotated[tuple[Flow, ...], AsTuple] = Field(
-        default=(), description="How the water moves; flows add up."
-    )
-    load: Annotated[tuple[Load, ...], AsTuple] = Field(
-        default=(), description="Other forces on the arm."
-    )
-    obstacle: Annotated[tuple[Obstacle, ...], AsTuple] = Field(
-        default=(), description="Rigid bodies that the arm meets."
-    )
-    tool: Tool | None = Field(default=None, description="What the tip carries.")
-    chamber: Annotated[tuple[Chamber, ...], AsTuple] = Field(
-        default=(), description="Chambers of fluid along the arm."
-    )
-    tendon: Annotated[tuple[Tendon, ...], AsTuple] = Field(
-        default=(), description="Tendons along the arm."
-    )
-    actuator: Annotated[tuple[Actuator, ...], AsTuple] = Field(
-        default=(), description="Actuators beside the base's channels."
-    )
-    target: Target = Field(default=Target(), description="Where the tip is wanted.")
-    sensor: Sensor = Field(default=Sensor(), description="Sensor of the tip.")
-    sensors: Annotated[tuple[Sensors, ...], AsTuple] = Field(
-        default=(), description="Further sensors, for controllers that use them."
-    )
-    control: Control = Field(default=Control(), description="The controller.")
-    simulation: Simulation = Field(default=Simulation(), description="How the motion is computed.")
-    output: Output = Field(default=Output(), description="Instants of the motion that are saved.")
-    vary: Variations = Field(
-        default={},
-        description="Dotted keys, each with a list of values to run; several keys: every "
-        "combination.",
+    title: str = entry("", "Subject of the scenario.")
+    seed: int = entry(0, "Seed of everything random.", ge=0, lt=2**63)
+    arm: Arm = entry(Arm(), "The arm.")
+    base: Base = entry(Base(), "The base of the arm.")
+    vehicle: Vehicle | None = entry(None, "The submarine, if it floats.")
+    water: Water = entry(Water(), "The water.")
+    flow: ListOf[Flow] = entry((), "How the water moves; flows add up.")
+    load: ListOf[Load] = entry((), "Other forces on the arm.")
+    obstacle: ListOf[Obstacle] = entry((), "Rigid bodies that the arm meets.")
+    tool: Tool | None = entry(None, "Body at the tip.")
+    chamber: ListOf[Chamber] = entry((), "Chambers of fluid along the arm.")
+    tendon: ListOf[Tendon] = entry((), "Tendons along the arm.")
+    actuator: ListOf[Actuator] = entry((), "Further actuators.")
+    target: Target = entry(Target(), "Target of the tip.")
+    sensor: Sensor = entry(Sensor(), "Sensor of the tip.")
+    sensors: ListOf[Sensors] = entry((), "Further sensors, for controllers.")
+    control: Control = entry(Control(), "The controller.")
+    simulation: Simulation = entry(Simulation(), "Time, time steps and solver.")
+    output: Output = entry(Output(), "Saved instants and variables.")
+    vary: Variations = entry(
+        {}, "Dotted keys, each with a list of values; every combination is a case."
     )
 
-    # Only here is it known in which words to speak of a mistake, and which defaults hold.
+    # Only the scenario knows the dimension, and so the words of a mistake and the defaults.
     def __init__(self, /, **data: Any) -> None:
         try:
             super().__init__(**data)
         except ScenarioError as error:
             arm = data.get("arm")
             given = arm if isinstance(arm, Mapping) else dict(arm) if isinstance(arm, Arm) else {}
-            in_space = given.get("dimension") == 3
-            told = (mistake.told(in_space=in_space) for mistake in error.mistakes)
-            raise ScenarioError(_placed(mistake, type(self)) for mistake in told) from None
+            dimension = given.get("dimension", 2)
+            worded = (mistake.in_dimension(dimension) for mistake in error.mistakes)
+            raise ScenarioError(
+                with_places(mistake, type(self).model_json_schema()) for mistake in worded
+            ) from None
 
     def model_post_init(self, context: Any, /) -> None:
-        """Settle the defaults that follow `arm.dimension`, and refuse what does not go together."""
-        self.__dict__.update(fitted(self, self.arm.dimension))
+        """Set the defaults that follow `arm.dimension`, and refuse tables that conflict."""
+        self.__dict__.update(dimension_defaults(self, self.arm.dimension))
         super().model_post_init(context)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scenario:
-        """Make a scenario from tables, as ``tomllib`` gives them.
+        """Return the scenario of tables from ``tomllib``.
 
         Raises
         ------
@@ -191,7 +119,7 @@ class Scenario(Model):
 
     @classmethod
     def from_toml(cls, text: str) -> Scenario:
-        """Make a scenario from the text of a TOML file.
+        """Return the scenario of the text of a TOML file.
 
         Raises
         ------
@@ -201,18 +129,17 @@ class Scenario(Model):
         return cls(**parse(text))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the tables as plain dictionaries and lists, without what is empty."""
+        """Return the tables as plain dictionaries and lists, without empty ones."""
         # a case with another dimension has other defaults
         varied = not _DIMENSION.isdisjoint(self.vary)
-        document = self._tables(lambda key: varied)
-        return {**document, **({"vary": self.vary} if self.vary else {})}
+        return self._tables(lambda key: varied) | ({"vary": self.vary} if self.vary else {})
 
     def to_toml(self) -> str:
         """Return the scenario as TOML, defaults included; `from_toml` gives it back."""
         return tomli_w.dumps(self.to_dict())
 
     def cases(self) -> list[tuple[dict[str, Any], Scenario]]:
-        """Return what the scenario stands for: every combination of the values in ``vary``.
+        """Return the cases of the scenario: every combination of the values in ``vary``.
 
         Returns
         -------
@@ -232,16 +159,16 @@ class Scenario(Model):
         ScenarioError
             If anything is wrong, with one line per mistake.
         """
-        # what follows the dimension goes on following it, but for what is changed in part
+        # defaults still follow the dimension, except those that change in part
         document = self._tables(lambda key: not any(part.startswith(f"{key}.") for part in values))
         for key, value in values.items():
             assign(document, key, value)
         return Scenario(**document)
 
     def _tables(self, left_open: Callable[[str], bool]) -> dict[str, Any]:
-        """Return all tables but ``vary``, plain, without what is empty or follows the dimension."""
+        """Return all tables except ``vary``, plain, without empty and open keys."""
         excluded = unwritten(self, self.arm.dimension, left_open) | {"vary": True}
-        return _without_empty(
+        return without_empty(
             self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=excluded)
         )
 
@@ -256,7 +183,7 @@ class Scenario(Model):
         return self.rate_hz(self.control.rate_hz)
 
     def rate_hz(self, given: float | None) -> float:
-        """Return a rate, or the default of one that is left out (Hz)."""
+        """Return a rate, or the default one for None (Hz)."""
         return given or min(_DEFAULT_RATE_HZ, 1 / self.simulation.time_step)
 
     @property
@@ -275,12 +202,10 @@ class Scenario(Model):
                 present = self.control.pid.present
                 known = [name for name in inputs if name in present]
                 return (*known, *(name for name in present if name not in inputs))
-            case "lqg":
-                return self.control.lqg.inputs or inputs
+            case "lqg" | "mpc":
+                return self.control.settings.inputs or inputs
             case "hybrid":
                 return ("slide",)
-            case "mpc":
-                return self.control.mpc.inputs or inputs
             case _:
                 return inputs
 
@@ -295,56 +220,78 @@ class Scenario(Model):
         interval = self.output.interval or min(_DEFAULT_INTERVAL, self.simulation.duration)
         return max(1, round(interval / self.simulation.time_step))
 
-    @property
-    def _count(self) -> int:
-        return prod(map(len, self.vary.values()))
-
     def _combinations(self) -> list[dict[str, Any]]:
-        return [combination(self.vary, number) for number in range(self._count)]
+        count = prod(map(len, self.vary.values()))
+        return [combination(self.vary, number) for number in range(count)]
 
     def _conflicts(self) -> Iterator[Mistake]:
-        dimension = self.arm.dimension
-        mistakes = list(dimension_conflicts(self, dimension))
-        if mistakes:  # the others take vectors as they should be
-            yield from mistakes
-            return
-        yield from shape_conflicts(self.arm)
-        yield from joint_conflicts(self.base, dimension)
-        yield from depth_conflicts(self.water, self.base, self.flow)
-        yield from wave_conflicts(self.water, self.base, self.flow)
-        yield from measured_conflicts(self.flow, dimension)
-        yield from record_conflicts(self.flow, self.simulation)
-        yield from motion_conflicts(self.base, self.simulation, dimension)
-        yield from vehicle_conflicts(self.vehicle, self.base, self.target)
-        yield from channel_conflicts(
-            self.control, self.base, self.thread_names, dimension, others=bool(self.actuator)
-        )
-        yield from control_conflicts(self.control, self.target, dimension)
-        yield from hybrid_conflicts(self)
-        rates = {"sensor": self.sensor} | {
-            f"sensors.{index}": sensor for index, sensor in enumerate(self.sensors)
-        }
-        yield from rate_conflicts(rates, self.rate_hz(None), self.control, self.simulation)
-        yield from sensor_conflicts(self.sensors, self.obstacle)
-        yield from actuator_conflicts(self.actuator, self.thread_names)
-        yield from thread_conflicts(self.chamber, self.tendon, self.arm)
-        yield from contact_conflicts(self.arm, self.obstacle)
-        yield from tool_conflicts(self.tool, len(self.obstacle))
-        yield from output_conflicts(self.output, self.simulation, dimension)
-        if self.vary:
-            yield from self._case_conflicts()
+        mistakes = list(dimension_conflicts(self, self.arm.dimension))
+        yield from mistakes
+        if not mistakes:
+            for rule in RULES:
+                yield from rule(self)
+            if self.vary:
+                yield from self._case_conflicts()
 
     def _case_conflicts(self) -> Iterator[Mistake]:
-        if self._count > _MAX_CASES:
-            yield Mistake("vary", f"makes {self._count} cases, takes {_MAX_CASES} or fewer")
+        count = prod(map(len, self.vary.values()))
+        if count > _MAX_CASES:
+            yield Mistake("vary", f"gives {count} cases; must give at most {_MAX_CASES}")
             return
-        told = set()
+        known = set()
         for values in self._combinations():
             try:
                 self.with_values(values)
             except ScenarioError as error:
                 case = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
                 for mistake in error.mistakes:
-                    if mistake not in told:
-                        told.add(mistake)
+                    if mistake not in known:
+                        known.add(mistake)
                         yield Mistake("vary", f"case {case}: {mistake}")
+
+
+_LISTS: dict[str, tuple[str, type[Model]]] = {
+    "load": ("loads", LoadTable),
+    "flow": ("flows", FlowTable),
+    "sensors": ("sensors", SensorTable),
+    "actuator": ("actuators", ActuatorTable),
+}
+"""Keys of lists of tables, with the group of kinds that packages bring for each."""
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema of a scenario, with the kinds that installed packages bring.
+
+    Editors show descriptions and no key of ours, so units stand in the descriptions as well.
+    """
+    schema = Scenario.model_json_schema()
+    tables = schema["$defs"]
+    for key, (group, base) in _LISTS.items():
+        items = schema["properties"][key]["items"]
+        for kind in installed(group):
+            table = installed_table(group, kind, base)
+            reference = _added(tables, table)
+            items.pop("$ref", None)  # of the base, which has no kind
+            items.setdefault("oneOf", []).append({"$ref": reference})
+            if "discriminator" in items:
+                items["discriminator"]["mapping"][kind] = reference
+    for kind in installed("controllers"):
+        table = installed_table("controllers", kind, ControllerTable)
+        tables["Control"]["properties"][kind] = {
+            "$ref": _added(tables, table),
+            "description": f"Settings of kind {kind}.",
+        }
+    for each in (schema, *tables.values()):
+        for key in each["properties"].values():
+            unit = unit_of(key)
+            if unit and "description" in key:
+                key["description"] += f" Unit: {unit}."
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _added(tables: dict[str, Any], table: type[Model]) -> str:
+    """Add the schema of a table, and return the reference to it."""
+    schema = table.model_json_schema()
+    tables.update(schema.pop("$defs", {}))
+    tables[table.__name__] = schema
+    return f"#/$defs/{table.__name__}"

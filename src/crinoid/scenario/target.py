@@ -1,16 +1,14 @@
-"""The target: where the tip is wanted."""
+"""The target of the tip: a position or a path."""
 
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.dimension import Count, Only
-from crinoid.scenario.errors import Mistake, shown
-from crinoid.scenario.files import File
-from crinoid.scenario.model import Model
-from crinoid.scenario.path import key_conflicts
+from crinoid.scenario.document import File
+from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
+from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import (
     INTERVALS,
     LATEST,
@@ -18,9 +16,12 @@ from crinoid.scenario.quantity import (
     PER_AXIS,
     AsTuple,
     Components,
+    Count,
     Degrees,
     Hertz,
+    ListOf,
     Metres,
+    Only,
     Quantity,
     Seconds,
     Times,
@@ -31,10 +32,23 @@ from crinoid.scenario.quantity import (
     unit_vector,
 )
 
-__all__ = ["Target"]
+_OF_PATH = {
+    "circle": ("radius", "period", "centre", "normal", "phase_deg", "start", "ramp_time"),
+    "sine": ("amplitude", "frequency_hz", "centre", "phase_deg", "start", "ramp_time"),
+    "line": ("to", "travel_time", "velocity", "start", "ramp_time"),
+    "file": ("file", "time_column", "tip_columns", "angle_column", "direction_columns", "skip"),
+}
+"""Keys of each path."""
+_NEEDED = ("radius", "period", "amplitude", "frequency_hz", "file")
+"""Keys that their path requires."""
+_PATHS = {
+    key: [path for path, keys in _OF_PATH.items() if key in keys]
+    for key in (*_NEEDED, *chain.from_iterable(_OF_PATH.values()))
+}
+"""Paths of each key."""
 
 TipTarget = Annotated[
-    Literal["initial"] | Components | Annotated[tuple[Components, ...], AsTuple],
+    Literal["initial"] | Components | ListOf[Components],
     Quantity(
         "m",
         '"initial", [x, z] or, with time, a list of [x, z]',
@@ -43,152 +57,136 @@ TipTarget = Annotated[
     PER_AXIS,
 ]
 AngleTarget = Annotated[
-    Literal["initial"] | float | Annotated[tuple[float, ...], AsTuple],
+    Literal["initial"] | float | ListOf[float],
     Quantity("degrees", '"initial", a number or, with time, a list of numbers'),
-    Only(2, "but a spatial arm takes direction: arm.dimension = 3"),
+    Only(2, "Use direction instead."),
 ]
 DirectionTarget = Annotated[
     Literal["initial"] | Triple | Annotated[tuple[Triple, ...], AsTuple, Field(min_length=1)],
     Quantity(takes='"initial", [x, y, z] or, with time, a list of [x, y, z]'),
-    Only(3, "but a planar arm takes angle_deg"),
+    Only(3, "Use angle_deg instead."),
 ]
 
-Columns = Annotated[tuple[str, ...], AsTuple]
+Columns = ListOf[str]
 _OF_TIP = ("[x, z]", "[x, y, z]")
 MaybePosition = Annotated[Components | None, Quantity("m", *_OF_TIP), PER_AXIS]
 MaybeVelocity = Annotated[Components | None, Quantity("m/s", *_OF_TIP), PER_AXIS]
 
 
 class Target(Model):
-    """Where the tip is wanted: a position, or a path.
+    """The target of the tip: a position, or a path.
 
     A path goes through points in time (`time`, with lists), is a `circle`, a `sine` or a `line`
     from where the tip is, or comes from a `file`.
     """
 
-    tip: TipTarget = Field(
-        default="initial",
-        description="Position of the tip, or where a path begins; initial: where it is at t = 0.",
+    tip: TipTarget = entry(
+        "initial", "Position of the tip, or start of a path; initial: its position at t = 0."
     )
-    angle_deg: AngleTarget = Field(
-        default="initial", description="Direction of the tip; initial: as it is at t = 0."
+    angle_deg: AngleTarget = entry(
+        "initial", "Direction of the tip; initial: its direction at t = 0."
     )
-    direction: DirectionTarget = Field(
-        default="initial",
-        description="Direction of the tip, its length is ignored; initial: as it is at t = 0.",
+    direction: DirectionTarget = entry(
+        "initial", "Direction of the tip, of any length; initial: its direction at t = 0."
     )
-    time: Times | None = Field(
-        default=None, description="Times of a path, increasing; its ends are held before and after."
+    time: Times | None = entry(
+        None, "Times of a path, increasing; it is constant before and after."
     )
-    path: Literal["circle", "sine", "line", "file"] | None = Field(
-        default=None, description="How the tip is to move, by a formula or as in a file."
+    path: Literal["circle", "sine", "line", "file"] | None = entry(
+        None, "Path of the tip: a formula or a file."
     )
-    frame: Literal["world", "base"] = Field(
-        default="world",
-        description="base: positions count from base.position, and the target moves and turns "
-        "with the prescribed motion of the submarine (base.motion), not with the servos.",
+    frame: Literal["world", "base"] = entry(
+        "world",
+        "base: positions count from base.position, and the target moves and turns with the "
+        "prescribed motion (base.motion), not with the servos.",
     )
-    feed_forward: bool | None = Field(
-        default=None,
-        description="Whether the channels follow the path at once, through the tip's response at "
-        "rest, and the controller corrects what is left; if left out, they do.",
+    feed_forward: bool | None = entry(
+        None,
+        "Whether the channels follow the path directly, through the tip's response at rest, so "
+        "that the controller corrects only the rest; true by default.",
     )
-    centre: MaybePosition = Field(
-        default=None,
-        description="Centre of a circle or a sine; if left out, it begins at tip.",
+    centre: MaybePosition = entry(
+        None, "Centre of a circle or a sine; by default it starts at tip."
     )
-    radius: Metres | None = Field(default=None, gt=0, description="Radius of a circle.")
-    period: Seconds | None = Field(
-        default=None,
-        description="Period of a circle, from x towards z; in space about normal. Negative: the "
-        "other way round.",
+    radius: Metres | None = entry(None, "Radius of a circle.", gt=0)
+    period: Seconds | None = entry(
+        None, "Period of a circle, from x towards z; in space about normal. Negative: reversed."
     )
     normal: Annotated[
         Triple | None,
         Quantity(takes="[x, y, z]"),
-        Only(3, "but a planar arm has its circle in its plane"),
-    ] = Field(
-        default=None,
-        description="Axis that a circle turns about, by the right-hand rule; [0, -1, 0] if left "
-        "out: from x towards z.",
+        Only(3, "The circle of a planar arm is in its plane."),
+    ] = entry(
+        None, "Axis of a circle, by the right-hand rule; by default [0, -1, 0], from x towards z."
     )
-    amplitude: MaybePosition = Field(
-        default=None, description="Amplitude of a sine, to either side."
+    amplitude: MaybePosition = entry(None, "Amplitude of a sine, to either side.")
+    frequency_hz: Hertz | None = entry(None, "Frequency of a sine.", gt=0)
+    phase_deg: Degrees | None = entry(
+        None,
+        "Phase at the start of a circle or a sine, 0 by default: a circle on the side of x (or "
+        "of y where normal is along x), a sine at its centre.",
     )
-    frequency_hz: Hertz | None = Field(default=None, gt=0, description="Frequency of a sine.")
-    phase_deg: Degrees | None = Field(
-        default=None,
-        description="Where a circle or a sine begins; 0 if left out: a circle on the side of x (or "
-        "of y where normal is along x), a sine in its middle.",
-    )
-    to: MaybePosition = Field(default=None, description="Where a line ends.")
-    travel_time: Seconds | None = Field(
-        default=None,
+    to: MaybePosition = entry(None, "Where a line ends.")
+    travel_time: Seconds | None = entry(
+        None,
+        "Time of a line to its end, from rest to rest with the least jerk.",
         ge=INTERVALS[0],
         le=INTERVALS[1],
-        description="How long a line takes to its end, from rest to rest with the least jerk.",
     )
-    velocity: MaybeVelocity = Field(
-        default=None, description="Velocity of a line without end, instead of to and travel_time."
+    velocity: MaybeVelocity = entry(
+        None, "Velocity of a line without end, instead of to and travel_time."
     )
-    start: Seconds | None = Field(
-        default=None,
+    start: Seconds | None = entry(
+        None, "Start time of a circle, a sine or a line; 0 by default.", ge=0, le=LATEST
+    )
+    ramp_time: Seconds | None = entry(
+        None,
+        "Time to reach full speed, along half a cosine; 1 by default. Not of a line with an end.",
         ge=0,
-        le=LATEST,
-        description="When a circle, a sine or a line sets in; 0 if left out.",
     )
-    ramp_time: Seconds | None = Field(
-        default=None,
-        ge=0,
-        description="How long they take to come up to speed, along half a cosine; 1 if left out. "
-        "Not of a line with an end.",
+    file: File | None = entry(
+        None,
+        "CSV or netCDF file of a path; a relative path starts from the scenario file, with "
+        "--set and in Python from the working directory.",
     )
-    file: File | None = Field(
-        default=None,
-        description="CSV or netCDF file of a path. A relative path starts from the scenario file "
-        "that names it, with --set and in Python from the working directory.",
-    )
-    time_column: str | None = Field(
-        default=None, min_length=1, description='Its column of times; "time" if left out.'
-    )
+    time_column: str | None = entry(None, 'Column of times; "time" by default.', min_length=1)
     tip_columns: Annotated[
         Columns | None,
         Quantity(takes="a list of names, for x and z", in_space="a list of names, for x, y and z"),
         Count(plane=(2,), space=(3,)),
-    ] = Field(default=None, description="Its columns of positions; named as the axes if left out.")
-    angle_column: Annotated[str | None, Only(2, "but a spatial arm takes direction_columns")] = (
-        Field(default=None, min_length=1, description="Its column of angles, if they are wanted.")
+    ] = entry(None, "Columns of positions; by default the names of the axes.")
+    angle_column: Annotated[str | None, Only(2, "Use direction_columns instead.")] = entry(
+        None, "Column of angles, if there is one.", min_length=1
     )
     direction_columns: Annotated[
         Annotated[tuple[str, str, str], AsTuple] | None,
         Quantity(takes="a list of three names"),
-        Only(3, "but a planar arm takes angle_column"),
-    ] = Field(default=None, description="Its columns of directions, if they are wanted.")
-    skip: Seconds | None = Field(
-        default=None,
+        Only(3, "Use angle_column instead."),
+    ] = entry(None, "Columns of directions, if there are any.")
+    skip: Seconds | None = entry(
+        None,
+        "Time of the file at which the run starts; 0 by default. Dates count from the first.",
         ge=0,
-        description="Time of the file when the run begins; 0 if left out. Dates count from the "
-        "first one.",
     )
 
     @property
     def tip_path(self) -> tuple[tuple[float, ...], ...] | None:
-        """The points of a path of the tip, in m; None if the tip is to stay where it is."""
+        """The points of a path of the tip (m); None for one position."""
         return _points(self.tip) or None
 
     @property
     def angle_path_deg(self) -> tuple[float, ...] | None:
-        """The angles of a path, in degrees; None if there is one angle to keep."""
+        """The angles of a path, in degrees; None for one angle."""
         return self.angle_deg if isinstance(self.angle_deg, tuple) else None
 
     @property
     def direction_path(self) -> tuple[tuple[float, ...], ...] | None:
-        """The directions of a path, of length one; None if there is one direction to keep."""
+        """The unit vectors of a path; None for one direction."""
         return tuple(map(unit_vector, _points(self.direction))) or None
 
     @property
     def steady_direction(self) -> tuple[float, ...] | None:
-        """The one direction to keep, of length one; None if there is a path, or as at t = 0."""
+        """The unit vector of one direction; None for a path, or the direction at t = 0."""
         vector = _vector(self.direction)
         return unit_vector(vector) if vector else None
 
@@ -199,16 +197,76 @@ class Target(Model):
 
     @property
     def feeds_forward(self) -> bool:
-        """Whether the channels follow the path at once."""
+        """Whether the channels follow the path directly."""
         return self.moves and self.feed_forward is not False
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from self._direction_conflicts()
-        yield from key_conflicts(self)
+        for key, paths in _PATHS.items():
+            value = getattr(self, key)
+            if value is not None and self.path not in paths:
+                yield Mistake(key, got(value, f"be left out without path = {one_of(paths)}"))
         if self.path is None:
-            yield from self._path_conflicts()
+            yield from self._time_conflicts()
+        else:
+            yield from self._path_conflicts(self.path)
         if self.feed_forward and not self.moves:
-            yield Mistake("feed_forward", "got true, goes with a target that moves: path or time")
+            text = got(True, "be left out without path or time", "The target does not move.")
+            yield Mistake("feed_forward", text)
+
+    def _path_conflicts(self, path: str) -> Iterator[Mistake]:
+        """Yield mistakes of a path by a formula or from a file."""
+        where = f"with path = {shown(path)}"
+        for key in _OF_PATH[path]:
+            if key in _NEEDED and getattr(self, key) is None:
+                yield Mistake(key, missing(f"be given {where}"))
+        listed = {
+            "time": self.time,
+            "tip": self.tip_path,
+            "angle_deg": self.angle_path_deg,
+            "direction": self.direction_path,
+        }
+        for key, points in listed.items():
+            if points is not None:
+                must = "be left out" if key == "time" else "be no list"
+                yield Mistake(key, got(getattr(self, key), f"{must} {where}"))
+                if key == "time":
+                    break
+        else:
+            yield from self._start_conflicts(path)
+        if self.period == 0 and path == "circle":
+            yield Mistake("period", got(0.0, "be a number that is not 0 (s)"))
+        if self.normal is not None and path == "circle":
+            yield from direction_conflicts("normal", self.normal)
+        if path == "line":
+            yield from self._line_conflicts()
+        if path == "file":
+            for key, other in (("angle_column", "angle_deg"), ("direction_columns", "direction")):
+                value = getattr(self, key)
+                if value is not None and getattr(self, other) != "initial":
+                    yield Mistake(key, got(value, f"be left out with {other}"))
+
+    def _start_conflicts(self, path: str) -> Iterator[Mistake]:
+        """Yield a position at which a path that has its own would start."""
+        if self.tip == "initial" or self.tip_path is not None:
+            return
+        if self.centre is not None:
+            yield self.mistake("centre", "be left out with tip, where the path starts")
+        if path == "file":
+            yield self.mistake("tip", 'be left out with path = "file"')
+
+    def _line_conflicts(self) -> Iterator[Mistake]:
+        if self.to is None and self.velocity is None:
+            yield Mistake("to", missing('be given with path = "line", or velocity'))
+        elif self.to is not None and self.velocity is not None:
+            yield self.mistake("to", "be left out with velocity")
+        elif self.to is None and self.travel_time is not None:
+            yield self.mistake("travel_time", "be left out with velocity", "Use ramp_time instead.")
+        elif self.to is not None:
+            if self.travel_time is None:
+                yield Mistake("travel_time", missing("be a number (s) with to"))
+            if self.ramp_time is not None:
+                yield self.mistake("ramp_time", "be left out with to", "Use travel_time instead.")
 
     def _direction_conflicts(self) -> Iterator[Mistake]:
         vector, points = _vector(self.direction), _points(self.direction)
@@ -221,10 +279,12 @@ class Target(Model):
                 continue
             ways = zip(unit_vector(before), unit_vector(after), strict=True)
             if sum(a * b for a, b in ways) < OPPOSITE:
-                text = f"got {shown(after)}, the opposite of the one before; takes one more between"
+                must = "differ from the opposite of the one before"
+                text = got(after, must, "Add a direction between them.")
                 yield Mistake(f"direction.{index}", text)
 
-    def _path_conflicts(self) -> Iterator[Mistake]:
+    def _time_conflicts(self) -> Iterator[Mistake]:
+        """Yield mistakes of a path through points in time."""
         paths = {
             "tip": self.tip_path,
             "angle_deg": self.angle_path_deg,
@@ -233,27 +293,31 @@ class Target(Model):
         given = {key: path for key, path in paths.items() if path is not None}
         if self.time is None:
             if given:
-                yield Mistake("time", f"missing, a path ({' and '.join(given)}) takes it (s)")
+                yield Mistake(
+                    "time", missing(f"be a list (s) with a list in {' and '.join(given)}")
+                )
             return
         if not given:
-            text = "goes with a path; takes tip or {} as a list as long"
-            planar, spatial = map(text.format, ("angle_deg", "direction"))
+            planar, spatial = (
+                got(self.time, f"be left out without a list in tip or {key}")
+                for key in ("angle_deg", "direction")
+            )
             yield Mistake("time", planar, in_space=spatial)
         for key, path in given.items():
             yield from length_conflicts(key, path, self.time)
         yield from time_conflicts(self.time)
         if self.time and self.time[0] < 0:
-            yield Mistake("time.0", f"got {self.time[0]}, takes a number of 0 or more (s)")
+            yield Mistake("time.0", got(self.time[0], "be a number of 0 or more (s)"))
 
 
-_Wanted = str | tuple[float, ...] | tuple[tuple[float, ...], ...]
+_Aim = str | tuple[float, ...] | tuple[tuple[float, ...], ...]
 
 
-def _points(wanted: _Wanted) -> tuple[tuple[float, ...], ...]:
-    """Return the points of a path; none where one vector is given, or a word."""
-    return tuple(item for item in wanted if isinstance(item, tuple))
+def _points(aim: _Aim) -> tuple[tuple[float, ...], ...]:
+    """Return the points of a path; none of a single vector or a word."""
+    return tuple(item for item in aim if isinstance(item, tuple))
 
 
-def _vector(wanted: _Wanted) -> tuple[float, ...]:
-    """Return the one vector that is given; nothing where a path is, or a word."""
-    return tuple(item for item in wanted if isinstance(item, float))
+def _vector(aim: _Aim) -> tuple[float, ...]:
+    """Return a single vector; nothing of a path or a word."""
+    return tuple(item for item in aim if isinstance(item, float))

@@ -1,4 +1,4 @@
-"""Values that vary from case to case, and every combination of them."""
+"""Variations: lists and ranges of values, and their combinations."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,35 +6,25 @@ from dataclasses import dataclass
 from typing import Any
 
 from crinoid.scenario.document import value_of
-from crinoid.scenario.errors import Mistake, ScenarioError, shown
+from crinoid.scenario.errors import ScenarioError, got, refusal, shown
 
-__all__ = ["Span", "combination", "read_variation"]
-
-_TAKES = "takes FROM:TO:COUNT, FROM:TO:COUNT:log or values with commas between them"
+_FORMS = "be FROM:TO:COUNT, FROM:TO:COUNT:log or values with commas between them"
 _LOG = "log"
 
 
 @dataclass(frozen=True)
 class Span:
-    """Numbers from one to another, both ends included.
-
-    Parameters
-    ----------
-    first, last
-        Ends.
-    count
-        Number of values; None where they are sampled.
-    log
-        Whether equal steps are equal ratios.
-    """
+    """Range of numbers, both ends included."""
 
     first: int | float
     last: int | float
     count: int | None = None
+    """Number of values; None of a range to sample."""
     log: bool = False
+    """Whether equal steps are equal ratios."""
 
     def at(self, part: float) -> float:
-        """Return the number a part of the way along, 0 at the first end and 1 at the last."""
+        """Return the number at a part of the range, 0 at the first end and 1 at the last."""
         if self.log:
             size = abs(self.first) ** (1 - part) * abs(self.last) ** part
             return math.copysign(size, self.first)
@@ -56,14 +46,9 @@ class Span:
 
 
 def combination(choices: Mapping[str, Sequence[Any]], number: int) -> dict[str, Any]:
-    """Return one of the combinations of choices, each by its key; the last key changes fastest.
+    """Return one combination of choices, by key; the last key changes fastest.
 
-    Parameters
-    ----------
-    choices
-        One value or more for each key.
-    number
-        Which combination, from 0 to the product of their counts less 1.
+    ``number`` is from 0 to the product of the counts of values less 1.
     """
     found = {}
     for key, values in reversed(list(choices.items())):
@@ -73,57 +58,50 @@ def combination(choices: Mapping[str, Sequence[Any]], number: int) -> dict[str, 
 
 
 def read_variation(text: str) -> tuple[str, Span | list[Any]]:
-    """Read ``KEY=FROM:TO:COUNT``, ``KEY=FROM:TO`` or ``KEY=A,B``, as ``--vary`` takes them.
+    """Return key and values of ``KEY=FROM:TO:COUNT``, ``KEY=FROM:TO`` or ``KEY=A,B`` (``--vary``).
 
     ``:log`` behind a range makes equal steps equal ratios. A single value is TOML, and words need
     no quotes.
-
-    Returns
-    -------
-    key
-        The dotted key.
-    values
-        What it takes.
     """
     key, equals, values = (part.strip() for part in text.partition("="))
     if not equals or not key:
-        takes = "takes KEY=FROM:TO:COUNT or KEY=A,B, such as arm.length=0.3:0.6:4"
-        raise ScenarioError([Mistake("--vary", f"got {shown(text)}, {takes}")])
+        raise _refusal(text, "be KEY=FROM:TO:COUNT or KEY=A,B, such as arm.length=0.3:0.6:4")
     if key.split(".")[0].strip("\"' ") == "vary":
-        raise ScenarioError([Mistake("--vary", f"got {shown(text)}, takes a key that can vary")])
+        raise _refusal(text, "begin with a key that can vary")
     parts = [part.strip() for part in values.split(":")]
     if len(parts) > 1 and isinstance(value_of(parts[0]), (int, float)):
         return key, _span(text, parts)
     found = _split(values)
     if not all(found):
-        raise ScenarioError([Mistake("--vary", f"got {shown(text)} with no value, {_TAKES}")])
+        raise _refusal(text, _FORMS)
     return key, [value_of(each) for each in found]
 
 
-def _span(text: str, parts: list[str]) -> Span:
-    def refuse(reason: str) -> ScenarioError:
-        return ScenarioError([Mistake("--vary", f"got {shown(text)}, {reason}")])
+def _refusal(text: str, must: str) -> ScenarioError:
+    return refusal("--vary", got(text, must))
 
+
+def _span(text: str, parts: list[str]) -> Span:
     log = parts[-1] == _LOG
     numbers = [value_of(part) for part in (parts[:-1] if log else parts)]
     if len(numbers) not in (2, 3):
-        raise refuse(_TAKES)
+        raise _refusal(text, _FORMS)
     first, last = numbers[:2]
     for end in (first, last):
         if isinstance(end, bool) or not isinstance(end, (int, float)) or not math.isfinite(end):
-            raise refuse(f"takes a finite number at each end, not {shown(end)}")
+            raise _refusal(text, f"have a finite number at each end, not {shown(end)}")
     if first == last:
-        raise refuse("takes two different ends")
+        raise _refusal(text, "have two different ends")
     if log and not first * last > 0:
-        raise refuse("takes two ends of one sign, neither of them 0, with log")
+        raise _refusal(text, "have ends of one sign, not 0, with log")
     count = numbers[2] if len(numbers) == 3 else None
     if count is not None and (type(count) is not int or count < 2):
-        raise refuse(f"takes a count of 2 or more, not {shown(count)}")
+        raise _refusal(text, f"have a count of 2 or more, not {shown(count)}")
     return Span(first, last, count, log)
 
 
 def _split(text: str) -> list[str]:
-    """Split at the commas that are not within brackets or quotes."""
+    """Split at the commas outside of brackets and quotes."""
     parts, depth, quote = [""], 0, ""
     for letter in text:
         if quote:

@@ -1,33 +1,180 @@
 """Many arms at once: one compiled program for all of one structure, on all that computes.
 
-On a CPU a batch of arms under `jax.vmap` takes as long for each as one arm alone
-(``benchmarks/vmap.py``). So each arm is run by itself, as `play` does, in as many threads as there
-are cores: what comes out is equal to the bit, an arm that fails holds up no other one, and memory
-holds no more arms than there are threads. On an accelerator they take their steps together
-(`crinoid.simulation.together`).
+On a CPU an arm in a batch under `jax.vmap` lasts as long as one arm alone (``benchmarks/vmap.py``).
+So each arm is run by itself, as `play` does, in as many threads as there are cores: results differ
+by round-off at most, an arm that fails does not delay the others, and memory contains no more arms
+than there are threads. On an accelerator they take their steps together, under `jax.vmap`.
 """
 
 import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager, nullcontext
 from contextvars import copy_context
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from itertools import repeat
+from typing import Any, Generic, NamedTuple, TypeVar
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 
 from crinoid.assembly.prepared import Prepared
-from crinoid.result import Result
+from crinoid.compilation import ONCE, compiled
+from crinoid.dynamics import Outcome, State
+from crinoid.foundation.status import Status
+from crinoid.results.record import Record
+from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
-from crinoid.simulation.room import room_for
-from crinoid.simulation.run import Progress, Report, play
-from crinoid.simulation.together import on_processor, play_together
-from crinoid.status import Status
+from crinoid.simulation.chunk import one_instant, record, run_chunks, start_loop
+from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
+from crinoid.simulation.loop import Loop, LoopState
+from crinoid.simulation.run import Progress, Report, play, with_loop_notes, without_control
+from crinoid.simulation.setup import Setup, set_up
+from crinoid.simulation.sink import Sink, require_space, runs_in_memory
 
-__all__ = ["Arm", "cores", "run_batch"]
+__all__ = ["Arm", "cores", "on_processor", "play_batched", "run_batch"]
+
+_INSTANTS = 16
+"""Instants between two looks at the runs."""
+
+
+class _PreparedRun(NamedTuple):
+    number: int
+    setup: Setup
+
+    @property
+    def scenario(self) -> Scenario:
+        return self.setup.prepared.scenario
+
+
+def play_batched(
+    prepared: Sequence[Prepared], moved: Callable[[int, float], None], stop: Callable[[], bool]
+) -> Iterator[tuple[int, Result | ScenarioError]]:
+    """Run scenarios as `crinoid.simulation.run.play` does each, and give result after result.
+
+    The start is computed on the processor, one run after the other. Scenarios of one structure are
+    run by one program. ``moved`` is called now and then with the index of a run and how far it is
+    (s), ``stop`` is asked as often whether to interrupt all. Yields index and result, or why a
+    scenario cannot be run.
+    """
+    groups: dict[Any, list[_PreparedRun]] = {}
+    for index, each in enumerate(prepared):
+        if stop():
+            return
+        try:
+            require_space(each.scenario, None)
+            with on_processor():
+                ready = _PreparedRun(index, set_up(each))
+        except ScenarioError as error:
+            yield index, error
+        else:
+            # these decide on the program of a run
+            leaves, tree = jax.tree.flatten((ready.setup.loop, ready.setup.state))
+            control = ready.scenario.control
+            compared = control.kind != "none" and control.compare
+            key = tree, tuple((leaf.shape, str(leaf.dtype)) for leaf in leaves), compared
+            groups.setdefault(key, []).append(ready)
+    for group in groups.values():
+        results = _run(group, moved, stop)
+        control = group[0].scenario.control
+        others: Iterable[Result | None]
+        if control.kind != "none" and control.compare:
+            idle = [ready._replace(setup=without_control(ready.setup)) for ready in group]
+            others = _run(idle, lambda index, reached: None, stop)
+        else:
+            others = repeat(None, len(group))
+        for ready, result, other in zip(group, results, others, strict=True):
+            result.uncontrolled = other
+            yield ready.number, with_loop_notes(result)
+
+
+def on_processor() -> AbstractContextManager[Any]:
+    """Return the context that computes on the processor."""
+    if jax.default_backend() == "cpu":
+        return nullcontext()
+    return jax.default_device(jax.local_devices(backend="cpu")[0])
+
+
+def _run(
+    group: Sequence[_PreparedRun], moved: Callable[[int, float], None], stop: Callable[[], bool]
+) -> Iterator[Result]:
+    """Run one group to the end, then give its results one by one."""
+    scenarios = [ready.scenario for ready in group]
+    loops = _stack([ready.setup.loop for ready in group])
+    carries, firsts = _begin(loops, _stack([ready.setup.state for ready in group]))
+    failures = [
+        start_failure(scenario, ready.setup.loop.system, ready.setup.outcome)
+        for scenario, ready in zip(scenarios, group, strict=True)
+    ]
+    totals = [scenario.simulation.steps for scenario in scenarios]
+    ends = np.where(np.array(failures, bool), 0, totals)
+    strides = np.array([scenario.output_steps for scenario in scenarios])
+    outcomes = _stack([Outcome.of_nothing(converged=True)] * len(group))
+    sinks = [
+        Sink(one_instant(_of(firsts, row)), dataset_builder(ready.setup), None)
+        for row, ready in enumerate(group)
+    ]
+    started = time.perf_counter()
+    while True:
+        steps, converged = np.asarray(carries.steps), np.asarray(outcomes.converged)
+        if not np.any((steps < ends) & converged) or stop():
+            break
+        carries, kept, due, outcomes = run_chunks(
+            loops, carries, outcomes, jnp.asarray(ends), jnp.asarray(strides), _INSTANTS
+        )
+        kept, counts = jax.tree.map(np.asarray, kept), np.asarray(due).sum(axis=1)
+        for row, (sink, ready, reached) in enumerate(
+            zip(sinks, group, np.asarray(carries.state.time), strict=True)
+        ):
+            sink.append(jax.tree.map(lambda x: x[row, : counts[row]], kept))  # noqa: B023
+            moved(ready.number, float(reached))
+    wall_time = (time.perf_counter() - started) / len(group)
+    carries, lasts, outcomes = jax.tree.map(
+        np.asarray, (carries, _record(loops, carries), outcomes)
+    )
+    for row, (ready, sink) in enumerate(zip(group, sinks, strict=True)):
+        carry, outcome = _of(carries, row), _of(outcomes, row)
+        trouble, failed = failures[row], None if outcome.converged else outcome
+        if failed is not None:  # its message is computed
+            carry = jax.tree.map(jnp.asarray, carry)
+        if carry.tally.steps:  # steps since the last saved instant
+            sink.append(one_instant(_of(lasts, row)))
+        if carry.steps < totals[row] and not (trouble or failed):
+            trouble = f"interrupted at t = {float(carry.state.time):.6g} s"
+        dataset = sink.close(carry, wall_time)
+        yield conclude(ready.setup, carry, dataset, trouble, failed, wall_time)
+
+
+@compiled(**ONCE)
+def _begin(loops: Loop, states: State) -> tuple[LoopState, Record]:
+    return eqx.filter_vmap(start_loop)(loops, states)
+
+
+@compiled(**ONCE)
+def _record(loops: Loop, carries: LoopState) -> Record:
+    return eqx.filter_vmap(record)(loops, carries)
+
+
+def _stack(trees: Sequence[Any]) -> Any:
+    return jax.tree.map(lambda *leaves: _stacked(leaves), *trees)
+
+
+def _stacked(leaves: Sequence[Any]) -> Any:
+    """Return arrays on top of each other, put together outside of any device."""
+    if jnp.issubdtype(leaves[0].dtype, jax.dtypes.prng_key):
+        data = np.stack([np.asarray(jax.random.key_data(leaf)) for leaf in leaves])
+        return jax.random.wrap_key_data(jnp.asarray(data), impl=jax.random.key_impl(leaves[0]))
+    return jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves]))
+
+
+def _of(tree: Any, row: int) -> Any:
+    return jax.tree.map(lambda x: np.asarray(x[row]), tree)
+
 
 T = TypeVar("T")
 _LOOK = 0.1
@@ -56,88 +203,67 @@ def run_batch(
     stop: Callable[[], bool] = lambda: False,
     threads: int | None = None,
     together: bool | None = None,
+    steps: int | None = None,
 ) -> list[Arm[T]]:
-    """Run scenarios, and keep of each result no more than what ``take`` takes of it.
+    """Run scenarios, and keep of each result only what ``take`` returns, in their order.
 
-    Parameters
-    ----------
-    scenarios
-        One case each (`crinoid.Scenario.cases`). Those of one structure, such as the same scenario
-        with other seeds, share their compiled programs.
-    take
-        From the result of an arm to what is kept of it, called once for each that reached its end.
-    take_unfinished
-        The same for each that failed or was interrupted on its way; keeps nothing if left out.
-    label
-        Name of the batch in reports.
-    report
-        Called about ten times a second with the `crinoid.simulation.Progress` of all arms together.
-    stop
-        Asked as often whether to stop; what is under way then is interrupted.
-    threads
-        Arms that run at a time; as many as there are cores if left out.
-    together
-        Whether they take their steps together; if left out, where JAX computes on an accelerator.
-        Arms with parts that do not go under `jax.vmap` are run in threads on the processor.
+    ``scenarios`` are one case each (`crinoid.Scenario.cases`). Those of one structure, such as the
+    same scenario with other seeds, share their compiled programs. ``take`` is called once for each
+    arm that reached its end, ``take_unfinished`` for each that failed or was interrupted on its
+    way. ``report`` is called about ten times a second with the `crinoid.simulation.Progress` of all
+    arms together, and ``stop`` is asked as often whether to interrupt them.
 
-    Returns
-    -------
-    list of Arm
-        In the order of ``scenarios``.
+    As many ``threads`` run as there are cores if left out. Arms take their steps ``together``, if
+    left out, where JAX computes on an accelerator; those with parts that do not go under `jax.vmap`
+    are run in threads on the processor. ``steps`` are those of all arms, as for
+    `crinoid.simulation.play`.
     """
-    batch = _Batch(scenarios, take, take_unfinished, label, report, stop)
+    batch = _Batch(scenarios, take, take_unfinished, label, report, stop, steps)
     if together is None:
         together = jax.default_backend() != "cpu"
-    if together:
-        try:
+    try:
+        if together:
             batch.run_together()
-        except NotImplementedError:
-            batch.run_in_threads(threads or cores())
-    else:
+    except NotImplementedError:
+        together = False
+    if not together:
         batch.run_in_threads(threads or cores())
     return batch.found
 
 
+@dataclass
 class _Batch(Generic[T]):
     """Arms on their way, and what was found of them."""
 
-    def __init__(
-        self,
-        scenarios: Sequence[Scenario],
-        take: Callable[[Result], T],
-        take_unfinished: Callable[[Result], T | None],
-        label: str,
-        report: Report | None,
-        stop: Callable[[], bool],
-    ) -> None:
-        self.scenarios, self.label, self.report, self.stop = scenarios, label, report, stop
-        self.take, self.take_unfinished = take, take_unfinished
-        self.found: list[Arm[T]] = [Arm(None, _NOT_RUN, [])] * len(scenarios)
-        self.reached, self.begun = [0.0] * len(scenarios), 0.0
-        self.whole = sum(scenario.simulation.duration for scenario in scenarios)
+    scenarios: Sequence[Scenario]
+    take: Callable[[Result], T]
+    take_unfinished: Callable[[Result], T | None]
+    label: str
+    report: Report | None
+    stop: Callable[[], bool]
+    steps: int | None
+
+    def __post_init__(self) -> None:
+        self.found: list[Arm[T]] = [Arm(None, _NOT_RUN, [])] * len(self.scenarios)
+        self.reached, self.started = [0.0] * len(self.scenarios), 0.0
+        self.whole = sum(scenario.simulation.duration for scenario in self.scenarios)
 
     def run_together(self) -> None:
         """Run as many together as memory has room for."""
-        looked = 0.0
+        start, looked = 0, 0.0
 
         def moved(index: int, time_reached: float) -> None:
             nonlocal looked
-            self.reached[index] = time_reached
+            self.reached[start + index] = time_reached
             if time.perf_counter() - looked > _LOOK:
                 looked = time.perf_counter()
-                self.tell()
+                self.report_progress()
 
-        start = 0
         while start < len(self.scenarios):
-            most = room_for(self.scenarios[start])
+            most = runs_in_memory(self.scenarios[start])
             some = [Prepared(scenario) for scenario in self.scenarios[start : start + most]]
-            first = start
-
-            def moved_in_all(index: int, time_reached: float, first: int = first) -> None:
-                moved(first + index, time_reached)
-
-            for index, result in play_together(some, moved_in_all, self.stop):
-                self.found[first + index] = self.arm_of(result)
+            for index, result in play_batched(some, moved, self.stop):
+                self.found[start + index] = self.arm_of(result)
             start += most
 
     def run_in_threads(self, most: int) -> None:
@@ -151,7 +277,8 @@ class _Batch(Generic[T]):
 
             try:
                 with on_processor():
-                    return self.arm_of(play(prepared, report=moved, stop=cancelled.is_set))
+                    stop = cancelled.is_set
+                    return self.arm_of(play(prepared, report=moved, stop=stop, steps=self.steps))
             except ScenarioError as error:
                 return self.arm_of(error)
 
@@ -168,11 +295,11 @@ class _Batch(Generic[T]):
                     except ScenarioError as error:
                         self.found[index] = self.arm_of(error)
                         continue
-                    # a thread has a context of its own, in which programs would not be kept
+                    # a thread has its own context, in which programs would not be kept
                     pending[pool.submit(copy_context().run, run, index, prepared)] = index
                 for future in wait(pending, _LOOK, FIRST_COMPLETED).done:
                     self.found[pending.pop(future)] = future.result()
-                self.tell()
+                self.report_progress()
                 if self.stop():
                     cancelled.set()
                     waiting.clear()
@@ -180,16 +307,16 @@ class _Batch(Generic[T]):
             cancelled.set()
             pool.shutdown(wait=False, cancel_futures=True)
 
-    def tell(self) -> None:
+    def report_progress(self) -> None:
         """Report how far all of them are, once one has moved."""
         if any(self.reached):
-            self.begun = self.begun or time.perf_counter() - _LOOK
+            self.started = self.started or time.perf_counter() - _LOOK
             if self.report is not None:
-                elapsed = time.perf_counter() - self.begun
+                elapsed = time.perf_counter() - self.started
                 self.report(Progress(self.label, sum(self.reached), self.whole, elapsed))
 
     def arm_of(self, result: Result | ScenarioError) -> Arm[T]:
-        """Return what is kept of a result, or why there is none."""
+        """Return the part of a result to keep, or the reason for its absence."""
         if isinstance(result, ScenarioError):
             return Arm(None, f"refused: {'; '.join(result.lines)}", [])
         if result.failure or result.interrupted:

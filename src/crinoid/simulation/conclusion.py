@@ -1,46 +1,232 @@
-"""The end of a run: from its instants to its result, with what is told of it."""
+"""The end of a run: its failure, its notes, and its result."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool
 
+from crinoid.actuation import Input, drives, followed
+from crinoid.assembly.door import part_name
 from crinoid.assembly.prepared import Prepared
-from crinoid.dataset import Instants, build_dataset, describe
-from crinoid.dimensionless import dimensionless, with_swings
-from crinoid.dynamics import Outcome
-from crinoid.ledger import find_defect
-from crinoid.notes import notes, tool_notes, torn
-from crinoid.record import Record
-from crinoid.result import Result, named_leaves
-from crinoid.ringing import unresolved
-from crinoid.signals import signals
-from crinoid.simulation.failure import command_failure, step_failure
+from crinoid.assembly.system import place_of
+from crinoid.diagnostics.control_loop import unresolved_vibrations
+from crinoid.diagnostics.energy_balance import Defect, find_defect, shorter_step, vibration_angle
+from crinoid.diagnostics.run_notes import notes, tear_failure, tool_notes
+from crinoid.dynamics import Outcome, State, System
+from crinoid.dynamics.outcome import cos_turn_angle
+from crinoid.dynamics.statics import static_motion
+from crinoid.dynamics.windows import motion_windows
+from crinoid.foundation.axes import LARGEST_TURN
+from crinoid.foundation.status import Status
+from crinoid.results.dataset import Instants, build_dataset, describe
+from crinoid.results.dimensionless import dimensionless, with_velocity_moments
+from crinoid.results.record import Record, signals
+from crinoid.results.result import UNFINISHED, Result, named_leaves
+from crinoid.scenario import Scenario, counted
 from crinoid.simulation.loop import LoopState
 from crinoid.simulation.setup import Setup
 from crinoid.simulation.sink import Build
-from crinoid.status import Status
 
-__all__ = ["attributes_of", "builder", "conclude"]
+__all__ = ["conclude", "dataset_builder", "result_attributes"]
+
+_LATELY = 5
+"""Saved instants before a failure that show its vibrations."""
 
 
-def builder(prepared: Prepared, setup: Setup) -> Build:
+def start_failure(scenario: Scenario, system: System, outcome: Outcome) -> str:
+    """Return why no initial state exists; empty if it does."""
+    if outcome.converged:
+        return ""
+    if found := nonfinite(scenario, system, None, outcome):
+        return f"failed at t = 0 s: {found}"
+    where = outcome.imbalance(system.reference.nodes, system.forces.free)
+    return (
+        f"failed at t = 0 s: no static equilibrium found, {where}; "
+        f"try {_other_base(scenario)}"
+        'simulation.start = "rest", loads that come on with ramp_time, or more arm.nodes'
+    )
+
+
+def command_failure(inputs: Sequence[Input], command: Sequence[float], time: float) -> str:
+    """Return which inputs got a command that is not finite; empty if none did."""
+    given = {each.name: value for each, value in zip(inputs, command, strict=True)}
+    wrong = [name for name, value in given.items() if not np.isfinite(value)]
+    if not wrong:
+        return ""
+    words = " and ".join(f"{given[name]:g} for {name}" for name in wrong)
+    return f"failed at t = {time:.6g} s: the controller commanded {words}, which is no number"
+
+
+def short_step_failure(scenario: Scenario, system: System, state: State, outcome: Outcome) -> str:
+    """Return why no step from ``state`` was found, without its past."""
+    what, remedy = _trouble(scenario, system, state, outcome)
+    return f"{_when(state)}: {what}; try {remedy}"
+
+
+def _when(state: State) -> str:
+    return f"failed at t = {float(state.time):.6g} s"
+
+
+def step_failure(
+    scenario: Scenario,
+    system: System,
+    state: State,
+    outcome: Outcome,
+    dataset: xr.Dataset,
+    defect: Defect | None,
+) -> str:
+    """Return why no step from ``state``, the end of ``dataset``, was found."""
+    simulation, obstacles = scenario.simulation, system.forces.obstacles
+    when = _when(state)
+    what, remedy = _trouble(scenario, system, state, outcome)
+    if defect is not None and defect.gained:
+        return f"{when}: {defect.summary}; {defect.cause}, until {what}; try {defect.remedy}"
+    if outcome.resolved and vibration_angle(dataset, simulation, -_LATELY) > 1.0:
+        damped = ', simulation.integrator = "generalized-alpha"'
+        remedy = (
+            f"{shorter_step(simulation, 1.0)}{damped * (simulation.integrator == 'newmark')}, "
+            "or loads that come on with ramp_time"
+        )
+        what = f"vibrations are too fast for time steps of {simulation.time_step:g} s, and {what}"
+    caught = False
+    if obstacles is not None:
+        assert state.gap is not None
+        _, pressing = obstacles.contact.press(state.gap.reshape(-1))
+        caught = bool(np.any(np.asarray(pressing) > 0))
+    # what sticks and slips in turn within a step may be beyond Newton's method
+    rubs = " or rub it less" * any(obstacle.friction > 0 for obstacle in scenario.obstacle)
+    room = f", or obstacles that leave the arm room{rubs}" * (caught and bool(outcome.resolved))
+    return f"{when}: {what}; try {remedy}{room}"
+
+
+def _trouble(scenario: Scenario, system: System, state: State, outcome: Outcome) -> tuple[str, str]:
+    """Return the cause of a failed step, and the remedy where nothing else is known."""
+    halvings = f"even after {counted(scenario.simulation.max_halvings, 'halving')}"
+    smaller = "a smaller simulation.time_step"
+    if found := nonfinite(scenario, system, state, outcome):
+        return found, "numbers with which it is finite"
+    if not outcome.resolved:
+        assert state.gap is not None
+        gaps = np.min(np.asarray(state.gap), axis=1)
+        near = int(np.argmin(gaps))
+        return (
+            f"a hit is too hard or too fast for a time step {halvings}, "
+            f"{describe_gap(near, float(gaps[near]))}",
+            f"{smaller}, more simulation.max_halvings, or slower obstacles",
+        )
+    if outcome.folded:
+        cosine = np.asarray(cos_turn_angle(system.forces, state.motion.position))
+        node, angle = int(np.argmin(cosine)), np.rad2deg(np.arccos(np.clip(cosine.min(), -1, 1)))
+        return (
+            f"the arm folds onto itself, two edges meet at more than {LARGEST_TURN:.0f} degrees "
+            f"{halvings}, and node {node} was bent by {angle:.0f} before",
+            f"{_other_base(scenario)}more arm.nodes, weaker loads, a stiffer arm, or {smaller}",
+        )
+    if outcome.error > system.max_error:
+        return (
+            f"a time step errs by {1e3 * float(outcome.error):.3g} mm {halvings}, and "
+            f"simulation.error allows {1e3 * float(system.max_error):.3g} mm",
+            f"{smaller}, more simulation.max_halvings, or a larger simulation.error",
+        )
+    where = outcome.imbalance(system.reference.nodes, system.forces.free)
+    return (
+        f"a time step could not be solved {halvings}, {where}",
+        f"{smaller}, loads that come on with ramp_time, or more simulation.max_halvings",
+    )
+
+
+def nonfinite(scenario: Scenario, system: System, state: State | None, outcome: Outcome) -> str:
+    """Name the part that gives nan or infinity in a step from a state, and when; empty if none.
+
+    The check covers the shortest step and the longest; without a state, the arm at rest at t = 0.
+    """
+    if np.isfinite(outcome.residual):
+        return ""
+    forces, loads = system.forces, len(scenario.load)
+    parts = [(part_name(each, "actuator"), "a drive") for each in system.actuators]
+    parts += [
+        (part_name(each, f"flow {i}"), "a velocity") for i, each in enumerate(forces.water.flows)
+    ]
+    parts += [
+        (part_name(each, place_of(i, loads)), "a force") for i, each in enumerate(forces.elements)
+    ]
+    for share in (0.0,) if state is None else (0.5 ** int(system.max_halvings), 1.0):
+        step = jnp.asarray(share * system.time_step)
+        for (name, gives), finite in zip(parts, _finite(system, state, step), strict=True):
+            if not finite:
+                time = float(step) + (0.0 if state is None else float(state.time))
+                return f"{name} gives {gives} that is not finite at t = {time:.6g} s"
+    return ""
+
+
+@eqx.filter_jit
+def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array, ""]]:
+    """Return whether the results of actuators, flows and elements are finite after a step."""
+    forces, states = system.forces, [one.at_rest() for one in system.actuators]
+    if state is None:
+        motion = static_motion(*system.undeformed(step))
+    else:
+        command, before = jnp.zeros(len(system.inputs)), (state.servo, *state.actuators)
+        states, old = followed(system.followers, before, command, step)[1:], state.motion
+        motion = eqx.tree_at(
+            lambda m: (m.time, m.position, m.drive),
+            old,
+            (old.time + step, old.position + step * old.velocity, drives(system.actuators, states)),
+            is_leaf=lambda x: x is None,
+        )
+    points = forces.origin + motion.position[:, : forces.axes]
+    given = [one.drive(each) for one, each in zip(system.actuators, states, strict=True)]
+    times = jnp.stack([motion.time - step, motion.time])  # of a start at rest the first as well
+    at = [jax.vmap(jax.vmap(flow.jet, (0, None)), (None, 0)) for flow in forces.water.flows]
+    given += [jets(points, times) for jets in at]
+    given += [
+        jax.vmap(lambda e, m: e.residual(m))(e, motion_windows(e, motion)) for e in forces.elements
+    ]
+    return [jnp.isfinite(ravel_pytree(each)[0]).all() for each in given]
+
+
+def describe_gap(obstacle: int, gap: float) -> str:
+    """Describe the distance of the nearest obstacle from the arm's surface (m)."""
+    if gap < 0:
+        return f"obstacle {obstacle} is pressed {-1e3 * gap:.3g} mm into the arm"
+    return f"obstacle {obstacle} is nearest to the arm with {1e3 * gap:.3g} mm between them"
+
+
+def _other_base(scenario: Scenario) -> str:
+    """Return the first remedy where a joint may be bent too far."""
+    jointed = scenario.arm.dimension == 3 and scenario.base.mount == "pinned"
+    if not jointed:
+        return ""
+    return f"a base that points less than {LARGEST_TURN:.0f} degrees from where the arm hangs, "
+
+
+def dataset_builder(setup: Setup) -> Build:
     """Return what makes data of the instants of a run."""
-    loop, scenario = setup.loop, prepared.scenario
+    loop, scenario = setup.loop, setup.prepared.scenario
+    about = result_attributes(setup.prepared, UNFINISHED, 0.0, [])
 
     def build(kept: Record, before: float | None) -> xr.Dataset:
         system, diameters = loop.system, scenario.arm.diameters
         run, modes = Instants(system, kept, before), setup.modes
-        return build_dataset(
+        built = build_dataset(
             run,
             diameters,
             signals(kept, setup.plan.inputs, loop.readings, system.forces.lines),
             dimensionless(run.relative_flow, run.tangent, np.array(diameters), scenario, modes),
         )
+        return built.assign_attrs(about)
 
     return build
 
 
 def conclude(
-    prepared: Prepared,
     setup: Setup,
     carry: LoopState,
     dataset: xr.Dataset,
@@ -50,29 +236,15 @@ def conclude(
     *,
     with_ledger: bool = True,
 ) -> Result:
-    """Return the result of a run that is over, from all its instants.
+    """Return the result of a run that is over, from its state at the end and all its instants.
 
-    Parameters
-    ----------
-    prepared, setup
-        What was run.
-    carry
-        The state at its end.
-    dataset
-        Its instants.
-    trouble
-        What ended it early, other than a step that failed; empty if nothing did.
-    failed
-        The outcome of a step that failed.
-    wall_time
-        What it took (s).
-    with_ledger
-        Whether its energies are to balance: not where numbers of the arm were changed meanwhile.
+    ``trouble`` ended it early, other than a step that failed, of which ``failed`` is the outcome.
+    Its energies are not to balance (``with_ledger``) where numbers of the arm changed meanwhile.
     """
-    scenario, system = prepared.scenario, setup.loop.system
-    dataset = with_swings(dataset)
+    prepared, scenario, system = setup.prepared, setup.prepared.scenario, setup.loop.system
+    dataset = with_velocity_moments(dataset)
     defect = None
-    step_energy, rings = unresolved(dataset, system)
+    step_energy, rings = unresolved_vibrations(dataset, system)
     if with_ledger:
         defect = find_defect(dataset, scenario, float(system.settings.floor), step_energy)
     if failed is not None:
@@ -81,25 +253,30 @@ def conclude(
         if not trouble:
             trouble = step_failure(scenario, system, carry.state, failed, dataset, defect)
     elif not trouble:
-        trouble = torn(dataset)
+        trouble = tear_failure(dataset)
         if defect is not None and defect.failed is not None:
             trouble = defect.failure
-    told = [*prepared.notes(), *setup.doubts, *setup.loop_doubts, *notes(dataset, scenario)]
-    told += [*tool_notes(scenario.tool, carry.state.grip), *([rings] if rings else [])]
-    if defect is not None and defect.told not in trouble:
-        told.append(defect.note)
-    dataset.attrs = attributes_of(prepared, trouble or Status.OK.value, wall_time, told)
+    found_notes = [
+        *prepared.notes(),
+        *setup.warnings,
+        *setup.loop_warnings,
+        *notes(dataset, prepared.facts),
+    ]
+    found_notes += [*tool_notes(scenario.tool, carry.state.grip), *([rings] if rings else [])]
+    if defect is not None and defect.summary not in trouble:
+        found_notes.append(defect.note)
+    dataset.attrs = result_attributes(prepared, trouble or Status.OK.value, wall_time, found_notes)
     return Result(dataset, named_leaves(carry))
 
 
-def attributes_of(
-    prepared: Prepared, status: str, wall_time: float, told: list[str]
+def result_attributes(
+    prepared: Prepared, status: str, wall_time: float, found_notes: list[str]
 ) -> dict[str, object]:
     """Return the attributes of a result."""
     return describe(prepared.scenario) | {
         "status": status,
         "wall_time": wall_time,
-        "notes": "\n".join(told),
+        "notes": "\n".join(found_notes),
         # as sha256sum writes and checks it
         "files": "\n".join(f"{digest}  {file}" for file, digest in prepared.digests.items()),
     }

@@ -1,19 +1,35 @@
 """One tick of the closed loop: sensor, controller, base, arm."""
 
+from __future__ import annotations
+
+import time
 from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.assembly.door import check_controller
-from crinoid.control import Clock, Controller, FeedForward, Seen, Sensor, SensorState, Target
-from crinoid.dynamics import Books, Outcome, Progress, State, System
+from crinoid.compilation import OFTEN, compiled
+from crinoid.control import (
+    Clock,
+    Controller,
+    ControllerInput,
+    FeedForward,
+    Reading,
+    Sensor,
+    SensorState,
+    Target,
+)
+from crinoid.dynamics import EnergyAccount, Outcome, Progress, State, System
+
+__all__ = ["controller_cpu_time"]
 
 
-class Tally(eqx.Module):
+class StepStatistics(eqx.Module):
     """Cost and errors of time steps, summed up."""
 
     steps: Int[Array, ""]
@@ -24,13 +40,13 @@ class Tally(eqx.Module):
     """Largest estimated local error of one of them (m)."""
 
     @staticmethod
-    def of_nothing() -> "Tally":
+    def of_nothing() -> StepStatistics:
         """Return the tally of no steps."""
-        return Tally(jnp.asarray(0), jnp.asarray(0), jnp.zeros(()), jnp.zeros(()))
+        return StepStatistics(jnp.asarray(0), jnp.asarray(0), jnp.zeros(()), jnp.zeros(()))
 
-    def with_step(self, progress: Progress) -> "Tally":
+    def with_step(self, progress: Progress) -> StepStatistics:
         """Count in one more step, or the parts of it that succeeded."""
-        return Tally(
+        return StepStatistics(
             self.steps + progress.steps,
             self.iterations + progress.iterations,
             jnp.maximum(self.residual, progress.residual),
@@ -42,8 +58,8 @@ class LoopState(eqx.Module):
     """State of the closed loop, which one tick hands to the next."""
 
     state: State
-    books: Books | None
-    """Energies, works and impulses; None in what is differentiated, which leaves them out."""
+    books: EnergyAccount | None
+    """Energies, works and impulses; None in differentiable runs."""
     sensors: tuple[SensorState, ...]
     memory: Any
     """Memory of the controller."""
@@ -52,7 +68,7 @@ class LoopState(eqx.Module):
     command: Float[Array, " input"]
     steps: Int[Array, ""]
     """Time steps taken so far."""
-    tally: Tally
+    tally: StepStatistics
     """Tally of the time steps since the last instant that was saved."""
 
 
@@ -69,7 +85,7 @@ class Loop(eqx.Module):
     """When the controller is switched on (s)."""
     target: Target
     feed_forward: FeedForward | None
-    """None where the target stands still, or is not to be followed at once."""
+    """None where the target does not move, or without feed-forward."""
     enabled: Bool[Array, ""]
     """Where false the commands stay zero: the same compiled loop runs without control."""
 
@@ -83,13 +99,13 @@ class Loop(eqx.Module):
         check_controller(self.controller, seen, self.system.inputs)
         return LoopState(
             state,
-            Books.of(self.system.forces, state),
+            EnergyAccount.of(self.system.forces, state),
             sensors,
             self.controller.start(seen),
             jnp.asarray(0),
             command,
             jnp.asarray(0),
-            Tally.of_nothing(),
+            StepStatistics.of_nothing(),
         )
 
     @property
@@ -104,27 +120,27 @@ class Loop(eqx.Module):
 
     def seen(
         self, state: State, sensors: tuple[SensorState, ...], command: Float[Array, " input"]
-    ) -> Seen:
+    ) -> ControllerInput:
         """Return what the controller sees of a state."""
         time, inputs = state.time, self.system.inputs
         tip, *others = (
             sensor.reading(samples, time)
             for sensor, samples in zip(self.sensors, sensors, strict=True)
         )
-        forward, compared = jnp.zeros_like(command), time
+        feedforward, compared = jnp.zeros_like(command), time
         if self.feed_forward is not None or self.target.carrier is not None:
             # the tip was not to be any farther yet when it was measured
-            compared = tip.taken
+            compared = tip.measurement_time
         if self.feed_forward is not None:
-            forward = self.feed_forward(self.target, time)
+            feedforward = self.feed_forward(self.target, time)
         base, _, _ = self.system.base.pose(time, state.servo)
-        return Seen(
+        return ControllerInput(
             time=time,
             # where the submarine carries the target along, it carries the arm as well
-            measured=self.target.seen(tip.value, compared),
-            taken=tip.taken,
-            wanted=self.target.in_frame(compared),
-            forward=forward,
+            measured=self.target.to_frame(tip.value, compared),
+            measurement_time=tip.measurement_time,
+            reference=self.target.in_frame(compared),
+            feedforward=feedforward,
             target=self.target,
             base=base,
             command=command,
@@ -139,12 +155,12 @@ class Loop(eqx.Module):
 
     def tick(self, carry: LoopState) -> tuple[LoopState, Progress]:
         """Advance by one time step; sensors and controller act if their time has come."""
-        told = self._told(carry)
+        commanded = self._commanded(carry)
         assert carry.books is not None
-        state, books, progress = self.system.advance_with_books(
-            carry.state, carry.books, told.command
+        state, books, progress = self.system.advance_with_account(
+            carry.state, carry.books, commanded.command
         )
-        return self._after(told, state, books, progress), progress
+        return self._advanced(commanded, state, books, progress), progress
 
     def step(self, carry: LoopState) -> tuple[LoopState, Outcome]:
         """Advance like `tick`, but without books, and differentiable in both modes.
@@ -152,27 +168,34 @@ class Loop(eqx.Module):
         A time step that fails is not cut into shorter ones: its outcome says so, and the state that
         comes back should not be used.
         """
-        told = self._told(carry)
-        state, outcome = self.system.step(carry.state, told.command)
+        commanded = self._commanded(carry)
+        state, outcome = self.system.step(carry.state, commanded.command)
         one = outcome.converged.astype(int)
         progress = Progress(outcome, outcome.residual, outcome.error, one, outcome.iterations)
-        return self._after(told, state, None, progress), outcome
+        return self._advanced(commanded, state, None, progress), outcome
 
     def sensed(self, carry: LoopState) -> tuple[SensorState, ...]:
-        """Return the sensors when those have measured whose time has come."""
-        return tuple(
-            self._sampled(sensor, samples, carry.state)
-            for sensor, samples in zip(self.sensors, carry.sensors, strict=True)
-        )
+        """Return the sensors when those have measured whose time has come, and no others."""
+        state = carry.state
 
-    def _told(self, carry: LoopState) -> LoopState:
+        def sampled(sensor: Sensor, samples: SensorState) -> SensorState:
+            return jax.lax.cond(
+                sensor.clock.due(samples.ticks, state.time),
+                lambda: sensor.sample(samples, sensor.measurand.of(self.system, state), state.time),
+                lambda: samples,
+            )
+
+        return tuple(map(sampled, self.sensors, carry.sensors))
+
+    def _commanded(self, carry: LoopState) -> LoopState:
         """Return the loop when sensors and controller have acted, before the arm has moved."""
         before, sensors = carry.state, self.sensed(carry)
         due = self.clock.due(carry.ticks, before.time - self.switched_on)
 
         def act() -> tuple[Array, Any]:
             seen = self.seen(before, sensors, carry.command)
-            memory = _choose(carry.ticks == 0, self.controller.start(seen), carry.memory)
+            first, begin = carry.ticks == 0, self.controller.start(seen)
+            memory = jax.tree.map(lambda a, b: jnp.where(first, a, b), begin, carry.memory)
             command, memory = self.controller.command(memory, seen)
             return jnp.clip(command, seen.lower, seen.upper), memory
 
@@ -183,26 +206,77 @@ class Loop(eqx.Module):
             carry, sensors=sensors, memory=memory, ticks=carry.ticks + due, command=command
         )
 
-    def _after(
-        self, told: LoopState, state: State, books: Books | None, progress: Progress
+    def _advanced(
+        self, commanded: LoopState, state: State, books: EnergyAccount | None, progress: Progress
     ) -> LoopState:
         """Return the loop when the arm has moved."""
         converged = progress.outcome.converged
-        steps = told.steps + converged
+        steps = commanded.steps + converged
         # counted, not summed up: round-off of a sum would grow with the number of steps
         counted = jnp.where(converged, steps * self.system.time_step, state.time)
         state = eqx.tree_at(lambda s: s.motion.time, state, counted)
-        tally = told.tally.with_step(progress)
-        return replace(told, state=state, books=books, steps=steps, tally=tally)
+        tally = commanded.tally.with_step(progress)
+        return replace(commanded, state=state, books=books, steps=steps, tally=tally)
 
-    def _sampled(self, sensor: Sensor, samples: SensorState, state: State) -> SensorState:
-        """Return the samples of a sensor, which measures when it is due and at no other step."""
-        return jax.lax.cond(
-            sensor.clock.due(samples.ticks, state.time),
-            lambda: sensor.sample(samples, sensor.measurand.of(self.system, state), state.time),
-            lambda: samples,
+
+_MIN_TIME = 0.05
+"""Shortest CPU time of a measurement (s), which makes the call of the program negligible."""
+_REPEATS = 5
+_MOST_CALLS = 1 << 20
+_PERTURBATION = 1e-3
+"""By how much readings differ from one call to the next, in their units."""
+
+
+def controller_cpu_time(loop: Loop, state: State) -> float:
+    """Return the CPU time of one command of a controller (s).
+
+    The compiled controller alone, called many times in a row inside one program, which runs on one
+    core: each call has the memory of the one before, the next time, and readings that differ a
+    little. The median of five measurements of at least 0.05 s each; what other programs do at the
+    same time does not count. The time to build `crinoid.ControllerInput` does not count either.
+    """
+    calls = 16
+    _run(loop, state, calls)  # compiles
+    while (took := _run(loop, state, calls)) < _MIN_TIME and calls < _MOST_CALLS:
+        calls = min(_MOST_CALLS, int(calls * min(16.0, 1.5 * _MIN_TIME / max(took, 1e-6)) + 1))
+    return float(np.median([_run(loop, state, calls) for _ in range(_REPEATS)])) / calls
+
+
+def _run(loop: Loop, state: State, calls: int) -> float:
+    started = time.process_time()
+    jax.block_until_ready(_commands(loop, state, jnp.asarray(calls)))
+    return time.process_time() - started
+
+
+@compiled(**OFTEN)
+def _commands(loop: Loop, state: State, calls: Int[Array, ""]) -> Float[Array, " input"]:
+    """Give commands in a row, and return the sum of them."""
+    begin = loop.start(state)
+    first = loop.seen(state, begin.sensors, begin.command)
+
+    def call(index: Int[Array, ""], carry: tuple[Any, Array, Array]) -> tuple[Any, Array, Array]:
+        memory, command, total = carry
+        late = index * loop.clock.period
+        perturbation = _PERTURBATION * jnp.sin(0.7 * index)
+        seen = eqx.tree_at(
+            lambda s: (s.time, s.measurement_time, s.measured, s.command, s.readings),
+            first,
+            (
+                first.time + late,
+                first.measurement_time + late,
+                first.measured + perturbation,
+                command,
+                {
+                    name: Reading(reading.value + perturbation, reading.measurement_time + late)
+                    for name, reading in first.readings.items()
+                },
+            ),
         )
+        command, memory = loop.controller.command(memory, seen)
+        command = jnp.clip(command, seen.lower, seen.upper)
+        return memory, command, total + command
 
-
-def _choose(condition: Bool[Array, ""], new: Any, old: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
+    zero = jnp.zeros_like(begin.command)
+    carry = (loop.controller.start(first), zero, zero)
+    carry = jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), carry)
+    return jax.lax.fori_loop(0, calls, call, carry)[2]

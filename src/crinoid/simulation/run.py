@@ -1,5 +1,9 @@
 """Running a scenario: chunks of compiled time, with progress and interruption between them."""
 
+from __future__ import annotations
+
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
@@ -11,32 +15,30 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crinoid.assembly.actuator import ActuatorParameters
-from crinoid.assembly.parts import Parts
-from crinoid.assembly.plan import Plan
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.plan import AssembledScenario, Parts
+from crinoid.assembly.prepared import Prepared, require_one_case
+from crinoid.assembly.threads import ActuatorParameters
+from crinoid.compilation import ONCE, compiled
 from crinoid.control import Controller, Sensor
-from crinoid.dataset import chosen
+from crinoid.diagnostics.control_loop import loop_notes
+from crinoid.diagnostics.plausibility import AT_REST, plausibility_warnings
 from crinoid.dynamics import State, System
 from crinoid.elements import Element
 from crinoid.flow import Flow
-from crinoid.loop_health import loop_notes
-from crinoid.plausibility import AT_REST, doubts
-from crinoid.programs import ONCE, compiled
-from crinoid.record import Record
-from crinoid.result import RESULT, UNCONTROLLED, UNFINISHED, Result
+from crinoid.results.dataset import chosen
+from crinoid.results.record import Record
+from crinoid.results.result import RESULT, UNCONTROLLED, Result
 from crinoid.scenario import Scenario
 from crinoid.scenario.library import Source, scenario_of
-from crinoid.simulation.ahead import compile_ahead
-from crinoid.simulation.conclusion import attributes_of, builder, conclude
-from crinoid.simulation.continuation import restored
-from crinoid.simulation.ctrl_c import CtrlC
-from crinoid.simulation.failure import start_failure
+from crinoid.simulation.chunk import CAPACITY, chunk_program, one_instant, record, start_loop
+from crinoid.simulation.conclusion import (
+    conclude,
+    dataset_builder,
+    start_failure,
+)
 from crinoid.simulation.loop import Loop, LoopState
-from crinoid.simulation.room import check_room
-from crinoid.simulation.setup import Setup, require_one_case, set_up
-from crinoid.simulation.sink import Sink
-from crinoid.simulation.stretch import CAPACITY, begun_with, one_instant, record, stretch
+from crinoid.simulation.setup import Setup, set_up
+from crinoid.simulation.sink import Sink, require_space, resume_state
 
 _CHUNK_SECONDS = 0.25
 
@@ -59,7 +61,7 @@ Tell = Callable[[list[str]], None]
 
 
 class SimulationError(RuntimeError):
-    """A run that could not be finished. ``result`` holds what was computed."""
+    """A run that failed. ``result`` contains its computed part."""
 
     def __init__(self, result: Result) -> None:
         super().__init__(result.failure)
@@ -69,7 +71,7 @@ class SimulationError(RuntimeError):
 def simulate(
     scenario: Source,
     *,
-    controller: Controller | Callable[[Plan], Controller] | None = None,
+    controller: Controller | Callable[[AssembledScenario], Controller] | None = None,
     elements: Iterable[Element] = (),
     flows: Iterable[Flow] = (),
     sensors: Iterable[Sensor] = (),
@@ -83,8 +85,8 @@ def simulate(
     scenario
         What to run: a scenario, the name of a built-in one, or a file.
     controller
-        One of your own in place of the scenario's, or a function that builds it from what is known
-        at the start. The result's scenario has ``control.kind = "custom"``.
+        A controller to replace the scenario's, or a function that builds it from the assembled
+        scenario at the start. The result's scenario has ``control.kind = "custom"``.
     elements, flows, sensors, actuators
         Parts of your own that are added to those of the scenario.
     report
@@ -95,15 +97,13 @@ def simulate(
     SimulationError
         If a time step or the equilibrium at the start could not be solved.
     ScenarioError
-        If a file that the scenario names is not what it takes.
+        If a file that the scenario names is not valid.
     ValueError
-        If the scenario stands for several cases (`crinoid.Scenario.cases`), or an element has
+        If the scenario describes several cases (`crinoid.Scenario.cases`), or an element has
         windows that the arm has no nodes for.
     """
     parts = Parts(controller, tuple(elements), tuple(flows), tuple(sensors), tuple(actuators))
-    if controller is not None:
-        scenario = scenario_of(scenario).with_values({"control.kind": "custom"})
-    result = play(Prepared(scenario, parts), report=report)
+    result = play(Prepared.with_parts(scenario, parts), report=report)
     if result.failure:
         raise SimulationError(result)
     return result
@@ -117,57 +117,50 @@ def play(
     stop: Callable[[], bool] | None = None,
     tell: Tell | None = None,
     into: Path | None = None,
+    steps: int | None = None,
 ) -> Result:
     """Run a scenario to its end, a failure or an interruption; `Result.status` says which.
 
-    Parameters
-    ----------
-    prepared
-        The scenario to run.
-    report
-        Called between chunks of the run with a `crinoid.simulation.Progress`.
-    resume
-        An earlier result of the same scenario, to continue from where it stopped; its duration may
-        have grown.
-    stop
-        Asked before each chunk of the run whether to interrupt it; Ctrl-C does by default.
-    tell
-        Called before the run with notes on the loop, if it is unstable or nearly so.
-    into
-        The folder of files that take the run while it lasts, so that it neither fills the memory
-        nor is lost; none to hold it in memory. What is large of the result stays there until
-        `Result.save` replaces these files.
+    ``resume`` is an earlier result of the same scenario, to continue from where it stopped; its
+    duration may have grown. Between chunks of the run, ``report`` is called with a
+    `crinoid.simulation.Progress`, and ``stop`` is asked whether to interrupt it; Ctrl-C does by
+    default. ``tell`` is called before the run with notes on a loop that is unstable or nearly so.
+
+    Files in the folder ``into`` grow while the run lasts, so that it neither fills the memory nor
+    is lost. Large variables stay there until `Result.save` replaces these files. By the time
+    ``steps`` of all runs of such a scenario `crinoid.simulation.chunk.chunk_program` chooses their
+    program; those of this run if left out.
     """
     scenario = prepared.scenario
-    require_one_case(scenario)
-    check_room(scenario, into)
+    steps = scenario.simulation.steps if steps is None else steps
+    require_space(scenario, into)
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
     with CtrlC() if stop is None else nullcontext(stop) as asked:
-        compile_ahead(prepared)
-        setup = set_up(prepared)
-        if tell is not None and setup.loop_doubts:
-            tell(setup.loop_doubts)
+        setup = set_up(prepared, steps)
+        if tell is not None and setup.loop_warnings:
+            tell(setup.loop_warnings)
         path = None if into is None else into / RESULT
-        result = _run(prepared, setup, label, report, resume, asked, path)
+        result = _run(setup, label, report, resume, asked, path, steps)
         if controlled and scenario.control.compare:
             idle = without_control(setup)
             earlier = resume.uncontrolled if resume is not None else None
             path = None if into is None else into / UNCONTROLLED
-            result.uncontrolled = _run(prepared, idle, "uncontrolled", report, earlier, asked, path)
-    return rounded_off(result)
+            label = "uncontrolled"
+            result.uncontrolled = _run(idle, label, report, earlier, asked, path, steps)
+    return with_loop_notes(result)
 
 
 def without_control(setup: Setup) -> Setup:
     """Return the same case with the controller off."""
     loop = eqx.tree_at(lambda loop: loop.enabled, setup.loop, jnp.asarray(False))
-    return setup._replace(loop=loop, loop_doubts=[])
+    return setup._replace(loop=loop, loop_warnings=[])
 
 
-def rounded_off(result: Result) -> Result:
-    """Say of a run, and the one without control, how the loop did; leave out what is not wanted."""
+def with_loop_notes(result: Result) -> Result:
+    """Add the notes on the loop to a run, and leave out variables that its scenario leaves out."""
     result.dataset.attrs["notes"] = "\n".join([*result.notes, *loop_notes(result)])
-    if not result.interrupted:  # else what is to go on needs all
+    if not result.interrupted:  # a run to resume needs all
         variables = result.scenario.output.variables
         for run in (result, result.uncontrolled):
             if run is not None:
@@ -183,9 +176,9 @@ def equilibrium(scenario: Source) -> Result:
     SimulationError
         If none was found.
     ScenarioError
-        If a file that the scenario names is not what it takes.
+        If a file that the scenario names is not valid.
     ValueError
-        If the scenario stands for several cases (`crinoid.Scenario.cases`).
+        If the scenario describes several cases (`crinoid.Scenario.cases`).
     """
     described = scenario_of(scenario)
     require_one_case(described)
@@ -194,20 +187,20 @@ def equilibrium(scenario: Source) -> Result:
 
 def settle(prepared: Prepared) -> Result:
     """Find the static equilibrium of a scenario that `at_rest` gave."""
-    begun = time.perf_counter()
-    setup = set_up(prepared)._replace(doubts=doubts(prepared, AT_REST))
+    started = time.perf_counter()
+    setup = set_up(prepared)._replace(warnings=plausibility_warnings(prepared, AT_REST))
     carry, first = begin(setup.loop, _stand(setup.loop.system, setup.state))
-    wall_time = time.perf_counter() - begun
+    wall_time = time.perf_counter() - started
     trouble = start_failure(prepared.scenario, setup.loop.system, setup.outcome)
-    dataset = builder(prepared, setup)(one_instant(first), None)
-    result = conclude(prepared, setup, carry, dataset, trouble, None, wall_time)
+    dataset = dataset_builder(setup)(one_instant(first), None)
+    result = conclude(setup, carry, dataset, trouble, None, wall_time)
     if result.failure:
         raise SimulationError(result)
     return result
 
 
 def at_rest(scenario: Scenario) -> Scenario:
-    """Return the scenario of which the result of `equilibrium` tells."""
+    """Return the scenario of the result of `equilibrium`."""
     still: dict[str, object] = {
         "simulation.start": "equilibrium",
         "control.kind": "none",
@@ -219,36 +212,38 @@ def at_rest(scenario: Scenario) -> Scenario:
 
 
 def _run(
-    prepared: Prepared,
     setup: Setup,
     label: str,
     report: Report | None,
     earlier: Result | None,
     stop: Callable[[], bool],
     path: Path | None,
+    steps_in_all: int,
 ) -> Result:
-    scenario, loop = prepared.scenario, setup.loop
-    stride = scenario.output_steps
+    scenario, loop = setup.prepared.scenario, setup.loop
+    stride, run_chunk = scenario.output_steps, chunk_program(steps_in_all)
     duration, total = scenario.simulation.duration, scenario.simulation.steps
     carry, first = begin(loop, setup.state)
-    build = builder(prepared, setup)
-    sink = Sink(one_instant(first), build, path, attributes_of(prepared, UNFINISHED, 0.0, []))
+    build = dataset_builder(setup)
+    sink = Sink(one_instant(first), build, path)
     spent = 0.0
     if earlier is not None:
-        carry, held = restored(earlier, carry, build(one_instant(first), None), stride)
+        carry, held = resume_state(earlier, carry, build(one_instant(first), None), stride)
         spent = earlier.dataset.attrs["wall_time"]
         sink.go_on(held, carry, spent)
     done, chunk = int(carry.steps), 16
     trouble, failed = start_failure(scenario, loop.system, setup.outcome), None
     if done < total and not trouble:
-        # a stretch of nothing: compiles, so that what follows is timed without it
-        jax.block_until_ready(stretch(loop, carry, carry.steps, jnp.asarray(stride, int), CAPACITY))
-    begun = time.perf_counter() - spent
+        # a chunk without steps compiles, so that the wall time leaves it out
+        jax.block_until_ready(
+            run_chunk(loop, carry, carry.steps, jnp.asarray(stride, int), CAPACITY)
+        )
+    started = time.perf_counter() - spent
     while done < total and not (trouble or failed or stop()):
         chunk_begun = time.perf_counter()
         steps = min(chunk, total - done, stride * CAPACITY)
         done += steps
-        carry, kept, new, outcome = stretch(
+        carry, kept, new, outcome = run_chunk(
             loop, carry, jnp.asarray(done, int), jnp.asarray(stride, int), CAPACITY
         )
         count = int(new)
@@ -257,17 +252,17 @@ def _run(
         chunk = max(1, int(min(steps * _CHUNK_SECONDS / took, 16 * chunk)))
         if not outcome.converged:
             failed = outcome
-        sink.look(carry, time.perf_counter() - begun)
+        sink.look(carry, time.perf_counter() - started)
         if report is not None:
-            elapsed = time.perf_counter() - begun
+            elapsed = time.perf_counter() - started
             report(Progress(label, float(carry.state.time), duration, elapsed))
-    wall_time = time.perf_counter() - begun
-    if int(carry.tally.steps):  # steps that no kept instant tells of yet
+    wall_time = time.perf_counter() - started
+    if int(carry.tally.steps):  # steps since the last saved instant
         sink.append(one_instant(_keep(loop, carry)))
     if done < total and not (trouble or failed):
         trouble = f"interrupted at t = {float(carry.state.time):.6g} s"
     dataset = sink.close(carry, wall_time)
-    return conclude(prepared, setup, carry, dataset, trouble, failed, wall_time)
+    return conclude(setup, carry, dataset, trouble, failed, wall_time)
 
 
 @compiled(**ONCE)
@@ -278,7 +273,32 @@ def _stand(system: System, state: State) -> State:
 @compiled(**ONCE)
 def begin(loop: Loop, state: State) -> tuple[LoopState, Record]:
     """Close a loop around a state; return that with its first instant."""
-    return begun_with(loop, state)
+    return start_loop(loop, state)
 
 
 _keep = compiled(**ONCE)(record)
+
+
+class CtrlC:
+    """Turns the first Ctrl-C into a request to stop after the chunk that is running."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def __call__(self) -> bool:
+        """Tell whether to stop."""
+        return self._asked
+
+    def __enter__(self) -> CtrlC:
+        self._main = threading.current_thread() is threading.main_thread()
+        if self._main:  # where alone Python lets signals be handled
+            self._earlier = signal.signal(signal.SIGINT, self._ask)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._main:
+            signal.signal(signal.SIGINT, self._earlier)
+
+    def _ask(self, *_: object) -> None:
+        self._asked = True
+        signal.signal(signal.SIGINT, self._earlier)  # a second one stops at once

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from pydantic import Field
 
-from crinoid import Controller, ScenarioError, Seen
-from crinoid.tables import ControllerTable, Metres, Mistake, Quantity
+from crinoid import Controller, ControllerInput, ScenarioError
+from crinoid.tables import ControllerTable, Metres, Mistake, Quantity, got
 
 Command = Float[Array, " input"]
 
@@ -27,11 +27,11 @@ class Homing(Controller):
     """Thrust per metre that the range is too large (N/m), 0 for the other inputs."""
     sensor: str = eqx.field(static=True)
 
-    def start(self, seen: Seen) -> Command:
+    def start(self, seen: ControllerInput) -> Command:
         return jnp.zeros_like(seen.command)
 
-    def command(self, memory: Command, seen: Seen) -> tuple[Command, Command]:
-        error = jnp.sum(self.mapping * (seen.wanted - seen.measured), axis=1)
+    def command(self, memory: Command, seen: ControllerInput) -> tuple[Command, Command]:
+        error = jnp.sum(self.mapping * (seen.reference - seen.measured), axis=1)
         moved = jnp.clip(memory + self.rate * self.period * error, seen.lower, seen.upper)
         too_far = seen.readings[self.sensor].value[0] - self.distance
         return moved + self.push * too_far, moved
@@ -54,7 +54,7 @@ class HomingController(ControllerTable):
         inputs = [each.name for each in plan.inputs]
         known = {"thruster": inputs, "sensor": plan.readings}
         mistakes = [
-            Mistake(f"control.homing.{key}", f'got "{getattr(self, key)}", takes one of {names}')
+            Mistake(f"control.homing.{key}", got(getattr(self, key), f"be one of {names}"))
             for key, names in known.items()
             if getattr(self, key) not in names
         ]

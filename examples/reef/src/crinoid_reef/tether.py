@@ -13,7 +13,7 @@ from crinoid.tables import LoadTable, Position, Quantity
 
 
 class Tether(Element):
-    """A spring without a length of its own: force ``-stiffness (q - anchor)`` on the tip."""
+    """A spring without a rest length: force ``-stiffness (q - anchor)`` on the tip."""
 
     stencil: ClassVar[int] = 1
     external: ClassVar[bool] = True

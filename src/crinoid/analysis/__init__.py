@@ -1,0 +1,4 @@
+"""Analyses without a run: linear loop, stability margins, modes, statistics of a current.
+
+May import ``simulation`` and lower folders.
+"""

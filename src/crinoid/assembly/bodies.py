@@ -1,0 +1,307 @@
+"""Base, vehicle, tool and obstacles: their numbers, and the arrays that follow from these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from crinoid.assembly.arrays import array, from_table
+from crinoid.base import BaseMotion, Servo, SineMotion, TableMotion, VelocityMotion
+from crinoid.dynamics import GripTriggers, Obstacles, Thrusters, Vehicle
+from crinoid.elements import Body, Contact, Tool
+from crinoid.foundation.axes import CHANNELS
+from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_preserving
+from crinoid.numerics.ramp import Onset
+from crinoid.rod import Rod
+from crinoid.scenario import Obstacle, Scenario, Sphere
+from crinoid.scenario import Tool as ToolTable
+from crinoid.scenario import Vehicle as VehicleTable
+from crinoid.scenario import base as motions
+
+if TYPE_CHECKING:
+    from crinoid.recording import Series
+
+
+class BaseParameters(eqx.Module):
+    """The numbers of ``[base]``, its channels and its prescribed motion."""
+
+    position: Float[Array, " d"]
+    angles: Float[Array, " angle"]
+    """``tilt_deg``, in space ``pan_deg``, ``tilt_deg`` and ``roll_deg`` (rad)."""
+    servo: Servo
+    """Limits and bandwidths, one a channel."""
+    motion: tuple[BaseMotion, ...]
+    mount: str = eqx.field(static=True)
+
+    @staticmethod
+    def of(scenario: Scenario, series: Mapping[str, Series]) -> BaseParameters:
+        """Return the numbers of a scenario's base; ``series`` by table, from its files."""
+        base, duration = scenario.base, scenario.simulation.duration
+        axes = scenario.arm.dimension
+        channels = CHANNELS[axes]
+        return BaseParameters(
+            position=array(base.position),
+            angles=array(base.angles if axes == 3 else [np.deg2rad(base.tilt_deg)]),
+            servo=_servo(scenario),
+            motion=tuple(
+                _motion(motion, channels, series.get(f"base.motion.{index}"), duration)
+                for index, motion in enumerate(base.motion)
+            ),
+            mount=base.mount,
+        )
+
+
+def _servo(scenario: Scenario) -> Servo:
+    # a channel that nobody drives has no room to move and any limits
+    channels = CHANNELS[scenario.arm.dimension]
+    lower, upper, speed, acceleration, bandwidth = np.array(
+        [[number] * len(channels) for number in (0.0, 0.0, 1.0, 1.0, 1.0)]
+    )
+    for name, channel in scenario.base.channels.present.items():
+        index = channels.index(name)
+        limits = channel.limits
+        lower[index], upper[index] = limits.low, limits.high
+        speed[index], acceleration[index] = limits.speed, limits.acceleration
+        bandwidth[index] = limits.bandwidth_hz
+    return Servo(*map(array, (lower, upper, speed, acceleration, bandwidth)))
+
+
+def _motion(
+    motion: motions.Motion, channels: tuple[str, ...], series: Series | None, duration: float
+) -> BaseMotion:
+    channel = channels.index(motion.channel)
+    if isinstance(motion, motions.SineMotion):
+        return SineMotion(
+            channel,
+            array(motion.amplitude_si),
+            array(motion.frequency_hz),
+            array(np.deg2rad(motion.phase_deg)),
+        )
+    if isinstance(motion, motions.VelocityMotion):
+        onset = Onset(*map(array, (motion.start, motion.ramp_time, np.inf)))
+        return VelocityMotion(channel, onset, array(motion.velocity_si))
+    if series is not None:
+        times, values = series.time, series.values[:, 0]
+    else:
+        assert isinstance(motion, motions.TableMotion)
+        times, values = np.asarray(motion.time), np.asarray(motion.value_si)
+    if motion.interpolation == "monotone":
+        curve = shape_preserving(times, values)
+    else:
+        from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+
+        curve = CubicSpline(times, values)
+    if series is not None:
+        curve = between(curve, 0.0, duration)  # of a long record
+    return TableMotion(channel, PiecewisePolynomial(curve))
+
+
+_ROUNDED = 1e-9
+"""Share of the arm's length that is round-off."""
+
+
+class ObstacleParameters(eqx.Module):
+    """The numbers of all ``[[obstacle]]``; of a shape that lacks one it is without effect."""
+
+    position: Float[Array, "m d"]
+    """Where each one is at t = 0, in the world (m)."""
+    velocity: Float[Array, "m d"]
+    """Drift of each one; 0 of one that the flow carries (m/s)."""
+    radius: Float[Array, " m"]
+    half_axis: Float[Array, "m d"]
+    normal: Float[Array, "m d"]
+    friction: Float[Array, " m"]
+    mass: Float[Array, " m"]
+    """Infinite for one that the arm cannot push away (kg)."""
+    free: tuple[int, ...] = eqx.field(static=True)
+    carried: tuple[int, ...] = eqx.field(static=True)
+
+    @staticmethod
+    def of(obstacles: Sequence[Obstacle]) -> ObstacleParameters:
+        """Return the numbers of obstacles, one or more."""
+        still = np.zeros(len(obstacles[0].position))
+        drifts = [obstacle.velocity for obstacle in obstacles]
+        return ObstacleParameters(
+            position=array([o.position for o in obstacles]),
+            velocity=array([still if drift == "flow" else drift for drift in drifts]),
+            radius=array([getattr(o, "radius", 0.0) for o in obstacles]),
+            half_axis=array([o.half_axis for o in obstacles]),
+            normal=array([o.out for o in obstacles]),
+            friction=array([o.friction for o in obstacles]),
+            mass=array([getattr(o, "mass", None) or np.inf for o in obstacles]),
+            free=tuple(
+                index
+                for index, obstacle in enumerate(obstacles)
+                if isinstance(obstacle, Sphere) and obstacle.mass is not None
+            ),
+            carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
+        )
+
+    def obstacles(
+        self, rod: Rod, origin: Float[Array, " d"], density: Array, gravity: Array
+    ) -> Obstacles:
+        """Build the obstacles near a rod whose root is set at ``origin`` (m); traceable."""
+        free = np.asarray(self.free, int)
+        return Obstacles(
+            contact=Contact.of(
+                rod,
+                radius=self.radius,
+                half_axis=self.half_axis,
+                normal=self.normal,
+                friction=self.friction,
+                mass=self.mass,
+            ),
+            bodies=Body.of(
+                mass=self.mass[free], radius=self.radius[free], density=density, gravity=gravity
+            ),
+            position=self.position - origin,
+            drift=self.velocity,
+            free=self.free,
+            carried=self.carried,
+        )
+
+
+def edges_within(span: tuple[float, float], nodes: int) -> Bool[Array, " edge"]:
+    """Return which edges of an arm overlap a part of it, given as shares of its length."""
+    ends = np.arange(nodes) / (nodes - 1)
+    return jax.device_put((ends[1:] > span[0] + _ROUNDED) & (ends[:-1] < span[1] - _ROUNDED))
+
+
+class ToolParameters(eqx.Module):
+    """The numbers of ``[tool]``."""
+
+    mass: Float[Array, ""]
+    volume: Float[Array, ""]
+    drag_area: Float[Array, ""]
+    added_mass: Float[Array, ""]
+    inertia: Float[Array, ...]
+    """One number, or in space three (kg m2)."""
+    offset: Float[Array, ""]
+    held: Onset
+    """From when on and until when it is held; infinite if for good (s). Where touches decide, the
+    times between which they count."""
+    touched: Bool[Array, " edge"] | None
+    """Which edges take it up, or let it go, at a touch; None where times decide."""
+    take: int | None = eqx.field(static=True)
+    """The obstacle at whose touch it is taken up."""
+    drop: int | None = eqx.field(static=True)
+    """The obstacle at whose touch it is let go."""
+
+    @staticmethod
+    def of(tool: ToolTable, nodes: int) -> ToolParameters:
+        """Return the numbers of the tool of an arm."""
+        until = np.inf if tool.until is None else tool.until
+        return from_table(
+            ToolParameters,
+            tool,
+            held=Onset(*map(array, (tool.from_, 0.0, until))),
+            touched=edges_within(tool.touched, nodes) if tool.touches else None,
+            take=tool.take_at_touch,
+            drop=tool.drop_at_touch,
+        )
+
+    def grasp(self) -> GripTriggers | None:
+        """Return the touches that decide when it is held, if any do."""
+        if self.touched is None:
+            return None
+        return GripTriggers(self.take, self.drop, self.touched, self.held)
+
+    def element(self, rod: Rod, density: Array, gravity: Array) -> Tool:
+        """Build the tool at the tip of a rod in water of a density (kg/m3); traceable."""
+        # not there before a touch: a window without length
+        stop = self.held.stop if self.take is None else self.held.start
+        numbers = vars(self) | {"held": replace(self.held, stop=stop)}
+        for key in ("touched", "take", "drop"):
+            del numbers[key]
+        return Tool.of(rod, density=density, gravity=gravity, **numbers)
+
+
+class VehicleParameters(eqx.Module):
+    """The numbers of ``[vehicle]``; what has a value per axis may be one number for all."""
+
+    mass: Float[Array, ""]
+    inertia: Float[Array, ...]
+    offset: Float[Array, " d"]
+    volume: Float[Array, ""] | None
+    """None: as much as carries it (m3)."""
+    metacentric_height: Float[Array, ""]
+    added_mass: Float[Array, ...]
+    added_inertia: Float[Array, ...]
+    drag_area: Float[Array, ...]
+    angular_drag: Float[Array, ...]
+    linear_drag: Float[Array, ...] | None
+    """None: no drag in proportion to the speed."""
+    angular_linear_drag: Float[Array, ...] | None
+    bandwidth: Float[Array, ""]
+    """Natural frequency at which thrusters hold it; 0 if there are none (Hz)."""
+    max_force: Float[Array, ""]
+    """Infinite where there is no limit (N)."""
+    max_moment: Float[Array, ""]
+    """Infinite where there is no limit (N m)."""
+
+    @staticmethod
+    def of(vehicle: VehicleTable) -> VehicleParameters:
+        """Return the numbers of a vehicle."""
+        held = vehicle.hold == "thrusters"
+        linear = {
+            name: array(getattr(vehicle, name)) if np.any(getattr(vehicle, name)) else None
+            for name in ("linear_drag", "angular_linear_drag")
+        }
+        return from_table(
+            VehicleParameters,
+            vehicle,
+            bandwidth=array(vehicle.bandwidth_hz if held else 0.0),
+            max_force=array(vehicle.max_force or np.inf),
+            max_moment=array(vehicle.max_moment or np.inf),
+            **linear,
+        )
+
+    def vehicle(self, density: Array, gravity: Array) -> Vehicle:
+        """Build the vehicle in water of a density (kg/m3); traceable."""
+        axes = self.offset.size
+        turns = 1 if axes == 2 else 3
+        added_mass, drag_area = (
+            jnp.broadcast_to(values, (axes,)) for values in (self.added_mass, self.drag_area)
+        )
+        inertia, added_inertia, angular_drag = (
+            jnp.broadcast_to(values, (turns,))
+            for values in (self.inertia, self.added_inertia, self.angular_drag)
+        )
+        linear, angular_linear = self.linear_drag, self.angular_linear_drag
+        moved, turned = self.mass + added_mass, inertia + added_inertia
+        rate = 2 * jnp.pi * self.bandwidth
+        if self.volume is None:
+            displaced = jnp.where(density > 0, self.mass, 0.0)
+        else:
+            displaced = density * self.volume
+        return Vehicle(
+            mass=self.mass,
+            inertia=inertia,
+            displaced=displaced,
+            added_mass=added_mass,
+            added_inertia=added_inertia,
+            drag=0.5 * density * drag_area,
+            angular_drag=angular_drag,
+            metacentric_height=self.metacentric_height,
+            gravity=gravity,
+            offset=self.offset,
+            thrusters=Thrusters(
+                stiffness=rate**2 * moved,
+                damping=2 * rate * moved,
+                turn_stiffness=rate**2 * turned,
+                turn_damping=2 * rate * turned,
+                max_force=self.max_force,
+                max_moment=self.max_moment,
+            ),
+            linear_drag=None if linear is None else jnp.broadcast_to(linear, (axes,)),
+            angular_linear_drag=None
+            if angular_linear is None
+            else jnp.broadcast_to(angular_linear, (turns,)),
+        )

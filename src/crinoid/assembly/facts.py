@@ -1,0 +1,307 @@
+"""Quantities that follow from a scenario without a run: sizes, stiffness, speeds, periods."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.assembly.prepared import Prepared
+from crinoid.foundation.axes import ANGLES
+from crinoid.scenario import (
+    GaussMarkovFlow,
+    GustFlow,
+    MeasuredFlow,
+    ShearFlow,
+    SineFlow,
+    SurfaceWaves,
+    TurbulenceFlow,
+    UniformFlow,
+)
+from crinoid.scenario.base import FileMotion
+from crinoid.scenario.flow import Flow
+from crinoid.scenario.kinds import is_own
+
+if TYPE_CHECKING:
+    from crinoid.assembly.system import Sampled
+
+_AIR = (1.1, 1.4)
+"""Densities of air, from a hot day to a cold one (kg/m3)."""
+_NO_END = 0.54
+"""Mass ratio up to which lock-in has no end."""
+_RARE = 2.0
+"""Standard deviations that a random quantity seldom exceeds."""
+
+
+class Facts:
+    """Derived quantities of a scenario, each computed once. SI units and radians."""
+
+    def __init__(self, prepared: Prepared) -> None:
+        self.prepared, self.scenario = prepared, prepared.scenario
+        arm, water = self.scenario.arm, self.scenario.water
+        self.length = arm.length
+        self.edge = arm.length / (arm.nodes - 1)
+        given = arm.radius
+        self.radii = given if isinstance(given, tuple) else (given, given)
+        """At root and tip (m)."""
+        self.wet = water.density > 0 and not _AIR[0] <= water.density <= _AIR[1]
+        """Whether the arm is in water rather than in air or nothing."""
+        self.in_air = water.density > 0 and not self.wet
+        self.warnings: list[str] | None = None
+        """Notes on implausible values (`crinoid.diagnostics.plausibility`), once sought."""
+
+    @cached_property
+    def bending(self) -> Float[np.ndarray, " ends"]:
+        """Bending stiffness at root and tip, the softer way (N m2)."""
+        return self.stiffness(np.array([0.0, 1.0]))[0]
+
+    @cached_property
+    def stretching(self) -> float:
+        """Axial stiffness where it is least (N)."""
+        return float(self.stiffness(np.array([0.0, 1.0]))[1].min())
+
+    def stiffness(
+        self, at: Float[np.ndarray, " at"]
+    ) -> tuple[Float[np.ndarray, " at"], Float[np.ndarray, " at"]]:
+        """Return bending (N m2), the softer way, and axial stiffness (N), at ``at`` of the arm."""
+        section, modulus = self.scenario.arm.section, self.scenario.arm.youngs_modulus
+        radius = np.interp(at, [0.0, 1.0], self.radii)
+        bending, stretching = modulus * math.pi / 4 * radius**4, modulus * math.pi * radius**2
+        if section.EI is not None:
+            given = np.array(section.EI)
+            if given.ndim == self.scenario.arm.dimension - 1:
+                ends = given.reshape(2, -1).min(axis=1)
+                bending = np.interp(at, [0.0, 1.0], ends)
+            else:
+                bending = np.full(at.shape, np.min(given))
+        if section.EA is not None:
+            stretching = np.interp(at, [0.0, 1.0], np.broadcast_to(section.EA, 2))
+        return bending, stretching
+
+    @cached_property
+    def mass(self) -> Float[np.ndarray, " ends"]:
+        """Mass per length at root and tip, without the water (kg/m)."""
+        given, density = self.scenario.arm.section.mass_per_length, self.scenario.arm.density
+        round_mass = density * math.pi * np.array(self.radii) ** 2
+        return round_mass if given is None else np.full(2, given)
+
+    @cached_property
+    def displaced(self) -> Float[np.ndarray, " ends"]:
+        """Mass of the water displaced per length at root and tip (kg/m)."""
+        given, density = self.scenario.arm.section.displaced_area, self.scenario.water.density
+        round_mass = density * math.pi * np.array(self.radii) ** 2
+        return round_mass if given is None else np.full(2, density * given)
+
+    @property
+    def lock_in(self) -> tuple[float, float]:
+        """Reduced velocities between which shedding follows a vibration.
+
+        Those of synchronisation, where the scenario has it; else from 4 (Williamson and Govardhan
+        2004) to ``9.25 sqrt((m + 1) / (m - 0.54))`` at a mass ratio ``m`` (Govardhan and Williamson
+        2000, Journal of Fluid Mechanics 420, eq. 5.4 and 5.5).
+        """
+        vortices = self.scenario.water.vortices
+        if vortices is not None and (numbers := vortices.numbers).get("range"):
+            ends = (numbers["centre"] + sign * numbers["range"] for sign in (1, -1))
+            return 1 / next(ends), 1 / next(ends)
+        ratio = float(self.mass.mean() / self.displaced.mean())
+        if ratio <= _NO_END:
+            return 4.0, math.inf
+        return 4.0, 9.25 * math.sqrt((ratio + 1) / (ratio - _NO_END))
+
+    @cached_property
+    def diameter(self) -> float:
+        """Largest diameter that the water sees (m)."""
+        given = self.scenario.arm.section.diameter
+        return 2 * max(self.radii) if given is None else given
+
+    @property
+    def round_area(self) -> float:
+        """Area of a round section of that diameter (m2)."""
+        return math.pi * (self.diameter / 2) ** 2
+
+    def limpness(self, load: float, power: int) -> float:
+        """Return a load times a power of the length over the bending stiffness."""
+        return load * self.length**power / float(self.bending.max())
+
+    @cached_property
+    def swung(self) -> Float[np.ndarray, " ends"]:
+        """Mass per length with the added mass of the water, at root and tip (kg/m)."""
+        return self.mass + self.scenario.water.added_mass_normal * self.displaced
+
+    @cached_property
+    def frequencies(self) -> Float[np.ndarray, " mode"]:
+        """Natural frequencies of bending in water, slowest first (Hz); an estimate."""
+        clamped = self.scenario.base.mount == "clamped"
+        taper = self.radii[1] / self.radii[0]
+        return bending_frequencies(
+            self.length,
+            self.bending,
+            self.swung,
+            taper=taper,
+            linear=self.scenario.arm.section.EI is not None,
+            clamped=clamped,
+            tip=self.tip,
+        )
+
+    @cached_property
+    def tip(self) -> Float[np.ndarray, "2 2"] | None:
+        """Inertia of the tool, with added mass, if the tip has it from the start."""
+        tool = self.scenario.tool
+        if tool is None or tool.from_ > 0 or tool.take_at_touch is not None:
+            return None
+        mass, offset = tool.mass + tool.added_mass, tool.offset
+        about = tool.inertia[1] if isinstance(tool.inertia, tuple) else tool.inertia
+        return np.array([[mass, mass * offset], [mass * offset, about + mass * offset**2]])
+
+    @cached_property
+    def period(self) -> float:
+        """Period of the slowest of them (s)."""
+        return float(1 / self.frequencies[0])
+
+    @cached_property
+    def direction(self) -> tuple[float, ...]:
+        """Unit vector along which the base points the arm."""
+        pan, tilt, _ = self.scenario.base.angles
+        x, y, z = math.cos(tilt) * math.cos(pan), math.cos(tilt) * math.sin(pan), math.sin(tilt)
+        return (math.cos(tilt), z) if self.scenario.arm.dimension == 2 else (x, y, z)
+
+    @cached_property
+    def travel(self) -> float:
+        """How far channels and prescribed motion may shift the base (m)."""
+        base = self.scenario.base
+        shifts = [channel for name, channel in base.channels.present.items() if name not in ANGLES]
+        driven = [max(-channel.limits.low, channel.limits.high) for channel in shifts]
+        duration = self.scenario.simulation.duration
+        carried = [
+            # the file is not read here
+            math.inf if isinstance(motion, FileMotion) else motion.farthest(duration)
+            for motion in base.motion
+            if motion.channel not in ANGLES
+        ]
+        return math.hypot(*driven) + math.hypot(*carried)
+
+    @cached_property
+    def current(self) -> float:
+        """Speed that all flows together do not exceed for long (m/s)."""
+        known = {i: self.fastest(i, flow) for i, flow in enumerate(self.scenario.flow)}
+        return math.fsum((known | self.sampled_speeds).values())
+
+    @cached_property
+    def sampled_speeds(self) -> dict[int, float]:
+        """Largest sampled speed of each flow of another package, by its index (m/s)."""
+        velocities = self.sampled[0].items()
+        return {i: float(np.linalg.norm(v, axis=-1).max(initial=0.0)) for i, v in velocities}
+
+    @cached_property
+    def mean_current(self) -> tuple[float, ...]:
+        """Mean velocity of all flows together at full strength (m/s); gusts and waves have none."""
+        total = np.zeros(self.scenario.arm.dimension)
+        total += sum(
+            velocity.mean(axis=0) for velocity in self.sampled[0].values() if velocity.size
+        )
+        for index, flow in enumerate(self.scenario.flow):
+            match flow:
+                case UniformFlow() | ShearFlow():
+                    total += flow.velocity
+                case GaussMarkovFlow() | TurbulenceFlow():
+                    total += flow.mean
+                case MeasuredFlow():
+                    total += np.nanmean(self.prepared.recordings[index].velocity, axis=(0, 1))
+        return tuple(map(float, total))
+
+    @cached_property
+    def sampled(self) -> Sampled:
+        """Flows and elements of other packages, as ``crinoid.assembly.system`` finds them."""
+        tables = (*self.scenario.flow, *self.scenario.load, *self.scenario.actuator)
+        if self.prepared.parts is None and all(map(is_own, tables)):
+            return {}, {}
+        from crinoid.assembly.system import sampled  # JAX: slow to load, few need it
+
+        return sampled(self.prepared.system, self.scenario)
+
+    @cached_property
+    def waters(self) -> dict[str, tuple[float, ...]]:
+        """Steady currents that a loop is judged in, by name (m/s): drag damps each differently.
+
+        The mean current, and still water where the current varies by as much as its mean.
+        """
+        mean, speed = self.mean_current, math.hypot(*self.mean_current)
+        at_rest = {"still water": (0.0,) * len(mean)}
+        if not speed:
+            return at_rest
+        return {"the mean current": mean} | (at_rest if self.current >= 2 * speed else {})
+
+    def fastest(self, index: int, flow: Flow) -> float:
+        """Return the speed that a flow hardly exceeds (m/s)."""
+        match flow:
+            case UniformFlow() | ShearFlow() | GustFlow():
+                return math.hypot(*flow.velocity)
+            case SineFlow():
+                return math.hypot(*flow.amplitude)
+            case GaussMarkovFlow():
+                spread = flow.standard_deviation
+                spread = spread if isinstance(spread, tuple) else (spread,)
+                return math.hypot(*flow.mean) + _RARE * max(spread)
+            case TurbulenceFlow():
+                return math.hypot(*flow.mean) * (1 + _RARE * flow.intensity)
+            case SurfaceWaves():
+                depth = max(0.0, -self.scenario.base.position[-1] - self.length)
+                rate = 2 * math.pi / flow.wave_period
+                number = rate**2 / max(self.scenario.water.gravity, 1e-9)
+                return flow.wave_height / 2 * rate * math.exp(-number * depth)
+            case MeasuredFlow():
+                velocity = self.prepared.recordings[index].velocity
+                return float(np.nanmax(np.linalg.norm(velocity, axis=-1)))
+        return 0.0
+
+
+_PARTS = 24
+
+
+def bending_frequencies(
+    length: float,
+    bending: Float[np.ndarray, " ends"],
+    mass: Float[np.ndarray, " ends"],
+    *,
+    taper: float = 1.0,
+    linear: bool = False,
+    clamped: bool = True,
+    tip: Float[np.ndarray, "2 2"] | None = None,
+) -> Float[np.ndarray, " mode"]:
+    """Return the natural frequencies of a straight cantilever, slowest first (Hz).
+
+    An Euler beam in `_PARTS` finite elements with cubic shapes (Petyt 2010, Introduction to Finite
+    Element Vibration Analysis, section 3.5). Weight, tension and curvature at rest are left out. A
+    root that turns freely has no stiffness: its first frequency is 0 and not returned.
+
+    Bending stiffness (N m2) and mass per length with added mass (kg/m) are those at root and tip;
+    where they differ, they run as the fourth and second power of the radius, a stiffness that is
+    ``linear`` as that. ``tip`` is the inertia
+    of what the tip carries against shifts and turns: kg, kg m, kg m, kg m2.
+    """
+    size = length / _PARTS
+    middle = (np.arange(_PARTS) + 0.5) / _PARTS
+    radius = 1 + (taper - 1) * middle
+    EI = bending[0] * (radius**4 if bending[0] != bending[1] else np.ones(_PARTS))
+    if linear:
+        EI = bending[0] + (bending[1] - bending[0]) * middle
+    line = mass[0] * (radius**2 if mass[0] != mass[1] else np.ones(_PARTS))
+    # of deflections and slopes times the element's length, at both its ends
+    stiff = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
+    heavy = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
+    K, M = np.zeros((2, 2 * _PARTS + 2, 2 * _PARTS + 2))
+    for part in range(_PARTS):
+        at = slice(2 * part, 2 * part + 4)
+        K[at, at] += EI[part] / size**3 * stiff
+        M[at, at] += line[part] * size / 420 * heavy
+    if tip is not None:
+        lengths = np.array([1.0, size])
+        M[-2:, -2:] += tip / np.outer(lengths, lengths)
+    held = 2 if clamped else 1
+    half = np.linalg.inv(np.linalg.cholesky(M[held:, held:]))
+    squared = np.linalg.eigvalsh(half @ K[held:, held:] @ half.T)[2 - held :]
+    return np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi)

@@ -1,0 +1,180 @@
+"""Analyses of a scenario without a run in time: its current, vibrations and stability margins."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from rich.table import Table
+
+from crinoid.analysis.current import FLOW, Statistics, sample_current, statistics
+from crinoid.analysis.margins import MARGINS, find_margins
+from crinoid.analysis.vibrations import MODES, find_vibrations
+from crinoid.cli.command import console
+from crinoid.cli.display import new_table, say_doubts, show
+from crinoid.cli.finding import finding
+from crinoid.diagnostics.plausibility import AT_REST, IN_THE_WATER
+from crinoid.recording import Recording
+from crinoid.scenario import Scenario
+from crinoid.view.figures.style import DEGREES, si_unit
+
+
+def show_current(scenario: Scenario, folder: Path, *, force: bool) -> None:
+    """Sample the current of a scenario at its arm, save and draw it, and sum it up."""
+    if not scenario.flow and not scenario.vary:
+        console.print("still water: the scenario has no [[flow]]")
+        return
+    path = folder / FLOW
+    with finding(scenario, path, "a current", force=force, check=False, doubts=False) as found:
+        found.prepared.notes()  # which reads the files
+        say_doubts(found.prepared, IN_THE_WATER)
+        data = sample_current(found.prepared)
+        files = found.save(data)
+        time = data["time"].values
+        late = time >= data.attrs["settled"] - 1e-9
+        places = [
+            statistics(data["flow_velocity"].sel(place=place).values[late], time[1] - time[0])
+            for place in ("root", "tip")
+        ]
+        recordings = found.prepared.recordings.items()
+        lines = [f"flow.{index}: {_described(recording)}" for index, recording in recordings]
+        show(
+            _current_table(data, time[late], places), data.attrs["notes"].splitlines(), files, lines
+        )
+
+
+def _current_table(data: xr.Dataset, time: np.ndarray, places: list[Statistics]) -> Table:
+    axes = ", ".join(data["axis"].values)
+    texts: dict[str, Callable[[Statistics], str]] = {
+        f"mean velocity {axes}": lambda at: _vector(at.mean, "m/s"),
+        "mean speed": lambda at: f"{at.mean_speed:.3f} m/s",
+        "greatest speed": lambda at: f"{at.greatest_speed:.3f} m/s",
+        f"standard deviation {axes}": lambda at: _vector(at.standard_deviation, "m/s"),
+        f"intensity {axes}": lambda at: _vector(100 * at.intensity, "%", 1),
+        f"integral time {axes}": lambda at: _vector(at.integral_time, "s", 2),
+        f"integral length {axes}": lambda at: _vector(at.integral_length, "m", 2),
+    }
+    heads = (f"{time[0]:g} to {time[-1]:g} s", "at the root", "at the tip")
+    rows = ((name, *map(text, places)) for name, text in texts.items())
+    return new_table(data.attrs["title"], heads, rows)
+
+
+def _vector(values: np.ndarray, unit: str, digits: int = 3) -> str:
+    """Return the values of all axes; a dash for an unknown one."""
+    texts = ("-" if np.isnan(value) else f"{value + 0.0:.{digits}f}" for value in values)
+    return f"{', '.join(texts)} {unit}"
+
+
+def _described(recording: Recording) -> str:
+    text = (
+        f"{recording.name}, {recording.length:.6g} s at {1 / recording.interval:.6g} Hz, "
+        f"{recording.time.size} samples"
+    )
+    if recording.levels is None:
+        text += " at one place"
+    else:
+        low, high = recording.levels[[0, -1]]
+        text += f" at {recording.levels.size} levels from z = {low:.4g} to {high:.4g} m"
+    if recording.time_scale != 1:
+        text += f"; a second of it lasts {recording.time_scale:g} s"
+    text += f"; the run begins {recording.start:.4g} s into it"
+    distance = float(np.linalg.norm(recording.slowness))
+    if distance > 0:
+        how = "is carried past the arm" if recording.carried else "travels past it"
+        text += f" and it {how} at {1 / distance:.3g} m/s"
+    return text
+
+
+def show_modes(scenario: Scenario, folder: Path, *, count: int, in_air: bool, force: bool) -> str:
+    """Find the modes of a scenario, save, draw and print them; return the failure, if any."""
+    path = folder / MODES
+    with finding(scenario, path, "a mode", force=force, check=False, doubts=False) as found:
+        with console.status("looking for equilibria and modes"):
+            data, trouble = find_vibrations(found.prepared, count=count, in_air=in_air)
+        say_doubts(found.prepared, AT_REST)
+        if data is not None:
+            files = found.save(data)
+            lines = [f"{medium}: {_rest(data.sel(medium=medium))}" for medium in data.medium.values]
+            if "lock_in_speed" in data:
+                lines += [f"vortices lock in at {_lock_in(data)}"]
+            show(_modes_table(data), data.attrs["notes"].splitlines(), files, lines)
+    return trouble
+
+
+def _modes_table(data: xr.Dataset) -> Table:
+    heads = ["mode"]
+    for medium in data["medium"].values:
+        heads += [f"{medium}\n(Hz)", "damping\nratio"]
+    # by mode, medium and quantity
+    quantities = (data[name] for name in ("frequency", "damping_ratio"))
+    numbers = np.stack([each.transpose("mode", "medium").values for each in quantities], axis=-1)
+    numbers[np.abs(numbers) < 1e-6] = 0
+    rows = [
+        (str(mode), *("-" if np.isnan(value) else f"{value:.4g}" for value in row.ravel()))
+        for mode, row in zip(data["mode"].values, numbers, strict=True)
+    ]
+    table = new_table(data.attrs["title"], heads, rows)
+    table.columns[0].justify = "right"
+    return table
+
+
+def _lock_in(data: xr.Dataset) -> str:
+    """Return the speeds of a current that lock in to each mode that swings."""
+    ends = data["lock_in_speed"].transpose("mode", "end")
+    swings = ends[np.isfinite(ends.isel(end=0))]
+    texts = (
+        f"{low:.2g} to {high:.2g} m/s (mode {mode})"
+        for mode, (low, high) in zip(swings["mode"].values, swings.values, strict=True)
+    )
+    return ", ".join(texts) or "no speed: no mode swings"
+
+
+def _rest(data: xr.Dataset) -> str:
+    """Return where the tip rests in a medium, and in which current."""
+
+    def parts(vector: np.ndarray, digits: int) -> str:
+        named = zip(data["axis"].values, vector + 0.0, strict=True)
+        return ", ".join(f"{axis} {part:.{digits}f}" for axis, part in named)
+
+    text = f"the tip rests at {parts(data['position'].values[-1].round(4), 4)} m"
+    current = data["current"].values
+    return f"{text} in water of {parts(current, 3)} m/s" if current.any() else text
+
+
+def show_margins(scenario: Scenario, folder: Path, *, force: bool) -> None:
+    """Find the stability margins of a scenario's loop, save, draw and print them."""
+    with finding(scenario, folder / MARGINS, "a margin", force=force) as found:
+        with console.status("linearising the loop"):
+            data = find_margins(found.prepared)
+        show(_margins_table(data), data.attrs["notes"].splitlines(), found.save(data))
+
+
+def _margins_table(data: xr.Dataset) -> Table:
+    stable = bool(data["stable"])
+    gain, least = float(data["gain_margin"]), float(data["least_gain"])
+    phase, delay = float(data["phase_margin"]), float(data["delay_margin"])
+    seconds = si_unit(delay if np.isfinite(delay) else 1.0, "s")
+
+    def row(name: str, text: str) -> tuple[str, str, str]:
+        at = float(data[f"{name}_margin_frequency"])
+        return name, text, f"{at:.3g} Hz" if np.isfinite(at) else ""
+
+    rows = [row("gain", _decibels(gain) if stable else "none")]
+    if least:
+        rows.append(("least gain", _decibels(least), ""))
+    rows += [
+        row("phase", DEGREES.text(phase) if stable else "none"),
+        row("delay", seconds.text(delay) if stable else "none"),
+        row("modulus", f"{float(data['modulus_margin']):.3g}"),
+    ]
+    distance = np.hypot(1 + data["locus_real"], data["locus_imaginary"])
+    waters = dict.fromkeys(data["water"].values.tolist())
+    for water in waters if len(waters) > 1 else ():
+        nearest = float(distance[:, data["water"].values == water].min())
+        rows.append((f"modulus, {water}", f"{nearest:.3g}", ""))
+    rows.append(("closed loop", "stable" if stable else f"unstable in {data.attrs['water']}", ""))
+    return new_table(data.attrs["title"], ("", "margin", "at"), rows)
+
+
+def _decibels(gain: float) -> str:
+    return f"{gain:.3g} ({20 * np.log10(gain):.3g} dB)"

@@ -1,0 +1,226 @@
+"""What commands print: progress, notes, names of files, and tables."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich import box
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from crinoid.assembly.prepared import Prepared
+from crinoid.cli.command import console
+from crinoid.diagnostics.plausibility import plausibility_warnings
+from crinoid.results.result import Result
+from crinoid.view.figures.charts.summary import equilibrium_summary, summary
+from crinoid.view.figures.study import short_keys
+from crinoid.view.figures.style import largest, length_unit
+
+if TYPE_CHECKING:
+    from crinoid.simulation import Progress as Reached
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """Show a progress bar."""
+    with Progress(
+        TextColumn("{task.description:>14}"),
+        BarColumn(),
+        TextColumn("{task.fields[reached]}"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    ) as bar:
+        bar.add_task("compiling", total=None, reached="")
+        yield bar
+
+
+def reporter(bar: Progress, prefix: str) -> Callable[[Reached], None]:
+    """Return the callback that moves the bar: simulated time, speed and time left."""
+    task = bar.task_ids[0]
+    label = ""
+
+    def report(reached: Reached) -> None:
+        nonlocal label
+        if reached.label != label:
+            label = reached.label
+            bar.reset(task, total=reached.duration, description=f"{prefix}{label}")
+        speed = reached.time / reached.elapsed
+        text = f"{reached.time:.1f} of {reached.duration:g} s, {speed:.0f} x real time"
+        bar.update(task, completed=reached.time, reached=text)
+
+    return report
+
+
+def say_notes(notes: Iterable[str]) -> None:
+    """Print each note on one line, after the word note."""
+    for note in notes:
+        console.print(f"note: {note}", soft_wrap=True)
+
+
+def say_written(paths: Iterable[Path]) -> None:
+    """Print the names of files that were written."""
+    for path in paths:
+        console.print(f"wrote {path}", soft_wrap=True)
+
+
+def show(
+    table: Table, notes: Iterable[str], files: Iterable[Path], lines: Iterable[str] = ()
+) -> None:
+    """Print a table, lines below it, notes, and the names of files that were written."""
+    console.print(table)
+    for line in lines:
+        console.print(line, soft_wrap=True)
+    say_notes(notes)
+    say_written(files)
+
+
+def say_where(paths: Sequence[Path]) -> None:
+    """Print where the results are; the first of them is in their folder."""
+    say_written(paths)
+    if paths:
+        console.print(f"figures: crinoid report {paths[0].parent}", soft_wrap=True)
+
+
+def say_doubts(prepared: Prepared, tables: Collection[str] = ()) -> list[str]:
+    """Print the implausible values of a scenario before it is run; return them."""
+    found = plausibility_warnings(prepared, tables)
+    say_notes(found)
+    return found
+
+
+def listed(failures: Sequence[str], place: str) -> str:
+    """Return the first failures, and how many more are in a file."""
+    left = len(failures) - _MOST_FAILURES
+    more = [f"{left} more {'is' if left == 1 else 'are'} in {place}"] if left > 0 else []
+    return "; ".join([*failures[:_MOST_FAILURES], *more])
+
+
+def new_table(
+    title: str | None, heads: Iterable[str], rows: Iterable[Sequence[str]], **style: Any
+) -> Table:
+    """Return a table of names in the first column and numbers in the others."""
+    table = Table(title=title, title_justify="left", **style)
+    for index, head in enumerate(heads):
+        table.add_column(head, justify="right" if index else "left")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+_MOST_NOTES, _MOST_FAILURES = 6, 4
+_NUMBER = re.compile(r"\d[\d.]*(?:e[+-]?\d+)?")
+
+
+def notes_of_cases(notes: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the notes of a study, given by case in order, each once with the cases that have it.
+
+    Notes that differ in their numbers only are one; not all are returned where there are many.
+    """
+    alike: dict[tuple[str, int], list[tuple[int, str]]] = {}
+    for number, each in enumerate(notes.values()):
+        count = Counter[str]()  # two notes of one case stay two
+        for note in each:
+            words = _NUMBER.sub("#", note)
+            alike.setdefault((words, count[words]), []).append((number, note))
+            count[words] += 1
+    names, found = list(notes), []
+    for cases in alike.values():
+        numbers = [number for number, _ in cases]
+        where = _ranges(names, numbers)
+        if len({note for _, note in cases}) > 1:
+            where += f" (numbers are those of {names[numbers[0]]})"
+        found.append(f"{where}: {cases[0][1]}")
+    left = len(found) - _MOST_NOTES
+    return found if left <= 0 else [*found[:_MOST_NOTES], f"{left} more in the cases' results"]
+
+
+def _ranges(names: list[str], numbers: list[int]) -> str:
+    """Return names of cases; of more than two that follow each other the first and the last."""
+    parts: list[str] = []
+    # numbers that follow each other lead their places in the list by the same amount
+    for _, group in groupby(enumerate(numbers), lambda each: each[1] - each[0]):
+        run = [number for _, number in group]
+        if len(run) > 2:
+            parts.append(f"{names[run[0]]} to {names[run[-1]]}")
+        else:
+            parts += [names[number] for number in run]
+    return ", ".join(parts)
+
+
+_VARIED_WIDTH = 23
+"""Characters of a study's table for the varied keys, so that its measures fit 80 columns."""
+
+
+def run_table(result: Result) -> Table:
+    """Return the summary of a run, and of the one without control if there is one."""
+    found = summary(result)
+    return new_table(result.dataset.attrs["title"], found.heads, found.rows)
+
+
+def equilibrium_table(result: Result) -> Table:
+    """Return the summary of an equilibrium."""
+    title, rows = result.dataset.attrs["title"], equilibrium_summary(result).rows
+    return new_table(title, (), rows, show_header=False)
+
+
+def cases_table(title: str, keys: list[str], rows: list[dict[str, Any]]) -> Table:
+    """Return the cases of a study; a measure that no case has gets no column."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE, pad_edge=False)
+    table.add_column("case", no_wrap=True)
+    names = short_keys(keys)
+    values = [[_value(row[key]) for key in names] for row in rows]
+    wide = [
+        max(len(text) for text in (*_folded(short).split("\n"), *column))
+        for short, column in zip(names.values(), zip(*values, strict=True), strict=True)
+    ]
+    in_columns = sum(wide) + 3 * (len(wide) - 1) <= _VARIED_WIDTH
+    if in_columns:
+        for short in names.values():
+            table.add_column(_folded(short), justify="right", no_wrap=True)
+    else:  # one below the other in each case
+        table.add_column("varied", max_width=_VARIED_WIDTH, overflow="fold")
+    units = {}
+    lengths = {"steady_error": "steady\nerror", "rms_error": "RMS\nerror"}
+    if any(row["rms_error_uncontrolled"] != "" for row in rows):
+        lengths |= {"deflection": "steady,\nfree", "rms_error_uncontrolled": "RMS,\nfree"}
+    for name, heading in lengths.items():
+        known = [row[name] for row in rows if row[name] != ""]
+        unit = units[name] = length_unit(largest(np.array(known, dtype=float)))
+        table.add_column(f"{heading}\n({unit.name})", justify="right", no_wrap=True)
+    table.add_column("settled\n(s)", justify="right", no_wrap=True)
+    for row, varied in zip(rows, values, strict=True):
+        if not in_columns:
+            below = zip(names.values(), varied, strict=True)
+            varied = ["\n".join(_folded(short, _VARIED_WIDTH, text) for short, text in below)]
+        table.add_row(
+            row["case"].removeprefix("case-"),
+            *varied,
+            *("" if row[name] == "" else unit.number(row[name]) for name, unit in units.items()),
+            "not" if row["settling_time"] == "" else f"{row['settling_time']:.2f}",
+        )
+    return table
+
+
+def _folded(key: str, width: int = 9, value: str = "") -> str:
+    """Return a key, and a value behind it, on lines that end at the key's dots and underscores."""
+    lines = [""]
+    pieces = key.replace(".", ".\0").replace("_", "_\0").split("\0")
+    for piece in [*pieces, *([f" {value}"] if value else [])]:
+        if lines[-1] and len(lines[-1]) + len(piece) > width:
+            lines.append("")
+        lines[-1] += piece
+    return "\n".join(lines)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,212 @@
+"""Tuning of a controller and identification of numbers: progress, the new scenario, a table."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from rich.table import Table
+
+from crinoid.cli.display import new_table, progress_bar, show
+from crinoid.cli.finding import finding, solvable
+from crinoid.cli.interruption import Interruption
+from crinoid.foundation.status import Status
+from crinoid.inverse import IDENTIFICATION, TUNING
+from crinoid.inverse.experiment import given_values
+from crinoid.inverse.gain_design import tunable_numbers
+from crinoid.inverse.identification import Identification
+from crinoid.inverse.recorded_motion import read_record
+from crinoid.inverse.tuning import MARGINS, Tuning
+from crinoid.scenario import Scenario, got, refusal
+from crinoid.view.figures.style import DEGREES, si_unit
+
+_ALIKE = 0.95
+"""Correlation of two numbers from which on a note reports it."""
+_MOST_CORRELATED = 2.0
+"""Integral time of a residual, over that of white noise, from which on a note reports it."""
+
+
+def tune_controller(
+    scenario: Scenario, seeds: int, iterations: int, margin: float, folder: Path, *, force: bool
+) -> str:
+    """Search, save and draw what was found, and sum it up; return what went wrong."""
+    if not 0 <= margin < 1:
+        raise refusal("--margin", got(margin, "be at least 0 (no margin) and below 1"))
+    for name, value in (("--seeds", seeds), ("--iterations", iterations)):
+        if value < 1:
+            raise refusal(name, got(value, "be at least 1"))
+    tunable_numbers(scenario)
+    with (
+        finding(scenario, folder / TUNING, "a tuning", force=force) as found,
+        Interruption() as interruption,
+    ):
+        with progress_bar() as bar:
+            (task,) = bar.task_ids
+            with solvable():
+                tuning = Tuning(scenario, seeds, iterations, margin)
+
+            def report(done: int, total: int, least: float) -> None:
+                reached = f"{done} of {total}, root of cost {1e3 * least**0.5:.3g} mm"
+                bar.update(task, total=total, completed=done, description="tuning", reached=reached)
+
+            def stop() -> bool:
+                # until a start could be run there is nothing to save: stop immediately
+                return bool(np.isfinite(tuning.least)) and interruption.stop()
+
+            tuning.run(report, stop)
+            stopped = interruption.stop()
+            if np.isfinite(tuning.least) and not stopped:
+                tuning.hold_out(interruption.stop)
+        stopped = interruption.stop()
+        if not np.isfinite(tuning.least):
+            return f"no start could be run: {tuning.failure}"
+        data = tuning.dataset()
+        file = found.write("tuned.toml", f"# by `crinoid tune`\n\n{tuning.tuned().to_toml()}")
+        files = [file, *found.save(data)]
+        show(tuning_table(data, tuning.random), _tuning_notes(tuning, data), files)
+    if stopped:
+        words = f"after {int(tuning.trials.sum())} trials; the best so far is saved"
+        return f"{Status.INTERRUPTED} {words}"
+    return ""
+
+
+def tuning_table(data: xr.Dataset, random: bool) -> Table:
+    """Return the table of a tuning: numbers, margins and costs, before and after."""
+    columns = (data[name].values for name in ("key", "given", "tuned"))
+    rows = [
+        (str(k), f"{given:.4g}", f"{tuned:.4g}") for k, given, tuned in zip(*columns, strict=True)
+    ]
+    for name in MARGINS if data.attrs["margin"] else ():
+        before, after = (float(data[f"{when}_{name}_margin"]) for when in ("before", "after"))
+        rows.append((f"{name} margin", _margin(name, before), _margin(name, after)))
+    if data.attrs["margin"]:
+        rows.append(("weakest in", data.attrs["before_water"], data.attrs["after_water"]))
+    words = "other draws" if random else "the run"
+    before, after = (np.sqrt(np.mean(data[name].values)) for name in ("before", "after"))
+    rows.append((f"root of cost, {words}", _length(before), _length(after)))
+    before, after = (
+        np.sqrt(np.mean(data[f"{name}_error"].values ** 2)) for name in ("before", "after")
+    )
+    rows.append((f"tip error, RMS, {words}", _length(before), _length(after)))
+    return new_table(data.attrs["title"], ("", "before", "after"), rows)
+
+
+def _margin(name: str, value: float) -> str:
+    if np.isnan(value):
+        return "unstable"
+    unit = {"phase": DEGREES, "delay": si_unit(value if np.isfinite(value) else 1.0, "s")}.get(name)
+    return f"{value:.3g}" if unit is None else unit.text(value)
+
+
+def _length(value: float) -> str:
+    return "-" if np.isnan(value) else f"{1e3 * value:.4g} mm"
+
+
+def _tuning_notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
+    notes = []
+    if not tuning.random:
+        notes.append("nothing in this scenario is random: all seeds give the same run")
+    if not tuning.keeps_margin:
+        notes.append(
+            f"none of the {int(tuning.trials.sum())} trials keeps the modulus margin asked for, "
+            f"{tuning.margin:g}, and bears commands two control periods later"
+        )
+    lost = int(np.isnan(tuning.cost).all(axis=1).sum())
+    if lost:
+        notes.append(f"{lost} of {len(tuning.cost)} starts could not be run: {tuning.failure}")
+    held = tuning.held_out
+    if held and held["after"].mean() > held["before"].mean():
+        if tuning.margin and not data["before_modulus_margin"] >= tuning.margin:
+            notes.append("it costs more than before, as it had less margin then")
+        elif tuning.random:
+            notes.append("in draws that were not tuned for it is worse: take more --seeds")
+    return notes
+
+
+def identify_numbers(
+    scenario: Scenario, record: Path, keys: Sequence[str], folder: Path, *, force: bool
+) -> str:
+    """Search for numbers, save and draw what was found, and sum it up; return what went wrong."""
+    if not keys:
+        hint = "Name keys of numbers, such as arm.youngs_modulus,water.drag_normal."
+        raise refusal("--of", f"got no key. {hint}")
+    given_values(scenario, keys)
+    with finding(scenario, folder / IDENTIFICATION, "a record", force=force) as found:
+        read = read_record(record, scenario.arm.dimension, found.prepared.system.inputs)
+        with Interruption() as interruption:
+            with progress_bar() as bar:
+                (task,) = bar.task_ids
+                bar.update(task, description="identifying", reached="compiling")
+                with solvable():
+                    search = Identification(scenario, keys, read)
+
+                def report(trials: int, cost: float) -> None:
+                    reached = f"{trials} trials, {cost**0.5:.4g} of the scatter left"
+                    bar.update(task, reached=reached)
+
+                complete = search.run(report, interruption.stop)
+            if search.failure:
+                return f"{search.failure} (with the numbers that the scenario gives)"
+            if search.found is None:
+                return f"{Status.INTERRUPTED} before there was anything to save"
+            words = f"after {search.trials} trials; the best numbers so far are saved"
+            status = "" if complete else f"{Status.INTERRUPTED} {words}"
+            data = search.dataset(status or Status.OK.value)
+            text = f"{_lost_markers(data)} of the record were set aside as lost markers"
+            text = f"# numbers by `crinoid identify`; {text}\n\n{search.identified().to_toml()}"
+            files = [found.write("identified.toml", text), *found.save(data)]
+            notes = [*read.notes, *search.notes, *_identification_notes(search, data)]
+            show(identification_table(data), notes, files)
+    return status
+
+
+def identification_table(data: xr.Dataset) -> Table:
+    """Return the numbers before and after, and their standard errors."""
+    rows = []
+    for key in data["parameter"].values:
+        row = data.sel(parameter=key)
+        given, found, error = (float(row[name]) for name in ("given", "found", "standard_error"))
+        if not np.isfinite(error):
+            rows.append((str(key), f"{given:.4g}", f"{found:.4g}", "not known", ""))
+            continue
+        share = error / abs(found)
+        places = min(6, max(2, 2 - math.floor(math.log10(share)))) if share > 0 else 6
+        numbers = (f"{given:.4g}", f"{found:.{places}g}", f"{error:.2g}", f"{100 * share:.2g} %")
+        rows.append((str(key), *numbers))
+    heads = ("", "given", "found", "standard error", "of it")
+    caption = f"set aside as lost markers: {_lost_markers(data)}"
+    table = new_table(data.attrs["title"], heads, rows, caption=caption, caption_justify="left")
+    table.columns[0].no_wrap = True
+    return table
+
+
+def _lost_markers(data: xr.Dataset) -> str:
+    return f"{int(data['set_aside'].sum())} of {data.sizes['time']} rows"
+
+
+def _identification_notes(search: Identification, data: xr.Dataset) -> list[str]:
+    notes = []
+    keys = [str(key) for key in data["parameter"].values]
+    alike = np.abs(np.triu(data["correlation"].values, 1))
+    for row, column in np.argwhere(alike > _ALIKE):
+        value = data["correlation"].values[row, column]
+        notes.append(
+            f"{keys[row]} and {keys[column]} are strongly correlated by this record ({value:.3f}). "
+            "Use another motion, or fix one of them."
+        )
+    if not np.isfinite(data["standard_error"].values).all():
+        notes.append("this record does not determine all of these numbers. Name fewer.")
+    interval = float(np.median(np.diff(data["time"].values)))
+    for name, scatter, time in zip(
+        data["quantity"].values, data["scatter"].values, data["remembered"].values, strict=True
+    ):
+        if time > _MOST_CORRELATED * interval / 2:
+            notes.append(
+                f"the residual of {name} ({scatter:.3g} RMS) is autocorrelated over {time:.2g} s, "
+                "so the model misses part of the motion. The standard errors account for it."
+            )
+    late = search.experiment.record.time.size - search.experiment.time.size
+    if late:
+        notes.append(f"{late} rows after the end of the run (simulation.duration) are left out")
+    return notes

@@ -1,0 +1,198 @@
+"""The commands of many runs: comparison, tuning, identification, sweep and training."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from crinoid.cli.command import (
+    Force,
+    ScenarioName,
+    Settings,
+    complete_key,
+    end,
+    folder_for,
+    load_scenario,
+    one_line_errors,
+    option,
+    out_option,
+    resume_option,
+    stop,
+)
+from crinoid.cli.interruption import Loading
+
+
+@one_line_errors()
+def compare(
+    scenario: ScenarioName,
+    controllers: Annotated[
+        str, option("Kinds of controllers, with commas between them.", "KINDS")
+    ] = "none,pid",
+    seeds: Annotated[int, option("Number of seeds.")] = 10,
+    first_seed: Annotated[int, option("The first one of them.")] = 0,
+    settings: Settings = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-compare")] = None,
+    force: Force = False,
+) -> None:
+    """Run a scenario under several controllers over several seeds, and compare them."""
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-compare")
+    with Loading():
+        from crinoid.cli.compare import compare_controllers, kinds_of, seeds_of
+
+    kinds, every = kinds_of(controllers), seeds_of(seeds, first_seed)
+    end(compare_controllers(described, kinds, every, folder, force=force))
+
+
+@one_line_errors()
+def tune(
+    scenario: ScenarioName,
+    seeds: Annotated[int, option("Number of seeds that it is tuned for.")] = 4,
+    iterations: Annotated[int, option("Largest number of trials from each start.")] = 25,
+    margin: Annotated[float, option("Modulus margin that the loop is to keep; 0: none.")] = 0.5,
+    settings: Settings = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-tune")] = None,
+    force: Force = False,
+) -> None:
+    """Tune a PID, LQG or MPC by gradient, from several starts over several seeds."""
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-tune")
+    with Loading():
+        from crinoid.cli.inverse import tune_controller
+
+    end(tune_controller(described, seeds, iterations, margin, folder, force=force))
+
+
+@one_line_errors()
+def identify(
+    scenario: ScenarioName,
+    record: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORD",
+            show_default=False,
+            help="What was measured: a CSV or netCDF file with time and coordinates of the tip, or "
+            "a result.",
+        ),
+    ],
+    of: Annotated[
+        str,
+        option(
+            "Keys of the numbers to find, such as arm.youngs_modulus,water.drag_normal.",
+            "KEY,KEY",
+            default=False,
+        ),
+    ],
+    settings: Settings = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-identify")] = None,
+    force: Force = False,
+) -> None:
+    """Find stiffness, damping, drag and other numbers from a recorded motion of the tip."""
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-identify")
+    with Loading():
+        from crinoid.cli.inverse import identify_numbers
+
+    keys = [each for each in (part.strip() for part in of.split(",")) if each]
+    end(identify_numbers(described, record, keys, folder, force=force))
+
+
+@one_line_errors()
+def sweep(
+    scenario: ScenarioName,
+    vary: Annotated[
+        list[str] | None,
+        option(
+            "What varies: FROM:TO:COUNT, FROM:TO:COUNT:log or A,B,C; with --sample also "
+            "FROM:TO and FROM:TO:log.",
+            "KEY=VALUES",
+            complete=complete_key,
+        ),
+    ] = None,
+    sample: Annotated[
+        str, option("How ranges without a count are filled: lhs, sobol or saltelli.", "KIND")
+    ] = "grid",
+    count: Annotated[
+        int | None,
+        option(
+            "How many points to sample; of saltelli, blocks of as many as keys and two.",
+            "N",
+            default=False,
+        ),
+    ] = None,
+    seeds: Annotated[int, option("How many seeds to run each with, from seed on.", "N")] = 1,
+    batch: Annotated[
+        int | None,
+        option("Runs that are sent and saved together.", "N", default="up to 100, in 200 batches"),
+    ] = None,
+    workers: Annotated[
+        int | None, option("Workers on this machine.", "N", default="one a core")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        option(
+            "Scheduler of dask.distributed whose workers are to run it.",
+            "ADDRESS",
+            default="this machine",
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, option("Estimate the cost, and write nothing.", name="--dry-run")
+    ] = False,
+    settings: Settings = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-sweep")] = None,
+    resume: Annotated[bool, resume_option("sweep")] = False,
+    force: Force = False,
+) -> None:
+    """Run a scenario with many values and seeds, on all cores or on a cluster."""
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-sweep")
+    with Loading():
+        from crinoid.cli.sweep import WorkerOptions, estimate_sweep, run_sweep
+        from crinoid.studies.sweep import SweepDesign
+
+    plan = SweepDesign.of(
+        described, vary or (), sampling=sample, count=count, seeds=seeds, batch=batch
+    )
+    options = WorkerOptions(workers, scheduler)
+    options.check()
+    if dry_run:
+        if resume or force:
+            stop("--dry-run: excludes --resume and --force. Leave them out; it writes nothing.")
+        estimate_sweep(plan, options)
+        return
+    sized = batch is not None
+    end(run_sweep(plan, folder, options, sized=sized, resume=resume, force=force))
+
+
+@one_line_errors()
+def train(
+    scenario: ScenarioName,
+    method: Annotated[str, option("Improvement: gradient.", "KIND")] = "gradient",
+    teacher: Annotated[
+        str, option("Teacher of the imitation: lqg, mpc, pid or none.", "KIND")
+    ] = "lqg",
+    draw: Annotated[
+        list[str] | None,
+        option(
+            "Key that each episode draws.",
+            "KEY=LOW:HIGH",
+            default="stiffness, currents, sensor, tool",
+            complete=complete_key,
+        ),
+    ] = None,
+    arms: Annotated[int, option("Arms that are run at a time.", "N")] = 16,
+    updates: Annotated[int, option("Largest number of updates.", "N")] = 1500,
+    seed: Annotated[int, option("Seed of everything random.", "N")] = 0,
+    settings: Settings = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-train")] = None,
+    resume: Annotated[bool, resume_option("training")] = False,
+    force: Force = False,
+) -> None:
+    """Train a neural policy in simulation."""
+    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-train")
+    try:
+        with Loading():
+            from crinoid.cli.train import drawn_keys, train_policy
+            from crinoid.learning.settings import TrainingSettings as How
+    except ImportError as error:
+        stop(f'training needs {error.name or "Gymnasium"}: pip install "crinoid[learn]"')
+
+    how = How(method, teacher, arms, updates, seed, drawn_keys(described, draw))
+    end(train_policy(described, how, folder, resume=resume, force=force))

@@ -1,0 +1,293 @@
+"""Store of compiled programs: their keys, and a folder that only its user can write to."""
+
+import functools
+import hashlib
+import io
+import json
+import os
+import pickle
+import platform
+import stat
+import sys
+import time
+import types
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import filelock
+import jax
+import jaxlib
+import numpy as np
+import platformdirs
+
+from crinoid.foundation import version
+from crinoid.foundation.atomic_file import atomic_write
+
+_IMPORT_TIME = time.time()
+_SOURCE = Path(__file__).parents[1]
+"""Folder whose sources a program depends on: all of crinoid."""
+_SOUND = {"builtins", "crinoid", "equinox", "jax", "numpy"}
+"""Packages whose classes and functions a key identifies by name and version."""
+_ELSEWHERE = ("cache", "log", "traceback")
+"""Parts of the names of JAX settings that change no program."""
+_CPU = ("vendor_id", "cpu family", "model", "flags", "CPU ", "Features")
+"""Starts of the lines of ``/proc/cpuinfo`` that list the features of a processor."""
+
+
+class UncacheableError(Exception):
+    """Dependence of a program on something that a key cannot describe."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Place of an array in a tree: its number or its kind."""
+
+    array: int | str
+
+
+def setting(name: str) -> Any:
+    """Return a setting of JAX in this context."""
+    return getattr(jax.config, name)
+
+
+def settings() -> tuple[Any, ...]:
+    """Return all settings that compiled code depends on and that may change in a process."""
+    others = jax.config.values  # builds a dictionary at each access
+    found = (getattr(jax.config, name, others[name]) for name in _names())
+    return (*found, os.environ.get("XLA_FLAGS"))
+
+
+@functools.lru_cache(256)  # pickling may take longer than the program itself
+def key_of(
+    function: Callable[..., Any],
+    options: tuple[tuple[str, Any], ...],
+    tree: Any,
+    form: tuple[Any, ...],
+    around: tuple[Any, ...],
+) -> bytes:
+    """Return the key of a compiled program: digest of all that its code depends on.
+
+    It is a digest of all that the compiled code depends on: the source of crinoid, the versions of
+    the packages below it, the processor, the settings of JAX and XLA, the options of XLA, and the
+    arguments except the numbers in their arrays.
+
+    Parameters
+    ----------
+    function, options
+        The function and the options of XLA.
+    tree, form
+        Structure of the arguments; for each leaf its kind if it is an array, else its type and
+        value, as 1 equals 1.0 and True.
+    around
+        `settings`.
+    """
+    if not _is_sound(function):
+        raise UncacheableError
+    leaves = [each[1] if isinstance(each, tuple) else Slot(_words(each)) for each in form]
+    text = io.BytesIO()
+    try:
+        name = f"{function.__module__}.{function.__qualname__}"
+        pickler = _Pickler(text)
+        pickler.fast = True  # equal text for equal parts, whether one object or several
+        pickler.dump((name, options, jax.tree.unflatten(tree, leaves)))
+    except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
+        raise UncacheableError from error
+    devices = [(device.platform, device.device_kind) for device in jax.devices()]
+    found = hashlib.sha256(_surroundings())
+    found.update(repr((_names(), around, devices)).encode())
+    found.update(text.getvalue())
+    return found.digest()
+
+
+class _Pickler(pickle.Pickler):
+    """Pickler of objects that names and versions of packages describe completely."""
+
+    def persistent_id(self, obj: Any) -> None:
+        if isinstance(obj, (type, types.FunctionType, types.BuiltinFunctionType)):
+            if not _is_sound(obj):
+                raise UncacheableError
+        elif isinstance(obj, (jax.Array, np.ndarray)):
+            raise UncacheableError
+
+
+def _words(kind: Any) -> str:
+    return f"{kind.dtype}{kind.shape}{'*' if kind.weak_type else ''}"
+
+
+@functools.cache
+def _names() -> tuple[str, ...]:
+    """Return the names of the JAX settings that may change a program."""
+    names = (name for name in jax.config.values if not any(part in name for part in _ELSEWHERE))
+    return tuple(sorted(names))
+
+
+def _is_sound(named: Any) -> bool:
+    return (named.__module__ or "").partition(".")[0] in _SOUND
+
+
+@functools.cache
+def _surroundings() -> bytes:
+    """Return a digest of the sources, the packages below them, and the machine."""
+    found = hashlib.sha256()
+    versions = [version.__version__, *(each.__version__ for each in (eqx, jax, jaxlib, np))]
+    found.update(
+        repr((versions, sys.version, sys.platform, platform.machine(), _processor())).encode()
+    )
+    for path in sorted(_SOURCE.rglob("*.py")):
+        if path.stat().st_mtime > _IMPORT_TIME:
+            raise UncacheableError  # changed since it was imported
+        found.update(path.relative_to(_SOURCE).as_posix().encode() + path.read_bytes())
+    return found.digest()
+
+
+def _processor() -> list[str]:
+    """Return the features of the processor, or the name of the machine if they are unknown."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+            first = file.read(1 << 14).partition("\n\n")[0]
+    except OSError:
+        first = ""
+    lines = [line for line in first.splitlines() if line.startswith(_CPU)]
+    return lines or [platform.processor(), platform.node()]
+
+
+_SUFFIX = ".program"
+_TIMES = "times.json"
+_MARK = b"crinoid program\n"
+_MOST_BYTES = 500_000_000
+"""Total size of files beyond which the least recently used are deleted."""
+
+
+class Store:
+    """Folder of files by keys.
+
+    Their content will be executed. So nothing is read or written if the folder or the file belongs
+    to another user or is open to others, and a damaged, truncated or misplaced file is ignored.
+    """
+
+    def __init__(self, folder: Path, most_bytes: int = _MOST_BYTES) -> None:
+        self.folder = folder
+        self._most_bytes = most_bytes
+
+    def read(self, key: bytes) -> bytes | None:
+        """Return the content under a key, None if there is none that can be trusted."""
+        path = self._path(key)
+        try:
+            if not _is_private(self.folder.lstat(), stat.S_ISDIR):
+                return None
+            # no links, and checked after opening: nobody can exchange it in between
+            with open(os.open(path, os.O_RDONLY | _AS_IT_IS), "rb") as file:
+                if not _is_private(os.fstat(file.fileno()), stat.S_ISREG):
+                    return None
+                head, content = file.read(len(_head(key, b""))), file.read()
+            os.utime(path)  # recently used
+        except OSError:
+            return None
+        return content if head == _head(key, content) else None
+
+    def write(self, key: bytes, content: bytes) -> None:
+        """Save content under a key if possible, and delete the least recently used files."""
+        with suppress(OSError):
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if _is_private(self.folder.lstat(), stat.S_ISDIR):
+                with atomic_write(self._path(key), private=True) as temporary:
+                    temporary.write_bytes(_head(key, content) + content)
+                self._make_room()
+
+    @contextmanager
+    def claim(self, key: bytes) -> Iterator[None]:
+        """Lock a key against other processes that compile the same program."""
+        lock = filelock.FileLock(self.folder / f"{key.hex()[:2]}.lock")
+        with suppress(OSError, NotImplementedError):  # without a lock several may compile it
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            lock.acquire()
+        try:
+            yield
+        finally:
+            lock.release()
+
+    def time_of(self, name: str) -> float | None:
+        """Return the last compile time of a program by its name (s)."""
+        try:
+            return float(json.loads((self.folder / _TIMES).read_text("utf-8"))[name])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def keep_time(self, name: str, seconds: float) -> None:
+        """Save the compile time of a program by its name."""
+        times, path = {}, self.folder / _TIMES
+        with suppress(OSError, ValueError):
+            times = json.loads(path.read_text("utf-8"))
+        with suppress(OSError), atomic_write(path, private=True) as temporary:
+            temporary.write_text(json.dumps(dict(times) | {name: round(seconds, 1)}), "utf-8")
+
+    def holds(self, key: bytes) -> bool:
+        """Return whether there is a file under a key, valid or not."""
+        return os.path.exists(self._path(key))
+
+    def remove(self, key: bytes) -> None:
+        """Delete the file under a key."""
+        with suppress(OSError):
+            self._path(key).unlink()
+
+    def _path(self, key: bytes) -> Path:
+        return self.folder / f"{key.hex()}{_SUFFIX}"
+
+    def _make_room(self) -> None:
+        """Delete the least recently used files, but never the last one."""
+        found = []
+        for path in self.folder.iterdir():
+            with suppress(OSError):  # another process may have removed it
+                status = path.stat()
+                found.append((status.st_mtime, status.st_size, path))
+        size = sum(each for _, each, _ in found)
+        for _, each, path in sorted(found)[:-1]:
+            if size > self._most_bytes:
+                with suppress(OSError):
+                    path.unlink()
+                size -= each
+
+
+STORE: ContextVar[Store | None] = ContextVar("STORE", default=None)
+"""Store of this context, if programs are kept."""
+
+
+def keep_programs() -> None:
+    """Save compiled programs from now on, so that later processes need not compile them.
+
+    The folder is the user's cache folder, or ``crinoid`` in ``JAX_COMPILATION_CACHE_DIR`` if set.
+    ``JAX_ENABLE_COMPILATION_CACHE = false`` disables it. Programs belong to the files of
+    crinoid: do not use this in a process that changes crinoid's functions or constants.
+    """
+    chosen = jax.config.values["jax_compilation_cache_dir"]
+    own = Path(chosen) / "crinoid" if chosen else platformdirs.user_cache_path("crinoid")
+    kept = jax.config.values["jax_enable_compilation_cache"]
+    STORE.set(Store(own / "programs") if kept else None)
+    if kept and not chosen:  # for programs that depend on classes of the user
+        with suppress(OSError):
+            folder = own / "jax"
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if _is_private(folder.lstat(), stat.S_ISDIR):
+                jax.config.update("jax_compilation_cache_dir", str(folder))
+                jax.config.update("jax_compilation_cache_max_size", _MOST_BYTES)
+
+
+_AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+
+
+def _head(key: bytes, content: bytes) -> bytes:
+    return _MARK + hashlib.sha256(key).digest() + hashlib.sha256(content).digest()
+
+
+def _is_private(found: os.stat_result, is_kind: Callable[[int], bool]) -> bool:
+    """Return whether a file or folder belongs to this user and is closed to others."""
+    if not is_kind(found.st_mode):
+        return False
+    if not hasattr(os, "getuid"):  # Windows, where a user's folder is private
+        return True
+    return found.st_uid == os.geteuid() and not found.st_mode & 0o077

@@ -1,0 +1,327 @@
+"""Control-loop diagnostics: saturation, growth, limit cycles, and disturbance rejection."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float
+
+from crinoid.dynamics import System
+from crinoid.elements import AddedMass
+from crinoid.foundation.axes import CHANNELS
+from crinoid.results.chunks import pieces
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario, SineFlow, SurfaceWaves
+
+_LARGE, _SEEN_RINGING = 0.25, 0.05
+"""Shares of the median and of the largest force on the base above which unresolved vibrations
+deserve a note."""
+
+
+def unresolved_vibrations(dataset: xr.Dataset, system: System) -> tuple[float, str]:
+    """Return the energy that one time step cannot resolve (J), and a note on ringing vibrations.
+
+    The energy is that of a free arm under the loads for one step, ``(h P)^2 / 2 m``. The loads P
+    are the force on the base plus mass times mean acceleration, with or without added mass (the
+    smaller sum), less contacts: the median over the run. A vibration is unresolved where
+    accelerations change by more than their size in a step. The note compares medians of the second
+    half of a run, which ignore a hit or a load that jumps.
+    """
+    own, step = float(system.forces.mass), float(system.time_step)
+    waters = [each for each in system.forces.elements if isinstance(each, AddedMass)]
+    swung = own + sum(float(each.normal @ each.displaced.sum(axis=(1, 2))) for each in waters)
+    share = np.convolve(np.diff(dataset["arc_length"]), [0.5, 0.5])
+    touched = [name for name in ("contact_force",) if name in dataset]
+    parts = []
+    for piece in pieces(dataset, ["acceleration", "base_force", *touched]):
+        acceleration, base = piece["acceleration"].values, piece["base_force"].values
+        moved = np.einsum("k,n,tna->kta", [own, swung], share / share.sum(), acceleration)
+        pushed = base - sum(piece[name].values.sum(axis=1) for name in touched) + moved
+        loads, inertia = np.linalg.norm(pushed, axis=2), np.linalg.norm(moved, axis=2)
+        inertia = np.where(loads[0] < loads[1], *inertia)
+        fastest = np.linalg.norm(acceleration - acceleration[:, :1], axis=2).max(axis=1)
+        parts.append([loads.min(axis=0), inertia, np.linalg.norm(base, axis=1), fastest])
+    loads, inertia, force, fastest = np.concatenate(parts, axis=1)
+    by_change = system.integrator.error(jnp.zeros((1, 1)), jnp.ones((1, 1)), system.time_step)
+    change = dataset["step_error"].values / max(abs(float(by_change[0, 0])), 1e-300)
+    late = slice(len(loads) // 2, None)
+    rings, whole = np.median([np.where(change > fastest, inertia, 0.0)[late], force[late]], axis=1)
+    note = ""
+    if rings > _LARGE * whole > 0 and rings > _SEEN_RINGING * force.max():
+        note = (
+            f"vibrations that time steps of {step:g} s do not resolve make up "
+            f"{rings / whole:.0%} of the force on the base (medians of the second half). Try "
+            f"simulation.time_step = {step / 10:.3g}, "
+            'simulation.integrator = "generalized-alpha", a larger arm.damping_time or a smaller '
+            "arm.section.EA."
+        )
+    return (step * float(np.median(loads))) ** 2 / (2 * own), note
+
+
+_AT_END = 1e-3
+"""Distance from the end of the travel, over the travel, that counts as its end."""
+_AT_SPEED, _AT_ACCELERATION = 0.99, 0.95
+"""Share of a limit that differences between saved instants reach at saturation."""
+_OFTEN = {"range": 0.02, "speed": 0.1, "acceleration": 0.1}
+"""Share of the time in saturation that deserves a note."""
+
+_OF_LIMITS = (
+    *("base_servo", "channel_lower", "channel_upper", "channel_max_speed"),
+    *("channel_max_acceleration", "actuator_command"),
+)
+"""Variables that show saturation of an input."""
+
+_WINDOWS = 6
+_RISE, _GROWN = 1.25, 3.0
+"""Growth of the error from one window to the next, and over the last four."""
+
+_NARROW = 0.6
+"""Share of the variance in one line of the spectrum that makes it an oscillation."""
+_LOBE = 2
+"""Half-width of a spectral line through a Hann window, in lines."""
+_CYCLES = 8
+_LASTING = 0.7
+_OVER_UNCONTROLLED = 2.0
+"""Amplitude of the oscillation over that without control."""
+_SEEN = 1e-3
+"""Smallest amplitude of an oscillation over the length of the arm."""
+_WORSE = 1.05
+"""Error over that without control that deserves a note."""
+_NOTHING = 1e-4
+"""Error over the length of the arm below which errors are not compared."""
+
+
+class AtLimit(NamedTuple):
+    """Share of the controlled time that an input spends at each of its limits."""
+
+    range: float
+    speed: float
+    acceleration: float
+
+
+class LimitCycle(NamedTuple):
+    """Limit cycle of a control loop."""
+
+    frequency: float
+    """Hz."""
+    amplitude: float
+    """RMS of the tip's error (m)."""
+
+
+def limit_shares(result: Result) -> dict[str, AtLimit]:
+    """Return the saturation of each driven input, by saved instants.
+
+    The ends of a channel's travel count once it has left its initial position. Of other inputs the
+    ends of their commands count, except 0.
+    """
+    scenario, data = result.scenario, result.dataset
+    if scenario.control.kind == "none" or "channel_lower" not in data:  # of an earlier version
+        return {}
+    data = data[[name for name in _OF_LIMITS if name in data]].isel(time=_controlled(result))
+    if data.sizes["time"] < 3:
+        return {}
+    return {
+        name: _of_channel(data.sel(channel=name))
+        if name in data["channel"]
+        else _of_actuator(data.sel(input=name))
+        for name in scenario.driven
+    }
+
+
+def _of_channel(data: xr.Dataset) -> AtLimit:
+    servo, time = data["base_servo"].values, data["time"].values
+    ends = _ends(servo, float(data["channel_lower"]), float(data["channel_upper"]))
+    ends &= np.cumsum(~ends) > 0
+    speed = np.diff(servo) / np.diff(time)
+    acceleration = np.diff(speed) / (0.5 * (time[2:] - time[:-2]))
+    return AtLimit(
+        float(np.mean(ends)),
+        _share(np.abs(speed) >= _AT_SPEED * float(data["channel_max_speed"])),
+        _share(np.abs(acceleration) >= _AT_ACCELERATION * float(data["channel_max_acceleration"])),
+    )
+
+
+def _of_actuator(data: xr.Dataset) -> AtLimit:
+    command = data["actuator_command"].values
+    ends = _ends(command, float(data["input_lower"]), float(data["input_upper"]))
+    return AtLimit(float(np.mean(ends & (command != 0))), 0.0, 0.0)
+
+
+def _ends(
+    values: Float[np.ndarray, " time"], lower: float, upper: float
+) -> Bool[np.ndarray, " time"]:
+    slack = _AT_END * (upper - lower)
+    return (values <= lower + slack) | (values >= upper - slack)
+
+
+def growth(result: Result) -> float | None:
+    """Return the growth of the tip's error from the middle of a run to its end; None without any.
+
+    The error grows if its RMS over sixths of the controlled time rises three times in a row, each
+    time by a quarter or more, and at least twice as much as without control.
+    """
+    windows = _windows(result, _controlled(result))
+    if windows is None:
+        return None
+    late = windows[-4:]
+    rise = float(late[-1] / max(late[0], np.finfo(float).tiny))
+    small = late[-1] < _NOTHING * result.scenario.arm.length
+    if small or rise < _GROWN or np.any(late[1:] < _RISE * late[:-1]):
+        return None
+    if result.uncontrolled is not None:
+        other = _windows(result.uncontrolled, _controlled(result))
+        if other is not None and other[-1] > 0.5 * rise * other[-4]:
+            return None
+    return rise
+
+
+def limit_cycle(result: Result) -> LimitCycle | None:
+    """Return the limit cycle of the loop; None without one.
+
+    A limit cycle is a narrow band with most of the variance of the tip's error in the last half of
+    the controlled time. It does not decay and is absent without control; if no run without control
+    exists, nothing else may oscillate.
+    """
+    scenario = result.scenario
+    which = np.flatnonzero(_controlled(result))
+    which = which[which.size // 2 :]
+    if scenario.control.kind == "none" or which.size < 4 * _CYCLES:
+        return None
+    if result.uncontrolled is None and _driven(scenario):
+        return None
+    error, interval = _evenly(result.dataset, which)
+    power = _spectrum(error)
+    total = power[1:].sum()
+    line = int(np.argmax(power[1:])) + 1
+    band = slice(max(1, line - _LOBE), line + _LOBE + 1)
+    own = power[band].sum()
+    amplitude = float(np.sqrt(own))
+    half = error.shape[0] // 2
+    first, second = (
+        _spectrum(part)[max(1, line // 2 - _LOBE) : line // 2 + _LOBE + 1].sum()
+        for part in (error[:half], error[half:])
+    )
+    if (
+        line < _CYCLES
+        or own < _NARROW * total
+        or amplitude < _SEEN * scenario.arm.length
+        or second < _LASTING**2 * first
+    ):
+        return None
+    if result.uncontrolled is not None:
+        data = result.uncontrolled.dataset
+        if data.sizes["time"] <= which[-1]:
+            return None
+        other = _spectrum(_evenly(data, which)[0])[band].sum()
+        if own < _OVER_UNCONTROLLED**2 * other:
+            return None
+    return LimitCycle(line / (error.shape[0] * interval), amplitude)
+
+
+def comparison(result: Result) -> tuple[float, float] | None:
+    """Return the RMS tip error with control and without (m), while it is on.
+
+    None unless both runs exist and control is on for the arm's first period or longer.
+    """
+    if result.uncontrolled is None:
+        return None
+    which = _controlled(result)
+    on = float(np.ptp(result.dataset["time"].values[which])) if which.any() else 0.0
+    if "natural_frequency" in result.dataset:
+        first = float(result.dataset["natural_frequency"][0])
+        if on * first < 1 and first > 0:
+            return None
+    runs = (result.dataset, result.uncontrolled.dataset)
+    count = min(which.size, *(data.sizes["time"] for data in runs))
+    which = which[:count]
+    if not which.any():
+        return None
+    with_, without = (
+        float(np.sqrt(np.mean(data["tip_error"].values[:count][which] ** 2))) for data in runs
+    )
+    return with_, without
+
+
+def loop_notes(result: Result) -> list[str]:
+    """Return the notes on the loop of a run, a sentence each; none without control."""
+    scenario = result.scenario
+    if scenario.control.kind == "none":
+        return []
+    found = []
+    for name, met in limit_shares(result).items():
+        shares = {kind: share for kind, share in met._asdict().items() if share >= _OFTEN[kind]}
+        if shares:
+            times = " and ".join(f"{kind} for {share:.1%}" for kind, share in shares.items())
+            key = f"base.channels.{name}" if name in CHANNELS[3] else name
+            found.append(f"{key}: at its limit of {times} of the time. The loop demands more.")
+    grown, cycle, compared = growth(result), limit_cycle(result), comparison(result)
+    if grown is not None:
+        alone = ", more than without control" * (result.uncontrolled is not None)
+        found.append(
+            f"the tip's error grows by a factor of {grown:.3g} from the middle of the run to its "
+            f"end{alone}. The loop may be unstable, or a channel at its limit."
+        )
+    elif cycle is not None:
+        found.append(
+            f"the loop is in a limit cycle: the tip oscillates at {cycle.frequency:.2g} Hz with "
+            f"{1e3 * cycle.amplitude:.2g} mm RMS. Lower the gains."
+        )
+    if compared is not None and compared[0] > max(
+        _WORSE * compared[1], _NOTHING * scenario.arm.length
+    ):
+        found.append(
+            f"control increases the tip's error: {1e3 * compared[0]:.3g} mm RMS with control, "
+            f"{1e3 * compared[1]:.3g} mm without"
+        )
+    return found
+
+
+def _controlled(result: Result) -> Bool[np.ndarray, " time"]:
+    time = result.dataset["time"].values
+    return time >= result.scenario.control.start - 1e-9
+
+
+def _windows(
+    result: Result, which: Bool[np.ndarray, " time"]
+) -> Float[np.ndarray, " window"] | None:
+    """Return the RMS tip error over equal parts of a run; None if the run is too short."""
+    error = result.dataset["tip_error"].values
+    error = error[which[: error.size]] if which.size >= error.size else error[: which.size][which]
+    if error.size < 4 * _WINDOWS:
+        return None
+    return np.array([np.sqrt(np.mean(part**2)) for part in np.array_split(error, _WINDOWS)])
+
+
+def _evenly(data: xr.Dataset, which: np.ndarray) -> tuple[Float[np.ndarray, "time axis"], float]:
+    """Return the tip's error at equidistant times as vectors, and their interval (s)."""
+    error = (data["tip_position"] - data["tip_target"]).values[which]
+    time = data["time"].values[which]
+    even = np.linspace(time[0], time[-1], time.size)
+    columns = [np.interp(even, time, column) for column in error.T]
+    return np.stack(columns, axis=1), float(even[1] - even[0])
+
+
+def _spectrum(error: Float[np.ndarray, "time axis"]) -> Float[np.ndarray, " line"]:
+    """Return the variance in each spectral line, through a Hann window without the trend (m2).
+
+    As the periodogram of ``scipy.signal``, whose import lasts half a second.
+    """
+    along = np.linspace(-1.0, 1.0, error.shape[0])[:, None]
+    error = error - error.mean(axis=0)
+    error = error - along * np.sum(along * error, axis=0) / np.sum(along**2)
+    window = np.hanning(error.shape[0])
+    lines = np.fft.rfft(error * window[:, None], axis=0)
+    return 2 * np.sum(np.abs(lines) ** 2, axis=1) / (error.shape[0] * np.sum(window**2))
+
+
+def _driven(scenario: Scenario) -> bool:
+    """Return whether waves, the base or the target make the tip oscillate."""
+    waves = any(isinstance(flow, SineFlow | SurfaceWaves) for flow in scenario.flow)
+    return waves or bool(scenario.base.motion) or scenario.target.moves
+
+
+def _share(true: np.ndarray) -> float:
+    return float(np.mean(true)) if true.size else 0.0

@@ -1,0 +1,218 @@
+"""Plausibility rules on the task of an arm: target, obstacles, actuators and policy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.assembly.description import KEY, PHYSICAL, Description
+from crinoid.assembly.facts import Facts
+from crinoid.diagnostics.plausibility.checks import check
+from crinoid.scenario import Chamber, ScenarioError, Vehicle, shown
+from crinoid.scenario.actuator import keyed_threads
+from crinoid.scenario.body import Plane, Sphere
+from crinoid.scenario.quantity import unit_vector
+
+Vector = Float[np.ndarray, " axis"]
+
+_TURNS, _STRETCH = 3.0, 0.5
+"""Largest usual turns and stretch of the free arm under a chamber or tendon."""
+_REACH = 1.05
+"""Distance of a target from the base over the arm's length."""
+_OF_THRUSTERS = ("bandwidth_hz", "max_force", "max_moment")
+
+
+@check(
+    *(f"target.{key}" for key in ("tip", "to", "centre", "radius", "amplitude", "file")),
+    limit="within 1.05 lengths of the arm and the base's travel",
+)
+def _reach(facts: Facts) -> Iterator[str]:
+    target = facts.scenario.target
+    base = np.array(facts.scenario.base.position)
+    root = np.zeros_like(base) if target.frame == "base" else base
+    for key, points in _target_points(facts, root).items():
+        farthest = float(np.linalg.norm(points, axis=1).max())
+        if farthest > _REACH * facts.length + facts.travel:
+            yield (
+                f"target.{key}: got {shown(getattr(target, key))}, a target {farthest:.4g} m from "
+                f"the base; length and travel reach {facts.length + facts.travel:.3g} m. Is it in "
+                f"mm{', or seen from the base' if target.frame == 'world' else ''}?"
+            )
+            return
+
+
+def _target_points(facts: Facts, root: Vector) -> dict[str, Float[np.ndarray, "time axis"]]:
+    """Return known points of the target, from the base, by key."""
+    target, axes = facts.scenario.target, root.size
+    found = {
+        key: np.array(getattr(target, key), ndmin=2) - root
+        for key in ("tip", "to", "centre")
+        if getattr(target, key) not in (None, "initial")
+    }
+    centre = found.get("centre")
+    # without a centre: two points are so far apart that one of them is as far from the base
+    middle = np.zeros((1, axes)) if centre is None else centre
+    if target.radius is not None:
+        (across,) = np.eye(1, axes) if centre is None else centre
+        if centre is not None and axes == 3:
+            normal = np.array(unit_vector(target.normal or (0.0, -1.0, 0.0)))
+            across = across - (across @ normal) * normal
+        length = float(np.linalg.norm(across))
+        found["radius"] = middle + (target.radius * across / length if length else 0.0)
+    if target.amplitude is not None:
+        found["amplitude"] = middle + np.multiply.outer([-1, 1], target.amplitude)
+    if target.path == "file":
+        _, points = facts.prepared.series["target"].during(facts.scenario.simulation.duration)
+        found["file"] = points[:, :axes] - root
+    return found
+
+
+@check(
+    "chamber.*.max_pressure",
+    "chamber.*.max_volume",
+    "tendon.*.max_tension",
+    "tendon.*.max_shortening",
+    limit="up to 3 turns and a stretch of 50 % of the free arm",
+)
+def _curling(facts: Facts) -> Iterator[str]:
+    threads = keyed_threads(facts.scenario.chamber, facts.scenario.tendon)
+    for key, thread in threads.items():
+        area = thread.area if isinstance(thread, Chamber) else 1.0
+        if area is None:
+            continue
+        at, span = np.linspace(*thread.span, 33), float(np.ptp(thread.span)) * facts.length
+        bending, stretching = facts.stiffness(at)
+        offset = np.interp(at, thread.span, np.broadcast_to(thread.offset or 0.0, 2))
+        force = thread.largest * area
+        if thread.lined:  # the force at which the free arm yields by the length or volume
+            force = thread.largest / area / span / _mean(1 / stretching + offset**2 / bending)
+        turns = force * _mean(offset / bending) * span / (2 * math.pi)
+        strain = force / float(stretching.min())
+        if turns > _TURNS or strain > _STRETCH:
+            yield (
+                f"{key}.{thread.largest_key}: curls the free arm into {turns:.2g} turns and "
+                f"stretches it by {100 * strain:.3g}%; usual is up to {_TURNS:g} turns and "
+                f"{_STRETCH:.0%}. Is the area in m2, and arm.youngs_modulus in Pa?"
+            )
+
+
+@check(
+    "tendon.*.friction",
+    limit="up to 1, and not of a tendon under tension in an equilibrium at the start",
+)
+def _rubbing(facts: Facts) -> Iterator[str]:
+    settled = facts.scenario.simulation.start == "equilibrium"
+    for index, tendon in enumerate(facts.scenario.tendon):
+        key, schedule = f"tendon.{index}.friction", tendon.schedule
+        if tendon.friction > 1:
+            yield f"{key}: {tendon.friction:g} is large. Steel on PTFE has about 0.1."
+        pulls = schedule is not None and np.interp(0.0, schedule.time, schedule.share) != 0
+        if tendon.friction and settled and pulls:
+            yield (
+                f"{key}: the equilibrium at the start is without friction. "
+                'Set simulation.start = "rest" and let the schedule rise from 0.'
+            )
+
+
+def _mean(values: Float[np.ndarray, " at"]) -> float:
+    return float(np.mean(values[1:] + values[:-1]) / 2)
+
+
+@check(*(f"vehicle.{name}" for name in _OF_THRUSTERS), limit='not with hold = "free"')
+def _idle_thrusters(facts: Facts) -> Iterator[str]:
+    vehicle = facts.scenario.vehicle
+    for name in _OF_THRUSTERS if vehicle is not None and vehicle.hold == "free" else ():
+        if getattr(vehicle, name) != Vehicle.model_fields[name].default:
+            yield f'vehicle.{name}: has no effect with vehicle.hold = "free"'
+
+
+@check("obstacle.*.position", limit="within reach of the arm at some time")
+def _meeting(facts: Facts) -> Iterator[str]:
+    scenario, base = facts.scenario, np.array(facts.scenario.base.position)
+    reach = facts.length + facts.travel + facts.diameter / 2
+    for index, obstacle in enumerate(scenario.obstacle):
+        if obstacle.velocity == "flow" or (isinstance(obstacle, Sphere) and obstacle.mass):
+            continue  # water and weight move it
+        far = np.array(obstacle.position) - base
+        path = np.array(obstacle.velocity) * scenario.simulation.duration
+        if isinstance(obstacle, Plane):
+            out = np.array(obstacle.out)
+            gap = min(-float(far @ out), -float((far + path) @ out))
+        else:
+            half = np.array(obstacle.half_axis)
+            corners = [far - half, far + half, far + path + half, far + path - half]
+            gap = _distance(corners) - obstacle.radius
+        if gap > reach:
+            yield (
+                f"obstacle.{index}.position: got {shown(obstacle.position)}, at least {gap:.3g} m "
+                f"from the base; length and travel reach {reach:.3g} m. The arm never touches it."
+            )
+
+
+def _distance(corners: list[Vector]) -> float:
+    """Return the distance of the origin from a parallelogram."""
+    first, second = corners[1] - corners[0], corners[3] - corners[0]
+    sides = np.stack([first, second], axis=1)
+    share = np.linalg.lstsq(sides, -corners[0], rcond=None)[0]
+    if np.all((share >= 0) & (share <= 1)):
+        return float(np.linalg.norm(corners[0] + sides @ share))
+    distances = []
+    for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
+        way = end - start
+        part = np.clip(-(start @ way) / max(float(way @ way), np.finfo(float).tiny), 0.0, 1.0)
+        distances.append(float(np.linalg.norm(start + part * way)))
+    return min(distances)
+
+
+@check(KEY, limit="the arm, the water and the sensors on which its policy was trained")
+def _training(facts: Facts) -> Iterator[str]:
+    control = facts.scenario.control
+    if control.kind != "neural" or control.neural.weights is None:
+        return
+    try:
+        trained = Description.of(Path(control.neural.weights))
+    except ScenarioError:
+        return  # the assembly of the controller refuses it
+    here, there = (dict(_leaves(each, "")) for each in (facts.scenario.to_dict(), trained.scenario))
+    standard, found = dict(_leaves(type(facts.scenario)().to_dict(), "")), []
+    for key in dict.fromkeys([*here, *there, *trained.draw]):
+        if key not in trained.draw and key.split(".")[0] not in PHYSICAL:
+            continue
+        # a key that is newer than the policy had its default
+        low, high = trained.draw.get(key, [there.get(key, standard.get(key))] * 2)
+        if not _within(here.get(key), low, high):
+            met = _number(low) if low == high else f"{_number(low)} to {_number(high)}"
+            found.append(f"{key} = {_number(here.get(key))} (trained on {met})")
+    if found:
+        more = f" and {len(found) - 3} more" if len(found) > 3 else ""
+        words = ", ".join(found[:3])
+        yield f"{KEY}: the policy has not met {words}{more}, and may fail"
+
+
+def _number(value: Any) -> str:
+    return "none" if value is None else f"{value:.4g}" if isinstance(value, float) else shown(value)
+
+
+def _within(got: Any, low: Any, high: Any) -> bool:
+    if not all(isinstance(each, int | float) for each in (got, low, high)):
+        return bool(got == low)
+    room = 1e-6 * max(abs(low), abs(high))
+    return bool(low - room <= got <= high + room)
+
+
+def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield the values of tables by dotted key."""
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, inner in items:
+            yield from _leaves(inner, f"{name}.{key}" if name else str(key))
+    else:
+        yield name, value
+
+
+TASK_CHECKS = (_reach, _curling, _rubbing, _idle_thrusters, _meeting, _training)

@@ -1,0 +1,294 @@
+"""Notes on a finished run: strains, contact, vortices, drag, and errors of the solution."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float
+
+from crinoid.assembly.facts import Facts
+from crinoid.dynamics import GripState, round_off_note
+from crinoid.elements.water import cylinder_drag
+from crinoid.results.chunks import pieces
+from crinoid.results.dimensionless import MOTION, across, normal_velocity, spinning
+from crinoid.scenario import Scenario, Tool, shown
+from crinoid.scenario.water import Water
+
+_CYCLES = 3.0
+"""Periods of a mode that lock-in must last to build up before a swing reverses it."""
+_SHEDDING = 50.0
+"""Reynolds number above which vortices are shed (Williamson 1996: 49)."""
+_NOTED = 0.05
+"""Share of the time, and of the length, above which lock-in deserves a note."""
+_SUBCRITICAL = (1e3, 1e5)
+"""Reynolds numbers between which the drag coefficient of a cylinder hardly changes
+(Sumer and Fredsoe 2006, chapter 2)."""
+_CRISIS = 2e5
+"""Reynolds number at which the drag of a smooth cylinder falls."""
+_OFF = 1.5
+"""Factor between a given drag coefficient and that of a cylinder that deserves a note."""
+_DRAG_SHARE = 0.1
+"""Share of the largest force on the base above which drag deserves a note."""
+_PRESSED = 0.01
+"""Penetration over the arm's radius above which contact deserves a note."""
+_AIR = 10.0
+"""Density of the fluid below which its drag damps no errors (kg/m3)."""
+_ACCUMULATED = 0.1
+"""Sum of the local errors of all steps, over the motion of the tip, above which it is visible."""
+_STRAIN = 0.5
+"""Strain above which linear elasticity is wrong."""
+_TORN = 10.0
+"""Length of an edge over that at rest, or the inverse, at which rubber tears (Treloar 1975)."""
+
+Strains = Float[np.ndarray, "time edge"]
+
+
+def notes(dataset: xr.Dataset, facts: Facts) -> list[str]:
+    """Return the notes on a finished run, a sentence each."""
+    scenario = facts.scenario
+    found = [
+        _unread(dataset),
+        _unstable(dataset, scenario),
+        _stretch(dataset),
+        _round_off(dataset, facts),
+        _vortices(dataset, facts),
+        _drag(dataset, scenario),
+        _accumulated(dataset, facts),
+    ]
+    return [*_pressed(dataset), *(note for note in found if note)]
+
+
+def tool_notes(tool: Tool | None, grip: GripState | None) -> list[str]:
+    """Return when touches made the tip take or release its tool, a sentence each.
+
+    ``grip`` is that at the end of a run; None where touches decide nothing.
+    """
+    if tool is None or grip is None:
+        return []
+    taken, dropped, found = float(grip.taken), float(grip.dropped), []
+    part = f"did not touch the part {shown(tool.touched)} of the arm"
+    if tool.take_at_touch is not None:
+        touched = f"obstacle {tool.take_at_touch}"
+        if np.isinf(taken):
+            since = f" from {tool.from_:g} s on" if tool.from_ else ""
+            return [f"the tip never took the tool: {touched} {part}{since}"]
+        found.append(f"the tip took the tool at t = {taken:.6g} s, when it touched {touched}")
+    if tool.drop_at_touch is not None:
+        touched = f"obstacle {tool.drop_at_touch}"
+        if dropped == (np.inf if tool.until is None else tool.until):
+            found.append(f"no touch released the tool: {touched} {part} while the tip had it")
+        else:
+            found.append(
+                f"the tip released the tool at t = {dropped:.6g} s, when it touched {touched}"
+            )
+    return found
+
+
+def _accumulated(dataset: xr.Dataset, facts: Facts) -> str:
+    """Return a note if the local errors of the steps add up to a visible motion of the tip.
+
+    Feedback and contact damp these errors, and so does drag on a pinned arm: then there is no note.
+    Material damping ends the effect of an error within ``1 / (zeta omega)`` of the first mode.
+    """
+    scenario = facts.scenario
+    tip = dataset["tip_position"].transpose("time", "axis").values
+    moved = float(np.linalg.norm(tip - tip[0], axis=1).max())
+    dragged = scenario.base.mount == "pinned" and scenario.water.density > _AIR
+    driven = scenario.control.kind != "none" or scenario.obstacle
+    if dragged or driven or moved < 1e-6 * scenario.arm.length:
+        return ""
+    simulation, rate = scenario.simulation, 2 * np.pi * facts.frequencies[0]
+    memory = 2 / max(rate**2 * scenario.arm.damping_time, 1e-300)
+    each = min(simulation.duration, float(memory)) / simulation.time_step
+    share = float(dataset["step_error"].mean()) * each / moved
+    if share <= _ACCUMULATED:
+        return ""
+    return (
+        f"errors of the time steps may add up to {share:.0%} of the motion of the tip. Compare "
+        f"with simulation.time_step = {simulation.time_step / 2:.3g}."
+    )
+
+
+def _pressed(dataset: xr.Dataset) -> list[str]:
+    if "contact_closest" not in dataset:
+        return []
+    closest = dataset["contact_closest"].values[-1]
+    radius = float(dataset["diameter"].min()) / 2
+    return [
+        f"obstacle {index} penetrated the arm by {-1e3 * gap:.2g} mm, beyond the valid range of "
+        "the contact model. Give the arm clearance, or make the obstacle slower or lighter."
+        for index, gap in enumerate(closest)
+        if gap < -_PRESSED * radius
+    ]
+
+
+def _unread(dataset: xr.Dataset) -> str:
+    for piece in pieces(dataset, ["sensor_reading"]) if "sensor_reading" in dataset else ():
+        for time, reading in np.argwhere(~np.isfinite(piece["sensor_reading"].values)):
+            name, since = piece["reading"].values[reading], float(piece["time"][time])
+            return f"the sensor reading {name} is not finite at t = {since:.6g} s"
+    return ""
+
+
+def _unstable(dataset: xr.Dataset, scenario: Scenario) -> str:
+    if scenario.simulation.start != "equilibrium" or "natural_frequency" not in dataset:
+        return ""
+    count = int((dataset["natural_frequency"] == 0).sum())
+    if not count:
+        return ""
+    which = "its slowest mode" if count == 1 else f"its {count} slowest modes"
+    return (
+        f"the equilibrium at the start is unstable in {which}. A stable equilibrium may not exist "
+        "under these loads."
+    )
+
+
+def _stretch(dataset: xr.Dataset) -> str:
+    longest, shortest = -np.inf, np.inf
+    for _, strain in _strains(dataset):
+        longest, shortest = max(longest, float(strain.max())), min(shortest, float(strain.min()))
+    if max(longest, -shortest) <= _STRAIN:
+        return ""
+    stretched = longest >= -shortest
+    how = f"stretched by {longest:.0%}" if stretched else f"compressed by {-shortest:.0%}"
+    return f"the arm is {how}, beyond the valid range of linear elasticity"
+
+
+def tear_failure(dataset: xr.Dataset) -> str:
+    """Return the failure of a run in which an edge tears; empty if none does."""
+    for time, strain in _strains(dataset):
+        least = np.maximum(1 + strain.min(axis=1), np.finfo(float).tiny)
+        share = np.maximum(1 + strain.max(axis=1), 1 / least)
+        if share.max() > _TORN:
+            first = int(np.argmax(share > _TORN))
+            return (
+                f"failed at t = {time[first]:.6g} s: an edge of the arm is {share[first]:.3g} "
+                f"times longer or shorter than at rest, and the limit is {_TORN:g}; try a larger "
+                "arm.youngs_modulus or arm.section.EA, or weaker loads"
+            )
+    return ""
+
+
+def _strains(dataset: xr.Dataset) -> Iterator[tuple[Float[np.ndarray, " time"], Strains]]:
+    """Yield the times (s) and the strains of the edges, a piece of the run each."""
+    for piece in pieces(dataset, ["position"]):
+        edges = np.linalg.norm(np.diff(piece["position"].values, axis=1), axis=2)
+        yield piece["time"].values, edges / np.diff(dataset["arc_length"].values) - 1
+
+
+def _round_off(dataset: xr.Dataset, facts: Facts) -> str:
+    largest = float(np.linalg.norm(dataset["base_force"].values, axis=1).max())
+    bending = float(facts.bending.min())
+    return round_off_note(facts.stretching, bending, facts.length, facts.edge, largest)
+
+
+def _vortices(dataset: xr.Dataset, facts: Facts) -> str:
+    water, spatial = facts.scenario.water, dataset.sizes["axis"] == 3
+    if "reduced_velocity" not in dataset or (water.vortices is not None and spatial):
+        return ""
+    low, high = facts.lock_in
+    time, diameter = dataset["time"].values, dataset["diameter"].values
+    modes = _bending(dataset)
+    frequency = dataset["natural_frequency"].sel(mode=modes).values
+    inside: list[list[np.ndarray]] = [[] for _ in modes]
+    for piece in pieces(dataset, MOTION):
+        speed = np.linalg.norm(normal_velocity(piece), axis=2)
+        sheds = speed * diameter > _SHEDDING * water.kinematic_viscosity
+        for each, its in zip(frequency, inside, strict=True):
+            reduced = speed / (each * diameter)
+            its.append(sheds & (reduced > low) & (reduced < high))
+    struck = []
+    for mode, each, its in zip(modes, frequency, inside, strict=True):
+        part = lasting_share(np.concatenate(its), time, _CYCLES / each, _length_share(dataset))
+        at = part > _NOTED
+        if at.mean() > _NOTED:
+            struck.append(
+                f"mode {mode} ({each:.2g} Hz) for {at.mean():.0%} of the time on "
+                f"{part[at].mean():.0%} of the length"
+            )
+    if not struck:
+        return ""
+    where, hint = "out of the plane of the arm", ""
+    if spatial:
+        where, hint = "across both arm and current", ". Add [water.vortices]"
+    return (
+        f"vortex shedding may lock in to {', '.join(struck)} ({low:.3g} < U/fd < {high:.3g}); "
+        f"its lift, {where}, is not modelled{hint}"
+    )
+
+
+def _bending(dataset: xr.Dataset) -> list[int]:
+    """Return the bending modes: those that move the arm across its own direction."""
+    shape = dataset["mode_shape"].values
+    normal = across(shape, dataset["tangent"].isel(time=[0]).values)
+    bends = np.sum(normal**2, axis=(1, 2)) > 0.5 * np.sum(shape**2, axis=(1, 2))
+    spin = dataset["mode_spin"].values if "mode_spin" in dataset else None
+    bends &= ~spinning(shape, spin, dataset["diameter"].values)
+    return [int(mode) for mode in dataset["mode"].values[bends]]
+
+
+def lasting_share(
+    inside: Bool[np.ndarray, "time node"],
+    time: Float[np.ndarray, " time"],
+    least: float,
+    of: Float[np.ndarray, " node"],
+) -> Float[np.ndarray, " time"]:
+    """Return the sum of ``of`` over the nodes where a condition lasts, at each instant.
+
+    The condition is true ``inside``, and counts only if it lasts for ``least`` or longer (s).
+    """
+    edges = np.diff(np.pad(inside, ((1, 1), (0, 0))).astype(np.int8), axis=0).T
+    # starts and ends alternate at each node
+    (node, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
+    long = time[end - 1] - time[begin] >= least
+    marks = np.zeros((2, time.size + 1))
+    np.add.at(marks[0], begin[long], of[node[long]])
+    np.add.at(marks[1], end[long], of[node[long]])
+    return np.cumsum(marks[0] - marks[1])[:-1]
+
+
+def _drag(dataset: xr.Dataset, scenario: Scenario) -> str:
+    water = scenario.water
+    if "reynolds_number" not in dataset:
+        return ""
+    literature = water.coefficients == "literature"
+    diameter = dataset["diameter"].values
+    total = most = reached = outside = off = known = 0.0
+    for piece in pieces(dataset, MOTION):
+        speed = np.linalg.norm(normal_velocity(piece), axis=2)
+        drag = diameter * speed**2 * _length_share(dataset)
+        reynolds = speed * diameter / water.kinematic_viscosity
+        cylinder = cylinder_drag(np.maximum(reynolds, 1e-4))
+        beyond = (reynolds < _SUBCRITICAL[0]) | (reynolds > _SUBCRITICAL[1])
+        ratio = water.drag_normal / cylinder
+        wrong = (ratio > _OFF) | (ratio < 1 / _OFF)
+        if literature:
+            beyond = wrong = reynolds > _CRISIS
+            drag = drag * cylinder
+        total, most = total + drag.sum(), max(most, drag.sum(axis=1).max())
+        reached, outside = reached + np.sum(reynolds * drag), outside + np.sum(drag[beyond])
+        off, known = off + np.sum(drag[wrong]), known + np.sum(cylinder * drag)
+    length = float(dataset["arc_length"][-1])
+    largest = 0.5 * water.density * (1.0 if literature else water.drag_normal) * length * most
+    force = np.linalg.norm(dataset["base_force"].values, axis=1).max()
+    if not largest or largest < _DRAG_SHARE * force:
+        return ""
+    at = f"most of the drag acts at Reynolds numbers near {reached / total:.2g}"
+    if literature and outside > 0.5 * total:
+        return f"{at}; that of the literature is for up to 2e5, where it falls steeply"
+    if not literature and off > 0.5 * total:
+        return (
+            f"{at}, where a smooth cylinder has a drag coefficient of {known / total:.2g} and "
+            f'water.drag_normal is {water.drag_normal:g}; water.coefficients = "literature" has it'
+        )
+    if outside <= 0.5 * total or water.drag_normal != Water().drag_normal:
+        return ""
+    return f"{at}; the default water.drag_normal = {water.drag_normal:g} is for 1e3 to 1e5"
+
+
+def _length_share(dataset: xr.Dataset) -> Float[np.ndarray, " node"]:
+    """Return the share of the arm's length that belongs to each node."""
+    arc_length = dataset["arc_length"].values
+    return np.convolve(np.diff(arc_length), [0.5, 0.5]) / arc_length[-1]

@@ -1,0 +1,84 @@
+"""Length-controlled threads ("lines"): tendons on winches and closed chambers.
+
+Tension or pressure follow from the shape. A line measures the path ``m`` of a thread: a tendon its
+length, a chamber minus its volume, so that a load ``f`` (tension or pressure) does the work
+``-f dm`` on the arm. The load depends on the whole path and couples all of its nodes. It is a
+separate unknown, ``df = slope . dq``, outside of the banded matrix (`crinoid.dynamics.tangent`).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.dynamics import windows
+from crinoid.dynamics.integrator import StepMap
+from crinoid.elements import Element, Motion, Threads
+from crinoid.numerics import banded
+
+Loads = Float[Array, " line"]
+
+_TOE = 1e-4
+"""Strain over which a tendon grows taut, for a slope that Newton's method can follow."""
+
+
+class LengthControlledThreads(eqx.Module):
+    """Threads of given length or content, with the drives that wind or fill them.
+
+    At a drive ``s`` a line without load measures ``free = rest - shortening s``. The load of a
+    tendon is ``EA (m / free - 1)`` where it is taut; it grows taut over a strain of 1e-4, the toe,
+    half of which it therefore stretches beyond that. The pressure of a fluid is
+    ``K (V_free / V - 1)``, which is ``p V`` constant of a gas whose absolute pressure is ``K``
+    without load, and ``-K log(V / V_free)`` of a liquid to first order in ``p / K``.
+
+    With friction a load is that at the root end: its mean along the thread stretches it.
+    """
+
+    drives: tuple[int, ...] = eqx.field(static=True)
+    """Index in `crinoid.Motion.drive` for each line."""
+    fluid: tuple[bool, ...] = eqx.field(static=True)
+    """Whether each line is a chamber."""
+    rest: Loads
+    """Path on the undeformed arm: m, or minus m3."""
+    shortening: Loads
+    """Shortening at a drive of 1 (m), or fluid added (m3)."""
+    stiffness: Loads
+    """``EA`` of a tendon (N), bulk modulus ``K`` of a fluid (Pa)."""
+
+    def loads(self, elements: tuple[Element, ...], motion: Motion) -> Loads:
+        """Return the tensions (N) and pressures (Pa) in a motion."""
+        assert motion.drive is not None
+        threads = _threads(elements)
+        return threads.at_root(self._loads(_measured(threads, motion), motion.drive))
+
+    def slopes(
+        self, elements: tuple[Element, ...], stage: StepMap, motion: Motion, num_nodes: int
+    ) -> Float[Array, "line n b"]:
+        """Return the derivative of the loads by a correction of the nodes."""
+        assert motion.drive is not None
+        drive, threads = motion.drive, _threads(elements)
+        by_window = jax.vmap(lambda e, m: e.measure_slope(m))
+        by_windows = by_window(threads, windows.motion_windows(threads, motion))
+        along = jax.vmap(lambda one: banded.scatter(one, threads.first, num_nodes), 1)(by_windows)
+        measured = _measured(threads, motion)
+        ones = jnp.ones_like(measured)
+        slope = jax.jvp(lambda m: self._loads(m, drive), (measured,), (ones,))[1]
+        slope = threads.at_root(slope)
+        return stage.by_position * slope[:, None, None] * along
+
+    def _loads(self, measured: Loads, drive: Float[Array, " drive"]) -> Loads:
+        free = self.rest - self.shortening * drive[np.asarray(self.drives)]
+        strain = measured / free - 1.0
+        bent = jnp.clip(strain, 0.0, _TOE)
+        taut = bent**2 / (2 * _TOE) + jnp.maximum(strain - _TOE, 0.0)
+        return self.stiffness * jnp.where(np.asarray(self.fluid), free / measured - 1.0, taut)
+
+
+def _threads(elements: tuple[Element, ...]) -> Threads:
+    return next(element for element in elements if isinstance(element, Threads))
+
+
+def _measured(threads: Threads, motion: Motion) -> Loads:
+    window = windows.motion_windows(threads, motion)
+    return jnp.sum(jax.vmap(lambda e, m: e.measure(m))(threads, window), axis=0)

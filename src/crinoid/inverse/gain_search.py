@@ -1,0 +1,218 @@
+"""Local searches for gains: gradients of cost and stability margin, with and without constraint."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import logsumexp
+
+from crinoid.analysis.linear_loop import LinearLoop, LinearPlant, System, linear_controller
+from crinoid.control import Controller
+from crinoid.inverse.gain_design import GainPerturbations, Logs, central_difference
+from crinoid.scenario import ScenarioError
+from crinoid.simulation.loop_margin import Margin
+from crinoid.simulation.setup import Setup
+
+_SHARPNESS = 100.0
+"""Sharpness of the smooth maximum over the frequencies."""
+_TIME = 1.0
+"""Time scale of the growth rate of an unstable loop (s)."""
+_LATE = 2.0
+"""Extra delay of commands that every loop must tolerate, in control periods."""
+_LATE_SHARE = 0.5
+"""Share of the modulus margin that must remain with this delay."""
+_EVERY = 5
+"""Stride through the frequencies, of which a part is enough for the gradient."""
+
+
+class MarginExcess(NamedTuple):
+    """Stability margin of a loop, and by how much the loop violates the required one."""
+
+    margin: Margin
+    excess: float
+    """Violation of the modulus margin, relative to it; 1 and more: unstable."""
+    gradient: Logs
+    """Derivative of the excess by the logarithms of the tuned parameters."""
+
+
+class StabilityConstraint:
+    """Constraint on the modulus margin of the linear loop, in each water of a scenario.
+
+    The excess over a modulus margin ``m`` (`crinoid.simulation.loop_margin`) is the smooth maximum,
+    over the waters, the frequencies and the eigenvalues ``l`` of the open loop, of ``1 - |1 + l| /
+    m``. It is never below the largest term. Half of the margin must remain if commands come two
+    control periods later. An unstable loop has no such margin: its excess is 1 or more and grows
+    with its growth rate.
+    """
+
+    def __init__(self, plant: LinearPlant, setup: Setup) -> None:
+        self._plant, self._setup = plant, setup
+        self._fewer = plant.every(_EVERY)
+        self._late = _LATE * plant.period
+
+    def closed(self, controller: Controller) -> LinearLoop:
+        """Return the closed loop of a controller."""
+        return self._plant.closed(self._linear(controller))
+
+    def shortfall(self, margin: Margin, asked: float) -> float:
+        """Return the relative shortfall of a loop's margins; at most 0 if it has all of them."""
+        if not margin.stable:
+            return 1.0
+        return 1 - min(margin.modulus / asked, margin.delay / self._late)
+
+    def excess(self, controllers: GainPerturbations, asked: float) -> MarginExcess:
+        """Return the excess over a modulus margin, with its gradient by central differences."""
+        nominal = self._linear(controllers.nominal)
+        margin = self._plant.closed(nominal).open.margin()
+
+        def excess(controller: System) -> float:
+            return self._excess(controller, asked) if margin.stable else self._growth(controller)
+
+        others = ([excess(self._linear(each)) for each in side] for side in controllers[1:])
+        gradient = central_difference(*map(np.array, others))
+        return MarginExcess(margin, excess(nominal), gradient)
+
+    def _linear(self, controller: Controller) -> System:
+        loop = eqx.tree_at(lambda x: x.controller, self._setup.loop, controller)
+        found = linear_controller(loop, self._setup.state, self._plant.period)
+        if not all(np.isfinite(part).all() for part in found):
+            text = "must be 0 here: the controller has no derivatives at the equilibrium"
+            raise ScenarioError.of("--margin", text)
+        return found.minimal()
+
+    def _excess(self, controller: System, asked: float) -> float:
+        loop = self._fewer.transfer(controller)
+        loci = np.linalg.eigvals(loop.transfer)
+        late = loci * np.exp(-2j * np.pi * self._late * loop.frequency)[:, None]
+        near = [1 - np.abs(1 + loci) / asked, 1 - np.abs(1 + late) / (_LATE_SHARE * asked)]
+        return float(logsumexp(_SHARPNESS * np.array(near)) / _SHARPNESS)
+
+    def _growth(self, controller: System) -> float:
+        poles = self._plant.poles(controller).values()
+        rate = max(0.0, *(float(each[0].real) for each in poles))
+        return float(1 + np.log1p(_TIME * rate))
+
+
+_MOST = 7.0
+"""Largest change of the logarithm of a parameter."""
+_STEP = 0.2
+"""Initial step of the logarithms: a longer one may lead to an unstable loop."""
+_FAILED = 5.0
+"""Logarithm of the cost of a failed run, above the largest one so far."""
+_WEIGHT = 10.0
+"""Weight of the penalty on the excess."""
+_ENOUGH = 1e-3
+"""Change of the logarithm of the cost at which a constrained search has converged."""
+_NEAREST_TRIALS = 60
+"""Largest number of trials of `nearest`."""
+_NEAR = 0.01
+"""Excess with which a constrained search may start."""
+
+
+class GainTrial(NamedTuple):
+    """Result for one set of parameters; gradients are by the logarithms of these."""
+
+    value: float
+    """Logarithm of the cost; not a number if there was no run, or the run failed."""
+    gradient: Logs
+    excess: float
+    """Violation of the modulus margin (`MarginExcess`)."""
+    excess_gradient: Logs
+
+    @property
+    def stable(self) -> bool:
+        """Whether the closed loop is stable."""
+        return self.excess < 1
+
+    @property
+    def penalised(self) -> float:
+        """The value plus the penalty."""
+        return self.value + _WEIGHT * max(self.excess, 0.0) ** 2
+
+
+Attempt = Callable[[Logs], GainTrial]
+
+
+def descend(attempt: Attempt, begin: Logs) -> None:
+    """Minimise cost plus penalty on the margin by L-BFGS-B; ``attempt`` keeps each trial.
+
+    The value of an unstable loop grows with its growth rate. The search steps back from a failed
+    run, and ends if the first run fails.
+    """
+    highest = np.nan
+
+    def of(steps: Logs) -> tuple[float, Logs]:
+        nonlocal highest
+        found = attempt(_STEP * steps)
+        if not found.stable:
+            value, gradient = _WEIGHT * found.excess, _WEIGHT * found.excess_gradient
+        elif np.isfinite(found.value):
+            value = found.penalised
+            gradient = found.gradient + 2 * _WEIGHT * max(found.excess, 0.0) * found.excess_gradient
+        elif np.isnan(highest):
+            raise StopIteration
+        else:
+            return highest + _FAILED, np.zeros_like(steps)
+        highest = np.fmax(highest, value)
+        return value, _STEP * gradient
+
+    minimize(of, begin / _STEP, jac=True, method="L-BFGS-B", bounds=_bounds(begin))
+
+
+def constrain(attempt: Attempt, begin: Logs) -> None:
+    """Minimise the value without excess (SLSQP; Kraft 1988).
+
+    The search steps back from unstable loops and failed runs.
+    """
+    highest, at, last = -np.inf, b"", GainTrial(0.0, begin, 0.0, begin)
+
+    def of(steps: Logs) -> GainTrial:
+        nonlocal highest, last, at
+        if steps.tobytes() != at:
+            found, at = attempt(_STEP * steps), steps.tobytes()
+            if found.stable and np.isfinite(found.value):
+                highest = max(highest, found.value)
+            else:
+                far = highest + _FAILED if np.isfinite(highest) else 0.0
+                found = found._replace(value=far, gradient=np.zeros_like(steps))
+            last = found
+        return last
+
+    minimize(
+        lambda steps: of(steps).value,
+        begin / _STEP,
+        jac=lambda steps: _STEP * of(steps).gradient,
+        method="SLSQP",
+        bounds=_bounds(begin),
+        constraints={
+            "type": "ineq",
+            "fun": lambda steps: -of(steps).excess,
+            "jac": lambda steps: -_STEP * of(steps).excess_gradient,
+        },
+        options={"ftol": _ENOUGH},
+    )
+
+
+def nearest(excess: Callable[[Logs], tuple[float, Logs]], begin: Logs) -> Logs:
+    """Return the nearest logarithms without excess, or those of least excess among the trials."""
+    best, looks = (np.inf, begin), 0
+
+    def attempt(logs: Logs) -> GainTrial:
+        nonlocal best, looks
+        found, away, looks = excess(logs), logs - begin, looks + 1
+        if found[0] < best[0]:
+            best = found[0], logs.copy()
+        if best[0] < _NEAR or looks == _NEAREST_TRIALS:
+            raise StopIteration
+        return GainTrial(0.5 * float(away @ away), away, *found)
+
+    with suppress(StopIteration):
+        constrain(attempt, begin)
+    return best[1]
+
+
+def _bounds(begin: Logs) -> list[tuple[float, float]]:
+    return [(-_MOST / _STEP, _MOST / _STEP)] * len(begin)

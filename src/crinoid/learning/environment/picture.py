@@ -1,0 +1,76 @@
+"""Pictures of an episode, drawn as films are."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from jaxtyping import UInt8
+
+from crinoid.compilation import ONCE, compiled
+from crinoid.learning.environment.draws import EpisodeDraw
+from crinoid.results.chunks import join
+from crinoid.results.dataset import describe
+from crinoid.simulation import LoopState
+from crinoid.simulation.chunk import one_instant, record
+from crinoid.simulation.conclusion import dataset_builder
+from crinoid.view.figures.style import STYLE
+from crinoid.view.film.camera import CameraSettings, FilmSettings, Window, window_of
+from crinoid.view.film.picture import Picture
+from crinoid.view.scene.scene import Scene, build_scene
+
+SIZE = (640, 480)
+"""Width and height (pixels)."""
+_NODES = 81
+_TIMES = 25
+"""Number of target positions that the window contains."""
+_ROOM = 0.3
+"""Margin around the arm at the start and its target, over the length."""
+
+_keep = compiled(**ONCE)(record)
+
+
+class EpisodePainter:
+    """Painter of one episode with a fixed camera; ``start`` is the state at its beginning."""
+
+    def __init__(self, drawn: EpisodeDraw, start: LoopState) -> None:
+        self._drawn = drawn
+        self._build = dataset_builder(drawn.setup)
+        self._about = describe(drawn.scenario)
+        duration = drawn.scenario.simulation.duration
+        later = [
+            eqx.tree_at(lambda now: now.state.motion.time, start, jnp.asarray(time))
+            for time in np.linspace(0.0, duration, _TIMES)
+        ]
+        self._window = _window(self._space(later))
+
+    def at(self, now: LoopState, rate: float) -> UInt8[np.ndarray, "height width 3"]:
+        """Draw an instant; ``rate`` is the rate of the pictures (1/s)."""
+        time = float(now.state.time)
+        shot, reel = CameraSettings(colour="none"), FilmSettings(SIZE, rate, 1.0, np.array([time]))
+        with mpl.rc_context(STYLE), warnings.catch_warnings():
+            # letters of a title that no installed font has become boxes
+            warnings.filterwarnings("ignore", message="Glyph")
+            title = str(self._about["title"])
+            picture = Picture(self._space([now]), shot, reel, title, "", self._window)
+            return np.ascontiguousarray(picture.at(time)[..., :3])
+
+    def _space(self, instants: Sequence[LoopState]) -> Scene:
+        loop = self._drawn.case.loop
+        parts = [self._build(one_instant(_keep(loop, now)), None) for now in instants]
+        data: xr.Dataset = join(parts).assign_attrs(self._about)
+        return build_scene([("", data)], len(instants), _NODES)
+
+
+def _window(space: Scene) -> Window:
+    """Return a window around the arm at the start and its target."""
+    path = np.zeros((space.members[0].time.size, 3))
+    window = window_of(space, list(space.members), path)
+    room = _ROOM * space.length * np.array([1.0, float(space.spatial), 1.0])
+    cloud = np.concatenate([window.cloud - room, window.cloud + room])
+    return Window(window.low - room, window.high + room, cloud)

@@ -1,0 +1,69 @@
+"""Onset of loads and flows in time: a cosine ramp."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+_SLACK = 1e-9
+"""Tolerance of times for round-off (s)."""
+
+
+class Onset(eqx.Module):
+    """Factor of time: 0 before ``start``, 1 after a further ``ramp_time``, 0 again from ``stop``.
+
+    The ramp is half a cosine, with a continuous rate. Without a ramp time, and at the stop, it
+    jumps. At the instant of a jump it is 1/2, so that the steps before and after it have the mean
+    of their forces to order 2; an onset at 0 or before is 1 from 0 on.
+    """
+
+    start: Float[Array, "*count"]
+    """Start (s)."""
+    ramp_time: Float[Array, "*count"]
+    """Duration of the ramp (s)."""
+    stop: Float[Array, "*count"]
+    """End (s); infinite by default."""
+
+    @staticmethod
+    def of(
+        start: float | Array = 0.0,
+        ramp_time: float | Array = 0.0,
+        stop: float | Array = jnp.inf,
+        *,
+        shape: tuple[int, ...] = (),
+    ) -> "Onset":
+        """Build the common onset of ``shape`` windows; times in s."""
+        times = (start, ramp_time, stop)
+        return Onset(*(jnp.broadcast_to(jnp.asarray(time, float), shape) for time in times))
+
+    def __call__(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
+        """Return the factor at ``time`` (s)."""
+        since = time - self.start
+        ramped = self.ramp_time > 0
+        progress = jnp.clip(since / jnp.where(ramped, self.ramp_time, 1.0), 0.0, 1.0)
+        on = jnp.where(self.start > 0, _unit_step(since), since >= -_SLACK)
+        factor = jnp.where(ramped, 0.5 - 0.5 * jnp.cos(jnp.pi * progress), on)
+        return factor * (1.0 - _unit_step(time - self.stop))
+
+    def whole(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
+        """Return 1 from the start to the stop, else 0: for a body, which is never half."""
+        there = (time >= self.start - _SLACK) & (time < self.stop - _SLACK)
+        return jnp.where(there, 1.0, 0.0)
+
+    def elapsed(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
+        """Return the integral of the factor up to ``time`` (s).
+
+        Its first two derivatives are continuous for a ramp without a stop.
+        """
+        since = jnp.minimum(time, self.stop) - self.start
+        # not `clip`, which has half the slope at its ends
+        passed = jnp.where(
+            since >= self.ramp_time, self.ramp_time, jnp.where(since > 0, since, 0.0)
+        )
+        swing = jnp.where(self.ramp_time > 0, self.ramp_time, 1.0) / jnp.pi
+        ramped = 0.5 * (passed - swing * jnp.sin(passed / swing))
+        return jnp.where(since >= self.ramp_time, since - 0.5 * self.ramp_time, ramped)
+
+
+def _unit_step(since: Float[Array, "*count"]) -> Float[Array, "*count"]:
+    """Return the unit step of the time since an instant (s), 1/2 at the instant."""
+    return 0.5 + 0.5 * jnp.sign(jnp.where(jnp.abs(since) <= _SLACK, 0.0, since))

@@ -1,0 +1,207 @@
+"""The dataset of a run: names, units, and derived quantities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from crinoid.dynamics import System
+from crinoid.elements import ENERGIES, WORKS
+from crinoid.foundation.axes import ANGLES, AXES, CHANNELS
+from crinoid.foundation.result_variables import Content, large_names, of_dimension, quantity
+from crinoid.foundation.version import __version__
+from crinoid.results.chunks import unwrap_from
+from crinoid.results.record import Record
+from crinoid.scenario import Scenario
+
+Series = Float[np.ndarray, " time"]
+Vectors = Float[np.ndarray, "time node axis"]
+
+_PER = {"channel_max_speed": ", per s", "channel_max_acceleration": ", per s2"}
+_FORWARD = {2: "x forward, z up", 3: "x forward, y to port, z up"}
+
+
+def describe(scenario: Scenario) -> dict[str, Any]:
+    """Return the attributes that every result of a scenario has."""
+    return {
+        "Conventions": "CF-1.11",
+        "title": scenario.title or "crinoid simulation",
+        "source": f"crinoid {__version__}",
+        "crinoid_version": __version__,
+        "scenario": scenario.to_toml(),
+        "seed": scenario.seed,
+    }
+
+
+def described(rows: Sequence[tuple[str, str, str, Any, str]]) -> dict[str, tuple[Any, ...]]:
+    """Return variables from rows of name, dimensions, unit, values and meaning.
+
+    Unit and meaning may be empty.
+    """
+    found = {}
+    for name, dims, unit, values, meaning in rows:
+        attributes = {"units": unit, "long_name": meaning}
+        known = {key: text for key, text in attributes.items() if text}
+        found[name] = (dims.split(), values, known)
+    return found
+
+
+def chosen(dataset: xr.Dataset, names: Sequence[str] | None) -> xr.Dataset:
+    """Leave out the variables along the arm that are not in ``names``; None keeps all."""
+    if names is None:
+        return dataset
+    large = set(large_names(dataset.sizes["axis"]))
+    return dataset.drop_vars(large & set(dataset.data_vars) - set(names))
+
+
+class Instants:
+    """Saved instants, and the variables of a result (`crinoid.foundation.result_variables`).
+
+    In the plane the angle of the tip turns on and on from that at the instant ``before`` (rad).
+    """
+
+    def __init__(self, system: System, kept: Record, before: float | None = None) -> None:
+        if system.forces.stretch is None:
+            raise ValueError("no element resists stretching; elements must include a Stretch")
+        self.system, self.kept = system, kept
+        self._stretch, self._before = system.forces.stretch, before
+        self.origin = np.asarray(system.forces.origin)
+        self.dimension = kept.position.shape[-1]
+        edges = np.diff(kept.position, axis=1)
+        self._lengths = np.linalg.norm(edges, axis=2, keepdims=True)
+        self.tangent = edges / self._lengths
+        self.relative_flow = np.asarray(kept.flow_velocity - kept.velocity)
+        self.tip, self.target = kept.tip[:, : self.dimension], kept.reference[:, : self.dimension]
+
+    @property
+    def position(self) -> Vectors:
+        """Positions of the nodes in the world (m)."""
+        return np.asarray(self.kept.position + self.origin)
+
+    @property
+    def tension(self) -> Float[np.ndarray, "time edge"]:
+        """Axial force in the edges, elastic and viscous (N)."""
+        rest_length = np.asarray(self._stretch.rest_length)
+        stretching = np.sum(self.tangent * np.diff(self.kept.velocity, axis=1), axis=2)
+        strain = self._lengths[..., 0] / rest_length - 1
+        viscous = np.asarray(self._stretch.material.damping_time) * stretching / rest_length
+        tension = np.asarray(self._stretch.EA) * (strain + viscous)
+        branches = self.kept.branch_tension
+        return tension if branches is None else tension + np.asarray(branches)
+
+    @property
+    def twist(self) -> Float[np.ndarray, "time edge"]:
+        """Twist of the edges, the mean of their two nodes (rad/m)."""
+        assert self.kept.twist is not None
+        return np.asarray(self.kept.twist[:, 1:] + self.kept.twist[:, :-1]) / 2
+
+    @property
+    def angle(self) -> Series:
+        """Direction of a planar tip (rad)."""
+        return unwrap_from(np.asarray(self.kept.tip[:, 2]), self._before)
+
+    @property
+    def elevation(self) -> Series:
+        """Angle of a tip in space above the level plane (rad)."""
+        direction = self.kept.tip[:, 3:]
+        return np.arctan2(direction[:, 2], np.hypot(direction[:, 0], direction[:, 1]))
+
+    @property
+    def tip_error(self) -> Series:
+        """Distance of the tip from where it should be (m)."""
+        return np.linalg.norm(self.tip - self.target, axis=1)
+
+    @property
+    def flow_speed(self) -> Float[np.ndarray, "time node"]:
+        """Speed of the undisturbed water (m/s)."""
+        return np.linalg.norm(self.kept.flow_velocity, axis=2)
+
+    @property
+    def limits(self) -> Float[np.ndarray, "limit channel"]:
+        """Ends of the travel, greatest speed and acceleration; 0 of a channel that stays put."""
+        servo = self.system.base.servo
+        there = np.asarray(servo.lower) < np.asarray(servo.upper)
+        values = (servo.lower, servo.upper, servo.max_speed, servo.max_acceleration)
+        return np.stack([np.where(there, np.asarray(value), 0.0) for value in values])
+
+
+def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> xr.Dataset:
+    """Build the dataset of saved instants, with names, units and derived quantities.
+
+    ``diameters`` (m) are the hydrodynamic ones of the nodes. The dataset contains ``more`` too.
+    """
+    count, kept, system = run.dimension, run.kept, run.system
+    missing = {
+        "obstacles": kept.touch,
+        "tool": kept.held,
+        "vortices": kept.vortices,
+        "vehicle": kept.vehicle,
+    }
+    without = [name for name, found in missing.items() if found is None]
+    there = of_dimension(count, without=without)
+    found = {
+        name: quantity(name, variable.of(run), count)
+        for name, variable in there.items()
+        if variable.of is not None
+    }
+    along = coordinates(
+        count,
+        np.asarray(kept.time),
+        np.concatenate([np.zeros(1), np.cumsum(np.asarray(system.reference.rest_length))]),
+        np.asarray(diameters),
+    )
+    for each in more:
+        found |= each.variables
+        along |= each.coordinates
+    return with_comments(xr.Dataset(found, along))
+
+
+def coordinates(
+    dimension: int,
+    time: Series,
+    arc_length: Float[np.ndarray, " node"],
+    diameter: Float[np.ndarray, " node"],
+) -> dict[str, tuple[Any, ...]]:
+    """Return the coordinates of a result, for xarray."""
+    channels = CHANNELS[dimension]
+    found: dict[str, tuple[Any, ...]] = {
+        "time": ("time", time, {"units": "s", "long_name": "time", "axis": "T"}),
+        "axis": ("axis", list(AXES[dimension]), {"long_name": _FORWARD[dimension]}),
+        "channel": ("channel", list(channels), {"long_name": "base channel"}),
+        "kind": ("kind", [*ENERGIES, *WORKS], {"long_name": "kind of energy or work"}),
+        "arc_length": (
+            "node",
+            arc_length,
+            {"units": "m", "long_name": "distance from the root along the arm at rest"},
+        ),
+        "diameter": ("node", diameter, {"units": "m", "long_name": "diameter that the water sees"}),
+        "channel_unit": (
+            "channel",
+            ["rad" if channel in ANGLES else "m" for channel in channels],
+            {"long_name": "unit of base_command, base_servo and base_pose"},
+        ),
+    }
+    if dimension == 3:
+        about = {"long_name": "bending toward the directors m_1 and m_2"}
+        found["bending"] = ("bending", ["kappa_1", "kappa_2"], about)
+    return found
+
+
+def with_comments(dataset: xr.Dataset) -> xr.Dataset:
+    """Say of which unit what differs between channels is: CF has none for a mixture."""
+    channels = [str(channel) for channel in dataset["channel"].values]
+    shifts = [channel for channel in channels if channel not in ANGLES]
+    turns = [channel for channel in channels if channel in ANGLES]
+    mixed = f"{_listed(shifts)} in m, {_listed(turns)} in rad: see channel_unit"
+    for name, data in dataset.data_vars.items():
+        if "channel" in data.dims:
+            data.attrs["comment"] = mixed + _PER.get(str(name), "")
+    return dataset
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(", ".join(names).rsplit(", ", 1))

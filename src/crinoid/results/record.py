@@ -1,0 +1,117 @@
+"""The record of a run: the quantities saved at each instant."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float, Int
+from numpy.typing import ArrayLike
+
+from crinoid.actuation import Input
+from crinoid.dynamics import LengthControlledThreads, Touch, VehicleOutput
+from crinoid.elements import VortexForces
+from crinoid.foundation.result_variables import Content, quantity
+
+
+class Record(eqx.Module):
+    """One saved instant. SI units; positions are relative to the base's set position."""
+
+    time: Float[Array, "*t"]
+    position: Float[Array, "*t n d"]
+    velocity: Float[Array, "*t n d"]
+    acceleration: Float[Array, "*t n d"]
+    flow_velocity: Float[Array, "*t n d"]
+    curvature: Float[Array, "*t n"] | Float[Array, "*t n 2"]
+    """At the nodes (1/m); in space kappa_1 and kappa_2."""
+    tip: Float[Array, "*t pose"]
+    reference: Float[Array, "*t pose"]
+    command: Float[Array, "*t channel"]
+    servo: Float[Array, "*t channel"]
+    """Position of the servos; the pose adds the prescribed motions."""
+    pose: Float[Array, "*t channel"]
+    drive_command: Float[Array, "*t input"] | None
+    """Commands of the actuators, without the base's servos."""
+    drive: Float[Array, "*t input"] | None
+    """Drives with which they act on the arm."""
+    reading: Float[Array, "*t reading"]
+    """Newest known readings of all sensors, one behind the other."""
+    base_force: Float[Array, "*t d"]
+    base_moment: Float[Array, "*t"] | Float[Array, "*t 3"]
+    energy: Float[Array, "*t kind"]
+    steps: Int[Array, "*t"]
+    """Time steps since the instant before, halved ones counted each."""
+    iterations: Int[Array, "*t"]
+    """Newton iterations since the instant before."""
+    residual: Float[Array, "*t"]
+    """Largest imbalance that a step since the instant before ended with (N)."""
+    error: Float[Array, "*t"]
+    """Largest estimated local error of a step since the instant before (m)."""
+    obstacle_position: Float[Array, "*t m d"] | None
+    obstacle_velocity: Float[Array, "*t m d"] | None
+    gap: Float[Array, "*t m e"] | None
+    """Distance of each obstacle from the surface of each edge (m)."""
+    touch: Touch | None
+    director: Float[Array, "*t e 3"] | None
+    """In space: the material director m_1 of the edges."""
+    twist: Float[Array, "*t n"] | None
+    """In space: twist at the nodes (rad/m)."""
+    branch_tension: Float[Array, "*t e"] | None = None
+    """Axial force of the Maxwell branches of a material that relaxes (N)."""
+    line: Float[Array, "*t line"] | None = None
+    """Tensions (N) and pressures (Pa) of lines (``crinoid.dynamics.threads``)."""
+    vortices: VortexForces | None = None
+    """Forces of shed vortices per length, and their phase."""
+    vehicle: VehicleOutput | None = None
+    """Pose and thrusters of a submarine that floats."""
+    held: Float[Array, "*t"] | None = None
+    """1 where the tip has its tool, 0 where not."""
+
+
+def signals(
+    kept: Record,
+    inputs: Sequence[Input],
+    readings: Sequence[tuple[str, str]],
+    lines: LengthControlledThreads | None = None,
+) -> Content:
+    """Return the signals of saved instants: readings, actuators, loads of lines.
+
+    The base's channels, the first of the inputs, have variables of their own.
+    """
+    names, units = [name for name, _ in readings], [unit for _, unit in readings]
+    found = Content(
+        {"sensor_reading": _signal("sensor_reading", kept.reading)},
+        {
+            "reading": ("reading", names, {"long_name": "sensor and value"}),
+            "reading_unit": ("reading", units, {"long_name": "unit of sensor_reading"}),
+        },
+    )
+    others = inputs[kept.servo.shape[-1] :]
+    if kept.drive is None or kept.drive_command is None:
+        return found
+    if lines is not None and kept.line is not None:
+        wound = [others[drive].name for drive in lines.drives]
+        sides = ["_opposite" * (name in wound[:index]) for index, name in enumerate(wound)]
+        found.variables["line_load"] = _signal("line_load", kept.line)
+        found.coordinates["line"] = (
+            "line",
+            [name + side for name, side in zip(wound, sides, strict=True)],
+            {"long_name": "tendon of given length or chamber of given volume"},
+        )
+        units = ["Pa" if fluid else "N" for fluid in lines.fluid]
+        found.coordinates["line_unit"] = "line", units, {"long_name": "unit of line_load"}
+    found.variables["actuator_command"] = _signal("actuator_command", kept.drive_command)
+    found.variables["actuator_state"] = _signal("actuator_state", kept.drive)
+    units = [each.unit for each in others]
+    for name, values, meaning in (
+        ("input", [each.name for each in others], "input of an actuator"),
+        ("input_unit", units, "unit of actuator_command and actuator_state"),
+        ("input_lower", [float(each.lower) for each in others], "lower limit"),
+        ("input_upper", [float(each.upper) for each in others], "upper limit"),
+    ):
+        found.coordinates[name] = "input", values, {"long_name": meaning}
+    return found
+
+
+def _signal(name: str, values: ArrayLike) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
+    dims, found, about = quantity(name, np.asarray(values), 2)
+    return dims, found, about | {"comment": f"in {dims[-1]}_unit"}  # CF has none for a mixture

@@ -1,0 +1,287 @@
+"""The result of a run: an `xarray.Dataset` with units, and the state to go on from."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from contextlib import ExitStack
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from crinoid.foundation import display_hook
+from crinoid.foundation.atomic_file import FilePath, atomic_write
+from crinoid.foundation.result_variables import of_dimension
+from crinoid.foundation.status import Status
+from crinoid.foundation.version import __version__
+from crinoid.results.chunks import piece_length, pieces
+from crinoid.results.stream import is_stream, open_lazily, read_checkpoint, remove_checkpoints
+from crinoid.scenario import Scenario
+
+RESULT = "result.nc"
+UNCONTROLLED = "uncontrolled.nc"
+TRAINING = "training.nc"
+"""Names of the files of a run, of the same one without control, and of a policy's training."""
+UNFINISHED = "unfinished: it is still run, or the program was killed; --resume goes on"
+"""Status in a file that grows."""
+_CHECKPOINT = "checkpoint"
+
+_REQUIRED = (
+    *("tip_position", "tip_target", "tip_error", "tip_angle"),
+    *("base_command", "base_servo", "base_force", "base_moment"),
+    *("energy", "steps", "newton_iterations", "residual"),
+)
+_MOTION = ("position", "velocity", "acceleration")
+"""Variables without which a file is no result, and those that a scenario may leave out."""
+
+Tree = TypeVar("Tree")
+
+
+_read_scenario = lru_cache(maxsize=8)(Scenario.from_toml)
+
+
+class ResultError(ValueError):
+    """A file without a result, or with one that cannot be resumed."""
+
+
+class Result:
+    """A run: its data, how it ended, and the same case without control if that was run too.
+
+    Parameters
+    ----------
+    dataset
+        Its data, in SI units and rad: variables over time, with the scenario among the attributes.
+    checkpoint
+        The arrays of the state at the end by their path, such as ``state.motion.position``; nothing
+        where there is none to go on from.
+    uncontrolled
+        The same case without control.
+    """
+
+    def __init__(
+        self,
+        dataset: xr.Dataset,
+        checkpoint: Mapping[str, np.ndarray] | None = None,
+        uncontrolled: Result | None = None,
+    ) -> None:
+        self.dataset = dataset
+        self.checkpoint = dict(checkpoint or {})
+        self.uncontrolled = uncontrolled
+
+    @property
+    def status(self) -> str:
+        """``ok``, or what went wrong and when."""
+        return str(self.dataset.attrs["status"])
+
+    @property
+    def ended(self) -> Status | None:
+        """How the run ended; None for an unknown status."""
+        return Status.of(self.status)
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on the run that its data do not give, a sentence each."""
+        return str(self.dataset.attrs.get("notes", "")).splitlines()
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """The SHA-256 digest of each file that the run was made from."""
+        lines = str(self.dataset.attrs.get("files", "")).splitlines()
+        return {file: digest for digest, _, file in (line.partition("  ") for line in lines)}
+
+    @property
+    def failure(self) -> str:
+        """Failure of this run or of the one without control; empty if neither failed."""
+        other = self.uncontrolled.failure if self.uncontrolled is not None else ""
+        return self.status if self.ended is Status.FAILED else other
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether this run or the one without control was stopped before its end."""
+        other = self.uncontrolled is not None and self.uncontrolled.interrupted
+        return self.ended in (Status.INTERRUPTED, Status.UNFINISHED) or other
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario that was run."""
+        return _read_scenario(str(self.dataset.attrs["scenario"]))
+
+    @property
+    def plot(self) -> Any:
+        """Its matplotlib plots, a `crinoid.view.notebook.Plots`, such as ``plot.tip_error()``."""
+        return display_hook.notebook().plots_of(self)
+
+    def _repr_html_(self) -> str:
+        """Return it as notebooks show it: its numbers, and a small animation."""
+        return display_hook.notebook().html_of(self)
+
+    def restore(self, like: Tree) -> Tree:
+        """Return the state at the end, in the shape of ``like``.
+
+        Raises
+        ------
+        ResultError
+            If the state saved is of another version, or not of that shape.
+        """
+        version = self.dataset.attrs.get("crinoid_version")
+        if version != __version__:
+            raise ResultError(
+                f"it was saved by crinoid {version} and this is {__version__}, "
+                "which may compute otherwise. Run it again."
+            )
+        wanted, saved = named_leaves(like), self.checkpoint
+        for name in dict.fromkeys([*wanted, *saved]):
+            if _kind(wanted.get(name)) != _kind(saved.get(name)):
+                raise ResultError(
+                    "it holds no state that this scenario can go on from: of "
+                    f"{name} it has {_kind(saved.get(name))}, not {_kind(wanted.get(name))}"
+                )
+        leaves = [jnp.asarray(saved[name]) for name in wanted]
+        return jax.tree.unflatten(jax.tree.structure(like), leaves)
+
+    def save(self, folder: FilePath) -> list[Path]:
+        """Write ``result.nc``, and ``uncontrolled.nc`` if there is one, and return their paths.
+
+        The files are replaced only once their successors are complete.
+
+        Raises
+        ------
+        OSError
+            If the folder cannot be written to, or the disk is full.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        runs = {RESULT: self}
+        if self.uncontrolled is not None:
+            runs[UNCONTROLLED] = self.uncontrolled
+        with ExitStack() as stack:
+            for name, run in runs.items():
+                run._write(stack.enter_context(atomic_write(folder / name)))
+        if self.uncontrolled is None and attributes(folder / UNCONTROLLED):  # of an earlier run
+            (folder / UNCONTROLLED).unlink()
+        for name in (RESULT, UNCONTROLLED):
+            remove_checkpoints(folder / name)
+        return [folder / name for name in runs]
+
+    @staticmethod
+    def load(folder: FilePath, *, lazily: bool = False) -> Result:
+        """Read what `save` wrote, or what a run has written so far that is not over.
+
+        Parameters
+        ----------
+        folder
+            Where.
+        lazily
+            Whether large variables stay in their file until they are used.
+
+        Raises
+        ------
+        ResultError
+            If there is no result in the folder, or none that this version can read.
+        """
+        folder = Path(folder)
+        result = _read(folder / RESULT, lazily)
+        if (folder / UNCONTROLLED).exists():
+            result.uncontrolled = _read(folder / UNCONTROLLED, lazily)
+        return result
+
+    def _write(self, path: Path) -> None:
+        """Write a file in pieces: a run that lies in a file may be larger than the memory."""
+        whole = self.dataset
+        over_time = [str(name) for name, data in whole.variables.items() if "time" in data.dims]
+        length = min(piece_length(whole), whole.sizes["time"])
+        encoding = {
+            name: {
+                "chunksizes": (length, *whole[name].shape[1:]),
+                "zlib": whole[name].ndim > 1,
+                "complevel": 1,
+            }
+            for name in over_time
+        }
+        first = whole.isel(time=slice(0, length)).load()
+        first.to_netcdf(path, engine="netcdf4", encoding=encoding, unlimited_dims=["time"])
+        if whole.sizes["time"] > length:
+            with netCDF4.Dataset(path, "a") as file:
+                for name in over_time:  # else it keeps most of the written data in memory
+                    file[name].set_var_chunk_cache(0, 1, 0.0)
+                for start, piece in enumerate(pieces(whole, over_time)):
+                    for name in over_time if start else ():
+                        at = start * length
+                        file[name][at : at + piece.sizes["time"]] = piece[name].values
+        leaves = xr.Dataset(
+            {
+                name: ([f"d{number:03d}_{axis}" for axis in range(leaf.ndim)], leaf)
+                for number, (name, leaf) in enumerate(self.checkpoint.items())
+            },
+            attrs={"crinoid_version": __version__},
+        )
+        leaves.to_netcdf(path, engine="netcdf4", mode="a", group=_CHECKPOINT)
+
+
+def named_leaves(tree: Any) -> dict[str, np.ndarray]:
+    """Return the arrays of a tree by their path in it, such as ``state.motion.position``."""
+    return {
+        jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf)
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+    }
+
+
+def attributes(path: Path) -> dict[str, Any]:
+    """Return the attributes of a file that crinoid wrote; none of any other, or of no file."""
+    try:
+        with netCDF4.Dataset(path) as file:
+            found = {name: file.getncattr(name) for name in file.ncattrs()}
+    except (OSError, RuntimeError, ValueError):
+        return {}
+    return found if "crinoid_version" in found else {}
+
+
+def _read(path: Path, lazily: bool) -> Result:
+    try:
+        dataset = open_lazily(path)
+        if not lazily:
+            dataset.load()
+        if is_stream(path):
+            checkpoint = read_checkpoint(path, dataset)
+        else:
+            with xr.open_dataset(path, engine="netcdf4", group=_CHECKPOINT) as leaves:
+                checkpoint = {str(name): leaf.values for name, leaf in leaves.data_vars.items()}
+    except FileNotFoundError:
+        raise ResultError(f"{path}: no such result") from None
+    except Exception as error:  # a file that is broken makes its readers raise anything
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ResultError(f"{path}: not a result of crinoid ({reason})") from error
+    for name in ("time", "axis", "channel", "kind"):
+        if name not in dataset.variables or dataset[name].dims != (name,):
+            raise ResultError(f"{path}: not a result of crinoid, it has no {name} over {name}")
+    try:
+        output = tomllib.loads(str(dataset.attrs.get("scenario"))).get("output", {})
+    except tomllib.TOMLDecodeError:
+        output = {}
+    for name in (*_REQUIRED, *(() if "variables" in output else _MOTION)):
+        if name not in dataset.variables:
+            raise ResultError(f"{path}: not a result of crinoid, it has no {name}")
+    expected = {name: each.dims for name, each in of_dimension(dataset.sizes["axis"]).items()}
+    for name, dims in {"time": ("time",), **expected}.items():
+        found = dataset.variables.get(name)
+        if found is not None and (found.dims != dims or found.dtype.kind not in "fi"):
+            text = f"not a result of crinoid, its {name} is no array of numbers over "
+            raise ResultError(f"{path}: {text}{', '.join(dims)}")
+    if not dataset.sizes["time"]:
+        raise ResultError(f"{path}: not a result of crinoid, it holds no instant")
+    for name, kind in {"status": str, "scenario": str, "wall_time": float}.items():
+        if not isinstance(dataset.attrs.get(name), kind):
+            raise ResultError(f"{path}: not a result of crinoid, it does not say its {name}")
+    return Result(dataset, checkpoint)
+
+
+def _kind(leaf: np.ndarray | None) -> str:
+    if leaf is None:
+        return "nothing"
+    return f"an array {leaf.shape} of {leaf.dtype}" if leaf.ndim else f"a number, {leaf.dtype}"

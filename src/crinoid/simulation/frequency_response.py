@@ -1,0 +1,90 @@
+"""Frequency response of the tip to the inputs."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float, Inexact
+from scipy.linalg import solve_banded
+
+from crinoid.dynamics import Influence
+from crinoid.dynamics.tangent import BOUNDARY_NODES
+
+Bands = Float[np.ndarray, "n 5 b b"]
+
+
+class Plant(NamedTuple):
+    """Small motions of an arm and of its tip, on the host. SI units."""
+
+    stiffness: Bands
+    damping: Bands
+    mass: Bands
+    influence: Influence
+    """Loads of the inputs on it, and how its tip follows."""
+
+    def response(self, frequency: Inexact[np.ndarray, " f"]) -> Complex[np.ndarray, "f pose input"]:
+        """Return d(tip)/d(inputs) at frequencies (Hz); a negative imaginary part means growth.
+
+        ``(K + i w C - w^2 M) x = f`` of the free nodes, with the held ones given for the channels
+        of the base and the forces of the other inputs, exact for the discrete arm: one banded solve
+        for all frequencies (LU, LAPACK).
+        """
+        held, loads, tip = map(np.asarray, self.influence[:3])
+        size = self.stiffness.shape[-1]
+        row, column, inside, known = _layout(*self.stiffness.shape[:3:2])
+        beyond, free = 3 * size - 1, (self.stiffness.shape[0] - BOUNDARY_NODES) * size
+        pull, follow = np.zeros((free, 0)), np.zeros((0, math.prod(loads.shape[:2])))
+        if self.influence.lines is not None:  # loads of lines, by held and free nodes
+            pull, follow = map(np.asarray, self.influence.lines)
+            pull = pull[BOUNDARY_NODES:].reshape(free, -1)
+            follow = follow.reshape(follow.shape[0], -1)
+        moved = np.pad(held.reshape(-1, held.shape[-1]), ((0, 0), (0, loads.shape[-1])))
+        ahead = moved.shape[0]
+        rate = 2 * np.pi * frequency[:, None]
+        bands = (
+            each[BOUNDARY_NODES:].reshape(-1) for each in (self.stiffness, self.damping, self.mass)
+        )
+        stiffness, damping, mass = bands
+        entries = stiffness + 1j * rate * damping - rate**2 * mass
+        # all frequencies one behind the other: one system, whose parts do not meet
+        diagonals = np.zeros((2 * beyond + 1, frequency.size, free), complex)
+        place = beyond + row[inside] - column[inside], slice(None), column[inside]
+        diagonals[place] = entries[:, inside].T
+        reached = np.zeros((frequency.size, free, ahead), complex)
+        reached[:, row[known], column[known]] = entries[:, known]
+        forced = np.pad(loads[BOUNDARY_NODES:].reshape(free, -1), ((0, 0), (held.shape[-1], 0)))
+        pushed = forced - reached @ moved - pull @ (follow[:, :ahead] @ moved)
+        # the loads of lines couple all nodes: eliminated last (Woodbury)
+        pulled = np.broadcast_to(pull, (frequency.size, *pull.shape))
+        answers = solve_banded(
+            (beyond, beyond),
+            diagonals.reshape(2 * beyond + 1, -1),
+            np.concatenate([pushed, pulled], axis=2).reshape(frequency.size * free, -1),
+            overwrite_ab=True,
+            overwrite_b=True,
+            check_finite=False,
+        ).reshape(frequency.size, free, -1)
+        alone, taut = np.split(answers, [moved.shape[1]], axis=2)
+        if pull.size:
+            followed = follow[:, ahead:]
+            load = np.linalg.solve(np.eye(pull.shape[1]) + followed @ taut, followed @ alone)
+            alone = alone - taut @ load
+        base = np.broadcast_to(moved, (frequency.size, *moved.shape))
+        nodes = np.concatenate([base, alone], axis=1)[:, -3 * size :]
+        last = nodes.reshape(frequency.size, 3, size, -1)[:, :, : tip.shape[2]]
+        return np.einsum("pnd,fndc->fpc", tip, last)
+
+
+def _layout(nodes: int, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return row and column of each entry of the bands among the free nodes, and which count.
+
+    Columns of the held nodes are negative. ``inside`` are entries among free nodes, ``known`` those
+    that multiply held nodes.
+    """
+    node, offset, i, j = np.indices((nodes - BOUNDARY_NODES, 5, size, size))
+    row = (node * size + i).reshape(-1)
+    column = ((node + offset - 2) * size + j).reshape(-1)
+    inside = (column >= 0) & (column < (nodes - BOUNDARY_NODES) * size)
+    return row, column, np.flatnonzero(inside), np.flatnonzero(column < 0)

@@ -1,0 +1,4 @@
+"""Many runs: batches, sweeps, comparisons of controllers.
+
+May import ``analysis`` and lower folders.
+"""

@@ -1,0 +1,183 @@
+"""Comparison of controllers: one scenario under each of them, over many seeds."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from crinoid.assembly.prepared import Prepared
+from crinoid.foundation.status import Status, summed
+from crinoid.results.dataset import describe
+from crinoid.results.metrics import Measures, measured
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario, ScenarioError, refusal
+from crinoid.scenario.library import Source, scenario_of
+from crinoid.scenario.sensor import InclinationSensor, inclination_sensor
+from crinoid.simulation import Progress
+from crinoid.simulation.batch import Arm, run_batch
+from crinoid.simulation.loop import controller_cpu_time
+from crinoid.simulation.loop_margin import factor_for
+from crinoid.simulation.setup import Setup, set_up
+from crinoid.studies.measures import tabulated
+
+_CROSSOVER = 1.0
+"""Frequency (Hz) at which the loop crosses over where the margin allows it."""
+_MODULUS = 0.4
+"""Smallest modulus margin of default gains."""
+_KP, _KD = 0.25, 0.5
+"""Proportional gain over ``ki / w`` and derivative gain over ``ki / w^2``, ``w`` the first natural
+frequency (rad/s): in four built-in scenarios they let ``ki`` be 1.4 to 2 times as large."""
+_PID = "control.pid."
+_STATIONS = tuple(station / 10 for station in range(11))
+"""Default stations where a hybrid controller measures the inclination of the arm."""
+
+
+def controlled_by(scenario: Scenario, kind: str) -> Scenario:
+    """Return a scenario under a kind of controller, and without the run for comparison.
+
+    A PID without gains in the scenario drives every input that moves the controlled quantities, all
+    with the same gains. Through the static Jacobian each of them sees a plant of gain one, so
+    ``ki`` is where the loop crosses over (rad/s): 1 Hz, or as much less as leaves a modulus margin
+    of 0.4 in the linear loop (`crinoid.simulation.loop_margin`). Next to it ``kp = ki / 4 w``,
+    ``kd = ki / 2 w^2`` and a filter of the derivative at ``w``, the arm's first natural frequency.
+
+    A hybrid controller sees by inclinations along the arm: at eleven stations, without noise, where
+    the scenario has no such sensor.
+    """
+    values: dict[str, Any] = {"control.kind": kind, "control.compare": False}
+    if kind == "none" and scenario.target.feed_forward:
+        values["target.feed_forward"] = False
+    if kind == "hybrid" and inclination_sensor(scenario.sensors) is None:
+        sensor = InclinationSensor(kind="inclination", stations=_STATIONS)
+        values["sensors"] = [*scenario.sensors, sensor]
+    if kind != "pid" or scenario.control.pid.present:
+        return scenario.with_values(values)
+    start = 2 * math.pi * _CROSSOVER
+    names, setup = _driven(scenario, values)
+    if setup is not None and setup.open_loop is not None and setup.modes is not None:
+        first = float(f"{setup.modes.frequency[0]:.2g}")
+        trial = scenario.with_values(values | {"control.pid": _gains(names, start, first)})
+        loop = set_up(Prepared(trial)).open_loop
+        factor = 0.0 if loop is None else factor_for(loop, _MODULUS)
+        if factor:
+            # two digits, rounded down
+            unit = 10.0 ** (math.floor(math.log10(factor * start)) - 1)
+            ki = float(f"{math.floor(factor * start / unit + 1e-9) * unit:.6g}")
+            return scenario.with_values(values | {"control.pid": _gains(names, ki, first)})
+    text = "missing, and no default gains leave a margin. Set gains for kind pid."
+    raise refusal("control.pid", text)
+
+
+def _driven(scenario: Scenario, values: dict[str, Any]) -> tuple[list[str], Setup | None]:
+    """Return the inputs that move the controlled quantities, and the loop that drives them."""
+    names = [*scenario.base.channels.present, *scenario.thread_names]
+    while names:
+        try:
+            gains = {"control.pid": _gains(names, 1.0, 1.0)}
+            return names, set_up(Prepared(scenario.with_values(values | gains)))
+        except ScenarioError as error:
+            idle = {mistake.key.removeprefix(_PID) for mistake in error.mistakes}
+            if not idle <= set(names):
+                raise
+            names = [name for name in names if name not in idle]
+    return names, None
+
+
+def _gains(names: list[str], ki: float, first: float) -> dict[str, dict[str, float]]:
+    """Return the same gains for all inputs, for a first natural frequency (Hz)."""
+    slow = 1 / (2 * math.pi * first)
+    kp, kd = (float(f"{gain:.2g}") for gain in (_KP * ki * slow, _KD * ki * slow**2))
+    return {name: {"kp": kp, "ki": ki, "kd": kd, "derivative_filter_hz": first} for name in names}
+
+
+COMPARISON = "compare.nc"
+
+_NUMBERS = (
+    *("rms_error", "max_error", "fluctuation"),
+    *("rms_angle_error", "max_angle_error", "work"),
+)
+_TICK = (
+    "CPU time on one core of one call of the compiled controller alone, in the run of the first "
+    "seed; median of five measurements over many calls in a row"
+)
+
+
+class ControllerComparison:
+    """A scenario of one case under several kinds of controllers (`controlled_by`), over seeds."""
+
+    def __init__(self, scenario: Source, kinds: Sequence[str], seeds: Sequence[int]) -> None:
+        self.scenario, self.seeds = scenario_of(scenario), list(seeds)
+        first = self.scenario.with_values({"seed": self.seeds[0]})
+        self.cases = {kind: controlled_by(first, kind) for kind in kinds}
+        self.controller_cpu_time = dict.fromkeys(self.cases, math.nan)  # without a start
+        for kind, case in self.cases.items():
+            setup = set_up(Prepared(case))
+            if setup.outcome.converged:
+                self.controller_cpu_time[kind] = controller_cpu_time(setup.loop, setup.state)
+        self.arms: dict[str, list[Arm[Measures]]] = {}
+        self.has_runs = False
+        """Whether a run has reached its end."""
+
+    def run(
+        self, report: Callable[[Progress], None], stop: Callable[[], bool] = lambda: False
+    ) -> None:
+        """Run all of it, one controller after the other.
+
+        Each kind is the label of the progress of its runs; ``stop`` is asked about ten times a
+        second.
+        """
+
+        def take(result: Result) -> Measures:
+            measures = measured(result)
+            self.has_runs = True
+            return measures
+
+        for kind, case in self.cases.items():
+            if stop():
+                break
+            scenarios = [case.with_values({"seed": seed}) for seed in self.seeds]
+            self.arms[kind] = run_batch(scenarios, take, label=kind, report=report, stop=stop)
+
+    @property
+    def notes(self) -> dict[str, list[str]]:
+        """Notes on each run, by its name."""
+        return {f"{kind} with seed {seed}": arm.notes for (kind, seed), arm in self.runs.items()}
+
+    @property
+    def runs(self) -> dict[tuple[str, int], Arm[Measures]]:
+        """Results of the runs so far, by controller and seed."""
+        return {
+            (kind, seed): arm
+            for kind, arms in self.arms.items()
+            for seed, arm in zip(self.seeds, arms, strict=True)
+        }
+
+    def dataset(self) -> xr.Dataset:
+        """Return the measures of all runs; NaN of one that did not reach its end."""
+        size = (len(self.cases), len(self.seeds))
+        status = np.full(size, f"{Status.INTERRUPTED} before it began", object)
+        complete = {}
+        for row, kind in enumerate(self.cases):
+            for column, arm in enumerate(self.arms.get(kind, [])):
+                status[row, column] = arm.status
+                if arm.taken is not None:
+                    complete[row, column] = arm.taken
+        data = tabulated(("controller", "seed"), complete, status, _NUMBERS)
+        if not {"angle", "direction"} & set(self.scenario.control.controlled):
+            data = data.drop_vars(["rms_angle_error", "max_angle_error"])
+        data["tick_time"] = (
+            "controller",
+            list(self.controller_cpu_time.values()),
+            {"units": "s", "long_name": "time of a command", "comment": _TICK},
+        )
+        data["controller_scenario"] = (
+            "controller",
+            np.array([case.to_toml() for case in self.cases.values()], object),
+            {"long_name": "scenario as run with the first seed"},
+        )
+        return data.assign_coords(
+            controller=("controller", list(self.cases), {"long_name": "kind of controller"}),
+            seed=("seed", self.seeds, {"long_name": "seed of everything random"}),
+        ).assign_attrs(describe(self.scenario) | {"status": summed(status.flat)})

@@ -1,0 +1,93 @@
+"""Measures of runs, with their units: the same in studies, comparisons and batches."""
+
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from crinoid.results.metrics import EFFORT, MEASURES, Measures
+
+_ROUND = 1e-9
+"""Relative difference of equal instants of two runs."""
+
+
+def stacked(runs: Sequence[xr.Dataset | None]) -> xr.Dataset:
+    """Return the data of runs along a new first dimension ``run``.
+
+    Variables that are equal in all of them do not get it. The runs, of one structure, save the
+    same instants, each up to where it ended; None of a run that has none. Missing numbers become
+    NaN.
+    """
+    there = {number: run for number, run in enumerate(runs) if run is not None}
+    if not there:
+        return xr.Dataset()
+    time = max((run["time"] for run in there.values()), key=len)
+    near = _ROUND * max(1.0, float(abs(time).max()))
+    aligned = [run.reindex(time=time, method="nearest", tolerance=near) for run in there.values()]
+
+    def varies(name: Hashable) -> bool:
+        first, *others = (run[name].variable for run in aligned if name in run.variables)
+        return "time" in first.dims or not all(map(first.equals, others))
+
+    found = xr.concat(
+        aligned,
+        pd.Index(there, name="run"),
+        data_vars=[name for name in aligned[0].data_vars if varies(name)],
+        coords=[name for name in aligned[0].coords if name != "time" and varies(name)],
+        compat="override",
+        join="exact",
+        combine_attrs="override",
+    )
+    return found.reindex(run=range(len(runs))).drop_vars("run")
+
+
+def tabulated(
+    over: tuple[str, ...],
+    found: Mapping[Any, Measures],
+    status: np.ndarray,
+    names: Collection[str] = tuple(MEASURES),
+    along: str = "input",
+) -> xr.Dataset:
+    """Return the measures of many runs ``over`` some dimensions; NaN of a run that has none.
+
+    They are given by the indices of their runs, the ``status`` of each run as an array; the inputs
+    that can move are ``along`` a dimension.
+    """
+    unit: dict[str, str] = {}
+    for measures in found.values():
+        unit |= measures.unit
+    numbers = {name: np.full(status.shape, np.nan) for name in names}
+    effort = np.full((*status.shape, len(unit)), np.nan)
+    for place, measures in found.items():
+        for name, values in numbers.items():
+            values[place] = measures.numbers[name]
+        effort[place] = [measures.speed.get(name, np.nan) for name in unit]
+    return measures_dataset(over, numbers, effort, unit, status, along)
+
+
+def measures_dataset(
+    over: tuple[str, ...],
+    numbers: Mapping[str, np.ndarray],
+    effort: np.ndarray,
+    unit: Mapping[str, str],
+    status: np.ndarray,
+    along: str = "input",
+) -> xr.Dataset:
+    """Return measures of many runs, speeds of their inputs and status, with their attributes."""
+    found: dict[str, tuple[Any, ...]] = {
+        name: (over, values, MEASURES[name].attributes) for name, values in numbers.items()
+    }
+    # CF has no unit for a mixture
+    about = {"long_name": EFFORT, "comment": f"in {along}_unit"}
+    found["effort"] = (*over, along), effort, about
+    found["status"] = over, status, {"long_name": "ok, or what went wrong and when"}
+    inputs, units = np.array(list(unit), object), np.array(list(unit.values()), object)
+    return xr.Dataset(
+        found,
+        {
+            along: (along, inputs, {"long_name": "input that can move"}),
+            f"{along}_unit": (along, units, {"long_name": "unit of effort"}),
+        },
+    )

@@ -1,0 +1,287 @@
+"""The plan of a sweep: its runs, and the batches that they are run in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+from jaxtyping import Float, Int
+
+from crinoid.foundation.version import __version__
+from crinoid.results.metrics import CASE_MEASURES
+from crinoid.scenario import Scenario, ScenarioError, got, one_of, refusal, shown
+from crinoid.scenario.document import digests, parse, value_at
+from crinoid.scenario.library import Source, scenario_of
+from crinoid.scenario.variation import Span, combination, read_variation
+from crinoid.studies.sweep.sampling import SAMPLINGS, points_of, sample
+
+MOST_RUNS = 10_000_000
+_MOST_BATCHES, _MOST_IN_A_BATCH = 200, 100
+_SAMPLE = "\0sample"
+"""Key that represents all keys that are sampled together."""
+_FIXED = ("simulation", "output")
+"""Tables whose numbers change the compiled programs."""
+
+
+class Batch(NamedTuple):
+    """Runs that one worker runs together."""
+
+    runs: Int[np.ndarray, " run"]
+    """Their numbers, from 1."""
+    structure: int
+    """Index of their structure."""
+
+
+@dataclass(frozen=True)
+class SweepDesign:
+    """All runs of a sweep: every combination of values, samples and seeds."""
+
+    scenario: Scenario
+    """One case; its ``seed`` is the first of the seeds, and draws the samples."""
+    varied: Mapping[str, Span | list[Any]]
+    """Values of each key that varies: a list, or a `Span`, which without a count is sampled."""
+    sampling: str = "grid"
+    """``grid``, where nothing is sampled, ``lhs``, ``sobol`` or ``saltelli``."""
+    count: int = 1
+    """Number of sampled points, or of blocks of points (`sample`)."""
+    seeds: int = 1
+    """Number of seeds of each combination."""
+    batch: int = 1
+    """Largest number of runs in a batch."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Digest of each file that the scenario names."""
+
+    @staticmethod
+    def of(
+        scenario: Source,
+        variations: Sequence[str],
+        *,
+        sampling: str = "grid",
+        count: int | None = None,
+        seeds: int = 1,
+        batch: int | None = None,
+    ) -> SweepDesign:
+        """Return the plan of a scenario, its ``vary``, and the options ``--vary``."""
+        described = scenario_of(scenario)
+        varied: dict[str, Span | list[Any]] = dict(described.vary)
+        known = set()
+        for text in variations:
+            key, values = read_variation(text)
+            if key in known:
+                raise refusal("--vary", f"got {key} twice; must name each key once")
+            known.add(key)
+            varied[key] = values
+        alone = described.with_values({})
+        found = {
+            key: values if isinstance(values, Span) else _settled(alone, key, values)
+            for key, values in varied.items()
+        }
+        _check(found, sampling, count, seeds, batch)
+        read = digests({**alone.to_dict(), "vary": found})
+        plan = SweepDesign(alone, found, sampling, count or 1, seeds, files=read)
+        if plan.runs > MOST_RUNS:
+            raise refusal("--vary", f"makes {plan.runs} runs; must make at most {MOST_RUNS}")
+        size = min(_MOST_IN_A_BATCH, -(-plan.runs // _MOST_BATCHES))
+        return replace(plan, batch=batch or size)
+
+    @cached_property
+    def runs(self) -> int:
+        """Number of runs."""
+        return prod(map(len, self._choices.values()))
+
+    @property
+    def steps(self) -> int:
+        """Time steps of all runs, as many each as the scenario has."""
+        return self.runs * self.scenario.simulation.steps
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys that differ between runs; ``seed``, where there are several, is the last one."""
+        return [*self.varied, *(["seed"] if self.seeds > 1 else [])]
+
+    def values(self, run: int) -> dict[str, Any]:
+        """Return the values of a run by key, numbered from 1; the last key changes fastest."""
+        found = combination(self._choices, run - 1)
+        point = self._samples[found.pop(_SAMPLE)] if _SAMPLE in found else ()
+        sampled = zip(self._spans, point, strict=True)
+        found |= {key: self._spans[key].at(float(part)) for key, part in sampled}
+        return {key: found[key] for key in self.keys}
+
+    def case(self, run: int) -> Scenario:
+        """Return the scenario of a run; a `ScenarioError` if its values exclude each other."""
+        return self.scenario.with_values(self.values(run))
+
+    def name(self, run: int) -> str:
+        """Return the name of a run, which is that of its folder."""
+        return f"case-{run:0{max(2, len(str(self.runs)))}d}"
+
+    def row(
+        self, run: int, measures: Mapping[str, float | None], status: str, directory: str
+    ) -> dict[str, Any]:
+        """Return the row of a run in ``cases.csv``; a measure that is not known is empty."""
+        known = {name: measures.get(name) for name in CASE_MEASURES}
+        numbers = {name: "" if value is None else value for name, value in known.items()}
+        ends = {"status": status, "directory": directory}
+        return {"case": self.name(run), **self.values(run), **numbers, **ends}
+
+    @property
+    def sampled(self) -> list[str]:
+        """Keys that are sampled."""
+        return list(self._spans)
+
+    def by_point(self, values: Float[np.ndarray, " run"]) -> Float[np.ndarray, "point other"]:
+        """Return a number of each run by the sampled point, and by all else that varies."""
+        sizes = {key: len(choices) for key, choices in self._choices.items()}
+        found = np.moveaxis(values.reshape(*sizes.values()), list(sizes).index(_SAMPLE), 0)
+        return found.reshape(sizes[_SAMPLE], -1)
+
+    @cached_property
+    def batches(self) -> list[Batch]:
+        """Batches of at most ``batch`` runs, each of one structure."""
+        return [
+            Batch(runs, structure)
+            for structure, all_runs in enumerate(self.structures)
+            for runs in np.split(all_runs, range(self.batch, all_runs.size, self.batch))
+        ]
+
+    @cached_property
+    def structures(self) -> list[Int[np.ndarray, " run"]]:
+        """The runs that share their compiled programs, judged by their values."""
+        sizes = tuple(map(len, self._choices.values()))
+        places = np.unravel_index(np.arange(self.runs), sizes) if sizes else ()
+        structure = np.zeros(self.runs, np.int64)
+        for (key, choices), place in zip(self._choices.items(), places, strict=True):
+            if key in (_SAMPLE, "seed") or _is_number(self.scenario, key, choices[0]):
+                continue
+            kinds: dict[str, int] = {}
+            of_each = [kinds.setdefault(repr(each), len(kinds)) for each in choices]
+            structure = structure * len(kinds) + np.array(of_each)[place]
+        order = np.argsort(structure, kind="stable")
+        return np.split(order + 1, np.flatnonzero(np.diff(structure[order])) + 1)
+
+    def examples(self, most: int) -> list[int]:
+        """Return representative runs: of each structure, each value, and the ends of samples.
+
+        Of a key with more than ``most`` values there are as many, its ends among them.
+        """
+        found = {int(runs[0]) for runs in self.structures}
+        stride = 1
+        for key, choices in reversed(self._choices.items()):
+            if key == _SAMPLE:
+                ends = (self._samples.argmin(axis=0), self._samples.argmax(axis=0))
+                places = np.concatenate(ends)
+            else:
+                places = np.linspace(0, len(choices) - 1, min(most, len(choices))).astype(int)
+            found.update(int(place) * stride + 1 for place in places)
+            stride *= len(choices)
+        return sorted(found)
+
+    def to_toml(self) -> str:
+        """Return all of it as TOML; `from_toml` gives it back."""
+        return tomli_w.dumps(self.to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as tables."""
+        spans = {key: str(v) if isinstance(v, Span) else v for key, v in self.varied.items()}
+        return {
+            "version": __version__,
+            "sampling": self.sampling,
+            "count": self.count,
+            "seeds": self.seeds,
+            "batch": self.batch,
+            "files": dict(self.files),
+            "varied": spans,
+            "scenario": self.scenario.to_dict(),
+        }
+
+    @staticmethod
+    def from_toml(text: str) -> SweepDesign:
+        """Read a plan that `to_toml` wrote; a `ScenarioError` if it is none of this version."""
+        found = parse(text)
+        version = found.pop("version", None)
+        if version != __version__:
+            raise refusal("version", got(version, f"be {shown(__version__)}"))
+        varied = {
+            key: read_variation(f"{key}={values}")[1] if isinstance(values, str) else values
+            for key, values in found.pop("varied").items()
+        }
+        return SweepDesign(Scenario.from_dict(found.pop("scenario")), varied, **found)
+
+    @cached_property
+    def _spans(self) -> dict[str, Span]:
+        return {k: v for k, v in self.varied.items() if isinstance(v, Span) and v.count is None}
+
+    @cached_property
+    def _choices(self) -> dict[str, Sequence[Any]]:
+        """Choices that are combined: values of keys, samples, seeds."""
+        found: dict[str, Sequence[Any]] = {}
+        for key, values in self.varied.items():
+            if key not in self._spans:
+                found[key] = values.values() if isinstance(values, Span) else values
+        if self._spans:
+            found[_SAMPLE] = range(points_of(self.sampling, self.count, len(self._spans)))
+        if self.seeds > 1:
+            found["seed"] = range(self.scenario.seed, self.scenario.seed + self.seeds)
+        return found
+
+    @cached_property
+    def _samples(self) -> np.ndarray:
+        return sample(self.sampling, self.count, len(self._spans), self.scenario.seed)
+
+
+def _check(
+    varied: Mapping[str, Span | list[Any]],
+    sampling: str,
+    count: int | None,
+    seeds: int,
+    batch: int | None,
+) -> None:
+    known = ("grid", *SAMPLINGS)
+    if sampling not in known:
+        raise refusal("--sample", got(sampling, f"be {one_of(known)}"))
+    for option, number in {"--count": count, "--seeds": seeds, "--batch": batch}.items():
+        if number is not None and number < 1:
+            raise refusal(option, got(number, "be at least 1"))
+    if count is not None and count > MOST_RUNS:
+        raise refusal("--count", got(count, f"be at most {MOST_RUNS}"))
+    spans = [key for key, values in varied.items() if isinstance(values, Span)]
+    long = [v for v in varied.values() if isinstance(v, Span) and (v.count or 0) > MOST_RUNS]
+    if long:
+        raise refusal("--vary", f"makes {long[0].count} runs; must make at most {MOST_RUNS}")
+    without = [key for key in spans if varied[key].count is None]
+    if sampling == "grid":
+        if without:
+            text = f"got {without[0]}={varied[without[0]]}; must have a count (FROM:TO:COUNT)"
+            raise refusal("--vary", f"{text}. Add it, or use --sample {one_of(SAMPLINGS)}.")
+        if count is not None:
+            raise refusal("--count", f"needs --sample {one_of(SAMPLINGS)}")
+    elif not without:
+        raise refusal("--sample", "needs a range to sample, such as --vary arm.length=0.3:0.6")
+    elif count is None:
+        raise refusal("--sample", "needs --count N, the number of points")
+    if seeds > 1 and "seed" in varied:
+        raise refusal("--seeds", "excludes other values of seed. Leave one of them out.")
+
+
+def _settled(scenario: Scenario, key: str, values: list[Any]) -> list[Any]:
+    """Return values as the scenario stores them, such as absolute paths, if they are valid."""
+    found = []
+    for value in values:
+        try:
+            held = value_at(scenario.with_values({key: value}).to_dict(), key)
+        except ScenarioError:  # wrong, or only alone: checked in the runs
+            held = None
+        found.append(value if held is None else held)
+    return found
+
+
+def _is_number(scenario: Scenario, key: str, value: Any) -> bool:
+    """Return whether values of a key are numbers or vectors that change no compiled program."""
+    (held,) = _settled(scenario, key, [value])
+    parts = held if isinstance(held, list) and held else [held]
+    return key.partition(".")[0] not in _FIXED and all(isinstance(each, float) for each in parts)

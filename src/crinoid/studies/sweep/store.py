@@ -1,0 +1,169 @@
+"""The folder of a sweep: its plan, a file for each finished batch, and the study of all."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import netCDF4
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jaxtyping import Int
+
+from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
+from crinoid.results.dataset import describe
+from crinoid.results.metrics import CASE_MEASURES, CASES, MEASURES, Measures, write_rows
+from crinoid.scenario import ScenarioError, refusal
+from crinoid.studies.batch import coordinate
+from crinoid.studies.measures import measures_dataset, tabulated
+from crinoid.studies.sweep.plan import Batch, SweepDesign
+
+
+class RunOutcome(NamedTuple):
+    """Outcome of one run."""
+
+    status: str
+    """``ok``, or what went wrong and when."""
+    measures: Measures | None = None
+    """None of a run that did not reach its end."""
+
+
+def _numbered(runs: Int[np.ndarray, " run"]) -> tuple[str, np.ndarray, dict[str, str]]:
+    return "run", runs, {"long_name": "number of the run"}
+
+
+def _assemble(plan: SweepDesign, parts: Iterator[xr.Dataset]) -> xr.Dataset:
+    """Return all runs of a plan in order, with their values, from the datasets of its batches."""
+    tables, speeds = [], []
+    units: dict[str, str] = {}
+    for part in parts:
+        tables.append(part[[*MEASURES, "status"]].to_dataframe())
+        speeds.append(part["effort"].to_pandas())
+        units |= dict(zip(part["input"].values, part["input_unit"].values, strict=True))
+    table, speed = pd.concat(tables).sort_index(), pd.concat(speeds).sort_index()
+    inputs = sorted(units, key=lambda name: (speed[name].first_valid_index(), name))
+    data = measures_dataset(
+        ("run",),
+        {name: table[name].to_numpy() for name in MEASURES},
+        speed[inputs].to_numpy(float),
+        {name: units[name] for name in inputs},
+        table["status"].to_numpy(object),
+    )
+    varied = [plan.values(run) for run in table.index]
+    seeds = [values.get("seed", plan.scenario.seed) for values in varied]
+    found = {key: coordinate(key, [values[key] for values in varied]) for key in plan.keys}
+    found |= {"run": _numbered(table.index.to_numpy()), "seed": coordinate("seed", seeds)}
+    return data.assign_coords(found).assign_attrs(
+        describe(plan.scenario) | {"plan": plan.to_toml()}
+    )
+
+
+PLAN, _BATCHES = "plan.toml", "batches"
+_ZARR, _NETCDF = "study.zarr", "study.nc"
+_DIGITS = 5
+
+
+def has_zarr() -> bool:
+    """Return whether Zarr is installed."""
+    try:
+        import zarr  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+class SweepStore:
+    """Files of a sweep in its folder.
+
+    Every one except the study itself is written under another name and renamed once it is
+    complete. All methods raise `OSError` if a file cannot be read or written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def files(self) -> list[str]:
+        """Return the names of the files of a sweep or of another study that are there."""
+        names = (PLAN, _BATCHES, _ZARR, _NETCDF, CASES)
+        return [name for name in names if (self.folder / name).exists()]
+
+    def read_plan(self) -> SweepDesign:
+        """Read the plan."""
+        path = self.folder / PLAN
+        try:
+            return SweepDesign.from_toml(path.read_text("utf-8"))
+        except FileNotFoundError:
+            text = "does not exist. Name the folder of a sweep."
+        except ScenarioError as error:
+            text = error.lines[0]
+        except (UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+            text = f"not the plan of a sweep ({error})"
+        raise refusal(str(path), text)
+
+    def start(self, plan: SweepDesign) -> None:
+        """Write the plan, and remove all files of another sweep."""
+        self._remove_study()
+        for path in (self.folder / _BATCHES).glob("*.nc"):
+            path.unlink()
+        (self.folder / PLAN).unlink(missing_ok=True)
+        (self.folder / _BATCHES).mkdir(exist_ok=True)
+        with atomic_write(self.folder / PLAN) as temporary:
+            temporary.write_text(plan.to_toml(), "utf-8")
+
+    def tidy(self) -> None:
+        """Remove unfinished files of a sweep that was killed."""
+        for name in (PLAN, CASES, _NETCDF, f"{_BATCHES}/*.nc"):
+            remove_unfinished(self.folder / name)
+        for path in self.folder.glob(f".{_ZARR}.*"):
+            shutil.rmtree(path, ignore_errors=True)
+
+    def finished(self, plan: SweepDesign) -> set[int]:
+        """Return the numbers of the batches whose files are complete and of these runs."""
+        found = set()
+        for number, batch in enumerate(plan.batches):
+            with suppress(OSError, IndexError), netCDF4.Dataset(self._path(number)) as file:
+                if np.array_equal(file["run"][:], batch.runs):
+                    found.add(number)
+        return found
+
+    def save(self, number: int, batch: Batch, rows: Sequence[RunOutcome]) -> None:
+        """Write a batch."""
+        status = np.array([row.status for row in rows], object)
+        found = {(k,): row.measures for k, row in enumerate(rows) if row.measures is not None}
+        data = tabulated(("run",), found, status).assign_coords(run=_numbered(batch.runs))
+        with atomic_write(self._path(number)) as temporary:
+            data.to_netcdf(temporary, engine="netcdf4")
+
+    def collect(self, plan: SweepDesign) -> tuple[xr.Dataset, list[Path]]:
+        """Write the study of all batches; return its dataset and files."""
+        paths = map(self._path, range(len(plan.batches)))
+        data = _assemble(plan, (xr.load_dataset(path, engine="netcdf4") for path in paths))
+        self._remove_study()
+        path = self.folder / (_ZARR if has_zarr() else _NETCDF)
+        if has_zarr():
+            temporary = Path(tempfile.mkdtemp(prefix=f".{_ZARR}.", dir=self.folder))
+            data.to_zarr(temporary, mode="w", zarr_format=3, consolidated=False)
+            temporary.chmod(self.folder.stat().st_mode & 0o777)
+            temporary.rename(path)
+        else:
+            with atomic_write(path) as temporary:
+                data.to_netcdf(temporary, engine="netcdf4")
+        table = data[[*CASE_MEASURES, "status"]].to_dataframe().astype(object)
+        rows = enumerate(table.where(table.notna(), None).to_dict("records"), start=1)
+        cases = (plan.row(run, row, row["status"], plan.name(run)) for run, row in rows)
+        write_rows(self.folder / CASES, cases)
+        return data, [path, self.folder / CASES]
+
+    def _remove_study(self) -> None:
+        if (self.folder / _ZARR).is_dir():
+            shutil.rmtree(self.folder / _ZARR)
+        for name in (_NETCDF, CASES):
+            (self.folder / name).unlink(missing_ok=True)
+
+    def _path(self, number: int) -> Path:
+        return self.folder / _BATCHES / f"{number:0{_DIGITS}d}.nc"

@@ -1,0 +1,67 @@
+"""Figures of a result, printed with matplotlib, which is loaded only when something is drawn."""
+
+from pathlib import Path
+
+from crinoid.foundation.atomic_file import FilePath
+from crinoid.view.scene.data import ReportError
+
+__all__ = ["ReportError", "write_page", "write_report"]
+
+
+def write_report(path: FilePath, out: FilePath | None = None) -> list[Path]:
+    """Draw the figures of a result, or of a study of several cases.
+
+    A result gives `shape.png`, `tip_error.png`, `tip_path.png`, `commands.png`, `energy.png` and
+    `bending.png`, with obstacles `contact.png`, and the page `report.html`; a file
+    `uncontrolled.nc` next to it is drawn as the comparison. A study (a folder with `cases.csv`)
+    gives those of each case, in the folder of that case, and a page of all. The
+    current that `crinoid flow` sampled (`flow.nc`) gives `flow.png`, `spectrum.png` and
+    `profile.png`, what `crinoid modes` found (`modes.nc`) `modes.png`, what `crinoid compare`
+    compared (`compare.nc`) `compare.png`, the loop of `crinoid margins` (`margins.nc`) `bode.png`
+    and `nyquist.png`, the search of `crinoid tune` (`tune.nc`) `tune.png`, that of
+    `crinoid identify` (`identify.nc`) `identify.png`, and what `crinoid train` went through
+    (`training.nc`) `training.png`.
+
+    Parameters
+    ----------
+    path
+        A result's folder, its `result.nc`, a study's folder or its `cases.csv`, a folder with
+        `flow.nc`, `modes.nc`, `compare.nc`, `margins.nc`, `tune.nc`,
+        `identify.nc` or `training.nc`, or that file.
+    out
+        Folder for the figures, created if needed; by default that of the result.
+
+    Returns
+    -------
+    list of Path
+        The figures written, in the order above.
+    """
+    from crinoid.view.figures.book import write_book
+
+    return write_book(Path(path), None if out is None else Path(out))
+
+
+def write_page(folder: FilePath) -> Path:
+    """Write the page `report.html` of a run, or of a study whose table is in the folder.
+
+    That of a run shows it moving, its charts and its numbers; that of a study its cases in a table,
+    in a chart over what varied, and their arms at the end.
+
+    Parameters
+    ----------
+    folder
+        Where `result.nc` or `cases.csv` is, and the page will be.
+    """
+    from crinoid.results.metrics import CASES
+    from crinoid.view.figures.run import RESULT, open_run
+    from crinoid.view.page.parts import PAGE
+
+    folder = Path(folder)
+    if not (folder / RESULT).is_file() and (folder / CASES).is_file():
+        from crinoid.view.figures.study import read_cases
+        from crinoid.view.page.study import write_study
+
+        return write_study(read_cases(folder / CASES), folder, folder)
+    from crinoid.view.page.write import write_run
+
+    return write_run(open_run(folder / RESULT, lazily=True), folder / PAGE)

@@ -1,0 +1,183 @@
+"""The book of figures that belongs to a result or a study: which are drawn, and where to."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib as mpl
+import xarray as xr
+from matplotlib.figure import Figure
+
+from crinoid.foundation.atomic_file import atomic_write
+from crinoid.foundation.version import __version__
+from crinoid.inverse import IDENTIFICATION, TUNING
+from crinoid.results.metrics import CASES, is_table
+from crinoid.results.result import TRAINING
+from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_series, draw_spectrum
+from crinoid.view.figures.charts.chart import Chart
+from crinoid.view.figures.charts.drive import drive_chart, energy_chart
+from crinoid.view.figures.charts.tip import tip_chart
+from crinoid.view.figures.charts.touch import contact_chart, has_contact
+from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
+from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
+from crinoid.view.figures.paper import draw_chart
+from crinoid.view.figures.run import RESULT, Run, load_as, open_run
+from crinoid.view.figures.searches import draw_identification, draw_training, draw_tuning
+from crinoid.view.figures.shape import draw_bending, draw_close_up, draw_shape
+from crinoid.view.figures.sheet import draw_sheet
+from crinoid.view.figures.study import read_cases
+from crinoid.view.figures.style import STYLE
+from crinoid.view.page.parts import PAGE
+from crinoid.view.page.study import write_study
+from crinoid.view.page.write import write_run
+from crinoid.view.scene.data import ReportError, is_spatial
+
+
+def _of(chart: Callable[[Run], Chart]) -> Callable[[Run], Figure]:
+    return lambda run: draw_chart(chart(run), run)
+
+
+_FIGURES: dict[str, Callable[[Run], Figure]] = {
+    "shape.png": draw_shape,
+    "tip_error.png": _of(tip_chart),
+    "tip_path.png": draw_close_up,
+    "commands.png": _of(drive_chart),
+    "energy.png": _of(energy_chart),
+    "bending.png": draw_bending,
+}
+
+_SPACE = {"shape.png": draw_sheet}  # figures that differ for an arm in space
+
+
+class _Finding(NamedTuple):
+    """The file of a finding: required variables, and figures."""
+
+    kind: str
+    required: Mapping[str, tuple[str, ...]]  # variables and their dimensions
+    figures: Mapping[str, Callable[[xr.Dataset], Figure]]
+
+
+_FINDINGS = {
+    "flow.nc": _Finding(
+        "a current",
+        {
+            "flow_velocity": ("time", "place", "axis"),
+            "flow_spectrum": ("frequency", "place", "axis"),
+            **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
+        },
+        {"flow.png": draw_series, "spectrum.png": draw_spectrum, "profile.png": draw_profile},
+    ),
+    "modes.nc": _Finding(
+        "modes",
+        {
+            **dict.fromkeys(("frequency", "damping_ratio"), ("medium", "mode")),
+            **dict.fromkeys(("shape", "shape_quadrature"), ("medium", "mode", "node", "axis")),
+            "position": ("medium", "node", "axis"),
+        },
+        {"modes.png": draw_modes},
+    ),
+    "compare.nc": _Finding(
+        "a comparison",
+        {
+            **dict.fromkeys(("rms_error", "max_error"), ("controller", "seed")),
+            "effort": ("controller", "seed", "input"),
+            "tick_time": ("controller",),
+        },
+        {"compare.png": draw_comparison},
+    ),
+    "margins.nc": _Finding(
+        "margins",
+        {
+            **dict.fromkeys(("locus_real", "locus_imaginary"), ("frequency", "locus")),
+            **{f"{name}_margin": () for name in ("gain", "phase", "delay", "modulus")},
+        },
+        {"bode.png": draw_bode, "nyquist.png": draw_nyquist},
+    ),
+    TUNING: _Finding(
+        "a tuning",
+        {
+            **dict.fromkeys(("cost", "modulus"), ("start", "iteration")),
+            "tried": ("start", "iteration", "key"),
+            **dict.fromkeys(("given", "tuned"), ("key",)),
+        },
+        {"tune.png": draw_tuning},
+    ),
+    IDENTIFICATION: _Finding(
+        "an identification",
+        {
+            **dict.fromkeys(("given", "found", "standard_error"), ("parameter",)),
+            **dict.fromkeys(("measured", "computed", "computed_before"), ("time", "quantity")),
+            "set_aside": ("time",),
+        },
+        {"identify.png": draw_identification},
+    ),
+    TRAINING: _Finding(
+        "a training", {"cost": ("look",), "error": ("look",)}, {"training.png": draw_training}
+    ),
+}
+"""Findings by the names of their files, which may be in the folder of a result."""
+
+
+def write_book(path: Path, out: Path | None) -> list[Path]:
+    """Draw everything that the result or study at `path` gives; see `crinoid.view.figures`."""
+    if not path.exists():
+        raise ReportError(f"{path}: no such file or directory")
+    if path.is_file() and path.name in _FINDINGS:
+        return _write_finding(path, out or path.parent)
+    if path.is_file() and path.name != CASES:
+        return _write_run(path, out or path.parent)
+    folder = path if path.is_dir() else path.parent
+    written = []
+    names = (RESULT, *_FINDINGS)
+    there = [name for name in names if path.is_dir() and (folder / name).is_file()]
+    # in the folder of a result, a table that is no study's is left alone
+    studied = is_table(folder / CASES) or ((folder / CASES).is_file() and not there)
+    if studied:
+        written += _write_study(folder, out or folder)
+    if RESULT in there:
+        written += _write_run(folder / RESULT, out or folder)
+    for name in there:
+        if name != RESULT:
+            written += _write_finding(folder / name, out or folder)
+    if not written and not studied:
+        files = " nor ".join((RESULT, CASES, *_FINDINGS))
+        raise ReportError(f"{path}: no result here, neither {files}")
+    return written
+
+
+def _write_run(path: Path, out: Path) -> list[Path]:
+    run = open_run(path)
+    figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
+    figures |= {"contact.png": _of(contact_chart)} if has_contact(run) else {}
+    figures |= {"vortices.png": _of(vortex_chart)} if has_vortices(run) else {}
+    drawn = [_save(lambda draw=draw: draw(run), out / name, path) for name, draw in figures.items()]
+    return [*drawn, write_run(run, out / PAGE)]
+
+
+def _write_finding(path: Path, out: Path) -> list[Path]:
+    finding = _FINDINGS[path.name]
+    data = load_as(path, finding.kind, finding.required)
+    figures = finding.figures.items()
+    return [_save(lambda draw=draw: draw(data), out / name, path) for name, draw in figures]
+
+
+def _write_study(folder: Path, out: Path) -> list[Path]:
+    cases = read_cases(folder / CASES)
+    written = []
+    for case in cases:
+        if case.result is not None:
+            written += _write_run(case.result, out / case.directory)
+    # a result in the same folder has the page of that name
+    return written if (folder / RESULT).is_file() else [*written, write_study(cases, folder, out)]
+
+
+def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:
+    """Draw and save within the style; the file names crinoid and its source."""
+    metadata = {"Software": f"crinoid {__version__}", "Source": source.name}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with mpl.rc_context(STYLE), atomic_write(path) as temporary:
+            draw().savefig(temporary, format="png", facecolor="white", metadata=metadata)
+    except OSError as error:
+        raise ReportError(f"{path}: cannot write the figure ({error.strerror})") from error
+    return path

@@ -1,0 +1,206 @@
+"""Figures of controllers: a comparison of errors and efforts, Bode and Nyquist plots."""
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Complex, Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter, ScalarFormatter
+
+from crinoid.view.figures import style
+
+_COLUMNS = 3
+_WIDE = (8.0, 1e4)
+"""Ratios of the largest to the smallest value between which an axis is logarithmic."""
+_SPREAD = 0.22
+"""Half-width over which the runs of a controller are spread, of the distance between two."""
+
+
+def draw_comparison(data: xr.Dataset) -> Figure:
+    """Draw errors and efforts: a point for each run, a line with its number for each mean."""
+    panels = _panels(data)
+    rows = math.ceil(len(panels) / _COLUMNS)
+    figure = Figure(figsize=(style.WIDTH, 0.5 + 2.5 * rows), layout="constrained")
+    style.head_of(figure, data)
+    words = "a point: a run; a line and its number: the mean of a controller; speeds are RMS values"
+    figure.supxlabel(words, fontsize=8.5, color=style.GREY)
+    grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+    for axes, (words, values, unit) in zip(grid, panels, strict=False):
+        _points(axes, [str(kind) for kind in data["controller"].values], values * unit.factor)
+        axes.set_title(f"{words} ({unit.name})", loc="left")
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    return figure
+
+
+def _panels(data: xr.Dataset) -> list[tuple[str, Float[np.ndarray, "controller seed"], style.Unit]]:
+    """Return title, values (SI) and unit of each panel."""
+    rms, most = data["rms_error"].values, data["max_error"].values
+    found = [
+        ("tip error, RMS", rms, style.length_unit(style.largest(rms))),
+        ("tip error, maximum", most, style.length_unit(style.largest(most))),
+    ]
+    if "rms_angle_error" in data:
+        found.append(("angle error, RMS", data["rms_angle_error"].values, style.DEGREES))
+    for index, name in enumerate(data["input"].values):
+        speed = data["effort"].values[..., index]
+        unit = speed_unit(str(data["input_unit"].values[index]), style.largest(speed))
+        found.append((f"speed of {name}", speed, unit))
+    if "work" in data:
+        work = data["work"].values
+        found.append(("work of base and actuators", work, style.si_unit(style.largest(work), "J")))
+    return found
+
+
+def speed_unit(unit: str, most: float) -> style.Unit:
+    """Return a readable unit for speeds of up to ``most``, from a unit of CF."""
+    if unit == "rad s-1":
+        return style.Unit(style.DEGREES.factor, "deg/s")
+    if unit == "s-1":
+        return style.Unit(100.0, "%/s")
+    return style.si_unit(most, unit.replace(" s-1", "/s"))
+
+
+def _points(axes: Axes, kinds: list[str], values: Float[np.ndarray, "controller seed"]) -> None:
+    count = values.shape[1]
+    shift = np.linspace(-_SPREAD, _SPREAD, count) if count > 1 else np.zeros(1)
+    found = values[np.isfinite(values)]
+    positive = bool(found.size and found.min() > 0)
+    logarithmic = positive and bool(_WIDE[0] < found.max() / found.min() < _WIDE[1])
+    for place, row in enumerate(values):
+        there = np.isfinite(row)
+        if not there.any():
+            axes.annotate("no run", (place, 0.5), xycoords=("data", "axes fraction"), ha="center")
+            continue
+        colour, mean = style.SERIES[place % len(style.SERIES)], float(row[there].mean())
+        axes.scatter(place + shift[there], row[there], s=14, color=colour, alpha=0.6, linewidth=0)
+        axes.hlines(mean, place - 0.34, place + 0.34, color=style.INK, linewidth=1.2, zorder=3)
+        top = place, max(mean, float(row[there].max()))
+        look: Any = {"textcoords": "offset points", "ha": "center", "fontsize": 8.0}
+        axes.annotate(f"{mean:.3g}", top, (0, 4), **look)
+    axes.set_xticks(range(len(kinds)), kinds, parse_math=False)
+    axes.set_xlim(-0.6, len(kinds) - 0.4)
+    axes.grid(visible=False, axis="x")
+    axes.tick_params(axis="x", length=0)
+    if logarithmic:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(ScalarFormatter())
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.set_ylim(0.8 * found.min(), 1.5 * found.max())
+    elif found.size:
+        axes.set_ylim(min(0.0, 1.1 * float(found.min())), 1.18 * float(found.max()) or 1.0)
+
+
+_FAINT, _HUGE = 1e-3, 300.0  # sizes between which an eigenvalue is drawn over the frequency
+_NEAR = 2.0  # distance from 0 up to which the curves are drawn
+
+
+def draw_bode(data: xr.Dataset) -> Figure:
+    """Draw size and phase of each eigenvalue of the open loop over the frequency."""
+    figure = Figure(figsize=(style.WIDTH, 5.6), layout="constrained")
+    _head(figure, data)
+    size, phase = figure.subplots(2, 1, sharex=True)
+    loci = data["locus_real"].values + 1j * data["locus_imaginary"].values
+    frequency = data["frequency"].values
+    large = (np.abs(loci) > _FAINT) & (np.abs(loci) < _HUGE)
+    for index in range(loci.shape[1]):
+        shown = large[:, index]
+        if not shown.any():
+            continue
+        curve, at = loci[shown, index], frequency[shown]
+        name, line = _line(data, index)
+        size.plot(at, 20 * np.log10(np.abs(curve)), label=name, **line)
+        phase.plot(at, np.rad2deg(np.unwrap(np.angle(curve))), **line)
+    size.axhline(0.0, color=style.INK, linewidth=0.8)
+    low, high = phase.get_ylim()
+    for turn in np.arange(np.ceil((low - 180) / 360), np.floor((high - 180) / 360) + 1):
+        phase.axhline(180 + 360 * turn, color=style.INK, linewidth=0.8)
+    gain, phase_margin, delay = (float(data[name]) for name in _DASHES)
+    margins = {
+        "gain_margin": f"gain margin {gain:.3g} ({20 * np.log10(gain):.3g} dB)",
+        "phase_margin": f"phase margin {np.rad2deg(phase_margin):.3g} deg",
+        "delay_margin": f"delay margin {style.si_unit(delay, 's').text(delay)}",
+    }
+    for name, words in margins.items():
+        where = float(data[f"{name}_frequency"])
+        if np.isfinite(where) and where > 0:
+            look: Any = {"color": style.INK, "linewidth": 1.0, "linestyle": _DASHES[name]}
+            size.axvline(where, label=f"{words} at {where:.3g} Hz", **look)
+            phase.axvline(where, **look)
+    shown = frequency[large.any(axis=1)]
+    size.set(xscale="log", xlim=(shown.min(), shown.max()), ylabel="size (dB)")
+    step = 90 if high - low < 800 else 180 if high - low < 1600 else 360
+    phase.yaxis.set_major_locator(MultipleLocator(step))
+    phase.set(xlabel="frequency (Hz)", ylabel="phase (deg)")
+    style.key(size, columns=2)
+    return figure
+
+
+def draw_nyquist(data: xr.Dataset) -> Figure:
+    """Draw each eigenvalue of the open loop as a curve, near -1."""
+    figure = Figure(figsize=(style.WIDTH, style.WIDTH), layout="constrained")
+    _head(figure, data)
+    axes = figure.subplots()
+    modulus = float(data["modulus_margin"])
+    about = f"modulus margin {modulus:.3g}"
+    axes.add_patch(
+        Circle((-1, 0), modulus, facecolor=style.PALE, edgecolor=style.GREY, label=about)
+    )
+    axes.add_patch(Circle((0, 0), 1.0, fill=False, edgecolor=style.GREY, linestyle=(0, (4, 2))))
+    loci = data["locus_real"].values + 1j * data["locus_imaginary"].values
+    for index in range(loci.shape[1]):
+        curve, (name, line) = loci[:, index], _line(data, index)
+        axes.plot(curve.real, curve.imag, label=name, zorder=3, **line)
+        axes.plot(curve.real, -curve.imag, linewidth=0.6, alpha=0.6, zorder=2, **line)
+        _arrow(axes, curve, line["color"])
+    axes.plot(
+        -1, 0, marker="+", markersize=11, markeredgewidth=1.6, color=style.VERMILLION, zorder=4
+    )
+    axes.set(xlim=(-_NEAR, _NEAR), ylim=(-_NEAR, _NEAR), aspect="equal")
+    axes.set(xlabel="real part", ylabel="imaginary part")
+    style.key(axes, columns=2)
+    return figure
+
+
+_DASHES = {
+    "gain_margin": (0, (4, 2)),
+    "phase_margin": (0, (1, 1.5)),
+    "delay_margin": (0, (5, 1.5, 1, 1.5)),
+}
+
+
+def _head(figure: Figure, data: xr.Dataset) -> None:
+    unstable = not int(data["stable"])
+    status = f"unstable: {data.attrs['notes']}" if unstable else "ok"
+    style.head(figure, str(data.attrs.get("title", "")), status)
+
+
+def _line(data: xr.Dataset, index: int) -> tuple[str, dict[str, Any]]:
+    """Return the name and the style of an eigenvalue: dashed in the second of two waters."""
+    waters = data["water"].values.tolist() if "water" in data else [""] * data.sizes["locus"]
+    number = waters[:index].count(waters[index])
+    name = f"eigenvalue {number + 1}"
+    if len(set(waters)) > 1:
+        name += f" in {waters[index]}"
+    dashed = waters[index] != waters[0]
+    colour = style.SERIES[number % len(style.SERIES)]
+    return name, {"color": colour, "linestyle": (0, (3, 1.5)) if dashed else "-"}
+
+
+def _arrow(axes: Axes, curve: Complex[np.ndarray, " frequency"], colour: str) -> None:
+    """Draw an arrow in the direction of growing frequency."""
+    inside = np.flatnonzero((np.abs(curve.real) < 0.9 * _NEAR) & (np.abs(curve.imag) < 0.9 * _NEAR))
+    inside = inside[np.abs(curve[inside]) > 0.4]
+    if inside.size < 2:
+        return
+    at = inside[0]
+    ahead = curve[min(at + 1, curve.size - 1)] - curve[at]
+    if abs(ahead) > 0:
+        tip, tail = curve[at] + 0.12 * ahead / abs(ahead), curve[at]
+        look = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.0}
+        axes.annotate("", (tip.real, tip.imag), (tail.real, tail.imag), arrowprops=look)

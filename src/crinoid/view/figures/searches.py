@@ -1,0 +1,120 @@
+"""Figures of tuning, training and identification."""
+
+import math
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+
+from crinoid.view.figures.style import BLUE, GREY, INK, SERIES, VERMILLION, WIDTH, head_of, key
+
+_COLUMNS = 3
+
+
+def draw_tuning(data: xr.Dataset) -> Figure:
+    """Draw cost and margin of each start over the iterations, and the tuned numbers below."""
+    names = [str(name) for name in data["key"].values]
+    rows, asked = math.ceil(len(names) / _COLUMNS), float(data.attrs.get("margin", 0.0))
+    tops = [2.7, 1.6] if asked else [2.7]
+    figure = Figure(figsize=(WIDTH, 0.5 + sum(tops) + 1.7 * rows), layout="constrained")
+    head_of(figure, data)
+    upper, lower = figure.subfigures(2, 1, height_ratios=[sum(tops), 1.7 * rows])
+    iteration, modulus = data["iteration"].values, data["modulus"].values
+    costs, *margins = upper.subplots(len(tops), 1, squeeze=False, sharex=True, height_ratios=tops)
+    root = 1e3 * np.sqrt(data["cost"].values)  # a distance
+    allowed = (modulus >= asked) | (asked == 0)
+    for start, each in enumerate(root):
+        colour = SERIES[start % len(SERIES)]
+        costs[0].plot(iteration, each, "-", color=colour, alpha=0.3)
+        costs[0].plot(iteration, each, "o", color=colour, mfc="none", ms=4)
+        inside = np.where(allowed[start], each, np.nan)
+        costs[0].plot(iteration, inside, "o", color=colour, ms=4, label=f"start {start + 1}")
+        for axes in margins:
+            axes[0].plot(iteration, modulus[start], "o-", color=colour, ms=3, lw=0.7, alpha=0.7)
+    words = "trial; filled: the margin is kept" if asked else "trial"
+    axes = costs[0]
+    axes.set(yscale="log", ylabel="root of mean cost (mm)")
+    (margins or [costs])[-1][0].set_xlabel(words)
+    if np.isfinite(root).any():
+        axes.set_ylim(top=3.0 * np.nanmax(root))
+    axes.legend(ncols=4, loc="upper right")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=9))
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    for (axes,) in margins:
+        axes.set_ylim(0.0, 1.0)
+        axes.axhline(asked, color=INK, linestyle="--", linewidth=1.0)
+        axes.set_ylabel("modulus margin")
+    grid = list(lower.subplots(rows, _COLUMNS, squeeze=False, sharex=True).flat)
+    for index, (axes, name) in enumerate(zip(grid, names, strict=False)):
+        for start, tried in enumerate(np.abs(data["tried"].values[..., index])):
+            axes.plot(iteration, tried, ".", color=SERIES[start % len(SERIES)], alpha=0.5)
+        axes.axhline(abs(float(data["given"][index])), color=GREY, linestyle=":")
+        axes.axhline(abs(float(data["tuned"][index])), color=INK, linestyle="--", linewidth=1.0)
+        axes.set_yscale("log")
+        axes.set_title(name, loc="left")
+    for axes in grid[len(names) :]:
+        axes.set_axis_off()
+    lower.supxlabel("dotted: as given; dashed: as tuned", fontsize=8.5, color=GREY)
+    return figure
+
+
+def draw_training(data: xr.Dataset) -> Figure:
+    """Draw cost and error over the updates; the selected policy is marked."""
+    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
+    head_of(figure, data)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    update, cost, error = data["update"].values, data["cost"].values, data["error"].values
+    for axes, values, colour in ((upper, cost, SERIES[0]), (lower, 1e3 * error, SERIES[1])):
+        axes.semilogy(update, values, "-", color=colour)
+        if np.isfinite(cost).any():
+            best = int(np.nanargmin(cost))
+            axes.plot(update[best], values[best], "o", color=INK, ms=5, label="kept")
+        if np.isfinite(values).any():
+            axes.axhline(values[0], color=GREY, linestyle=":", label="imitation")
+        axes.grid(which="minor", axis="y")
+        for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            ticks("{x:g}")
+        axes.legend(loc="upper right")
+    upper.set_ylabel("cost over that\nof the imitation")
+    lower.set(xlabel="update", ylabel="RMS error of\nthe tip (mm)")
+    return figure
+
+
+def draw_identification(data: xr.Dataset) -> Figure:
+    """Draw each coordinate as measured and as computed, and its residual below."""
+    names = [str(name) for name in data["quantity"].values]
+    figure = Figure(figsize=(WIDTH, 0.9 + 2.7 * len(names)), layout="constrained")
+    head_of(figure, data)
+    panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2.0, 1.0] * len(names))
+    time, aside = data["time"].values, data["set_aside"].values.astype(bool)
+    for index, name in enumerate(names):
+        factor, unit = _UNITS.get(name, (1.0, ""))
+        names_of = ("measured", "computed", "computed_before")
+        measured, after, before = (factor * data[each].values[:, index] for each in names_of)
+        upper, lower = panels[2 * index], panels[2 * index + 1]
+        good = np.where(aside, np.nan, measured)
+        upper.plot(time, good, ".", color=GREY, markersize=2.0, label="measured")
+        upper.plot(time, before, "--", color=VERMILLION, linewidth=1.0, label="as given")
+        upper.plot(time, after, "-", color=BLUE, label="as found")
+        low, high = np.nanmin(good), np.nanmax(good)
+        room = 0.25 * max(high - low, 1e-12)
+        upper.set_ylim(low - room, high + room)
+        if aside.any():  # far ones at the edge, so that the motion stays visible
+            lost = np.clip(measured[aside], low - 0.8 * room, high + 0.8 * room)
+            upper.plot(time[aside], lost, "x", color=INK, markersize=4.0, label="set aside")
+        upper.set_ylabel(f"{name}{unit}")
+        left = good - after
+        if name == "angle":
+            left = (left + 180.0) % 360.0 - 180.0
+        lower.plot(time, left, ".", color=INK, markersize=1.5)
+        lower.axhline(0.0, color=GREY, linewidth=0.8)
+        lower.set_ylabel("left")
+        if index == 0:
+            key(upper, columns=4)
+    panels[-1].set_xlabel("time (s)")
+    return figure
+
+
+_UNITS = {**dict.fromkeys(("x", "y", "z"), (1e3, " (mm)")), "angle": (180.0 / np.pi, " (deg)")}

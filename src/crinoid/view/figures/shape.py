@@ -1,0 +1,251 @@
+"""Shape of the arm over time, its bending and tension, and the path of its tip close up."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
+
+from crinoid.view.figures import style
+from crinoid.view.figures.arm import chosen_records, draw_arm, mount_points
+from crinoid.view.figures.charts.tip import miss, spectrum_panel
+from crinoid.view.figures.paper import draw_panel
+from crinoid.view.figures.perspective import DARK, add_arm
+from crinoid.view.figures.run import Run
+from crinoid.view.figures.sheet import (
+    LEFT,
+    box_around,
+    contents,
+    fit_scene,
+    in_best_frame,
+    measured_from,
+)
+from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
+from crinoid.view.scene.data import arc_length, find_obstacles, in_space, is_spatial
+from crinoid.view.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
+
+ROWS = {
+    "curvature": "curvature\n(1/m)",
+    "kappa_1": "curvature $\\kappa_1$\n(1/m)",
+    "kappa_2": "curvature $\\kappa_2$\n(1/m)",
+    "twist": "twist\n(rad/m)",
+    "tension": "tension\n(N)",
+}
+"""Quantities along the arm, and how they are labelled."""
+_KAPPAS = ("kappa_1", "kappa_2")
+_STRAIGHT = 1e-9  # 1/m, rad/m or N: less is nothing
+
+
+def draw_bending(run: Run) -> Figure:
+    """Draw bending, tension and twist along the arm, in space below the arm at the end."""
+    spatial, count = is_spatial(run.result), len(run.members)
+    rows = ["kappa_1", "kappa_2", "twist", "tension"] if spatial else ["curvature", "tension"]
+    lines = 0.5 + 1.6 * len(rows)
+    arms = (3.5 if count == 1 else 2.5) if spatial else 0.15
+    above = style.head_height(run.title, run.status, style.WIDTH) + (0.3 if spatial else 0.05)
+    tall = lines + arms + above
+    figure = Figure(figsize=(style.WIDTH, tall), layout="constrained")
+    style.head(figure, run.title, run.status)
+    if spatial:
+        style.lay_out_below(figure, lines)
+    panels = figure.subplots(len(rows), count, sharex=True, sharey="row", squeeze=False)
+    for column, (label, data) in enumerate(run.members):
+        if spatial:
+            wide = (style.WIDTH - LEFT - 0.4) / count
+            arm = style.add_axes(figure, LEFT + column * wide, lines + 0.5, wide - 0.75, arms - 0.5)
+            inside = [in_space(member, "position")[-1] for _, member in run.members]
+            inside += [mount_points(member) for _, member in run.members]
+            scene = fit_scene(arm, *box_around(np.concatenate(inside)))
+            add_arm(scene, data)
+            if "diameter" not in data:
+                scene.add_line(in_space(data, "position")[-1], style.INK)
+            scene.draw()
+            arm.set_title(f"{label}, at the end" if label else "arm at the end", loc="left")
+        else:
+            panels[0, column].set_title(label, loc="left")
+        for axes, name in zip(panels[:, column], rows, strict=True):
+            draw_lines(axes, data, name)
+            if not column:
+                axes.set_ylabel(ROWS[name])
+        panels[-1, column].set_xlabel("distance from the root (m)")
+    for (axes, *_), name in zip(panels, rows, strict=True):
+        shown = [_values(data, name) for _, data in run.members]
+        if style.largest(*(values for values in shown if values is not None)) < _STRAIGHT:
+            axes.set_ylim(-1.0, 1.0)  # of all columns, which share it
+    figure.align_ylabels(panels[:, 0])
+    if "director" in run.result:
+        sides = {"side of the director $m_1$": DARK, "other side": style.PALE}
+        look: Any = {"edgecolor": style.INK, "linewidth": 0.5}
+        halves = [Patch(facecolor=ink, label=label, **look) for label, ink in sides.items()]
+        below = (0.5, lines / tall)
+        figure.legend(handles=halves, loc="lower center", bbox_to_anchor=below, ncols=2)
+    style.time_bar(figure, run.result, ax=panels, label="time (s)", aspect=40, pad=0.015)
+    return figure
+
+
+def draw_lines(axes: Axes, data: xr.Dataset, name: str) -> None:
+    """Draw one of `ROWS` along the arm, over time."""
+    axes.axhline(0.0, color=style.GREY, linewidth=0.7)
+    values = _values(data, name)
+    if values is None:
+        style.note(axes, f"no {'curvature' if name in _KAPPAS else name} recorded")
+        return
+    nodes = arc_length(data)
+    arc = nodes if values.shape[1] == nodes.size else (nodes[1:] + nodes[:-1]) / 2
+    chosen = chosen_records(data)
+    lines = [np.column_stack([arc, values[record]]) for record in chosen]
+    widths = np.where(chosen == chosen[-1], 1.8, 0.9)
+    axes.add_collection(LineCollection(lines, linewidths=widths, **style.timed(data, chosen)))
+    axes.autoscale_view()
+    axes.set_xlim(0.0, float(nodes[-1]))
+
+
+def _values(data: xr.Dataset, name: str) -> Float[np.ndarray, "time place"] | None:
+    if name in _KAPPAS:
+        bent = "curvature" in data and "bending" in data.coords
+        return np.asarray(data["curvature"].sel(bending=name).values) if bent else None
+    return np.asarray(data[name].values) if name in data else None
+
+
+_MARGIN = 0.04  # around everything, of the larger extent
+_KEY = 0.24  # inches kept clear at the top for the arrow that says how fast the water is
+
+
+def draw_shape(run: Run) -> Figure:
+    """Draw the arm over time, and the arm without control at the same scale where it exists."""
+    run, about = in_best_frame(run)
+    members = run.members
+    currents = [find_current(data, SIDE) for _, data in members]
+    scale = max(current.scale for current in currents)
+    low, high = _extent([data for _, data in members], currents, scale)
+    figure, panels = _panels(low, high, run, about)
+    for axes, (label, data), current in zip(panels, members, currents, strict=True):
+        draw_arm(axes, data, SIDE.lift(low), SIDE.lift(high), SIDE)
+        current.draw(axes, scale)
+        axes.set_title(label, loc="left")
+    if scale > 0.0:
+        wide = float(panels[0].get_position().width) * style.WIDTH  # inches
+        clear = 0.5 * _KEY * (high - low)[0] / wide
+        fastest = max(style.largest(current.instants) for current in currents)
+        draw_key(panels[-1], high - np.array([clear, clear]), fastest, scale)
+    style.key_below(figure, panels)
+    return figure
+
+
+def _panels(low: PaperPoint, high: PaperPoint, run: Run, about: str) -> tuple[Figure, list[Axes]]:
+    """Make equal panels that show a window, and the title and colour bar around them.
+
+    `about` is the origin of positions, other than that of the world. Equal axes leave a layout
+    engine gaps, so the figure is cut to the panels instead; everything here is in inches.
+    """
+    window, count = high - low, len(run.members)
+    columns = count if window[1] > 0.75 * window[0] else 1
+    rows = count // columns
+    left, right, gap = 0.85, 1.0, (0.25, 0.32)
+    room = (style.WIDTH - left - right - gap[0] * (columns - 1)) / columns, 6.8 / rows
+    panel = window * min(room / window)
+    # both sides share what a narrow panel leaves
+    left += (style.WIDTH - left - right - gap[0] * (columns - 1) - columns * panel[0]) / 2
+    below = 1.13 if any(find_obstacles(data) for _, data in run.members) else 0.95  # a longer key
+    inner = rows * panel[1] + (rows - 1) * gap[1]
+
+    above = style.head_height(run.title, run.status, style.WIDTH) + (0.3 if count > 1 else 0.22)
+    tall = below + inner + above
+    figure = Figure(figsize=(style.WIDTH, tall))
+    style.head(figure, run.title, run.status)
+    panels = []
+    for place in range(count):
+        row, column = divmod(place, columns)
+        x = left + column * (panel[0] + gap[0])
+        z = below + inner - panel[1] - row * (panel[1] + gap[1])
+        axes = style.add_axes(figure, x, z, *map(float, panel))
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.locator_params(axis="x", nbins=max(3, int(panel[0] / 0.7)))
+        axes.locator_params(axis="y", nbins=max(3, int(panel[1] / 0.45)))
+        axes.tick_params(labelbottom=row == rows - 1, labelleft=column == 0)
+        across, up = measured_from(SIDE, about)
+        axes.set_xlabel(across if row == rows - 1 else "")
+        axes.set_ylabel(up if column == 0 else "")
+        panels.append(axes)
+    right_of = left + columns * panel[0] + (columns - 1) * gap[0] + 0.15
+    style.narrow_time_bar(figure, run.result, right_of, below, inner)
+    return figure, panels
+
+
+def _extent(
+    members: list[xr.Dataset], currents: list[CurrentArrows], scale: float
+) -> tuple[PaperPoint, PaperPoint]:
+    """Corners (m) of a window that contains everything drawn in any panel."""
+    points = [current.corners(scale) for current in currents]
+    everything = np.concatenate([*points, SIDE.paper(contents(members))])
+    low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
+    margin = _MARGIN * float((high - low).max())
+    low, high = low - margin, high + margin
+    # A straight arm in still water has hardly any width; the panel must have some.
+    lacking = np.maximum(np.array([0.4, 0.2]) * (high - low).max() - (high - low), 0.0)
+    low, high = low - lacking / 2, high + lacking / 2
+    if scale > 0.0:
+        high[1] += _KEY / 5.0 * float((high - low).max())
+    return low, high
+
+
+def draw_close_up(run: Run) -> Figure:
+    """Draw the tip's path about its target, each run at its own scale, and the error's spectrum."""
+    views = (ABOVE, SIDE, AHEAD) if is_spatial(run.result) else (SIDE,)
+    members = run.members
+    # planar runs are drawn next to each other, those in space below each other
+    shape = (len(members), len(views)) if len(views) > 1 else (1, len(members))
+    high = 2.5 * shape[0] if max(shape) > 1 else 4.2
+    figure = Figure(figsize=(style.WIDTH, 3.7 + high), layout="constrained")
+    rows = figure.add_gridspec(2, 1, height_ratios=[high, 2.6])
+    panels = rows[0].subgridspec(*shape).subplots(squeeze=False).reshape(len(members), len(views))
+    misses = [miss(data) for _, data in members]
+    # each at its own scale, and the smaller window shown in the larger one
+    halves = [1.1 * (style.largest(each) or 5e-4) for each in misses]
+    for some, (label, data), off, half in zip(panels, members, misses, halves, strict=True):
+        for axes, view in zip(some, views, strict=True):
+            _path(axes, data, view, off, half)
+            if half > halves[0]:
+                unit = style.length_unit(half)
+                corner, wide = -halves[0] * unit.factor, 2 * halves[0] * unit.factor
+                window = Rectangle((corner, corner), wide, wide, fill=False, edgecolor=style.INK)
+                window.set(zorder=4, label="window with control")
+                axes.add_patch(window)
+        rms = float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+        words = f"{label}: RMS" if label else "RMS"
+        some[0].set_title(f"{words} {style.length_unit(half).text(rms)}", loc="left")
+    style.time_bar(figure, run.result, ax=panels, label="time (s)", aspect=25)
+    spectrum = figure.add_subplot(rows[1])
+    draw_panel(spectrum, spectrum_panel(run))
+    spectrum.set_xlabel("frequency (Hz)")
+    style.key_below(figure, panels.flat, "outside lower center")
+    style.head(figure, run.title, run.status)
+    return figure
+
+
+def _path(
+    axes: Axes, data: xr.Dataset, view: View, off: Float[np.ndarray, "time axis=3"], half: float
+) -> None:
+    unit = style.length_unit(half)
+    points = view.paper(off) * unit.factor
+    axes.axhline(0.0, color=style.GREY, linewidth=0.7)
+    axes.axvline(0.0, color=style.GREY, linewidth=0.7)
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    later = np.arange(1, len(points))
+    line = LineCollection(list(pieces), linewidths=0.9, **style.timed(data, later))
+    axes.add_collection(line, autolim=False)
+    axes.plot(
+        *points[-1], "o", color=style.VERMILLION, markersize=4, zorder=5, label="tip at the end"
+    )
+    axes.plot(
+        0.0, 0.0, "o", markersize=8.5, mfc="none", mec=style.INK, mew=1.2, zorder=5, label="target"
+    )
+    limit = half * unit.factor
+    axes.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
+    across, up = (label.split()[0] for label in view.labels)
+    axes.set_xlabel(f"{across} \N{MINUS SIGN} target ({unit.name})")
+    axes.set_ylabel(f"{up} \N{MINUS SIGN} target ({unit.name})")

@@ -1,0 +1,233 @@
+"""The arm in space on one page: from above, from the side, from ahead, and in perspective."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from crinoid.view.figures import style
+from crinoid.view.figures.arm import Chosen, draw_arm, mount_points, points_of
+from crinoid.view.figures.perspective import PerspectivePlot, draw_scene
+from crinoid.view.figures.run import Run
+from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
+from crinoid.view.scene.clip import box_corners
+from crinoid.view.scene.data import Point, arm_length
+from crinoid.view.scene.projection import ABOVE, AHEAD, SIDE, View, perspective
+
+_FAR = 1.5  # travel of the base, of the arm's length, from which on the arm would look small
+_PLACES = ("position", "tip_position", "tip_target", "obstacle_position")
+
+
+def in_best_frame(run: Run) -> tuple[Run, str]:
+    """Return a run relative to the world, or to a base that travels far, and words on which."""
+    length = arm_length(run.result)
+    if max(base_travel(data) for _, data in run.members) <= _FAR * length:
+        return run, ""
+    other = None if run.uncontrolled is None else relative_to_base(run.uncontrolled)
+    return Run(relative_to_base(run.result), other), " from the base"
+
+
+def base_travel(data: xr.Dataset) -> float:
+    """Return the largest distance of the base from its start (m), for the choice of the frame."""
+    root = data["position"].isel(node=0)
+    away = root - root.isel(time=0)
+    return float(np.sqrt((away**2).sum("axis")).max())
+
+
+def relative_to_base(data: xr.Dataset) -> xr.Dataset:
+    """Return a result with all positions relative to the base."""
+    root = data["position"].isel(node=0, drop=True)
+    moved = {
+        name: (data[name] - root).transpose(*data[name].dims) for name in _PLACES if name in data
+    }
+    return data.assign(moved)
+
+
+def measured_from(view: View, about: str) -> list[str]:
+    """Return the labels of a view's axes, with the origin of its positions."""
+    return [label.replace(" (m)", f"{about} (m)") for label in view.labels]
+
+
+_CORNER = 0.03  # room between the corner and the key of the water, of the longer side
+
+
+def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bool) -> None:
+    """Draw a run in a parallel view, with the arm's shape at chosen records, and a legend."""
+    run, about = in_best_frame(Run(data))
+    current = find_current(run.result, view)
+    low, high = window(contents([run.result]), {view: [current]}, current.scale)
+    (left, bottom), (right, top) = view.paper(low), view.paper(high)
+    across, up = measured_from(view, about)
+    axes.set(xlabel=across, ylabel=up)
+    draw_arm(axes, run.result, low, high, view, chosen)
+    current.draw(axes, current.scale)
+    if current.scale > 0.0:
+        corner = np.array([right, top]) - _CORNER * max(right - left, top - bottom)
+        draw_key(axes, corner, style.largest(current.instants), current.scale)
+    for artist in (*axes.collections, *axes.texts):
+        artist.set_in_layout(False)  # layout engines overestimate the size of arrows
+    # the window has room for the legend at its top, and the shape of the axes that are given
+    room, shape = style.key_within(axes) if legend else 0.0, axes.bbox.width / axes.bbox.height
+    wide, tall = right - left, (top - bottom) / (1.0 - room)
+    aside, above = max(0.0, tall * shape - wide), max(0.0, wide / shape - tall)
+    axes.set(xlim=(left - aside / 2, right + aside / 2))
+    axes.set(ylim=(bottom - above / 2, bottom + tall + above / 2))
+    axes.set_aspect("equal", adjustable="box")  # "datalim" refuses axes that share both
+
+
+VIEWS = (ABOVE, SIDE, AHEAD)
+LEFT, GAP = 0.85, (0.3, 0.42)  # inches
+_RIGHT = 1.0
+_NUMBERS = 0.25  # inches, left of the perspective
+_MARGIN = 0.04  # around everything, of the largest extent
+_LEAST = 0.35  # extent of the window along any axis, of the largest
+
+
+@dataclass(frozen=True)
+class Block:
+    """Sizes in inches of three projections of one scale, and of the corner that they leave."""
+
+    extent: Point
+    corner: tuple[float, float]  # width and height of the room right of the view from above
+    inch: float  # inches per m
+
+    @property
+    def height(self) -> float:
+        """From the foot of the view from the side to the top of the corner."""
+        return float(self.extent[2]) + GAP[1] + self.corner[1]
+
+    def place(self, figure: Figure, left: float, foot: float) -> tuple[dict[View, Axes], Axes]:
+        """Add the axes of the projections to a figure, and those of the corner."""
+        wide, deep, high = map(float, self.extent)
+        right, above = left + wide + GAP[0], foot + high + GAP[1]
+        width, height = self.corner
+        return {
+            ABOVE: style.add_axes(figure, left, above, wide, deep),
+            SIDE: style.add_axes(figure, left, foot, wide, high),
+            AHEAD: style.add_axes(figure, right, foot, deep, high),
+        }, style.add_axes(figure, right + _NUMBERS, above, width - _NUMBERS, height)
+
+
+def draw_sheet(run: Run) -> Figure:
+    """Draw the arm over time in three projections of one scale, and in perspective.
+
+    The views are placed as in third-angle projection: the view from above is above that from the
+    side, the view from ahead is right of it. A run without control is drawn below.
+    """
+    run, about = in_best_frame(run)
+    members = [data for _, data in run.members]
+    currents = {view: [find_current(data, view) for data in members] for view in VIEWS}
+    scale = max(current.scale for some in currents.values() for current in some)
+    inside = contents(members)
+    low, high = window(inside, currents, scale)
+    bottom, top = box_around(inside)
+
+    alone = len(members) == 1
+    block = fit(high - low, style.WIDTH - LEFT - _RIGHT, *((6.6, 2.5) if alone else (4.5, 2.2)))
+    below, between = 1.13, 0.95
+    above = style.head_height(run.title, run.status, style.WIDTH) + (0.26 if alone else 0.52)
+    inner = len(members) * block.height + (len(members) - 1) * between
+    figure = Figure(figsize=(style.WIDTH, below + inner + above))
+    style.head(figure, run.title, run.status)
+
+    flat: list[Axes] = []
+    for index, (label, data) in enumerate(run.members):
+        foot = below + (len(members) - 1 - index) * (block.height + between)
+        panels, corner = block.place(figure, LEFT, foot)
+        for view, axes in panels.items():
+            frame(axes, view, low, high, block.inch, about)
+            draw_arm(axes, data, low, high, view)
+            if scale > 0.0 or view is SIDE:  # which else says that the water is still
+                currents[view][index].draw(axes, scale)
+        flat += panels.values()
+        if label:
+            (wide, tall), top_of = figure.get_size_inches(), foot + block.height + 0.24
+            place = LEFT / wide, top_of / tall
+            figure.text(*place, label, va="bottom", fontsize=9.5, fontweight="bold")
+        draw_scene(fit_scene(corner, bottom, top), data)
+        style.narrow_time_bar(
+            figure, run.result, style.WIDTH - _RIGHT + 0.15, foot, float(block.extent[2])
+        )
+        if scale > 0.0 and index == 0:
+            fastest = max(
+                style.largest(each.instants) for some in currents.values() for each in some
+            )
+            # above the view from ahead, out to the edge of the page
+            right = style.WIDTH - LEFT - float(block.extent[0]) - GAP[0] - 0.15
+            head_at = np.array([low[1] + right / block.inch, high[2] + 0.11 / block.inch])
+            draw_key(panels[AHEAD], head_at, fastest, scale)
+    style.key_below(figure, flat)
+    return figure
+
+
+def fit(extent: Point, room: float, tallest: float, corner: float) -> Block:
+    """Find the scale at which three views of a window (m) fill a room (inches).
+
+    They leave a corner of at least some width and nearly that height.
+    """
+    wide, deep, high = extent
+    room, tallest, low = room - GAP[0], tallest - GAP[1], 0.8 * corner
+    across = min((room - corner) / wide, room / (wide + deep))
+    inch = min(across, (tallest - low) / high, tallest / (high + deep))
+    size = np.asarray(extent * inch)
+    return Block(size, (room - float(size[0]), max(float(size[1]), low)), float(inch))
+
+
+def frame(axes: Axes, view: View, low: Point, high: Point, inch: float, about: str = "") -> None:
+    """Set the window of a panel, at a scale in inches per m, and the labels of its own axes.
+
+    The view from above shares x with that from the side below it, that from ahead shares its z.
+    """
+    (left, bottom), (right, top) = view.paper(low), view.paper(high)
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    axes.locator_params(axis="x", nbins=max(3, int((right - left) * inch / 0.6)))
+    axes.locator_params(axis="y", nbins=max(3, int((top - bottom) * inch / 0.45)))
+    axes.tick_params(labelbottom=view is not ABOVE, labelleft=view is not AHEAD)
+    across, up = measured_from(view, about)
+    axes.set_xlabel("" if view is ABOVE else across)
+    axes.set_ylabel("" if view is AHEAD else up)
+    axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
+
+
+def contents(members: list[xr.Dataset]) -> np.ndarray:
+    """Points that a window must contain to show some runs, without their water."""
+    return np.concatenate(
+        [part for data in members for part in (points_of(data), mount_points(data))]
+    )
+
+
+def window(
+    inside: np.ndarray, currents: dict[View, list[CurrentArrows]], scale: float
+) -> tuple[Point, Point]:
+    """Corners (m) of a box of which every view shows a side, with all that is drawn in it."""
+    low, high = np.nanmin(inside, axis=0), np.nanmax(inside, axis=0)
+    for view, some in currents.items():
+        heads = np.concatenate([view.paper(inside), *(each.corners(scale) for each in some)])
+        low[view.axes] = np.fmin(low[view.axes], np.nanmin(heads, axis=0))
+        high[view.axes] = np.fmax(high[view.axes], np.nanmax(heads, axis=0))
+    return box_around(np.stack([low, high]))
+
+
+def box_around(points: Float[np.ndarray, "point axis=3"]) -> tuple[Point, Point]:
+    """Corners of a box around points that is neither tight nor flat."""
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    margin = _MARGIN * float((high - low).max())
+    low, high = low - margin, high + margin
+    lacking = np.maximum(_LEAST * float((high - low).max()) - (high - low), 0.0)
+    return low - lacking / 2, high + lacking / 2
+
+
+def fit_scene(axes: Axes, low: Point, high: Point) -> PerspectivePlot:
+    """Make a scene in perspective of a box, shown whole and as large as it goes."""
+    view = perspective(low, high)
+    corners = view.paper(box_corners(low, high))
+    left, right = corners.min(axis=0), corners.max(axis=0)
+    edge = 0.005 * (right - left)  # half a line
+    left, right = left - edge, right + edge
+    axes.set(aspect="equal", xlim=(left[0], right[0]), ylim=(left[1], right[1]))
+    axes.set_axis_off()
+    axes.set_title(view.name, loc="left", fontsize=8.5, pad=4)
+    return PerspectivePlot(axes, low, high, view)

@@ -1,0 +1,94 @@
+"""Film of a result, from its file to an MP4 or GIF."""
+
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+from crinoid.foundation.atomic_file import atomic_write
+from crinoid.foundation.status import Status
+from crinoid.foundation.version import __version__
+from crinoid.results.metrics import CASES, is_table
+from crinoid.results.own_files import MADE
+from crinoid.view.figures.run import RESULT, Run, open_run
+from crinoid.view.figures.style import STYLE
+from crinoid.view.film.camera import CameraSettings, FilmSettings, ending_of, film_settings
+from crinoid.view.film.encode import FILMS, Image, check_place, has_encoder, write_gif, write_mp4
+from crinoid.view.film.picture import Picture
+from crinoid.view.scene.data import ReportError
+from crinoid.view.scene.scene import Scene, build_scene, omission_notes
+
+_NODES = 81
+_NUMBERS = 10_000_000  # most coordinates of all arms together, above which instants are left out
+_SAMPLES = 8  # number of pictures that decide the colours of a GIF
+
+Report = Callable[[int, int], None]
+
+
+def film_run(
+    path: Path, to: Path | None, settings: CameraSettings, report: Report, *, force: bool
+) -> tuple[Path, list[str]]:
+    """Film a result in a folder or file; return the film and sentences on omissions.
+
+    ``report`` receives the numbers of drawn and of all frames, before each and at the end; with
+    ``force`` a file that is not crinoid's is replaced.
+    """
+    settings.check()
+    source = _result_of(path)
+    target = to or source.with_name(FILMS[0 if has_encoder() else 1])
+    ending = ending_of(target)
+    check_place(target, ending, force=force)
+    run = open_run(source, lazily=True)
+    time = np.asarray(run.result["time"].values, float)
+    frames = film_settings(settings, float(time[0]), float(time[-1]), ending)
+    scene = _scene_of(run, frames)
+    status = "" if Status.of(run.status) is Status.OK else run.status
+    comment = f"{MADE} {__version__}"
+    with mpl.rc_context(STYLE), atomic_write(target) as temporary, warnings.catch_warnings():
+        # letters of a title that no font here has are drawn as boxes
+        warnings.filterwarnings("ignore", message="Glyph")
+        picture = Picture(scene, settings, frames, run.title, status)
+        pictures = _draw(picture, frames, report)
+        if ending == ".mp4":
+            write_mp4(temporary, pictures, frames, title=run.title, comment=comment)
+        else:
+            some = np.linspace(0, frames.times.size - 1, _SAMPLES).astype(int)
+            few = [picture.at(frames.times[i]) for i in some]
+            write_gif(temporary, pictures, frames, few=few, comment=comment)
+    return target, [*run.left_out, *omission_notes(scene)]
+
+
+def _draw(picture: Picture, frames: FilmSettings, report: Report) -> Iterator[Image]:
+    for done, time in enumerate(frames.times):
+        report(done, frames.times.size)
+        yield picture.at(float(time))
+    report(frames.times.size, frames.times.size)
+
+
+def _result_of(path: Path) -> Path:
+    if not path.exists():
+        raise ReportError(f"{path}: no such file or directory")
+    if not path.is_dir():
+        return path
+    if (path / RESULT).is_file():
+        return path / RESULT
+    if is_table(path / CASES):
+        raise ReportError(f"{path}: contains a study. Name the folder of one of its cases.")
+    raise ReportError(f"{path}: contains no result, as there is no {RESULT}")
+
+
+def _scene_of(run: Run, frames: FilmSettings) -> Scene:
+    """Return the scene between the first frame and the last, with an instant before and after."""
+    members = []
+    for label, data in run.members:
+        time = np.asarray(data["time"].values, float)
+        begin = max(0, int(np.searchsorted(time, frames.times[0], "right")) - 1)
+        end = int(np.searchsorted(time, frames.times[-1], "left")) + 1
+        some = slice(min(begin, time.size - 1), max(end, begin + 1))
+        members.append((label, data.isel(time=some)))
+    first = members[0][1]
+    numbers = first.sizes["node"] * first.sizes["axis"] * len(members)
+    most = max(2, min(2 * frames.times.size + 2, _NUMBERS // numbers))
+    return build_scene(members, most, _NODES)

@@ -1,0 +1,237 @@
+"""Interactive bodies, a target that can be dragged, and the scenario with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.assembly.arrays import array
+from crinoid.assembly.parameters import Parameters
+from crinoid.assembly.prepared import Prepared
+from crinoid.compilation import ONCE, compiled
+from crinoid.control import Pid
+from crinoid.control.target import Pose, Target, Time
+from crinoid.dynamics import State, System
+from crinoid.flow import Flow
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario.arm import Arm
+from crinoid.simulation.conclusion import start_failure
+from crinoid.simulation.loop import Loop
+from crinoid.simulation.setup import Setup, compile_ahead, set_up
+from crinoid.studies.comparison import controlled_by
+from crinoid.view.live.adjustable import AdjustableNumbers, LoopNumbers, adjusted_flows
+
+_LONGEST = 3600.0  # simulated time of a session (s)
+_RADIUS = 0.08  # radius of the debris, over the arm's length
+_FROM = 0.45  # distance that it is thrown from, over the arm's length
+_SPEED = 1.3  # speed relative to the current, over the arm's length (1/s)
+_AIM = 0.7  # arc length that it is aimed at, over the arm's length
+_PARKED = 40.0  # distance from the root at which it is parked, over the arm's length
+_DEFLECTION = 0.3  # deflection of a straight arm by a pull in the long run, over its length
+_STILL = 1e-3  # speed of the water below which its direction is ignored (m/s)
+_FLIGHT = 0.45  # time of flight (s)
+_LED = 0.3  # largest distance that it is aimed in front of a moving arm, over the arm's length
+
+Vector = Float[np.ndarray, " d"]
+
+
+@dataclass(frozen=True)
+class Debris:
+    """A neutrally buoyant sphere to throw at the arm."""
+
+    radius: float
+    mass: float
+    parked: tuple[float, ...]  # place in the world at which it is parked (m)
+
+    def table(self, position: Any, velocity: Any) -> dict[str, Any]:
+        """Return it as a table of a scenario."""
+        motion = {"position": list(map(float, position)), "velocity": list(map(float, velocity))}
+        return {"kind": "sphere", "radius": self.radius, "mass": self.mass} | motion
+
+
+@dataclass(frozen=True)
+class InteractiveBodies:
+    """A load of zero at the tip and debris far away, which are added to a scenario."""
+
+    debris: Debris | None  # None where the arm has no surface that could be hit
+    duration: float
+    """Longest simulated time (s): an hour, or that of files and tables of the scenario."""
+
+    @staticmethod
+    def suited_to(scenario: Scenario) -> InteractiveBodies:
+        """Return the interactive bodies of a scenario."""
+        length = scenario.arm.length
+        radius = max(_RADIUS * length, max(scenario.arm.diameters) / 2)
+        parked = list(scenario.base.position)
+        parked[0] -= _PARKED * length
+        mass = (scenario.water.density or 1000.0) * 4 / 3 * np.pi * radius**3
+        found = InteractiveBodies(None, max(_LONGEST, scenario.simulation.duration))
+        try:
+            found.added_to(scenario)
+        except ScenarioError:  # a table or a file ends before that
+            found = replace(found, duration=scenario.simulation.duration)
+        with_debris = replace(found, debris=Debris(radius, mass, tuple(parked)))
+        try:
+            with_debris.added_to(scenario)
+        except ScenarioError:
+            return found
+        return with_debris
+
+    def added_to(self, scenario: Scenario) -> Scenario:
+        """Return a scenario with them."""
+        document, still = scenario.to_dict(), [0.0] * scenario.arm.dimension
+        loads = [*document.get("load", []), {"kind": "tip", "force": still}]
+        values: dict[str, Any] = {"load": loads, "simulation.duration": self.duration}
+        if self.debris is not None:
+            table = self.debris.table(self.debris.parked, still)
+            values["obstacle"] = [*document.get("obstacle", []), table]
+        return scenario.with_values(values)
+
+
+def tip_force(system: System) -> float:
+    """Return a force (N) that would bend a straight arm by a third of its length."""
+    stiffness = float(jnp.min(system.forces.bending_stiffness(system.reference)))
+    length = float(jnp.sum(system.reference.rest_length))
+    return float(f"{3 * stiffness * _DEFLECTION / length**2:.2g}")
+
+
+def launch_path(debris: Debris, state: State, arm: Arm) -> tuple[Vector, Vector]:
+    """Return the place (m) and velocity (m/s) from which debris hits an arm.
+
+    It comes across the arm and with the current, or from the other side where the arm is in the
+    way. It is aimed at where the arm will be if its velocity stays the same.
+    """
+    length, thickness = arm.length, max(arm.diameters)
+    nodes = np.asarray(state.position)[1:]
+    aim = round(_AIM * (len(nodes) - 1))
+    along = nodes[min(aim + 1, len(nodes) - 1)] - nodes[aim - 1]
+    along /= np.linalg.norm(along)
+    water = np.asarray(state.flow_velocity)[1:][aim]
+    across = water - (water @ along) * along
+    if np.linalg.norm(across) < _STILL:
+        down = np.zeros_like(along)
+        down[-1] = -1.0
+        across = down - (down @ along) * along
+        if np.linalg.norm(across) < 0.1:  # the arm hangs
+            across = np.eye(len(along))[0]
+            across -= (across @ along) * along
+    across /= np.linalg.norm(across)
+    far = _FROM * length + debris.radius + thickness / 2
+    led = _FLIGHT * np.asarray(state.velocity)[1:][aim]
+    led *= min(1.0, _LED * length / max(float(np.linalg.norm(led)), 1e-9))
+    places = [nodes[aim] + led - side * far * across for side in (1.0, -1.0)]
+    room = [np.min(np.linalg.norm(nodes - place, axis=1)) for place in places]
+    first = room[0] >= min(room[1], 2 * debris.radius + thickness)
+    place, side = (places[0], 1.0) if first else (places[1], -1.0)
+    return place, water + side * _SPEED * length * across
+
+
+@compiled(**ONCE)
+def launch(
+    system: System, state: State, position: Float[Array, " d"], velocity: Float[Array, " d"]
+) -> State:
+    """Return a state with another position (m) and velocity (m/s) of its last obstacle."""
+    forces, motion = system.forces, state.motion
+    assert forces.obstacles is not None
+    row = forces.nodes(motion.position).shape[0] + forces.obstacles.count - 1
+    axes = forces.axes
+    moved = motion.position.at[row, :axes].set(position)
+    faster = motion.velocity.at[row, :axes].set(velocity)
+    still = motion.acceleration.at[row].set(0.0)
+    return replace(
+        state,
+        motion=replace(motion, position=moved, velocity=faster, acceleration=still),
+        auxiliary_offset=state.auxiliary_offset.at[row].set(0.0),
+        acceleration_history=state.acceleration_history.at[:, row].set(0.0),
+        gap=forces.gaps(moved),
+    )
+
+
+CAPACITY = 64  # most instants of a call
+KINDS = ("none", "pid", "lqg", "mpc")
+"""Kinds of controllers that any scenario with inputs may be switched to."""
+
+
+class ShiftedTarget(Target):
+    """A target, or its whole path, at a shift from that of the scenario."""
+
+    shift: Float[Array, " d"] | None = None  # shift in the target's own frame (m)
+
+    @staticmethod
+    def of(target: Target, axes: int) -> ShiftedTarget:
+        """Return a target with a shift of zero."""
+        none = array(np.zeros(axes))
+        return ShiftedTarget(target.fixed, target.path, target.moving, target.carrier, none)
+
+    def in_frame(self, time: Time) -> Pose:
+        """Return the reference pose at ``time`` (s), in the frame of the target."""
+        assert self.shift is not None
+        return super().in_frame(time).at[: self.shift.shape[0]].add(self.shift)
+
+
+def shift_to(target: ShiftedTarget, place: Vector, time: float) -> Vector:
+    """Return the shift that brings a target to a place in the world (m) at a time (s)."""
+    assert target.shift is not None
+    axes, now = target.shift.shape[0], jnp.asarray(time, float)
+    there = target.to_frame(target(now).at[:axes].set(place), now)
+    return np.asarray(target.shift + (there - target.in_frame(now))[:axes])
+
+
+class StartError(RuntimeError):
+    """A scenario without a state to start from."""
+
+
+class ControlledScenario(NamedTuple):
+    """A scenario under one kind of controller."""
+
+    scenario: Scenario  # without interactive bodies
+    parameters: Parameters  # with interactive bodies
+    flows: tuple[Flow, ...]  # the flows of the scenario
+    setup: Setup
+    loop: Loop  # at the start, with a target that can be shifted
+
+    @staticmethod
+    def of(scenario: Scenario, bodies: InteractiveBodies, kind: str) -> ControlledScenario:
+        """Assemble and compile a scenario under a kind of controller."""
+        if kind != scenario.control.kind:
+            scenario = controlled_by(scenario, kind)
+        prepared = Prepared(bodies.added_to(scenario))
+        flows, place = prepared.parameters.flow, np.asarray(scenario.base.position)
+        # a loop that starts has the form of one whose water was changed: both are one program
+        prepared.parameters = replace(
+            prepared.parameters, flow=adjusted_flows(flows, None, AdjustableNumbers(), place, 0.0)
+        )
+
+        def shifted(loop: Loop) -> Loop:
+            target = ShiftedTarget.of(loop.target, scenario.arm.dimension)
+            return eqx.tree_at(lambda x: x.target, loop, target)
+
+        prepared.check()
+        compile_ahead(prepared, 0, CAPACITY, shifted)
+        setup = set_up(prepared)
+        trouble = start_failure(scenario, setup.loop.system, setup.outcome)
+        if trouble:
+            raise StartError(trouble)
+        return ControlledScenario(scenario, prepared.parameters, flows, setup, shifted(setup.loop))
+
+    def loop_numbers(self, *, parked: bool, shift: Vector, since: float | None) -> LoopNumbers:
+        """Return numbers of the loop, its target shifted (m), its control on since a time (s)."""
+        controller = self.loop.controller
+        own = controller.take_up if isinstance(controller, Pid) else array(0.0)
+        on, take_up = self.loop.switched_on, own
+        if since is not None:  # else it is in control from the start
+            on, take_up = array(since), array(self.setup.plan.first_period)
+        return LoopNumbers(jnp.asarray(parked), array(shift), on, take_up)
+
+
+def kinds_for(scenario: Scenario) -> tuple[str, ...]:
+    """Return the kinds of controllers that a scenario can be switched to."""
+    own = scenario.control.kind
+    if not (scenario.base.channels.present or scenario.thread_names):
+        return tuple(dict.fromkeys(("none", own)))
+    return tuple(dict.fromkeys((*KINDS, own)))

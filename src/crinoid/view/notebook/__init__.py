@@ -1,0 +1,291 @@
+"""Results in notebooks: a table of their numbers, a small animation, and plots.
+
+`crinoid.Result` imports it when it is displayed.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from html import escape
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from crinoid.results.result import Result
+from crinoid.scenario.errors import got, one_of
+from crinoid.view.figures import run, style
+from crinoid.view.figures.charts.chart import Chart
+from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
+from crinoid.view.figures.charts.summary import equilibrium_summary, summary
+from crinoid.view.figures.charts.tip import spectrum_chart, tip_chart
+from crinoid.view.figures.charts.touch import contact_chart, has_contact
+from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
+from crinoid.view.figures.paper import draw_panel
+from crinoid.view.figures.run import Run
+from crinoid.view.figures.shape import ROWS, draw_lines
+from crinoid.view.figures.sheet import draw_in
+from crinoid.view.page.parts import list_of, table_of
+from crinoid.view.page.write import small_page_of
+from crinoid.view.scene.data import is_spatial
+from crinoid.view.scene.projection import ABOVE, AHEAD, SIDE
+
+__all__ = ["Plots", "html_of", "plots_of"]
+
+
+def run_of(result: Result) -> run.Run:
+    """Return the instants of a result, and of that without control, at which shapes are finite."""
+    results = {"result": result.dataset}
+    if result.uncontrolled is not None:
+        results["result without control"] = result.uncontrolled.dataset
+    return run.run_of(results)
+
+
+@contextmanager
+def _axes(heights: list[float], given: Sequence[Axes] | None) -> Iterator[list[Axes]]:
+    """Yield the given axes, or new ones of some heights (inches), in the style of reports."""
+    if given is not None and len(given) != len(heights):
+        raise ValueError(f"ax: got {len(given)} axes; must be {len(heights)}, one for each panel")
+    with mpl.rc_context(style.STYLE):
+        if given is not None:
+            yield list(given)
+            return
+        size = style.WIDTH, 0.5 + sum(heights)
+        figure = plt.figure(figsize=size, layout="constrained")
+        panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)
+        yield list(panels.flat)
+
+
+_VIEWS = {"side": SIDE, "above": ABOVE, "ahead": AHEAD}
+_ALONG = {False: ("curvature", "tension"), True: ("kappa_1", "kappa_2", "twist", "tension")}
+"""Quantities along an arm, by whether it is in space."""
+
+
+class Plots:
+    """Plots of a result, as ``crinoid report`` draws them.
+
+    Each accepts ``ax``, matplotlib's axes to draw into, and makes a new figure without. Those of
+    several panels accept and return a list of axes. Plots over time show the run without control
+    too.
+
+    Parameters
+    ----------
+    result
+        The result.
+    """
+
+    def __init__(self, result: Result) -> None:
+        self._result = result
+
+    def tip_error(self, ax: Axes | None = None) -> Axes:
+        """Plot the distance of the tip from its target."""
+        return self._panel(tip_chart, "tip_error", ax)
+
+    def tip_miss(self, ax: Axes | None = None) -> Axes:
+        """Plot the position of the tip minus that of its target, along each axis."""
+        return self._panel(tip_chart, "tip_miss", ax)
+
+    def tip_off_direction(self, ax: Axes | None = None) -> Axes:
+        """Plot the angle between the direction of the tip and that of its target."""
+        return self._panel(tip_chart, "tip_off_direction", ax)
+
+    def tip_spectrum(self, ax: Axes | None = None) -> Axes:
+        """Plot the spectrum of the tip's error."""
+        return self._panel(spectrum_chart, "tip_spectrum", ax)
+
+    def water_speed(self, ax: Axes | None = None) -> Axes:
+        """Plot the speed of the water at the tip."""
+        return self._panel(tip_chart, "tip_water", ax)
+
+    def commands(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
+        """Plot driven channels and actuators with their commands, and the load on the submarine.
+
+        A panel each for the base's channels (in space for all shifts and all turns), for actuators
+        of each unit, for the force and for the moment.
+        """
+        return self._chart(drive_chart, ax)
+
+    def base_force(self, ax: Axes | None = None) -> Axes:
+        """Plot the force of the arm on the submarine."""
+        return self._panel(drive_chart, "base_force", ax)
+
+    def base_moment(self, ax: Axes | None = None) -> Axes:
+        """Plot the moment of the arm on the submarine."""
+        return self._panel(drive_chart, "base_moment", ax)
+
+    def energy(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
+        """Plot stored energies, works, and the defect of their balance: three panels."""
+        return self._chart(energy_chart, ax)
+
+    def iterations(self, ax: Axes | None = None) -> Axes:
+        """Plot the iterations of Newton's method in each step."""
+        return self._panel(effort_chart, "newton_iterations", ax)
+
+    def contact(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
+        """Plot contact with obstacles, its forces, and the distances: three panels.
+
+        Raises
+        ------
+        ValueError
+            If the run has no obstacles.
+        """
+        if not has_contact(self._run):
+            raise ValueError("the result has no obstacles, so there is no contact to plot")
+        return self._chart(contact_chart, ax)
+
+    def vortices(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
+        """Plot the frequency of shedding against the arm's own, and the force: two panels.
+
+        Raises
+        ------
+        ValueError
+            If the water of the run sheds no vortices.
+        """
+        if not has_vortices(self._run):
+            raise ValueError("the water of the run sheds no vortices. Add [water.vortices].")
+        return self._chart(vortex_chart, ax)
+
+    def shape(
+        self,
+        ax: Axes | None = None,
+        *,
+        view: str = "side",
+        times: Iterable[float] | None = None,
+        legend: bool = True,
+        colorbar: bool = True,
+    ) -> Axes:
+        """Plot the arm over time with the path of its tip, target, obstacles and water.
+
+        Parameters
+        ----------
+        ax
+            Axes to draw into.
+        view
+            The view: ``"side"``, ``"above"`` or ``"ahead"``.
+        times
+            Times at which the arm is drawn (s), at the nearest saved instants.
+        legend, colorbar
+            Whether the axes have a legend, and a colour bar of the time.
+
+        Raises
+        ------
+        ValueError
+            For an unknown view, a time outside of the run, or a result without positions.
+        """
+        if view not in _VIEWS:
+            raise ValueError(f"view: {got(view, f'be {one_of(_VIEWS)}')}")
+        data, chosen = self._run.result, None
+        if "position" not in data:
+            raise ValueError("the result has no position: output.variables leaves it out")
+        if times is not None:
+            time, wanted = data["time"].values, np.asarray(list(times), float)
+            if not wanted.size or not np.all((wanted >= time[0]) & (wanted <= time[-1])):
+                must = f"one or more from {time[0]:g} to {time[-1]:g} (s)"
+                raise ValueError(f"times: got {wanted.tolist()}; must be {must}")
+            at = np.unique([np.abs(time - each).argmin() for each in wanted])
+            data, chosen = data.isel(time=slice(at[0], at[-1] + 1)), at - at[0]
+        with _axes([5.0], None if ax is None else [ax]) as (axes,):
+            if colorbar:  # first, as it narrows the axes
+                style.time_bar(axes.figure, data, "t (s)", ax=axes, fraction=0.2)
+            draw_in(axes, data, _VIEWS[view], chosen, legend)
+            return axes
+
+    def bending(self, ax: Axes | None = None, *, of: str = "") -> Axes:
+        """Plot a quantity along the arm over time.
+
+        Parameters
+        ----------
+        ax
+            Axes to draw into.
+        of
+            ``"curvature"`` or ``"tension"``, in space ``"kappa_1"``, ``"kappa_2"``, ``"twist"`` or
+            ``"tension"``; the first of these by default.
+
+        Raises
+        ------
+        ValueError
+            If the arm has no such quantity.
+        """
+        data = self._run.result
+        known = _ALONG[is_spatial(data)]
+        if of and of not in known:
+            raise ValueError(f"of: {got(of, f'be {one_of(known)}')}")
+        name = of or known[0]
+        with _axes([2.4], None if ax is None else [ax]) as (axes,):
+            draw_lines(axes, data, name)
+            axes.set(xlabel="distance from the root (m)", ylabel=ROWS[name].replace("\n", " "))
+            style.time_bar(axes.figure, data, "t (s)", ax=axes, fraction=0.2)
+            return axes
+
+    @property
+    def _run(self) -> Run:
+        return run_of(self._result)
+
+    def _panel(self, chart: Callable[[Run], Chart], name: str, ax: Axes | None) -> Axes:
+        (drawn,) = self._chart(chart, None if ax is None else [ax], name)
+        return drawn
+
+    def _chart(
+        self, chart: Callable[[Run], Chart], ax: Iterable[Axes] | None, only: str = ""
+    ) -> list[Axes]:
+        """Draw panels of a chart below each other, or into one of the given axes each."""
+        run, given = self._run, None if ax is None else list(ax)
+        panels = [panel for panel in chart(run).panels if only in ("", panel.name)]
+        time = run.result["time"].values
+        with _axes([panel.tall for panel in panels], given) as drawn:
+            for axes, panel in zip(drawn, panels, strict=True):
+                draw_panel(axes, panel)
+                if given is not None:
+                    room = style.key_within(axes)
+                    scale = axes.yaxis.get_transform()  # keeps the legend clear of data
+                    low, high = scale.transform(np.array(axes.get_ylim()))
+                    top = low + (high - low) / (1.0 - room)
+                    axes.set_ylim(top=float(scale.inverted().transform(np.array([top]))[0]))
+                    axes.set_autoscaley_on(True)  # axes that share a scale show each other's data
+                if not panel.over and time[-1] > time[0]:
+                    axes.set_xlim(float(time[0]), float(time[-1]))
+            drawn[-1].set_xlabel("frequency (Hz)" if panels[-1].over else "time (s)")
+            return drawn
+
+
+plots_of = Plots
+
+_HEIGHT = 440
+"""Height of the animation (pixels)."""
+
+
+def html_of(result: Result) -> str:
+    """Return a result as HTML; a line gives the reason where a part of it cannot be shown.
+
+    Texts of the scenario are escaped. The animation is a separate page in a frame, which can run
+    its script and nothing else.
+    """
+    attributes = result.dataset.attrs
+    title, status = (str(attributes.get(name, "")) for name in ("title", "status"))
+    failed = f"<p>{escape(status)}</p>" if status and status != "ok" else ""
+    return f"<h3>{escape(title)}</h3>{failed}{_numbers(result)}{_animation(result)}"
+
+
+def _numbers(result: Result) -> str:
+    try:
+        still = result.dataset.sizes["time"] == 1
+        return table_of(equilibrium_summary(result) if still else summary(result))
+    except Exception as error:  # a notebook would show a traceback and nothing else
+        return _reason("no numbers", error)
+
+
+def _animation(result: Result) -> str:
+    try:
+        page, left_out = small_page_of(run_of(result))
+    except Exception as error:
+        return _reason("no animation", error)
+    content = page.replace("&", "&amp;").replace("'", "&#39;")
+    return (
+        f"<iframe srcdoc='{content}' sandbox='allow-scripts' title='The arm over time' "
+        f"style='width:100%;height:{_HEIGHT}px;border:0'></iframe>{list_of('Left out', left_out)}"
+    )
+
+
+def _reason(omission: str, error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return f"<p>{omission}: {escape(f'{type(error).__name__}: {text}'[:300])}</p>"

@@ -1,0 +1,1 @@
+"""HTML pages of runs and studies: an animation, charts and tables in one file."""

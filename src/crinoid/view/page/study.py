@@ -1,0 +1,196 @@
+"""Page of a study: a table of its cases, a chart over the varied keys, and the arms."""
+
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.foundation.status import Status
+from crinoid.foundation.version import __version__
+from crinoid.results.metrics import CASE_MEASURES
+from crinoid.results.own_files import is_own
+from crinoid.results.result import attributes
+from crinoid.scenario import ScenarioError
+from crinoid.scenario.errors import counted
+from crinoid.studies.sweep.plan import SweepDesign
+from crinoid.studies.sweep.sampling import Index, indices_of
+from crinoid.studies.sweep.store import SweepStore
+from crinoid.view.figures.run import open_result
+from crinoid.view.figures.study import (
+    MOST_KEYS,
+    Case,
+    Study,
+    StudyMeasure,
+    effects_of,
+    short_keys,
+    study_of,
+)
+from crinoid.view.page import parts
+from crinoid.view.page.scene import SvgDrawing
+from crinoid.view.page.sweeps import view_of
+from crinoid.view.scene.data import ReportError, even_indices, in_space, is_spatial
+from crinoid.view.scene.projection import OBLIQUE, SIDE
+
+MOST = 150  # most drawn arms: more are hard to distinguish and slow to read
+_NODES = 60
+_MARGIN = 0.08
+
+
+def final_shapes(cases: Sequence[Case]) -> tuple[str, list[str]]:
+    """Draw the arms of cases at their ends (SVG, empty without any), with notes on omissions."""
+    there = [(index, case.result) for index, case in enumerate(cases) if case.result is not None]
+    some = [there[index] for index in even_indices(len(there), MOST)] if there else []
+    left_out = []
+    if len(some) < len(there):
+        left_out.append(f"The arms of {len(some)} of {len(there)} cases are drawn.")
+    found: list[tuple[int, Float[np.ndarray, "node axis"]]] = []
+    spatial = False
+    for index, path in some:
+        try:
+            data = open_result(path, lazily=True).isel(time=[-1])
+        except ReportError:
+            left_out.append(f"The arm of {cases[index].name} cannot be drawn.")
+            continue
+        position = in_space(data, "position")[-1]
+        found.append((index, position[even_indices(len(position), _NODES)]))
+        spatial = spatial or is_spatial(data)
+    if not found:
+        return "", left_out
+    view = OBLIQUE if spatial else SIDE
+    shapes = [(index, view.paper(position)) for index, position in found]
+    points = np.concatenate([shape for _, shape in shapes])
+    drawing = SvgDrawing.around(points, _MARGIN, 0.0)
+    lines = [
+        f'<polyline class="arm" data-case="{index}" points="{drawing.svg_points(shape)}"/>'
+        for index, shape in shapes
+    ]
+    return drawing.text("The arm at the end of each case", lines), left_out
+
+
+MOST_CASES = 4000  # most cases on a page
+
+
+def write_study(cases: Sequence[Case], source: Path, folder: Path) -> Path:
+    """Write the page of the study in ``source`` into the folder with those of its cases."""
+    there = [is_own(folder / case.directory / parts.PAGE) for case in cases]
+    addresses = [f"./{quote(case.directory)}/{parts.PAGE}" for case in cases]
+    pages = [each if own else None for each, own in zip(addresses, there, strict=True)]
+    first = next((case.result for case in cases if case.result is not None), None)
+    plan, name = _plan_of(source, len(cases)), source.resolve().name
+    title = str(attributes(first).get("title", name)) if first else name
+    title = plan.scenario.title if plan is not None else title
+    return parts.save_page(study_page_of(cases, title, pages, plan), folder / parts.PAGE)
+
+
+def _plan_of(folder: Path, runs: int) -> SweepDesign | None:
+    """Return the design of a sweep with that number of runs, if the folder contains one."""
+    try:
+        plan = SweepStore(folder).read_plan()
+    except (OSError, ScenarioError):
+        return None
+    return plan if plan.runs == runs else None
+
+
+def study_page_of(
+    cases: Sequence[Case], title: str, pages: Sequence[str | None], plan: SweepDesign | None = None
+) -> str:
+    """Return the page of a study as HTML, from the addresses of its cases' pages and its design."""
+    failed = sum(Status.of(case.status) is not Status.OK for case in cases)
+    status = f"{failed} of {len(cases)} cases failed or did not reach their end"
+    some = even_indices(len(cases), MOST_CASES)
+    indices, left_out = _indices(cases, plan)
+    if len(some) < len(cases):
+        left_out.append(f"The page contains {len(some)} of {len(cases)} cases, evenly chosen.")
+        cases, pages = [cases[index] for index in some], [pages[index] for index in some]
+    study, (finals, omissions) = study_of(cases), final_shapes(cases)
+    left_out += omissions
+    if len(study.varied) > MOST_KEYS:
+        left_out.append(f"Charts are over the first {MOST_KEYS} of {len(study.varied)} keys.")
+    varied = ", ".join(f"{key.name} ({len(key.levels)} values)" for key in study.varied)
+    words = f"study of {counted(len(study.names), 'case')}"
+    body = Template(parts.read_part("study.html")).substitute(
+        title=escape(title),
+        subtitle=escape(" · ".join(filter(None, (words, varied)))),
+        status=f'<p class="status">{status}</p>' if failed else "",
+        finals=finals,
+        layout="" if finals else "alone",
+        left_out=parts.list_of("What was left out", left_out),
+        footer=parts.bokeh_credit(),
+        table=parts.json_of(_table(study, pages, indices)),
+    )
+    scripts = [parts.bokeh_script(), parts.join_scripts("tools", "study")]
+    return parts.html_page(body, scripts, title=title, version=__version__)
+
+
+def _indices(
+    cases: Sequence[Case], plan: SweepDesign | None
+) -> tuple[dict[str, list[Index]], list[str]]:
+    """Return Sobol's indices of each measure, and a note where SALib is not installed."""
+    if plan is None or plan.sampling != "saltelli":
+        return {}, []
+    found = {}
+    for name in CASE_MEASURES:
+        try:
+            values = plan.by_point(np.array([case.measures[name] for case in cases]))
+            found[name] = indices_of(plan.sampled, values)
+        except ImportError:
+            return {}, ['Sobol\'s total indices need SALib: pip install "crinoid[sweep]".']
+    return found, []
+
+
+def _shares(study: Study, measure: StudyMeasure, indices: Sequence[Index]) -> list[dict[str, Any]]:
+    if not indices:
+        return [
+            {"key": study.keys.index(effect.key)}
+            | {name: round(getattr(effect, name), 4) for name in ("share", "low", "high")}
+            for effect in effects_of(study, measure)
+        ]
+    names, found = [key.name for key in study.keys], []
+    for index in sorted(indices, key=lambda index: -index.total):
+        low, high = index.first - index.first_within, index.first + index.first_within
+        numbers = {"share": index.first, "low": low, "high": high}
+        numbers |= {"total": index.total, "within": index.total_within}
+        shares = {name: round(number, 4) for name, number in numbers.items()}
+        found.append({"key": names.index(index.key)} | shares)
+    return found
+
+
+def _table(
+    study: Study, pages: Sequence[str | None], indices: Mapping[str, list[Index]]
+) -> dict[str, Any]:
+    short = short_keys([key.name for key in study.keys])
+    return {
+        "names": study.names,
+        "status": study.status,
+        "pages": list(pages),
+        "keys": [
+            {
+                "name": key.name,
+                "short": short[key.name],
+                "levels": key.levels,
+                "level": key.level.tolist(),
+                "numbers": None if key.numbers is None else key.numbers.tolist(),
+            }
+            for key in study.keys
+        ],
+        "measures": [
+            {
+                "name": measure.name,
+                "label": measure.label,
+                "unit": measure.unit.name,
+                "values": [
+                    float(f"{value:.8g}") if math.isfinite(value) else None
+                    for value in (measure.values * measure.unit.factor).tolist()
+                ],
+                "effects": _shares(study, measure, indices.get(measure.name, [])),
+            }
+            for measure in study.measures
+        ],
+        "views": [view_of(study, keys) for keys in study.views()],
+    }

@@ -1,0 +1,37 @@
+// Tools of all pages: colours, numbers as text, elements.
+
+const RAMPS = {
+  one: ["#3b2a6b", "#3a5a92", "#2b8593", "#35ac80", "#8fcf4e", "#f4dd3b"],
+  two: ["#1b5fa5", "#6ea3cf", "#d9dcdd", "#e59a63", "#c2500a"],
+};
+const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+
+function digits(value) {
+  if (!Number.isFinite(value)) return "–";
+  const text = Math.abs(value) >= 1e5 ? value.toExponential(3) : Number(value.toPrecision(4)).toString();
+  return text.replaceAll("-", "−");
+}
+
+function mixed(stops, share) {
+  const place = share * (stops.length - 1), i = Math.min(stops.length - 2, Math.floor(place)), a = rgb(stops[i]), b = rgb(stops[i + 1]);
+  return `rgb(${a.map((p, d) => Math.round(255 * (p + (place - i) * (b[d] - p)))).join(",")})`;
+}
+
+function make(kind, name, parent, text) {
+  const found = document.createElement(kind);
+  if (name) found.className = name;
+  if (text !== undefined) found.textContent = text;
+  parent.append(found);
+  return found;
+}
+
+// Set the colours of axes and grid of a Bokeh plot.
+function dress(model, read) {
+  const [soft, grid] = ["soft", "grid"].map(read);
+  model.outline_line_color = null;
+  for (const axis of [...model.below, ...model.left]) {
+    if (!axis.major_label_text_color && axis.major_label_text_color !== null) continue;
+    Object.assign(axis, { major_label_text_color: soft, axis_line_color: grid, major_tick_line_color: grid, minor_tick_line_color: null, major_label_text_font_size: "11px", major_label_text_font: getComputedStyle(document.body).fontFamily });
+  }
+  for (const line of model.center) if ("grid_line_color" in line) line.grid_line_color = grid;
+}

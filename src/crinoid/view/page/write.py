@@ -1,0 +1,125 @@
+"""Page of a run: one file with its animation, charts and tables."""
+
+import re
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from crinoid.foundation.status import Status
+from crinoid.results.result import Result
+from crinoid.scenario import ScenarioError
+from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
+from crinoid.view.figures.charts.summary import summary
+from crinoid.view.figures.charts.tip import spectrum_chart, tip_chart
+from crinoid.view.figures.charts.touch import contact_chart, has_contact
+from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
+from crinoid.view.figures.run import Run
+from crinoid.view.page import parts
+from crinoid.view.page.plots import plots_of
+from crinoid.view.page.scene import page_scene, scene_of, still_of
+from crinoid.view.scene.data import ReportError
+from crinoid.view.scene.scene import Scene, build_scene
+
+LARGEST = 800_000  # most characters
+_NODES = 61
+_FRAMES = (301, 151, 76, 31)  # most instants, in the order of trials until the page is small enough
+
+
+def small_page_of(run: Run) -> tuple[str, list[str]]:
+    """Return the animation of a run as a page, and notes on omissions."""
+    version = run.result.attrs.get("crinoid_version", "")
+    options = {"title": run.title, "version": version, "kind": "small"}
+    for frames in _FRAMES:
+        texts, left_out = _animation(run, build_scene(run.members, frames, _NODES), [])
+        body = Template(parts.read_part("scene.html")).substitute(texts)
+        page = parts.html_page(body, [parts.run_script()], **options)
+        if len(page) <= LARGEST:
+            return page, [*run.left_out, *left_out]
+    raise ReportError("there are too many obstacles for a small animation")
+
+
+def _animation(run: Run, scene: Scene, charts: list[Any]) -> tuple[dict[str, str], list[str]]:
+    """Return the texts of an animation in a template, and notes on omissions."""
+    shapes, numbers, left_out = scene_of(scene)
+    times, span = shapes["members"][0]["time"], _span(run)
+    table = {"span": span, "times": times, "scene": shapes, "charts": charts}
+    stage = Template(parts.read_part("stage.html")).substitute(still=still_of(scene))
+    return {"stage": stage, "table": parts.json_of(table), "numbers": numbers}, left_out
+
+
+def _span(run: Run) -> list[float]:
+    """First and last time (s)."""
+    return [float(run.result["time"].values[end]) for end in (0, -1)]
+
+
+_LONGEST = 200_000  # most characters of a scenario on the page
+
+
+def write_run(run: Run, path: Path) -> Path:
+    """Write the page of a run."""
+    return parts.save_page(page_of(run), path)
+
+
+def page_of(run: Run) -> str:
+    """Return the page of a run as HTML.
+
+    Texts of the user are escaped, and scripts are allowed by their digests only.
+    """
+    charts = [tip_chart(run), spectrum_chart(run), drive_chart(run)]
+    charts += [contact_chart(run)] if has_contact(run) else []
+    charts += [vortex_chart(run)] if has_vortices(run) else []
+    charts += [energy_chart(run), effort_chart(run)]
+    plots = plots_of(charts, *_span(run))
+    texts, left_out = _animation(run, page_scene(run.members), plots.charts)
+    attributes = run.result.attrs
+    scenario = str(attributes.get("scenario", ""))
+    if len(scenario) > _LONGEST:
+        left_out.append(f"The scenario is cut off after {_LONGEST} characters.")
+    failed = Status.of(run.status) is not Status.OK
+    other = None if run.uncontrolled is None else Result(run.uncontrolled)
+    result = Result(run.result, uncontrolled=other)
+    try:
+        numbers = f'<div class="scroll numbers">{parts.table_of(summary(result))}</div>'
+    except (LookupError, ValueError, ScenarioError):
+        numbers = "<p>The result lacks variables of the summary.</p>"
+    kind = "arm in space" if run.result.sizes["axis"] == 3 else "planar arm"
+    begin, end = _span(run)
+    words = [kind, f"{run.result.sizes['node']} nodes", f"{end - begin:g} s"]
+    words += [] if run.uncontrolled is None else ["with and without control"]
+    body = Template(parts.read_part("run.html")).substitute(
+        title=escape(run.title),
+        subtitle=escape(" · ".join(words)),
+        status=f'<p class="status">{escape(run.status)}</p>' if failed else "",
+        metrics=f"<h2>Numbers</h2>{numbers}",
+        notes=parts.list_of("Notes", result.notes),
+        scenario=escape(scenario[:_LONGEST]),
+        facts=_facts(run),
+        left_out=parts.list_of("What was left out", [*run.left_out, *left_out, *plots.left_out]),
+        footer=parts.bokeh_credit(),
+        document=parts.json_of(plots.document),
+        **texts,
+    )
+    version = attributes.get("crinoid_version", "")
+    return parts.html_page(
+        body, [parts.bokeh_script(), parts.run_script()], title=run.title, version=version
+    )
+
+
+def _facts(run: Run) -> str:
+    attributes, words = run.result.attrs, re.sub(r"[^a-z0-9]+", "-", run.title.lower())
+    name = words.strip("-")[:40].strip("-") or "scenario"
+    spent = attributes.get("wall_time")
+    facts: dict[str, Any] = {
+        "crinoid": attributes.get("crinoid_version", "unknown"),
+        "seed": attributes.get("seed", "unknown"),
+        "status": run.status,
+        "computing time": f"{spent:.3g} s" if isinstance(spent, float) else "unknown",
+        "saved instants": run.result.sizes["time"],
+    }
+    rows = "".join(f"<tr><td>{k}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
+    command = f"crinoid run {name}.toml --out results/{name}"
+    return (
+        f"{rows}<tr><td>to repeat it</td><td>save the scenario above as {name}.toml, then "
+        f"<code>{command}</code></td></tr>"
+    )

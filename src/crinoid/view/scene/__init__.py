@@ -1,0 +1,1 @@
+"""One description of a result in three dimensions: bodies with their sizes and poses over time."""

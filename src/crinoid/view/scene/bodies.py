@@ -1,0 +1,177 @@
+"""Rigid bodies around the arm: its mount, target, obstacles and tool."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crinoid.view.scene.data import Obstacle, Points, ToolBall
+from crinoid.view.scene.mesh import BodyShape, Rotations, look_rotation, unit_vectors
+from crinoid.view.scene.mount import ArmMount, Path
+from crinoid.view.scene.scene import Keyframes, Scene
+
+_HULL = (0.34, 6.0), (0.075, 1.5)
+"""Half the length and half the width of the submarine: of the arm's length, and at most (m)."""
+_ENDLESS = 0.5  # half of the drawn length of an endless pole, of the arm's length
+_DISC = 0.08  # half of the drawn length of a pole across a planar arm, of the arm's length
+_WALL = 2.0  # half of the drawn side of a wall, of the arm's length
+_TARGET = 0.6  # radius of the ball at the target, of the tip's diameter
+_SHORT = 0.2  # length below which a boom is not drawn, of the radius of the arm
+_JOINT, _BOOM, _CLAMP, CLAMP_LENGTH = 1.35, 0.6, 1.18, 4.0
+"""Radii of the joint, boom and clamp and length of the clamp, of the radius of the arm."""
+_STOUT = 0.1  # largest radius of an arm that its joint and clamp are drawn for, of its length
+_STEM = 0.2  # radius of the stem of a tool, of that of its ball
+_UP = np.array([0.0, 0.0, 1.0])
+
+Numbers = Float[np.ndarray, " time *shape"]
+Kind = Literal["base", "target", "obstacle", "tool"]
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A shape that moves: its points are at ``position + attitude @ (scale * point)``."""
+
+    name: str
+    kind: Kind
+    shape: BodyShape
+    position: Path
+    attitude: Rotations
+    scale: Float[np.ndarray, "time axis=3"]
+    """Zero while the body is hidden; a boom varies in length."""
+
+    @property
+    def material(self) -> str:
+        """Material: `"steel"` for boom, joint, clamp and stem, else `"hull"` or its kind."""
+        if self.name in ("boom", "joint", "clamp", "stem"):
+            return "steel"
+        return "hull" if self.name == "hull" else self.kind
+
+    def matrix(self, record: int, share: float = 0.0) -> Float[np.ndarray, "axis=3 axis=3"]:
+        """Return its attitude times its scale, at an instant or a share of the way to the next."""
+        if share and self.scale[record + 1].any() and self.scale[record].any():
+            here, there = (self.attitude[i] * self.scale[i] for i in (record, record + 1))
+            return np.asarray((1.0 - share) * here + share * there)
+        return np.asarray(self.attitude[record] * self.scale[record])
+
+    def transform(self, points: Points, record: int, share: float = 0.0) -> Points:
+        """Move points of its shape to where they are then (m)."""
+        position = between(self.position, record, share)
+        return np.asarray(position + points @ self.matrix(record, share).T)
+
+    def paths(self, points: Points, instants: slice) -> Float[np.ndarray, "time point axis=3"]:
+        """Return where points of its shape are at some instants (m)."""
+        matrix = self.attitude[instants] * self.scale[instants, None]
+        moved = np.einsum("tij,pj->tpi", matrix, points)
+        return np.asarray(self.position[instants, None] + moved)
+
+
+def rigid_bodies(scene: Scene, run: Keyframes, reach: float | None = None) -> list[RigidBody]:
+    """Return the bodies around the arm of a run; endless poles are shown to a reach (m)."""
+    obstacles = [obstacle_body(each, scene, run, reach) for each in run.obstacles]
+    thick = float(run.diameter[0]) / 2
+    return [
+        *mount_bodies(run.mount, run.position[:, 0], thick, scene.length),
+        _body("target", "target", _ball(_TARGET * float(run.diameter[-1])), run.target),
+        *obstacles,
+        *([] if run.tool is None else tool_bodies(run.tool, run.position, run.held)),
+    ]
+
+
+def mount_bodies(mount: ArmMount, root: Path, thick: float, length: float) -> list[RigidBody]:
+    """Return the hull, the boom that its servos shift, the joint and the clamp.
+
+    ``thick`` is the radius of the arm at its root. The submarine is not of its true size.
+    """
+    thick = min(thick, _STOUT * length)
+    long, wide = (min(share * length, most) for share, most in _HULL)
+    half = np.array([long, wide, wide])
+    # the arm leaves the hull where a line from its middle in the arm's direction does
+    out = half**2 * mount.level_direction
+    out /= np.linalg.norm(half * mount.level_direction) or 1.0
+    middle = mount.anchor - np.einsum("tij,j->ti", mount.attitude, out)
+    found = [_body("hull", "base", BodyShape("ellipsoid", long, wide), middle, mount.attitude)]
+    way, reach = _spanned(root - mount.anchor)
+    if np.abs(reach).max() > _SHORT * thick:
+        stretch = np.stack([reach, np.ones_like(reach), np.ones_like(reach)], axis=1)
+        boom = BodyShape("rod", 0.5, _BOOM * thick)
+        middle, attitude = (mount.anchor + root) / 2, look_rotation(way, _UP)
+        found.append(_body("boom", "base", boom, middle, attitude, stretch))
+    clamp = BodyShape("rod", CLAMP_LENGTH * thick / 2, _CLAMP * thick)
+    middle = root + clamp.half * mount.direction
+    return [
+        *found,
+        _body("joint", "base", _ball(_JOINT * thick), root),
+        _body("clamp", "base", clamp, middle, look_rotation(mount.direction, _UP)),
+    ]
+
+
+def _spanned(shift: Path) -> tuple[Path, Float[np.ndarray, " time"]]:
+    """Return the direction of a rod that spans shifts, and its length, negative if reversed."""
+    way, reach = np.empty_like(shift), np.linalg.norm(shift, axis=1)
+    before = shift[int(np.argmax(reach))] / (reach.max() or 1.0)
+    for record, length in enumerate(reach):
+        here = shift[record] / length if length > 0.0 else before
+        if here @ before < 0.0:
+            here, reach[record] = -here, -length
+        way[record] = before = here
+    return way, reach
+
+
+def obstacle_body(
+    obstacle: Obstacle, scene: Scene, run: Keyframes, reach: float | None = None
+) -> RigidBody:
+    """Return an obstacle, of an endless one the part nearest to the first shape of the arm."""
+    name, path = f"obstacle {obstacle.name}", obstacle.path
+    middle = run.position[0].mean(axis=0)
+    half = float(np.linalg.norm(obstacle.half_axis))
+    if obstacle.kind in ("plane", "cylinder"):
+        path = path + (obstacle.nearest(0, middle) - path[0])
+    if obstacle.kind == "plane":
+        shape, axis = BodyShape("plate", 0.0, _WALL * scene.length), obstacle.normal
+    elif not half:
+        return _body(name, "obstacle", _ball(obstacle.radius), path)
+    else:
+        axis = obstacle.half_axis / half
+        if obstacle.kind == "cylinder":
+            half = min(half, _ENDLESS * scene.length if reach is None else reach)
+        if not scene.spatial and abs(axis[1]) > 0.9:
+            half = min(half, _DISC * scene.length)
+        kind: Literal["capsule", "rod"] = "capsule" if obstacle.kind == "capsule" else "rod"
+        shape = BodyShape(kind, half, obstacle.radius)
+    return _body(name, "obstacle", shape, path, look_rotation(np.tile(axis, (len(path), 1)), _UP))
+
+
+def tool_bodies(
+    tool: ToolBall, position: Points, held: Bool[np.ndarray, " time"]
+) -> list[RigidBody]:
+    """Return the tool, and its stem where it is off the tip; hidden while it is not held."""
+    before, tip = position[:, -2], position[:, -1]
+    forward = unit_vectors(tip - before)
+    attitude, scale = look_rotation(forward, _UP), held[:, None] * np.ones(3)
+    centre = tip + tool.offset * forward
+    found = [_body("tool", "tool", _ball(tool.radius), centre, attitude, scale)]
+    if tool.offset > tool.radius:
+        stem = BodyShape("rod", tool.offset / 2, _STEM * tool.radius)
+        middle = (tip + centre) / 2
+        found.append(_body("stem", "tool", stem, middle, attitude, scale))
+    return found
+
+
+def between(values: Numbers, record: int, share: float) -> Float[np.ndarray, "*shape"]:
+    """Values between an instant and the next."""
+    if share == 0.0:
+        return np.asarray(values[record])
+    return np.asarray((1.0 - share) * values[record] + share * values[record + 1])
+
+
+def _ball(radius: float) -> BodyShape:
+    return BodyShape("ellipsoid", radius, radius)
+
+
+def _body(
+    name: str, kind: Kind, shape: BodyShape, position: Path, *pose: Float[np.ndarray, "time ..."]
+) -> RigidBody:
+    """Return a body with an attitude and a scale, by default level and of its own size."""
+    still = np.tile(np.eye(3), (len(position), 1, 1)), np.ones((len(position), 3))
+    return RigidBody(name, kind, shape, position, *pose, *still[len(pose) :])

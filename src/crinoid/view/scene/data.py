@@ -1,0 +1,199 @@
+"""Arrays of a result in three dimensions, and the tool and obstacles of its scenario."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float, Int
+
+from crinoid.foundation.axes import AXES
+
+STILL = 1e-6  # distance below which a point does not move (m)
+LARGEST = 1e9  # largest size of a drawing, in SI units. Squares of far larger numbers overflow.
+
+Indices = Int[np.ndarray, " chosen"]
+
+
+class ReportError(ValueError):
+    """A report cannot be drawn; the message is one line that says why."""
+
+
+def is_spatial(dataset: xr.Dataset) -> bool:
+    """Whether the arm moves in space rather than in a plane."""
+    return "y" in {str(label) for label in dataset["axis"].values}
+
+
+def in_space(dataset: xr.Dataset, name: str) -> Float[np.ndarray, "*shape axis=3"]:
+    """Values of a vector variable, the axis last; y is zero in the plane."""
+    vector = np.asarray(dataset[name].transpose(..., "axis").values, dtype=float)
+    whole = np.zeros((*vector.shape[:-1], 3))
+    whole[..., [AXES[3].index(str(label)) for label in dataset["axis"].values]] = vector
+    return whole
+
+
+def moves(path: Float[np.ndarray, "time axis"]) -> bool:
+    """Whether a point moves."""
+    return bool(np.ptp(path, axis=0).max() > STILL)
+
+
+def arm_length(data: xr.Dataset) -> float:
+    """Length of the arm's first recorded shape in m, never zero."""
+    steps = np.diff(in_space(data, "position")[0], axis=0)
+    return float(np.linalg.norm(steps, axis=-1).sum()) or 1.0
+
+
+def arc_length(data: xr.Dataset) -> Float[np.ndarray, " node"]:
+    """Arc length of the nodes (m), of the first recorded shape in results without it."""
+    if "arc_length" in data:
+        return np.asarray(data["arc_length"].values, float)
+    steps = np.linalg.norm(np.diff(in_space(data, "position")[0], axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def read_scenario(dataset: xr.Dataset) -> dict[str, Any]:
+    """Return the tables of the scenario in a result; empty without a readable one."""
+    with contextlib.suppress(KeyError, tomllib.TOMLDecodeError):
+        return tomllib.loads(str(dataset.attrs["scenario"]))
+    return {}
+
+
+def bounded(values: Float[np.ndarray, "time ..."]) -> Bool[np.ndarray, " time"]:
+    """Whether all numbers of an instant are finite and small enough to be drawn."""
+    return np.asarray(np.all(np.abs(values.reshape(len(values), -1)) <= LARGEST, axis=1))
+
+
+def shaped(position: Float[np.ndarray, "time node axis"]) -> Bool[np.ndarray, " time"]:
+    """Whether the arm has a shape to draw at an instant: no edge has the length zero."""
+    with np.errstate(invalid="ignore"):
+        edges = np.abs(np.diff(position, axis=1)).max(axis=2)
+    return bounded(position) & (edges > 0.0).all(axis=1)
+
+
+def even_indices(count: int, most: int) -> Int[np.ndarray, " chosen"]:
+    """Return indices at even distances, the first and the last among them."""
+    if count <= most:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+
+
+def tool_held(data: xr.Dataset) -> Bool[np.ndarray, " time"]:
+    """Whether the tip carries a tool, at each record."""
+    if "tool_held" not in data:
+        return np.zeros(data.sizes["time"], bool)
+    return np.asarray(data["tool_held"].values > 0)
+
+
+_DENSE = 7850.0  # density of a tool that displaces no water, as of steel (kg/m3)
+
+
+class ToolBall(NamedTuple):
+    """The ball by which a tool is drawn."""
+
+    radius: float  # m
+    offset: float  # distance of its centre from the tip, along the arm (m)
+
+    @staticmethod
+    def of(table: Mapping[str, Any]) -> ToolBall:
+        """Return the ball of a tool's table: of its volume, or of its mass in steel."""
+        volume = table.get("volume") or table["mass"] / _DENSE
+        radius = (3.0 * volume / (4.0 * math.pi)) ** (1 / 3)
+        return ToolBall(radius, float(table.get("offset", 0.0)))
+
+
+def find_tool(data: xr.Dataset) -> ToolBall | None:
+    """Return the tool of a result whose tip ever carries one."""
+    return ToolBall.of(read_scenario(data)["tool"]) if tool_held(data).any() else None
+
+
+_ENDLESS = 1e3  # half of the length of a cylinder, which has no end (m)
+
+Point = Float[np.ndarray, "axis=3"]
+Points = Float[np.ndarray, "... axis=3"]
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """One obstacle, and where its middle is at each record."""
+
+    name: str
+    kind: str  # `"sphere"`, `"capsule"`, `"cylinder"` or `"plane"`
+    radius: float  # m; zero for a wall
+    half_axis: Point  # half of the axis of a round obstacle (m)
+    normal: Point  # normal of a wall, of length one; zero for a round obstacle
+    path: Float[np.ndarray, "time axis=3"]
+
+    @staticmethod
+    def of(name: str, table: dict[str, Any], path: Float[np.ndarray, "time axis=3"]) -> Obstacle:
+        """Read a table of the scenario, of a planar one or one in space."""
+        kind = str(table["kind"])
+        if kind == "plane":
+            normal = _direction("normal", table["normal"], (2, 3))
+            return Obstacle(name, kind, 0.0, np.zeros(3), normal, path)
+        half = {"cylinder": _ENDLESS, "capsule": table.get("length", 0.0) / 2}.get(kind, 0.0)
+        axis = half * _direction("axis", table.get("axis", [0.0, 1.0, 0.0]), (3,))
+        return Obstacle(name, kind, float(table["radius"]), axis, np.zeros(3), path)
+
+    @property
+    def label(self) -> str:
+        """Its index in the scenario and its kind."""
+        return f"{self.name} {self.kind}"
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves."""
+        return moves(self.path)
+
+    def nearest(self, record: int | tuple[slice, None], points: Points) -> Points:
+        """Points nearest to others, on the surface of a wall or the axis of a round obstacle.
+
+        With ``np.s_[:, None]`` as the record, points at each record are compared with the obstacle
+        at the same record.
+        """
+        place, half = self.path[record], self.half_axis
+        if self.kind == "plane":
+            return np.asarray(points - ((points - place) @ self.normal)[..., None] * self.normal)
+        along = np.clip((points - place) @ half / ((half @ half) or 1.0), -1.0, 1.0)
+        return np.asarray(place + along[..., None] * half)
+
+    def distance(self, points: Points) -> Float[np.ndarray, "time node"]:
+        """Return the distance of points at each record from its surface (m)."""
+        apart = points - self.nearest(np.s_[:, None], points)
+        if self.kind == "plane":
+            return np.asarray(apart @ self.normal)
+        return np.linalg.norm(apart, axis=-1) - self.radius
+
+
+def _direction(name: str, parts: Sequence[float], counts: tuple[int, ...]) -> Point:
+    """Return a direction, of length one, from its parts: x and z, or x, y and z."""
+    numbers = [float(part) for part in parts]
+    size = math.hypot(*numbers)
+    if len(numbers) not in counts or not 0.0 < size < math.inf:
+        raise ValueError(f"{name} {numbers}")
+    x, *y, z = numbers
+    return np.array([x, *(y or [0.0]), z]) / size
+
+
+def find_obstacles(data: xr.Dataset) -> list[Obstacle]:
+    """Return the obstacles of a result."""
+    if "obstacle_position" not in data:
+        return []
+    paths = np.moveaxis(in_space(data, "obstacle_position"), 1, 0)
+    tables = tomllib.loads(str(data.attrs["scenario"])).get("obstacle", [])
+    rows = enumerate(zip(tables, paths, strict=True))
+    return [Obstacle.of(str(index), table, path) for index, (table, path) in rows]
+
+
+def check_obstacles(data: xr.Dataset, path: object) -> None:
+    """Refuse a result of a path whose obstacles cannot be drawn."""
+    try:
+        find_obstacles(data)
+    except (LookupError, TypeError, ValueError, ZeroDivisionError) as error:
+        text = f"its scenario does not describe its obstacles ({type(error).__name__}: {error})"
+        raise ReportError(f"{path}: not a crinoid result, {text}") from error

@@ -1,0 +1,433 @@
+"""A scenario's current by itself: its numbers against theory, and `crinoid flow`."""
+
+import hashlib
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.image import imread
+from scipy.integrate import quad
+from scipy.signal import lfilter, welch
+
+from crinoid.analysis.current import sample_current, statistics
+from crinoid.assembly.prepared import Prepared
+from crinoid.numerics.signals_and_systems import integral_time, spectrum, von_karman
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario, builtin_names, library, load
+from crinoid.view.figures import ReportError, write_report
+from helpers.command import refused, succeeded
+from helpers.figures import assert_shows_something
+from helpers.made_results import Player
+from helpers.paths import ROOT
+
+FIGURES = ["flow.png", "spectrum.png", "profile.png"]
+
+
+# --- numbers -----------------------------------------------------------------------------------
+
+
+def test_the_integral_time_is_that_of_the_correlation():
+    # of a Markov process its correlation time
+    correlation_time, interval = 2.0, 0.1
+    damping = np.exp(-interval / correlation_time)
+    noise = np.random.default_rng(1).normal(size=200_000)
+    process = lfilter([np.sqrt(1 - damping**2)], [1, -damping], noise)
+    assert integral_time(process, interval) == pytest.approx(correlation_time, rel=0.1)
+    # of a sine the integral of cos(2 pi t / 4 s) up to 1 s
+    sine = np.sin(2 * np.pi * np.arange(0, 1000, 0.01) / 4.0)
+    assert integral_time(sine, 0.01) == pytest.approx(4.0 / (2 * np.pi), rel=2e-3)
+
+
+def test_statistics_of_a_known_series():
+    swing = np.sin(2 * np.pi * np.arange(0, 100, 0.01) / 5.0)
+    velocity = np.stack([0.3 + 0.1 * swing, -0.4 + 0 * swing], axis=1)
+    found = statistics(velocity, 0.01)
+    np.testing.assert_allclose(found.mean, [0.3, -0.4], atol=1e-12)
+    np.testing.assert_allclose(found.standard_deviation, [0.1 / np.sqrt(2), 0.0], atol=1e-12)
+    np.testing.assert_allclose(found.intensity, [0.2 / np.sqrt(2), 0.0], atol=1e-12)
+    assert found.greatest_speed == pytest.approx(np.hypot(0.4, 0.4), rel=1e-6)
+    assert found.mean_speed == pytest.approx(np.hypot(velocity[:, 0], 0.4).mean())
+    assert np.isfinite(found.integral_time[0])
+    assert found.integral_length[0] == pytest.approx(0.5 * found.integral_time[0])
+    assert np.isnan(found.integral_time[1])  # what is steady has none
+    # without a mean there is no intensity
+    found = statistics(np.stack([np.tile([1.0, -1.0], 50), np.zeros(100)], axis=1), 0.1)
+    assert np.isnan(found.intensity).all()
+    assert np.isnan(found.integral_length).all()
+
+
+def test_a_spectrum_is_the_mean_of_the_windows_without_holes():
+    interval, count, middle = 0.05, 20_000, slice(5, -5)
+    noise = np.random.default_rng(0).normal(scale=0.2, size=(count, 1, 1))
+    whole = spectrum(noise, interval)
+    assert whole.sound == whole.windows == 4
+    # white: 0.04 m2/s2 spread over 0 to 10 Hz
+    assert whole.density[middle].mean() == pytest.approx(0.04 / 10, rel=0.03)
+    assert whole.frequency[-1] == pytest.approx(10.0)
+    # holes of a quarter of the record, joined by straight lines
+    holed, holes = noise.copy(), np.zeros(count, bool)
+    for begin in range(5000, 15000, 2500):
+        holes[begin : begin + 1250] = True
+    there = np.flatnonzero(~holes)
+    holed[:, 0, 0] = np.interp(np.arange(count), there, noise[there, 0, 0])
+    found = spectrum(holed, interval, holes)
+    assert 0 < found.sound < found.windows
+    # as flat as it was, where all windows together have lost a part of its variance
+    assert found.density[middle].mean() == pytest.approx(0.04 / 10, rel=0.05)
+    assert spectrum(holed, interval).density[middle].mean() < 0.9 * 0.04 / 10
+    # where no window is without, it is said and all are taken
+    every = spectrum(holed, interval, np.arange(count) % 8 == 0)
+    assert every.sound == 0
+    assert np.isfinite(every.density).all()
+
+
+@pytest.mark.parametrize("count", [640, 900, 301, 17, 16])
+def test_a_spectrum_is_welchs(count):
+    velocity = 3.0 + np.random.default_rng(count).normal(size=(count, 2, 3))
+    found = spectrum(velocity, 0.3)
+    length = min(count, max(256, 2 * count // 5))
+    frequency, density = welch(velocity, 1 / 0.3, nperseg=length, detrend="constant", axis=0)
+    np.testing.assert_allclose(found.frequency, frequency[1:], rtol=1e-12)
+    np.testing.assert_allclose(found.density, density[1:], rtol=1e-10)
+
+
+@pytest.mark.parametrize("along", [0.0, 0.5, 1.0])
+def test_von_karmans_spectrum_adds_up_and_has_its_length(along):
+    deviation, passing = 0.1, 3.0
+
+    def density(frequency, along=along):
+        return float(von_karman(np.array([frequency]), deviation, passing, along)[0])
+
+    total = quad(density, 0, 1, limit=200)[0] + quad(density, 1, np.inf, limit=200)[0]
+    assert total == pytest.approx(deviation**2, rel=1e-4)
+    # S(0) is four times variance times integral time: whole along, half across
+    assert density(0.0) / (4 * deviation**2) == pytest.approx(passing * (1 + along) / 2)
+    steep = np.log(density(2e4) / density(1e4)) / np.log(2)
+    assert steep == pytest.approx(-5 / 3, abs=1e-3)
+    # isotropic: across it has 4/3 of what it has along
+    assert density(1e4, 0.0) / density(1e4, 1.0) == pytest.approx(4 / 3, rel=1e-3)
+
+
+def sampled(**tables):
+    return sample_current(Prepared(Scenario(**tables)))
+
+
+# --- sampling ----------------------------------------------------------------------------------
+
+
+def test_a_current_is_sampled_where_the_arm_is():
+    shear = {"kind": "shear", "velocity": [0.5, 0.0], "reference_depth": 4.0, "exponent": 0.5}
+    sine = {"kind": "sine", "amplitude": [0.1, 0.0], "frequency_hz": 0.5}
+    dataset = sampled(
+        arm={"length": 0.6},
+        base={"position": [1.0, -8.0], "tilt_deg": -90.0},
+        water={"depth": 20.0},
+        flow=[shear | {"ramp_time": 2.0}, sine],
+        simulation={"duration": 10.0},
+    )
+    np.testing.assert_allclose(dataset["position"].sel(place="tip"), [1.0, -8.6], atol=1e-12)
+    time, velocity = dataset["time"].values, dataset["flow_velocity"].sel(axis="x")
+    sheared = 0.5 * np.sqrt(np.array([12.0, 11.4]) / 16.0)  # by height above the bed
+    late = time >= 2.0
+    assert dataset.attrs["settled"] == 2.0
+    expected = sheared + 0.1 * np.sin(np.pi * time[late, None])
+    np.testing.assert_allclose(velocity.values[late], expected, atol=1e-12)
+    assert float(velocity.sel(time=0.0).values.max()) == 0.0
+    heights = dataset["height"].values
+    assert (heights[0], heights[-1]) == (-20.0, 0.0)
+    mean = 0.5 * np.sqrt((20.0 + heights) / 16.0)
+    np.testing.assert_allclose(dataset["profile_mean"].sel(axis="x"), mean, atol=2e-3)
+    peak = dataset["frequency"].values[np.argmax(dataset["flow_spectrum"].values[:, 1, 0])]
+    assert peak == pytest.approx(0.5, abs=0.15)
+    assert "model_spectrum" not in dataset  # nothing random in it
+
+
+@pytest.mark.parametrize("profile", [{"exponent": 0.2}, {"roughness_length": 0.01}])
+def test_an_arm_may_be_held_at_the_bed_where_no_current_is(profile):
+    shear = {"kind": "shear", "velocity": [0.2, 0.0], "reference_depth": 5.0}
+    flow = sampled(
+        arm={"nodes": 5},
+        base={"position": [0.0, -10.0], "tilt_deg": 90.0},
+        water={"depth": 10.0},
+        flow=[shear | profile],
+        simulation={"duration": 1.0},
+    )["flow_velocity"].sel(axis="x")
+    height = 0.5 / (10.0 - 5.0)  # of the tip, over that at which the velocity is reached
+    share = height**0.2 if "exponent" in profile else np.log(0.5 / 0.01) / np.log(5.0 / 0.01)
+    np.testing.assert_allclose(flow.isel(place=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(flow.isel(place=1), 0.2 * share, rtol=1e-9)
+
+
+UNIFORM = {"kind": "uniform", "velocity": [0.2, 0.0]}
+
+
+@pytest.mark.parametrize("start", [100.0, 0.0], ids=["not begun", "cancelled"])
+def test_eddies_that_nothing_carries_past_have_no_spectrum_to_compare(start):
+    eddies = {"kind": "turbulence", "mean": [0.2, 0], "intensity": 0.1, "length_scale": 0.5}
+    against = [] if start else [UNIFORM | {"velocity": [-0.2, 0.0]}]
+    flow = [eddies | {"modes": 8, "start": start}, *against]
+    found = sampled(flow=flow, simulation={"duration": 2.0})
+    compared = found.get("model_spectrum")
+    assert compared is None or compared.attrs["comment"] == "fitted"
+    assert np.isfinite(found["flow_spectrum"]).all()
+
+
+def test_a_spatial_current_is_sampled_along_three_axes():
+    mean, travel = np.array([0.3, 0.2, -0.1]), np.deg2rad(70)
+    waves = {"kind": "waves", "significant_height": 1.0, "peak_period": 4.0, "direction_deg": 70.0}
+    dataset = sampled(
+        arm={"dimension": 3, "length": 0.6},
+        base={"position": [1.0, 0.5, -8.0], "tilt_deg": -30.0, "pan_deg": 60.0},
+        water={"depth": 20.0},
+        flow=[UNIFORM | {"velocity": mean.tolist()}, waves],
+        simulation={"duration": 40.0},
+    )
+    assert list(dataset["axis"].values) == ["x", "y", "z"]
+    down, level = 0.6 * np.sin(np.pi / 6), 0.6 * np.cos(np.pi / 6)
+    tip = [1.0 + 0.5 * level, 0.5 + np.sqrt(0.75) * level, -8.0 - down]
+    np.testing.assert_allclose(dataset["position"].sel(place="tip"), tip, atol=1e-12)
+    swing = (dataset["flow_velocity"] - mean).sel(place="root").values
+    assert np.abs(swing).max() > 0.01
+    # level, the water swings the way that the waves travel
+    across = swing[:, 0] * np.sin(travel) - swing[:, 1] * np.cos(travel)
+    np.testing.assert_allclose(across, 0.0, atol=1e-12)
+    assert dataset["profile_mean"].dims == ("height", "axis")
+    np.testing.assert_allclose(dataset["profile_mean"].values[0, 2], mean[2], atol=1e-6)  # the bed
+
+
+@pytest.mark.parametrize(
+    ("ramp_time", "settled", "note"),
+    [
+        (0.0, 0.0, ""),
+        (4.0, 4.0, ""),
+        (15.0, 15.0, "the current comes on until 15 s: means, deviations and spectra are those of "
+         "the last 5 s only"),
+        (30.0, 0.0, "the current comes on until 30 s and the run ends at 20 s: means, deviations "
+         "and spectra are those of its ramp too"),
+    ],
+)  # fmt: skip
+def test_statistics_leave_out_ramps_or_say_that_they_do_not(ramp_time, settled, note):
+    duration = 20.0 if ramp_time else 0.5
+    dataset = sampled(flow=[UNIFORM | {"ramp_time": ramp_time}], simulation={"duration": duration})
+    assert dataset.attrs["settled"] == settled
+    assert dataset.attrs["notes"] == note
+    deviation = float(dataset["profile_standard_deviation"].max())
+    assert (deviation > 0.01) == (settled < ramp_time)
+
+
+# --- the command -------------------------------------------------------------------------------
+
+KINDS = {
+    "uniform": 'kind = "uniform"\nvelocity = [0.2, 0.1]\nramp_time = 0.5',
+    "shear": 'kind = "shear"\nvelocity = [0.2, 0.0]\nreference_depth = 1.0',
+    "gust": 'kind = "gust"\nvelocity = [0.2, 0.0]\nduration = 1.0',
+    "sine": 'kind = "sine"\namplitude = [0.2, 0.1]\nfrequency_hz = 1.0',
+    "measured": 'kind = "measured"\nfile = "a.nc"\nvelocity = ["u", "w"]',
+}
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(0, 30, 0.1)
+    random = np.random.default_rng(0)
+    values = {"u": 0.5 + 0.02 * random.normal(size=time.size), "w": 0.01 * np.sin(time)}
+    values["u"][40:45] = np.nan
+    xr.Dataset(
+        {name: ("time", series, {"units": "m/s"}) for name, series in values.items()},
+        {"time": ("time", time, {"units": "s"})},
+    ).to_netcdf(tmp_path / "a.nc")
+    return tmp_path
+
+
+def write(folder, kind, extra=""):
+    text = f"title = 'A {kind} current'\nwater.depth = 20\nsimulation.duration = 2\n{extra}\n"
+    (folder / "mine.toml").write_text(text + (f"[[flow]]\n{KINDS[kind]}\n" if kind else ""))
+
+
+@pytest.mark.parametrize(
+    "kind",
+    # two of them among the quick tests: each costs a second or two
+    [
+        kind if kind in ("uniform", "waves") else pytest.param(kind, marks=pytest.mark.slow)
+        for kind in KINDS
+    ],
+)
+def test_every_kind_of_current_is_drawn_and_summed_up(here, kind):
+    write(here, kind)
+    written = succeeded("flow", "mine.toml")
+    for word in (f"A {kind} current", "mean velocity", "intensity", "integral time"):
+        assert word in written
+    folder = here / "results" / "mine-flow"
+    assert sorted(path.name for path in folder.iterdir()) == sorted(["flow.nc", *FIGURES])
+    for name in FIGURES:
+        assert_shows_something(folder / name)
+    with xr.open_dataset(folder / "flow.nc", decode_times=False) as dataset:
+        for name in dataset.data_vars:
+            assert dataset[name].attrs["units"]
+            assert dataset[name].attrs["long_name"]
+        assert ("model_spectrum" in dataset) == (kind == "measured")
+        assert Scenario.from_toml(dataset.attrs["scenario"]).flow[0].kind == kind
+
+
+def test_a_measured_current_is_described_with_its_repairs(here):
+    write(here, "measured")
+    written = succeeded("flow", "mine.toml", "--set", "simulation.duration=20", "--out", "out")
+    assert "flow.0: a.nc, 29.9 s at 10 Hz, 300 samples at one place" in written
+    assert "note: flow.0: 1.67% of u is missing" in written
+    with xr.open_dataset(here / "out" / "flow.nc") as dataset:
+        assert dataset.attrs["notes"].startswith("flow.0: 1.67% of u is missing")
+
+
+def test_a_file_of_others_is_not_replaced_unless_forced(here):
+    write(here, "uniform")
+    (here / "out").mkdir()
+    (here / "out" / "flow.nc").write_text("mine")
+    line = refused("flow", "mine.toml", "--out", "out")
+    assert line.startswith("crinoid: --out: out/flow.nc was not written by crinoid")
+    assert [path.name for path in (here / "out").iterdir()] == ["flow.nc"]
+    assert (here / "out" / "flow.nc").read_text() == "mine"
+    for again in (("--force",), ()):  # what it wrote itself it replaces
+        succeeded("flow", "mine.toml", "--out", "out", *again)
+
+
+def test_still_water_has_no_current_and_a_study_is_refused(here):
+    write(here, "")
+    still = succeeded("flow", "mine.toml")
+    assert still.strip() == "still water: the scenario has no [[flow]]"
+    write(here, "sine", '[vary]\n"flow.0.frequency_hz" = [1.0, 2.0]')
+    assert refused("flow", "mine.toml").startswith("crinoid: vary: a current is of one case")
+    assert sorted(path.name for path in here.iterdir()) == ["a.nc", "mine.toml"]
+
+
+@pytest.mark.parametrize("command", ["run", "equilibrium", "flow"])
+def test_a_file_that_does_not_fit_is_a_mistake_and_nothing_is_written(here, command):
+    write(here, "measured")
+    before = sorted(here.rglob("*"))
+    line = refused(command, "mine.toml", "--set", 'flow.0.velocity=["east", "w"]')
+    assert line.startswith('crinoid: flow.0.velocity.0: got "east", no such variable in a.nc')
+    assert sorted(here.rglob("*")) == before
+
+
+def test_a_case_with_a_file_that_does_not_fit_is_named_before_any_is_run(here):
+    write(here, "measured", '[vary]\n"flow.0.file" = ["a.nc", "b.nc"]')
+    line = refused("run", "mine.toml", "--out", "out")
+    assert line.startswith("crinoid: vary: case flow.0.file = ")
+    assert line.endswith("b.nc: no such file")
+    assert not (here / "out").exists()
+
+
+def counted(monkeypatch, name: str) -> list[None]:
+    """Count the calls of a function."""
+    module, _, function = name.rpartition(".")
+    original, calls = getattr(importlib.import_module(module), function), []
+
+    def counting(*args, **kwargs):
+        calls.append(None)
+        return original(*args, **kwargs)
+
+    monkeypatch.setattr(name, counting)
+    return calls
+
+
+@pytest.mark.slow
+def test_notes_are_kept_and_a_run_is_resumed_from_elsewhere(here, monkeypatch):
+    write(here, "measured", "arm.nodes = 5\ncontrol.compare = false")
+    once = ("crinoid.recording.selection.opened", "crinoid.assembly.system.assemble_once")
+    counts = [counted(monkeypatch, name) for name in once]
+    written = succeeded("run", "mine.toml", "--out", "out")
+    assert list(map(len, counts)) == [1, 1]  # read once, built once
+    assert "note: flow.0: 1.67% of u is missing" in written
+    result = Result.load(here / "out")
+    assert result.notes == [
+        "flow.0: 1.67% of u is missing and was filled by straight lines, the longest gap 0.6 s"
+    ]
+    (here / "deep").mkdir()
+    monkeypatch.chdir(here / "deep")
+    longer = ("--set", "simulation.duration=2.5")
+    resumed = ("run", "../mine.toml", "--out", "../out", "--resume", *longer)
+    succeeded(*resumed)
+    succeeded("run", "../mine.toml", "--out", "whole", *longer)
+    one, other = (Result.load(folder).dataset for folder in (here / "out", Path("whole")))
+    np.testing.assert_array_equal(one["position"], other["position"])
+    # nor is a file that has changed since passed over
+    with (here / "a.nc").open("ab") as file:
+        file.write(b"\0")
+    digest = hashlib.sha256((here / "a.nc").read_bytes()).hexdigest()
+    assert result.digests[str(here / "a.nc")] != digest
+    text = f"crinoid: --resume: {here / 'a.nc'} changed since the run in ../out started"
+    assert refused(*resumed).startswith(text)
+
+
+@pytest.mark.parametrize(("most", "readings"), [(10**9, 2), (0, 4)])
+def test_cases_are_run_with_the_records_of_their_checks_as_far_as_these_fit(
+    here, monkeypatch, most, readings
+):
+    class Reader(Player):
+        def __call__(self, prepared, **options):
+            assert list(prepared.recordings) == [0]
+            return super().__call__(prepared, **options)
+
+    write(here, "measured", '[vary]\n"arm.length" = [0.4, 0.5]')
+    opened = counted(monkeypatch, "crinoid.recording.selection.opened")
+    monkeypatch.setattr("crinoid.cli.run.play", Reader())
+    monkeypatch.setattr("crinoid.cli.study._MOST_HELD", most)
+    succeeded("run", "mine.toml", "--out", "out")
+    assert len(opened) == readings
+
+
+def test_a_current_of_three_components_is_drawn(here):
+    write(here, "measured")
+    succeeded("flow", "mine.toml")
+    with xr.open_dataset(here / "results" / "mine-flow" / "flow.nc", decode_times=False) as flow:
+        wide = flow.load().sel(axis=["x", "x", "z"]).assign_coords(axis=["x", "y", "z"])
+    sizes = {}
+    for name, dataset in (("two", flow), ("three", wide)):
+        (here / name).mkdir()
+        dataset.to_netcdf(here / name / "flow.nc")
+        for path in write_report(here / name):
+            assert_shows_something(path)
+            sizes[name, path.name] = imread(path).shape
+    # a panel more below the others, or beside them
+    assert sizes["three", "flow.png"][0] > sizes["two", "flow.png"][0]
+    assert sizes["three", "spectrum.png"] == sizes["two", "spectrum.png"]
+
+
+def test_a_broken_flow_file_is_refused(here):
+    xr.Dataset({"a": ("b", [1.0])}).to_netcdf(here / "flow.nc")
+    with pytest.raises(ReportError, match="it has no flow_velocity"):
+        write_report(here)
+
+
+# --- what comes with the package ---------------------------------------------------------------
+
+
+def test_the_record_that_comes_along_is_the_one_its_script_makes():
+    path = ROOT / "docs" / "make_tidal_record.py"
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    made = script.synthetic(script.SEED)
+    assert script.deviates(made) < 0.1
+    with xr.open_dataset(script.RECORD, decode_times=False) as stored:
+        for name, series in made.items():
+            np.testing.assert_allclose(stored[name], series, atol=1e-6)
+    played = Scenario(flow=[{"kind": "measured", "file": str(script.RECORD)}])
+    assert Prepared(played).notes() == []
+
+
+def test_a_built_in_scenario_brings_its_file_along(here, monkeypatch):
+    folder = here / "library"
+    folder.mkdir()
+    (here / "a.nc").rename(folder / "a.nc")
+    (folder / "channel.toml").write_text(f"title = 'Channel'\n[[flow]]\n{KINDS['measured']}\n")
+    monkeypatch.setattr(library, "_LIBRARY", folder)
+    monkeypatch.setattr(library, "_FOLDER", folder)
+    assert builtin_names() == ["channel"]
+    assert load("channel").flow[0].file == str(folder / "a.nc")
+    succeeded("scenarios", "--copy", "channel")
+    assert (here / "a.nc").read_bytes() == (folder / "a.nc").read_bytes()
+    assert load("./channel.toml").flow[0].file == str(here / "a.nc")
+    assert "channel.toml: already there" in refused("scenarios", "--copy", "channel")

@@ -1,0 +1,132 @@
+"""Modes of a scenario's arm in each medium: against exact beams, and `crinoid modes`."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import crinoid
+from crinoid.dynamics import ModesError
+from crinoid.scenario import Scenario
+from crinoid.view.figures import ReportError, write_report
+from helpers.beams import NATURAL
+from helpers.command import refused, succeeded
+from helpers.figures import assert_shows_something
+
+LIGHT = {
+    "arm": {"nodes": 21, "length": 0.5, "radius": 0.02, "density": 1080.0, "youngs_modulus": 1e6,
+            "damping_time": 0.002},
+    "water": {"gravity": 0.001},
+    "flow": [{"kind": "turbulence", "mean": [0.0, 0.05], "intensity": 0.2, "length_scale": 0.3}],
+}  # fmt: skip
+"""A horizontal arm that hardly sags, in turbulence of which only the mean counts."""
+AREA, EI = np.pi * 0.02**2, 1e6 * np.pi * 0.02**4 / 4
+
+
+@pytest.fixture(scope="module")
+def light() -> xr.Dataset:
+    return crinoid.modes(Scenario(**LIGHT), count=4)
+
+
+def test_an_arm_has_the_modes_of_an_exact_beam_in_air_and_in_still_water(light):
+    for medium, density in (("air", 1080), ("still water", 1080 + 1025)):
+        natural = NATURAL * np.sqrt(EI / (density * AREA)) / 0.5**2
+        ratio = natural * 0.002 / 2
+        here = light.sel(medium=medium, mode=[1, 2, 3])
+        damped = natural * np.sqrt(1 - ratio**2)
+        np.testing.assert_allclose(2 * np.pi * here["frequency"], damped, rtol=1e-3)
+        np.testing.assert_allclose(here["damping_ratio"], ratio, rtol=1e-2)
+        np.testing.assert_allclose(here["decay_rate"], ratio * natural, rtol=1e-2)
+    assert light.attrs["status"] == "ok"
+    assert "in still water drag, which is quadratic, damps no small" in light.attrs["notes"]
+
+
+def test_the_mean_current_damps_a_stiff_arm_by_the_slope_of_its_drag(light):
+    here = light.sel(medium="mean current", mode=[1, 2, 3])
+    np.testing.assert_allclose(here["current"], [0.0, 0.05])
+    still = light.sel(medium="still water", mode=[1, 2, 3])
+    slope = 1025 * Scenario().water.drag_normal * 0.04 * 0.05
+    added = slope / (2 * (1080 + 1025) * AREA)
+    np.testing.assert_allclose(here["decay_rate"] - still["decay_rate"], added, rtol=1e-2)
+    # the current bends the arm up: its equilibrium is another
+    tip = light["position"].isel(node=-1).sel(axis="z")
+    assert float(tip.sel(medium="mean current") - tip.sel(medium="still water")) > 1e-3
+
+
+def test_in_water_the_arm_sags_only_by_what_buoyancy_leaves_of_its_weight(light):
+    tip = light["position"].isel(node=-1).sel(axis="z") + 10.0
+    for medium, density in (("air", 1080), ("still water", 1080 - 1025)):
+        sag = -density * AREA * 0.001 * 0.5**4 / (8 * EI)
+        assert float(tip.sel(medium=medium)) == pytest.approx(sag, rel=1e-3)
+    alone = crinoid.modes(Scenario(**LIGHT), count=4, in_air=True)
+    in_air = light.sel(medium="air").drop_vars("lock_in_speed")
+    xr.testing.assert_allclose(alone.squeeze(), in_air)
+
+
+def test_an_arm_that_finds_no_rest_has_no_modes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    hasty = Scenario(**LIGHT, simulation={"max_iterations": 1})
+    line = "failed in air: no static equilibrium found"
+    with pytest.raises(ModesError, match=line):
+        crinoid.modes(hasty)
+    (tmp_path / "hasty.toml").write_text(hasty.to_toml())
+    assert refused("modes", "hasty.toml", code=3).startswith(f"crinoid: {line}")
+    assert [path.name for path in tmp_path.iterdir()] == ["hasty.toml"]
+
+
+@pytest.mark.slow
+def test_in_space_the_arm_has_the_same_modes_in_both_directions(light, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    flow = [{"kind": "uniform", "velocity": [0.0, 0.0, 0.05]}]
+    space = Scenario(title="mine", **LIGHT | {"flow": flow, "arm": LIGHT["arm"] | {"dimension": 3}})
+    (tmp_path / "mine.toml").write_text(space.to_toml())
+    written = succeeded("modes", "mine.toml", "--count", "4")
+    for words in ("mine", "still water", "mean current", "damping", "of x 0.000, y 0.000, z 0.050"):
+        assert words in written
+    folder = tmp_path / "results" / "mine-modes"
+    assert sorted(path.name for path in folder.iterdir()) == ["modes.nc", "modes.png"]
+    assert_shows_something(folder / "modes.png")
+    found = xr.load_dataset(folder / "modes.nc")
+    for name in found.data_vars:
+        assert found[name].attrs["units"]
+        assert found[name].attrs["long_name"]
+    assert Scenario.from_toml(found.attrs["scenario"]) == space
+    assert f"note: {found.attrs['notes']}" in written.splitlines()
+    for medium in ("air", "still water"):
+        flat = light["frequency"].sel(medium=medium).values[:2]
+        both = found["frequency"].sel(medium=medium).values
+        np.testing.assert_allclose(both, np.repeat(flat, 2), rtol=1e-4)
+    # along the current its drag has twice the slope that it has across
+    still = float(light["decay_rate"].sel(medium="still water", mode=1))
+    added = float(light["decay_rate"].sel(medium="mean current", mode=1)) - still
+    rates = np.sort(found["decay_rate"].sel(medium="mean current").values[:2])
+    np.testing.assert_allclose(rates - still, [added / 2, added], rtol=0.01)
+
+    (folder / "modes.png").unlink()
+    succeeded("report", folder)
+    assert (folder / "modes.png").exists()
+    xr.Dataset({"a": ("b", [1.0])}).to_netcdf(folder / "modes.nc")
+    with pytest.raises(ReportError, match="not a file of crinoid with modes, it has no frequency"):
+        write_report(folder / "modes.nc")
+
+
+def test_a_mistake_is_refused_in_one_line_and_nothing_is_written(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text("arm.nodes = 6")
+    for mistake, named in (
+        (("--count", "0"), "--count: got 0; must be 1 to 10"),
+        (("--set", "arm.length=-1"), "arm.length"),
+        (("--set", "vary.seed=[1, 2]"), "vary: a mode is of one case"),
+    ):
+        assert named in refused("modes", "mine.toml", *mistake)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_speeds_of_lock_in_are_the_frequency_times_diameter_and_reduced_velocity():
+    scenario = crinoid.load("wave-zone", ["arm.nodes=6", "water.vortices={}"])
+    found = crinoid.modes(scenario, count=3)
+    first = float(found["frequency"].sel(medium="still water", mode=1))
+    # 1.5 cm of radius; centre +- range of synchronisation
+    assert found["lock_in_speed"].sel(mode=1).values == pytest.approx(
+        first * 0.03 / np.array([0.26, 0.1])
+    )
+    assert np.isnan(found["lock_in_speed"].sel(mode=3)).all()

@@ -1,0 +1,116 @@
+from pathlib import Path
+
+import pytest
+
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario
+from helpers.command import call, one_line, refused, succeeded
+from helpers.made_results import case_rows
+
+SMALL = Scenario(
+    title="small",
+    arm={"nodes": 5, "youngs_modulus": 5e5},
+    base={"channels": {"tilt": {}}},
+    flow=[{"kind": "uniform", "velocity": [0.2, 0.1], "ramp_time": 0.1}],
+    control={"kind": "pid", "pid": {"tilt": {"kp": 0.5}}},
+    simulation={"duration": 0.2},
+)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(SMALL.to_toml())
+    return tmp_path
+
+
+def noted(output: str) -> list[str]:
+    return [line for line in output.splitlines() if line.startswith("note: ")]
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[arm]\nlenght = 1.0", "arm.lenght"),
+        ('[[flow]]\nkind = "magic"', "flow.0.kind"),
+        ("[arm\nlength = 1.0", "line 1"),
+    ],
+)
+def test_a_mistake_gets_one_line_exit_2_and_nothing_written(here, text, named):
+    (here / "bad.toml").write_text(text)
+    before = sorted(here.rglob("*"))
+    for command in ("run", "equilibrium"):
+        ended = call(command, "bad.toml")
+        assert named in one_line(ended)
+        assert ended.stdout == ""
+    assert sorted(here.rglob("*")) == before
+
+
+def test_a_missing_file_and_a_bad_setting_are_mistakes_too(here):
+    assert "nowhere.toml" in refused("run", "nowhere.toml")
+    assert "arm.radius" in refused("run", "small.toml", "--set", "arm.radius=-1")
+    assert "small.toml" in refused("run", "small.toml", "--out", "small.toml")
+    line = refused("run", "small.toml", "--out", "")
+    assert line == "crinoid: --out: got an empty name; must be a folder"
+    assert "nowhere" in refused("report", "nowhere")
+    assert [path.name for path in here.iterdir()] == ["small.toml"]
+
+
+@pytest.mark.slow
+def test_run_saves_and_report_draws(here):
+    shown = succeeded("run", "small.toml", "--set", "simulation.duration=0.3")
+    for word in ("small", "tip error, RMS", "uncontrolled", "Newton iterations"):
+        assert word in shown
+    folder = here / "results" / "small"
+    result = Result.load(folder)
+    assert float(result.dataset["time"][-1]) == pytest.approx(0.3)
+    assert result.status == "ok"
+    succeeded("report", folder)
+    assert (folder / "shape.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_notes_come_under_the_table_and_once_for_all_cases(here):
+    # a thread in slow water: its drag is outside the range of the default coefficient
+    thin = ("--set", "arm.radius=5e-4", "--set", "arm.youngs_modulus=1e9")
+    one, other = noted(succeeded("run", "small.toml", *thin))
+    assert one.startswith("note: most of the drag acts at Reynolds numbers near")
+    assert other.startswith("note: without control: most of the drag acts")
+    assert Result.load(here / "results" / "small").notes == [one.removeprefix("note: ")]
+    studied = ("--set", "vary.seed=[1, 2]", "--set", "control.compare=false", "--out", "cases")
+    above = ("--set", "base.position=[0.0, 10.0]")
+    shown = succeeded("run", "small.toml", *thin, *studied, *above)
+    one, other = noted(shown)
+    # oddities of a scenario come before it is run, and only then
+    assert shown.splitlines()[0] == one
+    assert one.startswith("note: case-01, case-02: base.position.1: got 10 m, above the")
+    assert other.startswith("note: case-01, case-02: most of the drag")
+    first, *_ = Result.load(here / "cases" / "case-02").notes
+    assert first.startswith("base.position.1: got 10 m")
+    odd = ("--set", "flow.0.velocity=[6.0, 0.0]", "--set", "control.start=9")
+    for command in ("equilibrium", "flow"):
+        first, *others = noted(succeeded(command, "small.toml", *odd, "--out", command))
+        assert first.startswith("note: flow.0.velocity: got [6.0, 0.0] m/s; usual is up to 5")
+        assert not any("control.start" in line or line == first for line in others)
+
+
+@pytest.mark.slow
+def test_cases_become_a_table_and_a_folder_each(here):
+    vary = ("--set", "vary.'flow.0.velocity'=[[0.1, 0.1], [0.3, 0.2]]")
+    succeeded("run", "small.toml", *vary, "--out", "cases")
+    rows = case_rows(here / "cases")
+    assert [row["case"] for row in rows] == ["case-01", "case-02"]
+    assert float(rows[1]["rms_error_uncontrolled"]) > float(rows[0]["rms_error_uncontrolled"])
+    for row in rows:
+        assert (here / "cases" / row["directory"] / "result.nc").exists()
+    assert "vary" in refused("equilibrium", "small.toml", *vary)
+
+
+def test_scenarios_are_listed_copied_and_described(here):
+    listed = call("scenarios")
+    for name in ("still-water", "constant-load", "station-keeping"):
+        assert name in listed.stdout
+    succeeded("scenarios", "--copy", "station-keeping")
+    assert "[control.pid.tilt]" in (here / "station-keeping.toml").read_text()
+    assert "already there" in refused("scenarios", "--copy", "station-keeping")
+    assert "station-keeping" in refused("scenarios", "--copy", "station-keepin")

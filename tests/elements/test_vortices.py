@@ -1,0 +1,306 @@
+"""Forces of shed vortices: fixed, forced and spring-mounted cylinders, then whole arms.
+
+The numbers of cylinders are of independent integrations of the two models.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import crinoid
+from crinoid.elements import Drag, Motion, Synchronisation, Vortices, WakeOscillator
+from crinoid.elements.vortices import Oscillation
+from crinoid.flow import Uniform
+from crinoid.rod import Rod
+from helpers.arms import always, arm
+from helpers.motion import march_with_books
+
+DIAMETER, DENSITY, SPEED = 0.1, 1000.0, 0.5
+SHEDDING = SPEED / DIAMETER
+MODELS = {
+    "synchronisation": lambda harmonic: Synchronisation(harmonic, *map(jnp.asarray, (0.18, 0.08))),
+    "wake-oscillator": lambda harmonic: WakeOscillator(
+        harmonic, *map(jnp.asarray, (0.2, 12.0, 0.3))
+    ),
+}
+each_model = pytest.mark.parametrize("model", MODELS)
+
+
+def at(velocity=0.0, acceleration=0.0):
+    return Oscillation(
+        *(jnp.asarray(x, float) for x in (SHEDDING, SPEED, DIAMETER, velocity, acceleration))
+    )
+
+
+@eqx.filter_jit
+def oscillated(oscillator, velocities, accelerations, step):
+    """Return signal and phase of an oscillator at the ends of steps with a given motion."""
+
+    def one(state, motion):
+        state = oscillator.advance(state, at(*motion), step)
+        return state, (oscillator.signal(state, jnp.zeros(())), oscillator.phase(state))
+
+    state = oscillator.start(jnp.asarray(1.0), at())
+    return jax.lax.scan(one, state, (velocities, accelerations))[1]
+
+
+def on_fixed(model, harmonic=1):
+    """Return the amplitude of the signal on a fixed cylinder, and its frequency (Hz)."""
+    still = jnp.zeros(60_000)
+    signal, phase = map(
+        np.asarray, oscillated(MODELS[model](harmonic), still, still, jnp.asarray(1e-3))
+    )
+    turns = np.unwrap(phase)[30_000:] / (2 * np.pi)
+    whole = np.floor(turns[-1] - turns[0])
+    lasted = 1e-3 * np.interp(turns[0] + whole, turns, np.arange(turns.size))
+    return np.abs(signal[30_000:]).max(), whole / lasted
+
+
+@pytest.mark.parametrize("harmonic", [1, 2])
+def test_vortices_of_a_fixed_cylinder_have_their_frequency_and_amplitude(harmonic):
+    amplitude, frequency = on_fixed("synchronisation", harmonic)
+    assert amplitude == pytest.approx(1.0, rel=1e-3)
+    rate = np.sqrt(0.18**2 - 0.08**2)
+    assert frequency == pytest.approx(harmonic * rate * SHEDDING, rel=1e-3)
+    amplitude, frequency = on_fixed("wake-oscillator", harmonic)
+    assert amplitude == pytest.approx(2.0014 / 2, rel=1e-3)
+    assert frequency == pytest.approx(harmonic * 0.99442 * 0.2 * SHEDDING, rel=1e-3)
+
+
+@pytest.mark.parametrize(("share", "variable"), [(0.1, 3.057), (0.3, 4.053), (0.5, 4.707)])
+def test_the_wake_of_a_forced_cylinder_grows_with_its_amplitude(share, variable):
+    rate, step = 2 * np.pi * 0.2 * SHEDDING, 2e-3
+    time = step * np.arange(1, 30_001)
+    moved = -share * DIAMETER * rate**2 * np.sin(rate * time)
+    signal, _ = oscillated(
+        MODELS["wake-oscillator"](1), jnp.zeros(time.size), jnp.asarray(moved), jnp.asarray(step)
+    )
+    wave = np.exp(-1j * rate * time[10_000:])
+    assert 2 * 2 * np.abs(np.mean(np.asarray(signal)[10_000:] * wave)) == pytest.approx(
+        variable, rel=2e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(0.095, 0.098), (0.105, 0.255), (0.262, 0.27)], ids=["below", "in", "above"]
+)
+def test_a_forced_cylinder_locks_in_between_centre_less_and_centre_plus_range(low, high):
+    locked = []
+    for share in (low, high):
+        rate, step = 2 * np.pi * share * SHEDDING, 2e-3
+        time = step * np.arange(1, 60_001)
+        y = 0.5 * DIAMETER
+        motion = y * rate * np.cos(rate * time), -y * rate**2 * np.sin(rate * time)
+        _, phase = oscillated(
+            MODELS["synchronisation"](1), *map(jnp.asarray, motion), jnp.asarray(step)
+        )
+        slipped = np.unwrap(np.asarray(phase)) - rate * time
+        locked.append(np.ptp(slipped[30_000:]) < 1.0)
+    assert locked == ([True, True] if low == 0.105 else [False, False])
+
+
+ROD = Rod.round(length=2.0, nodes=3, radius=DIAMETER / 2, density=1.0, youngs_modulus=1.0, axes=3)
+
+
+def window(element):
+    return jax.tree.map(lambda leaf: leaf[0], element)
+
+
+def vortices(model, lift, in_line=0.0):
+    return window(
+        Vortices.of(
+            ROD,
+            density=DENSITY,
+            coefficients=jnp.array([lift, in_line]),
+            angles=jnp.zeros((2, 2)),
+            oscillators=(MODELS[model](1), MODELS[model](2)),
+        )
+    )
+
+
+def moving(y, velocity, acceleration):
+    """Return the motion of an upright edge of 1 m that goes across a current along x."""
+    across = jnp.array([0.0, 1.0, 0.0])
+    return Motion(
+        jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) + y * across,
+        jnp.stack([velocity * across] * 2),
+        jnp.stack([acceleration * across] * 2),
+        jnp.tile(jnp.array([SPEED, 0.0, 0.0]), (2, 1)),
+        jnp.zeros((2, 3)),
+        jnp.zeros(()),
+    )
+
+
+@eqx.filter_jit
+def mounted(elements, mass, stiffness, damping, step, periods):
+    """Return where a rigid cylinder on springs is after each step, by the trapezoid rule."""
+
+    def force(elements, *motion):
+        return -sum(jnp.sum(each.residual(moving(*motion))[:, 1]) for each in elements)
+
+    def one(carry, _):
+        y, v, a, memory = carry
+        first = elements[0].remembering(memory, step)
+
+        def end(new):
+            return y + step * v + step**2 / 4 * (a + new), v + step / 2 * (a + new), new
+
+        def unbalanced(new):
+            y, v, _ = end(new)
+            pushed = force((first, *elements[1:]), *end(new))
+            return mass * new + damping * v + stiffness * y - pushed
+
+        new = a
+        for _ in range(5):
+            lacking, slope = jax.jvp(unbalanced, (new,), (jnp.ones(()),))
+            new = new - lacking / slope
+        after = end(new)
+        return (*after, first.advance(moving(*after))), after[0]
+
+    none = jnp.zeros(())
+    memory = elements[0].steady(moving(none, none, none))
+    return jax.lax.scan(one, (none, none, none, memory), None, length=periods * 200)[1]
+
+
+def amplitude(element, drag, reduced_velocity, damping_ratio, extra=0.0):
+    """Return the amplitude over the diameter of a cylinder of mass ratio 2.4."""
+    displaced = DENSITY * np.pi / 4 * DIAMETER**2
+    mass, frequency = 3.4 * displaced, SPEED / reduced_velocity / DIAMETER
+    stiffness = mass * (2 * np.pi * frequency) ** 2
+    damping = 2 * damping_ratio * np.sqrt(stiffness * mass) + extra
+    numbers = map(jnp.asarray, (mass, stiffness, damping, 1 / frequency / 200))
+    y = np.asarray(mounted((element, *drag), *numbers, 60))
+    return np.sqrt(2) * y[-20 * 200 :].std() / DIAMETER
+
+
+@pytest.mark.parametrize(
+    ("reduced_velocity", "expected"), [(4, 0.3742), (5, 0.5207), (6, 0.5784), (8, 0.5902)]
+)
+def test_a_cylinder_on_springs_moves_as_synchronisation_says(reduced_velocity, expected):
+    drag = window(Drag.of(ROD, density=DENSITY, normal=1.2, tangential=0.0, linear=0.0))
+    element = vortices("synchronisation", 0.8)
+    assert amplitude(element, (drag,), reduced_velocity, 0.0) == pytest.approx(expected, rel=0.01)
+
+
+class SlowArm(Vortices):
+    """Vortices of a current that the arm's own velocity does not change, as in the sources."""
+
+    def _directions(self, motion):
+        return super()._directions(eqx.tree_at(lambda m: m.velocity, motion, 0.0 * motion.velocity))
+
+
+@pytest.mark.parametrize(
+    ("reduced_velocity", "expected"), [(4, 0.1301), (5, 0.2143), (6, 0.2319), (8, 0.1352)]
+)
+def test_a_cylinder_on_springs_moves_as_the_wake_oscillator_says(reduced_velocity, expected):
+    # with the linear damping by the water of the source, drag coefficient 2
+    element = SlowArm(**vars(vortices("wake-oscillator", 0.3)))
+    extra = 0.5 * DENSITY * DIAMETER * 2.0 * SPEED
+    found = amplitude(element, (), reduced_velocity, 0.0054, extra)
+    assert found == pytest.approx(expected, rel=0.02)
+
+
+def riser(model, axes=3, **more):
+    """Build an arm that hangs in a current across it, with vortices."""
+
+    def load(rod):
+        edges = rod.rest_length.size
+        return Vortices.of(
+            rod,
+            density=1000.0,
+            coefficients=jnp.array([0.8, 0.1]),
+            angles=jnp.asarray(np.random.default_rng(1).uniform(0, 6, (edges, 2))),
+            oscillators=(MODELS[model](1), MODELS[model](2)),
+        )
+
+    stiff = {"EI": 0.02 if axes == 2 else (0.02, 0.02), "GJ": 0.02, "EA": 200.0}
+    return arm(
+        axes=axes,
+        nodes=6,
+        length=0.5,
+        diameter=0.04,
+        displaced_area=np.pi * 4e-4,
+        mass_per_length=1.35,
+        water_density=1000.0,
+        tilt=-np.pi / 2,
+        flows=(Uniform(always(), jnp.eye(axes)[0] * 0.12),),
+        loads=[load, *more.pop("loads", ())],
+        damping_time=0.02,
+        **stiff,
+        **more,
+    )
+
+
+@each_model
+@pytest.mark.slow
+def test_the_energy_balance_of_an_arm_that_sheds_vortices_closes(model):
+    system = riser(model)
+    state, account, converged = march_with_books(system, jnp.zeros(6), 2e-3, 1000)
+    assert converged
+    gained = float(jnp.sum(system.energy(state)) - jnp.sum(system.energy(system.rest())))
+    assert gained == pytest.approx(float(jnp.sum(account.work)), abs=2e-3 * abs(gained))
+    # across the current and out of the plane of arm and current
+    assert float(jnp.abs(state.position[:, 1]).max()) > 1e-3
+
+
+@pytest.mark.slow
+def test_vortices_exert_no_force_in_an_equilibrium():
+    state = riser("synchronisation").equilibrium()
+    bare = riser("synchronisation")
+    bare = eqx.tree_at(lambda s: s.forces.elements, bare, bare.forces.elements[:-1])
+    np.testing.assert_array_equal(state.position, bare.equilibrium().position)
+
+
+@each_model
+@pytest.mark.slow
+def test_the_gradient_by_the_lift_is_that_of_differences(model):
+    system = riser(model)
+
+    def tip(lift):
+        changed = eqx.tree_at(
+            lambda s: s.forces.elements[-1].coefficients,
+            system,
+            jnp.tile(jnp.stack([lift, 0.1 * lift]), (5, 1)),
+        )
+        state = changed.rest()
+        state = jax.lax.scan(
+            lambda state, _: (changed.step(state, jnp.zeros(6))[0], None), state, None, length=30
+        )[0]
+        return state.position[-1, 1]
+
+    tip, lift = eqx.filter_jit(tip), 0.7
+    slope = eqx.filter_jit(jax.grad(tip))(jnp.asarray(lift))
+    ends = [float(tip(jnp.asarray(lift * (1 + sign * 1e-4)))) for sign in (1, -1)]
+    assert float(slope) == pytest.approx((ends[0] - ends[1]) / (2e-4 * lift), rel=1e-5)
+
+
+SCENARIO = crinoid.Scenario(
+    arm={"dimension": 3, "nodes": 4},
+    base={"tilt_deg": -90.0, "channels": {"heave": {}}},
+    flow=[{"kind": "uniform", "velocity": [0.12, 0.0, 0.0]}],
+    water={"vortices": {}},
+    control={"kind": "none"},
+    simulation={"duration": 0.5, "time_step": 0.01},
+)
+
+
+@pytest.mark.slow
+def test_a_batch_equals_single_runs_and_a_seed_is_another_start():
+    batch = crinoid.simulate_batch(SCENARIO, seeds=[0, 1], records=True)
+    runs = [crinoid.simulate(SCENARIO.with_values({"seed": seed})).dataset for seed in (0, 1)]
+    for name in ("tip_position", "vortex_force"):
+        alone = [run[name] for run in runs]
+        np.testing.assert_allclose(batch[name], alone, rtol=0, atol=1e-9)
+    force = runs[0]["vortex_force"]
+    assert float(np.abs(force - runs[1]["vortex_force"]).max()) > 0.01
+    # 1/2 rho D U^2 times at most the root of both coefficients' squares
+    assert 0.2 < float(np.sqrt((force**2).sum("axis")).max()) < 0.24
+
+
+def test_numbers_of_another_model_are_refused():
+    with pytest.raises(crinoid.ScenarioError, match=r"water.vortices.strouhal: is no number of"):
+        SCENARIO.with_values({"water.vortices.strouhal": 0.2})
+    with pytest.raises(crinoid.ScenarioError, match=r"range: got 0.2; must be below centre = 0.18"):
+        SCENARIO.with_values({"water.vortices.range": 0.2})

@@ -1,0 +1,1 @@
+"""What tests share: arms, made results, exact solutions."""

@@ -1,0 +1,28 @@
+"""Commands called in the process of the test."""
+
+from typer.testing import CliRunner, Result
+
+from crinoid.cli.app import app
+
+
+def call(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def succeeded(*arguments: object) -> str:
+    """Call a command that ends well; return all that it writes."""
+    ended = call(*arguments)
+    assert ended.exit_code == 0, ended.output
+    return ended.output
+
+
+def one_line(ended: Result, code: int = 2) -> str:
+    """Return the only line of errors of a command that ended with a code."""
+    assert ended.exit_code == code, ended.output
+    (line,) = ended.stderr.strip().splitlines()
+    return line
+
+
+def refused(*arguments: object, code: int = 2) -> str:
+    """Call a command that ends with an error; return the only line that it writes of it."""
+    return one_line(call(*arguments), code)

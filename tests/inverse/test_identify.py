@@ -1,0 +1,345 @@
+"""Identification: derivatives, records, the search, and what the command writes."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import crinoid
+from crinoid.assembly.prepared import Prepared
+from crinoid.inverse.experiment import Experiment, given_values
+from crinoid.inverse.identification import Identification
+from crinoid.inverse.recorded_motion import RecordedMotion, read_record
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.view.figures import ReportError, write_report
+from helpers.command import refused, succeeded
+from helpers.figures import assert_shows_something
+
+SHAKEN = Scenario(
+    title="shaken",
+    seed=3,
+    arm={"nodes": 5, "radius": 0.015, "youngs_modulus": 4e5, "damping_time": 0.02},
+    base={
+        "channels": {"tilt": {}},
+        "motion": [{"kind": "sine", "channel": "tilt", "amplitude_deg": 10.0, "frequency_hz": 1.0}],
+    },
+    chamber=[
+        {"name": "lift", "offset": 0.008, "area": 1e-4, "angle_deg": 180.0, "max_pressure": 5e4}
+        | {"schedule": {"time": [0.0, 0.1, 0.6, 0.7], "share": [0.0, 1.0, 1.0, 0.0]}}
+    ],
+    sensor={"noise_position": 0.0005, "noise_angle_deg": 0.1},
+    simulation={"duration": 2.0, "time_step": 0.02, "start": "equilibrium"},
+)
+KEYS = ("arm.youngs_modulus", "chamber.0.area")
+TRUE = {"arm.youngs_modulus": 4e5, "chamber.0.area": 1e-4}
+WRONG = {"arm.youngs_modulus": 3e5, "chamber.0.area": 1.4e-4}
+QUIETLY = (lambda *_: None), (lambda: False)
+"""How a search reports, and when it stops."""
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Return the folder of a run with a noisy sensor, and a table of its readings."""
+    folder = tmp_path_factory.mktemp("measured")
+    crinoid.simulate(SHAKEN).save(folder)
+    (folder / "shaken.toml").write_text(SHAKEN.to_toml())
+    record = read_record(folder, 2, ())
+    x, z, angle = record.values.T
+    table = pd.DataFrame({"time [s]": record.time, "x (mm)": 1e3 * x, "z (mm)": 1e3 * z})
+    table["angle (deg)"] = np.rad2deg(angle)
+    table.to_csv(folder / "tip.csv", index=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def record(measured):
+    """Return what was measured in that run."""
+    return read_record(measured / "tip.csv", 2, ())
+
+
+def identify(measured, record, keys, *options):
+    """Return the arguments of a call."""
+    return "identify", measured / "shaken.toml", record, "--of", keys, *options
+
+
+@pytest.fixture(scope="module")
+def found(measured):
+    """Return where `crinoid identify` has written."""
+    out = measured / "found"
+    settings = [word for key, value in WRONG.items() for word in ("--set", f"{key}={value}")]
+    record = measured / "tip.csv"
+    output = succeeded(*identify(measured, record, ",".join(KEYS), *settings, "--out", out))
+    for words in (*KEYS, "3e+05", "standard error", f"wrote {out / 'identified.toml'}"):
+        assert words in output
+    return out
+
+
+NOISE = np.array([5e-4, 5e-4, np.deg2rad(0.1)])
+
+
+@pytest.mark.slow
+def test_the_numbers_are_found_within_their_errors(found):
+    data = xr.load_dataset(found / "identify.nc")
+    assert data.attrs["status"] == "ok"
+    np.testing.assert_allclose(data["given"], list(WRONG.values()))
+    apart = (data["found"].values - list(TRUE.values())) / data["standard_error"].values
+    assert np.abs(apart).max() < 4
+    share = data["standard_error"].values / data["found"].values
+    assert ((share > 1e-5) & (share < 0.02)).all()
+    assert ((data["lower"] < data["found"]) & (data["found"] < data["upper"])).all()
+    # the residual is the sensor's noise
+    np.testing.assert_allclose(data["scatter"], NOISE, rtol=0.25)
+    identified = crinoid.load(str(found / "identified.toml"))
+    np.testing.assert_allclose(given_values(identified, KEYS), data["found"], rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_the_figure_shows_something_and_a_broken_file_is_refused(found, tmp_path):
+    assert_shows_something(found / "identify.png")
+    assert write_report(found, tmp_path) == [tmp_path / "identify.png"]
+    data = xr.load_dataset(found / "identify.nc")
+    data.drop_vars("measured").to_netcdf(tmp_path / "identify.nc")
+    with pytest.raises(ReportError, match="it has no measured over time, quantity"):
+        write_report(tmp_path)
+
+
+@pytest.mark.slow
+def test_slopes_are_those_of_central_differences(record):
+    def compared(logs):
+        return experiment.compare(experiment.motion(logs))
+
+    experiment, step = Experiment(SHAKEN, KEYS, record), 1e-4
+    at = np.array([-0.2, 0.3])
+    slope = compared(at).sensitivity
+    for number, change in enumerate(step * np.eye(2)):
+        between = (compared(at + change).computed - compared(at - change).computed) / (2 * step)
+        tolerance = 1e-6 * np.abs(between).max()
+        np.testing.assert_allclose(slope[..., number], between, atol=tolerance)
+
+
+def test_a_search_that_is_stopped_keeps_the_best_so_far(record):
+    search = Identification(SHAKEN.with_values(WRONG), KEYS, record)
+    assert not search.run(QUIETLY[0], lambda: search.trials >= 3)
+    assert search.trials == 3
+    assert search.found.cost < search.before.cost
+    assert search.dataset("interrupted").attrs["status"] == "interrupted"
+
+
+def test_numbers_that_a_record_does_not_determine_are_refused(record):
+    alike = Identification(SHAKEN, ("chamber.0.area", "chamber.0.max_pressure"), record)
+    with pytest.raises(ScenarioError, match=r"max_pressure: cannot be distinguished from ch"):
+        alike.run(*QUIETLY)
+    empty = SHAKEN.with_values({"chamber.0.schedule.share": [0.0, 0.0, 0.0, 0.0]})
+    with pytest.raises(ScenarioError, match=r"^chamber.0.area: has no effect on the measured"):
+        Identification(empty, KEYS, record).run(*QUIETLY)
+
+
+def searched(record, values, given=WRONG, scenario=SHAKEN):
+    """Return a search in other values of a record, from wrong numbers, and its standard errors."""
+    other = RecordedMotion(record.time, record.names, values, None)
+    search = Identification(scenario.with_values(given), KEYS, other)
+    assert search.run(*QUIETLY)
+    return search, np.sqrt(np.diag(search.covariance()))
+
+
+def off(search):
+    """Return how far the logarithms of the numbers are from the truth."""
+    return search.found.logs - np.log([TRUE[key] / WRONG[key] for key in KEYS])
+
+
+@pytest.mark.slow
+def test_a_clean_record_has_the_answer_of_least_squares(record):
+    search, errors = searched(record, record.values)
+    assert search.used.all()
+    assert search.notes == []
+    slope = (search.found.run.sensitivity / search.scatter[:, None]).reshape(-1, len(KEYS))
+    left = (search.found.run.residual / search.scatter).ravel()
+    step = np.linalg.lstsq(slope, left, rcond=None)[0]  # to the least sum of squares
+    assert np.abs(step / errors).max() < 0.05
+
+
+@pytest.mark.slow
+def test_motion_that_the_model_lacks_widens_the_errors(record):
+    plain, narrow = searched(record, record.values, {})
+    slow = 2e-3 * np.sin(7.0 * record.time)[:, None] * np.array([1.0, 1.0, 5.0])
+    waving, wide = searched(record, record.values + slow, {})
+    # the waves are correlated over many samples, and have the information of a few
+    assert waving.correlation_time[0] > 3 * plain.correlation_time[0]
+    assert (wide > 1.5 * narrow).all()
+
+
+def lost(record, kind):
+    """Return a record of which some markers were lost, and which rows these are."""
+    values, dice = record.values.copy(), np.random.default_rng(5)
+    rows = dice.permutation(len(values))[: len(values) // 12]
+    if kind == "stuck":
+        rows = np.arange(rows[0], rows[0] + 10)
+        values[rows, :2] = values[rows[0], :2]
+    elif kind == "outliers":
+        values[rows] += dice.choice([-1, 1], (len(rows), 3)) * [0.02, 0.02, 0.2]
+    else:
+        rows = np.arange(30, 38) if kind == "stretch" else rows
+        # ten metres above the arm, or within its reach
+        values[rows, :2] = 0.0 if kind == "zeros" else SHAKEN.base.position
+    return values, np.sort(rows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["zeros", "base", "stretch", "stuck", "outliers"])
+def test_lost_markers_are_set_aside_and_do_not_steer(record, kind):
+    values, rows = lost(record, kind)
+    search, errors = searched(record, values)
+    assert np.flatnonzero(~search.used).tolist() == rows.tolist()
+    assert np.abs(off(search) / errors).max() < 4
+    assert errors.max() < 2e-3  # those of the rows that are left
+    np.testing.assert_allclose(search.scatter, NOISE, rtol=0.25)
+
+
+@pytest.mark.slow
+def test_errors_stay_honest_over_many_draws_of_lost_markers(record):
+    experiment = Experiment(SHAKEN, KEYS, record)
+    path = experiment.compare(experiment.motion(np.zeros(2))).computed
+    apart = []
+    for seed in range(8):
+        dice = np.random.default_rng(seed)
+        values = path + dice.normal(size=path.shape) * NOISE
+        rows = dice.permutation(len(values))[:8]
+        values[rows] += dice.normal(size=(8, 3)) * [0.05, 0.05, 0.5]
+        search, errors = searched(record, values)
+        apart.append(off(search) / errors)
+    assert 0.5 < np.sqrt(np.mean(np.square(apart))) < 1.6
+
+
+@pytest.mark.parametrize(
+    ("read", "cause"),
+    [
+        (lambda x, z: (x, -z), "heights are positive down"),
+        (lambda x, z: (x, z + 10), "positions are measured from the base"),
+        (lambda x, z: (x, -z - 10), "positions are measured from the base, positive down"),
+        (lambda x, z: (1e3 * x, 1e3 * z), "lengths are in mm"),
+        (lambda x, z: (1e3 * x, 1e3 * z + 1e4), "lengths are in mm; positions are measured from"),
+        (lambda x, z: (z, x), "axes are swapped"),
+    ],
+)
+def test_a_record_that_the_arm_cannot_reach_is_refused_with_its_cause(record, read, cause):
+    x, z, angle = record.values.T
+    words = f"got the tip at x = .*; must lie within 0.6.* m of the root at x = .*cause: {cause}"
+    with pytest.raises(ScenarioError, match=rf"^RECORD: {words}") as caught:
+        searched(record, np.stack([*read(x, z), angle], axis=1))
+    assert len(caught.value.lines) == 1
+
+
+@pytest.mark.slow
+def test_a_record_without_a_likely_cause_is_refused(record):
+    elsewhere = SHAKEN.with_values({"base.position": [0.0, -3.0]})
+    with pytest.raises(ScenarioError, match="Check units, origin, axes and the sign of z"):
+        searched(record, record.values, scenario=elsewhere)
+    values = record.values.copy()
+    values[50:] = values[50]
+    with pytest.raises(ScenarioError, match="A stuck marker rests while the arm moves"):
+        searched(record, values)
+
+
+@pytest.mark.slow
+def test_a_record_within_reach_that_fits_another_way_is_noted(record):
+    shallow = SHAKEN.with_values({"base.position": [0.0, -0.1]})
+    search, _ = searched(record, record.values * [1, -1, 1] - [0.0, 9.9, 0.0], scenario=shallow)
+    assert "Likely cause: heights are positive down." in search.notes[0]
+
+
+@pytest.mark.slow
+def test_the_command_says_which_rows_it_set_aside(measured, record, tmp_path):
+    values, rows = lost(record, "zeros")
+    table = pd.DataFrame({"time": record.time, "x": values[:, 0], "z": values[:, 1]})
+    table.to_csv(tmp_path / "tip.csv", index=False)
+    output = succeeded(*identify(measured, tmp_path / "tip.csv", KEYS[0], "--out", tmp_path))
+    words = f"{len(rows)} of {len(values)} rows"
+    assert f"set aside as lost markers: {words}" in output
+    assert words in (tmp_path / "identified.toml").read_text().splitlines()[0]
+    data = xr.load_dataset(tmp_path / "identify.nc")
+    assert np.flatnonzero(data["set_aside"]).tolist() == rows.tolist()
+    assert_shows_something(tmp_path / "identify.png")
+
+
+def test_readings_of_a_result_count_from_when_they_were_taken(tmp_path):
+    late = {"noise_position": 0.0, "noise_angle_deg": 0.0, "delay": 0.05, "rate_hz": 20.0}
+    result = crinoid.simulate(SHAKEN.with_values({f"sensor.{key}": late[key] for key in late}))
+    result.save(tmp_path)
+    record = read_record(tmp_path / "result.nc", 2, ())
+    data = result.dataset.sel(time=record.time, method="nearest")
+    assert np.diff(record.time).max() < 0.061  # at the steps after each twentieth of a second
+    np.testing.assert_allclose(data["time"], record.time, atol=1e-9)
+    np.testing.assert_allclose(record.values[:, :2], data["tip_position"], atol=1e-12)
+    np.testing.assert_allclose(record.values[:, 2], data["tip_angle"], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_recorded_commands_move_the_arm_as_they_did(tmp_path):
+    pid = {"kind": "pid", "controlled": ["angle"], "pid": {"tilt": {"kp": 0.2, "ki": 1.0}}}
+    held = SHAKEN.with_values({"control": pid})
+    result = crinoid.simulate(held)
+    result.save(tmp_path)
+    record = read_record(tmp_path, 2, Prepared(held).system.inputs)
+    assert np.abs(record.commands.values).max() > 1e-3
+    path = Experiment(held, KEYS, record).motion(np.zeros(2)).path
+    np.testing.assert_allclose(path[:, :2], result.dataset["tip_position"][: len(path)], atol=1e-9)
+
+
+def test_a_table_of_motion_and_commands_is_read(tmp_path):
+    inputs = Prepared(SHAKEN).system.inputs
+    (tmp_path / "a.csv").write_text(
+        "time (ms);z (cm);tilt (deg);lift\n-20;1;0;0\n0;2;0;0\n20;3;90;0,5\n40;;90;0,5\n60;5;0;0\n"
+    )
+    record = read_record(tmp_path / "a.csv", 2, inputs)
+    assert record.names == ("z",)
+    np.testing.assert_allclose(record.time, [0.0, 0.02, 0.06])
+    np.testing.assert_allclose(record.values[:, 0], [0.02, 0.03, 0.05])
+    np.testing.assert_allclose(record.commands.time, [-0.02, 0.0, 0.02, 0.04, 0.06])
+    names = [each.name for each in inputs]
+    at = record.commands.values[2, [names.index("tilt"), names.index("lift")]]
+    np.testing.assert_allclose(at, [np.pi / 2, 0.5])
+    assert any("before the start" in note for note in record.notes)
+    assert any("1 of 5 rows" in note for note in record.notes)
+
+
+MISTAKEN_KEYS = {
+    "arm.stiffness": "arm.stiffness: unknown key",
+    "arm.nodes": "arm.nodes: got 5; must be a real number",
+    "arm.section.EI": "arm.section.EI: has no initial value. Set one: --set",
+    "arm.rest_curvature": "arm.rest_curvature: got 0; must be another number to start",
+    "simulation.time_step": "simulation.time_step: is a setting of the computation",
+    "target.tip": 'target.tip: got "initial"; must be a real number',
+    "base.position": "base.position: got [0.0, -10.0]; must be a single number. Name one",
+    "arm.length,arm.length": "--of: got arm.length twice; must name each parameter once",
+    "sensor.noise_position": "sensor.noise_position: does not affect the motion",
+    ",": "--of: got no key",
+}
+MISTAKEN_RECORDS = {
+    "time,u\n0,1\n1,2\n": "has time, u; must have time and some of x, z, angle",
+    "x\n0\n1\n": "no such column in bad.csv; it contains x",
+    "time,x\n0,1\n1,metre\n": 'contains "metre" in row 2',
+    "time,x\n-3,1\n-2,2\n": "ends at -2 s of the run; must have times after 0",
+    "time,x\n0,1\n9,2\n": "got 1 numbers within the run, at times from 0 s on; must be more",
+    "time,x\n12,1\n13,2\n": "at times from 12 s on; must be more than 1 from 0 s",
+    None: "no such file",
+}
+
+
+@pytest.mark.parametrize("key", MISTAKEN_KEYS)
+def test_a_key_that_names_nothing_to_find_is_refused(measured, key):
+    line = refused(*identify(measured, measured / "tip.csv", key))
+    assert line.startswith(f"crinoid: {MISTAKEN_KEYS[key]}")
+
+
+@pytest.mark.parametrize("text", MISTAKEN_RECORDS)
+def test_a_file_that_is_no_record_is_refused(measured, tmp_path, text):
+    if text is not None:
+        (tmp_path / "bad.csv").write_text(text)
+    line = refused(*identify(measured, tmp_path / "bad.csv", KEYS[0]))
+    assert line.startswith("crinoid: RECORD: ")
+    assert MISTAKEN_RECORDS[text] in line
+
+
+def test_a_result_of_another_dimension_is_no_record(measured):
+    with pytest.raises(ScenarioError, match="the arm has 2 axes; must have 3"):
+        read_record(measured, 3, ())

@@ -1,0 +1,116 @@
+"""The documentation: it is up to date, its links lead somewhere, its examples run."""
+
+import ast
+import importlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import crinoid
+from crinoid import tables
+from helpers.paths import ROOT
+from helpers.scripts import load_script
+
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.glob("*.md")])
+
+pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """Return the fenced blocks of a language, but for files of the example package."""
+    text = page.read_text("utf-8")
+    own = re.sub(r"`examples/[\w/.-]+`:\n\n^```.*?^```", "", text, flags=re.M | re.S)
+    return re.findall(rf"^```{language}\n(.*?)^```", own, re.M | re.S)
+
+
+def slugs(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    prose = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.M | re.S)
+    headings = re.findall(r"^#+ (.*)$", prose, re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["make_scenario_reference", "make_notes_page", "make_extending_page", "make_result_reference"],
+)
+def test_tables_that_are_made_are_up_to_date(name):
+    script = load_script(DOCS / f"{name}.py")
+    text = script.PAGE.read_text("utf-8")
+    assert script.updated(text) == text, f"run python docs/{name}.py"
+
+
+@pages
+def test_scenarios_links_and_tests_of_a_page_exist(page):
+    for text in blocks(page, "toml"):
+        assert len(crinoid.Scenario.from_toml(text).cases()) >= 1
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text("utf-8")):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        to = (page.parent / path).resolve() if path else page
+        assert to.exists(), target
+        assert not anchor or anchor in slugs(to), target
+    for file, name in re.findall(r"(tests/[\w/]+\.py)::(\w+)", page.read_text("utf-8")):
+        defined = ast.parse((ROOT / file).read_text("utf-8")).body
+        assert name in {node.name for node in defined if isinstance(node, ast.FunctionDef)}, name
+
+
+@pytest.mark.parametrize("module", [crinoid, tables], ids=lambda module: module.__name__)
+def test_every_public_name_is_in_the_reference(module):
+    reference = "\n".join(page.read_text("utf-8") for page in (DOCS / "api").glob("*.rst"))
+    listed = set(re.findall(r"^(?: {3}|\.\. auto\w+:: |``)(\w+)(?:``.*)?$", reference, re.M))
+    held = {name for name, value in vars(module).items() if not isinstance(value, ModuleType)}
+    public = getattr(module, "__all__", {name for name in held if not name.startswith("_")})
+    assert set(public) <= listed
+
+
+def test_every_page_is_in_the_site():
+    written = {page.stem for page in DOCS.glob("*.md")} - {"index"}
+    written |= {f"api/{page.stem}" for page in (DOCS / "api").glob("*.rst")}
+    listed = re.findall(r"^[\w/]+$", (DOCS / "index.md").read_text("utf-8"), re.M)
+    assert sorted(listed) == sorted(written)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", ["README.md", *(f"docs/{name}.md" for name in ("actuators", "extending", "parameters"))]
+)
+def test_examples_run(page):
+    # under a name of their own: the shapes of their classes are not checked, as a user's are not
+    names = {"__name__": "example"}
+    for text in blocks(ROOT / page, "python"):
+        exec(compile(text, page, "exec"), names)
+
+
+def test_the_map_of_folders_is_up_to_date():
+    script = load_script(DOCS / "make_folder_map.py")
+    assert script.page() == (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    for path, text in script.inits().items():
+        assert path.read_text("utf-8") == text, "run python docs/make_folder_map.py"
+
+
+def test_old_names_work_for_one_release():
+    code = (
+        "import crinoid.onset, crinoid.environment.reward as old\n"
+        "import crinoid.learning.environment.reward as new\n"
+        "assert old is new and crinoid.onset.Onset is crinoid.Onset\n"
+        "assert crinoid.Seen is crinoid.ControllerInput\n"
+        "assert crinoid.control.controller.Reading(1.0, 2.0).taken == 2.0\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-W", "always", "-c", code], capture_output=True, text=True, check=True
+    )
+    for line in (
+        "crinoid.onset is now crinoid.numerics.ramp",
+        "crinoid.Seen is now crinoid.ControllerInput",
+        "an attribute of crinoid.Reading is now crinoid.Reading.measurement_time",
+    ):
+        assert f"DeprecationWarning: {line}" in ended.stderr
+    with pytest.raises(ModuleNotFoundError, match=r"crinoid\.nothing"):
+        importlib.import_module("crinoid.nothing")

@@ -1,0 +1,211 @@
+"""Metrics of a run, and the tables that show them."""
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import crinoid
+from crinoid.cli.display import cases_table, run_table
+from crinoid.results.metrics import (
+    angle_error,
+    deflection,
+    input_use,
+    peak_load,
+    settling_time,
+    short_way,
+    tip_error,
+)
+from crinoid.results.result import Result
+from helpers.made_results import of_values
+
+TIME = np.linspace(0.0, 10.0, 101)
+PID = {"slide": {"ki": 1.0}, "tilt": {"ki": 1.0}}
+DRIVEN = {
+    "base.channels": {"slide": {}, "tilt": {}},
+    "control": {"kind": "pid", "controlled": ["x", "angle"], "pid": PID},
+}
+
+
+def made(error, angle=0.0, scenario=None, slide=0.0, force=1.0):
+    """Make a planar result of a tip that is off along x, and off in angle."""
+    zero = np.zeros_like(TIME)
+    error, angle, slide, force = (zero + values for values in (error, angle, slide, force))
+    scenario = crinoid.Scenario() if scenario is None else scenario
+    run = of_values(
+        2,
+        TIME,
+        np.zeros(2),
+        np.ones(2),
+        tip_error=np.abs(error),
+        tip_position=np.stack([error, zero], axis=1),
+        tip_angle=angle,
+        tip_angle_target=zero,
+        base_servo=np.stack([slide, zero, -10 * slide], axis=1),
+        base_force=np.stack([3 * force, 4 * force], axis=1),
+        base_moment=-0.1 * force,
+        steps=np.ones(TIME.size, dtype=int),
+        newton_iterations=np.full(TIME.size, 2),
+    )
+    attrs = {"title": "made up", "scenario": scenario.to_toml(), "wall_time": 1.0, "status": "ok"}
+    return Result(run.assign_attrs(attrs))
+
+
+def said(table, width=80):
+    console = Console(width=width)
+    with console.capture() as capture:
+        console.print(table)
+    return capture.get()
+
+
+def cells(text):
+    """Return the cells of a run's table by the name of their row."""
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in text.splitlines()]
+    return {row[0]: row[1:] for row in rows if row}
+
+
+@pytest.mark.parametrize(
+    ("frame", "moving", "shown"),
+    [("world", True, True), ("base", False, True), ("base", True, False)],
+)
+def test_no_fluctuation_about_a_mean_where_the_target_travels(frame, moving, shown):
+    motion = {"kind": "velocity", "channel": "slide", "velocity": 0.1}
+    keys = {"target.frame": frame} | ({"base.motion": [motion]} if moving else {})
+    table = run_table(made(0.02, scenario=crinoid.Scenario().with_values(keys)))
+    assert ("tip fluctuation, RMS" in cells(said(table))) is shown
+
+
+def test_settling_and_deflection_of_a_known_error():
+    run = made(np.where(TIME < 3.95, 0.5, 0.01))
+    run.uncontrolled = made(np.where(TIME < 1.0, 0.0, 1.0))
+    assert settling_time(run) == pytest.approx(4.0)
+    assert deflection(run) == pytest.approx(1.0)
+    assert tip_error(run).steady == pytest.approx(0.01)
+    run.dataset["tip_error"][-1] = 0.06
+    assert settling_time(run) is None
+
+
+def test_without_a_comparison_only_a_run_without_controller_has_a_deflection():
+    assert deflection(made(0.02)) == pytest.approx(0.02)
+    driven = crinoid.Scenario().with_values(DRIVEN | {"control.compare": False})
+    assert deflection(made(0.02, scenario=driven)) is None
+
+
+def test_the_error_of_the_angle_goes_the_short_way_round():
+    errors = angle_error(made(0.0, angle=2 * np.pi + 0.2 * np.sign(np.sin(TIME + 0.01))))
+    assert errors.rms == pytest.approx(0.2)
+    assert errors.maximum == pytest.approx(0.2)
+    np.testing.assert_allclose(
+        short_way(np.array([3.5, -3.5, 0.1])), [3.5 - 2 * np.pi, 2 * np.pi - 3.5, 0.1]
+    )
+
+
+def test_the_error_of_a_direction_in_space_is_the_angle_between_the_two():
+    turn = 0.3 + 0.1 * np.sign(np.sin(6 * np.pi * (TIME + 0.01)))
+    run, ahead = made(0.0), np.tile([1.0, 0.0, 0.0], (TIME.size, 1))
+    direction = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    run.dataset["tip_direction"] = (("time", "axes"), direction)
+    run.dataset["tip_direction_target"] = (("time", "axes"), ahead)
+    errors = angle_error(run)
+    assert errors.maximum == pytest.approx(0.4)
+    assert errors.rms == pytest.approx(np.sqrt(np.mean(turn**2)))
+    assert errors.fluctuation == pytest.approx(0.1, rel=0.01)
+
+
+def test_the_use_of_channels_is_that_of_the_servos_a_controller_drives():
+    slide = 0.03 * np.sin(2 * np.pi * TIME / 10) + 0.01
+    driven = crinoid.Scenario().with_values(DRIVEN)
+    use = input_use(made(0.0, scenario=driven, slide=slide))
+    assert list(use) == ["slide", "tilt"]
+    assert use["slide"].low == pytest.approx(slide.min())
+    assert use["slide"].high == pytest.approx(slide.max())
+    assert use["tilt"].rms == pytest.approx(10 * np.sqrt(np.mean(slide**2)))
+    assert input_use(made(0.0, slide=slide)) == {}
+
+
+def test_the_largest_load_counts_all_its_parts():
+    load = peak_load(made(0.0, force=np.sin(TIME) - 2.0))
+    assert load.force == pytest.approx(5 * 3.0, rel=1e-2)
+    assert load.moment == pytest.approx(0.3, rel=1e-2)
+
+
+def test_a_run_s_table_has_units_that_read_well_and_fits_80_columns():
+    driven = crinoid.Scenario().with_values(DRIVEN)
+    run = made(3e-6, angle=0.01, scenario=driven, slide=0.02 * np.sin(TIME), force=1e-3)
+    run.uncontrolled = made(26.0 * (1 + 0.1 * np.sin(6 * np.pi * TIME / 10)), angle=0.1, force=2e-3)
+    text = said(run_table(run))
+    assert max(map(len, text.splitlines())) <= 80
+    rows = cells(text)
+    assert rows["tip error, maximum"][1:] == ["28.6 m", "0.0%"]
+    assert rows["angle error, RMS"] == ["0.573 deg", "5.73 deg", "10.0%"]
+    assert rows["slide, range"][0] == "-20 to 20 mm"
+    assert rows["tilt, range"][0] == "-11.5 to 11.5 deg"
+    assert rows["largest force on submarine"] == ["5 mN", "10 mN", "50.0%"]
+    # against how far the tip swings about its own mean if left alone
+    assert rows["tip error over fluctuation"][1:] == ["1.83 m", "0.0%"]
+    run.uncontrolled = None
+    assert "uncontrolled" not in said(run_table(run))
+    assert cells(said(run_table(run)))["tip error, RMS"] == ["3 µm"]
+
+
+def test_nothing_is_not_compared_with_nothing():
+    run = made(2e-8, scenario=crinoid.Scenario().with_values(DRIVEN))
+    run.uncontrolled = made(1e-9)
+    rows = cells(said(run_table(run)))
+    assert rows["tip error, RMS"] == ["0.02 µm", "0.001 µm", ""]
+    assert rows["angle error, RMS"][-1] == ""
+    assert rows["largest force on submarine"][-1] == "100.0%"
+
+
+def studied(vary, *, compared=True):
+    """Return the table of a study with made-up measures."""
+    loads = [{"kind": "tip", "force": [0.0, 0.0]}] * 2
+    flow = [{"kind": "uniform", "velocity": [0.0, 0.0]}]
+    scenario = crinoid.Scenario(title="A study", load=loads, flow=flow).with_values(
+        DRIVEN | {"vary": vary}
+    )
+    rows = [
+        {
+            "case": f"case-{number:02d}",
+            **{key: values[number - 1] for key, values in vary.items()},
+            "deflection": 26.03 if compared else "",
+            "steady_error": 1e-5 * number,
+            "rms_error": 0.01234,
+            "rms_error_uncontrolled": 0.05 if compared else "",
+            "settling_time": 3.456 if number == 1 else "",
+        }
+        for number in (1, 2)
+    ]
+    return said(cases_table(scenario.title, list(scenario.vary), rows))
+
+
+STUDIES = [
+    ({"flow.0.velocity": [[0.2, 0.0], [0.3, 0.123]]}, ["velocity", "[0.2, 0]", "[0.3, 0.123]"]),
+    (
+        {"control.pid.tilt.ki": [1.0, 2.0], "control.pid.slide.ki": [0.1, 0.2]},
+        ["tilt.ki", "slide.ki"],
+    ),
+    (
+        {f"control.pid.{name}.derivative_filter_hz": [1.0, 2.0] for name in ("tilt", "slide")}
+        | {"arm.youngs_modulus": [1e5, 4e6], "flow.0.velocity": [[0.222, 0.333], [0.3, 0.123]]},
+        ["tilt.derivative_filter_", "hz 2", "youngs_modulus", "4e+06"],
+    ),
+    (
+        {f"load.{number}.force": [[0.2, 0.0], [0.3, 0.0]] for number in (0, 1)},
+        ["load.0.", "load.1.", "force", "[0.3, 0]"],
+    ),
+]
+
+
+@pytest.mark.parametrize("compared", [True, False])
+@pytest.mark.parametrize(("vary", "parts"), STUDIES)
+def test_a_study_s_table_breaks_no_words_in_80_columns(vary, parts, compared):
+    text = studied(vary, compared=compared)
+    words = [word.strip(",") for word in text.split()]
+    for whole in ("steady", "settled", "error", "RMS", "10", "12.3", "3.46", "not"):
+        assert whole in words
+    assert max(map(len, text.splitlines())) <= 80
+    assert "…" not in text
+    assert not [part for part in parts if part not in text]
+    # a study that compares nothing has no columns of that
+    assert ("free" in text) == compared
+    assert ("26" in text) == compared

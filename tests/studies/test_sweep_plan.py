@@ -1,0 +1,195 @@
+"""The runs of a sweep: ranges, lists, samples, seeds, structures and batches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from crinoid.cli.sweep import notes_of
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario.variation import Span, combination, read_variation
+from crinoid.studies.sweep import SweepDesign
+from helpers.refusals import mistake
+
+ARM = Scenario(arm={"nodes": 5}, simulation={"duration": 0.1})
+
+
+def column(plan: SweepDesign, key: str) -> list:
+    return [plan.values(run)[key] for run in range(1, plan.runs + 1)]
+
+
+def test_ranges_are_even_with_both_ends_and_whole_where_they_can_be():
+    for text, values in {
+        "0.3:0.6:4": [0.3, 0.4, 0.5, 0.6],
+        "0.6:0.3:2": [0.6, 0.3],
+        "5:11:4": [5, 7, 9, 11],
+        "5:10:3": [5.0, 7.5, 10.0],
+    }.items():
+        key, span = read_variation(f"arm.length={text}")
+        assert isinstance(span, Span)
+        assert key == "arm.length"
+        found = span.values()
+        assert found == pytest.approx(values, rel=1e-15)
+        assert (found[0], found[-1]) == (values[0], values[-1])
+        assert [type(value) for value in found] == [type(value) for value in values]
+        assert read_variation(f"arm.length={span}")[1] == span
+    # a logarithmic one has equal ratios
+    for text in ("1e3:1e6:7:log", "-2:-0.5:3:log"):
+        values = np.array(read_variation(f"arm.youngs_modulus={text}")[1].values())
+        first, last = (float(part) for part in text.split(":")[:2])
+        assert (values[0], values[-1]) == (first, last)
+        np.testing.assert_allclose(values[1:] / values[:-1], values[1] / values[0], rtol=1e-13)
+
+
+def test_lists_are_split_at_their_own_commas_only():
+    for text, values in {
+        "pid, lqg": ["pid", "lqg"],
+        "[0.2, 0.0],[0.3, 0.1]": [[0.2, 0.0], [0.3, 0.1]],
+        "'a,b',c": ["a,b", "c"],
+        "0.5": [0.5],
+        "true,false": [True, False],
+        "a:b.nc,c:1": ["a:b.nc", "c:1"],
+    }.items():
+        assert read_variation(f"some.key={text}") == ("some.key", values)
+
+
+def test_combinations_are_those_of_a_scenario_with_vary():
+    vary = {"arm.length": [0.4, 0.5, 0.6], "arm.radius": [0.01, 0.02]}
+    scenario = ARM.from_dict(ARM.to_dict() | {"vary": vary})
+    cases = scenario.cases()
+    plan = SweepDesign.of(scenario, [])
+    assert plan.runs == len(cases) == 6
+    for run, (values, case) in enumerate(cases, start=1):
+        assert plan.values(run) == values == combination(vary, run - 1)
+        assert plan.case(run) == case
+    # what the command line says of a key goes before what the scenario says
+    assert column(SweepDesign.of(scenario, ["arm.length=0.7"]), "arm.length") == [0.7, 0.7]
+
+
+def test_seeds_multiply_and_change_fastest():
+    plan = SweepDesign.of(ARM.with_values({"seed": 7}), ["arm.length=0.4,0.5"], seeds=3)
+    assert plan.keys == ["arm.length", "seed"]
+    assert column(plan, "arm.length") == [0.4] * 3 + [0.5] * 3
+    assert column(plan, "seed") == [7, 8, 9] * 2
+    assert plan.case(6).seed == 9
+    assert plan.case(6).arm.length == 0.5
+
+
+@pytest.mark.parametrize("kind", ["lhs", "sobol"])
+def test_samples_fill_their_ranges_and_are_the_same_each_time(kind):
+    texts = ["arm.length=0.4:0.6", "arm.youngs_modulus=1e4:1e6:log", "arm.nodes=5,7"]
+    plan = SweepDesign.of(ARM, texts, sampling=kind, count=16)
+    assert plan.runs == 32
+    lengths, moduli = (np.array(column(plan, key)) for key in ("arm.length", "arm.youngs_modulus"))
+    # each sixteenth of a range holds one of the sixteen points, by ratios where it is logarithmic
+    for parts in ((lengths - 0.4) / 0.2, np.log10(moduli / 1e4) / 2):
+        assert sorted(np.floor(16 * parts[:16]).astype(int)) == list(range(16))
+        np.testing.assert_array_equal(parts[:16], parts[16:])
+    again = SweepDesign.from_toml(plan.to_toml())
+    assert [again.values(run) for run in range(1, 33)] == [plan.values(run) for run in range(1, 33)]
+    other = SweepDesign.of(ARM.with_values({"seed": 1}), texts, sampling=kind, count=16)
+    assert column(other, "arm.length") != column(plan, "arm.length")
+
+
+def test_an_unbalanced_sobol_sequence_has_a_note():
+    for count, notes in ((8, 0), (12, 1), (1, 0)):
+        plan = SweepDesign.of(ARM, ["arm.length=0.4:0.6"], sampling="sobol", count=count)
+        assert sum("no power of two" in note for note in notes_of(plan)) == notes
+
+
+def test_batches_hold_each_run_once_and_one_structure():
+    texts = ["arm.nodes=5,7", "arm.length=1:3:3", "simulation.integrator=newmark,implicit-euler"]
+    plan = SweepDesign.of(ARM, texts, seeds=4, batch=5)
+    together = np.concatenate([batch.runs for batch in plan.batches])
+    assert sorted(together) == list(range(1, plan.runs + 1))
+    assert max(batch.runs.size for batch in plan.batches) == 5
+    assert len(plan.structures) == 4
+    for batch in plan.batches:
+        cases = [plan.case(run) for run in batch.runs.tolist()]
+        assert len({(case.arm.nodes, case.simulation.integrator) for case in cases}) == 1
+    # numbers make no other structure, but for those of the program itself
+    assert len(SweepDesign.of(ARM, ["simulation.duration=0.1,0.2"]).structures) == 2
+    assert len(SweepDesign.of(ARM, ["target.tip=[0.4, 0.1],[0.4, 0.2]"]).structures) == 1
+    # of many runs a hundred at most
+    for count, size, batches in ((150, 1, 150), (2000, 10, 200), (100_000, 100, 1000)):
+        plan = SweepDesign.of(ARM, [f"arm.length=0.3:0.6:{count}"])
+        assert (plan.batch, len(plan.batches)) == (size, batches)
+
+
+def test_the_runs_that_are_tried_cover_all_values():
+    plan = SweepDesign.of(ARM, ["arm.nodes=5,7,9", "arm.length=0.4:0.6:5"], seeds=3)
+    tried = [plan.values(run) for run in plan.examples(1000)]
+    assert {values["arm.nodes"] for values in tried} == {5, 7, 9}
+    assert {values["arm.length"] for values in tried} == set(column(plan, "arm.length"))
+    assert len(tried) < plan.runs / 3
+    sampled = SweepDesign.of(ARM, ["arm.length=0.4:0.6"], sampling="lhs", count=50)
+    tried = {sampled.values(run)["arm.length"] for run in sampled.examples(1000)}
+    every = column(sampled, "arm.length")
+    assert {min(every), max(every)} <= tried
+
+
+def test_a_plan_comes_back_from_its_file():
+    integrators = "simulation.integrator=newmark,implicit-euler"
+    texts = ["arm.length=0.4:0.6:3", integrators, "target.tip=[0.4, 0.1]"]
+    plan = SweepDesign.of(ARM, texts, seeds=2, batch=3)
+    again = SweepDesign.from_toml(plan.to_toml())
+    assert again.to_dict() == plan.to_dict()
+    assert [again.case(run) for run in (1, 7)] == [plan.case(run) for run in (1, 7)]
+    assert replace(again, seeds=3).to_dict() != plan.to_dict()
+    with pytest.raises(ScenarioError, match=r'version: got "0.0.1"'):
+        SweepDesign.from_toml(plan.to_toml().replace('version = "', 'version = "0.0.1" # '))
+
+
+def test_files_that_vary_are_found_again_and_known_by_their_content(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text(f"time,x,z\n0,0.4,0\n1,0.4,{len(name)}\n")
+    scenario = Scenario(target={"path": "file", "file": "a.csv"})
+    plan = SweepDesign.of(scenario, ["target.file=a.csv,b.csv"])
+    assert column(plan, "target.file") == [str(tmp_path / "a.csv"), str(tmp_path / "b.csv")]
+    assert sorted(plan.files) == column(plan, "target.file")
+    (tmp_path / "b.csv").write_text("time,x,z\n0,0.4,0\n1,0.4,1\n")
+    assert SweepDesign.of(scenario, ["target.file=a.csv,b.csv"]).files != plan.files
+
+
+MISTAKES = {
+    "arm.length": "must be KEY=FROM:TO:COUNT or KEY=A,B",
+    "=1": "must be KEY=FROM:TO:COUNT or KEY=A,B",
+    "arm.length=": "or values with commas between them",
+    "arm.length=1,,2": "or values with commas between them",
+    "arm.length=0.3:x:4": "a finite number at each end",
+    "arm.length=0.3:nan:4": "a finite number at each end",
+    "arm.length=0.3:0.3:4": "two different ends",
+    "arm.length=0.3:0.6:1": "a count of 2 or more",
+    "arm.length=0.3:0.6:2.5": "a count of 2 or more",
+    "arm.length=0:1:3:log": "ends of one sign",
+    "arm.length=1:2:3:4": "must be FROM:TO:COUNT",
+    "arm.length=0.3:0.6": "must have a count",
+    "arm.length=0.3:0.6:10000001": "10000001 runs; must make at most 10000000",
+    "vary.arm=1": "must begin with a key that can vary",
+}
+
+
+@pytest.mark.parametrize(("text", "reason"), MISTAKES.items(), ids=list(MISTAKES))
+def test_a_wrong_variation_gets_one_line(text, reason):
+    line = mistake(SweepDesign.of, ARM, [text])
+    assert line.startswith("--vary: ")
+    assert reason in line
+
+
+def test_options_that_exclude_each_other_get_one_line():
+    span, grid = ["arm.length=0.3:0.6"], ["arm.length=0.3:0.6:4"]
+    for texts, options, words in (
+        (span, {"sampling": "halton", "count": 4}, '--sample: got "halton"'),
+        (span, {"sampling": "lhs"}, "--sample: needs --count N"),
+        (span, {"sampling": "lhs", "count": 0}, "--count: got 0"),
+        (span, {"sampling": "lhs", "count": 10**9}, "--count: got 1000000000"),
+        (grid, {"sampling": "lhs", "count": 4}, "--sample: needs a range to sample"),
+        (grid, {"count": 4}, "--count: needs --sample"),
+        (grid, {"seeds": 0}, "--seeds: got 0"),
+        (grid, {"batch": 0}, "--batch: got 0"),
+        (grid, {"seeds": 10**7}, "--vary: makes 40000000 runs"),
+        (["seed=1,2"], {"seeds": 2}, "--seeds: excludes other values of seed"),
+        ([*grid, *grid], {}, "--vary: got arm.length twice"),
+    ):
+        assert mistake(SweepDesign.of, ARM, texts, **options).startswith(words)

@@ -1,0 +1,438 @@
+"""Films of runs: what they show, how long they are, and that nothing is left half-written."""
+
+import re
+import signal
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import av
+import matplotlib as mpl
+import numpy as np
+import pytest
+import xarray as xr
+from PIL import Image, ImageSequence
+
+from crinoid.cli.folder import clear_figures
+from crinoid.results.own_files import is_own
+from crinoid.view.figures.style import STYLE
+from crinoid.view.film.camera import PRESETS, SPEEDS, CameraSettings, film_settings
+from crinoid.view.film.panel import WATER
+from crinoid.view.film.picture import RAMPS, Picture, PictureFrame
+from crinoid.view.film.surfaces import instant_of
+from crinoid.view.page import parts
+from crinoid.view.scene.bodies import CLAMP_LENGTH
+from crinoid.view.scene.data import in_space
+from crinoid.view.scene.scene import build_scene
+from helpers.command import call, refused, succeeded
+from helpers.planar_result import swaying_arm
+from helpers.spatial_result import among_obstacles, curling_arm, frame
+from helpers.studies import save, study_row, write_study
+
+film, fails, filmed = (partial(each, "film") for each in (call, refused, succeeded))
+TINY = ("--size", "160x160")
+BRIEF = ("--until", 0.1, "--speed", 0.5, *TINY)
+
+
+def small_arm(**changes):
+    return swaying_arm(**{"records": 11, "duration": 2.0, "nodes": 6} | changes)
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory) -> Path:
+    """Return the folder of a small run in the plane, with and without control."""
+    folder = tmp_path_factory.mktemp("planar")
+    save(small_arm(records=41), folder / "result.nc")
+    save(small_arm(records=41, driven=False, sway=0.1), folder / "uncontrolled.nc")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def spatial(tmp_path_factory) -> Path:
+    """Return the folder of a small run in space, among obstacles."""
+    folder = tmp_path_factory.mktemp("spatial")
+    save(among_obstacles(records=21, nodes=6), folder / "result.nc")
+    return folder
+
+
+def decoded(path: Path) -> np.ndarray:
+    """Return the pictures of a film (frame, high, wide, colour)."""
+    if path.suffix == ".gif":
+        with Image.open(path) as opened:
+            return np.stack([each.convert("RGB") for each in ImageSequence.Iterator(opened)])
+    with av.open(path) as opened:
+        return np.stack([each.to_ndarray(format="rgb24") for each in opened.decode(video=0)])
+
+
+def pictures(data, other=None, size=(320, 240), **options) -> tuple[Picture, np.ndarray]:
+    """Return what draws a run, and the times of the frames."""
+    members = [("", data)] if other is None else [("with", data), ("without", other)]
+    shot, time = CameraSettings(**options), data["time"].values
+    reel = film_settings(CameraSettings(size=size), float(time[0]), float(time[-1]), ".gif")
+    with mpl.rc_context(STYLE):
+        return Picture(build_scene(members, 400, 81), shot, reel, "title", ""), reel.times
+
+
+def place(picture: Picture, point) -> tuple[int, int]:
+    """Return the row and the column of a point of space."""
+    drawn = picture._panels[0]
+    seen = drawn.camera.view.paper(np.asarray(point) - drawn._drift)
+    x, y = picture._frame.axes[0].transData.transform(seen)
+    return picture._frame.size[1] - 1 - int(y), int(x)
+
+
+def is_blue(pixel) -> bool:
+    return bool(int(pixel[2]) > int(pixel[0]) + 60)
+
+
+def changed(one, other):
+    """Tell which pixels of two pictures are far from each other."""
+    return np.abs(one.astype(int) - other).sum(axis=-1) > 60
+
+
+# --- the picture ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arm", "options"),
+    [
+        (partial(swaying_arm, sway=0.3, flow=0.0), {"view": "side"}),
+        (partial(swaying_arm, sway=0.3, flow=0.0), {"view": "angle"}),
+        (partial(curling_arm, flow=(0.0, 0.0, 0.0)), {"azimuth": -40.0, "elevation": 35.0}),
+    ],
+    ids=["from the side", "from an angle", "in space"],
+)
+def test_the_arm_is_drawn_where_the_result_has_it(arm, options):
+    data = arm(records=21, duration=2.0, nodes=11)
+    picture, _ = pictures(data, colour="none", **options)
+    middle = in_space(data, "position")[:, 7]
+    for record in (0, 10, 20):
+        drawn = picture.at(float(data["time"][record]))
+        assert is_blue(drawn[place(picture, middle[record])]), record
+    assert place(picture, middle[0]) != place(picture, middle[20])
+    assert not is_blue(drawn[place(picture, middle[0] + [0.0, 0.0, 0.1])])
+
+
+@pytest.mark.parametrize(
+    ("view", "right", "up"), [("side", 0, 2), ("above", 0, 1), ("ahead", 1, 2)]
+)
+def test_views_have_their_axes_to_the_right_and_up(view, right, up):
+    picture, _ = pictures(curling_arm(records=3, duration=1.0, nodes=5), view=view)
+    middle, ways = np.array([0.2, 0.0, -10.0]), 0.1 * np.eye(3)
+    row, column = place(picture, middle)
+    beside, above = (place(picture, middle + ways[axis]) for axis in (right, up))
+    assert (beside[0], above[1]) == (row, column)
+    assert beside[1] > column + 5
+    assert above[0] < row - 5
+
+
+def test_between_saved_instants_the_arm_glides():
+    data = small_arm(records=5)
+    run = build_scene([("", data)], 10, 10).members[0]
+    position = in_space(data, "position")
+    between = 0.75 * position[1] + 0.25 * position[2]
+    instants = {-1.0: position[0], 0.5: position[1], 0.625: between, 2.0: position[4]}
+    for time, expected in (instants | {9.0: position[4]}).items():
+        np.testing.assert_allclose(instant_of(run, time).position, expected, atol=1e-12)
+
+
+def test_the_arm_comes_out_of_the_end_of_its_clamp_toward_the_eye():
+    data = curling_arm(records=3, nodes=11, flow=(0.0, 0.0, 0.0))
+    picture, times = pictures(data, colour="none", azimuth=-40.0, elevation=25.0)
+    root, beyond = (
+        data["position"].values[0, 0],
+        CLAMP_LENGTH * float(data["diameter"][0]) / 2 + 0.006,
+    )
+    drawn = picture.at(float(times[0]))
+    ahead = np.array([1.0, 0.0, 0.0])
+    assert is_blue(drawn[place(picture, root + beyond * ahead)])
+    assert not is_blue(drawn[place(picture, root + beyond / 2 * ahead)])
+
+
+@pytest.mark.parametrize("nearer", [0.1, -0.1])
+def test_in_space_the_nearer_arm_hides_the_farther_one(nearer):
+    data = curling_arm(records=3, nodes=11, flow=(0.0, 0.0, 0.0))
+    toward = frame(*np.deg2rad([-40.0, 35.0]), 0.0)[:, 0]
+    other = data.assign(position=data["position"] + nearer * xr.DataArray(toward, dims="axis"))
+    picture, times = pictures(data, other, azimuth=-40.0, elevation=35.0)
+    pixel = picture.at(float(times[0]))[place(picture, data["position"].values[0, 8])]
+    assert is_blue(pixel) == (nearer < 0.0)
+
+
+def test_a_film_shows_the_run_without_control_next_to_the_other():
+    still = small_arm(sway=0.0, flow=0.0)
+    moving = small_arm(sway=0.4, flow=0.0, driven=False)
+    picture, _ = pictures(still, moving, size=(480, 240), uncontrolled="beside", colour="none")
+    moved = changed(picture.at(2.0)[30:], picture.at(0.0)[30:])
+    assert not moved[:, :240].any()
+    assert moved[:, 240:].sum() > 100
+    ghost, _ = pictures(still, moving, uncontrolled="ghost")
+    alone, _ = pictures(still, moving, uncontrolled="none")
+    assert (ghost.at(2.0) != alone.at(2.0)).any(axis=-1).sum() > 100
+
+
+def test_the_current_is_drawn_as_arrows_that_turn():
+    water = [int(WATER[i : i + 2], 16) for i in (1, 3, 5)]
+
+    def arrows(picture, time):
+        return np.abs(picture.at(time)[..., :3].astype(int) - water).max(axis=-1) < 30
+
+    picture, _ = pictures(small_arm(gust=0.2))
+    first, last = (arrows(picture, time) for time in (0.0, 2.0))
+    assert min(first.sum(), last.sum()) > 20
+    assert (first != last).any()
+    dry, _ = pictures(small_arm(flow=0.0))
+    assert not arrows(dry, 0.0).any()
+
+
+def test_a_base_that_travels_far_stays_in_the_picture_and_so_does_a_tip_that_is_followed():
+    data = small_arm(records=21)
+    far = data["position"] + 5.0 * data["time"] * (data["axis"] == "x")
+    tip = far[:, -1].transpose(*data["tip_target"].dims)
+    moved = data.assign(position=far, tip_position=tip, tip_target=tip)
+    position = in_space(moved, "position")
+    for followed, node in ((None, 0), ("tip", -1)):
+        picture, _ = pictures(moved, follow=followed, colour="none")
+        found = []
+        for record in (0, 10, 20):
+            drawn = picture.at(float(moved["time"][record]))
+            assert is_blue(drawn[place(picture, position[record, 3])])
+            found.append(place(picture, position[record, node]))
+        assert np.ptp(found, axis=0).max() <= 1, followed
+        assert 0 < found[0][0] < 240
+        assert 0 < found[0][1] < 320
+    standing, _ = pictures(moved, follow="none")
+    standing.at(2.0)
+    assert place(standing, position[-1, 0])[1] > 160  # from the left to the right
+
+
+@pytest.mark.parametrize("colour", ["curvature", "tension", "speed", "distance", "none"])
+def test_a_film_colours_by_each_field_of_the_page(colour):
+    picture, times = pictures(among_obstacles(records=5, nodes=6), colour=colour, size=(200, 160))
+    assert picture.at(float(times[1])).shape == (160, 200, 4)
+
+
+def test_views_colours_and_speeds_are_those_of_the_page():
+    scripts = {name: parts.read_part(f"{name}.js") for name in ("camera", "tools", "main")}
+    presets = re.findall(r"(\w+): \[(-?\d+), (-?\d+)\]", scripts["camera"].split(";")[0])
+    assert {name: (float(a), float(e)) for name, a, e in presets} == PRESETS
+    for name, signed in (("one", False), ("two", True)):
+        listed = re.search(rf"{name}: \[(.*?)\]", scripts["tools"])[1]
+        assert tuple(re.findall(r"#\w+", listed)) == RAMPS[signed]
+    speeds = re.search(r"const speeds = \[(.*?)\]", scripts["main"])[1]
+    assert tuple(map(float, speeds.split(","))) == SPEEDS
+
+
+@pytest.mark.parametrize(
+    ("duration", "ending", "speed"),
+    [(30.0, ".mp4", 1.0), (30.0, ".gif", 2.0), (600.0, ".mp4", 20.0), (2.0, ".mp4", 0.25)],
+)
+def test_a_long_run_goes_faster_and_a_short_one_slower(duration, ending, speed):
+    assert film_settings(CameraSettings(), 0.0, duration, ending).speed == speed
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def test_an_mp4_has_its_frames_size_and_duration_and_plays_in_browsers(planar, tmp_path):
+    path = tmp_path / "run.mp4"
+    said = filmed(planar, "--to", path, "--speed", 2, "--fps", 20, "--size", "320x240")
+    assert said.split() == ["wrote", str(path)]
+    frames = decoded(path)
+    assert frames.shape == (21, 240, 320, 3)
+    with av.open(path) as opened:
+        (stream,) = opened.streams
+        assert (stream.codec_context.name, stream.pix_fmt) == ("h264", "yuv420p")
+        assert float(stream.duration * stream.time_base) == pytest.approx(21 / 20, abs=0.01)
+        assert stream.average_rate == 20
+        assert opened.metadata["title"] == "Station keeping in a turbulent current"
+    content = path.read_bytes()
+    assert content.index(b"moov") < content.index(b"mdat")  # it plays before all of it is there
+    assert changed(frames[-1], frames[0]).sum() > 100
+    assert is_own(path)
+
+
+def test_a_gif_is_small_and_has_the_frames_that_were_drawn(planar, tmp_path):
+    path = tmp_path / "run.gif"
+    assert filmed(planar, "--to", path, "--speed", 1, "--fps", 10).split() == ["wrote", str(path)]
+    frames = decoded(path)
+    assert frames.shape == (21, 360, 480, 3)
+    with Image.open(path) as opened:
+        spent = [each.info["duration"] for each in ImageSequence.Iterator(opened)]
+        assert opened.info["loop"] == 0
+    assert sum(spent) == pytest.approx(2100, abs=5)
+    assert changed(frames[-1], frames[0]).sum() > 100
+    assert path.stat().st_size < 21 * 10_000
+    assert is_own(path)
+    data = [small_arm(records=41, **k) for k in ({}, {"driven": False, "sway": 0.1})]
+    drawn, _ = pictures(*data, size=(480, 360))
+    for record, time in ((0, 0.0), (11, 1.1), (20, 2.0)):
+        apart = np.abs(frames[record][60:].astype(int) - drawn.at(time)[60:, :, :3])
+        assert apart.mean() < 2.0
+
+
+def test_a_film_ends_when_asked_and_has_frames_of_its_size(spatial, tmp_path):
+    path = tmp_path / "run.gif"
+    filmed(spatial, "--to", path, "--until", 1, "--speed", 1, *TINY)
+    assert decoded(path).shape == (16, 160, 160, 3)
+
+
+def test_a_film_without_a_name_is_in_the_folder_of_the_result(planar):
+    filmed(planar / "result.nc", "--until", 0.1, *TINY)
+    assert (planar / "film.mp4").is_file()
+    clear_figures(planar)
+    assert not (planar / "film.mp4").exists()
+
+
+def test_without_pyav_a_gif_is_written_and_an_mp4_refused(planar, tmp_path, monkeypatch):
+    monkeypatch.setattr("crinoid.view.film.encode.find_spec", lambda name: None)
+    line = fails(planar, "--to", tmp_path / "x.mp4")
+    assert line == 'crinoid: --to: an MP4 needs PyAV: pip install "crinoid[film]"; a GIF does not'
+    note = 'note: writes a GIF: an MP4 needs PyAV: pip install "crinoid[film]"'
+    assert note in filmed(planar, *BRIEF)
+    assert decoded(planar / "film.gif").shape[1:] == (160, 160, 3)
+    (planar / "film.gif").unlink()
+
+
+def test_instants_without_numbers_are_left_out_with_a_note(tmp_path):
+    data = small_arm()
+    data["curvature"][4, 2] = np.nan
+    data["position"][6, 5] = np.nan
+    save(data, tmp_path / "result.nc")
+    said = filmed(tmp_path, *TINY, "--fps", 5, "--speed", 1)
+    assert "note: 1 instant is left out" in said
+    assert "note: 1 saved instant is left out: at it the arm has no shape to draw" in said
+    assert len(decoded(tmp_path / "film.mp4")) == 11
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_a_title_is_shown_as_it_is(tmp_path):
+    titles = ["$x^2$ and $\\frac{$", "\x1b[31mred\nline", "words " * 400, "潮", "w" * 900]
+    for title in titles:
+        with mpl.rc_context(STYLE):
+            frame = PictureFrame((640, 480), title, "", 1)
+            shown = [each.get_text() for each in frame._over]
+            frame.draw_over("0 s")
+        assert all(text.isprintable() for text in shown)
+        assert not any(each.get_parse_math() for each in frame._over)
+        if "$" in title:
+            assert title in shown
+    data = small_arm(records=3, duration=0.2, status="failed at t = 0.2 s: $a hit$")
+    save(data.assign_attrs(title=" ".join(titles)), tmp_path / "result.nc")
+    ended = film(tmp_path, *TINY, "--fps", 5)
+    assert (ended.exit_code, ended.stderr) == (0, "")
+
+
+# --- mistakes -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--fps", "0"], "--fps: got 0; must be 1 to 120"),
+        (["--fps", "nan"], "--fps: got nan; must be 1 to 120"),
+        (["--fps", "60", "--to", "x.gif"], "--fps: got 60; must be 1 to 50"),
+        (["--speed", "0"], "--speed: got 0; must be 0.0001 to 10000"),
+        (["--speed", "inf"], "--speed: got inf"),
+        (["--speed", "0.001"], "60001 frames"),
+        (["--speed", "100", "--fps", "1"], "the film would have a single frame. Lower --speed"),
+        (
+            ["--size", "3840x2160", "--to", "x.gif", "--speed", "0.5"],
+            "GIF of 3840x2160 has at most 24",
+        ),
+        (["--size", "321x240"], "--size: got 321x240; must be even numbers for an MP4"),
+        (["--size", "big"], '--size: got "big"; must be WIDTHxHEIGHT'),
+        (["--size", "10x10"], "--size: got 10x10; width and height must be 160 to 3840"),
+        (["--size", "9999x400"], "--size: got 9999x400"),
+        (["--from", "1.5", "--until", "0.5"], "film would start at 1.5 s and end at 0.5 s"),
+        (["--from", "2"], "--from: the film would start at 2 s and end at 2 s"),
+        (["--from", "-1"], "--from: got -1 s; must be 0 to 2 s"),
+        (["--until", "99"], "--until: got 99 s; must be 0 to 2 s"),
+        (["--to", "film.avi"], "--to: got film.avi; must be a name that ends in .mp4 or .gif"),
+        (["--to", "no/such/film.mp4"], "--to: there is no folder"),
+        (["--view", "below"], '--view: got "below"; must be "side", "above", "ahead" or "angle"'),
+        (["--view", "side", "--azimuth", "3"], "--view: got side and an angle. Omit it"),
+        (["--elevation", "95"], "--elevation: got 95; must be -90 to 90"),
+        (["--azimuth", "nan"], "--azimuth: got nan"),
+        (["--zoom", "0"], "--zoom: got 0; must be 0.1 to 100"),
+        (["--follow", "boat"], '--follow: got "boat"; must be "none", "tip" or "base"'),
+        (["--uncontrolled", "x"], '--uncontrolled: got "x"; must be "ghost", "beside" or "none"'),
+        (["--colour", "red"], '--colour: got "red"; must be "curvature", "tension", "speed"'),
+        (["--colour", "distance"], '--colour: got "distance"'),
+    ],
+)
+def test_a_mistake_gets_one_line_and_nothing_is_written(
+    planar, tmp_path, monkeypatch, options, named
+):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(planar.iterdir())
+    assert named in fails(planar, *options)
+    assert not list(tmp_path.iterdir())
+    assert sorted(planar.iterdir()) == before
+
+
+def test_a_path_without_a_run_is_refused_in_one_line(tmp_path, spatial):
+    save(swaying_arm(records=1, nodes=4), tmp_path / "still" / "result.nc")
+    write_study(tmp_path / "study", [study_row(1)])
+    (tmp_path / "empty").mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    assert "one instant" in fails(tmp_path / "still")
+    assert "contains a study. Name the folder of one of its cases" in fails(tmp_path / "study")
+    assert "contains no result" in fails(tmp_path / "empty")
+    for wish in ("ghost", "beside"):
+        line = fails(spatial, "--uncontrolled", wish)
+        assert f'--uncontrolled: got "{wish}", but the result has no uncontrolled run' in line
+    assert sorted(tmp_path.rglob("*")) == before
+    assert [path.name for path in spatial.iterdir()] == ["result.nc"]
+
+
+def test_a_file_of_others_is_replaced_only_if_that_is_wanted(planar, tmp_path):
+    path = tmp_path / "holiday.gif"
+    path.write_bytes(b"GIF89a of a beach")
+    line = fails(planar, "--to", path, *BRIEF)
+    assert "holiday.gif was not made by crinoid. Choose another name, or" in line
+    assert path.read_bytes() == b"GIF89a of a beach"
+    filmed(planar, "--to", path, *BRIEF, "--force")
+    assert is_own(path)
+    filmed(planar, "--to", path, *BRIEF)  # crinoid made it
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+def test_an_interrupted_film_leaves_nothing_and_an_earlier_one_stays(
+    planar, tmp_path, monkeypatch, name
+):
+    path = tmp_path / name
+    drawn, at = [], Picture.at
+
+    def interrupted(picture: Picture, time: float) -> np.ndarray:
+        drawn.append(time)
+        if len(drawn) == 12:
+            signal.raise_signal(signal.SIGINT)
+        return at(picture, time)
+
+    monkeypatch.setattr(Picture, "at", interrupted)
+    for earlier in (False, True):
+        if earlier:
+            path.write_bytes(b"made by crinoid 0.0.1")
+        drawn.clear()
+        line = fails(planar, "--to", path, *TINY, code=130)
+        assert line == "crinoid: interrupted: no film is written"
+        assert len(drawn) == 12
+        assert [each.name for each in tmp_path.iterdir()] == [name] * earlier
+    assert path.read_bytes() == b"made by crinoid 0.0.1"
+
+
+def test_a_wish_to_stop_lost_in_a_destructor_prints_nothing():
+    code = """from crinoid.cli.interruption import Interrupted, heed
+
+class Loses:
+    def __init__(self, error): self.error = error
+    def __del__(self): raise self.error
+
+heed()
+Loses(Interrupted())
+Loses(ValueError("told"))
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ("Interrupted" in ended.stderr, "ValueError: told" in ended.stderr) == (False, True)

@@ -1,0 +1,202 @@
+"""The page of a session in a browser: it moves, pauses, records, and speaks to nobody else."""
+
+import re
+import socket
+import sys
+import threading
+import time
+from importlib import import_module
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="needs viser")
+
+from crinoid.view.live.interactive import InteractiveBodies
+from crinoid.view.live.page import Page, PortError
+from crinoid.view.live.scene import LiveScene
+from crinoid.view.live.session import Session
+from crinoid.view.live.session_log import Snapshot
+from helpers.browsing import Opened
+from helpers.command import refused
+from helpers.live import LIVE
+
+pytestmark = pytest.mark.slow
+
+HOSTILE = "<img src=x onerror=alert(1)> **bold** [a](http://example.org) {1+1}\x1b[31m\n# big"
+
+
+@pytest.fixture(scope="module")
+def session():
+    return Session(LIVE.with_values({"title": HOSTILE}))
+
+
+class Served:
+    def __init__(self, session):
+        session.reset()
+        self.kept, self.gone = [], threading.Event()
+        self.page = Page(session, 0, self._keep)
+        self.page.server.on_client_disconnect(lambda _: self.gone.set())
+
+    def _keep(self, result):
+        self.kept.append(result)
+        return f"kept {HOSTILE}"
+
+
+@pytest.fixture
+def served(session):
+    served = Served(session)
+    yield served
+    served.page.close()
+    assert served.page.clock.error is None
+
+
+def test_rigid_bodies_are_those_of_other_views():
+    server, added = MagicMock(spec=import_module("viser").ViserServer), {}
+    server.scene, server.initial_camera = MagicMock(), MagicMock()
+
+    def add(name, points, triangles, **_):
+        added[name] = MagicMock(vertices=points)
+        return added[name]
+
+    server.scene.add_mesh_simple.side_effect = add
+    nodes = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, -0.5], 4)
+    obstacle = {"kind": "capsule", "position": [0.3, -9.5], "axis": [1, 0, 0]}
+    values = {"obstacle": [obstacle | {"length": 0.2, "radius": 0.05}]}
+    tool = {"mass": 0.2, "volume": 0.0, "offset": 0.06}
+    scenario = LIVE.with_values(values | {"tool": tool, "arm.nodes": 4})
+    places = np.array([[0.3, 0.0, 0.5], [-9.0, 0.0, 0.0]])
+    frame = Snapshot(
+        *(0.0, nodes, 0 * nodes, nodes[-1], 0.0, places, False, 0.0),
+        *(True, np.zeros(3), np.zeros(0)),
+    )
+    LiveScene(server, scenario, InteractiveBodies.suited_to(scenario), frame)
+    ball = added["/tool"].vertices
+    radius = (3 * 0.2 / 7850 / (4 * np.pi)) ** (1 / 3)  # as heavy as steel
+    apart = np.linalg.norm(ball - [0.0, 0.0, -0.56], axis=1)
+    np.testing.assert_allclose(apart, radius, rtol=1e-5)
+    rod = added["/obstacle 0"]
+    np.testing.assert_allclose(np.ptp(rod.vertices, axis=0), [0.3, 0.1, 0.1], atol=1e-9)
+    np.testing.assert_array_equal(rod.position, places[0])
+    arm = added["/arm"].vertices
+    np.testing.assert_allclose(np.ptp(arm, axis=0)[2], 0.5, atol=1e-6)
+    assert {"/joint", "/clamp", "/stem", "/obstacle debris"} <= set(added)
+
+
+def test_a_port_that_is_taken_or_none_is_refused(session):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(PortError, match=f"got {port}, which is unavailable"):
+            Page(session, port, str)
+    with pytest.raises(PortError, match="got 70000; must be 0"):
+        Page(session, 70000, str)
+
+
+def test_only_this_machine_is_served_and_nothing_moves_unseen(served):
+    assert served.page.url.removeprefix("http://").split(":")[0] == "127.0.0.1"
+    assert served.page.server.request_share_url() is None
+    assert not served.page.clock.viewers
+    assert served.page.clock.running
+
+
+NOW = "parseFloat(document.querySelector('#numbers td + td').innerText)"
+
+
+class Live(Opened):
+    """The page of a session."""
+
+    heard = ("error",)
+
+    def __init__(self, browser, served):
+        super().__init__(browser, served.page.url, "#numbers", 1000, 900)
+
+    def told(self, name):
+        """Return the number next to a name."""
+        rows = dict(row.split("\t") for row in self.page.inner_text("#numbers").split("\n"))
+        return rows[name]
+
+    def time(self):
+        return float(self.told("time").removesuffix(" s"))
+
+    def click(self, name):
+        self.page.get_by_role("button", name=re.compile(name)).first.click()
+
+    def wait(self, script):
+        self.page.wait_for_function(script, timeout=60_000)
+
+    def wait_until(self, instant):
+        """Wait for an instant to be shown."""
+        self.wait(f"() => {NOW} > {instant}")
+
+
+def test_a_session_moves_pauses_runs_on_and_rests_unseen(browser, served):
+    with Live(browser, served) as page:
+        page.wait_until(0.3)
+        first, begun = page.told("tip x, z"), page.time()
+        page.wait_until(begun + 0.4)
+        assert page.told("tip x, z") != first
+        page.click("^Pause$")
+        page.wait("() => document.querySelector('#numbers').innerText.includes('paused')")
+        stopped, tip = page.time(), page.told("tip x, z")
+        page.page.wait_for_timeout(300)
+        assert (page.time(), page.told("tip x, z")) == (stopped, tip)
+        page.click("^Run$")
+        page.wait_until(stopped + 0.3)
+        assert page.complaints == []
+        own = served.page.url.removeprefix("http://")
+        assert not [each for each in page.requests if own not in each and each[:5] != "data:"]
+    # the session rests while nobody looks
+    assert served.gone.wait(timeout=60)
+    last = time.monotonic() + 60
+    while served.page.clock.viewers and time.monotonic() < last:
+        time.sleep(0.01)  # both hear of it, on threads of their own
+    assert served.page.clock.viewers == 0
+
+
+def test_a_user_s_words_stay_text(browser, served):
+    with Live(browser, served) as page:
+        page.wait_until(0.1)
+        assert page.page.get_by_text("<img src=x onerror=alert(1)>").count() >= 1
+        page.click("^Record$")
+        page.wait("() => /Stop and save/.test(document.body.innerText)")
+        page.wait_until(page.time() + 0.2)
+        page.click("^Stop and save")
+        page.wait("() => document.querySelector('#said').innerText.includes('kept <img src=x')")
+        assert page.page.locator("img[src=x]").count() == 0
+        assert page.page.locator("#said b, #said strong, #said a, #said h1").count() == 0
+        assert page.dialogs == []
+    assert [result.status for result in served.kept] == ["ok"]
+
+
+def test_buttons_and_sliders_reach_the_session(browser, served, session):
+    with Live(browser, served) as page:
+        page.wait_until(0.1)
+        slider = page.page.get_by_role("textbox").first
+        slider.fill("0")
+        slider.press("Enter")
+        page.wait("() => /water x, z\\s+-?0.000, -?0.000/.test(document.body.innerText)")
+        page.click("^Throw debris$")
+        page.wait("() => /contact\\s+yes/.test(document.body.innerText)")
+        page.click(r"^\+z$")
+        page.click("^As described$")
+        page.wait("() => !/water x, z\\s+-?0.000, -?0.000/.test(document.body.innerText)")
+        later = page.time()
+        page.click("^Reset$")
+        page.wait(f"() => {NOW} < {later}")
+    assert session.numbers.current == 1.0
+    assert session.state.state.gap.shape[0] == 2
+
+
+def test_mistakes_are_refused_before_anything_is_computed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "many.toml").write_text('[vary]\n"arm.length" = [0.4, 0.5]\n')
+
+    line = refused("live", "still-water", "--port", 70000)
+    assert "--port: got 70000; must be 0 (any free port) to 65535" in line
+    assert "vary: a live session is of one case" in refused("live", "many.toml")
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert 'pip install "crinoid[live]"' in refused("live", "still-water")
+    assert [each.name for each in tmp_path.iterdir()] == ["many.toml"]

@@ -1,0 +1,223 @@
+"""The page of a run: what it holds, how large it is, and that text stays text."""
+
+import json
+import re
+from html import escape
+
+import numpy as np
+import pytest
+
+from crinoid.view.figures import ReportError
+from crinoid.view.figures.charts.chart import Trace
+from crinoid.view.figures.run import Run, with_shapes
+from crinoid.view.page.parts import Pack
+from crinoid.view.page.plots import RECORDS, extreme_instants
+from crinoid.view.page.scene import page_scene, scene_of
+from crinoid.view.page.write import page_of
+from crinoid.view.scene.data import even_indices
+from crinoid.view.scene.mount import base_directions
+from crinoid.view.scene.scene import build_scene
+from helpers.figures import assert_report
+from helpers.pages import HOSTILE, Tags, positions, unpacked
+from helpers.planar_result import swaying_arm
+from helpers.spatial_result import among_obstacles, curling_arm
+from helpers.studies import save
+
+
+@pytest.mark.parametrize("rows", [1, 7, 400])
+def test_packed_numbers_come_back_to_half_a_step(rows):
+    rng = np.random.default_rng(0)
+    some = np.cumsum(rng.normal(0.0, 0.3, (rows, 5)), axis=0)
+    few, wild = rng.uniform(-1.0, 1.0, (rows, 3)), 1e3 * rng.normal(size=(rows, 2))
+    pack = Pack()
+    said = [pack.add(some, 1e-3), pack.add(few, 0.01), pack.add(wild, 1e-3)]
+    assert [each["wide"] for each in said][1:] == [1, 4 if rows > 1 else said[2]["wide"]]
+    for each, values in zip(said, (some, few, wild), strict=True):
+        found = unpacked(pack.text(), each)
+        np.testing.assert_allclose(found, values, atol=0.5001 * each["step"])
+
+
+def test_the_scene_holds_the_arm_where_the_result_has_it():
+    data = among_obstacles(records=61)
+    table, numbers, left_out = scene_of(page_scene([("", data)]))
+    (member,) = table["members"]
+    assert member["nodes"] == data.sizes["node"]
+    assert not left_out
+    found, step = positions(numbers, member, 61)
+    np.testing.assert_allclose(found, data["position"].values, atol=step)
+    kappa = np.linalg.norm(data["curvature"].values, axis=-1)
+    shade = unpacked(numbers, member["fields"]["curvature"])
+    np.testing.assert_allclose(shade, kappa, atol=member["fields"]["curvature"]["step"])
+    ahead = unpacked(numbers, member["ahead"])
+    np.testing.assert_allclose(ahead, base_directions(data), atol=1e-4)
+    kinds = [body["kind"] for body in member["bodies"]]
+    assert kinds == ["sphere", "cylinder", "capsule", "plane"]
+
+
+def test_the_arms_distance_from_a_plane_is_its_height():
+    wall = 'obstacle = [{kind="plane", position=[0.0, 0.0, -10.05], normal=[0.0, 0.0, 2.0]}]\n'
+    data = among_obstacles(records=3, nodes=5, obstacles=wall)
+    (moving,) = build_scene([("", data)], 10, 10).members
+    (field,) = (each for each in moving.fields if each.name == "distance")
+    height = data["position"].values[..., 2] + 10.05 - data["diameter"].values / 2
+    np.testing.assert_allclose(field.values, np.clip(height, 0.0, 0.25 * 0.5), atol=1e-12)
+
+
+def test_a_trace_of_many_values_keeps_its_extremes_and_stays_small():
+    rng = np.random.default_rng(1)
+    time, values, other = np.arange(1_000_000.0), rng.normal(size=1_000_000), np.zeros(1_000_000)
+    values[123_457], other[765_432] = 40.0, -3.0
+    traces = tuple(Trace("", time, each, "ink") for each in (values, other))
+    chosen = extreme_instants(traces[0], traces)
+    assert chosen.size <= RECORDS + 2
+    assert {0, 123_457, 765_432, 999_999} <= set(chosen.tolist())
+    assert values[chosen].min() == values.min()
+    np.testing.assert_array_equal(chosen, extreme_instants(traces[1], traces))
+
+
+def test_instants_are_chosen_evenly_with_the_first_and_the_last():
+    assert even_indices(5, 10).tolist() == [0, 1, 2, 3, 4]
+    chosen = even_indices(100_003, 1501)
+    assert chosen.size == 1501
+    assert chosen[[0, -1]].tolist() == [0, 100_002]
+    assert np.ptp(np.diff(chosen)) <= 1
+
+
+def test_half_a_minute_in_space_at_50_instants_a_second_is_below_3_megabytes():
+    rng, time, runs = np.random.default_rng(0), np.linspace(0.0, 30.0, 1501), []
+    for driven in (True, False):
+        made = curling_arm(records=31, duration=30.0, nodes=101, driven=driven).interp(time=time)
+        made["position"] += 2e-4 * rng.normal(size=made["position"].shape)
+        runs.append(made)
+    text = page_of(Run(*runs))
+    assert len(text.encode()) < 3e6
+    assert re.search(r"shows \d+ of 1501 saved instants", text)
+
+
+def test_a_hundred_thousand_instants_are_thinned_and_the_page_says_so():
+    made = swaying_arm(records=1000, nodes=3).isel(time=np.arange(100_000) // 100)
+    text = page_of(Run(made.assign_coords(time=np.linspace(0.0, 1e4, 100_000))))
+    assert len(text.encode()) < 3e6
+    assert "shows 1501 of 100000 saved instants" in text
+    assert f"at most {RECORDS} of 100000 saved instants" in text
+
+
+@pytest.mark.usefixtures("coarse")
+def test_a_run_that_ends_in_nan_has_figures_and_a_page_up_to_there(tmp_path):
+    broken = swaying_arm(status="diverged at 18 s")
+    for name in ("position", "tip_position", "tip_error", "energy", "base_force"):
+        broken[name][180:] = np.nan
+    save(broken, tmp_path / "result.nc")
+    text = assert_report(tmp_path)[-1].read_text("utf-8")
+    assert "planar arm · 21 nodes · 17.9 s" in text
+    assert '<p class="status">diverged at 18 s</p>' in text
+    note = "21 saved instants are left out: at these the arm has no shape to draw."
+    assert f"<li>{escape(note)}</li>" in text
+
+
+def test_an_arm_that_flies_far_is_packed_more_coarsely():
+    data = swaying_arm(records=5)
+    data["position"][4, -1, 0] = 1e8
+    table, packed, _ = scene_of(build_scene([("", data)], 100, 50))
+    found, _ = positions(packed, table["members"][0], 5)
+    np.testing.assert_allclose(found[4, -1, 0], 1e8, rtol=1e-6)
+
+
+UNFIT = [("base_servo", np.nan), ("flow_velocity", np.nan), ("tip_target", np.nan)]
+UNFIT += [("position", 1e40), ("position", 1e200), ("position", 0.0)]  # no edge points anywhere
+
+
+@pytest.mark.parametrize(("name", "value"), UNFIT)
+def test_the_animation_leaves_out_instants_that_lack_a_number(name, value):
+    broken = swaying_arm(records=40)
+    if name == "base_servo":
+        broken = broken.assign(base_servo=broken["base_pose"].copy())
+    broken[name][[3, 20, 21]] = value
+    space = build_scene([("", broken)], 100, 50)
+    (moving,) = space.members
+    np.testing.assert_array_equal(moving.time, np.delete(broken["time"], [3, 20, 21]))
+    table, _, left_out = scene_of(space)
+    assert len(table["members"][0]["time"]) == 37
+    assert left_out == ["3 instants are left out: at these a number is not finite, or too large."]
+    assert with_shapes(broken, "made").sizes["time"] == (37 if name == "position" else 40)
+    broken[name][:] = value
+    with pytest.raises(ReportError, match="no instant can be drawn"):
+        build_scene([("", broken)], 100, 50)
+
+
+def test_a_floating_submarine_carries_its_mount_and_a_servo_moves_the_root_from_it():
+    data = swaying_arm(records=5)
+    pan = 0.0 * data["base_pose"]
+    pan[:, 2] = np.linspace(0.0, 0.5, 5)  # the vehicle pitches
+    data = data.assign(base_servo=data["base_pose"], vehicle_pose=pan)
+    (moving,) = build_scene([("", data)], 10, 50).members
+    slide = data["base_servo"].values[:, 0]
+    ahead = np.stack([np.cos(pan[:, 2]), 0.0 * slide, np.sin(pan[:, 2])], axis=1)
+    root = moving.mount.anchor + slide[:, None] * ahead
+    np.testing.assert_allclose(root, moving.position[:, 0], atol=1e-12)
+    tilt = data["base_pose"].values[:, 2] + pan[:, 2].values
+    np.testing.assert_allclose(moving.mount.direction[:, 2], np.sin(tilt), atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """Text and tags of a small page."""
+    data = swaying_arm(records=5, status="stopped at 1 s: x", seed=7)
+    text = page_of(Run(data.assign_attrs(notes="the first\nthe second")))
+    return text, Tags(text)
+
+
+def test_a_user_s_words_stay_text(plain):
+    data = swaying_arm(records=5, status=f"stopped at 1 s: {HOSTILE}").assign_attrs(
+        title=HOSTILE, notes=f"{HOSTILE}\nanother", scenario=f"# {HOSTILE}\n[base]\ntilt_deg = 0.0"
+    )
+    page = Tags(page_of(Run(data)))
+    assert not page.attributes("img")
+    assert page.attributes("script") == plain[1].attributes("script")
+    assert page.texts["h1"].strip() == HOSTILE
+    assert HOSTILE in page.texts["toml"]
+    assert page.texts["title"].startswith(HOSTILE)
+
+
+def test_scripts_run_by_their_digest_only_and_the_page_loads_nothing(plain):
+    tags, about = plain[1].tags, plain[1].attributes("meta")
+    (policy,) = (a["content"] for a in about if a.get("http-equiv") == "Content-Security-Policy")
+    assert "default-src 'none'" in policy
+    assert re.search(r"script-src 'sha256-\S+' 'sha256-\S+';", policy)
+    assert not [a for tag, a in tags if tag != "svg" and {"src", "href"} & set(a)]
+
+
+def test_the_page_shows_numbers_notes_and_how_to_repeat_the_run(plain):
+    text, data = plain[0], swaying_arm(records=5, seed=7)
+    assert "<li>the first</li><li>the second</li>" in text
+    assert "<td>seed</td><td>7</td>" in text
+    assert "crinoid run station-keeping-in-a-turbulent-current.toml" in text
+    rms = float(np.sqrt(np.mean(data["tip_error"].values ** 2)))
+    assert f"<td>tip error, RMS</td><td>{1e3 * rms:.3g} mm</td>" in text
+    few = data[["position", "tip_position", "tip_target", "tip_error"]]
+    assert "lacks variables of the summary" in page_of(Run(few))
+
+
+def panels_of(run):
+    """Return what a page says of its panels, by the names of their charts."""
+    table = json.loads(Tags(page_of(run)).texts["table"])
+    return {chart["name"]: chart["panels"] for chart in table["charts"]}
+
+
+def test_charts_have_names_and_units():
+    charts = panels_of(Run(among_obstacles(records=20), curling_arm(records=20, driven=False)))
+    assert list(charts) == ["tip_error", "spectrum", "commands", "contact", "energy", "effort"]
+    error = charts["tip_error"][0]
+    assert (error["label"], error["unit"]) == ("tip error", "mm")
+    assert [trace["name"] for trace in error["traces"]] == ["with control", "without control"]
+    assert [row["name"][:1] for row in charts["contact"][0]["rows"]] == ["0", "1", "2", "3"]
+
+
+def test_each_of_many_actuators_has_its_name():
+    names = [f"chamber_{i}" for i in range(7)]
+    drive = (("time", "input"), np.linspace(0.0, 1.0, 35).reshape(5, 7))
+    data = swaying_arm(records=5).assign_coords(input=names, input_unit=("input", ["1"] * 7))
+    data = data.assign(actuator_state=drive, actuator_command=drive)
+    panels = {panel["name"]: panel for panel in panels_of(Run(data))["commands"]}
+    told = [trace["name"] for trace in panels["actuators_0"]["traces"]]
+    assert [name for name in told if "command" not in name] == names
