@@ -89,10 +89,10 @@ def complete_name(start: str) -> list[str]:
 
 def complete_key(start: str) -> list[str]:
     """Complete a key of a scenario, up to its equals sign."""
-    from crinoid.scenario import Scenario
     from crinoid.scenario.kinds import all_keys
+    from crinoid.scenario.scenario import scenario_schema
 
-    found = all_keys(Scenario.model_json_schema())
+    found = all_keys(scenario_schema())
     return [f"{key}=" for key, table in found.items() if key.startswith(start) and not table]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from functools import cache
 from typing import Any, NamedTuple
 
 import jax
@@ -20,6 +19,7 @@ from crinoid.results.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError, counted, got, refusal, shown
 from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.library import Source, scenario_of
+from crinoid.scenario.scenario import scenario_schema
 from crinoid.simulation import Progress
 from crinoid.simulation.batch import run_batch
 from crinoid.simulation.run import CtrlC
@@ -69,9 +69,6 @@ class Variation(NamedTuple):
         }
         coordinates[_DRAWN] = coordinate(_DRAWN, [run.seed for run in runs])
         return Variation(runs, coordinates)
-
-
-_schema = cache(Scenario.model_json_schema)
 
 
 def _columns(over: Any) -> dict[str, list[Any]]:
@@ -170,7 +167,7 @@ def _instants(scenario: Scenario) -> tuple[float, float]:
 
 def coordinate(key: str, values: list[Any]) -> tuple[Any, ...]:
     """Return a key's values along ``run``; tables and lists of other lengths as JSON."""
-    unit = unit_at(_schema(), key)
+    unit = unit_at(scenario_schema(), key)
     about = {"long_name": "seed of everything random" if key == _DRAWN else key}
     about |= {"units": unit} if unit else {}
     try:
