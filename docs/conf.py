@@ -77,8 +77,6 @@ PAGES = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
-    "benchmarks": "benchmarks.md",
-    "benchmarks/README.md": "benchmarks.md",
 }
 """Pages of these files, which lie outside of this folder."""
 

@@ -40,7 +40,7 @@ def upright_from(result: Result, within: float = 3.0) -> float:
     return float(time[outside[-1]]) if outside.size else 0.0
 
 
-# in air the arm whips about, and takes longer to compute: of its ten starts, benchmarks/hybrid.py
+# in air the arm whips about, and a run lasts longer to compute: three starts
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("density", "starts", "duration"), [(1025.0, 10, 32.0), (0.0, 3, 50.0)], ids=["water", "air"]

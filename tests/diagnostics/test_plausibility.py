@@ -20,7 +20,7 @@ from crinoid.diagnostics.plausibility.table import ANGLES
 from crinoid.scenario import builtin_names
 from helpers.paths import ROOT
 
-TURBULENT = str(ROOT / "benchmarks" / "planar.toml")
+TURBULENT = str(ROOT / "tests" / "helpers" / "turbulent.toml")
 SLIDE, TILT = "base.channels.slide.", "base.channels.tilt."
 SHEAR = "flow=[{kind='shear', velocity=[0.2, 0.0], reference_depth=1.0, ?}]; water.depth=20.0"
 SINE = "flow=[{kind='sine', amplitude=[?, 0.0], frequency_hz=0.2}]"
@@ -39,7 +39,7 @@ EARLY_CHAMBER, EARLY_TENDON = CHAMBER.replace("?", "0.1"), TENDON.replace("?", "
 EULER = "simulation.integrator=implicit-euler"
 
 # By the keys that a rule looks at: a setting, or several, with a blank, what is odd in the blank,
-# and what is plausible. Where a rule needs another scenario than the benchmarks', its name.
+# and what is plausible. Where a rule needs another scenario than that one, its name.
 CASES = {
     "arm.length": ("arm.length=?", ["500", "5e-3"], ["2.0"]),
     "arm.density": ("arm.density=?", ["1.08", "1.08e6"], ["7850"]),

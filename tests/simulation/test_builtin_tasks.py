@@ -4,18 +4,16 @@ import numpy as np
 import pytest
 
 import crinoid
+from crinoid.benchmarks.tasks import TASKS
 from crinoid.results.metrics import driven
-from helpers.paths import ROOT
-from helpers.scripts import load_script
 
 pytestmark = pytest.mark.slow
 
-tasks = load_script(ROOT / "benchmarks" / "tasks.py")
 SHORT = {"reach-3d": 8.0, "trace-3d": 12.0}
 """Tasks of which a part shows as much (s)."""
 
 
-@pytest.mark.parametrize("name", tasks.TASKS)
+@pytest.mark.parametrize("name", TASKS)
 def test_a_task_is_done(name):
     scenario = crinoid.load(name)
     duration = SHORT.get(name, scenario.simulation.duration)
@@ -23,8 +21,8 @@ def test_a_task_is_done(name):
     scenario = scenario.with_values(changes)
     result = crinoid.simulate(scenario)
     assert result.dataset.attrs["status"] == "ok"
-    found = tasks.TASKS[name](result.dataset, scenario)
-    assert {key: value for key, (value, good) in found.items() if not good} == {}
+    found = TASKS[name](result.dataset, scenario)
+    assert {key: score for key, score in found.items() if not score.good} == {}
     # base and chambers: all of them do a part of the work
     used = [np.ptp(driven(result.dataset, each)) for each in scenario.driven]
     assert min(used) > 1e-2

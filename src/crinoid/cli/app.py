@@ -186,6 +186,33 @@ def live(
 
 
 @app.command()
+@one_line_errors()
+def bench(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME]...", help="Benchmarks; --list names them.", show_default="all"
+        ),
+    ] = None,
+    peers: Annotated[
+        bool, option("Run other programs that are installed, too.", name="--peers")
+    ] = False,
+    listed: Annotated[bool, option("List the benchmarks, and run none.", name="--list")] = False,
+    out: Annotated[Path | None, out_option("results/bench")] = None,
+    force: Annotated[bool, option("Replace earlier benchmarks.", name="--force")] = False,
+) -> None:
+    """Measure times of steps, runs and commands, and the errors that they buy."""
+    folder = folder_for(out, "bench")
+    with Loading():
+        from crinoid.cli.bench import chosen, list_benchmarks, run_benchmarks
+
+    if listed:
+        list_benchmarks()
+    else:
+        end(run_benchmarks(chosen(names or ()), folder, peers=peers, force=force))
+
+
+@app.command()
 @one_line_errors("interrupted")
 def scenarios(
     copy: Annotated[

@@ -47,7 +47,7 @@ _ONE_THREAD = ("NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THRE
 _LONGEST = 10.0
 """Time after which a trial is long enough (s)."""
 _RUN, _BATCH = 400, 18_000
-"""Bytes on the disk of a run, and of a batch without its runs (`benchmarks/sweep.py`)."""
+"""Bytes on the disk of a run, and of a batch without its runs."""
 _ROWS = {
     "rms_error": "tip error, RMS",
     "max_error": "tip error, maximum",

@@ -1,0 +1,106 @@
+"""Write the tables and figures of `docs/performance.md` from the files of `crinoid bench`.
+
+    python docs/make_performance_page.py FOLDER ...
+
+Each folder has a `bench.json`; of a benchmark in several of them the last one counts.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from PIL import Image
+
+from crinoid.cli.bench import BENCH, shown
+from crinoid.view.figures import style
+from crinoid.view.figures.benchmarks import draw_benchmark
+
+PAGE = Path(__file__).with_name("performance.md")
+IMAGES = PAGE.parent / "images" / "performance"
+MOST_BYTES, COLOURS, DPI = 40_000, 64, 110
+
+Part = dict[str, Any]
+
+
+def conditions(files: list[Part]) -> str:
+    """Return the commands, and what their numbers depend on."""
+    commands = dict.fromkeys(file["command"] for file in files)
+    machine, versions = files[0]["machine"], files[0]["versions"]
+    about = ", ".join(f"{name} {number}" for name, number in versions.items())
+    where = f"{machine['cores']} cores ({machine['processor']}), {machine['system']}"
+    return "\n".join(["```", *commands, "```", "", f"{files[0]['date']}, {where}, {about}."])
+
+
+def tables(rows: list[Part]) -> list[str]:
+    """Return a table for each quantity, without the curves, which the figure shows."""
+    rows = [row for row in rows if "error" not in row["at"]]
+    lines = []
+    for quantity in dict.fromkeys(row["quantity"] for row in rows):
+        own = [row for row in rows if row["quantity"] == quantity]
+        keys = [key for key in own[0]["at"] if len({row["at"].get(key) for row in own}) > 1]
+        heads = [*(["engine"] if len({row["engine"] for row in rows}) > 1 else []), *keys]
+        spread = any(row["least"] < row["most"] for row in own)
+        values = ("median", "least", "most") if spread else ("median",)
+        titles = [
+            quantity,
+            *(head.replace("_", " ") for head in heads),
+            *(values if spread else [""]),
+        ]
+        lines += [_row(titles), "|---" * (1 + len(heads)) + "|---:" * len(values) + "|"]
+        for row in own:
+            at = [row["engine"] if head == "engine" else f"{row['at'][head]:.3g}" for head in heads]
+            lines.append(_row([row["name"], *at, *(shown(row[v], row["unit"]) for v in values)]))
+        lines.append("")
+    return lines
+
+
+def _row(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def section(name: str, file: Part) -> str:
+    """Return figure, tables and remarks of a benchmark."""
+    part = file["benchmarks"][name]
+    lines = [f"![{part['title']}](images/performance/{name}.png)", "", *tables(part["rows"])]
+    lines += [f"- {remark}." for remark in part["remarks"]]
+    if name == "precision" and file["peers"]:
+        lines += ["", "| Engine | Leaves out, or does otherwise |", "|---|---|"]
+        lines += [_row([peer["name"], peer["leaves out"]]) for peer in file["peers"]]
+    return "\n".join(lines).rstrip()
+
+
+def draw(name: str, part: Part) -> None:
+    """Write a figure in few colours."""
+    picture = io.BytesIO()
+    with mpl.rc_context({**style.STYLE, "savefig.dpi": DPI}):
+        draw_benchmark(part["title"], part["rows"]).savefig(picture, facecolor="white")
+    path = IMAGES / f"{name}.png"
+    Image.open(picture).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+    if (size := path.stat().st_size) > MOST_BYTES:
+        sys.exit(f"{path}: {size} bytes; must be at most {MOST_BYTES}")
+
+
+def main() -> None:
+    """Write page and figures."""
+    files = [json.loads((Path(name) / BENCH).read_text("utf-8")) for name in sys.argv[1:]]
+    parts = {name: file for file in files for name in file["benchmarks"]}
+    texts = {"conditions": conditions(files)}
+    texts |= {name: section(name, file) for name, file in parts.items()}
+    IMAGES.mkdir(parents=True, exist_ok=True)
+    for name, file in parts.items():
+        draw(name, file["benchmarks"][name])
+    page = PAGE.read_text(encoding="utf-8")
+    for name, text in texts.items():
+        begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+        head, rest = page.split(begin)
+        page = f"{head}{begin}\n\n{text}\n\n{end}{rest.split(end)[1]}"
+    PAGE.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

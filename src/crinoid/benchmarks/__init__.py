@@ -1,0 +1,4 @@
+"""Benchmarks: times of steps, runs and commands, next to other programs.
+
+May import ``learning`` and lower folders.
+"""

@@ -1,0 +1,121 @@
+"""Benchmarks at a tiny size: their rows are there, finite and positive; no time is judged."""
+
+import json
+import math
+
+import pytest
+
+import crinoid.benchmarks.peers as peers
+from crinoid.benchmarks.measurement import Row, Scope, in_turn, row
+from crinoid.benchmarks.registry import BENCHMARKS
+from crinoid.benchmarks.releases import RELEASES
+from crinoid.cli.bench import run_benchmarks
+from helpers.command import refused, succeeded
+
+TINY = Scope(
+    repeats=2, nodes=(5, 9), duration=0.2, arms=2, seeds=1, most=2
+)  # fmt: skip
+NAMES = {
+    "precision": {release.name for release in RELEASES},
+    "step": {"plane, closed loop", "space, bare step", "plane, vortices"},
+    "batch": {"whole runs, PID", "bare steps, one by one", "bare steps, together (vmap)"},
+    "gradient": {"plane, run", "space, gradient by all numbers"},
+    "start": {"import crinoid, first time", "import jax, later"},
+    "controllers": {"station-keeping, neural", "0.08 m/s, pid, vortices"},
+    "tasks": {"trace", "trace-3d"},
+}
+
+
+def checked(name, scope=TINY):
+    """Return the rows of a benchmark, all of whose values are finite and positive."""
+    rows = [each for each in BENCHMARKS[name].benchmark(scope) if isinstance(each, Row)]
+    for each in rows:
+        assert 0 <= each.least <= each.median <= each.most < math.inf
+        # errors of a run that lasts an instant, and the shares of runs, may be none
+        assert each.median > 0 or each.unit in {"1", "m"}
+    assert NAMES[name] <= {each.name for each in rows}
+    return rows
+
+
+def test_every_benchmark_has_a_test():
+    assert set(NAMES) == set(BENCHMARKS)
+
+
+def test_values_are_summed_up_over_repeats_that_run_in_turn():
+    calls = []
+    times = in_turn([lambda: calls.append("a"), lambda: calls.append("b")], 2)
+    assert calls == ["a", "b"] * 3  # the first ones do not count
+    assert times.shape == (2, 2)
+    assert row("x", "time", "s", [3.0, 1.0, 2.0], nodes=5)[3:6] == (2.0, 1.0, 3.0)
+
+
+def test_a_command_writes_rows_conditions_and_a_figure(tmp_path):
+    folder = tmp_path / "bench"
+    assert run_benchmarks(["start"], folder, peers=False, force=False, scope=TINY) == ""
+    found = json.loads((folder / "bench.json").read_text("utf-8"))
+    assert set(found) == {
+        *("command", "status", "date", "machine", "versions", "peers", "benchmarks")
+    }
+    assert found["machine"]["cores"] >= 1
+    assert found["versions"].keys() >= {"crinoid", "python", "jax", "numpy"}
+    rows = found["benchmarks"]["start"]["rows"]
+    assert {each["name"] for each in rows} >= NAMES["start"]
+    assert rows[0].keys() == set(Row._fields)
+    assert (folder / "start.png").stat().st_size > 1000
+    assert "contains benchmarks" in refused("bench", "start", "--out", folder)
+
+
+def test_what_is_done_is_kept_after_an_interruption(tmp_path, monkeypatch):
+    def interrupted(scope):
+        yield row("first", "time", "s", [1.0])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(BENCHMARKS["step"], "benchmark", interrupted)
+    ended = run_benchmarks(["step", "start"], tmp_path, peers=False, force=False, scope=TINY)
+    assert ended.startswith("interrupted in step")
+    found = json.loads((tmp_path / "bench.json").read_text("utf-8"))
+    assert found["status"] == ended
+    assert [each["name"] for each in found["benchmarks"]["step"]["rows"]] == ["first"]
+
+
+def test_a_failure_is_reported_and_the_others_run(tmp_path, monkeypatch):
+    def failing(scope):
+        yield row("first", "time", "s", [1.0])
+        raise RuntimeError("a step failed")
+
+    monkeypatch.setattr(BENCHMARKS["step"], "benchmark", failing)
+    ended = run_benchmarks(["step", "start"], tmp_path, peers=False, force=False, scope=TINY)
+    assert ended == "step: a step failed"
+    assert (tmp_path / "start.png").exists()
+
+
+def test_the_list_names_all_and_another_name_is_refused():
+    listed = succeeded("bench", "--list")
+    assert [line.split()[0] for line in listed.splitlines()] == list(BENCHMARKS)
+    line = refused("bench", "stepp")
+    assert line.startswith('crinoid: NAME: got "stepp"; must be "precision", "step", ')
+
+
+def test_a_peer_that_is_not_installed_is_a_line(monkeypatch):
+    monkeypatch.setattr(peers, "_PEERS", ("nothing",))
+    found, (line,) = peers.find_peers()
+    assert found == ()
+    assert line.startswith("nothing is left out (")
+    assert line.endswith("pip install 'crinoid[bench]'")
+
+
+@pytest.mark.parametrize("engine", peers.find_peers()[0], ids=lambda engine: engine.name)
+def test_a_peer_lets_the_arm_fall(engine):
+    for release in RELEASES:
+        if release.name in engine.states:
+            short = release._replace(duration=0.2)
+            tips, seconds = engine.prepare(short, engine.meshes[0], 0.0005)()
+            assert tips.shape == (2, 3 if "space" in release.name else 2)
+            assert -0.05 < tips[-1, -1] < tips[0, -1]
+            assert seconds > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in BENCHMARKS if name != "start"])
+def test_a_benchmark_yields_its_rows(name):
+    checked(name)
