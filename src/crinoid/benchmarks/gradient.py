@@ -37,7 +37,7 @@ def _mean_square(numbers: Parameters, loop: Loop, state: State, steps: int) -> F
     return jnp.mean(jnp.sum(run.kept.error**2, axis=1))
 
 
-def _four(numbers: Parameters) -> list[Array]:
+def _four(numbers: Parameters) -> list[Any]:
     """Return Young's modulus and radius of the arm, density of the water, and the current."""
     arm, flow = numbers.arm, numbers.flow[0]
     assert isinstance(flow, Uniform)

@@ -22,6 +22,7 @@ _LONGEST = 1.0
 """Time of a run from which on no longer one is tried (s)."""
 _GAIN = 0.9
 """Ratio of errors above which a shorter time step no longer pays: the mesh decides."""
+Start = Float[np.ndarray, " axis"]
 
 
 @compiled(**OFTEN)
@@ -80,7 +81,7 @@ def benchmark(scope: Scope) -> Rows:
         release = release._replace(duration=scope.duration or release.duration)
         engines = [ENGINE, *(peer for peer in scope.peers if release.name in peer.states)]
         arm = system(release.scenario(101))
-        start = np.asarray(arm.tip(arm.rest()))[None, : arm.forces.origin.size] - arm.forces.origin
+        start = np.asarray(arm.tip(arm.rest())[: arm.forces.origin.size] - arm.forces.origin)
         truths, runs = {}, []
         for engine in engines:
             engine = engine._replace(meshes=engine.meshes[: scope.most and scope.most + 1])
@@ -121,12 +122,12 @@ def _converged(engine: Engine, release: Release) -> Tips:
     return found
 
 
-def _distance(found: Tips, truth: Tips, start: Tips) -> float:
+def _distance(found: Tips, truth: Tips, start: Start) -> float:
     farthest = np.max(np.linalg.norm(truth - start, axis=1))
     return float(np.max(np.linalg.norm(found - truth, axis=1)) / farthest)
 
 
-def _tried(engine: Engine, release: Release, truth: Tips, start: Tips) -> list[_Run]:
+def _tried(engine: Engine, release: Release, truth: Tips, start: Start) -> list[_Run]:
     """Return runs of all meshes but the finest, with shorter and shorter time steps."""
     found = []
     for nodes in engine.meshes[:-1]:

@@ -76,8 +76,7 @@ def _tips(system: object, release: Release, z: float) -> Tips:
             moordyn.Step(system, [], [], number * release.interval, release.interval)
         except RuntimeError:  # a step that is no number
             break
-        x, _, height = moordyn.GetPointPos(point)
-        tip[:] = x, height - z
+        tip[:] = np.array(moordyn.GetPointPos(point))[[0, 2]] - [0.0, z]
     return tips
 
 
