@@ -129,7 +129,8 @@ def _processor() -> str:
 
 
 def _show(rows: Sequence[Row]) -> None:
-    """Print a table for each quantity."""
+    """Print a table for each quantity; the figure has the curves of those with an error."""
+    rows = [row for row in rows if "error" not in row.at]
     for quantity in dict.fromkeys(row.quantity for row in rows):
         console.print(_table(quantity, [row for row in rows if row.quantity == quantity]))
 
