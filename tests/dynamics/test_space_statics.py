@@ -18,9 +18,10 @@ from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.flow import Water
 from crinoid.numerics.frames import Frames, Orientation, spun, tangents, transport
+from crinoid.validation.elastica import elastica
 from helpers import slender
 from helpers.arms import QUICKLY, dense, order
-from helpers.elastica import CRITICAL, UPRIGHT, elastica
+from helpers.elastica import CRITICAL, UPRIGHT
 from helpers.slender import (
     EA,
     MESHES,

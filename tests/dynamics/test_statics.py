@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from crinoid.dynamics.statics import static_stage
 from crinoid.dynamics.tangent import BOUNDARY_NODES
+from crinoid.validation.elastica import Shape, elastica
 from helpers.arms import QUICKLY, dense, facing, order
 from helpers.elastica import (
     BLADES,
@@ -21,8 +22,6 @@ from helpers.elastica import (
     MATTIASSON,
     OWN_WEIGHT,
     UPRIGHT,
-    Shape,
-    elastica,
 )
 from helpers.slender import (
     EA,
