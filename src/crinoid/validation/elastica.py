@@ -1,6 +1,6 @@
 """Inextensible planar rods by shooting: references that share nothing with crinoid's rod."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-Vector = tuple[float, float]
+Vector = Sequence[float] | Float[np.ndarray, "2"]
 
 
 class PlanarEnd(NamedTuple):
