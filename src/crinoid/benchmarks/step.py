@@ -43,7 +43,7 @@ _EFFECTS: dict[str, dict[str, Any]] = {
 def steady(axes: str, scope: Scope, values: Mapping[str, Any] | None = None) -> Scenario:
     """Return the arm in a uniform current, with other values of some keys."""
     current = {"kind": "uniform", "velocity": _SPEED[axes], "ramp_time": 3.0}
-    own = {"arm.nodes": scope.nodes[0], "flow": [current], **(values or {})}
+    own = {"arm.nodes": scope.nodes[0], "flow": [current], "water.vortices": None, **(values or {})}
     return scope.shortened(load(ARMS[axes]), own)
 
 
