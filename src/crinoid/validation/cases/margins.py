@@ -80,8 +80,8 @@ def _run() -> Evidence:
         axes.plot(np.cos(around), np.sin(around), color=INK, linewidth=0.5)
         drawn = {
             "third order": (BLUE, (-1.1, -0.7)),
-            "two resonances": (GREEN, (0.6, 0.4)),
-            "triple pole": (PURPLE, (1.3, -1.4)),
+            "two resonances": (GREEN, (0.6, 0.55)),
+            "triple pole": (PURPLE, (1.5, -1.6)),
         }
         for name, (colour, place) in drawn.items():
             axes.plot(loops[name].real, loops[name].imag, color=colour)
@@ -90,6 +90,7 @@ def _run() -> Evidence:
             axes.plot([-1, at.real], [0, at.imag], "--", color=colour, linewidth=0.9)
         axes.plot(-1, 0, "+", color=INK, markersize=10)
         axes.set(xlabel="real part", ylabel="imaginary part", xlim=(-1.6, 2.4), ylim=(-1.9, 1.1))
+        axes.set_aspect("equal", adjustable="datalim")
 
     return Evidence(checks, draw=draw)
 
