@@ -15,7 +15,7 @@ _LENGTH, _RADIUS, _MODULUS = 0.5, 0.02, 5e5
 _SOLID, _WATER, _DRAG, _GRAVITY = 1080.0, 1025.0, 1.1, 9.81
 _AREA = np.pi * _RADIUS**2
 _EA, _EI = _MODULUS * _AREA, _MODULUS * _AREA * _RADIUS**2 / 4
-_SPEEDS = (0.1, 0.25, 0.4)
+SPEEDS = (0.1, 0.25, 0.4)
 _EDGE = _LENGTH / (MESHES[-1] - 1)
 
 
@@ -72,7 +72,7 @@ def scenario(nodes: int, speed: float) -> Scenario:
 def _run() -> Evidence:
     checks, scenarios, shapes = [], {}, []
     errors = np.zeros(len(MESHES))
-    for speed in _SPEEDS:
+    for speed in SPEEDS:
         rod = exact(speed)
         end = rod[:, -1]
         for mesh, nodes in enumerate(MESHES):
@@ -109,7 +109,7 @@ CASE = Case(
     title="An arm hangs in a steady current that pushes its tip to the side.",
     source="Two-point boundary-value problem of a rod with drag across it, weight and buoyancy, "
     "which the case solves by collocation to 1e-9.",
-    method=f"Static equilibrium with {MESHES[-1]} nodes at {', '.join(map(str, _SPEEDS))} m/s; the "
+    method=f"Static equilibrium with {MESHES[-1]} nodes at {', '.join(map(str, SPEEDS))} m/s; the "
     f"order is from {MESHES[0]} and {MESHES[-1]} nodes.",
     reason="The error of the mesh has order 2 in the length of an edge, L/40; the tip is within a "
     "third of an edge squared, over L. The ends add a term of order 3, hence 0.25 on the order.",
