@@ -153,9 +153,9 @@ def _run() -> Evidence:
     remarks = (
         f"Shear and rotary inertia, which crinoid leaves out, lower the first frequency by "
         f"{100 * (1 - share):.2f} %: PyElastica's arm is late by that share.",
-        f"With damping_time = {_DAMPING:g} s the tip is off those in print, of other laws of "
-        f"damping and of two segments in SoRoMoX and SoRoSim, at 0.5, 1 and 2 s by (mm): "
-        f"{'; '.join(damped)}.",
+        f"With damping_time = {_DAMPING:g} s the tip is off those in print at 0.5, 1 and 2 s by "
+        f"(mm): {'; '.join(damped)}. SoRoMoX and SoRoSim have two segments there, which explains "
+        "their distance (see soromox-fall); PyElastica has another law of damping.",
     )
     return Evidence(checks, None, scenarios, draw, remarks)
 
