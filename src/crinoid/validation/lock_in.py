@@ -70,6 +70,7 @@ def scenario(speed: float, heaviness: float = 1.0) -> Scenario:
             "water.gravity": GRAVITY,
             "water.vortices": {"lift": LIFT, "centre": CENTRE, "range": RANGE, "in_line": 0.0},
             "flow": [{"kind": "uniform", "velocity": [speed, 0.0, 0.0]}],
+            "simulation.start": "rest",
             "simulation.time_step": STEP,
             "simulation.duration": DURATION,
             "output.interval": STEP,

@@ -14,7 +14,7 @@ from crinoid.validation.cases.hanging_in_current import SPEEDS, scenario
 from crinoid.validation.slender import MESHES, tip_of
 from crinoid.view.figures.style import BLUE, VERMILLION, key
 
-_EDGES, _TIME_STEP, _DURATION = 20, 1e-3, 8.0
+_EDGES, _TIME_STEP, _DURATION = 20, 1e-3, 16.0
 _DECK = """--- CableDyn input file ---
 an arm that hangs
 --- LINE TYPES ---

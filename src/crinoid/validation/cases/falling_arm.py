@@ -145,10 +145,10 @@ def _run() -> Evidence:
             "s",
             mfc="none",
             color=VERMILLION,
-            label="undamped",
+            label="PyElastica, undamped",
         )
-        axes.set(xlabel="time (s)", ylabel="z of the tip (m)")
-        axes.legend(ncols=2, fontsize=8, frameon=False)
+        axes.set(xlabel="time (s)", ylabel="z of the tip (m)", ylim=(-0.56, 0.25))
+        axes.legend(ncols=2, fontsize=8, frameon=False, loc="upper center")
 
     remarks = (
         f"Shear and rotary inertia, which crinoid leaves out, lower the first frequency by "

@@ -99,7 +99,7 @@ def _run() -> Evidence:
         key(axes)
 
     remarks = (
-        "CableDyn 0.3.0 gives x of the tip as 0.0238306, 0.1310578 and 0.2362216 m, 0.11 % more.",
+        "CableDyn 0.3.0 gives x of the tip as 0.0238306, 0.1310578 and 0.2362216 m, 0.1 % more.",
     )
     return Evidence(checks, order, scenarios, draw, remarks)
 

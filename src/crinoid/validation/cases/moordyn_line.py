@@ -9,6 +9,7 @@ from crinoid.validation.cases.hanging_in_current import SPEEDS, scenario
 from crinoid.validation.slender import MESHES, tip_of
 from crinoid.view.figures.style import BLUE, VERMILLION, key
 
+_SPEEDS = SPEEDS[:2]
 _EDGES, _TIME_STEP, _INTERVAL, _DURATION = 20, 1e-3, 0.1, 30.0
 
 
@@ -16,7 +17,7 @@ def _run() -> Evidence:
     from crinoid.validation.moordyn import HangingLine, moordyn_tips
 
     checks, scenarios, ends, paths = [], {}, [], []
-    for speed in SPEEDS:
+    for speed in _SPEEDS:
         scenarios[f"{speed:g}"] = arm = scenario(MESHES[-1], speed)
         rod, water = arm.arm, arm.water
         assert isinstance(rod.radius, float)
@@ -54,7 +55,11 @@ def _run() -> Evidence:
         axes.set(xlabel="time (s)", ylabel="x of the tip (m)", xlim=(0.0, 10.0))
         key(axes)
 
-    return Evidence(checks, None, scenarios, draw)
+    remarks = (
+        f"At {SPEEDS[-1]:g} m/s the drag presses a part of the arm together, by up to 0.26 N. "
+        "MoorDyn's lines do not resist compression, and its line does not come to rest.",
+    )
+    return Evidence(checks, None, scenarios, draw, remarks)
 
 
 CASE = Case(
