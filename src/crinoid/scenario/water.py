@@ -20,8 +20,9 @@ class Vortices(Model):
     A model's own numbers have its defaults where they are left out.
     """
 
-    model: Literal["synchronisation", "wake-oscillator"] = entry(
-        "synchronisation", "A phase that follows the arm, or a van der Pol oscillator."
+    model: Literal["synchronisation", "wake-oscillator", "none"] = entry(
+        "synchronisation",
+        "A phase that follows the arm, or a van der Pol oscillator; none: no vortices.",
     )
     lift: float | None = entry(
         None, "Lift coefficient; 0.8 of synchronisation, 0.3 of wake-oscillator.", ge=0
@@ -47,6 +48,8 @@ class Vortices(Model):
         return {name: defaults[name] if x is None else x for name, x in given.items()}
 
     def _conflicts(self) -> Iterator[Mistake]:
+        if self.model == "none":  # an override, which leaves the other numbers as they are
+            return
         numbers = self.numbers
         for name in ("centre", "range", "strouhal", "coupling", "damping"):
             if name not in numbers and getattr(self, name) is not None:
@@ -84,6 +87,12 @@ class Water(Model):
     )
     depth: Metres | None = entry(None, "Depth: the bed is at z = -depth, the surface at 0.", gt=0)
     vortices: Vortices | None = entry(None, "Vortex shedding; none without this table.")
+
+    @property
+    def shedding(self) -> Vortices | None:
+        """Vortex shedding, if there is any."""
+        table = self.vortices
+        return None if table is None or table.model == "none" else table
 
     def _conflicts(self) -> Iterator[Mistake]:
         if self.coefficients == "literature":
