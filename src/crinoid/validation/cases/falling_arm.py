@@ -29,7 +29,7 @@ _DAMPED = {
 }
 
 
-class Path(NamedTuple):
+class TipPath(NamedTuple):
     """Times (s) and the tip at each (m)."""
 
     time: Float[np.ndarray, " t"]
@@ -71,10 +71,10 @@ def hardly_stretching() -> Scenario:
     return plain.with_values({"arm.section": {"EA": float(STIFFER * MODULUS * area)}})
 
 
-def simulated_tips(scenario: Scenario) -> Path:
+def simulated_tips(scenario: Scenario) -> TipPath:
     """Return times (s) and the tip at each (m)."""
     dataset = simulate(scenario).dataset
-    return Path(dataset["time"].values, dataset["tip_position"].values)
+    return TipPath(dataset["time"].values, dataset["tip_position"].values)
 
 
 def timoshenko_share() -> float:

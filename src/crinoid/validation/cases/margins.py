@@ -89,8 +89,13 @@ def _run() -> Evidence:
             at = loops[name][np.argmin(np.abs(1 + loops[name]))]
             axes.plot([-1, at.real], [0, at.imag], "--", color=colour, linewidth=0.9)
         axes.plot(-1, 0, "+", color=INK, markersize=10)
-        axes.set(xlabel="real part", ylabel="imaginary part", xlim=(-1.6, 2.4), ylim=(-1.9, 1.1))
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set(
+            xlabel="real part",
+            ylabel="imaginary part",
+            xlim=(-1.6, 2.4),
+            ylim=(-1.9, 1.1),
+            aspect="equal",
+        )
 
     return Evidence(checks, draw=draw)
 
