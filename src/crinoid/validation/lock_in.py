@@ -26,7 +26,7 @@ EI = float(2 * DISPLACED * (2 * np.pi) ** 2 * LENGTH**4 / _ROOTS[0] ** 4)
 """Such that an arm as heavy as water has a lowest natural frequency of 1 Hz in water (N m2)."""
 
 
-class Vibration(NamedTuple):
+class LockIn(NamedTuple):
     """Motion of the tip across the current, and along it."""
 
     time: Float[np.ndarray, " t"]
@@ -78,16 +78,16 @@ def scenario(speed: float, heaviness: float = 1.0) -> Scenario:
     )
 
 
-def simulated(arm: Scenario) -> Vibration:
+def simulated(arm: Scenario) -> LockIn:
     """Return the vibration of the arm by crinoid."""
     late = simulate(arm).dataset.sel(time=slice(DURATION - JUDGED, None))
     x, y = (late["tip_position"].sel(axis=axis).values for axis in ("x", "y"))
-    return Vibration(late["time"].values, y, float(x.mean()))
+    return LockIn(late["time"].values, y, float(x.mean()))
 
 
 def integrated(
     speed: float, heaviness: float = 1.0, *, lifted: float = 1.0, memory: float | None = None
-) -> Vibration:
+) -> LockIn:
     """Return the vibration of a linear beam of three modes along and across the current.
 
     Vortices of synchronisation act at Gauss points (Thorsen, Saevik and Larsen 2014, eq. 12, 13).
@@ -144,7 +144,7 @@ def integrated(
     close = {"rtol": 1e-9, "atol": 1e-10, "max_step": 0.05}
     found = solve_ivp(rates, (0, DURATION), start, "DOP853", t_eval=time, **close).y
     tip = _shapes(np.ones(1))[:, 0]
-    return Vibration(time, tip @ found[6:9], float(np.mean(tip @ found[:3])))
+    return LockIn(time, tip @ found[6:9], float(np.mean(tip @ found[:3])))
 
 
 def _shapes(s: Float[np.ndarray, " place"]) -> Float[np.ndarray, "mode place"]:

@@ -19,7 +19,7 @@ from crinoid.validation.lock_in import (
     NODES,
     RANGE,
     STEP,
-    Vibration,
+    LockIn,
     integrated,
     scenario,
     simulated,
@@ -36,7 +36,7 @@ _LIFTED = 1 - 0.5 / _EDGES
 """MoorDyn has no lift on the half segment at the tip."""
 
 
-def _moordyn(speed: float) -> Vibration:
+def _moordyn(speed: float) -> LockIn:
     from crinoid.validation.moordyn import HangingLine, moordyn_tips
 
     line = HangingLine(
@@ -55,7 +55,7 @@ def _moordyn(speed: float) -> Vibration:
     )
     tips = moordyn_tips(line, speed, time_step=_TIME_STEP, interval=STEP, duration=DURATION)
     late = tips[-round(JUDGED / STEP) :]
-    return Vibration(STEP * np.arange(late.shape[0]), late[:, 1], float(late[:, 0].mean()))
+    return LockIn(STEP * np.arange(late.shape[0]), late[:, 1], float(late[:, 0].mean()))
 
 
 def _run() -> Evidence:

@@ -85,8 +85,8 @@ def _run() -> Evidence:
     apart = 1e3 * np.hypot(*(fallen[2] - theirs).T)
     remarks = (
         "Two segments, as in print, are off the refined ones by "
-        f"{', '.join(f'{x:.0f}' for x in apart)} mm at {', '.join(map(str, _TIMES))} s: so far the "
-        "tip of falling-arm is from theirs.",
+        f"{', '.join(f'{x:.0f}' for x in apart)} mm at {', '.join(map(str, _TIMES))} s. The tip of "
+        "falling-arm is as far from theirs.",
     )
     return Evidence(checks, None, {"": scenario}, draw, remarks)
 
