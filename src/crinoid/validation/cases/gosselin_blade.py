@@ -57,16 +57,16 @@ def _share(nodes: int, cauchy: float) -> float:
 
 def _run() -> Evidence:
     curve, highest = {}, np.pi / 2 - 1e-9
-    for cauchy in sorted({*_FIGURES, *_TAIL, *np.logspace(-1, 3, 17)}):
+    for cauchy in sorted({*_FIGURES, *_TAIL, *np.logspace(-1, 3, 25)}):
         # a soft blade has more than one equilibrium: this branch bends ever more as C rises
         shape = exact(cauchy, highest)
         highest, curve[cauchy] = shape.angle, shape.reach
     references = {0.1: curve[0.1], **_FIGURES, 100.0: curve[100.0]} | {c: curve[c] for c in _TAIL}
     found = {cauchy: _share(MESHES[-1], cauchy) for cauchy in references}
-    checks = [
-        Check(f"R, C = {c:.4g}", reference, found[c], max(2e-6, _EDGE**2 / 12 * c ** (2 / 3)))
-        for c, reference in references.items()
-    ]
+    checks = []
+    for cauchy, reference in references.items():
+        within = _EDGE**2 / 12 * cauchy ** (2 / 3) + 1e-6 / cauchy
+        checks.append(Check(f"R, C = {cauchy:.4g}", reference, found[cauchy], within, "1", True))
     slope = np.log(found[_TAIL[1]] / found[_TAIL[0]]) / np.log(_TAIL[1] / _TAIL[0])
     checks.append(Check("slope of ln R, C = 316 to 1000", -1 / 3, float(slope), 0.01))
     order = order_of([abs(_share(nodes, 10.0) - curve[10.0]) for nodes in MESHES])
@@ -96,8 +96,8 @@ CASE = Case(
     method=f"Static equilibrium with {MESHES[-1]} nodes; R is the force along the current on the "
     f"clamp. The order is from {MESHES[0]} and {MESHES[-1]} nodes.",
     reason="The blade bends over a length L C^(-1/3); the trapezoid rule over an edge of L/40 is "
-    "off by a twelfth of the square of their ratio. The slope has 0.007 of that, and the exact "
-    "one is still 0.003 from its limit.",
+    "off by a twelfth of the square of their ratio. Stretching forces have a round-off of 1e-6 N "
+    "in all. The slope has 0.007 of the former, and the exact one is still 0.003 from its limit.",
     kind="exact",
     run=_run,
 )

@@ -7,7 +7,7 @@ from crinoid.simulation import equilibrium
 from crinoid.validation.case import Case, Check, Evidence
 from crinoid.validation.cases.gosselin_blade import blade
 from crinoid.validation.slender import MESHES
-from crinoid.view.figures.style import BLUE, INK, key
+from crinoid.view.figures.style import BLUE, VERMILLION, key
 
 _NODES = MESHES[-1]
 _RATIOS = (0.25, 1.0, 4.0)
@@ -40,11 +40,12 @@ def _run() -> Evidence:
         for ratio, shape in zip(_RATIOS, shapes, strict=True):
             axes.plot(*shape.T, color=BLUE, label="crinoid")
             angle = exact(ratio)
-            end = np.sin(angle), -np.cos(angle)
-            axes.plot([0.0, end[0]], [0.0, end[1]], "--", color=INK, linewidth=0.8, label="exact")
-            text = f"{ratio:g} w: {np.degrees(angle):.3f} deg"
-            axes.annotate(text, end, (7, -3), textcoords="offset points")
-        axes.set(xlabel="x/L", ylabel="z/L", aspect="equal", xlim=(-0.1, 1.6))
+            middle = shape[_NODES // 2]
+            line = middle + np.outer([0.0, 0.6], [np.sin(angle), -np.cos(angle)])
+            axes.plot(*line.T, "--", color=VERMILLION, label="exact direction")
+            text = f"drag {ratio:g} w: {np.degrees(angle):.3f} deg"
+            axes.annotate(text, line[1], (5, -3), textcoords="offset points")
+        axes.set(xlabel="x/L", ylabel="z/L", aspect="equal", xlim=(-0.1, 1.7))
         key(axes)
 
     remarks = (

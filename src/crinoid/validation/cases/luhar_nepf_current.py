@@ -43,8 +43,9 @@ def _run() -> Evidence:
             axes.plot(*shape.T, color=BLUE, label="crinoid")
             axes.plot(end.x, end.z, "o", mfc="none", color=INK, label="exact tip")
             text = f"Ca {cauchy:g}, B {buoyancy:g}"
-            axes.annotate(text, (end.x, end.z), (7, -3), textcoords="offset points")
-        axes.set(xlabel="x/L", ylabel="z/L", aspect="equal", xlim=(-0.1, 1.0))
+            above = 6 if buoyancy else -10
+            axes.annotate(text, (end.x, end.z), (7, above), textcoords="offset points")
+        axes.set(xlabel="x/L", ylabel="z/L", aspect="equal", xlim=(-0.1, 1.0), ylim=(0, 1.15))
         key(axes)
 
     return Evidence(checks, order, scenarios, draw)
