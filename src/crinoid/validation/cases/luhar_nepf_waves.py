@@ -131,7 +131,8 @@ def _run() -> Evidence:
         f"The closed path of the source's own model misses the points by {1e3 * their_distance:.0f}"
         " mm; with the two extreme shapes of its blade, which follow in the same file, 21.5 mm.",
         f"The path of the tip is {high:.0f} mm high as measured, {theirs_high:.0f} mm by the model "
-        f"of the source and {ours_high:.0f} mm by crinoid, where it is also 20 mm further along.",
+        f"of the source and {ours_high:.0f} mm by crinoid, whose path also lies 20 mm "
+        "further along the waves. The velocity, as published, has no mean.",
     )
     return Evidence([check], None, {"": scenario}, draw, remarks)
 
