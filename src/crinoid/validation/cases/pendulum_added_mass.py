@@ -77,7 +77,7 @@ CASE = Case(
     title="A rigid cylinder on a pin swings in water of its own density: double inertia.",
     source="Example of ONSAS: T = 2 pi sqrt(2/g (d^2/(8 l) + 2 l/3)) with l = 3.0443 m, section "
     "0.1 m2, Ca = 1, weight as in air. Large swings: T K(sin^2(angle/2)) 2/pi.",
-    method="The slowest mode about the hanging arm, with 6 nodes; a swing of 5 s in steps of 2.5 ms.",
+    method="The slowest mode about the hanging arm, with 6 nodes; a swing of 5 s, steps of 2.5 ms.",
     reason="crinoid leaves out the rotary inertia, a share 1.3e-3 of the period. Without it small "
     "swings are exact on any mesh. Steps of h lengthen a swing by the order of (omega h)^2/12, "
     "1.3e-6.",
