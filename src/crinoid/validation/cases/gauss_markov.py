@@ -48,16 +48,16 @@ def _correlation(flow: Flow, step: float) -> Float[np.ndarray, "lag axis"]:
 
 
 def _kept() -> float:
-    """Return the variance of a spline through the process at tenths of the correlation time."""
+    """Return the variance of a spline through the process at twentieths of the correlation time."""
     points = np.arange(121)
     weights = CubicSpline(points, np.eye(121))(np.linspace(60, 61, 101))
-    covariance = np.exp(-np.abs(points[:, None] - points) / 10)
+    covariance = np.exp(-np.abs(points[:, None] - points) / 20)
     return float(np.trapezoid(np.sum(weights @ covariance * weights, axis=1), dx=0.01))
 
 
 def _run() -> Evidence:
     (flow,) = system(_SCENARIO).forces.water.flows
-    steps = {"0.05 s": 0.05, "0.25 s": 0.25}
+    steps = {"T/14": _TIME / 14, "T/6": _TIME / 6}
     found = {name: _correlation(flow, step) for name, step in steps.items()}
     kept = _kept()
     checks = [
@@ -89,8 +89,8 @@ CASE = Case(
     name="gauss-markov",
     title="A Gauss-Markov current has its variance and correlation, at any time step.",
     source="Ornstein-Uhlenbeck process: covariance sigma^2 exp(-lag/T). The current is a cubic "
-    "spline through the process at T/10, whose variance follows from its weights.",
-    method="A record of 20 000 correlation times, read at two steps; variance over sigma^2.",
+    "spline through the process at T/20, whose variance follows from its weights.",
+    method="A record of 20 000 correlation times, read at two steps that miss its points; variance over sigma^2.",
     reason="Over N = 20 000 correlation times the variance scatters by sqrt(1/N) = 0.7 %, a "
     "correlation by as much: four times that.",
     kind="exact",
