@@ -90,7 +90,8 @@ CASE = Case(
     title="A Gauss-Markov current has its variance and correlation, at any time step.",
     source="Ornstein-Uhlenbeck process: covariance sigma^2 exp(-lag/T). The current is a cubic "
     "spline through the process at T/20, whose variance follows from its weights.",
-    method="A record of 20 000 correlation times, read at two steps that miss its points; variance over sigma^2.",
+    method="A record of 20 000 correlation times, read at two steps that miss its points; variance "
+    "over sigma^2.",
     reason="Over N = 20 000 correlation times the variance scatters by sqrt(1/N) = 0.7 %, a "
     "correlation by as much: four times that.",
     kind="exact",

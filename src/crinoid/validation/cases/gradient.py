@@ -23,7 +23,11 @@ _SCENARIO = Scenario().with_values(
         "arm.nodes": 5,
         "arm.radius": [0.02, 0.015],
         "base.tilt_deg": 60.0,
-        "base.channels": {"slide": {}, "tilt": {}},
+        # far from the limits of the servos, where a run has kinks
+        "base.channels": {
+            "slide": {"range": [-1.0, 1.0], "max_speed": 10.0, "max_acceleration": 1e3},
+            "tilt": {"max_speed_deg": 1e3, "max_acceleration_deg": 1e5},
+        },
         "flow": [{"kind": "sine", "amplitude": [0.2, 0.05], "frequency_hz": 0.5}],
         "control.kind": "pid",
         "control.controlled": ["x", "angle"],

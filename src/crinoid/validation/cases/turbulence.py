@@ -93,7 +93,11 @@ def _run() -> Evidence:
         axes.loglog(number[inside], density[inside], color=BLUE, lw=0.6, label="crinoid")
         axes.loglog(middles, means, "o", color=VERMILLION, ms=4, label="in bands")
         axes.loglog(number[inside], known[inside], color=INK, ls="--", label="von Karman")
-        axes.set(xlabel="wave number times L$_e$", ylabel="spectral density (m$^3$/s$^2$)")
+        axes.set(
+            xlabel="wave number times L$_e$",
+            ylabel="spectral density (m$^3$/s$^2$)",
+            ylim=(1e-7, 0.2),
+        )
         key(axes)
 
     return Evidence(checks, None, {"": _scenario(0)}, draw)
