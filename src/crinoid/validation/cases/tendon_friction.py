@@ -79,7 +79,8 @@ CASE = Case(
     source="Euler-Eytelwein on an arm that the tendon itself bends, EI k = r T: T' = -+ mu k T "
     "gives the turn ln(1 + mu r T L/EI)/mu pulled, -ln(1 - mu r T L/EI)/mu paid out.",
     method="Run of 35 s of a light arm in a vacuum with 21 nodes, in steps of 0.05 s; the tendon "
-    "is slowly pulled to its largest tension and paid out to 0.4 of it, with 5 s of rest after each.",
+    "is slowly pulled to its largest tension and paid out to 0.4 of it, with 5 s of rest "
+    "after each.",
     reason="Friction develops over a sliding of 2e-4 of the tendon's length, twice that when it "
     "turns round. Next to its end so much of the tendon does not slide, over its whole sliding: "
     "that share of the arm bends otherwise.",
