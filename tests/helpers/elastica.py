@@ -4,7 +4,6 @@ import numpy as np
 
 UPRIGHT = np.pi / 2
 
-
 LIMP = np.deg2rad(38.173)
 """From the vertical: normal drag r cos^2 = sin for r = 1/2 rho C_d d U^2 / w = 1, which the golden
 section solves."""
