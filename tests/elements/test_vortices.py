@@ -183,6 +183,8 @@ def test_a_batch_equals_single_runs_and_a_seed_is_another_start():
 
 
 def test_numbers_of_another_model_are_refused():
+    calm = SCENARIO.with_values({"water.vortices.model": "none", "water.vortices.centre": 0.2})
+    assert calm.water.vortices is None
     with pytest.raises(crinoid.ScenarioError, match=r"water.vortices.strouhal: is no number of"):
         SCENARIO.with_values({"water.vortices.strouhal": 0.2})
     with pytest.raises(crinoid.ScenarioError, match=r"range: got 0.2; must be below centre = 0.18"):

@@ -4,28 +4,6 @@ import numpy as np
 
 UPRIGHT = np.pi / 2
 
-
-# Clamped, horizontal, dead force down at the tip, a = P L^2 / EI: tip angle, drop, shortening.
-# Mattiasson, Int. J. Numer. Methods Eng. 17 (1981) 145-153, from elliptic integrals.
-MATTIASSON = {
-    1: (0.461352, 0.301721, 0.056433),
-    2: (0.781750, 0.493457, 0.160642),
-    5: (1.215368, 0.713792, 0.387628),
-    10: (1.430286, 0.810609, 0.554996),
-}
-# Clamped, horizontal, own weight w L^3 / EI: drop, shortening (two-point problem, to 1e-9).
-OWN_WEIGHT = {1: (0.123471, 0.008754), 5: (0.495905, 0.153343), 10: (0.700200, 0.343646)}
-
-# Upright blade of neutral weight in a steady current, normal drag only (the model of Luhar and
-# Nepf, Limnol. Oceanogr. 56 (2011) 2003-2017). Ca = 1/2 rho C_d d U^2 L^3/EI; B = buoyancy per
-# length times L^3/EI: effective length, tip angle from upright in degrees.
-BLADES = {
-    (1, 0): (0.97483, 9.31),
-    (10, 0): (0.52361, 47.09),
-    (1, 10): (0.99508, 3.98),
-    (10, 10): (0.74471, 30.69),
-}
-
 LIMP = np.deg2rad(38.173)
 """From the vertical: normal drag r cos^2 = sin for r = 1/2 rho C_d d U^2 / w = 1, which the golden
 section solves."""

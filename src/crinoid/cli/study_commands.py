@@ -199,7 +199,7 @@ def train(
     end(train_policy(described, how, folder, resume=resume, force=force))
 
 
-@one_line_errors()
+@one_line_errors("interrupted")
 def validate(
     cases: Annotated[
         list[str] | None,

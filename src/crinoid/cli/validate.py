@@ -13,7 +13,7 @@ from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.compilation import keep_programs
 from crinoid.foundation.status import Status
 from crinoid.scenario import got, one_of, refusal
-from crinoid.validation.attempt import VALIDATION, Attempt, attempt, write_record
+from crinoid.validation.attempt import VALIDATION, Attempt, attempt, clear_record, write_record
 from crinoid.validation.case import Case, Check
 
 _HEADS = ("case, quantity", "reference", "crinoid", "error", "tolerance", "holds")
@@ -49,27 +49,25 @@ def validate_cases(cases: Sequence[Case], folder: Path, *, force: bool) -> str:
         if (folder / VALIDATION).exists() and not force:
             text = f"{folder} contains a validation. Choose another folder, or use --force to "
             raise refusal("--out", f"{text}replace it.")
-        written: list[Path] = []
-        try:
-            with progress_bar() as bar:
-                bar.reset(bar.task_ids[0], total=len(cases))
-                for done, case in enumerate(cases):
-                    text = f"{done} of {len(cases)}"
-                    bar.update(0, completed=done, description="validating", reached=text)
+        clear_record(folder)
+        with progress_bar() as bar:
+            bar.reset(bar.task_ids[0], total=len(cases), description="validating")
+            for case in cases:
+                bar.update(bar.task_ids[0], completed=len(attempts), reached=case.name)
+                if interruption.release():
+                    break
+                try:
                     found = attempt(case)
-                    if interruption.stop():  # a library has turned the request into an error
+                    interruption.stop()  # where a library has turned the request into an error
+                except Interrupted:
+                    if attempts:
                         break
-                    attempts.append(found)
-                    written += found.write(folder)
-                    record = write_record(folder, attempts)
-                    if interruption.release():
-                        break
-        except Interrupted:
-            if not attempts:
-                raise
-        interruption.stop()
+                    raise
+                attempts.append(found.save(folder))
+                write_record(folder, attempts)
         say_notes(f"{each.case.name}: {each.trouble}" for each in attempts if each.trouble)
-        show(checks_table(attempts), (), [record, *written])
+        files = [VALIDATION, *(name for each in attempts for name in each.files)]
+        show(checks_table(attempts), (), [folder / name for name in files])
     wrong = [_wrong(each) for each in attempts if not each.holds and not each.left_out]
     text = listed(wrong, VALIDATION)
     if len(attempts) < len(cases):

@@ -48,6 +48,8 @@ class Check:
     relative: bool = False
 
     def __post_init__(self) -> None:
+        for name in ("reference", "value", "tolerance"):  # also from arrays
+            object.__setattr__(self, name, float(getattr(self, name)))
         if not 0 <= self.tolerance < math.inf:
             raise ValueError(f"{self.quantity}: tolerance must be a finite number of 0 or more")
         if self.relative and not self.reference:
@@ -56,8 +58,8 @@ class Check:
     @property
     def error(self) -> float:
         """Distance from the reference, in ``unit`` or as a share of the reference."""
-        distance = abs(float(self.value) - float(self.reference))
-        return distance / abs(float(self.reference)) if self.relative else distance
+        distance = abs(self.value - self.reference)
+        return distance / abs(self.reference) if self.relative else distance
 
     @property
     def holds(self) -> bool:
@@ -96,39 +98,24 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Case:
-    """A validation case.
-
-    Parameters
-    ----------
-    name
-        Name on the command line, in kebab-case.
-    title
-        Statement of the case, a sentence.
-    source
-        Paper and equation of the reference.
-    method
-        How crinoid computes it: mesh, time step.
-    reason
-        Reason for the tolerances.
-    kind
-        Origin of the reference.
-    run
-        Function that computes the case.
-    long
-        Whether it costs more than about a minute.
-    needs
-        Packages of other programs.
-    """
+    """A validation case; its texts are sentences."""
 
     name: str
+    """Name on the command line, in kebab-case: that of its file."""
     title: str
+    """Statement of the case."""
     source: str
+    """Paper and equation of the reference."""
     method: str
+    """How crinoid computes it: mesh, time step."""
     reason: str
+    """Reason for the tolerances."""
     kind: Kind
     run: Callable[[], Evidence]
     long: bool = False
+    """Whether it costs more than about a minute."""
     needs: tuple[str, ...] = ()
+    """Packages of other programs."""
 
     @property
     def missing(self) -> list[str]:

@@ -1,6 +1,6 @@
 """Inextensible planar rods by shooting: references that share nothing with crinoid's rod."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,10 +8,10 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-Vector = tuple[float, float]
+Vector = Sequence[float] | Float[np.ndarray, "2"]
 
 
-class Shape(NamedTuple):
+class PlanarEnd(NamedTuple):
     """End of a rod of unit length, and a measure of its drag."""
 
     x: float
@@ -33,7 +33,7 @@ def elastica(
     distributed: Callable[[float], Vector] = lambda angle: (0.0, 0.0),
     stiffness: Callable[[float], float] = lambda s: 1.0,
     rest_curvature: float = 0.0,
-) -> Shape:
+) -> PlanarEnd:
     """Solve the boundary-value problem of an inextensible clamped rod by shooting from its tip.
 
     EI (theta' - rest_curvature) = M, M' = -t x n, n' = -load. At the tip M and n are the loads
@@ -79,4 +79,4 @@ def elastica(
 
     angle = brentq(lambda a: shoot(a)[0] - tilt, *bracket, xtol=1e-13, rtol=1e-14)
     root = shoot(angle)
-    return Shape(-float(root[4]), -float(root[5]), float(angle), -float(root[6]))
+    return PlanarEnd(-float(root[4]), -float(root[5]), float(angle), -float(root[6]))

@@ -66,7 +66,7 @@ def _run() -> Evidence:
         scenarios[f"{nodes}-nodes"] = scenario
     order = order_of(errors)
     checks = [
-        Check(f"{axis} of the tip", expected, value, 0.06, "m")
+        Check(f"{axis} of the tip", expected, value, 0.02, "m")
         for axis, expected, value in zip("xyz", reference, tip, strict=True)
     ]
     checks.append(Check("order of convergence", 2.0, order, 0.25))
@@ -81,8 +81,9 @@ def _run() -> Evidence:
         key(axes)
 
     remarks = (
-        "Bathe and Bolourchi give the tip at (59.2, 22.5, 39.5) m, with eight straight elements "
-        "and shear; the reference here is of a curved rod without shear.",
+        "Bathe and Bolourchi give the tip at (59.2, 22.5, 39.5) m, with eight straight elements; "
+        "Simo and Vu-Quoc 1986, Comput. Methods Appl. Mech. Eng. 58, (58.84, 22.33, 40.08) m. Both "
+        "have shear; the reference here is of a curved rod without shear.",
     )
     return Evidence(checks, order, scenarios, draw, remarks)
 
@@ -94,7 +95,8 @@ CASE = Case(
     "shooting to 1e-10.",
     method=f"Static equilibrium in space with {_MESHES[-1]} nodes, radius 100 m, EA 1e7 N, EI = GJ "
     f"= 1e7/12 N m2; the order is from {_MESHES[0]} and {_MESHES[-1]} nodes.",
-    reason="The error of the mesh falls with the square of the number of nodes.",
+    reason="The published numbers have three digits, a step of 0.1 m; 0.02 m is 2.5e-4 of the "
+    "length. The ends of the arm add a term of order 3, hence 0.25 on the order.",
     kind="exact",
     run=_run,
 )

@@ -35,8 +35,8 @@ def _run() -> Evidence:
     changes = [float(np.abs(one - other).max()) for one, other in pairwise(ends)]
     order = order_of(changes)
     checks = [
-        Check("order in the time step", 2.0, order, 0.05),
-        Check("change of the arm from 2 to 1 ms", 0.0, changes[-1], 3e-4, "m"),
+        Check("order of convergence", 2.0, order, 0.05),
+        Check("change, 2 to 1 ms", 0.0, changes[-1], 3e-4, "m"),
     ]
 
     def draw(axes: Axes) -> None:

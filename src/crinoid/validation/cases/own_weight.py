@@ -24,7 +24,7 @@ def _run() -> Evidence:
             result = equilibrium(scenario)
             x, z = tip_of(result)
             errors[mesh] += np.hypot(x - reference.x, z - reference.z)
-        text = f"weight {weight:g}"
+        text = f"w = {weight:g}"
         checks += [
             Check(f"drop, {text}", -reference.z, -z, _EDGE**2 / 3, "m"),
             Check(f"shortening, {text}", 1.0 - reference.x, 1.0 - x, _EDGE**2 / 3, "m"),

@@ -45,9 +45,9 @@ def _run() -> Evidence:
             errors[mesh] += np.hypot(-z - reference[1], 1.0 - x - reference[2])
         angle = -float(result.dataset["tip_angle"].values[-1])
         checks += [
-            Check(f"angle, load {load:g}", reference[0], angle, _EDGE**2, "rad"),
-            Check(f"drop, load {load:g}", reference[1], -z, _EDGE**2 / 3, "m"),
-            Check(f"shortening, load {load:g}", reference[2], 1.0 - x, _EDGE**2 / 3, "m"),
+            Check(f"angle, P = {load:g}", reference[0], angle, _EDGE**2, "rad"),
+            Check(f"drop, P = {load:g}", reference[1], -z, _EDGE**2 / 3, "m"),
+            Check(f"shortening, P = {load:g}", reference[2], 1.0 - x, _EDGE**2 / 3, "m"),
         ]
         scenarios[f"{load:g}"] = scenario
         shapes.append(result.dataset["position"].values[-1])
