@@ -53,7 +53,7 @@ _ROV = Scenario().with_values(
             "angular_linear_drag": _ANGULAR_LINEAR.tolist(),
             "angular_drag": _ANGULAR_QUADRATIC.tolist(),
         },
-        "load": [{"kind": "tip", "follower": True}],
+        "load": [{"kind": "tip", "force": [0.0] * 3, "moment": [0.0] * 3, "follower": True}],
         "flow": [{"kind": "uniform", "velocity": [0.0, 0.0, 0.0]}],
         "control.kind": "none",
         "simulation.duration": _DURATION,
