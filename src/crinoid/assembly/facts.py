@@ -103,7 +103,7 @@ class Facts:
         2004) to ``9.25 sqrt((m + 1) / (m - 0.54))`` at a mass ratio ``m`` (Govardhan and Williamson
         2000, Journal of Fluid Mechanics 420, eq. 5.4 and 5.5).
         """
-        vortices = self.scenario.water.shedding
+        vortices = self.scenario.water.vortices
         if vortices is not None and (numbers := vortices.numbers).get("range"):
             ends = (numbers["centre"] + sign * numbers["range"] for sign in (1, -1))
             return 1 / next(ends), 1 / next(ends)

@@ -150,9 +150,9 @@ def vortex_shedding(
     current varies. None without vortices, and in the plane.
     """
     water = scenario.water
-    if water.shedding is None or scenario.arm.dimension == 2:
+    if water.vortices is None or scenario.arm.dimension == 2:
         return None
-    numbers = water.shedding.numbers
+    numbers = water.vortices.numbers
     mean, variance = _carrier(scenario, recordings)
     for flow in scenario.flow:
         if isinstance(flow, TurbulenceFlow):

@@ -114,7 +114,7 @@ class VortexParameters(eqx.Module):
     @staticmethod
     def of(scenario: Scenario) -> VortexParameters | None:
         """Return the numbers of a scenario's vortices, if it has any."""
-        table = scenario.water.shedding
+        table = scenario.water.vortices
         if table is None or scenario.water.density == 0:
             return None
         # a key of two numbers: those of the flows have one

@@ -186,7 +186,7 @@ def _round_off(dataset: xr.Dataset, facts: Facts) -> str:
 
 def _vortices(dataset: xr.Dataset, facts: Facts) -> str:
     water, spatial = facts.scenario.water, dataset.sizes["axis"] == 3
-    if "reduced_velocity" not in dataset or (water.shedding is not None and spatial):
+    if "reduced_velocity" not in dataset or (water.vortices is not None and spatial):
         return ""
     low, high = facts.lock_in
     time, diameter = dataset["time"].values, dataset["diameter"].values

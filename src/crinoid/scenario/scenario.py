@@ -189,7 +189,7 @@ class Scenario(Model):
 
     def smoothness_of(self, settings: ModelBased) -> float:
         """Return the smoothness (m) of a controller with a model of this arm."""
-        lift = self.water.shedding is not None and self.arm.dimension == 3
+        lift = self.water.vortices is not None and self.arm.dimension == 3
         return settings.smoothness_on(self.arm.length, lift=lift)
 
     @property

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
+from pydantic import AfterValidator
+
 from crinoid.scenario.errors import Mistake, got
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import Metres, Quantity
@@ -58,6 +60,10 @@ class Vortices(Model):
             yield Mistake("range", got(numbers["range"], f"be below centre = {numbers['centre']}"))
 
 
+def _unless_none(table: Vortices | None) -> Vortices | None:
+    return None if table is None or table.model == "none" else table
+
+
 class Water(Model):
     """The water around the arm, and gravity."""
 
@@ -86,13 +92,9 @@ class Water(Model):
         9.81, "Gravity; 0: none, or a planar arm seen from above.", ge=0
     )
     depth: Metres | None = entry(None, "Depth: the bed is at z = -depth, the surface at 0.", gt=0)
-    vortices: Vortices | None = entry(None, "Vortex shedding; none without this table.")
-
-    @property
-    def shedding(self) -> Vortices | None:
-        """Vortex shedding, if there is any."""
-        table = self.vortices
-        return None if table is None or table.model == "none" else table
+    vortices: Annotated[Vortices | None, AfterValidator(_unless_none)] = entry(
+        None, "Vortex shedding; none without this table."
+    )
 
     def _conflicts(self) -> Iterator[Mistake]:
         if self.coefficients == "literature":

@@ -72,7 +72,7 @@ def _bytes(scenario: Scenario, *, large: bool) -> float:
     parts: dict[str, object] = {
         "obstacles": scenario.obstacle,
         "tool": scenario.tool,
-        "vortices": scenario.water.shedding,
+        "vortices": scenario.water.vortices,
     }
     without = [name for name, found in parts.items() if not found]
     there = of_dimension(dimension, without=without).values()

@@ -15,13 +15,12 @@ def _rod(release: Release, nodes: int, time_step: float) -> mujoco.MjModel:
     """
     scenario = release.scenario(nodes, time_step)
     arm, planar = scenario.arm, scenario.arm.dimension == 2
-    assert isinstance(arm.radius, float)
     edge = arm.length / (nodes - 1.5)
     places, _ = shape_at_rest(arm, edge)
     if planar:
         places = places[:, [0, 2, 1]]
     fall = f"0 {-scenario.water.gravity} 0" if planar else f"0 0 {-scenario.water.gravity}"
-    mass = arm.density * np.pi * arm.radius**2 * edge * nodes
+    mass = arm.density * np.pi * np.square(arm.radius) * edge * nodes
     shear = arm.youngs_modulus / (2 * (1 + arm.poisson_ratio))
     model = mujoco.MjModel.from_xml_string(
         f"""
