@@ -27,9 +27,17 @@ MOST_BYTES, COLOURS, DPI = 40_000, 64, 110
 Part = dict[str, Any]
 
 
+def measured(file: Part) -> list[str]:
+    """Return the names of the benchmarks that have rows."""
+    return [name for name, part in file["benchmarks"].items() if part["rows"]]
+
+
 def conditions(files: list[Part]) -> str:
     """Return the commands, and what their numbers depend on."""
-    commands = dict.fromkeys(file["command"] for file in files)
+    commands = [
+        " ".join(["crinoid bench", *measured(file), *(["--peers"] if file["peers"] else [])])
+        for file in files
+    ]
     machine, versions = files[0]["machine"], files[0]["versions"]
     about = ", ".join(f"{name} {number}" for name, number in versions.items())
     where = f"{machine['cores']} cores ({machine['processor']}), {machine['system']}"
@@ -88,7 +96,7 @@ def draw(name: str, part: Part) -> None:
 def main() -> None:
     """Write page and figures."""
     files = [json.loads((Path(name) / BENCH).read_text("utf-8")) for name in sys.argv[1:]]
-    parts = {name: file for file in files for name in file["benchmarks"]}
+    parts = {name: file for file in files for name in measured(file)}
     texts = {"conditions": conditions(files)}
     texts |= {name: section(name, file) for name, file in parts.items()}
     IMAGES.mkdir(parents=True, exist_ok=True)
