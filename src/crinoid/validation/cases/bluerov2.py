@@ -141,8 +141,7 @@ def _run() -> Evidence:
 
 CASE = Case(
     name="bluerov2",
-    title="A BlueROV2 Heavy is pushed, sinks, is carried by a current and turned by moments, one "
-    "axis at a time, up to its terminal speeds.",
+    title="A BlueROV2 Heavy moves along and about each axis, up to its terminal speeds.",
     source="von Benzon et al. 2022, J. Mar. Sci. Eng. 10, 1898: mass, inertia, added mass, linear "
     "and quadratic drag. (m + added) dv/dt = F + c1 (u - v) + c2 |u - v| (u - v), integrated by "
     "SciPy's DOP853 to 1e-10.",
