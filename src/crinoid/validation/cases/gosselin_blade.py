@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from crinoid.scenario import Scenario
 from crinoid.simulation import equilibrium
 from crinoid.validation.case import Case, Check, Evidence
-from crinoid.validation.elastica import Shape, elastica
+from crinoid.validation.elastica import PlanarEnd, elastica
 from crinoid.validation.slender import MESHES, order_of, slender_arm
 from crinoid.view.figures.style import BLUE, INK, VERMILLION, key
 
@@ -36,7 +36,7 @@ def blade(nodes: int, cauchy: float, values: Mapping[str, Any]) -> Scenario:
     return slender_arm(nodes, water | dict(values))
 
 
-def exact(cauchy: float, highest: float, buoyancy: float = 0.0) -> Shape:
+def exact(cauchy: float, highest: float, buoyancy: float = 0.0) -> PlanarEnd:
     """Return the shape of a blade whose tip points at most at ``highest`` (rad).
 
     ``buoyancy`` is the weight of displaced water less that of the blade, per length times L^3/EI.

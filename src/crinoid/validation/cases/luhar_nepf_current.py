@@ -43,9 +43,10 @@ def _run() -> Evidence:
             axes.plot(*shape.T, color=BLUE, label="crinoid")
             axes.plot(end.x, end.z, "o", mfc="none", color=INK, label="exact tip")
             text = f"Ca {cauchy:g}, B {buoyancy:g}"
-            above = 6 if buoyancy else -10
-            axes.annotate(text, (end.x, end.z), (7, above), textcoords="offset points")
-        axes.set(xlabel="x/L", ylabel="z/L", aspect="equal", xlim=(-0.1, 1.0), ylim=(0, 1.15))
+            side = "right" if buoyancy > cauchy else "left"
+            shift = (-7 if side == "right" else 7, 3)
+            axes.annotate(text, (end.x, end.z), shift, textcoords="offset points", ha=side)
+        axes.set(xlabel="x/L", ylabel="z/L", aspect="equal", xlim=(-0.4, 1.0), ylim=(0, 1.15))
         key(axes)
 
     return Evidence(checks, order, scenarios, draw)

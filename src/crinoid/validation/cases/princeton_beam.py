@@ -71,7 +71,7 @@ def _run() -> Evidence:
         for way, (name, scale) in enumerate({"edgewise, times 10": 1e4, "flatwise": 1e3}.items()):
             values = scale * found["ANSYS"][way]
             axes.plot(_ANGLES, values, color=BLUE, label="crinoid")
-            axes.annotate(name, (67.0, values[4] + 2.0), (8, 0), textcoords="offset points")
+            axes.annotate(name, (60.0, values[4]), (9, -4 - 9 * way), textcoords="offset points")
             for table, mark, program in ((_ANSYS, "o", "ANSYS"), (_EXUDYN, "x", "Exudyn")):
                 colour = INK if program == "ANSYS" else GREEN
                 points = scale * np.array(table[way])
