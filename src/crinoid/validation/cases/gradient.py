@@ -1,8 +1,10 @@
 """Gradient of a closed-loop run."""
 
 from collections.abc import Callable
+from typing import cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -10,6 +12,8 @@ from matplotlib.axes import Axes
 
 from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.prepared import parameters
+from crinoid.compilation import ONCE
+from crinoid.flow import Sine
 from crinoid.scenario import Scenario
 from crinoid.simulation import closed_loop, rollout, with_parameters
 from crinoid.validation.case import Case, Check, Evidence
@@ -44,7 +48,7 @@ _KEYS: dict[str, Callable[[Parameters], Array]] = {
     "arm.length": lambda p: p.arm.length,
     "arm.damping_time": lambda p: p.arm.damping_time,
     "water.drag_normal": lambda p: p.water.drag_normal,
-    "flow.0.amplitude": lambda p: p.flow[0].amplitude,
+    "flow.0.amplitude": lambda p: cast(Sine, p.flow[0]).amplitude,
     "base.tilt_deg": lambda p: p.base.angles,
     "control.pid kp": lambda p: p.pid.kp,
     "control.pid ki": lambda p: p.pid.ki,
@@ -63,8 +67,7 @@ def _run() -> Evidence:
         run = rollout(with_parameters(loop, changed), state, _STEPS)
         return 1e6 * jnp.mean(jnp.sum(run.kept.error[:, :2] ** 2, axis=1))
 
-    quickly = {"xla_backend_optimization_level": 0}  # compiling costs more than the runs
-    both = eqx.filter_jit(eqx.filter_value_and_grad(error), compiler_options=quickly)
+    both = jax.jit(jax.value_and_grad(error), compiler_options=ONCE)
     ones = jnp.ones(len(_KEYS))
     _, slopes = both(ones)
     differences = []

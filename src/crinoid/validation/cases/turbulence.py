@@ -50,7 +50,7 @@ def _jets(flows: Flow, points: Float[Array, "p 3"]) -> tuple[Array, Array]:
         def velocity(x: Array) -> Array:
             return flow.velocity(x, jnp.asarray(3.7))
 
-        return velocity(point) - flow.mean, jax.jacfwd(velocity)(point)
+        return velocity(point) - _SPEED * jnp.eye(3)[0], jax.jacfwd(velocity)(point)
 
     return jax.vmap(jax.vmap(at, (None, 0)), (0, None))(flows, points)
 

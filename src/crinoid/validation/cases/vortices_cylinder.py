@@ -1,6 +1,7 @@
 """Vortices of a rigid cylinder: fixed, forced and on springs."""
 
 from collections.abc import Sequence
+from typing import Any, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -25,6 +26,8 @@ _MASS = 3.4 * _DENSITY * np.pi / 4 * _DIAMETER**2
 """Mass ratio 2.4 and added mass 1, of a metre (kg)."""
 _WAKE_DAMPING, _WAKE_DRAG = 0.0054, 2.0
 _REDUCED = (4.0, 5.0, 6.0, 8.0)
+AnElement = TypeVar("AnElement", bound=Element)
+
 _PERIODS, _STEPS = 60, 200
 """Periods of the springs in a run, and steps in each."""
 
@@ -42,10 +45,10 @@ def _driven(
     """Return signal and phase of an oscillator whose cylinder has given accelerations."""
 
     def at(acceleration: Array) -> Oscillation:
-        numbers = (_SHEDDING, _SPEED, _DIAMETER, 0.0)
-        return Oscillation(*map(jnp.asarray, numbers), acceleration)
+        shedding, speed, diameter, still = map(jnp.asarray, (_SHEDDING, _SPEED, _DIAMETER, 0.0))
+        return Oscillation(shedding, speed, diameter, still, acceleration)
 
-    def one(state: tuple, acceleration: Array) -> tuple:
+    def one(state: Any, acceleration: Array) -> tuple[Any, tuple[Array, Array]]:
         state = oscillator.advance(state, at(acceleration), step)
         return state, (oscillator.signal(state, jnp.zeros(())), oscillator.phase(state))
 
@@ -104,8 +107,9 @@ class _SlowArm(Vortices):
         return super()._directions(still)
 
 
-def _window(element: Element) -> Element:
-    return jax.tree.map(lambda leaf: leaf[0], element)
+def _window(element: AnElement) -> AnElement:
+    """Return the first window of an element."""
+    return cast(AnElement, jax.tree.map(lambda leaf: leaf[0], element))
 
 
 def _vortices(model: type[Oscillator], lift: float) -> Vortices:
@@ -134,13 +138,16 @@ def _moving(y: Array, velocity: Array, acceleration: Array) -> Motion:
 
 
 @eqx.filter_jit
-def _mounted(elements: Sequence[Element], stiffness: Array, damping: Array, step: Array) -> Array:
+def _mounted(
+    elements: tuple[Vortices, *tuple[Element, ...]], stiffness: Array, damping: Array, step: Array
+) -> Array:
     """Return where a cylinder on springs is after each step, by the trapezoid rule (m)."""
 
     def force(elements: Sequence[Element], *motion: Array) -> Array:
-        return -sum(jnp.sum(each.residual(_moving(*motion))[:, 1]) for each in elements)
+        forces = [jnp.sum(each.residual(_moving(*motion))[:, 1]) for each in elements]
+        return -jnp.sum(jnp.stack(forces))
 
-    def one(carry: tuple, _: None) -> tuple:
+    def one(carry: Any, _: None) -> tuple[Any, Array]:
         y, v, a, memory = carry
         first = elements[0].remembering(memory, step)
 
@@ -154,7 +161,7 @@ def _mounted(elements: Sequence[Element], stiffness: Array, damping: Array, step
             )
 
         new = a
-        for _ in range(5):
+        for _iteration in range(5):
             lacking, slope = jax.jvp(unbalanced, (new,), (jnp.ones(()),))
             new = new - lacking / slope
         after = end(new)
@@ -182,7 +189,8 @@ def _amplitude(y: Float[np.ndarray, " t"]) -> float:
 def _crinoid(model: type[Oscillator], reduced: float) -> float:
     stiffness, damping = _springs(reduced, model is WakeOscillator)
     if model is WakeOscillator:
-        elements = (_SlowArm(**vars(_vortices(model, _WAKE_LIFT))),)
+        slow = _SlowArm(**vars(_vortices(model, _WAKE_LIFT)))
+        elements: tuple[Vortices, *tuple[Element, ...]] = (slow,)
     else:
         drag = Drag.of(_ROD, density=_DENSITY, normal=_DRAG, tangential=0.0, linear=0.0)
         elements = (_vortices(model, _LIFT), _window(drag))
@@ -288,8 +296,8 @@ CASE = Case(
     "sqrt(cF^2 - dF^2).",
     method=f"One edge of an arm across a current; mass ratio 2.4, added mass 1, {_STEPS} steps in "
     f"a period of the springs, {_PERIODS} periods. The wake has the damping of its source.",
-    reason="On springs the amplitude of the wake scatters by 0.5 to 1 % from one stretch of time to "
-    "the next, hence 2 %; synchronisation is regular, 1 %. Fixed and forced cylinders: steps of 1 "
+    reason="On springs the amplitude of the wake scatters by 0.5 to 1 % from one time to "
+    "another, hence 2 %; synchronisation is regular, 1 %. Fixed and forced cylinders: steps of 1 "
     "and 2 ms leave (omega h)^2/12, 1e-5, of the phase and of the forcing.",
     kind="published",
     run=_run,
