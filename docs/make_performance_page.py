@@ -16,6 +16,7 @@ from typing import Any
 import matplotlib as mpl
 from PIL import Image
 
+from crinoid.benchmarks.registry import title
 from crinoid.cli.bench import BENCH, shown
 from crinoid.view.figures import style
 from crinoid.view.figures.benchmarks import draw_benchmark
@@ -74,7 +75,7 @@ def _row(cells: list[str]) -> str:
 def section(name: str, file: Part) -> str:
     """Return figure, tables and remarks of a benchmark."""
     part = file["benchmarks"][name]
-    lines = [f"![{part['title']}](images/performance/{name}.png)", "", *tables(part["rows"])]
+    lines = [f"![{title(name)}](images/performance/{name}.png)", "", *tables(part["rows"])]
     lines += [f"- {remark}." for remark in part["remarks"]]
     if name == "precision" and file["peers"]:
         lines += ["", "| Engine | Leaves out, or does otherwise |", "|---|---|"]
@@ -86,7 +87,7 @@ def draw(name: str, part: Part) -> None:
     """Write a figure in few colours."""
     picture = io.BytesIO()
     with mpl.rc_context({**style.STYLE, "savefig.dpi": DPI}):
-        draw_benchmark(part["title"], part["rows"]).savefig(picture, facecolor="white")
+        draw_benchmark(title(name), part["rows"]).savefig(picture, facecolor="white")
     path = IMAGES / f"{name}.png"
     Image.open(picture).convert("RGB").quantize(COLOURS).save(path, optimize=True)
     if (size := path.stat().st_size) > MOST_BYTES:

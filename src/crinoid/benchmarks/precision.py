@@ -1,4 +1,4 @@
-"""Work against precision: the time in which a release is computed to within an error."""
+"""Work against precision: the time of a release over its error."""
 
 from typing import NamedTuple
 

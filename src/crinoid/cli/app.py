@@ -190,9 +190,7 @@ def live(
 def bench(
     names: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[NAME]...", help="Benchmarks; --list names them.", show_default="all"
-        ),
+        typer.Argument(metavar="NAME", help="Benchmarks; --list names them.", show_default="all"),
     ] = None,
     peers: Annotated[
         bool, option("Run other programs that are installed, too.", name="--peers")

@@ -1,11 +1,13 @@
 """Figures of benchmarks: work against precision, and bars of what was measured."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from crinoid.view.figures import style
 
@@ -54,7 +56,15 @@ def _curves(axes: Axes, name: str, rows: Sequence[Row], colours: dict[str, str])
         error, time = [row["at"]["error"] for row in own], [row["median"] for row in own]
         axes.plot(error, time, "o-", markersize=3, color=colours[engine], label=engine)
     axes.set(xscale="log", yscale="log", xlabel="error of the tip")
+    errors = [row["at"]["error"] for row in rows]
+    # whole decades: within one alone the labels between would overlap
+    axes.set_xlim(*(10.0**end for end in _decades(min(errors), max(errors))))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_title(name, loc="left")
+
+
+def _decades(least: float, most: float) -> tuple[int, int]:
+    return math.floor(math.log10(least)), math.ceil(math.log10(most))
 
 
 def _bars(axes: Axes, quantity: str, rows: Sequence[Row]) -> None:
