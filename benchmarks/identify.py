@@ -19,9 +19,9 @@ import numpy as np
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.inverse.experiment import given_values
 from crinoid.inverse.identification import Identification
-from crinoid.inverse.recorded_motion import read_record
+from crinoid.inverse.record import read_record
+from crinoid.inverse.unknowns import Unknowns
 
 NAME = "bend-test"
 KEYS = (
@@ -47,11 +47,11 @@ def main(draws: int) -> None:
         rng = np.random.default_rng(seed)
         with tempfile.TemporaryDirectory() as folder:
             crinoid.simulate(scenario.with_values({"seed": seed})).save(Path(folder))
-            record = read_record(Path(folder), scenario.arm.dimension, inputs)
-        truth, began = given_values(scenario, KEYS), time.perf_counter()
+            record = read_record(Path(folder), scenario, inputs)
+        truth, began = Unknowns(scenario, KEYS).given, time.perf_counter()
         wrong = truth * np.exp(rng.uniform(-OFF, OFF, len(KEYS)))
         begun = scenario.with_values(dict(zip(KEYS, map(float, wrong), strict=True)))
-        found = Identification(begun, KEYS, record)
+        found = Identification(begun, KEYS, [record])
         assert found.run(lambda *_: None, lambda: False)
         data = found.dataset("ok")
         z = (np.log(data["found"].values / truth)) / np.sqrt(np.diag(found.covariance()))
