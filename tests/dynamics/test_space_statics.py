@@ -18,9 +18,10 @@ from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.flow import Water
 from crinoid.numerics.frames import Frames, Orientation, spun, tangents, transport
+from crinoid.validation.elastica import elastica
 from helpers import slender
 from helpers.arms import QUICKLY, dense, order
-from helpers.elastica import CRITICAL, UPRIGHT, elastica
+from helpers.elastica import CRITICAL, UPRIGHT
 from helpers.slender import (
     EA,
     MESHES,
@@ -38,33 +39,6 @@ loaded = partial(slender.loaded, axes=3)
 
 
 # --- solutions in space ------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_bend_of_45_degrees():
-    # Bathe and Bolourchi, Int. J. Numer. Methods Eng. 14 (1979) 961-986: an arc of radius 100 from
-    # the origin along x toward y, square section of 1 with E = 1e7 and G = E/2: EI = 8.3333e5 both
-    # ways, of the same GJ; force 300 on its tip along z. No shear here
-    exact = np.array([58.780, 22.245, 40.189])
-    tips = []
-    for nodes in MESHES:
-        system = loaded(
-            nodes,
-            length=25 * np.pi,
-            EI=1e7 / 12,
-            GJ=1e7 / 12,
-            EA=1e7,
-            floor=None,
-            rest_curvature=(0.01, 0.0, 0.0),
-            dead=(0.0, 0.0, 300.0),
-            tolerance=1e-9,
-        )
-        tips.append(np.asarray(tip_pose(system, equilibrium(system)))[:3])
-    tips = np.array(tips)
-    print(tips)
-    assert order(np.linalg.norm(np.diff(tips, axis=0), axis=1)) == pytest.approx(2.0, abs=0.2)
-    # from the coarsest mesh on
-    np.testing.assert_allclose(tips, np.tile(exact, (3, 1)), rtol=0, atol=0.04)
 
 
 class Problem:

@@ -19,8 +19,8 @@ from crinoid.elements import WORKS, Motion, Threads
 from crinoid.numerics.frames import Frames
 from crinoid.simulation import play
 from crinoid.simulation.frequency_response import Plant
+from crinoid.validation.elastica import elastica
 from helpers.arms import QUICKLY, dense, only, order
-from helpers.elastica import elastica
 from helpers.motion import march_with_books
 from helpers.newton_steps import assert_converges_quadratically, slopes, solve_afloat
 

@@ -40,9 +40,9 @@ def besides_lock_in(result):
     return [note for note in result.notes if not note.startswith("vortex shedding may lock in")]
 
 
-def assert_traced(name):
+def assert_traced(name, **changes):
     """The tip is near its target on a circle, and would be far behind without feed-forward."""
-    scenario = crinoid.load(name, ["control.compare=false"])
+    scenario = crinoid.load(name, ["control.compare=false"]).with_values(changes)
     result = crinoid.simulate(scenario)
     assert besides_lock_in(result) == []
     traced = tip_error(result)

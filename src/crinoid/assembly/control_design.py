@@ -133,7 +133,7 @@ class ControlDesignModel(NamedTuple):
             half_range[rows],
             speed[rows],
             acceleration[rows],
-            settings.smoothness_on(scenario.arm.length),
+            scenario.smoothness_of(settings),
             integrating,
             model.usual[:, None] * damped_inverse(jacobian) @ integrating,
             spare.T @ spare,

@@ -1,6 +1,6 @@
 """The command line: commands, progress, exit codes; no physics.
 
-May import ``learning`` and lower folders.
+May import ``validation`` and lower folders.
 """
 
 import contextlib

@@ -24,7 +24,7 @@ from crinoid.cli.command import (
 )
 from crinoid.cli.interruption import Loading
 from crinoid.cli.result_commands import export, film, report
-from crinoid.cli.study_commands import compare, identify, sweep, train, tune
+from crinoid.cli.study_commands import compare, identify, sweep, train, tune, validate
 
 _DEFAULT = "station-keeping"
 
@@ -220,5 +220,5 @@ def scenarios(
             console.print(f"{name:{width}}{load(name).title}", soft_wrap=True)
 
 
-for command in (compare, tune, identify, report, export, film, sweep, train):
+for command in (compare, tune, identify, report, export, film, sweep, train, validate):
     app.command()(command)

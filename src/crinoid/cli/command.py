@@ -19,7 +19,7 @@ from crinoid.foundation.status import Status
 if TYPE_CHECKING:
     from crinoid.scenario import Scenario
 
-BAD_INPUT, FAILED = 2, 3
+MISSED, BAD_INPUT, FAILED = 1, 2, 3
 """Exit codes."""
 _ESCAPED = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != 0x0A}
 """Control characters but the new line, and their printed replacements."""
@@ -47,11 +47,11 @@ def stop(*lines: str) -> NoReturn:
     raise typer.Exit(BAD_INPUT)
 
 
-def end(trouble: str) -> None:
-    """End with what went wrong, if anything did."""
+def end(trouble: str, code: int = FAILED) -> None:
+    """End with what went wrong, if anything did; ``code`` is the exit code of a failure."""
     if trouble:
         errors.print(f"crinoid: {trouble}")
-        raise typer.Exit(INTERRUPTED if Status.of(trouble) is Status.INTERRUPTED else FAILED)
+        raise typer.Exit(INTERRUPTED if Status.of(trouble) is Status.INTERRUPTED else code)
 
 
 @contextmanager

@@ -127,7 +127,7 @@ def tunable_numbers(scenario: Scenario) -> dict[str, float]:
         return found
     settings = scenario.control.settings
     return {
-        f"control.{kind}.smoothness": settings.smoothness_on(scenario.arm.length),
+        f"control.{kind}.smoothness": scenario.smoothness_of(settings),
         f"control.{kind}.integral_time": settings.integral_time,
     }
 

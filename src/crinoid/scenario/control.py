@@ -29,8 +29,8 @@ class Neural(Model):
     )
 
 
-_SMOOTHNESS = 0.01
-"""Default smoothness over the arm's length."""
+_SMOOTHNESS, _AMONG_VORTICES = 0.01, 0.04
+"""Default smoothness over the arm's length: faster control would feed the lock-in of vortices."""
 
 _Inputs = Annotated[
     tuple[str, ...], AsTuple, Field(min_length=1), Quantity(takes="a list of names of inputs")
@@ -45,15 +45,16 @@ class ModelBased(Model):
     )
     smoothness: Metres | None = entry(
         None,
-        "Error of the tip that costs as much as an input at its greatest speed, a hundredth of "
-        "the arm's length by default; lower it for a faster response.",
+        "Error of the tip that costs as much as an input at its greatest speed, by default "
+        "a hundredth of the arm's length, with vortices in space four; lower it for a faster "
+        "response.",
         gt=0,
     )
     integral_time: Seconds = entry(5.0, "Time in which it removes a lasting error.", gt=0)
 
-    def smoothness_on(self, length: float) -> float:
-        """Return the smoothness (m) for an arm of a length (m)."""
-        return self.smoothness or _SMOOTHNESS * length
+    def smoothness_on(self, length: float, *, lift: bool) -> float:
+        """Return the smoothness (m) for an arm of a length (m), which may feel lift of vortices."""
+        return self.smoothness or (_AMONG_VORTICES if lift else _SMOOTHNESS) * length
 
 
 class Lqg(ModelBased):
