@@ -288,21 +288,19 @@ MISTAKEN_TABLES = {
     "marker,x,z\nlow,1,2\n": 'got "time", no such column',
 }
 MISTAKEN_FILES = {
-    FILE.replace(
-        "0.15", "0.5"
-    ): "all.toml.marker.0.s: got 0.5; must be at most 0.4 (m), arm.length",
-    FILE.replace("0.15", "-1.0"): "all.toml.marker.0.s: got -1.0; must be a number of 0 or more",
-    FILE.replace("[0.0, 0.02]", "[0.1]"): "all.toml.marker.0.offset: got [0.1]; must be [along",
-    FILE.replace("[0.0, 0.02]", "[0, 0, 1]"): "all.toml.marker.0.offset: got [0, 0, 1]; must be",
-    FILE.replace("name", "nam"): "all.toml.marker.0.nam: unknown key; did you mean",
-    "[[marker]]\n": "all.toml.marker.0.name: missing; must be text",
+    FILE.replace("0.15", "0.5"): "marker.0.s: got 0.5; must be at most 0.4 (m), arm.length",
+    FILE.replace("0.15", "-1.0"): "marker.0.s: got -1.0; must be a number of 0 or more (m)",
+    FILE.replace("0.0, 0.02", "0.1"): "marker.0.offset: got [0.1]; must be [along the arm, across",
+    FILE.replace("0.0, 0.02", "0, 0, 1"): "marker.0.offset: got [0.0, 0.0, 1.0]; must be [along",
+    FILE.replace("offset", "ofset"): "marker.0.ofset: unknown key; did you mean marker.0.offset?",
+    FILE.replace('name = "low"', ""): "marker.0.name: missing; must be text in quotes",
     '[[experiment]]\nfile = "none.csv"\n': "experiment.0.file: ",
     FILE + '[[experiment]]\nfile = "holds.csv"\n': 'experiment.1.name: got "holds"; must differ',
     FILE + "set.arm.density = 1.0\n": "experiment.0.set.arm.density: is a number to find. Leave",
     FILE + "set.arm.lengt = 1.0\n": "experiment.0.set.arm.lengt: unknown key; did you mean",
     FILE + "set.base.position = [0.0]\n": "experiment.0.set.base.position: got [0.0]; must be",
     "x": "all.toml: not valid TOML",
-    "": "all.toml.experiment: missing; must be",
+    "": "experiment: missing; must be",
 }
 
 

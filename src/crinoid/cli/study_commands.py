@@ -70,7 +70,7 @@ def identify(
         typer.Argument(
             metavar="RECORD",
             show_default=False,
-            help="What was measured: a CSV or netCDF file with times or holds and coordinates of the "
+            help="What was measured: a CSV or netCDF file with times or holds and places of the "
             "tip, a result, or a TOML file of markers and experiments.",
         ),
     ],

@@ -18,8 +18,7 @@ from crinoid.dynamics import Reason
 from crinoid.foundation.axes import AXES, POSE
 from crinoid.inverse.marker import TIP, MarkerWeights
 from crinoid.inverse.motion import Motion, Numbers, follow, settle
-from crinoid.inverse.reach import stuck, within_reach
-from crinoid.inverse.record import Record
+from crinoid.inverse.record import Record, stuck, within_reach
 from crinoid.inverse.unknowns import Unknowns, Vector
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.simulation import Loop, closed_loop

@@ -88,21 +88,21 @@ def read_experiments(path: Path, prepared: Prepared, unknowns: Unknowns) -> list
 def _read(path: Path, scenario: Scenario) -> Experiments:
     try:
         document = parse(path.read_text("utf-8-sig"))
-        anchor(document, path.absolute().parent)
-        described = Experiments(**document)
-        mistakes = list(dimension_conflicts(described, scenario.arm.dimension))
-        for index, marker in enumerate(described.marker):
-            if marker.s > scenario.arm.length:
-                must = f"be at most {scenario.arm.length:g} (m), arm.length"
-                mistakes.append(Mistake(f"marker.{index}.s", got(marker.s, must)))
-        if mistakes:
-            raise ScenarioError(mistakes)
     except UnicodeDecodeError as error:
         raise ScenarioError.of("RECORD", f"{path}: byte {error.start} is not UTF-8") from None
     except OSError as error:
         raise ScenarioError.of("RECORD", f"{path}: {error.strerror}") from None
     except ScenarioError as error:
         raise ScenarioError(mistake.under(path.name) for mistake in error.mistakes) from None
+    anchor(document, path.absolute().parent)
+    described, length = Experiments(**document), scenario.arm.length
+    mistakes = list(dimension_conflicts(described, scenario.arm.dimension))
+    for index, marker in enumerate(described.marker):
+        if marker.s > length:
+            text = got(marker.s, f"be at most {length:g} (m), arm.length")
+            mistakes.append(Mistake(f"marker.{index}.s", text))
+    if mistakes:
+        raise ScenarioError(mistakes)
     return described
 
 

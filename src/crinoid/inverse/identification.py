@@ -14,8 +14,7 @@ from scipy.optimize import least_squares
 from crinoid.foundation.axes import AXES
 from crinoid.inverse import StoppedError
 from crinoid.inverse.experiment import Experiment, RecordComparison
-from crinoid.inverse.reach import LOST
-from crinoid.inverse.record import Record
+from crinoid.inverse.record import LOST, Record
 from crinoid.inverse.unknowns import Unknowns, Vector
 from crinoid.inverse.weights import RecordWeights
 from crinoid.results.dataset import describe, described
@@ -69,19 +68,8 @@ class Identification:
     a model error, has less information: its variance is multiplied by the number of samples in
     twice its integral time.
 
-    Parameters
-    ----------
-    scenario
-        The scenario with the initial parameters.
-    keys
-        Keys of the parameters, as `crinoid.inverse.unknowns.Unknowns` reads them.
-    records
-        What was measured, one for each experiment.
-
-    Raises
-    ------
-    ScenarioError
-        If a key or a record does not fit.
+    The arguments are the scenario with the initial parameters, their keys as
+    `crinoid.inverse.unknowns.Unknowns` reads them, and the record of each experiment.
     """
 
     def __init__(self, scenario: Scenario, keys: Sequence[str], records: Sequence[Record]) -> None:
@@ -263,6 +251,8 @@ class Identification:
         assert self.found is not None
         assert self.before is not None
         experiments, covariance = self.experiments, self.covariance()
+        scatter = np.concatenate([each.scatter for each in self.weights])
+        aside = np.concatenate([~each.used for each in self.weights])
         deviation = np.sqrt(np.diag(covariance))
         given, found = self.unknowns.given, self.unknowns.given * np.exp(self.found.logs)
         error = np.abs(found) * deviation
@@ -270,6 +260,10 @@ class Identification:
         limits = np.where(limits * found[:, None] > 0, limits, 0.0)  # a number keeps its sign
         with np.errstate(invalid="ignore"):
             correlation = covariance / np.outer(deviation, deviation)
+
+        def computed(fit: _Fit) -> Float[np.ndarray, "time quantity"]:
+            return _table([run.computed for run in fit.runs])
+
         rows = [
             ("given", "parameter", "", given, ""),
             ("found", "parameter", "", found, "best fit"),
@@ -277,24 +271,12 @@ class Identification:
             ("lower", "parameter", "", limits[:, 0], "lower end of the 95 % interval"),
             ("upper", "parameter", "", limits[:, 1], "upper end of the 95 % interval"),
             ("correlation", "parameter other", "", correlation, ""),
-            (
-                "scatter",
-                "quantity",
-                "",
-                np.concatenate([each.scatter for each in self.weights]),
-                "standard deviation about the fit",
-            ),
+            ("scatter", "quantity", "", scatter, "standard deviation about the fit"),
             ("remembered", "quantity", "s", self.correlation[0], "integral time of the residual"),
-            ("measured", "time quantity", "", self._table([e.measured for e in experiments]), ""),
-            ("computed", "time quantity", "", self._computed(self.found), ""),
-            ("computed_before", "time quantity", "", self._computed(self.before), ""),
-            (
-                "set_aside",
-                "time",
-                "",
-                np.concatenate([~each.used for each in self.weights]),
-                "whether a row counts as a lost marker",
-            ),
+            ("measured", "time quantity", "", _table([e.measured for e in experiments]), ""),
+            ("computed", "time quantity", "", computed(self.found), ""),
+            ("computed_before", "time quantity", "", computed(self.before), ""),
+            ("set_aside", "time", "", aside, "whether a row counts as a lost marker"),
         ]
         return xr.Dataset(
             described(rows),
@@ -309,16 +291,14 @@ class Identification:
             attrs=describe(self.scenario) | {"status": status, "trials": self.trials},
         )
 
-    def _computed(self, fit: _Fit) -> Float[np.ndarray, "time quantity"]:
-        return self._table([run.computed for run in fit.runs])
 
-    def _table(self, parts: list[np.ndarray]) -> Float[np.ndarray, "time quantity"]:
-        """Return a row for each row of all records, empty in the columns of the others."""
-        ends = [list(pairwise(accumulate((p.shape[k] for p in parts), initial=0))) for k in (0, 1)]
-        table = np.full((ends[0][-1][1], ends[1][-1][1]), np.nan)
-        for part, rows, columns in zip(parts, *ends, strict=True):
-            table[slice(*rows), slice(*columns)] = part
-        return table
+def _table(parts: list[np.ndarray]) -> Float[np.ndarray, "time quantity"]:
+    """Return a row for each row of all records, not a number in the columns of the others."""
+    ends = [list(pairwise(accumulate((p.shape[k] for p in parts), initial=0))) for k in (0, 1)]
+    table = np.full((ends[0][-1][1], ends[1][-1][1]), np.nan)
+    for part, rows, columns in zip(parts, *ends, strict=True):
+        table[slice(*rows), slice(*columns)] = part
+    return table
 
 
 def marker_errors(data: xr.Dataset, name: str = "computed") -> dict[str, float]:

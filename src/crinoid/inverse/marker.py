@@ -32,7 +32,7 @@ class Marker(Model):
         Components | None,
         Quantity(
             "m",
-            "[along the arm, to its left, upward of an arm along x]",
+            "[along the arm, across it]",
             "[along the arm, toward m_1, toward m_2]",
         ),
         PER_AXIS,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -86,27 +85,22 @@ def _start(
     return eqx.combine(values, rest), slope, found
 
 
-_rest = compiled(**SOMETIMES)(_start.function)
-"""`_start` for holds, of which a search finds hundreds."""
+@compiled(**SOMETIMES)  # a search finds hundreds
+def _hold(numbers: Numbers, tangents: Numbers) -> tuple[Array, tuple[ArmPlaces, Array]]:
+    """Return an equilibrium: derivatives, places, and whether there is one."""
+    numbers, others = eqx.partition(numbers, eqx.is_inexact_array)
 
+    def settle(numbers: Numbers) -> tuple[Array, tuple[ArmPlaces, Array]]:
+        parameters, weights = eqx.combine(numbers, others)
+        system = assemble(parameters)
+        state, found = system.find_equilibrium()
+        places = ArmPlaces.of(system, weights, state)
+        return places.marker, (places, found.converged)
 
-@compiled(**ONCE)
-def _places(
-    numbers: Numbers, tangents: Numbers, state: State, state_tangents: State
-) -> tuple[ArmPlaces, Array]:
-    """Return the places in a state, and the derivatives of those of the markers."""
-    both, others = eqx.partition((numbers, state), eqx.is_inexact_array)
+    def along(tangent: Numbers) -> tuple[Array, tuple[ArmPlaces, Array]]:
+        return jax.jvp(settle, (numbers,), (tangent,), has_aux=True)[1:]
 
-    def look(both: tuple[Numbers, State]) -> tuple[Array, ArmPlaces]:
-        (parameters, weights), now = eqx.combine(both, others)
-        places = ArmPlaces.of(assemble(parameters), weights, now)
-        return places.marker, places
-
-    def along(tangent: tuple[Numbers, State]) -> tuple[Array, ArmPlaces]:
-        return jax.jvp(look, (both,), (tangent,), has_aux=True)[1:]
-
-    slope, places = jax.vmap(along, out_axes=(0, None))((tangents, state_tangents))
-    return places, slope
+    return jax.vmap(along, out_axes=(0, None))(tangents)
 
 
 @compiled(**SOMETIMES)
@@ -156,27 +150,25 @@ def follow(
 
 def settle(numbers: Numbers, tangents: Numbers, holds: Holds) -> Motion:
     """Find the holds, one after another, up to the first one without an equilibrium."""
-    found, converged = [], True
+    slopes, found, converged = [], [], True
     for shares in holds.shares:
-        held = _under(numbers, holds, shares)
-        along = _under(tangents, holds, 0 * shares)
-        state, slope, outcome = _rest(held[0], along[0], equilibrium=True)
-        found.append(_places(held, along, state, slope))
-        converged = bool(outcome.converged)
+        held, along = _under(numbers, holds, shares), _under(tangents, holds, 0 * shares)
+        slope, (places, settled) = _hold(held, along)
+        slopes.append(slope)
+        found.append(places)
+        converged = bool(settled)
         if not converged:
             break
-    places = jax.tree.map(lambda *each: jnp.stack(each), *(places for places, _ in found))
-    slopes = jnp.stack([slope for _, slope in found], axis=1)
+    path = jax.tree.map(lambda *each: jnp.stack(each), *found)
     end = (jnp.asarray(x) for x in (converged, converged, 0, len(found)))
-    return jax.tree.map(np.asarray, Motion(places, slopes, *end))
+    return jax.tree.map(np.asarray, Motion(path, jnp.stack(slopes, axis=1), *end))
 
 
 def _under(numbers: Numbers, holds: Holds, shares: Float[np.ndarray, " thread"]) -> Numbers:
     """Return the numbers, or their derivatives, with the shares of a hold."""
     if not holds.threads:
         return numbers
-    (parameters, weights), threads = numbers, numbers[0].actuator[0]
+    threads = numbers[0].actuator[0]
     assert isinstance(threads, ThreadParameters)
     held = threads.shares.at[..., np.array(holds.threads), :].set(jnp.asarray(shares)[:, None])
-    actuators = (replace(threads, shares=held), *parameters.actuator[1:])
-    return replace(parameters, actuator=actuators), weights
+    return eqx.tree_at(lambda each: each[0].actuator[0].shares, numbers, held)
