@@ -289,3 +289,12 @@ def test_command_moves_a_base_at_rest_as_much_as_it_says():
     assert (ahead > 0).all()
     slopes = jax.jacfwd(position)(nowhere)
     np.testing.assert_allclose(slopes, np.diag((ahead - behind) / 2e-6), rtol=1e-6, atol=1e-12)
+
+
+def test_an_equilibrium_in_still_water_is_the_same_at_any_time():
+    system = arm(nodes=4, EI=1.0)
+
+    def found(time):
+        return jnp.sum(system.find_equilibrium(time)[0].motion.position)
+
+    assert jax.grad(found)(0.0) == 0.0

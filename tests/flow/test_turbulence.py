@@ -1,7 +1,5 @@
 """Turbulence: no divergence, the intensity and the spectrum asked for, carried by the water."""
 
-from itertools import pairwise
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -82,37 +80,6 @@ def test_intensity_of_each_draw(many):
     variance = np.sum(np.asarray(many.amplitudes) ** 2, axis=1) / 2
     assert variance.sum(axis=1) == pytest.approx(np.full(SEEDS, 3 * DEVIATION**2), rel=1e-12)
     assert np.sqrt(variance) == pytest.approx(np.full((SEEDS, 3), DEVIATION), rel=0.03)
-
-
-@pytest.mark.slow
-def test_spectrum_of_a_point_record(many):
-    # what drifts past a point: frequencies are wave numbers along the mean, k = 2 pi f / U
-    count, step = 8192, 4e-3
-
-    @jax.jit
-    @jax.vmap
-    def records(flow):
-        times = step * jnp.arange(count)
-        return jax.vmap(lambda time: flow.velocity(jnp.zeros(3), time)[0])(times)
-
-    record = np.asarray(records(many)) - SPEED
-    window = np.hanning(count)
-    power = np.abs(np.fft.rfft(record * window, axis=1)) ** 2
-    density = 2 * step / np.sum(window**2) * power.mean(axis=0)
-    number = 2 * np.pi * np.fft.rfftfreq(count, step) / SPEED
-    density *= SPEED / (2 * np.pi)  # of wave numbers
-
-    def band(low, high):
-        inside = (number * ENERGETIC > low) & (number * ENERGETIC < high)
-        return np.sqrt(low * high), density[inside].mean()
-
-    bounds = np.geomspace(5.0, 60.0, 13)
-    at, mean = np.array([band(*pair) for pair in pairwise(bounds)]).T
-    slope, _ = np.polyfit(np.log(at), np.log(mean), 1)
-    assert slope == pytest.approx(-5 / 3, abs=0.15)
-    # von Karman's longitudinal spectrum, in its level too
-    expected = 2 * DEVIATION**2 * LENGTH / np.pi / (1 + at**2) ** (5 / 6)
-    assert np.mean(mean / expected) == pytest.approx(1.0, abs=0.1)
 
 
 def test_what_the_cut_of_the_spectrum_leaves_out(many):

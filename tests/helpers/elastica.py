@@ -4,17 +4,6 @@ import numpy as np
 
 UPRIGHT = np.pi / 2
 
-
-# Upright blade of neutral weight in a steady current, normal drag only (the model of Luhar and
-# Nepf, Limnol. Oceanogr. 56 (2011) 2003-2017). Ca = 1/2 rho C_d d U^2 L^3/EI; B = buoyancy per
-# length times L^3/EI: effective length, tip angle from upright in degrees.
-BLADES = {
-    (1, 0): (0.97483, 9.31),
-    (10, 0): (0.52361, 47.09),
-    (1, 10): (0.99508, 3.98),
-    (10, 10): (0.74471, 30.69),
-}
-
 LIMP = np.deg2rad(38.173)
 """From the vertical: normal drag r cos^2 = sin for r = 1/2 rho C_d d U^2 / w = 1, which the golden
 section solves."""

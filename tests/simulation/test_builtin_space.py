@@ -26,7 +26,7 @@ def test_station_keeping_in_space_holds_position_and_direction(changes):
 
 
 def test_a_circle_in_a_cross_current_is_traced_through_feed_forward():
-    assert_traced("trace-circle-3d", **{"water.vortices": None, "control.kind": "pid"})
+    assert_traced("trace-circle-3d", **{"water.vortices.model": "none", "control.kind": "pid"})
 
 
 def test_a_circle_is_traced_in_water_that_sheds_vortices():

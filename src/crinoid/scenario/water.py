@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
+from pydantic import AfterValidator
+
 from crinoid.scenario.errors import Mistake, got
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import Metres, Quantity
@@ -20,8 +22,9 @@ class Vortices(Model):
     A model's own numbers have its defaults where they are left out.
     """
 
-    model: Literal["synchronisation", "wake-oscillator"] = entry(
-        "synchronisation", "A phase that follows the arm, or a van der Pol oscillator."
+    model: Literal["synchronisation", "wake-oscillator", "none"] = entry(
+        "synchronisation",
+        "A phase that follows the arm, or a van der Pol oscillator; none: no vortices.",
     )
     lift: float | None = entry(
         None, "Lift coefficient; 0.8 of synchronisation, 0.3 of wake-oscillator.", ge=0
@@ -47,12 +50,18 @@ class Vortices(Model):
         return {name: defaults[name] if x is None else x for name, x in given.items()}
 
     def _conflicts(self) -> Iterator[Mistake]:
+        if self.model == "none":  # an override, which leaves the other numbers as they are
+            return
         numbers = self.numbers
         for name in ("centre", "range", "strouhal", "coupling", "damping"):
             if name not in numbers and getattr(self, name) is not None:
                 yield Mistake(name, f"is no number of model {self.model}. Leave it out.")
         if numbers.get("range", 0.0) >= numbers.get("centre", 1.0):
             yield Mistake("range", got(numbers["range"], f"be below centre = {numbers['centre']}"))
+
+
+def _unless_none(table: Vortices | None) -> Vortices | None:
+    return None if table is None or table.model == "none" else table
 
 
 class Water(Model):
@@ -83,7 +92,9 @@ class Water(Model):
         9.81, "Gravity; 0: none, or a planar arm seen from above.", ge=0
     )
     depth: Metres | None = entry(None, "Depth: the bed is at z = -depth, the surface at 0.", gt=0)
-    vortices: Vortices | None = entry(None, "Vortex shedding; none without this table.")
+    vortices: Annotated[Vortices | None, AfterValidator(_unless_none)] = entry(
+        None, "Vortex shedding; none without this table."
+    )
 
     def _conflicts(self) -> Iterator[Mistake]:
         if self.coefficients == "literature":
