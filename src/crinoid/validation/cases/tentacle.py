@@ -23,25 +23,15 @@ _PULLS = [(0.10, 0), (0.15, 0), (0.20, 0), (0.10, 1), (0.15, 1), (0.20, 1)]
 """Torque of the motor (N m) and tendon of each hold."""
 _PLACES = np.array(
     [
-        [(30.3, 2.1, -135.5), (-9.6, 18.9, -221.3), (40.9, 44.2, -264.8), (53.4, 113.8, -317.5)],
-        [(32.9, 5.6, -132.9), (-1.5, 31.7, -217.5), (53.9, 66.7, -242.3), (75.9, 149.9, -244.3)],
-        [(35, 8.7, -130.5), (5.9, 44.2, -212.6), (62.5, 82.9, -216.9), (79.6, 150.3, -167.4)],
-        [
-            (31.6, -8.9, -134.2),
-            (-4.2, -23.3, -221.7),
-            (50.4, -48.9, -258.6),
-            (70.7, -118.2, -308.8),
-        ],
-        [(34.7, -12.1, -131.1), (6.1, -35.8, -218.1), (64.6, -69, -234.3), (90.1, -151.5, -236.4)],
-        [
-            (38.3, -15.7, -127.1),
-            (19.4, -51.4, -211.3),
-            (74.7, -86.8, -197.2),
-            (75.5, -146.3, -137.2),
-        ],
+        [30.3, 2.1, -135.5, -9.6, 18.9, -221.3, 40.9, 44.2, -264.8, 53.4, 113.8, -317.5],
+        [32.9, 5.6, -132.9, -1.5, 31.7, -217.5, 53.9, 66.7, -242.3, 75.9, 149.9, -244.3],
+        [35, 8.7, -130.5, 5.9, 44.2, -212.6, 62.5, 82.9, -216.9, 79.6, 150.3, -167.4],
+        [31.6, -8.9, -134.2, -4.2, -23.3, -221.7, 50.4, -48.9, -258.6, 70.7, -118.2, -308.8],
+        [34.7, -12.1, -131.1, 6.1, -35.8, -218.1, 64.6, -69, -234.3, 90.1, -151.5, -236.4],
+        [38.3, -15.7, -127.1, 19.4, -51.4, -211.3, 74.7, -86.8, -197.2, 75.5, -146.3, -137.2],
     ]
-)
-"""Measured places of the markers in each hold (mm)."""
+).reshape(6, 4, 3)
+"""Measured x, y, z of the four markers in each hold (mm)."""
 _MARKERS = (
     Marker(name="1", s=0.1291, offset=(0.0, 0.0, 0.025)),
     Marker(name="2", s=0.2195, offset=(0.0, 0.0, -0.021)),
@@ -70,15 +60,18 @@ def scenario(**tendon: float) -> Scenario:
     )
 
 
+def _shares(pulls: Sequence[int]) -> Float[np.ndarray, "hold 2"]:
+    largest, shares = scenario().tendon[0].largest, np.zeros((len(pulls), 2))
+    for row, (torque, tendon) in enumerate(_PULLS[pull] for pull in pulls):
+        shares[row, tendon] = torque / _DRUM / largest
+    return shares
+
+
 def record(pulls: Sequence[int]) -> Record:
     """Return some of the holds."""
-    largest = [tendon.largest for tendon in scenario().tendon]
-    shares = np.zeros((len(pulls), 2))
-    for row, (torque, tendon) in enumerate(_PULLS[pull] for pull in pulls):
-        shares[row, tendon] = torque / _DRUM / largest[tendon]
-    count = len(_MARKERS)
     names = tuple("{:g} N m, tendon {}".format(*_PULLS[pull]) for pull in pulls)
-    holds = Holds(names, np.repeat(np.arange(len(pulls)), count), (0, 1), shares)
+    count = len(_MARKERS)
+    holds = Holds(names, np.repeat(np.arange(len(pulls)), count), (0, 1), _shares(pulls))
     values = 1e-3 * _PLACES[list(pulls)].reshape(-1, 3)
     of_row = np.tile(np.arange(1, count + 1), len(pulls))
     none = np.zeros(len(values))
@@ -134,7 +127,7 @@ def _run() -> Evidence:
     )
 
     def draw(axes: Axes) -> None:
-        for hold, shares in enumerate(record(every).holds.shares):
+        for hold, shares in enumerate(_shares(every)):
             held = {
                 f"tendon.{k}.schedule": {"time": [0.0, 1.0], "share": [float(share)] * 2}
                 for k, share in enumerate(shares)
