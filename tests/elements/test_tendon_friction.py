@@ -113,6 +113,60 @@ def test_pulling_and_paying_out_bend_by_the_capstan():
     assert found.angle[-1] > 1.15 * pulled(0.4 * TENSION)
 
 
+@eqx.filter_jit
+def _turn_at_rest(parameters, friction):
+    """Return the turn of the tip in equilibrium, and whether there is one."""
+    threads = eqx.tree_at(lambda t: t.friction, parameters.actuator[0], friction[None])
+    system = crinoid.assemble(eqx.tree_at(lambda p: p.actuator, parameters, (threads,)))
+    state, found = system.find_equilibrium()
+    tip = system.tip(state)
+    return tip[-1] if tip.size == 3 else jnp.arctan2(tip[-1], tip[-3]), (state, found.converged)
+
+
+HELD = {"time": [0.0, 1.0], "share": [1.0, 1.0]}
+
+
+@both
+@pytest.mark.slow
+def test_an_equilibrium_is_that_of_a_tendon_that_was_pulled(axes):
+    described = scenario(axes, schedule=HELD)
+    parameters = crinoid.parameters(described)
+    turn, (state, converged) = _turn_at_rest(parameters, jnp.asarray(FRICTION))
+    assert converged
+    assert float(turn) == pytest.approx(pulled(TENSION), rel=0.01)
+    # from the law in closed form; the mesh has the rest
+    slope = eqx.filter_jit(jax.jacfwd(lambda mu: _turn_at_rest(parameters, mu)[0]))(
+        jnp.asarray(FRICTION)
+    )
+    ends = [_turn_at_rest(parameters, jnp.asarray(FRICTION + d))[0] for d in (1e-4, -1e-4)]
+    assert float(slope) == pytest.approx(float(ends[0] - ends[1]) / 2e-4, rel=1e-5)
+    if axes == 2:
+        back = eqx.filter_jit(jax.jacrev(lambda mu: _turn_at_rest(parameters, mu)[0]))
+        assert float(back(jnp.asarray(FRICTION))) == pytest.approx(float(slope), rel=1e-9)
+    # a run that starts there stays there
+    system = crinoid.system(described)
+    step = eqx.filter_jit(lambda s: system.step(s, jnp.zeros(len(system.inputs)), 0.05)[0])
+    later = state
+    for _ in range(5):
+        later = step(later)
+    np.testing.assert_allclose(later.position, state.position, atol=1e-5 * LENGTH)
+
+
+@pytest.mark.slow
+def test_in_an_equilibrium_a_tendon_that_others_lengthen_was_paid_out():
+    # the tension of the antagonist rises toward the tip; a softer arm would shorten both
+    described = scenario(2, schedule=HELD).with_values({"arm.section.EA": 1e4})
+    tendons = [described.tendon[0].model_dump(exclude_unset=True)]
+    tendons.append({"offset": OFFSET, "angle_deg": 180.0, "friction": 0.3, "max_tension": 1.0})
+    tendons[1]["pretension"] = 0.05 * TENSION
+    system = crinoid.system(described.with_values({"tendon": tendons}))
+    state, found = eqx.filter_jit(System.find_equilibrium)(system)
+    memory = memory_of(system, state)
+    assert found.converged
+    assert np.asarray(memory.factor)[5:, 0].max() < 1.0
+    assert np.asarray(memory.factor)[5:, 1].min() > 1.0
+
+
 @pytest.mark.slow
 def test_part_of_a_tendon_slides_back_first():
     # from the root as far as T_1 / (1 - mu k s) meets T_0 / (1 + mu k s); the rest sticks

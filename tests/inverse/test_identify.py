@@ -7,9 +7,10 @@ import xarray as xr
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.inverse.experiment import Experiment, given_values
+from crinoid.inverse.experiment import Experiment
 from crinoid.inverse.identification import Identification
-from crinoid.inverse.recorded_motion import RecordedMotion, read_record
+from crinoid.inverse.record import Record, read_record
+from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.view.figures import ReportError, write_report
 from helpers.command import refused, succeeded
@@ -43,7 +44,7 @@ def measured(tmp_path_factory):
     folder = tmp_path_factory.mktemp("measured")
     crinoid.simulate(SHAKEN).save(folder)
     (folder / "shaken.toml").write_text(SHAKEN.to_toml())
-    record = read_record(folder, 2, ())
+    record = read_record(folder, SHAKEN, ())
     x, z, angle = record.values.T
     table = pd.DataFrame({"time [s]": record.time, "x (mm)": 1e3 * x, "z (mm)": 1e3 * z})
     table["angle (deg)"] = np.rad2deg(angle)
@@ -54,7 +55,7 @@ def measured(tmp_path_factory):
 @pytest.fixture(scope="module")
 def record(measured):
     """Return what was measured in that run."""
-    return read_record(measured / "tip.csv", 2, ())
+    return read_record(measured / "tip.csv", SHAKEN, ())
 
 
 def identify(measured, record, keys, *options):
@@ -90,7 +91,7 @@ def test_the_numbers_are_found_within_their_errors(found):
     # the residual is the sensor's noise
     np.testing.assert_allclose(data["scatter"], NOISE, rtol=0.25)
     identified = crinoid.load(str(found / "identified.toml"))
-    np.testing.assert_allclose(given_values(identified, KEYS), data["found"], rtol=1e-5)
+    np.testing.assert_allclose(Unknowns(identified, KEYS).given, data["found"], rtol=1e-5)
 
 
 @pytest.mark.slow
@@ -108,7 +109,7 @@ def test_slopes_are_those_of_central_differences(record):
     def compared(logs):
         return experiment.compare(experiment.motion(logs))
 
-    experiment, step = Experiment(SHAKEN, KEYS, record), 1e-4
+    experiment, step = Experiment(SHAKEN, Unknowns(SHAKEN, KEYS), record), 1e-4
     at = np.array([-0.2, 0.3])
     slope = compared(at).sensitivity
     for number, change in enumerate(step * np.eye(2)):
@@ -118,7 +119,7 @@ def test_slopes_are_those_of_central_differences(record):
 
 
 def test_a_search_that_is_stopped_keeps_the_best_so_far(record):
-    search = Identification(SHAKEN.with_values(WRONG), KEYS, record)
+    search = Identification(SHAKEN.with_values(WRONG), KEYS, [record])
     assert not search.run(QUIETLY[0], lambda: search.trials >= 3)
     assert search.trials == 3
     assert search.found.cost < search.before.cost
@@ -126,18 +127,18 @@ def test_a_search_that_is_stopped_keeps_the_best_so_far(record):
 
 
 def test_numbers_that_a_record_does_not_determine_are_refused(record):
-    alike = Identification(SHAKEN, ("chamber.0.area", "chamber.0.max_pressure"), record)
+    alike = Identification(SHAKEN, ("chamber.0.area", "chamber.0.max_pressure"), [record])
     with pytest.raises(ScenarioError, match=r"max_pressure: cannot be distinguished from ch"):
         alike.run(*QUIETLY)
     empty = SHAKEN.with_values({"chamber.0.schedule.share": [0.0, 0.0, 0.0, 0.0]})
     with pytest.raises(ScenarioError, match=r"^chamber.0.area: has no effect on the measured"):
-        Identification(empty, KEYS, record).run(*QUIETLY)
+        Identification(empty, KEYS, [record]).run(*QUIETLY)
 
 
 def searched(record, values, given=WRONG, scenario=SHAKEN):
     """Return a search in other values of a record, from wrong numbers, and its standard errors."""
-    other = RecordedMotion(record.time, record.names, values, None)
-    search = Identification(scenario.with_values(given), KEYS, other)
+    other = Record(record.time, record.names, values, None)
+    search = Identification(scenario.with_values(given), KEYS, [other])
     assert search.run(*QUIETLY)
     return search, np.sqrt(np.diag(search.covariance()))
 
@@ -150,10 +151,12 @@ def off(search):
 @pytest.mark.slow
 def test_a_clean_record_has_the_answer_of_least_squares(record):
     search, errors = searched(record, record.values)
-    assert search.used.all()
+    assert search.weights[0].used.all()
     assert search.notes == []
-    slope = (search.found.run.sensitivity / search.scatter[:, None]).reshape(-1, len(KEYS))
-    left = (search.found.run.residual / search.scatter).ravel()
+    slope = (search.found.runs[0].sensitivity / search.weights[0].scatter[:, None]).reshape(
+        -1, len(KEYS)
+    )
+    left = (search.found.runs[0].residual / search.weights[0].scatter).ravel()
     step = np.linalg.lstsq(slope, left, rcond=None)[0]  # to the least sum of squares
     assert np.abs(step / errors).max() < 0.05
 
@@ -164,7 +167,7 @@ def test_motion_that_the_model_lacks_widens_the_errors(record):
     slow = 2e-3 * np.sin(7.0 * record.time)[:, None] * np.array([1.0, 1.0, 5.0])
     waving, wide = searched(record, record.values + slow, {})
     # the waves are correlated over many samples, and have the information of a few
-    assert waving.correlation_time[0] > 3 * plain.correlation_time[0]
+    assert waving.correlation[0, 0] > 3 * plain.correlation[0, 0]
     assert (wide > 1.5 * narrow).all()
 
 
@@ -189,15 +192,15 @@ def lost(record, kind):
 def test_lost_markers_are_set_aside_and_do_not_steer(record, kind):
     values, rows = lost(record, kind)
     search, errors = searched(record, values)
-    assert np.flatnonzero(~search.used).tolist() == rows.tolist()
+    assert np.flatnonzero(~search.weights[0].used).tolist() == rows.tolist()
     assert np.abs(off(search) / errors).max() < 4
     assert errors.max() < 2e-3  # those of the rows that are left
-    np.testing.assert_allclose(search.scatter, NOISE, rtol=0.25)
+    np.testing.assert_allclose(search.weights[0].scatter, NOISE, rtol=0.25)
 
 
 @pytest.mark.slow
 def test_errors_stay_honest_over_many_draws_of_lost_markers(record):
-    experiment = Experiment(SHAKEN, KEYS, record)
+    experiment = Experiment(SHAKEN, Unknowns(SHAKEN, KEYS), record)
     path = experiment.compare(experiment.motion(np.zeros(2))).computed
     apart = []
     for seed in range(8):
@@ -265,7 +268,7 @@ def test_readings_of_a_result_count_from_when_they_were_taken(tmp_path):
     late = {"noise_position": 0.0, "noise_angle_deg": 0.0, "delay": 0.05, "rate_hz": 20.0}
     result = crinoid.simulate(SHAKEN.with_values({f"sensor.{key}": late[key] for key in late}))
     result.save(tmp_path)
-    record = read_record(tmp_path / "result.nc", 2, ())
+    record = read_record(tmp_path / "result.nc", SHAKEN, ())
     data = result.dataset.sel(time=record.time, method="nearest")
     assert np.diff(record.time).max() < 0.061  # at the steps after each twentieth of a second
     np.testing.assert_allclose(data["time"], record.time, atol=1e-9)
@@ -279,9 +282,9 @@ def test_recorded_commands_move_the_arm_as_they_did(tmp_path):
     held = SHAKEN.with_values({"control": pid})
     result = crinoid.simulate(held)
     result.save(tmp_path)
-    record = read_record(tmp_path, 2, Prepared(held).system.inputs)
+    record = read_record(tmp_path, held, Prepared(held).system.inputs)
     assert np.abs(record.commands.values).max() > 1e-3
-    path = Experiment(held, KEYS, record).motion(np.zeros(2)).path
+    path = Experiment(held, Unknowns(held, KEYS), record).motion(np.zeros(2)).places.marker[:, 0]
     np.testing.assert_allclose(path[:, :2], result.dataset["tip_position"][: len(path)], atol=1e-9)
 
 
@@ -290,7 +293,7 @@ def test_a_table_of_motion_and_commands_is_read(tmp_path):
     (tmp_path / "a.csv").write_text(
         "time (ms);z (cm);tilt (deg);lift\n-20;1;0;0\n0;2;0;0\n20;3;90;0,5\n40;;90;0,5\n60;5;0;0\n"
     )
-    record = read_record(tmp_path / "a.csv", 2, inputs)
+    record = read_record(tmp_path / "a.csv", SHAKEN, inputs)
     assert record.names == ("z",)
     np.testing.assert_allclose(record.time, [0.0, 0.02, 0.06])
     np.testing.assert_allclose(record.values[:, 0], [0.02, 0.03, 0.05])
@@ -319,8 +322,8 @@ MISTAKEN_RECORDS = {
     "x\n0\n1\n": "no such column in bad.csv; it contains x",
     "time,x\n0,1\n1,metre\n": 'contains "metre" in row 2',
     "time,x\n-3,1\n-2,2\n": "ends at -2 s of the run; must have times after 0",
-    "time,x\n0,1\n9,2\n": "got 1 numbers within the run, at times from 0 s on; must be more",
-    "time,x\n12,1\n13,2\n": "at times from 12 s on; must be more than 1 from 0 s",
+    "time,x\n0,1\n9,2\n": "got 1 measured numbers within the run; must be more than 1, the",
+    "time,x\n12,1\n13,2\n": "got no row within the run, at times from 12 s on; must have rows",
     None: "no such file",
 }
 
@@ -342,4 +345,4 @@ def test_a_file_that_is_no_record_is_refused(measured, tmp_path, text):
 
 def test_a_result_of_another_dimension_is_no_record(measured):
     with pytest.raises(ScenarioError, match="the arm has 2 axes; must have 3"):
-        read_record(measured, 3, ())
+        read_record(measured, SHAKEN.with_values({"arm.dimension": 3}), ())

@@ -76,6 +76,8 @@ class ThreadParameters(ActuatorParameters):
     force: Float[Array, " thread"]
     """Tension at a share of 1 (N), below 0 of a chamber; of one that bends only -1 over m; 0 of a
     line (``crinoid.dynamics.threads``)."""
+    pretension: Float[Array, " thread"]
+    """Tension of a tendon at a share of 0 (N)."""
     hold: Float[Array, " thread"]
     """Tension per load of a line: 1 of a tendon, minus the area of a chamber (m2); 0 of others."""
     shortening: Float[Array, " thread"]
@@ -220,6 +222,7 @@ class ThreadParameters(ActuatorParameters):
             pull=jnp.where(other_side[..., None], 0.0, lanes),
             # one that has no other side never goes below 0: it has one slope there, not two
             push_back=jnp.where(other_side[..., None], lanes, jnp.where(paired, 0.0, -lanes)),
+            pretension=weight * self.pretension[thread],
             hold=held,
             offset=offsets,
             change=offset(high.at[-1].set(1.0)) - offset(low),
@@ -284,6 +287,7 @@ def _numbers(thread: Chamber | Tendon) -> dict[str, Any]:
         "offset": (low, high),
         "angle": (angle, angle + math.radians(wound)),
         "force": 0.0 if thread.lined else force,
+        "pretension": thread.pretension if isinstance(thread, Tendon) else 0.0,
         "hold": pull if thread.lined else 0.0,
         "shortening": thread.largest if thread.lined else 0.0,
         "stiffness": stiffness or 0.0,

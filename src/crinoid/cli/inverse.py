@@ -13,18 +13,18 @@ from crinoid.cli.finding import finding, solvable
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
 from crinoid.inverse import IDENTIFICATION, TUNING
-from crinoid.inverse.experiment import given_values
+from crinoid.inverse.experiments_file import read_experiments
 from crinoid.inverse.gain_design import tunable_numbers
-from crinoid.inverse.identification import Identification
-from crinoid.inverse.recorded_motion import read_record
+from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.tuning import MARGINS, Tuning
+from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario, got, refusal
 from crinoid.view.figures.style import DEGREES, si_unit
 
 _ALIKE = 0.95
 """Correlation of two numbers from which on a note reports it."""
 _MOST_CORRELATED = 2.0
-"""Integral time of a residual, over that of white noise, from which on a note reports it."""
+"""Variance of a mean of residuals, over that of white noise, from which on a note reports it."""
 
 
 def tune_controller(
@@ -131,15 +131,15 @@ def identify_numbers(
     if not keys:
         hint = "Name keys of numbers, such as arm.youngs_modulus,water.drag_normal."
         raise refusal("--of", f"got no key. {hint}")
-    given_values(scenario, keys)
+    unknowns = Unknowns(scenario, keys)
     with finding(scenario, folder / IDENTIFICATION, "a record", force=force) as found:
-        read = read_record(record, scenario.arm.dimension, found.prepared.system.inputs)
+        records = read_experiments(record, found.prepared, unknowns)
         with Interruption() as interruption:
             with progress_bar() as bar:
                 (task,) = bar.task_ids
                 bar.update(task, description="identifying", reached="compiling")
                 with solvable():
-                    search = Identification(scenario, keys, read)
+                    search = Identification(scenario, keys, records)
 
                 def report(trials: int, cost: float) -> None:
                     reached = f"{trials} trials, {cost**0.5:.4g} of the scatter left"
@@ -156,7 +156,8 @@ def identify_numbers(
             text = f"{_lost_markers(data)} of the record were set aside as lost markers"
             text = f"# numbers by `crinoid identify`; {text}\n\n{search.identified().to_toml()}"
             files = [found.write("identified.toml", text), *found.save(data)]
-            notes = [*read.notes, *search.notes, *_identification_notes(search, data)]
+            read = [note for each in records for note in each.notes]
+            notes = [*read, *search.notes, *_identification_notes(search, data)]
             show(identification_table(data), notes, files)
     return status
 
@@ -174,6 +175,9 @@ def identification_table(data: xr.Dataset) -> Table:
         places = min(6, max(2, 2 - math.floor(math.log10(share)))) if share > 0 else 6
         numbers = (f"{given:.4g}", f"{found:.{places}g}", f"{error:.2g}", f"{100 * share:.2g} %")
         rows.append((str(key), *numbers))
+    before, after = (marker_errors(data, name) for name in ("computed_before", "computed"))
+    for marker, error in after.items():
+        rows.append((f"RMS error, {marker}", _length(before[marker]), _length(error), "", ""))
     heads = ("", "given", "found", "standard error", "of it")
     caption = f"set aside as lost markers: {_lost_markers(data)}"
     table = new_table(data.attrs["title"], heads, rows, caption=caption, caption_justify="left")
@@ -193,20 +197,19 @@ def _identification_notes(search: Identification, data: xr.Dataset) -> list[str]
         value = data["correlation"].values[row, column]
         notes.append(
             f"{keys[row]} and {keys[column]} are strongly correlated by this record ({value:.3f}). "
-            "Use another motion, or fix one of them."
+            "Use another experiment, or fix one of them."
         )
     if not np.isfinite(data["standard_error"].values).all():
         notes.append("this record does not determine all of these numbers. Name fewer.")
-    interval = float(np.median(np.diff(data["time"].values)))
-    for name, scatter, time in zip(
-        data["quantity"].values, data["scatter"].values, data["remembered"].values, strict=True
+    for name, scatter, time, variance in zip(
+        data["quantity"].values, data["scatter"].values, *search.correlation, strict=True
     ):
-        if time > _MOST_CORRELATED * interval / 2:
+        if variance > _MOST_CORRELATED:
             notes.append(
                 f"the residual of {name} ({scatter:.3g} RMS) is autocorrelated over {time:.2g} s, "
                 "so the model misses part of the motion. The standard errors account for it."
             )
-    late = search.experiment.record.time.size - search.experiment.time.size
+    late = sum(each.late for each in search.experiments)
     if late:
         notes.append(f"{late} rows after the end of the run (simulation.duration) are left out")
     return notes

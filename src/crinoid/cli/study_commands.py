@@ -70,8 +70,8 @@ def identify(
         typer.Argument(
             metavar="RECORD",
             show_default=False,
-            help="What was measured: a CSV or netCDF file with time and coordinates of the tip, or "
-            "a result.",
+            help="What was measured: a CSV or netCDF file with times or holds and places of the "
+            "tip, a result, or a TOML file of markers and experiments.",
         ),
     ],
     of: Annotated[
@@ -86,7 +86,7 @@ def identify(
     out: Annotated[Path | None, out_option("results/SCENARIO-identify")] = None,
     force: Force = False,
 ) -> None:
-    """Find stiffness, damping, drag and other numbers from a recorded motion of the tip."""
+    """Find stiffness, damping, drag and other numbers from recorded motions and holds."""
     described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-identify")
     with Loading():
         from crinoid.cli.inverse import identify_numbers

@@ -67,6 +67,17 @@ def static_motion(forces: Forces, time: Array, position: Rows, frames: Frames | 
     return forces.motion(stage, none, forces.surroundings(stage, none))
 
 
+def careful(forces: Forces, settings: Settings) -> Settings:
+    """Return the settings of a static solve from those of a time step."""
+    room = None if forces.obstacles is None else forces.obstacles.finest / 2
+    return eqx.tree_at(
+        lambda s: (s.tolerance, s.max_turn, s.max_move),
+        settings,
+        (_TOLERANCE_SHARE * settings.tolerance, jnp.asarray(0.5), room),
+        is_leaf=lambda x: x is None,
+    )
+
+
 def find(
     reference: Reference,
     forces: Forces,
@@ -82,19 +93,12 @@ def find(
     bending = forces.bending_stiffness(reference) / (mass * length**3)
     _, loads = forces.residual(static_motion(forces, time, start, frames))
     load = jnp.max(settings.weights * loads)
-    room = None if forces.obstacles is None else forces.obstacles.finest / 2
-    careful = eqx.tree_at(
-        lambda s: (s.tolerance, s.max_turn, s.max_move),
-        settings,
-        (_TOLERANCE_SHARE * settings.tolerance, jnp.asarray(0.5), room),
-        is_leaf=lambda x: x is None,
-    )
     return equilibrium(
         forces,
         time,
         start,
         frames,
-        careful,
+        careful(forces, settings),
         1e-3 * jnp.min(bending),
         1e3 * (jnp.max(bending) + load * reference.nodes / (mass * length)),
     )

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from crinoid.actuation import Actuator, Input, drives, followed
 from crinoid.base import Base
-from crinoid.dynamics import modes, start, statics
+from crinoid.dynamics import modes, pulled, start, statics
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import GripTriggers, with_grip
 from crinoid.dynamics.integrator import Integrator
@@ -78,8 +78,7 @@ class System(eqx.Module):
 
     def rest(self, time: float | Array = 0.0) -> State:
         """Return the undeformed arm, clamped to the base as it is at ``time``."""
-        time = jnp.asarray(time, float)
-        return self._begin(time, *start.undeformed(self.reference, self.base, self.forces, time))
+        return self._begin(*self.undeformed(time))
 
     def undeformed(self, time: float | Array) -> tuple[Forces, Array, Rows, Frames | None]:
         """Return the forces with actuators at rest, the time, and the undeformed shape then."""
@@ -119,15 +118,11 @@ class System(eqx.Module):
         The method is in ``crinoid.dynamics.statics``.
         """
         forces, time, rows, frames = self.undeformed(time)
-        position, frames, outcome = statics.find(
-            self.reference,
-            forces.frozen(time),
-            self.settings,
-            time,
-            start.with_clamp_spin(self.base, time, rows, frames),
-            frames,
+        rows = start.with_clamp_spin(self.base, time, rows, frames)
+        forces, position, frames, outcome = pulled.find(
+            self.reference, forces, self.settings, time, rows, frames
         )
-        return self._begin(time, position, frames), outcome
+        return self._begin(forces, time, position, frames), outcome
 
     def stand(self, state: State) -> State:
         """Return the same shape without motion, in the flow frozen at its time."""
@@ -361,10 +356,9 @@ class System(eqx.Module):
             (good & resolved, resolved, folded, error),
         )
 
-    def _begin(self, time: Array, position: Rows, frames: Frames | None) -> State:
+    def _begin(self, forces: Forces, time: Array, position: Rows, frames: Frames | None) -> State:
         """Return the state of a shape that moves rigidly with the base, in dynamic balance."""
         servo, *actuators = (one.at_rest() for one in self.followers)
-        forces = self.forces.driven(drives(self.actuators, actuators))
         forces, motion, held = start.begin(forces, self.base, servo, time, position, frames)
         state = start.steady_state(forces, motion, held, (servo, *actuators))
         return (

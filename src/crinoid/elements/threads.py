@@ -53,6 +53,8 @@ class Threads(Linearised):
     """Tension in a lane per unit of each positive drive (N)."""
     push_back: Float[Array, "*count lane drive"]
     """Tension in a lane per unit of each negative drive, as a positive number (N)."""
+    pretension: Float[Array, "*count lane"]
+    """Tension in a lane at drives of 0 (N)."""
     hold: Float[Array, "*count lane line"]
     """Tension in a lane per load of each line: 1 of a tendon, minus the area of a chamber (m2)."""
     offset: Float[Array, "*count lane way"]
@@ -111,11 +113,21 @@ class Threads(Linearised):
         start = memory._replace(direction=direction, before=memory.path)
         return replace(self, memory=start, step=step, capstan=capstan)
 
+    def slid(self, before: Sliding, now: Sliding) -> "Threads":
+        """Return the threads in one shape at rest, after they slid there from another in one go."""
+        start = now._replace(direction=jnp.zeros_like(now.path), before=before.path)
+        moved = self.remembering(start, jnp.ones(now.path.shape[0]))
+        # all friction is that of the way so far, none that of a correction
+        still = jnp.zeros_like(now.path)
+        return eqx.tree_at(lambda e: e.capstan.reach, moved, still)
+
     def steady(self, motion: Motion) -> Sliding | None:
         if self.friction is None:
             return None
         path, wrap = self._wrapped(motion)
-        return Sliding(jnp.zeros_like(path), path, path, wrap, jnp.ones_like(path))
+        if self.memory is None:
+            return Sliding(jnp.zeros_like(path), path, path, wrap, jnp.ones_like(path))
+        return Sliding(self.memory.direction, path, path, wrap, self._factor(path))
 
     def advance(self, motion: Motion) -> Sliding | None:
         if self.friction is None:
@@ -310,7 +322,7 @@ class Threads(Linearised):
         assert motion.drive is not None
         drive = motion.drive[self.at : self.at + self.pull.shape[-1]]
         pulled = self.pull * jnp.maximum(drive, 0.0) + self.push_back * jnp.maximum(-drive, 0.0)
-        total = jnp.sum(pulled, axis=-1)
+        total = self.pretension + jnp.sum(pulled, axis=-1)
         return total if motion.line is None else total + product(self.hold, motion.line)
 
 

@@ -1,22 +1,24 @@
-"""Identification of a scenario's parameters from a recorded motion, by least squares."""
+"""Identification of a scenario's parameters from recorded experiments, by least squares."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Bool, Float, Int
-from scipy.ndimage import maximum_filter, median_filter
+from jaxtyping import Float
 from scipy.optimize import least_squares
 
+from crinoid.foundation.axes import AXES
 from crinoid.inverse import StoppedError
 from crinoid.inverse.experiment import Experiment, RecordComparison
-from crinoid.inverse.recorded_motion import LOST, RecordedMotion
-from crinoid.numerics.signals_and_systems import integral_time
+from crinoid.inverse.record import LOST, Record
+from crinoid.inverse.unknowns import Unknowns, Vector
+from crinoid.inverse.weights import RecordWeights
 from crinoid.results.dataset import describe, described
-from crinoid.scenario import Mistake, Scenario, ScenarioError
+from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal
 
 __all__ = ["Identification"]
 
@@ -28,15 +30,8 @@ _ROUGH, _FINE = 1e-3, 1e-8
 """Relative changes at which a fit of a part of the record has converged, and of the whole."""
 _ROUNDS = 4
 """Largest number of fits, each with the scatter of the one before."""
-_SETTLED = 0.02
-"""Relative change at which the scatter has converged."""
-_QUANTILE, _DEVIATIONS = 0.7, 1.0364
-"""Quantile that lost markers do not affect, and its number of deviations in a normal law."""
-_FAR, _JUMP, _AWAY, _WINDOW = 6.0, 0.005, 0.1, 7
-"""Least distance of a lost marker over the scatter; its jump off a running median, and its
-distance, over the motion; rows of the running median."""
-_LEAST = 1e-12
-"""Least scatter, over the size of a coordinate."""
+_FARTHEST = np.log(1e4)
+"""Largest logarithm of a number over its given value; a number that may as well be 0 ends there."""
 _INSENSITIVE = 1e-6
 """Sensitivity below which a parameter has no effect, over the size of a coordinate."""
 _ALIKE = 1e-6
@@ -44,15 +39,15 @@ _ALIKE = 1e-6
 _NORMAL = 1.959964
 """Half of the 95 % interval of a normal law, over its standard deviation."""
 
-Rows = Int[np.ndarray, " row"]
-Vector = Float[np.ndarray, " parameter"]
 Matrix = Float[np.ndarray, "parameter parameter"]
+Runs = list[RecordComparison]
 
 
 class _Fit(NamedTuple):
     logs: Vector
     """Logarithms of the parameters over their initial values."""
-    run: RecordComparison
+    runs: Runs
+    """Comparison of each experiment with its record."""
     cost: float
     """Mean square of the residuals over the scatter, limited to that of a lost marker."""
 
@@ -61,36 +56,51 @@ class Identification:
     """Least-squares search for parameters, with its results so far.
 
     Levenberg-Marquardt steps in a trust region (Moré 1978) on the logarithms of the parameters,
-    with derivatives through every time step. One search fits the whole record, another its start
-    and then more and more of it, so that it does not confuse one swing with the next; the better
-    one counts. Each coordinate is weighted by its scatter about the fit, which is estimated too.
+    with derivatives through every time step and every equilibrium. One search fits the whole
+    records, another the start of motions and then more and more of them, so that it does not
+    confuse one swing with the next; the better one counts.
 
     Both searches limit the weight of outliers (soft L1 loss). Then rows that no motion of the arm
-    explains, such as those of a lost marker, are set aside, and the others have equal weights.
+    explains are set aside (`crinoid.inverse.weights.RecordWeights`), and the others have equal
+    weights.
 
     Standard errors are those of the linear model about the result. Autocorrelated scatter, as from
     a model error, has less information: its variance is multiplied by the number of samples in
     twice its integral time.
 
-    The arguments are those of `crinoid.inverse.experiment.Experiment`.
+    The arguments are the scenario with the initial parameters, their keys as
+    `crinoid.inverse.unknowns.Unknowns` reads them, and the record of each experiment.
     """
 
-    def __init__(self, scenario: Scenario, keys: Sequence[str], record: RecordedMotion) -> None:
-        self.experiment = Experiment(scenario, tuple(keys), record)
+    def __init__(self, scenario: Scenario, keys: Sequence[str], records: Sequence[Record]) -> None:
+        self.scenario, self.unknowns = scenario, Unknowns(scenario, keys)
+        self.experiments = [
+            Experiment(scenario.with_values(record.settings), self.unknowns, record)
+            for record in records
+        ]
+        count = sum(each.measured.size for each in self.experiments)
+        if count <= len(keys):
+            must = f"be more than {len(keys)}, the numbers to find"
+            raise refusal("RECORD", f"got {count} measured numbers within the run", must)
+        effects = sum(each.effects for each in self.experiments)
+        idle = [key for key, size in zip(keys, effects, strict=True) if size == 0]
+        if idle:
+            text = "does not affect the motion. Name a parameter of arm, water or actuators."
+            raise ScenarioError([Mistake(key, text) for key in idle])
         self.trials = 0
         self.failure = ""
         """Why the first run failed; empty if it did not."""
         self.before: _Fit | None = None
         self.found: _Fit | None = None
         """The best fit so far."""
-        self.scatter = np.ones(len(record.names))
-        """Standard deviation of each coordinate about the fit."""
-        self.used = np.ones(self.experiment.time.size, bool)
-        """Rows of the record that are not set aside as lost markers."""
-        self.notes: list[str] = []
-        size = np.median(np.abs(self.experiment.measured), axis=0) + scenario.arm.length
-        self._least = _LEAST * size
-        self._latest: tuple[bytes, RecordComparison] | None = None
+        self.weights: list[RecordWeights] = []
+        """Weights of each record."""
+        self._latest: tuple[bytes, Runs] | None = None
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on the records, a sentence each."""
+        return [note for each in self.weights for note in each.notes]
 
     def run(self, report: Callable[[int, float], None], stop: Callable[[], bool]) -> bool:
         """Search; return whether the search was complete before ``stop`` ended it.
@@ -98,105 +108,95 @@ class Identification:
         ``report`` gets the number of trials and the least cost after each trial.
         """
         self._report, self._stop = report, stop
-        none = np.zeros(len(self.experiment.keys))
-        first = self.experiment.motion(none)
-        self.failure = self.experiment.failure(first)
-        if self.failure or first is None:
-            return True
-        within_reach, self.notes = self.experiment.within_reach(first)
-        self.used = within_reach
-        run = self.experiment.compare(first)
-        self.scatter = self._robust_scatter(run)
-        self.before = self.found = _Fit(none, run, self._cost(run))
-        self._check(run)
+        none = np.zeros(len(self.unknowns.keys))
+        runs = []
+        for experiment in self.experiments:
+            first = experiment.motion(none)
+            self.failure = experiment.failure(first)
+            if self.failure or first is None:
+                return True
+            self.weights.append(RecordWeights(experiment, first))
+            runs.append(experiment.compare(first))
+        self.before = self.found = _Fit(none, runs, self._cost(runs))
+        self._check(runs)
+        moves = any(each.record.holds is None for each in self.experiments)
         try:
-            whole = self._search(none, (1.0,), "soft_l1")
-            progressive = self._search(none, _SHARES, "soft_l1")
-            best = min(whole, progressive, key=lambda fit: fit.cost)
+            fits = [self._search(none, (1.0,), "soft_l1")]
+            if moves:
+                fits.append(self._search(none, _SHARES, "soft_l1"))
+            best = min(fits, key=lambda fit: fit.cost)
             for _ in range(_ROUNDS):
-                before, earlier = self.used, self.scatter
-                self.used = within_reach & self._explained(best.run)
-                rms = np.sqrt(np.mean(best.run.residual[self.used] ** 2, axis=0))
-                self.scatter = np.maximum(rms, self._least)
-                best = self.found = best._replace(cost=self._cost(best.run))
-                settled = np.abs(self.scatter / earlier - 1) < _SETTLED
-                if settled.all() and np.array_equal(self.used, before):
+                settled = [w.update(run) for w, run in zip(self.weights, best.runs, strict=True)]
+                best = self.found = best._replace(cost=self._cost(best.runs))
+                if all(settled):
                     break
                 best = self._search(best.logs, (1.0,), "linear")
         except StoppedError:
             return False
         self.found = best
-        if (lost := 1 - self.used.mean()) > LOST:
-            stuck = self.experiment.stuck(best.run.computed).mean() > LOST / 2
-            hint = "A stuck marker rests while the arm moves." if stuck else "Check the markers."
-            text = f"got {lost:.0%} of rows that no motion of this arm explains; must be at most"
-            raise ScenarioError.of("RECORD", f"{text} {LOST:.0%}. {hint}")
+        for each, run in zip(self.weights, best.runs, strict=True):
+            if (lost := 1 - each.used.mean()) > LOST:
+                stuck = each.experiment.stuck(run.computed).mean() > LOST / 2
+                hint = (
+                    "A stuck marker rests while the arm moves." if stuck else "Check the markers."
+                )
+                text = (
+                    f"got {lost:.0%} of rows that no motion of this arm explains; must be at most"
+                )
+                raise ScenarioError.of("RECORD", f"{text} {LOST:.0%}. {hint}")
         return True
 
-    def _explained(self, run: RecordComparison) -> Bool[np.ndarray, " time"]:
-        """Return the rows without lost markers (F. R. Hampel 1974).
-
-        A lost marker jumps off its neighbours, or is far off. A distance below the path of the tip
-        between two rows may be an error in time.
-        """
-        between = np.abs(np.diff(run.computed, axis=0, prepend=run.computed[:1]))
-        between = maximum_filter(between, (3, 1))
-        motion, scatter = np.ptp(run.computed, axis=0), _FAR * self._robust_scatter(run)
-        jump = run.residual - median_filter(run.residual, (_WINDOW, 1), mode="nearest")
-        off = np.abs(run.residual)
-        lost = np.minimum(np.abs(jump), off) > np.maximum(scatter, _JUMP * motion) + between
-        lost |= off > np.maximum(scatter, _AWAY * motion) + between
-        return np.asarray(~lost.any(axis=1) & ~self.experiment.stuck(run.computed))
-
-    def _robust_scatter(self, run: RecordComparison) -> Float[np.ndarray, " quantity"]:
-        """Return the scatter of most rows."""
-        found = np.quantile(np.abs(run.residual[self.used]), _QUANTILE, axis=0) / _DEVIATIONS
-        return np.asarray(np.maximum(found, self._least))
-
-    def _cost(self, run: RecordComparison) -> float:
-        squares = (run.residual[self.used] / self.scatter) ** 2
-        return float(np.mean(np.minimum(squares, _FAR**2)))
+    def _cost(self, runs: Runs) -> float:
+        pairs = zip(self.weights, runs, strict=True)
+        return float(np.mean(np.concatenate([w.squares(run).ravel() for w, run in pairs])))
 
     def _search(self, logs: Vector, shares: Sequence[float], loss: str) -> _Fit:
-        """Fit shares of the record in turn."""
-        used = np.flatnonzero(self.used)
+        """Fit shares of the records in turn."""
         for share in shares:
-            rows = used[: max(int(np.ceil(share * used.size)), 2 * logs.size)]
+            rows = [each.first_rows(share, 2 * logs.size) for each in self.weights]
 
-            def residual(x: Vector, rows: Rows = rows) -> np.ndarray:
-                return np.asarray((self._run(x).residual[rows] / self.scatter).ravel())
+            def residual(x: Vector, rows: list[np.ndarray] = rows) -> np.ndarray:
+                parts = zip(self.weights, self._run(x), rows, strict=True)
+                return np.concatenate([(r.residual[k] / w.scatter).ravel() for w, r, k in parts])
 
-            def jacobian(x: Vector, rows: Rows = rows) -> np.ndarray:
-                return -(self._run(x).sensitivity[rows] / self.scatter[:, None]).reshape(-1, x.size)
+            def jacobian(x: Vector, rows: list[np.ndarray] = rows) -> np.ndarray:
+                parts = zip(self.weights, self._run(x), rows, strict=True)
+                slopes = [r.sensitivity[k] / w.scatter[:, None] for w, r, k in parts]
+                return -np.concatenate([slope.reshape(-1, x.size) for slope in slopes])
 
             change = _FINE if share == 1 else _ROUGH
-            rules = {"loss": loss, "x_scale": "jac", "max_nfev": _TRIALS}
+            bounds = (-_FARTHEST, _FARTHEST)
+            rules = {"loss": loss, "x_scale": "jac", "max_nfev": _TRIALS, "bounds": bounds}
             logs = least_squares(residual, logs, jacobian, ftol=change, xtol=change, **rules).x
-        run = self._run(logs)
-        return _Fit(logs, run, self._cost(run))
+        runs = self._run(logs)
+        return _Fit(logs, runs, self._cost(runs))
 
-    def _run(self, logs: Vector) -> RecordComparison:
-        """Run the experiment with other parameters, or return the latest run of the same ones."""
+    def _run(self, logs: Vector) -> Runs:
+        """Run the experiments with other parameters, or return the latest runs of the same ones."""
         name = logs.tobytes()
         if self._latest is None or self._latest[0] != name:
             if self._stop():
                 raise StoppedError
-            found = self.experiment.motion(logs)
-            failed = bool(self.experiment.failure(found))
-            run = self.experiment.compare(None if failed else found)
-            self._latest = name, run
+            motions = [each.motion(logs) for each in self.experiments]
+            pairs = list(zip(self.experiments, motions, strict=True))
+            failed = any(each.failure(found) for each, found in pairs)
+            runs = [each.compare(None if failed else found) for each, found in pairs]
+            self._latest = name, runs
             self.trials += 1
-            cost = self._cost(run)
+            cost = self._cost(runs)
             if self.found is None or cost < self.found.cost:
-                self.found = _Fit(logs.copy(), run, cost)
+                self.found = _Fit(logs.copy(), runs, cost)
             self._report(self.trials, self.found.cost)
         return self._latest[1]
 
-    def _check(self, run: RecordComparison) -> None:
-        """Refuse parameters that the record cannot determine."""
-        keys, moved = self.experiment.keys, np.ptp(self.experiment.measured, axis=0)
-        size = np.where(moved > 0, moved, self.experiment.scenario.arm.length)
-        columns = (run.sensitivity / size[:, None]).reshape(-1, len(keys))
+    def _check(self, runs: Runs) -> None:
+        """Refuse parameters that the records cannot determine."""
+        keys, parts = self.unknowns.keys, []
+        for experiment, run in zip(self.experiments, runs, strict=True):
+            moved = np.ptp(experiment.measured, axis=0)
+            size = np.where(moved > 0, moved, experiment.scenario.arm.length)
+            parts.append((run.sensitivity / size[:, None]).reshape(-1, len(keys)))
+        columns = np.concatenate(parts)
         norms = np.abs(columns).max(axis=0)
         idle = [key for key, norm in zip(keys, norms, strict=True) if norm < _INSENSITIVE]
         if idle:
@@ -209,71 +209,110 @@ class Identification:
             raise ScenarioError.of(keys[some[1]], text)
 
     @property
-    def correlation_time(self) -> Float[np.ndarray, " quantity"]:
-        """Integral time of the residual of each coordinate (s)."""
+    def correlation(self) -> Float[np.ndarray, "2 quantity"]:
+        """Integral time of the residual of each coordinate of each record (s), and its variance.
+
+        `crinoid.inverse.weights.RecordWeights.correlation` defines both.
+        """
         assert self.found is not None
-        interval = float(np.median(np.diff(self.experiment.time)))
-        residual = self.found.run.residual[self.used]
-        return np.array([integral_time(each, interval) for each in residual.T])
+        pairs = zip(self.weights, self.found.runs, strict=True)
+        return np.concatenate([each.correlation(run) for each, run in pairs], axis=1)
 
     def covariance(self) -> Matrix:
         """Return the covariance of the logarithms of the parameters; infinite if it is singular."""
         assert self.found is not None
-        slope = self.found.run.sensitivity[self.used] / self.scatter[:, None]
-        rows, quantities, count = slope.shape
-        interval = float(np.median(np.diff(self.experiment.time)))
-        longer = np.maximum(1.0, 2 * self.correlation_time / interval)
-        # the fitted parameters reduce the degrees of freedom
-        free = rows * quantities / max(rows * quantities - count, 1)
-        information = np.einsum("tqi,tqj->ij", slope, slope)
-        noise = free * np.einsum("q,tqi,tqj->ij", longer, slope, slope)
+        count = len(self.unknowns.keys)
+        information, noise, numbers = np.zeros((count, count)), np.zeros((count, count)), 0
+        for each, run in zip(self.weights, self.found.runs, strict=True):
+            slope = run.sensitivity[each.used] / each.scatter[:, None]
+            information += np.einsum("tqi,tqj->ij", slope, slope)
+            noise += np.einsum("q,tqi,tqj->ij", each.correlation(run)[1], slope, slope)
+            numbers += slope.shape[0] * slope.shape[1]
+        # a number near 0 has a small slope by its logarithm
+        size = np.sqrt(np.diag(information))
+        if not (size > 0).all():
+            return np.full((count, count), np.inf)
         try:
-            inverse = np.linalg.inv(information)
+            inverse = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
         except np.linalg.LinAlgError:
             return np.full((count, count), np.inf)
-        return np.asarray(inverse @ noise @ inverse)
+        # the fitted parameters reduce the degrees of freedom
+        free = numbers / max(numbers - count, 1)
+        return np.asarray(free * inverse @ noise @ inverse)
 
     def identified(self) -> Scenario:
         """Return the scenario with the identified parameters."""
         assert self.found is not None
-        keys, initial = self.experiment.keys, self.experiment.initial
-        values = initial * np.exp(self.found.logs)
-        return self.experiment.scenario.with_values(
-            {key: float(f"{value:.6g}") for key, value in zip(keys, values, strict=True)}
-        )
+        values = self.unknowns.values(self.found.logs)
+        return self.scenario.with_values({k: float(f"{x:.6g}") for k, x in values.items()})
 
     def dataset(self, status: str) -> xr.Dataset:
         """Return the parameters with their uncertainty, and the fit."""
         assert self.found is not None
         assert self.before is not None
-        experiment, covariance = self.experiment, self.covariance()
+        experiments, covariance = self.experiments, self.covariance()
+        scatter = np.concatenate([each.scatter for each in self.weights])
+        aside = np.concatenate([~each.used for each in self.weights])
         deviation = np.sqrt(np.diag(covariance))
-        found = experiment.initial * np.exp(self.found.logs)
-        limits = found[:, None] * np.exp(_NORMAL * np.outer(deviation, [-1.0, 1.0]))
-        limits.sort(axis=1)  # the larger size of a negative number is the lower one
+        given, found = self.unknowns.given, self.unknowns.given * np.exp(self.found.logs)
+        error = np.abs(found) * deviation
+        limits = found[:, None] + _NORMAL * np.outer(error, [-1.0, 1.0])
+        limits = np.where(limits * found[:, None] > 0, limits, 0.0)  # a number keeps its sign
         with np.errstate(invalid="ignore"):
             correlation = covariance / np.outer(deviation, deviation)
+
+        def computed(fit: _Fit) -> Float[np.ndarray, "time quantity"]:
+            return _table([run.computed for run in fit.runs])
+
         rows = [
-            ("given", "parameter", "", experiment.initial, ""),
+            ("given", "parameter", "", given, ""),
             ("found", "parameter", "", found, "best fit"),
-            ("standard_error", "parameter", "", np.abs(found) * deviation, ""),
+            ("standard_error", "parameter", "", error, ""),
             ("lower", "parameter", "", limits[:, 0], "lower end of the 95 % interval"),
             ("upper", "parameter", "", limits[:, 1], "upper end of the 95 % interval"),
             ("correlation", "parameter other", "", correlation, ""),
-            ("scatter", "quantity", "", self.scatter, "standard deviation about the fit"),
-            ("remembered", "quantity", "s", self.correlation_time, "integral time of the residual"),
-            ("measured", "time quantity", "", experiment.measured, ""),
-            ("computed", "time quantity", "", self.found.run.computed, ""),
-            ("computed_before", "time quantity", "", self.before.run.computed, ""),
-            ("set_aside", "time", "", ~self.used, "whether a row counts as a lost marker"),
+            ("scatter", "quantity", "", scatter, "standard deviation about the fit"),
+            ("remembered", "quantity", "s", self.correlation[0], "integral time of the residual"),
+            ("measured", "time quantity", "", _table([e.measured for e in experiments]), ""),
+            ("computed", "time quantity", "", computed(self.found), ""),
+            ("computed_before", "time quantity", "", computed(self.before), ""),
+            ("set_aside", "time", "", aside, "whether a row counts as a lost marker"),
         ]
         return xr.Dataset(
             described(rows),
             coords={
-                "parameter": list(experiment.keys),
-                "other": list(experiment.keys),
-                "quantity": list(experiment.record.names),
-                "time": ("time", experiment.time, {"units": "s"}),
+                "parameter": list(self.unknowns.keys),
+                "other": list(self.unknowns.keys),
+                "quantity": [name for each in experiments for name in each.quantities],
+                "time": ("time", np.concatenate([e.time for e in experiments]), {"units": "s"}),
+                "marker": ("time", [label for each in experiments for label in each.labels]),
+                "hold": ("time", [hold for each in experiments for hold in each.holds]),
             },
-            attrs=describe(experiment.scenario) | {"status": status, "trials": self.trials},
+            attrs=describe(self.scenario) | {"status": status, "trials": self.trials},
         )
+
+
+def _table(parts: list[np.ndarray]) -> Float[np.ndarray, "time quantity"]:
+    """Return a row for each row of all records, not a number in the columns of the others."""
+    ends = [list(pairwise(accumulate((p.shape[k] for p in parts), initial=0))) for k in (0, 1)]
+    table = np.full((ends[0][-1][1], ends[1][-1][1]), np.nan)
+    for part, rows, columns in zip(parts, *ends, strict=True):
+        table[slice(*rows), slice(*columns)] = part
+    return table
+
+
+def marker_errors(data: xr.Dataset, name: str = "computed") -> dict[str, float]:
+    """Return the RMS distance of each marker from its place in a fit (m); empty without places.
+
+    Rows that are set aside do not count.
+    """
+    places = [str(each).rpartition(".")[2] in AXES[3] for each in data["quantity"].values]
+    if not any(places):
+        return {}
+    apart = (data["measured"] - data[name]).values[:, places]
+    squares, used = np.nansum(apart**2, axis=1), ~data["set_aside"].values
+    marker = data["marker"].values
+    return {
+        str(each): float(np.sqrt(np.mean(squares[used & (marker == each)])))
+        for each in dict.fromkeys(marker[used])
+    }

@@ -101,6 +101,12 @@ def numbers_of(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
     return values
 
 
+def labels_of(variable: xr.DataArray) -> list[str]:
+    """Return the values of a variable as texts, whole numbers without a point."""
+    values = values_of(variable).tolist()
+    return [f"{each:g}" if isinstance(each, float) else str(each).strip() for each in values]
+
+
 def _finite_numbers(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
     values = numbers_of(variable, key, must)
     if not np.isfinite(values).all():

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 from jaxtyping import Bool, Float
 
 from crinoid.foundation.axes import ANGLES, AXES
@@ -14,6 +15,7 @@ from crinoid.recording.opening import (
     check_count,
     factor_to,
     find,
+    labels_of,
     numbers_of,
     only_dimension,
     opened,
@@ -131,35 +133,58 @@ class Series:
         return self.time[first:last], self.values[first:last]
 
 
-def read_series(file: str, time_column: str, columns: list[Column], skip: float) -> Series:
+def values_in(
+    dataset: xr.Dataset, columns: list[Column], first: xr.DataArray, file: str, remarks: list[str]
+) -> Float[np.ndarray, "row column"]:
+    """Return columns of a file in SI units, with the dimension of its ``first`` column."""
+    along = only_dimension(first, str(first.name))
+    values = np.empty((first.size, len(columns)))
+    for index, (key, name, factor_of, unit, limit, _) in enumerate(columns):
+        variable = dataset[find(dataset, name, key, file)]
+        if variable.dims != (along,):
+            dims = ", ".join(map(str, variable.dims)) or "nothing"
+            raise refusal(key, f"{name} has dimensions {dims}", f"have those of {first.name}")
+        numbers = numbers_of(variable, key, "numbers").astype(float)
+        factor = factor_to(variable, factor_of, key, unit, remarks)
+        values[:, index] = factor * numbers
+        most = float(np.nanmax(np.abs(numbers), initial=0.0))
+        if most > limit / factor:
+            must = f"reach at most {limit / factor:.4g}"
+            raise refusal(key, f"{name} reaches {most:g}", must, MARKED)
+        check_marks(numbers, key, name)
+    return values
+
+
+def read_series(
+    file: str,
+    time_column: str,
+    columns: list[Column],
+    skip: float,
+    only: tuple[str, str] | None = None,
+) -> Series:
     """Read columns of a CSV or netCDF file.
 
     Times that are numbers are those of the run, dates count from the first one; ``skip`` is the
-    time of the file when the run begins. Rows with a missing value are omitted.
+    time of the file when the run begins. Rows with a missing value are omitted. With ``only``, a
+    column and a label in it, other rows do not count.
     """
     with opened(file, time_column) as dataset:
         remarks: list[str] = []
         clock = dataset[find(dataset, time_column, "time_column", file)]
         along = only_dimension(clock, "time_column")
         check_count(clock.size * len(columns), file, "this path")
+        begin = numbers_of(clock, "time_column", "times")[:1]
+        if only is not None:
+            chosen = np.flatnonzero(np.array(labels_of(dataset[only[0]])) == only[1])
+            dataset = dataset.isel({along: chosen})
+            clock = dataset[clock.name]
         time = seconds(clock, remarks, key="time_column")
         units = str(clock.attrs.get("units", ""))
-        if " since " not in units:
-            time += float(numbers_of(clock, "time_column", "times")[0]) * (time_factor(units) or 1)
-        values = np.empty((time.size, len(columns)))
-        for index, (key, name, factor_of, unit, limit, _) in enumerate(columns):
-            variable = dataset[find(dataset, name, key, file)]
-            if variable.dims != (along,):
-                dims = ", ".join(map(str, variable.dims)) or "nothing"
-                raise refusal(key, f"{name} has dimensions {dims}", f"have those of {time_column}")
-            numbers = numbers_of(variable, key, "numbers").astype(float)
-            factor = factor_to(variable, factor_of, key, unit, remarks)
-            values[:, index] = factor * numbers
-            most = float(np.nanmax(np.abs(numbers), initial=0.0))
-            if most > limit / factor:
-                must = f"reach at most {limit / factor:.4g}"
-                raise refusal(key, f"{name} reaches {most:g}", must, MARKED)
-            check_marks(numbers, key, name)
+        since = begin[0] if " since " in units else 0
+        time += float(numbers_of(clock, "time_column", "times")[0] - since) * (
+            time_factor(units) or 1
+        )
+        values = values_in(dataset, columns, clock, file, remarks)
     there = np.isfinite(values).all(axis=1)
     if there.sum() < 2:
         rows = counted(int(there.sum()), "row")

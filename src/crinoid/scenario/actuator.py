@@ -219,7 +219,7 @@ class Tendon(Thread):
     """A tendon that pulls along the arm."""
 
     _ways: ClassVar[dict[str, dict[str, str]]] = {
-        "tension": {"max_tension": "a number above 0 (N)", "max_rate": ""},
+        "tension": {"max_tension": "a number above 0 (N)", "pretension": "", "max_rate": ""},
         "length": {
             "max_shortening": "a number above 0 (m)",
             "stiffness": "a number above 0 (N)",
@@ -233,6 +233,9 @@ class Tendon(Thread):
         "the tension then follows from the arm's shape, and is 0 where it is slack.",
     )
     max_tension: Newtons | None = entry(None, "Largest tension.", gt=0)
+    pretension: Newtons = entry(
+        0.0, "Tension at a share of 0, to which shares add; of a pair that of either tendon.", ge=0
+    )
     max_rate: Annotated[float, Quantity("N/s")] | None = entry(
         None, "Greatest rate of the tension.", gt=0
     )

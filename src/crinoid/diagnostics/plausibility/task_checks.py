@@ -89,6 +89,8 @@ def _curling(facts: Facts) -> Iterator[str]:
         bending, stretching = facts.stiffness(at)
         offset = np.interp(at, thread.span, np.broadcast_to(thread.offset or 0.0, 2))
         force = thread.largest * area
+        if not isinstance(thread, Chamber):
+            force += thread.pretension
         if thread.lined:  # the force at which the free arm yields by the length or volume
             force = thread.largest / area / span / _mean(1 / stretching + offset**2 / bending)
         turns = force * _mean(offset / bending) * span / (2 * math.pi)
@@ -101,22 +103,12 @@ def _curling(facts: Facts) -> Iterator[str]:
             )
 
 
-@check(
-    "tendon.*.friction",
-    limit="up to 1, and not of a tendon under tension in an equilibrium at the start",
-)
+@check("tendon.*.friction", limit="up to 1")
 def _rubbing(facts: Facts) -> Iterator[str]:
-    settled = facts.scenario.simulation.start == "equilibrium"
     for index, tendon in enumerate(facts.scenario.tendon):
-        key, schedule = f"tendon.{index}.friction", tendon.schedule
         if tendon.friction > 1:
+            key = f"tendon.{index}.friction"
             yield f"{key}: {tendon.friction:g} is large. Steel on PTFE has about 0.1."
-        pulls = schedule is not None and np.interp(0.0, schedule.time, schedule.share) != 0
-        if tendon.friction and settled and pulls:
-            yield (
-                f"{key}: the equilibrium at the start is without friction. "
-                'Set simulation.start = "rest" and let the schedule rise from 0.'
-            )
 
 
 def _mean(values: Float[np.ndarray, " at"]) -> float:

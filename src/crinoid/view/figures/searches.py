@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
@@ -83,38 +84,67 @@ def draw_training(data: xr.Dataset) -> Figure:
 
 
 def draw_identification(data: xr.Dataset) -> Figure:
-    """Draw each coordinate as measured and as computed, and its residual below."""
+    """Draw each coordinate as measured and as computed over time or holds, and its residual below.
+
+    Each marker has a line.
+    """
     names = [str(name) for name in data["quantity"].values]
     figure = Figure(figsize=(WIDTH, 0.9 + 2.7 * len(names)), layout="constrained")
     head_of(figure, data)
-    panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2.0, 1.0] * len(names))
-    time, aside = data["time"].values, data["set_aside"].values.astype(bool)
+    one = len({name.rpartition(".")[0] for name in names}) == 1
+    heights = [2.0, 1.0] * len(names)
+    panels = figure.subplots(2 * len(names), 1, sharex=one, height_ratios=heights)
     for index, name in enumerate(names):
-        factor, unit = _UNITS.get(name, (1.0, ""))
-        names_of = ("measured", "computed", "computed_before")
-        measured, after, before = (factor * data[each].values[:, index] for each in names_of)
-        upper, lower = panels[2 * index], panels[2 * index + 1]
-        good = np.where(aside, np.nan, measured)
-        upper.plot(time, good, ".", color=GREY, markersize=2.0, label="measured")
-        upper.plot(time, before, "--", color=VERMILLION, linewidth=1.0, label="as given")
-        upper.plot(time, after, "-", color=BLUE, label="as found")
-        low, high = np.nanmin(good), np.nanmax(good)
-        room = 0.25 * max(high - low, 1e-12)
-        upper.set_ylim(low - room, high + room)
-        if aside.any():  # far ones at the edge, so that the motion stays visible
-            lost = np.clip(measured[aside], low - 0.8 * room, high + 0.8 * room)
-            upper.plot(time[aside], lost, "x", color=INK, markersize=4.0, label="set aside")
-        upper.set_ylabel(f"{name}{unit}")
-        left = good - after
-        if name == "angle":
-            left = (left + 180.0) % 360.0 - 180.0
-        lower.plot(time, left, ".", color=INK, markersize=1.5)
-        lower.axhline(0.0, color=GREY, linewidth=0.8)
-        lower.set_ylabel("left")
+        pair = panels[2 * index], panels[2 * index + 1]
+        # the rows of other experiments are empty
+        rows = data.isel(time=np.isfinite(data["measured"].values[:, index]), quantity=index)
+        words = _draw_coordinate(*pair, rows, name)
         if index == 0:
-            key(upper, columns=4)
-    panels[-1].set_xlabel("time (s)")
+            key(pair[0], columns=4)
+        if not one or index == len(names) - 1:
+            pair[1].set_xlabel(words)
     return figure
+
+
+def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> str:
+    """Draw the rows of a coordinate, and return the words for the horizontal axis."""
+    coordinate = name.rpartition(".")[2]
+    factor, unit = _UNITS.get(coordinate, (1.0, ""))
+    names_of = ("measured", "computed", "computed_before")
+    measured, after, before = (factor * rows[each].values for each in names_of)
+    time, aside = rows["time"].values, rows["set_aside"].values.astype(bool)
+    marker, hold = (_labels(rows, each) for each in ("marker", "hold"))
+    size, words = 2.0, "time (s)"
+    if hold.any():
+        labels = list(dict.fromkeys(hold.tolist()))
+        time, size, words = np.array([labels.index(each) for each in hold]), 5.0, "hold"
+        for axes in (upper, lower):
+            axes.set_xticks(range(len(labels)), labels)
+    good = np.where(aside, np.nan, measured)
+    left = good - after
+    if coordinate == "angle":
+        left = (left + 180.0) % 360.0 - 180.0
+    for each in dict.fromkeys(marker.tolist()):
+        of = marker == each
+        upper.plot(time[of], good[of], ".", color=GREY, markersize=size, label="measured")
+        upper.plot(time[of], before[of], "--", color=VERMILLION, linewidth=1.0, label="as given")
+        upper.plot(time[of], after[of], "-", color=BLUE, label="as found")
+        lower.plot(time[of], left[of], ".", color=INK, markersize=0.75 * size)
+    low, high = np.nanmin(good), np.nanmax(good)
+    room = 0.25 * max(high - low, 1e-12)
+    upper.set_ylim(low - room, high + room)
+    if aside.any():  # far ones at the edge, so that the motion stays visible
+        lost = np.clip(measured[aside], low - 0.8 * room, high + 0.8 * room)
+        upper.plot(time[aside], lost, "x", color=INK, markersize=4.0, label="set aside")
+    upper.set_ylabel(f"{name}{unit}")
+    lower.axhline(0.0, color=GREY, linewidth=0.8)
+    lower.set_ylabel("left")
+    return words
+
+
+def _labels(rows: xr.Dataset, name: str) -> np.ndarray:
+    none = np.full(rows.sizes["time"], "")
+    return rows[name].values if name in rows.coords else none  # not in files of earlier versions
 
 
 _UNITS = {**dict.fromkeys(("x", "y", "z"), (1e3, " (mm)")), "angle": (180.0 / np.pi, " (deg)")}

@@ -1,0 +1,332 @@
+"""Records of experiments: motions of tip and markers with commands, holds, and their checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float, Int
+
+from crinoid.actuation import Input
+from crinoid.foundation.axes import AXES, POSE
+from crinoid.inverse.marker import TIP, Marker
+from crinoid.recording.opening import find, labels_of, opened
+from crinoid.recording.series import Column, Series, read_series, values_in
+from crinoid.recording.table import angle_factor, length_factor, listed
+from crinoid.results.result import RESULT, Result, ResultError, attributes
+from crinoid.scenario import Mistake, Scenario, ScenarioError, counted, got, one_of, refusal
+from crinoid.scenario.actuator import Tendon, keyed_threads
+
+TIME, HOLD, MARKER = "time", "hold", "marker"
+"""Columns of a record."""
+_LARGEST = 1e12
+"""Larger numbers mark missing values."""
+LOST = 0.25
+"""Largest share of the rows that may be set aside as lost markers."""
+_REACH = 1.25
+"""Largest distance of a record from the root, over the arm's length in the run."""
+_STUCK = 0.02
+"""Path of the tip in the run, over the arm's length, along which a resting marker is stuck."""
+_CLEARLY = 0.2
+"""Largest distance of another reading from the run, over that of the record and the length."""
+
+Places = Float[np.ndarray, "time axis"]
+
+
+class Commands(NamedTuple):
+    """Recorded commands, each valid until the time of the next."""
+
+    time: Float[np.ndarray, " row"]
+    values: Float[np.ndarray, "row input"]
+
+
+class Holds(NamedTuple):
+    """Static holds: the arm at rest, each under constant shares of its threads."""
+
+    names: tuple[str, ...]
+    of_row: Int[np.ndarray, " time"]
+    """Hold of each row."""
+    threads: tuple[int, ...]
+    """Chambers and tendons of given shares; the others have those of t = 0."""
+    shares: Float[np.ndarray, "hold thread"]
+
+
+@dataclass(frozen=True)
+class Record:
+    """Measured motion of the tip and of markers, or their places in static holds."""
+
+    time: Float[np.ndarray, " time"]
+    """Times (s) since the start of the run, increasing for each marker; 0 of a hold."""
+    names: tuple[str, ...]
+    """Measured coordinates (`crinoid.foundation.axes.POSE`)."""
+    values: Float[np.ndarray, "time quantity"]
+    """Values of the coordinates in the world (m; rad; components of a unit vector)."""
+    commands: Commands | None
+    """Commands of all inputs (m, rad, or in their units); None without recorded ones."""
+    notes: tuple[str, ...] = ()
+    """Notes on assumptions and omitted rows."""
+    markers: tuple[Marker, ...] = ()
+    of_row: Int[np.ndarray, " time"] | None = None
+    """Marker of each row, counted from 1; 0 is the tip, as in all rows with None."""
+    holds: Holds | None = None
+    name: str = ""
+    """Name of the experiment, if there are several."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Values of the scenario in this experiment, by key."""
+
+    @property
+    def marker(self) -> Int[np.ndarray, " time"]:
+        """Marker of each row, counted from 1; 0 is the tip."""
+        return np.zeros(self.time.size, int) if self.of_row is None else self.of_row
+
+    def rows(self, chosen: Bool[np.ndarray, " time"]) -> Record:
+        """Return the record of some of its rows."""
+        holds = self.holds and self.holds._replace(of_row=self.holds.of_row[chosen])
+        cut = {"time": self.time[chosen], "of_row": self.marker[chosen]}
+        return replace(self, values=self.values[chosen], holds=holds, **cut)
+
+
+def read_record(
+    path: Path, scenario: Scenario, inputs: Sequence[Input], markers: tuple[Marker, ...] = ()
+) -> Record:
+    """Read a record: a table, or the sensor readings in a result.
+
+    A table is a CSV or netCDF file with a column ``time`` or ``hold``, some of
+    `crinoid.foundation.axes.POSE`, and some of the names of the inputs. A column ``marker`` names
+    the tip or one of the ``markers``. A result is given by its folder or its ``result.nc``.
+    """
+    try:
+        if path.is_dir() or (path.name == RESULT and attributes(path)):
+            folder = path if path.is_dir() else path.parent
+            return _of_result(folder, scenario, inputs)
+        return _of_table(str(path), scenario, inputs, markers)
+    except ResultError as error:
+        raise ScenarioError.of("RECORD", str(error)) from error
+    except ScenarioError as error:
+        mistakes = [Mistake("RECORD", mistake.text) for mistake in error.mistakes]
+        raise ScenarioError(mistakes) from error
+
+
+def _of_table(
+    file: str, scenario: Scenario, inputs: Sequence[Input], markers: tuple[Marker, ...]
+) -> Record:
+    axes = scenario.arm.dimension
+    columns = [_column(name, "rad" if name == "angle" else "m") for name in POSE[axes][:axes]]
+    columns += [_column(name, "rad" if axes == 2 else "1") for name in POSE[axes][axes:]]
+    labels = None
+    with opened(file, TIME) as dataset:
+        there = [str(name) for name in dataset.variables]
+        if MARKER in there:
+            labels = labels_of(dataset[MARKER])
+            columns = columns[: len(AXES[axes])]
+        measured = [column for column in columns if column.name in there]
+        if not measured:
+            some = ", ".join(column.name for column in columns)
+            along = HOLD if HOLD in there else TIME
+            text = f"has {listed(sorted(there))}; must have {along} and some of {some}"
+            raise ScenarioError.of("file", text)
+        first = dataset[HOLD if HOLD in there else find(dataset, TIME, "time_column", file)]
+        if labels is not None and dataset[MARKER].dims != first.dims:
+            dims = ", ".join(map(str, dataset[MARKER].dims)) or "nothing"
+            raise refusal(MARKER, f"marker has dimensions {dims}", f"have those of {first.name}")
+        places = {TIP: 0} | {marker.name: k for k, marker in enumerate(markers, start=1)}
+        for label in labels or ():
+            if label not in places:
+                must = f"be {one_of(places)}"
+                raise refusal(MARKER, got(label, must, "A [[marker]] describes another one."))
+        if HOLD in there:
+            rows = [0] * first.size if labels is None else [places[label] for label in labels]
+            record = _of_holds(dataset, file, scenario, measured, np.array(rows))
+            return replace(record, markers=markers)
+    tracks = {None: 0} if labels is None else {label: places[label] for label in labels}
+
+    def read(some: list[Column]) -> list[Series]:
+        chosen = [None if label is None else (MARKER, label) for label in tracks]
+        return [read_series(file, TIME, some, 0.0, only) for only in chosen]
+
+    motions = read(measured)
+    time = np.concatenate([motion.time for motion in motions])
+    order = np.argsort(time, kind="stable")
+    values = np.concatenate([motion.values for motion in motions])[order]
+    of_row = np.repeat(list(tracks.values()), [motion.time.size for motion in motions])[order]
+    driven = [_column(each.name, each.unit) for each in inputs]
+    played = [column for column in driven if column.name in there]
+    commands, parts = None, read(played) if played else []
+    if played:
+        times, first_row = np.unique(np.concatenate([p.time for p in parts]), return_index=True)
+        of_inputs = np.zeros((times.size, len(inputs)))
+        at = [driven.index(column) for column in played]
+        of_inputs[:, at] = np.concatenate([part.values for part in parts])[first_row]
+        commands = Commands(times, of_inputs)
+    names = tuple(column.name for column in measured)
+    notes = tuple(dict.fromkeys(note for each in (*motions, *parts) for note in each.notes))
+    return _after_start(Record(time[order], names, values, commands, notes, markers, of_row))
+
+
+def _of_holds(
+    dataset: xr.Dataset,
+    file: str,
+    scenario: Scenario,
+    measured: list[Column],
+    of_row: Int[np.ndarray, " row"],
+) -> Record:
+    """Return the holds in a table, with a row for each marker in each hold."""
+    threads = keyed_threads(scenario.chamber, scenario.tendon).values()
+    driven = {}
+    for name, thread in zip(scenario.thread_names, threads, strict=True):
+        unit = "N" if isinstance(thread, Tendon) else "Pa"
+        factors = {"1": 1.0} if thread.lined else {"1": 1.0, unit: 1 / thread.largest}
+        driven[name] = Column(name, name, factors.get, "1", _LARGEST)
+    known = (HOLD, MARKER, *(column.name for column in measured), *driven)
+    for name in map(str, dataset.variables):
+        if name not in known and name not in dataset.dims:
+            others = listed([*POSE[scenario.arm.dimension], *driven])
+            raise refusal("file", f"has a column {name}", f"be {HOLD}, {MARKER} or one of {others}")
+    played = [column for name, column in driven.items() if name in dataset.variables]
+    remarks: list[str] = []
+    clock = dataset[HOLD]
+    values = values_in(dataset, measured, clock, file, remarks)
+    shares = values_in(dataset, played, clock, file, remarks)
+    labels = np.array(labels_of(clock))
+    _, first, holds = np.unique(labels, return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))  # in the order of the file
+    first, holds = np.sort(first), order[holds]
+    for row, column in np.argwhere(~(shares == shares[first][holds])):  # nor is a gap equal
+        one, other = shares[row, column], shares[first[holds[row]], column]
+        text = f"{played[column].name} is {one:.6g} and {other:.6g} in hold {labels[row]}"
+        raise refusal(HOLD, text, "be the same number in all rows of a hold")
+    there = np.isfinite(values).all(axis=1)
+    if not there.all():
+        remarks.append(f"{counted(int((~there).sum()), 'row')} without a value are left out")
+    found = Holds(
+        tuple(map(str, labels[first])),
+        holds,
+        tuple(list(driven).index(column.name) for column in played),
+        shares[first],
+    )
+    places = tuple(column.name for column in measured)
+    record = Record(
+        np.zeros(holds.size), places, values, None, tuple(remarks), of_row=of_row, holds=found
+    )
+    return record.rows(there)
+
+
+def _after_start(record: Record) -> Record:
+    """Remove rows before the start of the run, and refuse a record without later rows."""
+    if record.time[-1] <= 0:
+        text = f"ends at {record.time[-1]:.6g} s of the run; must have times after 0"
+        raise ScenarioError.of("file", text)
+    after = record.time >= 0
+    if after.all():
+        return record
+    note = f"{int((~after).sum())} rows before the start of the run are left out"
+    return replace(record.rows(after), notes=(*record.notes, note))
+
+
+def _column(name: str, unit: str) -> Column:
+    if unit == "m":
+        return Column(name, name, length_factor, "m", _LARGEST)
+    if unit == "rad":
+        return Column(name, name, angle_factor, "degrees", _LARGEST)
+    return Column(name, name, {unit: 1.0}.get, unit, _LARGEST)
+
+
+def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> Record:
+    """Return the readings of the tip in a result, at the times of their measurement."""
+    result = Result.load(folder)
+    data, axes = result.dataset, result.scenario.arm.dimension
+    if axes != scenario.arm.dimension:
+        text = f"{folder}: the arm has {axes} axes; must have {scenario.arm.dimension}"
+        raise ScenarioError.of("file", text)
+    scenario = result.scenario
+    columns = {str(name): row for row, name in enumerate(data["reading"].values)}
+    names = tuple(name for name in POSE[axes] if f"tip.{name}" in columns)
+    time, step = data["time"].values, scenario.simulation.time_step
+    period = 1 / scenario.sensor_rate_hz
+    # a sample is taken at the first time step at or after a tick
+    ticks = np.arange(int(time[-1] / period + 2)) * period
+    samples = step * np.ceil(ticks / step - 1e-6)
+    newest = np.searchsorted(samples, time - max(step, scenario.sensor.delay) + 1e-6 * step) - 1
+    rows = np.flatnonzero(newest >= 0)
+    times, first = np.unique(samples[newest[rows]], return_index=True)
+    if times.size < 2:
+        text = f"{folder}: the run has {times.size} readings of the tip; must have at least 2"
+        raise ScenarioError.of("file", text)
+    readings = data["sensor_reading"].values[rows[first]]
+    values = readings[:, [columns[f"tip.{name}"] for name in names]]
+    return Record(times, names, values, _commands(result, step, inputs))
+
+
+def _commands(result: Result, step: float, inputs: Sequence[Input]) -> Commands | None:
+    data = result.dataset
+    if result.scenario.control.kind == "none":
+        return None
+    rows = _by_name(data, "base_command", "channel")
+    if "actuator_command" in data:
+        rows |= _by_name(data, "actuator_command", "input")
+    none = np.zeros(data.sizes["time"])
+    values = np.stack([rows.get(each.name, none) for each in inputs], axis=1)
+    # a result has the command of a time step at its end
+    return Commands(data["time"].values - step, values)
+
+
+def _by_name(data: xr.Dataset, variable: str, dim: str) -> dict[str, np.ndarray]:
+    return dict(zip(map(str, data[dim].values), data[variable].values.T, strict=True))
+
+
+def within_reach(
+    subject: str,
+    names: Sequence[str],
+    measured: Places,
+    root: Places,
+    tip: Places,
+    length: float,
+) -> tuple[Bool[np.ndarray, " time"], list[str]]:
+    """Return the rows that the arm can reach, and a note if the record fits in another reading.
+
+    Places (m) of the ``subject`` have the axes ``names``. Root and ``tip`` are those of a run whose
+    arm is at most ``length`` (m) long.
+    """
+    inside = np.linalg.norm(measured - root, axis=1) <= _REACH * length
+    turned = np.where(np.array(names) == "z", -1.0, 1.0) * measured
+    frames: list[tuple[str, Places, Places | float]] = [
+        ("all else is right", measured, 0.0),
+        ("positions are measured from the base", measured, root),
+        ("heights are positive down", turned, 0.0),
+        ("positions are measured from the base, positive down", turned, root),
+        ("axes are swapped", np.hstack([measured[:, :-2], measured[:, :-3:-1]]), 0.0),
+    ]
+    frames += [(f"lengths are in mm; {words}", 1e-3 * each, at) for words, each, at in frames]
+    distances = [np.median(np.linalg.norm(at + each - tip, axis=1)) for _, each, at in frames]
+    best = int(np.argmin(distances))
+    near = distances[best] < _CLEARLY * min(distances[0], length)
+    hint = f"Likely cause: {frames[best][0]}." if near else ""
+    where = _ranges(names, measured)
+    if inside.mean() < 1 - LOST:
+        text = (
+            f"got {subject} at {where}; must lie within {_REACH * length:.3g} m of the root at "
+            f"{_ranges(names, root)}. {hint or 'Check units, origin, axes and the sign of z.'}"
+        )
+        raise ScenarioError.of("RECORD", text)
+    note = f"the record has {subject} at {where}, the run at {_ranges(names, tip)}. {hint}"
+    return inside, [note] if hint and distances[0] > _STUCK * length else []
+
+
+def stuck(measured: Places, tip: Places, length: float) -> Bool[np.ndarray, " time"]:
+    """Return the rows of a marker that rests while the tip (m) of the fit moves.
+
+    ``length`` (m) is that of the arm.
+    """
+    same = np.all(np.diff(measured, axis=0) == 0, axis=1)
+    starts = np.flatnonzero(np.append(True, ~same))
+    path = np.maximum.reduceat(tip, starts) - np.minimum.reduceat(tip, starts)
+    return np.repeat(path.max(axis=1) > _STUCK * length, np.diff(starts, append=len(tip)))
+
+
+def _ranges(names: Sequence[str], places: Places) -> str:
+    ends = zip(names, places.min(axis=0), places.max(axis=0), strict=True)
+    return ", ".join(f"{name} = {low:.4g} to {high:.4g} m" for name, low, high in ends)

@@ -1,0 +1,325 @@
+"""Identification from static holds, markers along the arm, and several experiments."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import crinoid
+from crinoid.assembly.prepared import Prepared
+from crinoid.dynamics import System
+from crinoid.inverse.experiment import Experiment
+from crinoid.inverse.experiments_file import read_experiments
+from crinoid.inverse.identification import Identification, marker_errors
+from crinoid.inverse.marker import Marker, MarkerWeights
+from crinoid.inverse.record import Holds, Record
+from crinoid.inverse.unknowns import Unknowns
+from crinoid.scenario import Scenario, ScenarioError
+from helpers.command import refused, succeeded
+from helpers.figures import assert_shows_something
+
+LENGTH, NOISE = 0.4, 5e-4
+ARM = Scenario(
+    title="held",
+    arm={"nodes": 9, "length": LENGTH, "radius": [0.012, 0.006], "youngs_modulus": 4e5}
+    | {"relaxation": [{"ratio": 0.3, "time": 0.4}], "damping_time": 0.01},
+    water={"density": 0.0},
+    base={"tilt_deg": -90.0, "position": [0.0, 0.0]},
+    tendon=[
+        {"offset": [0.01, 0.004], "max_tension": 1.6, "friction": 0.3, "pretension": 0.1},
+        {"offset": [0.01, 0.004], "max_tension": 1.6, "friction": 0.3, "angle_deg": 180.0},
+    ],
+    simulation={"duration": 1.0, "time_step": 0.02, "start": "equilibrium"},
+)
+MARKERS = (
+    Marker(name="low", s=0.15, offset=(0.0, 0.02)),
+    Marker(name="high", s=0.31, offset=(0.0, -0.015)),
+)
+SHARES = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [0.0, 0.6], [0.0, 1.0]])
+KEYS = ("arm.youngs_modulus", "arm.density", "tendon.0.friction+tendon.1.friction")
+QUIETLY = (lambda *_: None), (lambda: False)
+"""How a search reports, and when it stops."""
+
+
+def unmeasured(shares=SHARES, name="", **settings):
+    """Return a record of holds in which nothing was measured yet: markers and tip of each."""
+    count = len(shares)
+    holds = Holds(tuple("abcdefgh"[:count]), np.repeat(np.arange(count), 3), (0, 1), shares)
+    zeros, of_row = np.zeros(3 * count), np.tile([0, 1, 2], count)
+    values = np.zeros((3 * count, 2))
+    return Record(zeros, ("x", "z"), values, None, (), MARKERS, of_row, holds, name, settings)
+
+
+def computed(record, keys=KEYS, scenario=ARM):
+    """Return the record as crinoid computes it."""
+    case = scenario.with_values(record.settings)
+    experiment = Experiment(case, Unknowns(scenario, keys), record)
+    found = experiment.compare(experiment.motion(np.zeros(len(keys)))).computed
+    assert np.isfinite(found).all()
+    return replace(record, values=found)
+
+
+def noisy(record, seed):
+    noise = np.random.default_rng(seed).normal(scale=NOISE, size=record.values.shape)
+    return replace(record, values=record.values + noise)
+
+
+def search(records, given, keys=KEYS, scenario=ARM):
+    found = Identification(scenario.with_values(given), keys, records)
+    assert found.run(*QUIETLY)
+    assert not found.failure
+    return found
+
+
+WRONG = {"arm.youngs_modulus": 3e5, "arm.density": 1300.0} | {
+    f"tendon.{k}.friction": 0.2 for k in (0, 1)
+}
+TRUE = np.array([4e5, 1080.0, 0.3])
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+def test_markers_on_a_circle(axes):
+    # bent by 1.2 rad upward; in space m_1 is to port, m_2 upward
+    curvature = 1.2 / LENGTH
+    bent = {"rest_curvature": curvature if axes == 2 else [0.0, curvature, 0.0]}
+    scenario = Scenario(
+        arm={"dimension": axes, "nodes": 21, "length": LENGTH} | bent,
+        base={"position": [0.3, -2.0] if axes == 2 else [0.3, 0.0, -2.0]},
+    )
+    offset = (0.003, 0.02) if axes == 2 else (0.003, 0.01, 0.02)
+    markers = [Marker(name="a", s=s, offset=offset) for s in (0.0, 0.137, 0.3, LENGTH)]
+    markers.append(Marker(name="axis", s=0.2))
+    system = Prepared(scenario).system
+    state = eqx.filter_jit(System.rest)(system)
+    found = np.asarray(MarkerWeights.of(markers, scenario).places(system, state))
+    np.testing.assert_allclose(found[0], system.tip(state), atol=1e-12)
+    for marker, place in zip(markers, found[1:], strict=True):
+        turn, away = curvature * marker.s, marker.offset or (0.0,) * axes
+        tangent, up = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        x, z = np.array([np.sin(turn), 1 - np.cos(turn)]) / curvature
+        x, z = (0.3, -2.0) + np.array([x, z]) + away[0] * tangent + away[-1] * up
+        expected = (x, z) if axes == 2 else (x, away[1], z)
+        np.testing.assert_allclose(place[:axes], expected, atol=1e-3 * LENGTH / 21)
+
+
+@pytest.mark.slow
+def test_numbers_are_found_within_three_standard_errors():
+    record = noisy(computed(unmeasured()), 1)
+    found = search([record], WRONG)
+    data = found.dataset("ok")
+    apart = (data["found"].values - TRUE) / data["standard_error"].values
+    assert np.abs(apart).max() < 3
+    share = data["standard_error"].values / data["found"].values
+    assert ((share > 1e-4) & (share < 0.25)).all()
+    np.testing.assert_allclose(data["scatter"], NOISE, rtol=0.25)
+    assert np.unique(data["scatter"]).size == 1  # one for all places of the holds
+    assert max(marker_errors(data).values()) < 2 * NOISE
+    assert list(marker_errors(data)) == ["tip", "low", "high"]
+    both = found.identified().tendon
+    assert both[0].friction == both[1].friction == pytest.approx(data["found"][2], rel=1e-5)
+
+
+@pytest.mark.slow
+def test_standard_errors_agree_with_the_scatter_over_seeds():
+    clean, found, errors = computed(unmeasured()), [], []
+    for seed in range(60):
+        done = search([noisy(clean, seed)], {})
+        found.append(done.found.logs)
+        errors.append(np.sqrt(np.diag(done.covariance())))
+    scatter = np.sqrt(np.mean(np.square(found), axis=0))
+    np.testing.assert_allclose(np.mean(errors, axis=0), scatter, rtol=0.3)
+
+
+@pytest.mark.slow
+def test_slopes_of_holds_are_those_of_central_differences():
+    keys = (*KEYS, "tendon.0.offset.0", "tendon.0.offset.1", "tendon.0.pretension", "arm.length")
+    experiment = Experiment(ARM, Unknowns(ARM, keys), unmeasured(SHARES[2:4]))
+
+    def compared(logs):
+        return experiment.compare(experiment.motion(logs))
+
+    slope, step = compared(np.zeros(len(keys))).sensitivity, 1e-4
+    for number, change in enumerate(step * np.eye(len(keys))):
+        between = (compared(change).computed - compared(-change).computed) / (2 * step)
+        scale = np.abs(between).max()
+        assert scale > 1e-5
+        np.testing.assert_allclose(slope[..., number], between, atol=1e-5 * scale)
+
+
+MOVING = {"tendon.0.schedule": {"time": [0.0, 0.2, 0.6], "share": [0.2, 0.8, 0.1]}}
+
+
+@pytest.mark.slow
+def test_experiments_are_fitted_together():
+    # holds have weight and stiffness, a motion at another tilt the relaxation
+    keys = ("arm.youngs_modulus", "arm.density", "arm.relaxation.0.ratio", "arm.relaxation.0.time")
+    time = np.repeat(np.arange(1, 40) * 0.025, 3)
+    of_row, blank = np.tile([0, 1, 2], 39), np.zeros((time.size, 2))
+    level = {"base.tilt_deg": 0.0}
+    swing = Record(time, ("x", "z"), blank, None, (), MARKERS, of_row, None, "swing", level)
+    scenario = ARM.with_values(MOVING)
+    records = [unmeasured(SHARES[:3], "holds"), swing]
+    records = [noisy(computed(each, keys, scenario), 3) for each in records]
+    given = {"arm.youngs_modulus": 3.6e5, "arm.density": 1200.0} | {
+        "arm.relaxation.0.ratio": 0.2,
+        "arm.relaxation.0.time": 0.6,
+    }
+    found = search(records, given, keys, scenario)
+    data = found.dataset("ok")
+    apart = data["found"].values - [4e5, 1080.0, 0.3, 0.4]
+    assert np.abs(apart / data["standard_error"].values).max() < 3
+    assert data["quantity"].values.tolist() == ["holds.x", "holds.z", "swing.x", "swing.z"]
+    assert data["hold"].values[:4].tolist() == ["a", "a", "a", "b"]
+    assert (data["hold"].values[9:] == "").all()
+    empty = np.isnan(data["measured"].values)
+    assert empty[:9, 2:].all()
+    assert empty[9:, :2].all()
+    assert not empty[:9, :2].any()
+    assert not empty[9:, 2:].any()
+    alone = search(records[1:], given, keys, scenario)
+    assert (np.diag(found.covariance()) < np.diag(alone.covariance())).all()
+
+
+TABLE = "hold,marker,x (mm),z,tendon_0 (N),tendon_1\na,low,1,-0.2,0.8,0\na,tip,2,-0.4,0.8,0\n"
+FILE = """
+[[marker]]
+name = "low"
+s = 0.15
+offset = [0.0, 0.02]
+[[experiment]]
+file = "holds.csv"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "arm.toml").write_text(ARM.to_toml())
+    (tmp_path / "holds.csv").write_text(TABLE)
+    (tmp_path / "all.toml").write_text(FILE)
+    return tmp_path
+
+
+def read(folder, keys=KEYS):
+    return read_experiments(folder / "all.toml", Prepared(ARM), Unknowns(ARM, keys))
+
+
+def test_holds_and_markers_are_read(folder):
+    table = TABLE + "b,low,3,-0.1,0,0.25\nb,tip,,-0.1,0,0.25\n"
+    (folder / "holds.csv").write_text(table)
+    (folder / "all.toml").write_text(
+        FILE + "set.base.tilt_deg = -80.0\n"
+        '[[experiment]]\nfile = "holds.csv"\nname = "again"\nset = { "arm.damping_time" = 0.02 }\n'
+    )
+    one, other = read(folder)
+    assert (one.name, other.name) == ("holds", "again")
+    assert (one.settings, other.settings) == ({"base.tilt_deg": -80.0}, {"arm.damping_time": 0.02})
+    assert one.markers == (MARKERS[0],)
+    assert one.names == ("x", "z")
+    np.testing.assert_allclose(one.values, [[1e-3, -0.2], [2e-3, -0.4], [3e-3, -0.1]])
+    assert one.marker.tolist() == [1, 0, 1]
+    assert one.holds.names == ("a", "b")
+    assert one.holds.of_row.tolist() == [0, 0, 1]
+    np.testing.assert_allclose(one.holds.shares, [[0.5, 0.0], [0.0, 0.25]])
+    assert any("1 row without a value" in note for note in one.notes)
+
+
+def test_a_motion_of_markers_is_read(folder):
+    (folder / "holds.csv").write_text(
+        "time,marker,x,z,tendon_0\n0,low,1,2,0\n0,tip,5,6,0\n0.1,low,3,4,0.5\n0.05,tip,7,8,0.2\n"
+    )
+    (record,) = read(folder)
+    np.testing.assert_allclose(record.time, [0.0, 0.0, 0.05, 0.1])
+    assert record.marker.tolist() == [1, 0, 0, 1]
+    np.testing.assert_allclose(record.values[:, 0], [1, 5, 7, 3])
+    np.testing.assert_allclose(record.commands.time, [0.0, 0.05, 0.1])
+    names = [each.name for each in Prepared(ARM).system.inputs]
+    given = record.commands.values[:, names.index("tendon_0")]
+    np.testing.assert_allclose(given, [0.0, 0.2, 0.5])
+
+
+@pytest.mark.slow
+def test_the_command_writes_the_numbers_of_holds(folder):
+    record, rows = noisy(computed(unmeasured()), 5), []
+    labels = ("tip", "low", "high")
+    for row, (x, z) in enumerate(record.values):
+        hold = record.holds.of_row[row]
+        rows.append((record.holds.names[hold], labels[record.marker[row]], x, z, *SHARES[hold]))
+    columns = ["hold", "marker", "x (m)", "z (m)", "tendon_0", "tendon_1"]
+    pd.DataFrame(rows, columns=columns).to_csv(folder / "holds.csv", index=False)
+    table = "".join(
+        f'[[marker]]\nname = "{m.name}"\ns = {m.s}\noffset = {list(m.offset)}\n' for m in MARKERS
+    )
+    (folder / "all.toml").write_text(f'{table}[[experiment]]\nfile = "holds.csv"\n')
+    settings = [word for key, value in WRONG.items() for word in ("--set", f"{key}={value}")]
+    call = ("identify", folder / "arm.toml", folder / "all.toml", "--of", ",".join(KEYS))
+    output = succeeded(*call, *settings, "--out", folder / "out")
+    assert "RMS error, high" in output
+    data = xr.load_dataset(folder / "out" / "identify.nc")
+    apart = (data["found"].values - TRUE) / data["standard_error"].values
+    assert np.abs(apart).max() < 3
+    assert_shows_something(folder / "out" / "identify.png")
+    identified = crinoid.load(folder / "out" / "identified.toml")
+    assert identified.tendon[1].friction == pytest.approx(data["found"].values[2], rel=1e-5)
+
+
+def test_numbers_that_holds_cannot_tell_apart_are_refused():
+    # at rest in no weight only the ratio of tension and stiffness counts
+    light = ARM.with_values({"water.gravity": 0.0})
+    record = computed(unmeasured(SHARES[1:3]), KEYS[:1], light)
+    keys = ("tendon.0.max_tension+tendon.0.pretension", "arm.section.EI", "arm.section.EA")
+    stiff = light.with_values({"arm.section.EI": 5e-3, "arm.section.EA": 100.0})
+    with pytest.raises(ScenarioError, match=r"^arm.section.*: cannot be distinguished from tendon"):
+        Identification(stiff, (*keys[:1], keys[1] + "+" + keys[2]), [record]).run(*QUIETLY)
+    with pytest.raises(ScenarioError, match=r"^arm.density: has no effect on the measured"):
+        Identification(light, ("arm.density",), [record]).run(*QUIETLY)
+
+
+MISTAKEN_TABLES = {
+    TABLE.replace("tendon_1", "tendon1"): "has a column tendon1; must be hold, marker or one of x,",
+    TABLE.replace("-0.4,0.8", "-0.4,0.6"): "tendon_0 is 0.375 and 0.5 in hold a; must",
+    TABLE.replace("-0.4,0.8", "-0.4,"): "tendon_0 is nan and 0.5 in hold a; must be",
+    TABLE.replace("low", "ring"): 'got "ring"; must be "tip" or "low". A [[marker]] describes',
+    TABLE.replace("0.8", "1.8"): "tendon_0 is 1.125 of the largest in hold a; must be 0 to 1",
+    TABLE.replace("(N)", "(Pa)"): 'tendon_0 is in "Pa"; must be in a unit such as 1',
+    TABLE.replace("x (mm)", "angle").replace(",z", ",turn"): "must have hold and some of x, z",
+    "marker,x,z\nlow,1,2\n": 'got "time", no such column',
+}
+MISTAKEN_FILES = {
+    FILE.replace("0.15", "0.5"): "marker.0.s: got 0.5; must be at most 0.4 (m), arm.length",
+    FILE.replace("0.15", "-1.0"): "marker.0.s: got -1.0; must be a number of 0 or more (m)",
+    FILE.replace("0.0, 0.02", "0.1"): "marker.0.offset: got [0.1]; must be [along the arm, across",
+    FILE.replace("0.0, 0.02", "0, 0, 1"): "marker.0.offset: got [0.0, 0.0, 1.0]; must be [along",
+    FILE.replace("offset", "ofset"): "marker.0.ofset: unknown key; did you mean marker.0.offset?",
+    FILE.replace('name = "low"', ""): "marker.0.name: missing; must be text in quotes",
+    '[[experiment]]\nfile = "none.csv"\n': "experiment.0.file: ",
+    FILE + '[[experiment]]\nfile = "holds.csv"\n': 'experiment.1.name: got "holds"; must differ',
+    FILE + "set.arm.density = 1.0\n": "experiment.0.set.arm.density: is a number to find. Leave",
+    FILE + "set.arm.lengt = 1.0\n": "experiment.0.set.arm.lengt: unknown key; did you mean",
+    FILE + "set.base.position = [0.0]\n": "experiment.0.set.base.position: got [0.0]; must be",
+    "x": "all.toml: not valid TOML",
+    "": "experiment: missing; must be",
+}
+
+
+@pytest.mark.parametrize("text", MISTAKEN_TABLES)
+def test_a_table_that_has_no_holds_is_refused(folder, text):
+    (folder / "holds.csv").write_text(text)
+    line = refused("identify", folder / "arm.toml", folder / "all.toml", "--of", KEYS[0])
+    assert line.startswith("crinoid: ")
+    assert MISTAKEN_TABLES[text] in line
+
+
+@pytest.mark.parametrize("text", MISTAKEN_FILES)
+def test_a_file_that_describes_no_experiments_is_refused(folder, text):
+    (folder / "all.toml").write_text(text)
+    line = refused("identify", folder / "arm.toml", folder / "all.toml", "--of", ",".join(KEYS))
+    assert line.startswith(f"crinoid: {MISTAKEN_FILES[text]}")
+
+
+def test_a_list_is_refused_with_both_ways_out(folder):
+    record = folder / "all.toml"
+    line = refused("identify", folder / "arm.toml", record, "--of", "tendon.0.offset")
+    assert "tendon.0.offset.0, or all as one: tendon.0.offset.0+tendon.0.offset.1" in line
