@@ -34,7 +34,7 @@ KINDS = (
     (0.0, 0.3, 0.3, 0.2),
 )
 """Velocity of the swell (m/s), and the turbulence."""
-KINDS_IN_SPACE = tuple(KINDS[row] for row in (0, 1, 2, 5, 6))
+KINDS_IN_SPACE = KINDS[:3]
 
 ALONE: dict[str, dict[str, Any]] = {
     "slide and tilt, for x and angle": {},

@@ -15,7 +15,7 @@ from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base
 from crinoid.scenario.body import Obstacle, Tool, Vehicle
 from crinoid.scenario.consistency import RULES
-from crinoid.scenario.control import Control, ControllerTable, ModelBased
+from crinoid.scenario.control import Control, ControllerTable
 from crinoid.scenario.document import assign, parse, plain, without_empty
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
 from crinoid.scenario.flow import Flow, FlowTable
@@ -187,8 +187,8 @@ class Scenario(Model):
         """Return a rate, or the default one for None (Hz)."""
         return given or min(_DEFAULT_RATE_HZ, 1 / self.simulation.time_step)
 
-    def smoothness_of(self, settings: ModelBased) -> float:
-        """Return the smoothness (m) of a controller with a model of this arm."""
+    def smoothness_of(self, settings: Any) -> float:
+        """Return the smoothness (m) of a controller with a model of this arm, by its table."""
         lift = self.water.vortices is not None and self.arm.dimension == 3
         return settings.smoothness_on(self.arm.length, lift=lift)
 
