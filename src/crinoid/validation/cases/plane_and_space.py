@@ -63,7 +63,7 @@ def _run() -> Evidence:
 CASE = Case(
     name="plane-and-space",
     title="An arm that moves in a plane does the same as a planar and as a spatial arm.",
-    source="Symmetry: no force acts out of the plane. The two arms share no elastic element.",
+    source="Symmetry: no force acts out of the plane. They bend by different elements.",
     method="7 nodes, 2 s in steps of 10 ms, Newton's tolerance 1e-13, both from equilibrium: a "
     "moving base, steady and swinging current, weight, a force that follows the tip.",
     reason="Each step is solved to 1e-13 of the largest force; over 200 steps that and round-off "
