@@ -39,7 +39,7 @@ os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-SLOW = 15.0
+SLOW = 25.0
 """CPU time from which on a test needs the mark ``slow`` (s)."""
 _SHAPED = [f"crinoid.{name}" for name in ("dynamics", "elements", "flow", "numerics", "rod")]
 """Packages whose shapes are checked in every run; with ``--all`` those of all are."""

@@ -174,6 +174,7 @@ def test_eddies_that_nothing_carries_past_have_no_spectrum_to_compare(start):
     assert np.isfinite(found["flow_spectrum"]).all()
 
 
+@pytest.mark.slow
 def test_a_spatial_current_is_sampled_along_three_axes():
     mean, travel = np.array([0.3, 0.2, -0.1]), np.deg2rad(70)
     waves = {"kind": "waves", "significant_height": 1.0, "peak_period": 4.0, "direction_deg": 70.0}

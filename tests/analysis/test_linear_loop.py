@@ -122,6 +122,7 @@ def test_fewer_frequencies_keep_those_near_a_resonance():
     np.testing.assert_array_equal(few.response[0, :, 0, 0], few.frequency)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "grows"), [(0.7, False), (1.2, True)])
 def test_a_loop_swings_by_itself_beyond_its_delay_margin_and_not_below(
     prepared, setup, linear, share, grows
@@ -177,6 +178,7 @@ class Everything(Controller):
         return jnp.zeros_like(seen.command).at[2].set(tilt), (begin, slow, calls + 1)
 
 
+@pytest.mark.slow
 def test_a_loop_of_any_controller_grows_as_its_pole_says(prepared):
     # every second time step a command, readings between two of them late
     values = {"control.rate_hz": 50.0, "sensor.delay": 0.015, "sensors.0.delay": 0.03}

@@ -121,6 +121,7 @@ def test_a_mistake_is_refused_in_one_line_and_nothing_is_written(tmp_path, monke
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
+@pytest.mark.slow
 def test_speeds_of_lock_in_are_the_frequency_times_diameter_and_reduced_velocity():
     scenario = crinoid.load("wave-zone", ["arm.nodes=6", "water.vortices={}"])
     found = crinoid.modes(scenario, count=3)

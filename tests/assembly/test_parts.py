@@ -79,6 +79,7 @@ def test_gradients_reach_the_numbers_of_a_part():
     assert float(jax.grad(speed)(jnp.asarray(0.3))) == 1.0
 
 
+@pytest.mark.slow
 def test_a_step_can_raise_where_it_does_not_count():
     @eqx.filter_jit
     def advance(system, *, throw):

@@ -496,6 +496,7 @@ def test_a_cut_file_and_one_of_a_shorter_table_of_motion_are_not_continued(here)
     assert "the run in out is of another scenario; only its duration may be changed" in line
 
 
+@pytest.mark.slow
 def test_a_case_that_is_refused_is_named_and_the_others_are_run(here, player, caplog):
     def refuse(number: int) -> None:
         if number == 2:

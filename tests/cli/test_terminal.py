@@ -39,6 +39,7 @@ def test_text_of_a_user_is_shown_unchanged():
     assert "\x1b" not in one_line(call("run", "no\x1b[2Jwhere\n.toml"))
 
 
+@pytest.mark.slow
 def test_titles_are_no_formulas(tmp_path):
     for title in (r"$x^$ $\foo$", "one $"):
         result = made_result(Scenario.from_toml(f"title = '{title}'\n[arm]\nnodes = 5\n"))

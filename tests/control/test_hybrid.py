@@ -94,6 +94,7 @@ def controller(**changes: float) -> Hybrid:
     return found
 
 
+@pytest.mark.slow
 def test_the_base_is_needed_from_greenhills_load_on():
     # q L^3 / EI = 7.837 (Greenhill 1881); beyond it one mode leaves, by three limits of the base
     weight, bending = 2500 * np.pi * 1e-4 * 9.81, np.pi * 1e-8 / 4
@@ -106,6 +107,7 @@ def test_the_base_is_needed_from_greenhills_load_on():
         assert (needed > 1e-3) == (measures > 1)
 
 
+@pytest.mark.slow
 def test_wider_limits_of_the_base_make_the_arm_easier_to_catch():
     def measures(**limits: object) -> np.ndarray:
         slide = {f"base.channels.slide.{key}": value for key, value in limits.items()}

@@ -259,6 +259,7 @@ def test_lqg_holds_an_arm_other_than_the_model_by_late_and_noisy_readings(modulu
     assert tip_error(result).maximum < 0.25 * tip_error(result.uncontrolled).maximum
 
 
+@pytest.mark.slow
 def test_a_target_out_of_reach_leaves_commands_at_their_limits_and_the_arm_still():
     data = simulated(
         "lqg", target__tip=[0.45, -9.5], base__channels__slide__range=[-0.02, 0.02]

@@ -204,6 +204,7 @@ def test_commands_keep_to_the_limits_from_the_first_instant():
     assert late.max() < 0.02
 
 
+@pytest.mark.slow
 def test_a_measured_current_needs_a_meter():
     with pytest.raises(crinoid.ScenarioError, match=r"control.mpc.current: .*kind = \"current\""):
         played("station-keeping", *MEASURED)

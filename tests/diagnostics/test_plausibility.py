@@ -244,8 +244,8 @@ CASES = {
     "chamber.*.time_constant": ("chamber=[{max_curvature=1.0, time_constant=?}]", ["200"], ["0.2"]),
     "tendon.*.friction": (
         "tendon=[{offset=8e-3, max_tension=1.0, friction=?}]",
-        ["1.5", "0.1, schedule={time=[0.0, 1.0], share=[1.0, 1.0]}"],
-        ["0.2, schedule={time=[0.0, 1.0], share=[0.0, 1.0]}"],
+        ["1.5"],
+        ["0.2, schedule={time=[0.0, 1.0], share=[1.0, 1.0]}"],
     ),
     "tendon.*.time_constant": (SLOW_TENDON, ["200"], ["0.2"]),
     "chamber.*.stiffening": ("chamber=[{max_curvature=1.0, stiffening=?}]", ["500"], ["2"]),

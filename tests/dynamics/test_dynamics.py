@@ -191,6 +191,7 @@ def test_drag_on_a_cylinder_grows_with_the_square_of_the_speed(share):
     assert float(equilibrium(standing).base_force[1]) == pytest.approx(carries, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_an_arm_carried_through_still_water_is_an_arm_in_a_current(axes):
     speed = vector(axes, 0.4, -0.25, y=0.3)
@@ -233,7 +234,8 @@ def test_steady_acceleration_is_a_weight():
     # (an arm of no displacement, so that the water has no weight; the force is m a)
     hanging = equilibrium(submerged(2, gravity=6.0, damping_time=0.1))
     system = carried(2, acceleration=(0.0, 6.0), damping_time=0.1)
-    state = eqx.filter_jit(System._begin)(system, jnp.zeros(()), hanging.position, None)
+    forces, time, _, _ = system.undeformed(0.0)
+    state = eqx.filter_jit(System._begin)(system, forces, time, hanging.position, None)
     np.testing.assert_allclose(state.acceleration[:, 1], 6.0, rtol=0, atol=1e-6)
     np.testing.assert_allclose(state.base_force, [0.0, -6.0], rtol=0, atol=1e-7)  # m = 1 kg
     assert float(state.base_moment) == pytest.approx(float(hanging.base_moment), abs=1e-7)
@@ -265,15 +267,16 @@ def fine_swing(axes):
     return swing(axes, NEWMARK, {2: 12800, 3: 6400}[axes])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axes", "integrator", "expected", "within"),
     [
         (2, ALPHA, 2.0, 0.02),
         (2, Integrator.generalized_alpha(0.2), 2.0, 0.1),
         (2, EULER, 1.0, 0.05),
-        (3, NEWMARK, 2.0, 0.05),
-        (3, ALPHA, 2.0, 0.05),
-        (3, EULER, 1.0, 0.05),
+        pytest.param(3, NEWMARK, 2.0, 0.05, marks=pytest.mark.slow),
+        pytest.param(3, ALPHA, 2.0, 0.05, marks=pytest.mark.slow),
+        pytest.param(3, EULER, 1.0, 0.05, marks=pytest.mark.slow),
     ],
     ids=[
         *("alpha-0.8-2", "alpha-0.2-2", "implicit-euler-2"),
@@ -292,6 +295,7 @@ def test_order_in_the_time_step_on_a_large_swing(axes, integrator, expected, wit
     assert axes == 3 or errors[-1] < (1e-2 if expected == 1.0 else 1e-4)
 
 
+@pytest.mark.slow
 @second_order
 def test_a_load_that_jumps_where_steps_meet_keeps_the_order(integrator):
     def shape(integrator, steps):
@@ -305,6 +309,7 @@ def test_a_load_that_jumps_where_steps_meet_keeps_the_order(integrator):
     assert errors[-1] < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "expected", "within"),
     [
@@ -389,6 +394,7 @@ def test_energy_of_an_undamped_swing_stays_in_a_band():
     assert np.ptp(kept) < 5e-6
 
 
+@pytest.mark.slow
 def test_the_trapezoid_rule_keeps_an_energy_of_its_own():
     # it is conjugate to the midpoint rule, which is symplectic: what it keeps, but for a part of
     # order 4, is E + h^2 / 12 (a . M a + v . K v) (Hairer, Lubich and Wanner 2006, Geometric
@@ -421,6 +427,7 @@ def test_energy_audit_closes_at_order_two(axes, integrator):
     assert defects[-1] < {2: 1e-4, 3: 2e-4}[axes] * np.abs(work).sum()
 
 
+@pytest.mark.slow
 def test_each_work_converges_at_order_two_in_generalized_alpha():
     # the sum may hide an error of two works against each other
     def work(integrator, steps):

@@ -76,6 +76,7 @@ def test_a_thrust_lowers_the_first_frequency_to_nothing_at_the_buckling_load():
     assert squared(1.1) == 0.0
 
 
+@pytest.mark.slow
 def test_modes_of_a_bent_arm_are_those_of_the_dense_matrices():
     bent = arm(
         EA=1e3,

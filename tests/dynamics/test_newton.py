@@ -192,6 +192,7 @@ def test_too_few_iterations_are_told(system, state):
     assert NODES - 3 <= outcome.worst_node <= NODES - 1
 
 
+@pytest.mark.slow
 def test_an_arm_of_many_nodes_is_solved_for_while_commands_jerk_its_base():
     # silicone, 4 cm thick; nodes next to the base that stay behind would bend by more than can be
     limits = [[-0.3] * 3, [0.3] * 3, [0.5, 0.5, 3.0], [3.0, 3.0, 35.0], [10.0] * 3]

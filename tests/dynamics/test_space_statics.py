@@ -153,6 +153,7 @@ def test_every_load_at_once_is_the_boundary_value_problems_solution():
     np.testing.assert_allclose(order(errors)[-1], 2.0, atol=0.25)
 
 
+@pytest.mark.slow
 def test_a_pinned_root_bears_no_bending_but_a_torque():
     # as a joint of constant velocity does: along the middle of both tangents, so that the torque
     # about either is the same. Follower loads would spin the arm for ever
@@ -169,10 +170,11 @@ def test_a_pinned_root_bears_no_bending_but_a_torque():
     np.testing.assert_allclose(state.base_force, [0.3, 0.2, -4.0], rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("torque", "case"),
     [
-        (0.9, {"pinned": True, "gravity": 20.0}),
+        pytest.param(0.9, {"pinned": True, "gravity": 20.0}, marks=pytest.mark.slow),
         # three turns: a pull of 200 EI/L^2, more than M^2 / (4 EI) (Greenhill 1883), keeps it
         # straight
         (3 * 2 * np.pi * 2 / 3, {"dead": (0.0, 0.0, -200.0)}),

@@ -141,10 +141,9 @@ def test_own_weight_in_space(load, plane):
     assert_planar(plane, gravity=load)
 
 
+@pytest.mark.slow
 @planes
-@pytest.mark.parametrize(
-    "turns", [1.0, *(pytest.param(other, marks=pytest.mark.slow) for other in (0.5, -1.0))]
-)
+@pytest.mark.parametrize("turns", [1.0, 0.5, -1.0])
 def test_end_moment_bends_a_circle(turns, plane):
     # M = 2 pi EI/L: the arm closes; half of it: half a circle of radius L/pi. In space a moment on
     # a free tip is not conservative, and a whole circle of a round arm does not stay in its plane:
@@ -168,12 +167,14 @@ def test_end_moment_bends_a_circle(turns, plane):
     np.testing.assert_allclose(order(errors), 4.0, atol=0.3)
 
 
+@pytest.mark.slow
 def test_a_circle_that_does_not_stay_in_its_plane_is_found_where_there_is_no_other():
     # the moment is the same all along the arm, whatever its stiffness in twist
     stays, leaves = (solve(11, TURNED, moment=2 * np.pi, GJ=GJ) for GJ in (3.0, 2 / 3))
     np.testing.assert_allclose(leaves, stays, rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_tapered_arm_under_a_tip_load():
     # a cone from a radius of 1 mm to half of it: EI falls to a sixteenth; E makes EI 1 at the root
     root, tip = 1e-3, 0.5e-3

@@ -317,6 +317,7 @@ def test_linear_drag_brings_it_exponentially_to_the_speed_of_the_current():
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-3 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_a_neutral_vehicle_swings_with_the_water():
     # Du/Dt pushes the body and the water around it: v = u whatever its added mass and drag
     swell, rate = np.array([0.1, 0.05]), 2 * np.pi * 0.2

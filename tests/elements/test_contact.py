@@ -261,6 +261,7 @@ def test_a_hit_of_what_rubs_gives_back_half_of_its_speed():
     assert 0.4 < rubbed < 0.6
 
 
+@pytest.mark.slow
 def test_a_hit_under_generalized_alpha():
     velocity, mass = (0.0, 0.3), 0.05
     method = Integrator.generalized_alpha(0.8)
@@ -274,6 +275,7 @@ def test_a_hit_under_generalized_alpha():
     assert 0.8 < kept_energy(end, mass, velocity) < 1.01
 
 
+@pytest.mark.slow
 def test_the_base_feels_a_hit_on_a_stiff_arm():
     # all momentum goes through a stiff arm into the base
     system = hit((0.0, 0.2), 0.05, youngs_modulus=5e7, damping_time=2e-3, time_step=1e-3)
@@ -345,6 +347,7 @@ def test_a_prop_carries_what_beam_theory_says():
     np.testing.assert_allclose(total, 0.0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_pressing_on_a_sphere_gives_back_the_load():
     # a tip load right above a sphere goes straight into it, but for what bends the arm down to it
     system = leaning((LENGTH, -0.05 - RADIUS - 1e-3), tip=0.5, radius=0.05)
@@ -359,6 +362,7 @@ def test_pressing_on_a_sphere_gives_back_the_load():
     np.testing.assert_allclose(later.position, state.position, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_friction_under_a_moving_floor_is_coulombs():
     floor = {"normal": (0.0, 1.0), "radius": 0.0, "friction": 0.3, "velocity": [(0.1, 0.0)]}
     system = leaning((0.0, -RADIUS - 2e-3), along=2.0, **floor)

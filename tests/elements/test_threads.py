@@ -128,6 +128,7 @@ def test_a_taper_bends_by_the_offset_where_it_is():
     np.testing.assert_allclose(strains[:-1, 0], -BENT * offset / OFFSET * slant, rtol=3e-5)
 
 
+@pytest.mark.slow
 def test_pressure_stiffens_a_beam_under_a_load_at_its_tip():
     # on the axis it bends nothing by itself, nor does a load far below the push stretch anything
     force, added, on_axis = 1e-5, 0.6, {"offset": 0.0, "area": 1e-9}

@@ -237,6 +237,7 @@ def test_it_is_taken_up_and_let_go_without_a_jolt_and_the_ledger_balances():
 # --- its table -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_its_numbers_can_be_differentiated_by():
     parameters = crinoid.parameters(scenario({"mass": 0.2, "offset": 0.05}))
 

@@ -1,10 +1,12 @@
 """Figures: that they show something."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+import pytest
 from PIL import Image, ImageChops
 
 from crinoid.view.figures import write_report
@@ -57,3 +59,9 @@ def assert_drawn(run, folder: Path, *draws):
         with mpl.rc_context(STYLE):
             draw(run).savefig(folder / "figure.png")
         assert_shows_something(folder / "figure.png")
+
+
+def quick_and_slow(names: Iterable[str], *, quick: int):
+    """Return names to parametrize a test by: those after the first few are slow."""
+    slow = pytest.mark.slow
+    return [name if k < quick else pytest.param(name, marks=slow) for k, name in enumerate(names)]

@@ -15,7 +15,7 @@ from crinoid.inverse.experiment import Experiment
 from crinoid.inverse.experiments_file import read_experiments
 from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.marker import Marker, MarkerWeights
-from crinoid.inverse.record import Holds, Record
+from crinoid.inverse.record import ExperimentRecord, Holds
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario, ScenarioError
 from helpers.command import refused, succeeded
@@ -32,7 +32,7 @@ ARM = Scenario(
         {"offset": [0.01, 0.004], "max_tension": 1.6, "friction": 0.3, "pretension": 0.1},
         {"offset": [0.01, 0.004], "max_tension": 1.6, "friction": 0.3, "angle_deg": 180.0},
     ],
-    simulation={"duration": 1.0, "time_step": 0.02, "start": "equilibrium"},
+    simulation={"duration": 1.0, "time_step": 0.005, "start": "equilibrium"},
 )
 MARKERS = (
     Marker(name="low", s=0.15, offset=(0.0, 0.02)),
@@ -50,7 +50,9 @@ def unmeasured(shares=SHARES, name="", **settings):
     holds = Holds(tuple("abcdefgh"[:count]), np.repeat(np.arange(count), 3), (0, 1), shares)
     zeros, of_row = np.zeros(3 * count), np.tile([0, 1, 2], count)
     values = np.zeros((3 * count, 2))
-    return Record(zeros, ("x", "z"), values, None, (), MARKERS, of_row, holds, name, settings)
+    return ExperimentRecord(
+        zeros, ("x", "z"), values, None, (), MARKERS, of_row, holds, name, settings
+    )
 
 
 def computed(record, keys=KEYS, scenario=ARM):
@@ -119,18 +121,18 @@ def test_numbers_are_found_within_three_standard_errors():
     assert max(marker_errors(data).values()) < 2 * NOISE
     assert list(marker_errors(data)) == ["tip", "low", "high"]
     both = found.identified().tendon
-    assert both[0].friction == both[1].friction == pytest.approx(data["found"][2], rel=1e-5)
+    assert both[0].friction == both[1].friction == pytest.approx(float(data["found"][2]), rel=1e-5)
 
 
 @pytest.mark.slow
 def test_standard_errors_agree_with_the_scatter_over_seeds():
     clean, found, errors = computed(unmeasured()), [], []
-    for seed in range(60):
+    for seed in range(16):
         done = search([noisy(clean, seed)], {})
         found.append(done.found.logs)
         errors.append(np.sqrt(np.diag(done.covariance())))
     scatter = np.sqrt(np.mean(np.square(found), axis=0))
-    np.testing.assert_allclose(np.mean(errors, axis=0), scatter, rtol=0.3)
+    np.testing.assert_allclose(np.mean(errors, axis=0), scatter, rtol=0.5)  # 3 sigma of 16 draws
 
 
 @pytest.mark.slow
@@ -159,7 +161,9 @@ def test_experiments_are_fitted_together():
     time = np.repeat(np.arange(1, 40) * 0.025, 3)
     of_row, blank = np.tile([0, 1, 2], 39), np.zeros((time.size, 2))
     level = {"base.tilt_deg": 0.0}
-    swing = Record(time, ("x", "z"), blank, None, (), MARKERS, of_row, None, "swing", level)
+    swing = ExperimentRecord(
+        time, ("x", "z"), blank, None, (), MARKERS, of_row, None, "swing", level
+    )
     scenario = ARM.with_values(MOVING)
     records = [unmeasured(SHARES[:3], "holds"), swing]
     records = [noisy(computed(each, keys, scenario), 3) for each in records]
@@ -265,6 +269,7 @@ def test_the_command_writes_the_numbers_of_holds(folder):
     assert identified.tendon[1].friction == pytest.approx(data["found"].values[2], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_numbers_that_holds_cannot_tell_apart_are_refused():
     # at rest in no weight only the ratio of tension and stiffness counts
     light = ARM.with_values({"water.gravity": 0.0})

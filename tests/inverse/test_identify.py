@@ -9,7 +9,7 @@ import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.inverse.experiment import Experiment
 from crinoid.inverse.identification import Identification
-from crinoid.inverse.record import Record, read_record
+from crinoid.inverse.record import ExperimentRecord, read_record
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.view.figures import ReportError, write_report
@@ -137,7 +137,7 @@ def test_numbers_that_a_record_does_not_determine_are_refused(record):
 
 def searched(record, values, given=WRONG, scenario=SHAKEN):
     """Return a search in other values of a record, from wrong numbers, and its standard errors."""
-    other = Record(record.time, record.names, values, None)
+    other = ExperimentRecord(record.time, record.names, values, None)
     search = Identification(scenario.with_values(given), KEYS, [other])
     assert search.run(*QUIETLY)
     return search, np.sqrt(np.diag(search.covariance()))

@@ -319,6 +319,7 @@ def test_many_arms_in_threads_are_those_that_step_together(answered, monkeypatch
             assert np.array_equal(mine, its)
 
 
+@pytest.mark.slow
 def test_many_arms_report_failures(many):
     assert many.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     many.reset(seed=0, options={"set": BREAKS})

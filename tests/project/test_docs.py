@@ -12,6 +12,8 @@ import pytest
 
 import crinoid
 from crinoid import tables
+from crinoid.inverse.experiments_file import Experiments
+from crinoid.scenario.document import parse
 from helpers.paths import ROOT
 from helpers.scripts import load_script
 
@@ -48,6 +50,9 @@ def test_tables_that_are_made_are_up_to_date(name):
 @pages
 def test_scenarios_links_and_tests_of_a_page_exist(page):
     for text in blocks(page, "toml"):
+        if "[[experiment]]" in text:
+            assert Experiments(**parse(text)).experiment
+            continue
         assert len(crinoid.Scenario.from_toml(text).cases()) >= 1
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text("utf-8")):
         if re.match(r"[a-z]+:", target):

@@ -488,6 +488,7 @@ def test_a_variable_that_runs_twice_over_time_is_refused(tmp_path):
     assert line == "flow.0.velocity.0: u has dimensions time, time; must have each dimension once"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file_format", ["NETCDF4", "NETCDF3_CLASSIC"])
 def test_files_cut_short_or_with_bytes_changed_are_read_or_refused_in_one_line(
     tmp_path, file_format

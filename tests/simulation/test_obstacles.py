@@ -97,6 +97,7 @@ def test_the_ledger_closes_with_the_work_of_the_contacts():
     assert float(defect) < 1e-5 * scale
 
 
+@pytest.mark.slow
 def test_a_stopped_run_with_a_free_obstacle_continues_to_the_bit(result, tmp_path):
     crinoid.simulate(TOUCHED.with_values({"simulation.duration": 0.14})).save(tmp_path)
     whole = play(Prepared(TOUCHED), resume=Result.load(tmp_path))
@@ -141,6 +142,7 @@ def test_an_overlap_is_a_mistake_and_nothing_is_written(here):
     assert [path.name for path in here.iterdir()] == ["touched.toml"]
 
 
+@pytest.mark.slow
 def test_the_table_sums_up_the_contacts(here, result):
     cells = [line.split("\u2502") for line in succeeded("run", "touched.toml").splitlines()]
     rows = {row[1].strip(): row[2].strip() for row in cells if len(row) == 4}
@@ -160,6 +162,7 @@ def pressed(speed: float) -> crinoid.Scenario:
     return TOUCHED.with_values({"obstacle.0.position": [0.3, -8.0], "obstacle.1": wall})
 
 
+@pytest.mark.slow
 def test_an_arm_without_room_gets_a_note_and_a_crushed_one_fails():
     run = crinoid.simulate(pressed(0.04))
     depth = -1e3 * float(run.dataset["contact_closest"].values[-1, 1])

@@ -363,6 +363,7 @@ def test_identity_pairs_each_coordinate_of_the_tip_with_its_channel():
     np.testing.assert_allclose(whole["base_command"].values[1:], commands, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_arms_without_support_or_strength_have_no_equilibrium():
     floating = scenario(
         base__mount="pinned",

@@ -174,6 +174,7 @@ def test_a_run_on_the_disk_equals_that_in_memory(whole, tmp_path):
     assert names(tmp_path) == BOTH
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_leaves_a_result_and_a_checkpoint_at_each_instant(
     snapshots, whole, tmp_path
 ):

@@ -116,6 +116,7 @@ class Elsewhere(Controller):
         return jax.pure_callback(grows, shape, seen.time), memory
 
 
+@pytest.mark.slow
 def test_controllers_that_cannot_be_batched_run_in_threads(monkeypatch):
     monkeypatch.setattr(setup, "build_controller", lambda plan, parts: Elsewhere())
     case = SCENARIO.with_values({"control.kind": "none", "simulation.duration": 0.1})

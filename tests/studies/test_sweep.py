@@ -199,6 +199,7 @@ def test_a_run_that_fails_is_a_row(arm, tmp_path):
     assert np.isfinite(data["rms_error"].values).tolist() == [True, False]
 
 
+@pytest.mark.slow
 def test_a_batch_is_tried_again_and_fails_in_the_end(arm, clean, tmp_path):
     crew = Here(spoil=lambda given: "its worker died" if given == 2 else None)
     swept(arm, tmp_path / "once", crew=crew)
@@ -223,6 +224,7 @@ def test_a_batch_is_tried_again_and_fails_in_the_end(arm, clean, tmp_path):
     xr.testing.assert_identical(data["rms_error"][:4], study(clean)["rms_error"][:4])
 
 
+@pytest.mark.slow
 def test_a_batch_that_hangs_is_given_to_another_worker(arm, clean, tmp_path, monkeypatch):
     monkeypatch.setattr(engine, "_LEAST", 0.0)
     crew = Here(spoil=lambda given: "hangs" if given == 2 else None)
@@ -266,6 +268,7 @@ def test_processes_that_are_killed_are_replaced(clean, tmp_path):
     assert_same(clean, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_is_resumed(arm, clean, tmp_path):
     out = tmp_path / "killed"
     program = "from crinoid.cli import main\nmain()"
@@ -342,6 +345,7 @@ def test_a_sweep_that_ends_early_says_so_and_is_resumed(arm, clean, tmp_path, er
     assert_same(clean, tmp_path)
 
 
+@pytest.mark.slow
 def test_force_replaces_a_sweep_and_a_damaged_batch_is_run_again(arm, clean, tmp_path):
     out = tmp_path / "damaged"
     swept(arm, out, "--set", "arm.radius=0.01")

@@ -367,6 +367,7 @@ def test_a_frame_shows_the_state(session):
     assert frame.time == float(state.time)
 
 
+@pytest.mark.slow
 def test_without_an_equilibrium_a_reset_keeps_the_start_and_a_session_is_refused(
     session, monkeypatch
 ):

@@ -24,6 +24,7 @@ from helpers.figures import (
     assert_is_a_page,
     assert_report,
     assert_shows_something,
+    quick_and_slow,
 )
 from helpers.planar_result import OBSTACLES, among_obstacles, swaying_arm
 from helpers.studies import save, study_row, write_study
@@ -72,7 +73,7 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("name", quick_and_slow(ODD, quick=3))
 def test_odd_runs_are_drawn(name, tmp_path):
     save(ODD[name](), tmp_path / "result.nc")
     assert_report(tmp_path)

@@ -20,7 +20,7 @@ from crinoid.view.scene.data import find_obstacles, in_space
 from crinoid.view.scene.mesh import AROUND, arm_attitudes, tube
 from crinoid.view.scene.mount import base_directions
 from crinoid.view.scene.projection import ABOVE, AHEAD, OBLIQUE, SIDE
-from helpers.figures import assert_drawn, assert_report
+from helpers.figures import assert_drawn, assert_report, quick_and_slow
 from helpers.spatial_result import HIGH, LOW, among_obstacles, curling_arm, frame
 from helpers.studies import save
 
@@ -66,7 +66,7 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("name", quick_and_slow(ODD, quick=2))
 def test_odd_runs_are_drawn(name, tmp_path):
     run = Run(curling_arm(**{"records": 7} | ODD[name]))
     charts = [lambda run, of=of: draw_chart(of(run), run) for of in (tip_chart, drive_chart)]

@@ -17,8 +17,8 @@ from crinoid.control import Playback
 from crinoid.dynamics import Reason
 from crinoid.foundation.axes import AXES, POSE
 from crinoid.inverse.marker import TIP, MarkerWeights
-from crinoid.inverse.motion import Motion, Numbers, follow, settle
-from crinoid.inverse.record import Record, stuck, within_reach
+from crinoid.inverse.motion import ArmMotion, Numbers, follow, settle
+from crinoid.inverse.record import ExperimentRecord, stuck, within_reach
 from crinoid.inverse.unknowns import Unknowns, Vector
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.simulation import Loop, closed_loop
@@ -46,7 +46,7 @@ class Experiment:
     has the initial parameters, which keep their sign, and the values of the experiment.
     """
 
-    def __init__(self, scenario: Scenario, unknowns: Unknowns, record: Record) -> None:
+    def __init__(self, scenario: Scenario, unknowns: Unknowns, record: ExperimentRecord) -> None:
         self.scenario, self.unknowns = scenario, unknowns
         step, axes = scenario.simulation.time_step, scenario.arm.dimension
         within = record.time <= scenario.simulation.duration * (1 + 1e-9)
@@ -81,7 +81,7 @@ class Experiment:
         """Return the scenario for the logarithms of the parameters, over their initial values."""
         return self.scenario.with_values(self.unknowns.values(logs))
 
-    def motion(self, logs: Vector) -> Motion | None:
+    def motion(self, logs: Vector) -> ArmMotion | None:
         """Run with other parameters; None if they are outside of the scenario's ranges."""
         try:
             numbers, tangents = self._arrays(logs)
@@ -92,7 +92,7 @@ class Experiment:
         equilibrium = self.scenario.simulation.start == "equilibrium"
         return follow(self._loop, numbers, tangents, self.steps, equilibrium=equilibrium)
 
-    def compare(self, found: Motion | None) -> RecordComparison:
+    def compare(self, found: ArmMotion | None) -> RecordComparison:
         """Compare a run with the record."""
         if found is None:
             none = np.full((*self.measured.shape, len(self.unknowns.keys) + 1), np.nan)
@@ -129,7 +129,7 @@ class Experiment:
         names = (TIP, *(marker.name for marker in self.record.markers))
         return [names[each] for each in self.record.marker]
 
-    def within_reach(self, found: Motion) -> tuple[Bool[np.ndarray, " time"], list[str]]:
+    def within_reach(self, found: ArmMotion) -> tuple[Bool[np.ndarray, " time"], list[str]]:
         """Return the rows within reach of the arm, and notes."""
         axes, names = self.scenario.arm.dimension, self._axes
         if not names or self.scenario.vehicle is not None:  # a vehicle may drift
@@ -154,7 +154,7 @@ class Experiment:
             found[rows] = stuck(*pair, self.scenario.arm.length)
         return found
 
-    def failure(self, found: Motion | None) -> str:
+    def failure(self, found: ArmMotion | None) -> str:
         """Return why a run failed; empty if it did not."""
         where = f" of {self.record.name}" if self.record.name else ""
         if found is None:
@@ -209,7 +209,7 @@ def _difference(plus: Any, minus: Any) -> Any:
     return jnp.where(plus == minus, 0.0, (plus - minus) / (2 * _STEP))
 
 
-def _loop(scenario: Scenario, record: Record) -> Loop:
+def _loop(scenario: Scenario, record: ExperimentRecord) -> Loop:
     if record.commands is None:
         return closed_loop(scenario)[0]
     at_each_step = {"control.rate_hz": 1 / scenario.simulation.time_step, "control.start": 0.0}

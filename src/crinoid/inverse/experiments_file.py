@@ -12,7 +12,7 @@ from pydantic import Field
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.inverse.marker import Marker
-from crinoid.inverse.record import Record, read_record
+from crinoid.inverse.record import ExperimentRecord, read_record
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Mistake, Scenario, ScenarioError, got
 from crinoid.scenario.document import RecordFile, anchor, parse
@@ -50,7 +50,7 @@ class Experiments(Model):
                     yield Mistake(f"{key}.{index}.name", got(name, "differ from the others"))
 
 
-def read_experiments(path: Path, prepared: Prepared, unknowns: Unknowns) -> list[Record]:
+def read_experiments(path: Path, prepared: Prepared, unknowns: Unknowns) -> list[ExperimentRecord]:
     """Read the records of a file of experiments (TOML), or a single record.
 
     Raises
@@ -63,7 +63,7 @@ def read_experiments(path: Path, prepared: Prepared, unknowns: Unknowns) -> list
         return [read_record(path, scenario, prepared.system.inputs)]
     described = _read(path, scenario)
     several = len(described.experiment) > 1
-    found: list[Record] = []
+    found: list[ExperimentRecord] = []
     for index, each in enumerate(described.experiment):
         settings, key = _flat(each.set), f"experiment.{index}"
         for name in settings:

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from crinoid.foundation.axes import AXES
 from crinoid.inverse import StoppedError
 from crinoid.inverse.experiment import Experiment, RecordComparison
-from crinoid.inverse.record import LOST, Record
+from crinoid.inverse.record import LOST, ExperimentRecord
 from crinoid.inverse.unknowns import Unknowns, Vector
 from crinoid.inverse.weights import RecordWeights
 from crinoid.results.dataset import describe, described
@@ -72,7 +72,9 @@ class Identification:
     `crinoid.inverse.unknowns.Unknowns` reads them, and the record of each experiment.
     """
 
-    def __init__(self, scenario: Scenario, keys: Sequence[str], records: Sequence[Record]) -> None:
+    def __init__(
+        self, scenario: Scenario, keys: Sequence[str], records: Sequence[ExperimentRecord]
+    ) -> None:
         self.scenario, self.unknowns = scenario, Unknowns(scenario, keys)
         self.experiments = [
             Experiment(scenario.with_values(record.settings), self.unknowns, record)

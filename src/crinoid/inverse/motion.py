@@ -41,7 +41,7 @@ class ArmPlaces(NamedTuple):
         return ArmPlaces(places, system.forces.origin + nodes[0], length)
 
 
-class Motion(NamedTuple):
+class ArmMotion(NamedTuple):
     """Motion of an arm in a run, or its holds one after another, with the sensitivities."""
 
     places: ArmPlaces
@@ -112,7 +112,7 @@ def _follow(
     state_tangents: State,
     at_rest: Bool[Array, ""],
     steps: int,
-) -> Motion:
+) -> ArmMotion:
     """Return the motion from an initial state."""
     both, others = eqx.partition((numbers, state), eqx.is_inexact_array)
 
@@ -132,12 +132,12 @@ def _follow(
 
     # the primal motion is computed once for all directions
     slope, (path, outcome, count) = jax.vmap(along, out_axes=(0, None))((tangents, state_tangents))
-    return Motion(path, slope, at_rest, outcome.converged, outcome.reason, count)
+    return ArmMotion(path, slope, at_rest, outcome.converged, outcome.reason, count)
 
 
 def follow(
     loop: Loop, numbers: Numbers, tangents: Numbers, steps: int, *, equilibrium: bool
-) -> Motion:
+) -> ArmMotion:
     """Run the loop from rest or from equilibrium.
 
     ``tangents`` are the derivatives of the arrays, with the parameters as first axis, and None for
@@ -148,7 +148,7 @@ def follow(
     return jax.tree.map(np.asarray, run)
 
 
-def settle(numbers: Numbers, tangents: Numbers, holds: Holds) -> Motion:
+def settle(numbers: Numbers, tangents: Numbers, holds: Holds) -> ArmMotion:
     """Find the holds, one after another, up to the first one without an equilibrium."""
     slopes, found, converged = [], [], True
     for shares in holds.shares:
@@ -161,7 +161,7 @@ def settle(numbers: Numbers, tangents: Numbers, holds: Holds) -> Motion:
             break
     path = jax.tree.map(lambda *each: jnp.stack(each), *found)
     end = (jnp.asarray(x) for x in (converged, converged, 0, len(found)))
-    return jax.tree.map(np.asarray, Motion(path, jnp.stack(slopes, axis=1), *end))
+    return jax.tree.map(np.asarray, ArmMotion(path, jnp.stack(slopes, axis=1), *end))
 
 
 def _under(numbers: Numbers, holds: Holds, shares: Float[np.ndarray, " thread"]) -> Numbers:

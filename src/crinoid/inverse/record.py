@@ -56,7 +56,7 @@ class Holds(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Record:
+class ExperimentRecord:
     """Measured motion of the tip and of markers, or their places in static holds."""
 
     time: Float[np.ndarray, " time"]
@@ -83,7 +83,7 @@ class Record:
         """Marker of each row, counted from 1; 0 is the tip."""
         return np.zeros(self.time.size, int) if self.of_row is None else self.of_row
 
-    def rows(self, chosen: Bool[np.ndarray, " time"]) -> Record:
+    def rows(self, chosen: Bool[np.ndarray, " time"]) -> ExperimentRecord:
         """Return the record of some of its rows."""
         holds = self.holds and self.holds._replace(of_row=self.holds.of_row[chosen])
         cut = {"time": self.time[chosen], "of_row": self.marker[chosen]}
@@ -92,7 +92,7 @@ class Record:
 
 def read_record(
     path: Path, scenario: Scenario, inputs: Sequence[Input], markers: tuple[Marker, ...] = ()
-) -> Record:
+) -> ExperimentRecord:
     """Read a record: a table, or the sensor readings in a result.
 
     A table is a CSV or netCDF file with a column ``time`` or ``hold``, some of
@@ -113,7 +113,7 @@ def read_record(
 
 def _of_table(
     file: str, scenario: Scenario, inputs: Sequence[Input], markers: tuple[Marker, ...]
-) -> Record:
+) -> ExperimentRecord:
     axes = scenario.arm.dimension
     columns = [_column(name, "rad" if name == "angle" else "m") for name in POSE[axes][:axes]]
     columns += [_column(name, "rad" if axes == 2 else "1") for name in POSE[axes][axes:]]
@@ -164,7 +164,9 @@ def _of_table(
         commands = Commands(times, of_inputs)
     names = tuple(column.name for column in measured)
     notes = tuple(dict.fromkeys(note for each in (*motions, *parts) for note in each.notes))
-    return _after_start(Record(time[order], names, values, commands, notes, markers, of_row))
+    return _after_start(
+        ExperimentRecord(time[order], names, values, commands, notes, markers, of_row)
+    )
 
 
 def _of_holds(
@@ -173,7 +175,7 @@ def _of_holds(
     scenario: Scenario,
     measured: list[Column],
     of_row: Int[np.ndarray, " row"],
-) -> Record:
+) -> ExperimentRecord:
     """Return the holds in a table, with a row for each marker in each hold."""
     threads = keyed_threads(scenario.chamber, scenario.tendon).values()
     driven = {}
@@ -209,13 +211,13 @@ def _of_holds(
         shares[first],
     )
     places = tuple(column.name for column in measured)
-    record = Record(
+    record = ExperimentRecord(
         np.zeros(holds.size), places, values, None, tuple(remarks), of_row=of_row, holds=found
     )
     return record.rows(there)
 
 
-def _after_start(record: Record) -> Record:
+def _after_start(record: ExperimentRecord) -> ExperimentRecord:
     """Remove rows before the start of the run, and refuse a record without later rows."""
     if record.time[-1] <= 0:
         text = f"ends at {record.time[-1]:.6g} s of the run; must have times after 0"
@@ -235,7 +237,7 @@ def _column(name: str, unit: str) -> Column:
     return Column(name, name, {unit: 1.0}.get, unit, _LARGEST)
 
 
-def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> Record:
+def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> ExperimentRecord:
     """Return the readings of the tip in a result, at the times of their measurement."""
     result = Result.load(folder)
     data, axes = result.dataset, result.scenario.arm.dimension
@@ -258,7 +260,7 @@ def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> Rec
         raise ScenarioError.of("file", text)
     readings = data["sensor_reading"].values[rows[first]]
     values = readings[:, [columns[f"tip.{name}"] for name in names]]
-    return Record(times, names, values, _commands(result, step, inputs))
+    return ExperimentRecord(times, names, values, _commands(result, step, inputs))
 
 
 def _commands(result: Result, step: float, inputs: Sequence[Input]) -> Commands | None:

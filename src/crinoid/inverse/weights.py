@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import maximum_filter, median_filter
 
 from crinoid.inverse.experiment import Experiment, RecordComparison
-from crinoid.inverse.motion import Motion
+from crinoid.inverse.motion import ArmMotion
 from crinoid.numerics.signals_and_systems import integral_time
 
 _QUANTILE, _DEVIATIONS = 0.7, 1.0364
@@ -33,7 +33,7 @@ class RecordWeights:
     of a lost marker, are set aside; of holds only those beyond reach.
     """
 
-    def __init__(self, experiment: Experiment, first: Motion) -> None:
+    def __init__(self, experiment: Experiment, first: ArmMotion) -> None:
         self.experiment = experiment
         self._within_reach, self.notes = experiment.within_reach(first)
         self.used = self._within_reach

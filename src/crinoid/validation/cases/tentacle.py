@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from crinoid.inverse.experiment import Experiment
 from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.marker import Marker
-from crinoid.inverse.record import Holds, Record
+from crinoid.inverse.record import ExperimentRecord, Holds
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import Scenario
 from crinoid.simulation import equilibrium
@@ -67,7 +67,7 @@ def _shares(pulls: Sequence[int]) -> Float[np.ndarray, "hold 2"]:
     return shares
 
 
-def record(pulls: Sequence[int]) -> Record:
+def record(pulls: Sequence[int]) -> ExperimentRecord:
     """Return some of the holds."""
     names = tuple("{:g} N m, tendon {}".format(*_PULLS[pull]) for pull in pulls)
     count = len(_MARKERS)
@@ -75,7 +75,7 @@ def record(pulls: Sequence[int]) -> Record:
     values = 1e-3 * _PLACES[list(pulls)].reshape(-1, 3)
     of_row = np.tile(np.arange(1, count + 1), len(pulls))
     none = np.zeros(len(values))
-    return Record(none, ("x", "y", "z"), values, None, (), _MARKERS, of_row, holds)
+    return ExperimentRecord(none, ("x", "y", "z"), values, None, (), _MARKERS, of_row, holds)
 
 
 def _fitted(pulls: Sequence[int], keys: Sequence[str] = _KEYS, **tendon: float) -> Identification:
