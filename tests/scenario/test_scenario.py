@@ -405,6 +405,12 @@ def test_defaults_follow_the_dimension():
         Scenario.from_toml(longer.to_toml()).with_values(back)
 
 
+def test_values_of_the_caller_stay_as_they_are():
+    values = {"flow": [{"kind": "uniform", "velocity": [0.1, 0.0]}], "flow.0.velocity": [0.3, 0.0]}
+    assert Scenario().with_values(values).flow[0].velocity == (0.3, 0.0)
+    assert values["flow"][0]["velocity"] == [0.1, 0.0]
+
+
 def test_a_default_may_be_changed_in_part():
     assert Scenario().with_values({"base.position.1": -5.0}).base.position == (0.0, -5.0)
     spatial = Scenario(arm={"dimension": 3}).with_values({"base.position.1": -5.0})

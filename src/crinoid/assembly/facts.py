@@ -107,10 +107,10 @@ class Facts:
         if vortices is not None and (numbers := vortices.numbers).get("range"):
             ends = (numbers["centre"] + sign * numbers["range"] for sign in (1, -1))
             return 1 / next(ends), 1 / next(ends)
-        ratio = float(self.mass.mean() / self.displaced.mean())
-        if ratio <= _NO_END:
+        mass, displaced = float(self.mass.mean()), float(self.displaced.mean())
+        if mass <= _NO_END * displaced:
             return 4.0, math.inf
-        return 4.0, 9.25 * math.sqrt((ratio + 1) / (ratio - _NO_END))
+        return 4.0, 9.25 * math.sqrt((mass + displaced) / (mass - _NO_END * displaced))
 
     @cached_property
     def diameter(self) -> float:

@@ -5,6 +5,7 @@ import os
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -103,7 +104,8 @@ def assign(document: dict[str, Any], key: str, value: Any) -> None:
             following = [*outer, last][depth + 1]
             entry = table[index] = [] if following.isdecimal() else {}
         table = entry
-    table[_index(table, last, key, outer)] = value
+    # a later key may change a part of a table that was given here
+    table[_index(table, last, key, outer)] = deepcopy(value)
 
 
 def value_of(text: str) -> Any:
