@@ -379,6 +379,7 @@ def test_cases_are_run_with_the_records_of_their_checks_as_far_as_these_fit(
     assert len(opened) == readings
 
 
+@pytest.mark.slow
 def test_a_current_of_three_components_is_drawn(here):
     write(here, "measured")
     succeeded("flow", "mine.toml")

@@ -412,7 +412,7 @@ def defect(since, end):
     return float(jnp.sum(end.energy - since.energy) - jnp.sum(end.work - since.work))
 
 
-@in_both_dimensions
+@pytest.mark.parametrize("axes", [2, pytest.param(3, marks=pytest.mark.slow)])
 @second_order
 def test_energy_audit_closes_at_order_two(axes, integrator):
     system = everything(axes, integrator=integrator)

@@ -36,6 +36,7 @@ def matrix(bands: Array) -> np.ndarray:
     return free.reshape(size, size)
 
 
+@pytest.mark.slow
 def test_a_stiff_arm_that_hangs_from_a_pin_swings_as_a_physical_pendulum():
     # omega^2 = m g (L / 2) / J with J = m L^2 / 3 on any mesh; its weight makes the arm longer,
     # which lowers omega by a share of 7/24 m g / EA

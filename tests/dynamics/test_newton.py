@@ -214,6 +214,7 @@ def test_an_arm_of_many_nodes_is_solved_for_while_commands_jerk_its_base():
     assert outcomes.iterations.mean() < 3.2
 
 
+@pytest.mark.slow
 def test_the_tangent_of_an_earlier_step_serves_later_ones(system):
     # swinging down from level, in a step that resolves it
     swinging, given = fine(system), jnp.zeros((200, 3))

@@ -35,10 +35,15 @@ LEVEL = (np.eye(3), 0.0)
 UPRIGHT_PLANE = (Rotation.from_euler("z", 0.7).as_matrix(), 0.4)
 TURNED = (Rotation.from_euler("zx", [0.7, 0.4]).as_matrix(), 0.9)
 
-planes = pytest.mark.parametrize("plane", [None, LEVEL, TURNED], ids=["planar", "level", "turned"])
-vertical_planes = pytest.mark.parametrize(
-    "plane", [None, LEVEL, UPRIGHT_PLANE], ids=["planar", "level", "upright"]
-)
+
+def _planes(**others):
+    """Parametrize a test by the plane of a spatial arm; None is a planar arm, which is quick."""
+    slow = [pytest.param(plane, id=name, marks=pytest.mark.slow) for name, plane in others.items()]
+    return pytest.mark.parametrize("plane", [pytest.param(None, id="planar"), *slow])
+
+
+planes = _planes(level=LEVEL, turned=TURNED)
+vertical_planes = _planes(level=LEVEL, upright=UPRIGHT_PLANE)
 
 
 def in_plane(plane, *, tilt=0.0, rest_curvature=0.0, **case):
@@ -190,6 +195,7 @@ def test_tapered_arm_under_a_tip_load():
     converge(exact, coarse=1e-3, dead=(0.0, -1.5), youngs_modulus=modulus, digits=1e-4, **section)
 
 
+@pytest.mark.slow
 def test_a_cantilever_whose_stiffness_tapers_sags_as_on_paper():
     # w'' = F (1 - s) / (a + c s) with u = a + c s: w = F / c^3 [b^2 ln u - 2 b u + u^2 / 2]
     a, b, force = 1.0, 0.25, 1e-2

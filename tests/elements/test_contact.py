@@ -289,6 +289,7 @@ def test_the_base_feels_a_hit_on_a_stiff_arm():
     np.testing.assert_allclose(impulse + arm_has, np.asarray(state.touch.impulse[0]), atol=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.5, 1.0, 2.0])
 def test_nothing_passes_through_a_thin_arm(speed):
     thin = {"radius": 0.003, "diameter": 0.006, "mass_per_length": 0.03}
@@ -449,6 +450,7 @@ def test_carried_obstacles_follow_the_water_at_order_two():
     assert order(errors) == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_drifting_obstacles_keep_to_their_velocity():
     system = leaning((0.3, -1.0), velocity=[(0.1, 0.2)])
     state, taken = march(system, balance(system)[0], 30)  # which is at rest: nothing loads it

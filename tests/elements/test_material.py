@@ -162,6 +162,7 @@ def test_a_bent_arm_creeps_as_in_closed_form(axes):
     assert moved(([ratio], [time])) / moved(None) == pytest.approx(creep, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_the_energy_balance_of_a_relaxing_arm_closes(axes):
     system = bar(axes, rest_curvature=0.5 if axes == 2 else (0.4, 0.3, 0.5), gravity=2.0)
