@@ -15,14 +15,16 @@ from helpers.command import refused, succeeded
 TINY = Scope(repeats=2, nodes=(5, 9), duration=0.2, arms=2, seeds=1, most=2)
 FEW = {
     "controllers": TINY._replace(most=1),
+    "gradient": TINY._replace(most=1),
+    "step": TINY._replace(most=1),
     # the error of a path counts from 2 s on
     "tasks": TINY._replace(most=1, duration=2.5),
 }
 NAMES = {
     "precision": {release.name for release in RELEASES},
-    "step": {"plane, closed loop", "space, bare step", "plane, vortices"},
+    "step": {"plane, closed loop", "plane, bare step", "plane, vortices"},
     "batch": {"whole runs, PID", "bare steps, one by one", "bare steps, together (vmap)"},
-    "gradient": {"plane, run", "space, gradient by all numbers"},
+    "gradient": {"plane, run", "plane, gradient by all numbers"},
     "start": {"import crinoid, first time", "import jax, later"},
     "controllers": {"station-keeping, neural", "0.08 m/s, none, vortices"},
     "tasks": {"trace"},
@@ -89,15 +91,16 @@ def test_the_list_names_all_and_another_name_is_refused():
 
 
 def test_a_peer_that_is_not_installed_is_a_line(monkeypatch):
-    monkeypatch.setattr(peers, "_PEERS", ("nothing",))
+    monkeypatch.setattr(peers, "PEERS", ("nothing",))
     found, (line,) = peers.find_peers()
     assert found == ()
     assert line.startswith("nothing is left out (")
     assert line.endswith("pip install 'crinoid[bench]'")
 
 
-@pytest.mark.parametrize("engine", peers.find_peers()[0], ids=lambda engine: engine.name)
-def test_a_peer_lets_the_arm_fall(engine):
+@pytest.mark.parametrize("name", peers.PEERS)
+def test_a_peer_lets_the_arm_fall(name):
+    engine = pytest.importorskip(f"crinoid.benchmarks.peers.{name}").ENGINE
     for release in RELEASES:
         if release.name in engine.states:
             short = release._replace(duration=0.2)

@@ -443,7 +443,7 @@ def test_each_work_converges_at_order_two_in_generalized_alpha():
         assert order(error) == pytest.approx(2.0, abs=0.2), name
 
 
-@in_both_dimensions
+@pytest.mark.parametrize("axes", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_energy_audit_closes_when_servos_move_the_base(axes):
     command = [0.02, -0.03, 0.1] if axes == 2 else [0.02, 0.04, -0.03, 0.2, 0.1, 0.5]
     shape = {} if axes == 2 else {"radius": 0.2, "rest_curvature": (0.4, 0.3, 1.0)}

@@ -45,13 +45,14 @@ def clocked(swing: Callable[[], Tips]) -> Swing:
     return run
 
 
-_PEERS = ("mujoco", "pyelastica", "soromox", "moordyn", "cabledyn")
+PEERS = ("mujoco", "pyelastica", "soromox", "moordyn", "cabledyn")
+"""Modules of the peers."""
 
 
 def find_peers() -> tuple[tuple[Engine, ...], list[str]]:
     """Return the peers that are installed, and a line for each that is not."""
     found, missing = [], []
-    for name in _PEERS:
+    for name in PEERS:
         try:
             found.append(import_module(f"{__name__}.{name}").ENGINE)
         except ImportError as error:
