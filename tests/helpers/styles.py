@@ -147,7 +147,7 @@ class Played:
             order = np.argsort(levels)
             heights, velocity, filled = levels[order], velocity[:, order], filled[:, order]
             if self.moving:
-                inner = [int(np.argmin(np.abs(heights - each))) for each in self.z]
+                inner = [int(np.argmin(np.abs(heights - each))) for each in np.sort(self.z)]
                 outer = np.delete(np.arange(heights.size), inner)
                 expected = np.stack(over(self.current, heights[outer], self.count), axis=-1)
                 np.testing.assert_allclose(velocity[:, outer, :2], expected, atol=5e-3)

@@ -346,5 +346,5 @@ def test_a_straight_profile_is_played_straight(tmp_path):
     water = Water((build_flow(case, 0, case.flow[0], recorded(case)),))
     heights = jnp.linspace(-18.0, -2.0, 50)
     points = jnp.stack([jnp.zeros_like(heights), heights], axis=1)
-    velocity = jax.vmap(lambda point: water.current(point, 3.0).velocity)(points)
+    velocity = jax.vmap(lambda point: water.current(point, jnp.asarray(3.0)).velocity)(points)
     np.testing.assert_allclose(velocity[:, 0], 0.4 + 0.02 * heights, atol=1e-6)
