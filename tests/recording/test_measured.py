@@ -498,7 +498,7 @@ def test_every_refusal_has_its_file():
 
 def test_a_large_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
     point(tmp_path / "a.nc")
-    monkeypatch.setattr("crinoid.recording.opening.MAX_VALUES", 500)
+    monkeypatch.setattr("crinoid.recording.numbers.MAX_VALUES", 500)
     assert refusal(measured(tmp_path / "a.nc")) == (
         "flow.0.file: a.nc contains 802 values of this current; must contain at most 500. Cut out "
         "a shorter part."
