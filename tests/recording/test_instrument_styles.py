@@ -62,6 +62,55 @@ def dolfyn(coordinates):
     return write
 
 
+def imos(folder):
+    """Moored profiler of IMOS: days since 1950, flags named by `ancillary_variables`."""
+    both = "TIME", "HEIGHT_ABOVE_SENSOR"
+    east, north = (each.astype("f4") for each in over(straight, RANGES - 19.5))
+    variables = {
+        "TIME": (
+            ("TIME",),
+            since("1950-01-01", "D"),
+            {"standard_name": "time", "units": "days since 1950-01-01 00:00:00 UTC", "axis": "T"},
+        ),
+        "HEIGHT_ABOVE_SENSOR": (
+            both[1:],
+            RANGES.astype("f4"),
+            {"long_name": "height_above_sensor", "units": "m", "positive": "up", "axis": "Z"},
+        ),
+        "UCUR": (
+            both,
+            with_gap(east, 2, 0, 1.9),
+            EAST | {"ancillary_variables": "UCUR_quality_control", "valid_min": np.float32(-10)},
+        ),
+        "VCUR": (both, north, NORTH | {"_FillValue": np.float32(999999.0)}),
+        "UCUR_quality_control": (
+            both,
+            with_gap(np.ones((4, 3), "i1"), 2, 0, 4),
+            {
+                "standard_name": "eastward_sea_water_velocity status_flag",
+                "flag_values": np.array([0, 1, 2, 3, 4, 9], "i1"),
+                "flag_meanings": "No_QC_performed Good_data Probably_good_data "
+                "Bad_data_that_are_potentially_correctable Bad_data Missing_value",
+            },
+        ),
+    }
+    return store(folder / "IMOS_ANMN-NSW_AETVZ_FV01.nc", variables, Conventions="CF-1.6,IMOS-1.4")
+
+
+def xmitgcm(folder):
+    """A column of MITgcm by xmitgcm: negative levels that the file calls a depth, downward."""
+    grid = "time", "Z"
+    east, north = over(straight, Z)
+    names = {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"}
+    variables = {
+        "time": (("time",), 600.0 * np.arange(4), {"standard_name": "time", "units": "seconds"}),
+        "Z": (("Z",), np.array(Z), names),
+        "UVEL": (grid, east.astype("f4"), {"units": "m s-1", "long_name": "Zonal Velocity"}),
+        "VVEL": (grid, north.astype("f4"), {"units": "m s-1", "long_name": "Meridional Velocity"}),
+    }
+    return store(folder / "column.nc", variables)
+
+
 UHDAS_SHIFT = np.array([0.0, 0.2, -0.2, 0.1, -0.1])
 UHDAS_DEPTHS = np.array([3.0, 5.0, 7.0, 9.0])
 
@@ -188,6 +237,7 @@ def groups(folder):
 
 
 BELOW = moored(depths=[2.0, 8.0, 14.0, 22.0])
+UVEL_VVEL = {"velocity": ["UVEL", "VVEL", "0"], "heading_deg": 90.0}
 POLAR = {"speed": "spd", "direction": "dir", "heading_deg": 90.0}
 
 STYLES = {
@@ -202,6 +252,16 @@ STYLES = {
         "beam.*(rotate|earth)",
         {"velocity": ["vel", "0", "0"], "vertical": "range", "select": {"dir": 1}},
     ),
+    "IMOS": Played(
+        imos,
+        {"velocity": ["UCUR", "VCUR", "0"], "heading_deg": 90.0}
+        | {"time": "TIME", "vertical": "HEIGHT_ABOVE_SENSOR"},
+        tuple(RANGES - 19.5),
+        place={"origin": -19.5},
+        gaps=((2, 0),),
+    ),
+    "MITgcm": Played(xmitgcm, UVEL_VVEL | {"vertical": "-Z"}, Z, proposed=False),
+    "MITgcm without a sign": Refused(xmitgcm, "above.*minus sign", UVEL_VVEL | {"vertical": "Z"}),
     "UHDAS": Played(
         uhdas, PROFILE, tuple(-UHDAS_DEPTHS[1:-1]), count=5, remark="mean", moving=True
     ),

@@ -159,6 +159,52 @@ def nortek_csv(folder):
     return text(folder / "Aquadopp_avgd.csv", head, rows, ";", "\r\n")
 
 
+def lowell(folder):
+    """Tilt current meter MAT-1 of Lowell Instruments."""
+    head = ["ISO 8601 Time,Speed (cm/s),Heading (degrees),Velocity-N (cm/s),Velocity-E (cm/s)"]
+    rows = [
+        (time, f"{100 * np.hypot(float(u), float(v)):.2f}", 95.0, f"{100 * float(v):.1f}",
+         f"{100 * float(u):.1f}")
+        for time, u, v in points(dates("%Y-%m-%dT%H:%M:%S.000"))
+    ]  # fmt: skip
+    return text(folder / "2102403_TCM_C.txt", head, rows)
+
+
+def marotte(folder):
+    """Drag-tilt meter Marotte HS: the unit of a direction is a sentence."""
+    head = [
+        "datetime,speed (m/s),heading (degrees CW from North),tilt (radians),batt (volts),"
+        "temp (Celsius)"
+    ]
+    speed, direction = (each[:, 0] for each in over(speed_and_direction))
+    times = dates("%Y-%m-%d %H:%M:%S.000")
+    rows = [
+        (t, f"{s:.3f}", f"{d:.1f}", 0.21, 3.3, 11.2)
+        for t, s, d in zip(times, speed, direction, strict=True)
+    ]
+    return text(folder / "marotte.csv", head, rows)
+
+
+def aanderaa(folder):
+    """SeaGuard of Aanderaa as its studio exports it: tabs, dates with dots."""
+    head = ["Record Number\tTime tag (Gmt)\tBattery Voltage [V]\tNorth [cm/s]\tEast [cm/s]"]
+    rows = [
+        (k, time, 7.1, f"{100 * float(v):.3f}", f"{100 * float(u):.3f}")
+        for k, (time, u, v) in enumerate(points(dates("%d.%m.%Y %H:%M:%S")), 1)
+    ]
+    return text(folder / "DCPS.txt", head, rows, "\t", "\r\n")
+
+
+def year_first(folder):
+    times = dates("%Y/%m/%d %H:%M")
+    return text(folder / "currents.csv", ["DateTime,u (m/s),v (m/s)"], points(times))
+
+
+def two_columns_of_time(folder):
+    rows = [(*time.split(), u, v) for time, u, v in points(dates("%Y-%m-%d %H:%M:%S"))]
+    return text(folder / "currents.csv", ["Date,Time,u (m/s),v (m/s)"], rows)
+
+
 DAYS = dates("%d.%m.%Y %H:%M:%S", step=86400.0)
 GERMAN = ["Datum;u [m/s];v [m/s];Temperatur [\N{DEGREE SIGN}C]"]
 
@@ -234,6 +280,24 @@ STYLES = {
     ),
     "NDBC ADCP": Played(ndbc_adcp, None, Z, current=turning, gaps=((1, 2),)),
     "Nortek CSV": Played(nortek_csv, None, (-19.4, -18.9, -18.4), current=turning),
+    "Lowell tilt meter": Played(
+        lowell,
+        {"velocity": ["Velocity-E", "Velocity-N", "0"], "heading_deg": 90.0}
+        | {"time": "ISO 8601 Time"},
+    ),
+    "Marotte tilt meter": Played(
+        marotte,
+        {"time": "datetime", "speed": "speed", "direction": "heading", "heading_deg": 90.0},
+        current=turning,
+    ),
+    "Aanderaa": Played(
+        aanderaa,
+        {"velocity": ["East", "North", "0"], "time": "Time tag", "heading_deg": 90.0},
+    ),
+    "dates with the year first": Played(year_first, EAST_NORTH | {"time": "DateTime"}),
+    "date and time in two columns": Refused(
+        two_columns_of_time, "date|one column", EAST_NORTH | {"time": "Time"}
+    ),
     "European spreadsheet": Played(
         european, EAST_NORTH | {"time": "Datum"}, step=86400.0, proposed=False
     ),
