@@ -167,7 +167,7 @@ class MeasuredProfile(Flow):
 
     onset: Onset
     record: PiecewisePolynomial
-    """Velocity (m/s) and its slope in z (1/s) of each level in turn, over the time of the run (s)."""
+    """Velocity (m/s) and its slope in z (1/s) of each level, over the time of the run (s)."""
     levels: Float[Array, " level"]
     """Heights z (m), increasing, two or more."""
     met: Float[Array, " b"] | None = None

@@ -1,4 +1,4 @@
-"""Reading of tables of instruments: one column for each cell of a profile, dates in many columns."""
+"""Reading of tables of instruments: a column for each cell of a profile, or dates in many."""
 
 from __future__ import annotations
 
