@@ -126,22 +126,37 @@ def ndbc_meteorological(folder):
     return text(folder / "46042.txt", head, ([row] for row in rows[::-1]))
 
 
-def ndbc_adcp(folder):
-    """Realtime currents by an acoustic profiler: newest first, a row may end early."""
-    bins = range(1, 4)
-    head = [
-        "#YY  MM DD hh mm " + " ".join(f"DEP{i:02d} DIR{i:02d} SPD{i:02d}" for i in bins),
-        "#yr  mo dy hr mn " + " ".join(["    m  degT  cm/s"] * 3),
-    ]
-    speed, direction = over(speed_and_direction, Z)
-    rows = []
-    for k, time in enumerate(dates("%Y %m %d %H %M")):
-        cells = [
-            f"{depth:6.1f} {direction[k, i]:5.0f} {100 * speed[k, i]:5.1f}"
-            for i, depth in enumerate(DEPTHS)
+def ndbc_adcp(past):
+    """Return what writes currents by a profiler.
+
+    Realtime: newest first, a row may end early. Past years: oldest first, 999 for a missing value.
+    """
+
+    def write(folder):
+        head = [
+            "#YY  MM DD hh mm " + " ".join(f"DEP{i:02d} DIR{i:02d} SPD{i:02d}" for i in (1, 2, 3)),
+            "#yr  mo dy hr mn " + " ".join(["    m  degT  cm/s"] * 3),
         ]
-        rows.append([" ".join((time, *cells[: 2 if k == 1 else 3]))])
-    return text(folder / "42001.adcp.txt", head, rows[::-1])
+        speed, direction = over(speed_and_direction, Z)
+        rows = []
+        for k, time in enumerate(dates("%Y %m %d %H %M")):
+            cells = [
+                f"{depth:6.1f} {direction[k, i]:5.0f} {100 * speed[k, i]:5.1f}"
+                for i, depth in enumerate(DEPTHS)
+            ]
+            if k == 1:
+                cells[2:] = [f"{DEPTHS[2]:6.1f}   999 999.0"] if past else []
+            rows.append([" ".join((time, *cells))])
+        return text(folder / "42001a2024.txt", head, rows if past else rows[::-1])
+
+    return write
+
+
+def co_ops(folder):
+    """Currents of CO-OPS: in cm/s, or in knots on request, which the file does not say."""
+    head = ["Date Time, Speed, Direction, Bin"]
+    rows = [(time, 38.1, 60, 14) for time in dates("%Y-%m-%d %H:%M")]
+    return text(folder / "CO-OPS_cb0102.csv", head, rows)
 
 
 # --- instruments and spreadsheets ---------------------------------------------------------------
@@ -278,7 +293,13 @@ STYLES = {
     "NDBC meteorological": Played(
         ndbc_meteorological, WEATHER, count=5, gaps=((2, 0),), proposed=False, **FROM
     ),
-    "NDBC ADCP": Played(ndbc_adcp, None, Z, current=turning, gaps=((1, 2),)),
+    "NDBC ADCP": Played(ndbc_adcp(False), None, Z, current=turning, gaps=((1, 2),)),
+    "NDBC ADCP of past years": Played(ndbc_adcp(True), None, Z, current=turning, gaps=((1, 2),)),
+    "CO-OPS": Refused(
+        co_ops,
+        "unit",
+        {"time": "Date Time", "speed": "Speed", "direction": "Direction", "heading_deg": 90.0},
+    ),
     "Nortek CSV": Played(nortek_csv, None, (-19.4, -18.9, -18.4), current=turning),
     "Lowell tilt meter": Played(
         lowell,
@@ -309,6 +330,7 @@ STYLES = {
     "bare columns": Played(bare_columns, PROFILE, Z, remark="u .*no unit.*m/s"),
     "epoch seconds": Played(bare_time("s"), EAST_NORTH, remark="time .*assumed.* s"),
     "epoch milliseconds": Refused(bare_time("ms"), r"millisecond|\bms\b"),
+    "days of a spreadsheet": Refused(bare_time("D", 8, 25569.0), "days?"),
     "MATLAB days": Refused(bare_time("D", 8, 719529.0), "MATLAB|days"),
     "GRIB": Refused(grib, "GRIB|netCDF"),
     "HDF4": Refused(hdf4, "HDF|netCDF"),
