@@ -184,6 +184,17 @@ QARTOD = (
     },
 )
 
+CHARACTERS = (
+    "u_QC",
+    with_gap(np.full((4, 3), b"1"), 1, 2, b"4"),
+    {"long_name": "quality flag", "conventions": "OceanSITES reference table 2"},
+)
+ERROR = (
+    "u_error",
+    np.full((4, 3), 4.0),
+    {"standard_name": "eastward_sea_water_velocity standard_error", "units": "cm s-1"},
+)
+
 
 def polar(way=None):
     """Return what writes speed and direction, with standard names if ``way`` is to or from."""
@@ -278,6 +289,8 @@ STYLES = {
         moored(north=marked(-999.0), missing_value=-999.0), PROFILE, Z, **GAP
     ),
     "QARTOD": Played(moored(east=marked(2.5), more=[QARTOD]), PROFILE, Z, **GAP),
+    "flags as characters": Played(moored(east=marked(2.5), more=[CHARACTERS]), PROFILE, Z, **GAP),
+    "an ancillary variable without flags": Played(moored(more=[ERROR]), PROFILE, Z),
     "direction to": Played(polar("to"), POLAR, current=turning),
     "direction from": Played(polar("from"), POLAR, current=turning),
     "direction from by key": Played(
