@@ -196,8 +196,9 @@ def sigma_levels(dataset: xr.Dataset, name: str) -> xr.DataArray:
     except Exception as error:  # a term that is absent, or a formula that the library lacks
         text = f"{name} follows the bed by {level.attrs['formula_terms']!r} ({reason_of(error)})"
         raise refusal("vertical", text, "have all of these variables in the file") from error
-    attributes = {"units": "m", "positive": "up", "standard_name": "altitude"}
-    return found.rename(name).assign_attrs(attributes)
+    found = found.rename(name)
+    found.attrs = {"units": "m", "positive": "up", "standard_name": "altitude"}
+    return found
 
 
 def as_profile(dataset: xr.Dataset, time: str, level: str, file: str) -> xr.Dataset:
