@@ -35,58 +35,35 @@ Velocity = Float[np.ndarray, "time component"]
 Filled = Bool[np.ndarray, " time"]
 
 
-class RecordStatistics(NamedTuple):
-    """Statistics of a record at one level, from its measured values only."""
+def record_statistics(record: FilledRecord, level: int, axes: tuple[str, ...]) -> dict[str, float]:
+    """Sum up a record at one of its levels, by index, from its measured values only.
 
-    mean: Float[np.ndarray, " component"]
-    """Mean velocity (m/s)."""
-    standard_deviation: Float[np.ndarray, " component"]
-    """Standard deviation of the velocity (m/s)."""
-    mean_speed: float
-    """Mean of the speed (m/s)."""
-    median_speed: float
-    """Speed that is exceeded half of the time (m/s)."""
-    high_speed: float
-    """Speed that is exceeded a twentieth of the time (m/s)."""
-    greatest_speed: float
-    """Greatest speed (m/s)."""
-    direction: float
-    """Principal direction (rad), from the first component towards the second: see `principal`."""
-    along: float
-    """Share of the horizontal mean square along it."""
-    intensity: float
-    """Turbulence intensity: the median of `turbulence_intensity`; not a number if there is none."""
-    gaps: int
-    """Number of gaps."""
-    longest_gap: float
-    """Duration of the longest gap (s)."""
-    missing: float
-    """Share of the samples that are missing."""
-
-
-def record_statistics(record: FilledRecord, level: int) -> RecordStatistics:
-    """Sum up a record at one of its levels, by index."""
+    By names with units. The principal direction of a record in space counts from x towards y; that
+    of one whose axes are east and north clockwise from north. The intensity is the median of
+    `turbulence_intensity`, for a fast record only.
+    """
     filled = record.filled[:, level]
     velocity = record.velocity[~filled, level]
     speed = np.linalg.norm(velocity, axis=1)
-    direction, along = principal(velocity)
-    ends = np.diff(np.concatenate([[False], filled, [False]]).astype(int))
-    gaps = np.flatnonzero(ends < 0) - np.flatnonzero(ends > 0)
+    found = {f"mean {axis} (m/s)": velocity[:, at].mean() for at, axis in enumerate(axes)}
+    found |= {f"deviation {axis} (m/s)": velocity[:, at].std() for at, axis in enumerate(axes)}
+    found["mean speed (m/s)"] = speed.mean()
+    found["median speed (m/s)"] = np.median(speed)
+    found["speed, 95 % (m/s)"] = np.quantile(speed, 0.95)
+    found["largest speed (m/s)"] = speed.max()
+    if len(axes) == 3:
+        direction, along = principal(velocity)
+        degrees = np.rad2deg(direction)
+        found["principal direction (deg)"] = (90 - degrees) % 360 if axes[0] == "east" else degrees
+        found["mean square along it (%)"] = 100 * along
     intensity = turbulence_intensity(record, level)
-    return RecordStatistics(
-        mean=velocity.mean(axis=0),
-        standard_deviation=velocity.std(axis=0),
-        mean_speed=float(speed.mean()),
-        median_speed=float(np.median(speed)),
-        high_speed=float(np.quantile(speed, 0.95)),
-        greatest_speed=float(speed.max()),
-        direction=direction,
-        along=along,
-        intensity=float(np.median(intensity)) if intensity.size else np.nan,
-        gaps=gaps.size,
-        longest_gap=interval_of(record) * float(gaps.max(initial=0)),
-        missing=float(filled.mean()),
-    )
+    if intensity.size:
+        found["turbulence intensity (%)"] = 100 * np.median(intensity)
+    there = np.concatenate([record.time[:1], record.time[~filled], record.time[-1:]])
+    found["gaps"] = np.sum(np.diff(filled.astype(int), prepend=0) > 0)
+    found["longest gap (s)"] = np.diff(there).max() if filled.any() else 0
+    found["missing (%)"] = 100 * filled.mean()
+    return {name: float(value) for name, value in found.items()}
 
 
 def interval_of(record: FilledRecord) -> float:

@@ -1,27 +1,27 @@
 """A look at a record of the sea, without a scenario: its variables, numbers, tide and figure."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomli_w
 import xarray as xr
+from rich import box
 from rich.table import Table
 
 from crinoid.analysis.record import (
     HISTOGRAM,
     RECORD,
     TIDAL,
-    RecordStatistics,
     interval_of,
     record_dataset,
     record_statistics,
     tide,
 )
 from crinoid.cli.command import console
-from crinoid.cli.display import new_table, show, vector_text
+from crinoid.cli.display import new_table, show
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own
 from crinoid.foundation.axes import AXES
@@ -33,71 +33,71 @@ from crinoid.results.own_files import table_head
 from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.document import override
 from crinoid.scenario.flow import Component, MeasuredFlow
+from crinoid.view.figures.style import Unit
 
 _COMPASS = ("east", "north", "up")
 _READING = ("velocity", "speed", "direction", "direction_is", "time", "vertical", "origin")
 _READING += ("heading_deg", "select")
 """Keys of a measured flow that say how its file is read."""
-_FLAG = re.compile(r".*(_qc|_qc_agg|_flag|_flags)", re.IGNORECASE)
-_LEVELS, _CONSTITUENTS = 12, 6
-"""Levels and constituents that are listed at most."""
+_FLAG = re.compile(r".*(_qc|_qc_agg|_flags?)", re.IGNORECASE)
+_PLAIN = Unit(1.0, "")
+_CONSTITUENTS = 6
+"""Constituents that are listed at most."""
 _HEAD = table_head(["speed (m/s)", "share of time"])
 
 
 def show_record(name: str, settings: Sequence[str], folder: Path, *, force: bool) -> None:
     """Look at a record: list its variables, sum it up, save and draw it."""
     dataset = read_dataset(name)
-    document: dict[str, Any] = {"title": Path(name).name, "flow": [propose(dataset, name)]}
+    table = propose(dataset, name)
+    document: dict[str, Any] = {"title": Path(name).name, "flow": [table]}
     for setting in settings:
         key = setting.partition("=")[0].strip()
-        part = key.removeprefix("flow.0.").partition(".")[0]
-        if key != "water.depth" and (part == key or part not in _READING):
-            must = f"be water.depth, or flow.0. and one of {', '.join(_READING)}, for a record"
+        if key != "water.depth" and key.split(".")[:3] not in [["flow", "0", k] for k in _READING]:
+            must = f"be water.depth or, of flow.0, {', '.join(_READING)}: a record has no scenario"
             raise refusal("--set", got(setting, must))
         override(document, setting)
-    table = document["flow"][0]
     if "heading_deg" not in table and len(table.get("velocity", ())) == 3:
         document["arm"] = {"dimension": 3}
-    console.print(_variables(dataset, table))
-    console.print(tomli_w.dumps({"flow": [table]}), soft_wrap=True)
     scenario = Scenario.from_dict(document)
     (flow,) = scenario.flow
     assert isinstance(flow, MeasuredFlow)
+    console.print(_variables(dataset, flow))
+    console.print(tomli_w.dumps({"flow": [table]}), soft_wrap=True)
     depth = scenario.water.depth
     record = read_selection(flow, None if depth is None else -depth)
-    places, middle = _places(record)
-    compass = flow.heading_deg is not None
-    axes = _COMPASS if compass else AXES[record.velocity.shape[2]]
+    axes = _axes(flow)
+    order = [0] if record.levels is None else np.argsort(record.levels)
+    middle = int(order[len(order) // 2])
     path = folder / RECORD
     with finding(scenario, path, "a record", force=force, check=False, doubts=False) as found:
         if not force:
             check_own(folder / HISTOGRAM, lambda file: _HEAD.encode() in file.read_bytes())
         data = record_dataset(record, middle, axes)
-        notes = record.remarks
-        data.attrs = describe(scenario) | data.attrs | {"notes": "\n".join(notes)}
-        statistics = {place: record_statistics(record, level) for place, level in places.items()}
-        start = _start(dataset[flow.time])
-        lines = _extent(record, start)
+        data.attrs = describe(scenario) | data.attrs | {"notes": "\n".join(record.remarks)}
         shares = zip(data["speed"].values, data["share"].values, strict=True)
         text = "".join(f"{speed:.6g},{share:.6g}\n" for speed, share in shares)
         files = [*found.save(data), found.write(HISTOGRAM, _HEAD + text)]
-        if record.time[-1] >= TIDAL:
-            lines += _tide(record, middle, start, _latitude(dataset, flow))
-        else:
-            lines.append("tide: the record is shorter than 15 days")
-        show(_numbers(str(scenario.title), statistics, axes, compass), notes, files, lines)
+        places = list(dict.fromkeys((int(order[0]), middle, int(order[-1]))))
+        start = _start(dataset[flow.time])
+        lines = _extent(record, start, middle)
+        lines += _tide(record, middle, start, _latitude(dataset, flow))
+        show(_numbers(record, places, axes), record.remarks, files, lines)
 
 
-def _variables(dataset: xr.Dataset, flow: dict[str, Any]) -> Table:
+def _axes(flow: MeasuredFlow) -> tuple[str, ...]:
+    return AXES[len(flow.velocity)] if flow.heading_deg is None else _COMPASS
+
+
+def _variables(dataset: xr.Dataset, flow: MeasuredFlow) -> Table:
     """Return the variables of a file, those that are understood first."""
+    places: list[tuple[str | None, str]] = [(flow.time, "time"), (flow.vertical, "level")]
+    speed = [(getattr(flow, role, None), role) for role in ("speed", "direction")]
+    velocity = zip(flow.velocity, _axes(flow), strict=True)
+    places += speed if any(name for name, _ in speed) else velocity
     roles: dict[str, list[str]] = {}
-    names = _COMPASS if "heading_deg" in flow else AXES.get(len(flow.get("velocity", ())), ())
-    places = [(flow.get("time", "time"), "time"), (flow.get("vertical"), "level")]
-    places += zip(flow.get("velocity", ()), names, strict=False)
-    places += [(flow.get(role), role) for role in ("speed", "direction")]
     for text, role in places:
-        component = None if text is None else Component.of(text)
-        if component is not None:
+        if text is not None and (component := Component.of(text)) is not None:
             roles.setdefault(component.name, []).append(role)
     rows = []
     for name, variable in dataset.variables.items():
@@ -106,73 +106,37 @@ def _variables(dataset: xr.Dataset, flow: dict[str, Any]) -> Table:
         dims = ", ".join(f"{each} {size}" for each, size in variable.sizes.items())
         role = ", ".join(known) or ("flag" if flag else "other")
         rows.append((str(name), role, str(variable.attrs.get("units", "")), dims))
-    rows.sort(key=lambda row: (row[1] == "other", row[1] == "flag"))
-    return new_table(None, ("variable", "role", "unit", "dimensions"), rows)
+    rows.sort(
+        key=lambda row: ("other", "flag").index(row[1]) if row[1] in ("other", "flag") else -1
+    )
+    return new_table(None, ("variable", "role", "unit", "dimensions"), rows, box=box.SIMPLE)
 
 
-def _places(record: FilledRecord) -> tuple[dict[str, int], int]:
-    """Return the lowest, the middle and the highest level by name, and the middle one."""
+def _numbers(record: FilledRecord, places: list[int], axes: tuple[str, ...]) -> Table:
+    """Return the statistics of some levels."""
+    columns = [record_statistics(record, level, axes) for level in places]
+    rows = [
+        (name, *(_PLAIN.number(column[name] + 0.0) for column in columns)) for name in columns[0]
+    ]
     if record.levels is None:
-        return {"": 0}, 0
-    order = np.argsort(record.levels)
-    chosen = dict.fromkeys((order[0], order[order.size // 2], order[-1]))
-    names = {f"z = {record.levels[level]:.4g} m": int(level) for level in chosen}
-    return names, int(order[order.size // 2])
+        return new_table(None, (), rows, show_header=False)
+    return new_table(None, ("", *(f"z = {record.levels[at]:.4g} m" for at in places)), rows)
 
 
-def _numbers(
-    title: str, places: dict[str, RecordStatistics], axes: tuple[str, ...], compass: bool
-) -> Table:
-    named = ", ".join(axes)
-
-    def towards(at: RecordStatistics) -> str:
-        degrees = np.rad2deg(at.direction)
-        return f"{(90 - degrees) % 360 if compass else degrees + 0.0:.0f} deg"
-
-    texts: dict[str, Callable[[RecordStatistics], str]] = {
-        f"mean velocity {named}": lambda at: vector_text(at.mean, "m/s"),
-        f"standard deviation {named}": lambda at: vector_text(at.standard_deviation, "m/s"),
-        "speed: mean": lambda at: f"{at.mean_speed:.3f} m/s",
-        "speed: exceeded 50 % of time": lambda at: f"{at.median_speed:.3f} m/s",
-        "speed: exceeded 5 % of time": lambda at: f"{at.high_speed:.3f} m/s",
-        "speed: largest": lambda at: f"{at.greatest_speed:.3f} m/s",
-    }
-    if len(axes) == 3:
-        base = "to, compass" if compass else "from x towards y"
-        texts |= {
-            f"principal direction ({base})": towards,
-            "share of mean square along it": lambda at: f"{100 * at.along:.1f} %",
-        }
-    texts |= {
-        "turbulence intensity": lambda at: vector_text(100 * np.array([at.intensity]), "%", 1),
-        "gaps": lambda at: str(at.gaps),
-        "longest gap": lambda at: f"{at.longest_gap:.6g} s",
-        "missing": lambda at: f"{100 * at.missing:.2f} %",
-    }
-    rows = ((name, *map(text, places.values())) for name, text in texts.items())
-    return new_table(title, ("", *places), rows)
-
-
-def _extent(record: FilledRecord, start: np.datetime64 | None) -> list[str]:
+def _extent(record: FilledRecord, start: np.datetime64 | None, middle: int) -> list[str]:
     """Return when, how often and where a record was measured, and if turbulence is in it."""
     interval, count = interval_of(record), record.time.size
     since = "" if start is None else f" from {np.datetime_as_string(start, 's')}"
     text = f"{record.time[-1]:.6g} s{since}, {count} samples each {interval:.6g} s"
     lines = [f"{text} ({1 / interval:.4g} Hz)"]
     if record.levels is not None:
-        z = np.sort(record.levels)
-        shown = [f"{each:.4g}" for each in z]
-        if z.size > _LEVELS:
-            shown = [*shown[:2], "...", shown[-1]]
-        lines.append(f"{z.size} levels at z = {', '.join(shown)} m")
-        if z.size > 1:
-            lines.append(f"histogram, spectrum and tide: of z = {z[z.size // 2]:.4g} m")
+        z = ", ".join(f"{height:.4g}" for height in np.sort(record.levels))
+        lines.append(f"levels z (m): {z}")
+        lines.append(f"histogram, spectrum and tide are those of z = {record.levels[middle]:.4g} m")
     if interval >= 1:
         lines.append("turbulence: none, it needs samples less than 1 s apart")
-    elif record.time[-1] + interval < 600:
-        lines.append("turbulence: of the whole record, which is shorter than ten minutes")
     else:
-        lines.append("turbulence: the median of windows of ten minutes, noise included")
+        lines.append("turbulence: median of windows of ten minutes, noise included")
     return lines
 
 
@@ -197,6 +161,8 @@ def _latitude(dataset: xr.Dataset, flow: MeasuredFlow) -> float | None:
 def _tide(
     record: FilledRecord, level: int, start: np.datetime64 | None, latitude: float | None
 ) -> list[str]:
+    if record.time[-1] < TIDAL:
+        return ["tide: none, it needs a record of 15 days"]
     try:
         found = tide(record, level, start, latitude)
     except ImportError:

@@ -65,9 +65,7 @@ def _spectrum(axes: Axes, data: xr.Dataset) -> None:
     axes.set_ylabel("spectral density (m²/s)")
     for index, part in enumerate(map(str, data["part"].values)):
         if density[:, index].any():
-            axes.plot(
-                frequency, density[:, index], color=_COLOURS[part], linewidth=1.0, label=part
-            )
+            axes.plot(frequency, density[:, index], color=_COLOURS[part], linewidth=1.0, label=part)
     if "model_spectrum" in data:
         model: Float[np.ndarray, " frequency"] = data["model_spectrum"].values
         words = str(data["model_spectrum"].attrs["long_name"]).partition(" of the")[0]
