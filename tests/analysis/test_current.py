@@ -336,7 +336,7 @@ def counted(monkeypatch, name: str) -> list[None]:
 @pytest.mark.slow
 def test_notes_are_kept_and_a_run_is_resumed_from_elsewhere(here, monkeypatch):
     write(here, "measured", "arm.nodes = 5\ncontrol.compare = false")
-    once = ("crinoid.recording.selection.opened", "crinoid.assembly.system.assemble_once")
+    once = ("crinoid.recording.selection.read_dataset", "crinoid.assembly.system.assemble_once")
     counts = [counted(monkeypatch, name) for name in once]
     written = succeeded("run", "mine.toml", "--out", "out")
     assert list(map(len, counts)) == [1, 1]  # read once, built once
@@ -372,7 +372,7 @@ def test_cases_are_run_with_the_records_of_their_checks_as_far_as_these_fit(
             return super().__call__(prepared, **options)
 
     write(here, "measured", '[vary]\n"arm.length" = [0.4, 0.5]')
-    opened = counted(monkeypatch, "crinoid.recording.selection.opened")
+    opened = counted(monkeypatch, "crinoid.recording.selection.read_dataset")
     monkeypatch.setattr("crinoid.cli.run.play", Reader())
     monkeypatch.setattr("crinoid.cli.study._MOST_HELD", most)
     succeeded("run", "mine.toml", "--out", "out")

@@ -250,10 +250,10 @@ def test_a_profile_is_the_same_all_over_a_height_and_lifts_faster_water(tmp_path
     assert Prepared(case).notes() == []
     rng = np.random.default_rng(4)
     points = rng.uniform([-3, -3, -19][-axes:], [3, 3, -11][-axes:], (40, axes))
-    points[:19, -1] = height[:-1] - 20.0
+    points[:18, -1] = height[1:-1] - 20.0  # there is a kink at the ends
     velocity, acceleration = moves(case, points, 3.3)
     expected = known(axes, 3.3, points[:, -1] + 20.0)
-    np.testing.assert_allclose(velocity[:19], expected[:19], atol=1e-6)
+    np.testing.assert_allclose(velocity[:18], expected[:18], atol=1e-6)
     np.testing.assert_allclose(velocity, expected, atol=1e-5)
     # that of a drifting particle: w du/dz is part of it, as the water rises through the shear
     step = 1e-4
@@ -274,7 +274,7 @@ def test_interpolation_in_height_is_of_fourth_order_inside(tmp_path):
     assert order(errors) == pytest.approx(4.0, abs=0.3)
 
 
-def test_a_profile_is_constant_beyond_its_levels_and_has_no_kink(tmp_path):
+def test_a_profile_is_constant_beyond_its_levels_and_has_no_kink_between(tmp_path):
     height = profile(tmp_path / "a.nc", levels=6)
     case = measured(tmp_path / "a.nc", base=(0.0, -19.0), **PROFILE[2])
     ends = height[[0, -1]] - 20.0
@@ -289,9 +289,23 @@ def test_a_profile_is_constant_beyond_its_levels_and_has_no_kink(tmp_path):
             lambda z: flow.velocity(jnp.stack([0.0, z]), jnp.asarray(2.0)), (z,), (1.0,)
         )[1]
 
-    for level in height - 20.0:
+    for level in height[1:-1] - 20.0:
         below, above = slope(level - 1e-9), slope(level + 1e-9)
         np.testing.assert_allclose(below, above, atol=1e-7)
+
+
+def test_a_straight_profile_is_straight_to_its_ends(tmp_path):
+    z = np.array([-19.0, -17.5, -17.0, -14.0, -12.0])
+    speed = 0.1 + 0.05 * (z + 19.0)
+    time = np.arange(0.0, 40.0, 0.5)
+    xr.Dataset(
+        {"u": (("time", "z"), np.tile(speed, (time.size, 1)), M_PER_S)},
+        {"time": ("time", time, {"units": "s"}), "z": ("z", z, {"units": "m"})},
+    ).to_netcdf(tmp_path / "a.nc")
+    case = measured(tmp_path / "a.nc", velocity=["u", "0"], vertical="z", base=(0.0, -19.0))
+    at = np.linspace(-19.0, -12.0, 29)
+    velocity, _ = moves(case, np.stack([0 * at, at], axis=1), 2.0)
+    np.testing.assert_allclose(velocity[:, 0], 0.1 + 0.05 * (at + 19.0), rtol=0, atol=1e-12)
 
 
 def test_a_note_names_levels_that_are_mostly_missing_and_left_out(tmp_path):
@@ -470,7 +484,7 @@ FILES = {
     "times that go back": steady(time=COUNT[::-1]),
     "one instant": steady(time=np.zeros(1), u=np.full(1, 0.3)),
     "no instant": steady(time=np.zeros(0), u=np.zeros(0)),
-    "knots": steady(units="knots"),
+    "pascals": steady(units="Pa"),
     "nothing but gaps": steady(u=np.full(100, np.nan)),
     "gaps for the most part": steady(u=np.where(COUNT < 70, np.nan, 0.3)),
     "bursts": steady(time=COUNT + 1e4 * (COUNT > 50)),
@@ -498,7 +512,7 @@ def test_every_refusal_has_its_file():
 
 def test_a_large_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
     point(tmp_path / "a.nc")
-    monkeypatch.setattr("crinoid.recording.opening.MAX_VALUES", 500)
+    monkeypatch.setattr("crinoid.recording.numbers.MAX_VALUES", 500)
     assert refusal(measured(tmp_path / "a.nc")) == (
         "flow.0.file: a.nc contains 802 values of this current; must contain at most 500. Cut out "
         "a shorter part."

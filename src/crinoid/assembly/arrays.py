@@ -97,8 +97,6 @@ def measured(
         )
     values = recording.velocity
     slopes = CubicSpline(recording.levels, values, axis=1)(recording.levels, 1)
-    # beyond the outermost levels nothing changes with height: so it ends there without a kink
-    slopes[:, [0, -1]] = 0.0
     columns = np.stack([values, slopes], axis=2).reshape(len(values), -1)
     travels = (array(origin), array(recording.slowness)) if np.any(recording.slowness) else ()
     return MeasuredProfile(onset, played(columns), array(recording.levels), *travels)

@@ -159,7 +159,7 @@ class MeasuredProfile(Flow):
     """Record at several heights, uniform at each height: cubic in time and in height.
 
     In height it is Hermite's cubic between two levels, so that a look-up needs these two only; its
-    slope is continuous. Below the first level and above the last one it is constant. With a
+    slope is continuous between the outermost levels, and beyond them it is constant. With a
     slowness it travels, as `MeasuredPoint` does.
     """
 
@@ -167,10 +167,7 @@ class MeasuredProfile(Flow):
 
     onset: Onset
     record: PiecewisePolynomial
-    """Velocity (m/s) and its slope in z (1/s) of each level in turn, over the time of the run (s).
-
-    The slopes of the first and the last level are zero.
-    """
+    """Velocity (m/s) and its slope in z (1/s) of each level, over the time of the run (s)."""
     levels: Float[Array, " level"]
     """Heights z (m), increasing, two or more."""
     met: Float[Array, " b"] | None = None

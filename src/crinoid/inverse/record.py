@@ -14,9 +14,12 @@ from jaxtyping import Bool, Float, Int
 from crinoid.actuation import Input
 from crinoid.foundation.axes import AXES, POSE
 from crinoid.inverse.marker import TIP, Marker
-from crinoid.recording.opening import find, labels_of, opened
+from crinoid.recording.axes import find
+from crinoid.recording.numbers import labels_of
+from crinoid.recording.readers import read_dataset
 from crinoid.recording.series import Column, Series, read_series, values_in
-from crinoid.recording.table import angle_factor, length_factor, listed
+from crinoid.recording.texts import listed
+from crinoid.recording.units import angle_factor, length_factor
 from crinoid.results.result import RESULT, Result, ResultError, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError, counted, got, one_of, refusal
 from crinoid.scenario.actuator import Tendon, keyed_threads
@@ -118,7 +121,7 @@ def _of_table(
     columns = [_column(name, "rad" if name == "angle" else "m") for name in POSE[axes][:axes]]
     columns += [_column(name, "rad" if axes == 2 else "1") for name in POSE[axes][axes:]]
     labels = None
-    with opened(file, TIME) as dataset:
+    with read_dataset(file) as dataset:
         there = [str(name) for name in dataset.variables]
         if MARKER in there:
             labels = labels_of(dataset[MARKER])

@@ -1,10 +1,12 @@
-"""Readers of measured time series: CSV and netCDF files as currents, motions and paths.
+"""Readers of measured time series: files as currents, motions and paths.
 
 May import ``scenario`` and lower folders.
 
 Nothing here knows how they are evaluated; a file that does not fit is a `ScenarioError`.
 """
 
+from crinoid.recording.proposal import propose as propose
+from crinoid.recording.readers import read_dataset as read_dataset
 from crinoid.recording.recording import PlaybackWindow as PlaybackWindow
 from crinoid.recording.recording import Recording as Recording
 from crinoid.recording.recording import read_recording as read_recording

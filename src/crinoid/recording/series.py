@@ -11,18 +11,18 @@ import xarray as xr
 from jaxtyping import Bool, Float
 
 from crinoid.foundation.axes import ANGLES, AXES
-from crinoid.recording.opening import (
+from crinoid.recording.axes import find, only_dimension, seconds
+from crinoid.recording.numbers import (
     check_count,
+    check_marks,
     factor_to,
-    find,
     labels_of,
     numbers_of,
-    only_dimension,
-    opened,
-    seconds,
-    short,
+    without_flagged,
 )
-from crinoid.recording.table import MARKED, angle_factor, check_marks, length_factor, time_factor
+from crinoid.recording.readers import read_dataset
+from crinoid.recording.texts import MARKED, short
+from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
 from crinoid.scenario import FileMotion, Scenario, Target
 from crinoid.scenario.errors import counted, refusal
 from crinoid.scenario.quantity import OPPOSITE
@@ -144,6 +144,7 @@ def values_in(
         if variable.dims != (along,):
             dims = ", ".join(map(str, variable.dims)) or "nothing"
             raise refusal(key, f"{name} has dimensions {dims}", f"have those of {first.name}")
+        variable = without_flagged(dataset, variable, remarks)
         numbers = numbers_of(variable, key, "numbers").astype(float)
         factor = factor_to(variable, factor_of, key, unit, remarks)
         values[:, index] = factor * numbers
@@ -168,7 +169,7 @@ def read_series(
     time of the file when the run begins. Rows with a missing value are omitted. With ``only``, a
     column and a label in it, other rows do not count.
     """
-    with opened(file, time_column) as dataset:
+    with read_dataset(file) as dataset:
         remarks: list[str] = []
         clock = dataset[find(dataset, time_column, "time_column", file)]
         along = only_dimension(clock, "time_column")
@@ -209,7 +210,6 @@ def read_series(
     return Series(time[there] - skip, values, tuple(remarks))
 
 
-_NO_UNIT = dict.fromkeys(("1", "-", "m/m"), 1.0).get
 _SHIFT, _DEPTHS, _TURNS, _LONG = 1e3, 2e4, 100.0, 1e15
 """Greatest shift (m), depth (m), turn (rad) and length of a vector without a unit."""
 
@@ -257,7 +257,7 @@ def _path(target: Target, axes: tuple[str, ...], duration: float) -> Series:
         angle = Column("angle_column", target.angle_column, angle_factor, "degrees", _TURNS, True)
         columns.append(angle)
     for index, name in enumerate(target.direction_columns or ()):
-        columns.append(Column(f"direction_columns.{index}", name, _NO_UNIT, "1", _LONG))
+        columns.append(Column(f"direction_columns.{index}", name, no_unit, "1", _LONG))
     assert target.file is not None
     series = read_series(target.file, target.time_column or "time", columns, target.skip or 0.0)
     if series.time[-1] <= 0:

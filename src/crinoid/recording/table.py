@@ -1,7 +1,6 @@
-"""Reading of CSV files into datasets like those of netCDF files."""
+"""Reading of text tables: CSV with a header, of instruments, data services and spreadsheets."""
 
 import csv
-import math
 import os
 import re
 import warnings
@@ -13,115 +12,22 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from crinoid.recording.texts import listed, reason_of, short
 from crinoid.scenario.errors import refusal, shown
-from crinoid.scenario.flow import Component
 
-_NAMED = 12
-MARKED = "Mark missing values by an empty cell, or in a netCDF file by a _FillValue."
-
-
-def reason_of(error: Exception) -> str:
-    """Return the reason of an error in one line."""
-    return " ".join(str(getattr(error, "strerror", None) or error).split())[:200]
-
-
-def listed(names: list[str]) -> str:
-    """Return the first dozen names, with commas between them."""
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
-
-
-_MARKS = (999, 999.9, 999.99, 9999, 9999.9, 9999.99, 99999, 99999.9, 999999, 32767, 32768)
-"""Usual marks of missing values: nines, and the ends of a 16-bit counter."""
-_CLOSE = 1e-6
-"""Relative error of numbers in single precision."""
-
-
-def check_marks(numbers: np.ndarray, key: str, name: str) -> None:
-    """Refuse a variable with a mark of missing values among its numbers.
-
-    A mark differs from the other numbers by more than they differ from each other: 999 between
-    998 and 1000 is a number.
-    """
-    found = numbers[np.isfinite(numbers)].astype(float)
-    marked = np.zeros(found.size, bool)
-    large = np.flatnonzero(np.abs(found) > _MARKS[0] * (1 - _CLOSE))
-    for mark in _MARKS:
-        marked[large] |= np.isclose(np.abs(found[large]), mark, rtol=_CLOSE, atol=0)
-    if not marked.any():
-        return
-    others, marks = found[~marked], found[marked]
-    if others.size:
-        low, high = others.min(), others.max()
-        marks = marks[np.maximum(low - marks, marks - high) > high - low]
-    if marks.size:
-        text = f"{name} contains {marks[0]:g}, far from its other numbers"
-        raise refusal(key, text, "contain measured values only", MARKED)
-
-
-_LENGTHS = {
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
-    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 1e-2),
-    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 1e-3),
-}
-_ANGLES = {
-    **dict.fromkeys(("deg", "degree", "degrees", "\N{DEGREE SIGN}"), math.radians(1.0)),
-    **dict.fromkeys(("rad", "radian", "radians"), 1.0),
-}
-_SECONDS = ("s", "sec", "secs", "second", "seconds")
-_TIMES = {
-    **dict.fromkeys(_SECONDS, 1.0),
-    **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
-    **dict.fromkeys(("us", "microsecond", "microseconds"), 1e-6),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
-    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
-    **dict.fromkeys(("d", "day", "days"), 86400.0),
-}
-# m/s, m s-1, m s^-1, m.s**-1, metres per second
-_RATE = re.compile(r"([a-z]+)(?:\s*(?:/|\bper\b)\s*([a-z]+)|[\s.*·]\s*([a-z]+)\s*[\^*]*\(?-1\)?)")
-
-
-def velocity_factor(units: str) -> float | None:
-    """Return the factor from a unit of velocity to m/s, or None for an unknown unit."""
-    found = _RATE.fullmatch(units.strip().lower())
-    if found is None or (found[2] or found[3]) not in _SECONDS:
-        return None
-    return _LENGTHS.get(found[1])
-
-
-def length_factor(units: str) -> float | None:
-    """Return the factor from a unit of length to m, or None for an unknown unit."""
-    return _LENGTHS.get(units.strip().lower())
-
-
-def angle_factor(units: str) -> float | None:
-    """Return the factor from a unit of angle to rad, or None for an unknown unit."""
-    return _ANGLES.get(units.strip().lower())
-
-
-def is_unit(text: str) -> bool:
-    """Return whether a text is a known unit, with or without brackets."""
-    known = (velocity_factor, length_factor, time_factor, angle_factor)
-    return any(factor(text.strip().strip("[]()")) is not None for factor in known)
-
-
-def time_factor(units: str) -> float | None:
-    """Return the factor from a unit of time, also ``since`` a date, to s, or None if unknown."""
-    unit, _, _ = units.strip().lower().partition(" since ")
-    return _TIMES.get(unit.strip())
-
-
-SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".csvp", ".csv0", ".tsvp", ".tsv0")
 _MAX_BYTES = 500_000_000
 _MAX_CELLS = 20_000_000
 _SHORTEN = "Cut out a shorter part, or convert it to netCDF."
-_HEAD = 1 << 16
-"""Bytes from which the header and the layout are determined."""
 _MISSING = ["", "-", "--", "n/a", "N/A", "NA", "NaN", "nan", "NAN", "null", "NULL", "None"]
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(inf|nan)", re.I)
+_ISO = re.compile(r"\d{4}-\d\d-\d\d")
+_DAY_FIRST = re.compile(r"\d{1,2}\.\d{1,2}\.\d{4}\b")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
+_COMMENT = re.compile(r"(?:^|(?<=[\s;,]))#")  # Speed#1 is a name
+_HEAD = 1 << 16
+"""Bytes from which the header and the layout are determined."""
 _FIELDS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 
@@ -138,35 +44,33 @@ class _Layout(NamedTuple):
     """Whether a separator ends each line."""
 
 
-def read_table(file: str, time: str, vertical: str | None) -> xr.Dataset:
-    """Read a CSV file: a header with units in brackets, and rows.
+def reads(file: str, head: bytes) -> bool:
+    """Return whether a file is a table, by its suffix."""
+    return Path(file).suffix.lower() in _SUFFIXES
+
+
+def read(file: str) -> xr.Dataset:
+    """Read a table: a header with units in brackets or below it, and rows.
 
     Numbers may be separated by commas, semicolons, tabs or blanks, with a decimal comma unless
-    commas separate; lines after # are comments; times may be ISO dates; an empty cell is missing.
-    With ``vertical`` each row is of one time and one level.
+    commas separate; lines after # are comments; an empty cell is missing. Dates are ISO, or
+    31.12.2024 with the day first.
     """
-    name, size = Path(file).name, os.path.getsize(file)
+    name, size = short(file), os.path.getsize(file)
     if size > _MAX_BYTES:
         must = f"have at most {_MAX_BYTES / 1e6:.0f} MB as CSV"
         raise refusal("file", f"{name} has {size / 1e6:.0f} MB", must, _SHORTEN)
-    layout = _layout(file)
+    with Path(file).open("rb") as stream:
+        layout = _layout(name, stream.read(_HEAD))
     frame = _frame(file, layout)
     columns = {
-        column: _numbers(frame[column], unit, is_time=column == time)
+        column: ("row", *_numbers(frame[column], unit, layout.decimal))
         for column, unit in zip(layout.names, layout.units, strict=True)
     }
-    level = None
-    if vertical is not None and (component := Component.of(vertical)) is not None:
-        level = component.name
-    if level in columns and time in columns and level != time:
-        return _profile(columns, time, str(level))
-    return xr.Dataset({column: ("row", *series) for column, series in columns.items()})
+    return xr.Dataset(columns)
 
 
-def _layout(file: str) -> _Layout:
-    name = Path(file).name
-    with Path(file).open("rb") as stream:
-        head = stream.read(_HEAD)
+def _layout(name: str, head: bytes) -> _Layout:
     encoding = _encoding(head)
     try:
         text = head.decode(encoding, errors="replace")
@@ -177,32 +81,36 @@ def _layout(file: str) -> _Layout:
     lines = text.splitlines()
     if len(head) == _HEAD:
         lines = lines[:-1]  # cut in two
-    full = [index for index, line in enumerate(lines) if line.split("#")[0].strip()]
+    full = [index for index, line in enumerate(lines) if _COMMENT.split(line)[0].strip()]
     declared = re.fullmatch(r"sep=(.)", lines[full[0]].strip()) if full else None  # as Excel has it
     full = full[1:] if declared else full
     if not full:
         raise refusal("file", f"{name} has no rows", "have a header and rows of numbers")
     first = full[0]
-    header, rows = lines[first].split("#")[0], [lines[index] for index in full[1:]]
+    header, rows = _COMMENT.split(lines[first])[0], [lines[index] for index in full[1:]]
     separator = declared[1] if declared else next((mark for mark in "\t;," if mark in header), "")
     fields, skipped = _fields(header, separator), first + 1
-    if all(_NUMBER.fullmatch(field) or _DECIMAL_COMMA.fullmatch(field) for field in fields):
+    if all(map(_is_value, fields)):
         # as NumPy writes it, the header is a comment
         comments = [line.lstrip("# \t") for line in lines[:first] if line.strip().startswith("#")]
         names = _fields(comments[-1], separator) if comments else []
         if len(names) != len(fields):
             must = "have a first line of names such as time, u, w"
-            raise refusal("file", f"{name} begins with numbers", must)
+            hint = "Of ERDDAP load .csvp, which has names, in place of .csv0."
+            raise refusal("file", f"{name} begins with numbers", must, hint)
         rows, fields, skipped = [header, *rows], names, first
     units = [""] * len(fields)
     for index, field in enumerate(fields):
         if found := _WITH_UNIT.fullmatch(field):
             fields[index], units[index] = found[1], found[2].strip()
     if rows and skipped > first:
-        below = _fields(rows[0].split("#")[0], separator)
-        if len(below) == len(fields) and any(below) and all(not u or is_unit(u) for u in below):
-            units, skipped = [u.strip("[]()") for u in below], full[1] + 1
-    cells = [_fields(row.split("#")[0], separator) for row in rows[:100]]
+        below = _fields(_COMMENT.split(rows[0])[0], separator)
+        words = any(below) and not any(_is_value(cell) and cell != "1" for cell in below)
+        if len(below) == len(fields) and words and len(rows) > 1:
+            next_ones = _fields(_COMMENT.split(rows[1])[0], separator)
+            if any(_is_value(cell) and cell != "1" for cell in next_ones):
+                units, skipped = [u.strip("[]()") for u in below], full[1] + 1
+    cells = [_fields(_COMMENT.split(row)[0], separator) for row in rows[:100]]
     trailing = any(len(row) == len(fields) + 1 and not row[-1] for row in cells)
     if len(fields) > 1 and not fields[-1]:
         trailing, fields, units = True, fields[:-1], units[:-1]
@@ -215,6 +123,12 @@ def _layout(file: str) -> _Layout:
     point = any("." in cell for row in cells for cell in row if _NUMBER.fullmatch(cell))
     decimal = "," if separator != "," and comma and not point else "."
     return _Layout(encoding, skipped, names, units, separator, decimal, trailing)
+
+
+def _is_value(cell: str) -> bool:
+    """Return whether a cell has a number or a date."""
+    dated = _ISO.match(cell) or _DAY_FIRST.match(cell)
+    return bool(dated or _NUMBER.fullmatch(cell) or _DECIMAL_COMMA.fullmatch(cell))
 
 
 def _encoding(head: bytes) -> str:
@@ -274,50 +188,38 @@ def _frame(file: str, layout: _Layout) -> pd.DataFrame:
     return frame[layout.names].dropna(how="all")
 
 
-_Series = tuple[np.ndarray, dict[str, str]]
-
-
-def _numbers(column: pd.Series, unit: str, *, is_time: bool) -> _Series:
+def _numbers(column: pd.Series, unit: str, decimal: str) -> tuple[np.ndarray, dict[str, str]]:
     """Return the numbers of a column, or its texts, with its attributes."""
     attributes = {"units": unit} if unit else {}
     if column.dtype.kind in "iuf":
         return column.to_numpy(), attributes
-    numbers = pd.to_numeric(column, errors="coerce")
+    texts = column.astype(str).where(column.notna())
+    dates = _dates(texts)
+    if dates is not None and dates.notna().all():
+        count = dates.dt.tz_localize(None).to_numpy().astype("datetime64[us]").astype(np.int64)
+        return count, {"units": "us since 1970-01-01"}
+    plain = texts.str.replace(",", ".") if decimal == "," else texts
+    numbers = pd.to_numeric(plain, errors="coerce")
     odd = column[numbers.isna() & column.notna()]
+    if decimal == ",":  # a dot may separate thousands, or be a slip
+        odd = column[(numbers.isna() | texts.str.contains(".", regex=False)) & column.notna()]
     if odd.empty:
         return numbers.to_numpy(float), attributes
-    if is_time:
-        dates = pd.to_datetime(column.astype(str), format="ISO8601", errors="coerce", utc=True)
-        if dates.notna().all():
-            count = dates.dt.tz_localize(None).to_numpy().astype("datetime64[us]").astype(np.int64)
-            return count, {"units": "us since 1970-01-01"}
-        if dates.notna().any():
-            odd = column[dates.isna()]
-    row = int(odd.index[0]) + 1
-    attributes["odd"] = f"{shown(str(odd.iloc[0]))} in row {row}"
-    return column.astype(str).to_numpy(object), attributes
+    if dates is not None and dates.notna().any():
+        odd = column[dates.isna()]
+    attributes["odd"] = f"{shown(str(odd.iloc[0]))} in row {int(odd.index[0]) + 1}"
+    return texts.fillna("").to_numpy(object), attributes
 
 
-def _profile(columns: dict[str, _Series], time: str, level: str) -> xr.Dataset:
-    """Return rows with a time and a level each as arrays over both."""
-    places = []
-    for key, name in (("time", time), ("vertical", level)):
-        values, attributes = columns[name]
-        if values.dtype.kind not in "iuf" or not np.isfinite(values).all():
-            odd = attributes.get("odd", "a missing or infinite entry")
-            raise refusal(key, f"{name} contains {odd}", "contain a number in each row")
-        places.append(np.unique(values))
-    (times, levels), shape = places, f"{places[0].size} times at {places[1].size} levels"
-    if times.size * levels.size > _MAX_CELLS:
-        text = f"{shape} give {times.size * levels.size} values"
-        raise refusal("file", text, f"give at most {_MAX_CELLS}")
-    numbers = {name: each for name, (each, _) in columns.items() if each.dtype.kind in "iuf"}
-    frame = pd.DataFrame(numbers).set_index([time, level])
-    twice = frame.index[frame.index.duplicated()]
-    if twice.size:
-        text = f"{time} {twice[0][0]:.12g} and {level} {twice[0][1]:.6g} are in two rows"
-        raise refusal("time", text, "have one row for each time and level")
-    dataset = xr.Dataset.from_dataframe(frame)
-    for variable in dataset.variables:
-        dataset[variable].attrs = columns[str(variable)][1]
-    return dataset
+def _dates(texts: pd.Series) -> pd.Series | None:
+    """Return the instants of a column that begins with a date; None without one."""
+    first = str(texts.iloc[0]) if len(texts) else ""
+    if _ISO.match(first):
+        dotted = texts.str.replace(",", ".")  # ISO 8601 allows a comma before parts of a second
+        return pd.to_datetime(dotted, format="ISO8601", errors="coerce", utc=True)
+    if not _DAY_FIRST.match(first):
+        return None
+    dotted = texts.str.replace(r"(:\d\d),(\d)", r"\1.\2", regex=True)
+    form = ("%d.%m.%Y", "%d.%m.%Y %H:%M", "%d.%m.%Y %H:%M:%S")[min(first.count(":"), 2)]
+    form += ".%f" if re.search(r":\d\d[.,]\d", first) else ""
+    return pd.to_datetime(dotted, format=form, errors="coerce", utc=True)

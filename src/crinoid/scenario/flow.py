@@ -89,15 +89,26 @@ class MeasuredFlow(FlowTable):
         'heading_deg east, north and up. "-u" reverses one, "vel[E]" is an entry of a labelled '
         'dimension, "0" is zero.',
     )
+    speed: str | None = entry(
+        None, "Variable of the speed, with `direction` in place of `velocity`.", min_length=1
+    )
+    direction: str | None = entry(
+        None, "Variable of the compass direction of the flow, clockwise from north.", min_length=1
+    )
+    direction_is: Literal["to", "from"] | None = entry(
+        None, "Whether the water flows to it or from it; by default by its standard name, else to."
+    )
     time: str = entry("time", "Variable of the time.", min_length=1)
     vertical: str | None = entry(
         None,
-        'Variable of the levels of a profile, upward from z = origin; downward with "-range" or'
-        ' if the file says so (positive = "down").',
+        'Variable of the levels of a profile, upward from z = origin; downward with "-range", or'
+        " for a depth by its attributes or its name.",
         min_length=1,
     )
     origin: Metres | None = entry(
-        None, "Height z from which levels count; by default the bed, for a depth the surface."
+        None,
+        "Height z from which levels count; by default the bed, for a depth or an elevation the "
+        "surface.",
     )
     heading_deg: Degrees | None = entry(
         None, "Compass heading of x, clockwise from north; velocity then names east, north and up."
@@ -128,7 +139,19 @@ class MeasuredFlow(FlowTable):
     )
 
     def _conflicts(self) -> Iterator[Mistake]:
-        if all(component is None for component in self.components):
+        if (self.speed is None) != (self.direction is None):
+            lacking = "direction" if self.direction is None else "speed"
+            yield self.mistake(lacking, "name a variable, as speed and direction go together")
+        if self.speed is not None:
+            if "velocity" in self.model_fields_set:
+                hint = "Speed and direction are the velocity."
+                yield self.mistake("velocity", "be left out with speed", hint)
+            if self.heading_deg is None:
+                hint = "90 for x toward the east."
+                yield self.mistake("heading_deg", "be the compass heading of x (deg)", hint)
+        elif self.direction_is is not None:
+            yield self.mistake("direction_is", "be left out without direction")
+        elif all(component is None for component in self.components):
             yield self.mistake("velocity", "have the name of at least one variable")
         if self.phase_speed == 0:
             hint = "Leave it out for water that moves as one in a profile."
@@ -144,8 +167,11 @@ class MeasuredFlow(FlowTable):
 
     @property
     def components(self) -> tuple[Component | None, ...]:
-        """Places of the components of the velocity; None for a component of zero."""
-        return tuple(Component.of(text) for text in self.velocity)
+        """Places of the components of the velocity; None for a component of zero.
+
+        Without components it is given by speed and direction.
+        """
+        return () if self.speed is not None else tuple(Component.of(text) for text in self.velocity)
 
 
 _From0 = Annotated[float, Field(ge=0)]

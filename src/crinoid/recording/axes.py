@@ -1,0 +1,195 @@
+"""Axes of a file: its variables by name, times in seconds, and levels as heights."""
+
+from __future__ import annotations
+
+import re
+from difflib import get_close_matches
+from pathlib import Path
+
+import cf_xarray  # noqa: F401  # the accessor `cf` of datasets
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jaxtyping import Float
+
+from crinoid.recording.numbers import MAX_VALUES, factor_to, finite_numbers
+from crinoid.recording.texts import listed, reason_of, short
+from crinoid.recording.units import length_factor, time_factor
+from crinoid.scenario.errors import counted, got, missing, refusal, shown
+from crinoid.scenario.quantity import INTERVALS
+
+_FARTHEST = 1e5
+"""Greatest distance of a level from the surface (m)."""
+_THINNEST = 1e-6
+"""Least distance between two levels (m)."""
+_DEPTH = re.compile(r"dep(h|th|tht|thu|thv|thw)?([^a-z].*)?|depth.*", re.I)
+"""Names of a variable that counts downward from the surface."""
+_FROM_SURFACE = {
+    *("altitude", "elevation", "height_above_mean_sea_level", "height_above_geoid"),
+    "height_above_geopotential_datum",
+}
+"""Names and standard names of a height above the surface at rest."""
+_DAYS, _MILLISECONDS = (6e5, 9e5), 1e11
+"""Numbers without a unit that look like days of MATLAB, or like milliseconds since 1970."""
+
+
+def find(dataset: xr.Dataset, name: str, key: str, file: str) -> str:
+    """Return the variable with a name or a CF standard name."""
+    if name in dataset.variables:
+        return name
+    standard = dataset.cf.standard_names
+    found = standard.get(name, [])
+    if len(found) == 1:
+        return str(found[0])
+    if found:
+        must = f"name one variable. Several have this standard name: {listed(found)}"
+        raise refusal(key, got(name, must))
+    names = [str(variable) for variable in dataset.variables]
+    near = get_close_matches(name, [*names, *standard], n=1)
+    hint = f"did you mean {near[0]}?" if near else f"it contains {listed(names) or 'none'}"
+    kind = "variable" if Path(file).suffix.lower().startswith(".nc") else "column"
+    raise refusal(key, f"got {shown(name)}, no such {kind} in {short(file)}; {hint}")
+
+
+def only_dimension(variable: xr.DataArray, key: str) -> str:
+    """Return the dimension of a variable that must have one."""
+    if variable.ndim != 1:
+        dims = ", ".join(map(str, variable.dims)) or "none"
+        raise refusal(key, f"{variable.name} has dimensions {dims}", "have one dimension")
+    return str(variable.dims[0])
+
+
+def seconds(
+    variable: xr.DataArray, remarks: list[str], *, key: str = "time"
+) -> Float[np.ndarray, " time"]:
+    """Return the times of a record (s) since its first sample."""
+    name = variable.name
+    if variable.size < 2:
+        text = f"{name} contains {counted(variable.size, 'instant')}"
+        raise refusal(key, text, "contain at least 2")
+    values = finite_numbers(variable, key, "increasing numbers or ISO dates")
+    if not variable.attrs.get("units"):
+        kinds = {"days": _DAYS[0] < values[0] < _DAYS[1], "ms": values[0] > _MILLISECONDS}
+        for unit in [unit for unit, alike in kinds.items() if alike]:
+            text = f"{name} names no unit and begins at {values[0]:.12g}, as of a date in {unit}"
+            raise refusal(key, text, "name its unit", f"Call it {name} ({unit}), or write dates.")
+    factor = factor_to(variable, time_factor, key, "seconds", remarks)
+    # whole numbers stay whole up to here: nanoseconds since 1970 have more digits than floats
+    with np.errstate(over="ignore"):
+        time = (values - values[0]).astype(float) * factor
+    # compared before the subtraction, in which unsigned ones would wrap round
+    late = np.flatnonzero(~(values[1:] > values[:-1]))
+    if late.size:
+        after = int(late[0]) + 1
+        word = "repeats" if values[after] == values[after - 1] else "goes back"
+        raise refusal(key, f"{name} {word} at entry {after}", "increase")
+    with np.errstate(invalid="ignore"):
+        steps = np.diff(time)
+    low, high = INTERVALS
+    if not (steps.min() >= low and steps.max() <= high):
+        text = f"{name} has steps of {steps.min():.3g} to {steps.max():.3g} s"
+        raise refusal(key, text, f"have steps of {low:g} to {high:g} s")
+    return time
+
+
+def counts_down(level: xr.DataArray) -> bool:
+    """Return whether levels are depths: by ``positive``, by standard name, or by their name."""
+    positive = str(level.attrs.get("positive", "")).lower()
+    standard = str(level.attrs.get("standard_name", ""))
+    if positive in ("up", "down"):
+        return positive == "down"
+    return standard.startswith("depth") or (
+        not standard and bool(_DEPTH.fullmatch(str(level.name)))
+    )
+
+
+def heights(
+    level: xr.DataArray, sign: float, origin: float | None, bed: float | None, remarks: list[str]
+) -> Float[np.ndarray, "*time level"]:
+    """Return the heights z of levels (m), of each time where they vary.
+
+    A depth counts downward from the surface, an elevation upward from it, another height from the
+    bed; each counts from ``origin`` where it is given. A minus sign in its name turns it round.
+    """
+    name = level.name
+    values = finite_numbers(level, "vertical", "heights or depths (m)").astype(float)
+    down = counts_down(level)
+    if down and not level.attrs and values.max(initial=-1.0) <= 0 and values.size > 1:
+        remarks.append(f"{name} is negative and is taken as a height above the surface")
+        down = False
+    if origin is None:
+        named = {str(name).lower(), str(level.attrs.get("standard_name", ""))} & _FROM_SURFACE
+        above = bool(named) or (sign > 0 and values.min(initial=0.0) < 0)
+        origin = 0.0 if down or above else bed
+    if origin is None:
+        must = f"be the height z from which {name} counts (m)"
+        raise refusal("origin", missing(must, "Or set water.depth to count from the bed."))
+    factor = factor_to(level, length_factor, "vertical", "m", remarks)
+    z = origin + (-1.0 if down else 1.0) * sign * factor * values
+    if np.abs(z).max(initial=0.0) > _FARTHEST:
+        text = f"{name} reaches {np.abs(z).max():.6g} m"
+        raise refusal("vertical", text, f"reach at most {_FARTHEST:g} m")
+    gap = np.diff(np.sort(z, axis=-1), axis=-1).min(initial=np.inf)
+    if gap == 0:
+        raise refusal("vertical", f"{name} contains a level twice", "have different levels")
+    if gap < _THINNEST:
+        text = f"{name} has levels less than {_THINNEST:g} m apart"
+        raise refusal("vertical", text, "have different levels")
+    return z
+
+
+def in_water(z: Float[np.ndarray, " level"], bed: float | None, remarks: list[str]) -> np.ndarray:
+    """Return which levels are neither above the surface nor below the bed; the others are said."""
+    inside = np.ones(z.size, bool)
+    for where, out in (
+        ("above the surface", z > _THINNEST),
+        ("below the bed", z < (-np.inf if bed is None else bed - _THINNEST)),
+    ):
+        if out.all():
+            hint = "Set origin, or a minus sign in front of the name of the levels."
+            text = f"all levels, z = {z.min():.4g} to {z.max():.4g} m, are {where}"
+            raise refusal("vertical", text, "lie in the water", hint)
+        if out.any():
+            apart = ", ".join(f"{height:.6g}" for height in np.sort(z[out]))
+            remarks.append(f"levels at z = {apart} m are {where} and left out")
+        inside &= ~out
+    return inside
+
+
+def sigma_levels(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """Return the heights (m) of levels that follow surface and bed, by their formula terms (CF)."""
+    level = dataset[name]
+    try:
+        with_heights = dataset.cf.decode_vertical_coords(outnames={name: "crinoid_z"})
+        found = with_heights["crinoid_z"]
+    except Exception as error:  # a term that is absent, or a formula that the library lacks
+        text = f"{name} follows the bed by {level.attrs['formula_terms']!r} ({reason_of(error)})"
+        raise refusal("vertical", text, "have all of these variables in the file") from error
+    attributes = {"units": "m", "positive": "up", "standard_name": "altitude"}
+    return found.rename(name).assign_attrs(attributes)
+
+
+def as_profile(dataset: xr.Dataset, time: str, level: str, file: str) -> xr.Dataset:
+    """Return rows with a time and a level each as arrays over both."""
+    row = dataset[time].dims
+    if time == level or dataset[level].dims != row or len(row) != 1:
+        return dataset
+    for key, name in (("time", time), ("vertical", level)):
+        finite_numbers(dataset[name], key, "a number in each row")
+    rows = [name for name in dataset.variables if dataset[name].dims == row]
+    numbers = {
+        str(name): dataset[name].values for name in rows if dataset[name].dtype.kind in "iuf"
+    }
+    frame = pd.DataFrame(numbers).set_index([time, level])
+    counts = [frame.index.get_level_values(each).nunique() for each in (time, level)]
+    if counts[0] * counts[1] > MAX_VALUES:
+        text = f"{counts[0]} times at {counts[1]} levels give {counts[0] * counts[1]} values"
+        raise refusal("file", text, f"give at most {MAX_VALUES}")
+    twice = frame.index[frame.index.duplicated()]
+    if twice.size:
+        text = f"{time} {twice[0][0]:.12g} and {level} {twice[0][1]:.6g} are in two rows"
+        raise refusal("time", text, "have one row for each time and level")
+    profile = xr.Dataset.from_dataframe(frame).assign_attrs(dataset.attrs)
+    for variable in profile.variables:
+        profile[variable].attrs = dataset[variable].attrs
+    return profile

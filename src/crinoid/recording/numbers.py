@@ -1,0 +1,158 @@
+"""Numbers of a variable: read, decoded, without those that are marked as missing or bad."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+
+from crinoid.recording.texts import MARKED, reason_of, short
+from crinoid.scenario.errors import refusal, shown
+
+MAX_VALUES = 20_000_000
+"""Most values of a record; more, splines included, need gigabytes."""
+_MAX_CHUNK = 2**30
+"""Largest chunk of a variable that must be read as a whole (bytes)."""
+_MARKS = (999, 999.9, 999.99, 9999, 9999.9, 9999.99, 99999, 99999.9, 999999, 32767, 32768)
+"""Usual marks of missing values: nines, and the ends of a 16-bit counter."""
+_CLOSE = 1e-6
+"""Relative error of numbers in single precision."""
+_BAD_FLAGS = (4, 9)
+"""Bad and missing, in QARTOD and OceanSITES."""
+_BAD_WORDS = ("bad", "fail", "missing", "wrong", "erroneous")
+
+
+def check_count(count: int, file: str, owner: str) -> None:
+    """Refuse more values than a run can use, before any is read."""
+    if count > MAX_VALUES:
+        text = f"{short(file)} contains {count} values of {owner}"
+        raise refusal("file", text, f"contain at most {MAX_VALUES}", "Cut out a shorter part.")
+
+
+def values_of(variable: xr.DataArray) -> np.ndarray:
+    """Return the values of a variable; only this reads them from a netCDF file."""
+    chunks = variable.encoding.get("chunksizes") or ()
+    size = math.prod(chunks) * variable.dtype.itemsize
+    if size > _MAX_CHUNK:
+        text = f"{variable.name} is stored in chunks of {size / 2**30:.3g} GB"
+        raise refusal("file", text, "be stored in chunks of at most 1 GB")
+    try:
+        return np.asarray(variable.values)
+    except Exception as error:  # libraries raise anything on a damaged file
+        text = f"{variable.name} cannot be read ({reason_of(error)})"
+        raise refusal("file", text) from error
+
+
+def numbers_of(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
+    """Return the values of a variable that must be numbers; NaN outside of its valid range."""
+    values = values_of(variable)
+    if values.dtype.kind not in "iuf":
+        odd = variable.attrs.get("odd", "no numbers")
+        raise refusal(key, f"{variable.name} contains {odd}", f"contain {must}")
+    ends = (variable.attrs.get("valid_min"), variable.attrs.get("valid_max"))
+    low, high = variable.attrs.get("valid_range", ends)
+    for end, sign in ((low, 1), (high, -1)):
+        if end is not None and (outside := sign * values < sign * _unpacked(variable, end)).any():
+            values = np.where(outside, np.nan, values)
+    return values
+
+
+def _unpacked(variable: xr.DataArray, limit: object) -> float:
+    """Return a limit of a packed variable, which counts as packed where it has the same type."""
+    packing = variable.encoding
+    if np.asarray(limit).dtype != packing.get("dtype"):
+        return float(np.asarray(limit))
+    scale, offset = packing.get("scale_factor", 1.0), packing.get("add_offset", 0.0)
+    return float(np.asarray(limit) * scale + offset)
+
+
+def finite_numbers(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
+    """Return the values of a variable that must be numbers without a gap."""
+    values = numbers_of(variable, key, must)
+    if not np.isfinite(values).all():
+        raise refusal(key, f"{variable.name} has a missing or infinite entry", f"contain {must}")
+    return values
+
+
+def labels_of(variable: xr.DataArray) -> list[str]:
+    """Return the values of a variable as texts, whole numbers without a point."""
+    values = values_of(variable).tolist()
+    texts = (each.decode() if isinstance(each, bytes) else each for each in values)
+    return [f"{each:g}" if isinstance(each, float) else str(each).strip() for each in texts]
+
+
+def without_flagged(
+    dataset: xr.Dataset, variable: xr.DataArray, remarks: list[str]
+) -> xr.DataArray:
+    """Return a variable without values that its quality flags call bad or missing.
+
+    Flags are its ancillary variables (CF, QARTOD) and those named after it, such as ``u_QC``.
+    """
+    own = str(variable.attrs.get("ancillary_variables", "")).split()
+    usual = [f"{variable.name}_{ending}" for ending in ("QC", "qc", "qc_agg", "flag")]
+    for name in dict.fromkeys([*own, *usual]):
+        if name not in dataset.variables or "flag_masks" in dataset[name].attrs:
+            continue
+        flag = dataset[name]
+        flag = flag.isel({d: 0 for d in set(flag.dims) - set(variable.dims) if flag.sizes[d] == 1})
+        standard = str(flag.attrs.get("standard_name", ""))
+        if name in own and name not in usual and not standard.endswith("flag"):
+            continue
+        bad = flag.isin(_bad_values(flag)) & variable.notnull()
+        if bad.dims and set(bad.dims) <= set(variable.dims) and (count := int(bad.sum())):
+            kept = variable.where(~bad)
+            kept.encoding, variable = {}, kept
+            remarks.append(f"{count} values of {variable.name} are flagged as bad and left out")
+    return variable
+
+
+def _bad_values(flag: xr.DataArray) -> list[int]:
+    meanings = str(flag.attrs.get("flag_meanings", "")).lower().split()
+    values = np.atleast_1d(flag.attrs.get("flag_values", ())).tolist()
+    if not meanings or len(values) != len(meanings):
+        return list(_BAD_FLAGS)
+    pairs = zip(values, meanings, strict=True)
+    return [value for value, text in pairs if any(word in text for word in _BAD_WORDS)]
+
+
+def check_marks(numbers: np.ndarray, key: str, name: str) -> None:
+    """Refuse a variable with a mark of missing values among its numbers.
+
+    A mark differs from the other numbers by more than they differ from each other: 999 between
+    998 and 1000 is a number.
+    """
+    found = numbers[np.isfinite(numbers)].astype(float)
+    marked = np.zeros(found.size, bool)
+    large = np.flatnonzero(np.abs(found) > _MARKS[0] * (1 - _CLOSE))
+    for mark in _MARKS:
+        marked[large] |= np.isclose(np.abs(found[large]), mark, rtol=_CLOSE, atol=0)
+    if not marked.any():
+        return
+    others, marks = found[~marked], found[marked]
+    if others.size:
+        low, high = others.min(), others.max()
+        marks = marks[np.maximum(low - marks, marks - high) > high - low]
+    if marks.size:
+        text = f"{name} contains {marks[0]:g}, far from its other numbers"
+        raise refusal(key, text, "contain measured values only", MARKED)
+
+
+def factor_to(
+    variable: xr.DataArray,
+    factor_of: Callable[[str], float | None],
+    key: str,
+    unit: str,
+    remarks: list[str],
+) -> float:
+    """Return the factor from a variable to SI units; a missing unit becomes a remark."""
+    units = variable.attrs.get("units")
+    if units is None or not str(units).strip():
+        remarks.append(f"{variable.name} names no unit and is assumed to be in {unit}")
+        units = unit
+    factor = factor_of(str(units).strip())
+    if factor is None:
+        text = f"{variable.name} is in {shown(str(units))}"
+        raise refusal(key, text, f"be in a unit such as {unit}")
+    return factor

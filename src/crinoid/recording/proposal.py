@@ -1,0 +1,140 @@
+"""The table ``[[flow]]`` that plays a file, as its attributes and names are understood."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import cf_xarray  # noqa: F401  # the accessor `cf` of datasets
+import xarray as xr
+
+from crinoid.recording.numbers import labels_of
+from crinoid.recording.selection import is_labelled
+from crinoid.recording.texts import listed, short
+from crinoid.scenario.errors import refusal
+
+_NAMES = {
+    "time": ("time", "ocean_time", "datetime", "date", "date time", "timestamp", "time_utc"),
+    "level": (
+        *("depth", "deph", "deptht", "depthu", "dep", "depth_cell", "elevation", "z", "height"),
+        *("range", "s_rho", "lev", "level", "altitude"),
+    ),
+    "east": (
+        *("u", "uo", "water_u", "ewct", "vozocrtx", "u_eastward", "ucur", "u_velocity", "east"),
+        *("vel_east", "velocity_east", "east_velocity", "ve", "e", "u_rho"),
+    ),
+    "north": (
+        *("v", "vo", "water_v", "nsct", "vomecrty", "v_northward", "vcur", "v_velocity", "north"),
+        *("vel_north", "velocity_north", "north_velocity", "vn", "n", "v_rho"),
+    ),
+    "up": ("w", "wo", "vcsp", "up", "vel_up", "velocity_up", "up_velocity", "vu", "w_velocity"),
+    "speed": ("speed", "spd", "hcsp", "current_speed", "cspd", "velocity_magnitude"),
+    "direction": ("direction", "dir", "hcdt", "current_direction", "cdir", "drct"),
+}
+"""Usual names of each role, in small letters."""
+_STANDARD = {
+    "time": ("time",),
+    "level": ("depth", "height", "altitude", "height_above_sea_floor", "ocean_s_coordinate_g2"),
+    "east": ("eastward_sea_water_velocity", "sea_water_x_velocity", "eastward_velocity"),
+    "north": ("northward_sea_water_velocity", "sea_water_y_velocity", "northward_velocity"),
+    "up": ("upward_sea_water_velocity", "upward_velocity"),
+    "speed": ("sea_water_speed",),
+    "direction": (
+        *("sea_water_velocity_to_direction", "sea_water_velocity_from_direction"),
+        "direction_of_sea_water_velocity",
+    ),
+}
+"""CF standard names of each role."""
+_LABELS = {"east": ("E", "east", "East"), "north": ("N", "north"), "up": ("U", "U1", "up")}
+"""Labels of a dimension of components."""
+
+
+def roles(dataset: xr.Dataset) -> dict[str, str]:
+    """Return the variable of each role: time, level, east, north, up, speed and direction.
+
+    A component may be an entry of a labelled dimension, such as ``vel[E]``.
+    """
+    known = dataset.cf.standard_names
+    small = {str(name).strip().lower(): str(name) for name in dataset.variables}
+    found = {}
+    for role, names in _NAMES.items():
+        standard = [str(each) for name in _STANDARD[role] for each in known.get(name, ())]
+        usual = [small[name] for name in names if name in small]
+        if candidates := [*standard, *usual]:
+            found[role] = candidates[0]
+    axes = dataset.cf.coordinates | dataset.cf.axes
+    for role, keys in (("time", ("time", "T")), ("level", ("vertical", "Z"))):
+        for name in (str(each) for key in keys for each in axes.get(key, ())):
+            found.setdefault(role, name)
+    return found if "east" in found or "speed" in found else found | _labelled(dataset)
+
+
+def _labelled(dataset: xr.Dataset) -> dict[str, str]:
+    """Return components that are entries of a labelled dimension."""
+    for variable in dataset.data_vars.values():
+        for dimension in map(str, variable.dims):
+            if is_labelled(variable, dimension) and variable.dtype.kind == "f":
+                texts = labels_of(variable[dimension])
+                entries = {role: _first(texts, names) for role, names in _LABELS.items()}
+                if entries["east"]:
+                    return {role: f"{variable.name}[{e}]" for role, e in entries.items() if e}
+    return {}
+
+
+def _first(there: Iterable[str], wanted: Iterable[str]) -> str:
+    return next((each for each in wanted if each in there), "")
+
+
+def propose(dataset: xr.Dataset, file: str) -> dict[str, Any]:
+    """Return the keys of a table ``[[flow]]`` that plays a file, x toward the east.
+
+    Raises
+    ------
+    ScenarioError
+        If no variable looks like a time or like a velocity.
+    """
+    found = roles(dataset)
+    names = listed([str(name) for name in dataset.variables])
+    for role, words in (("time", "a time"), ("velocity", "a velocity")):
+        if role not in found and (role == "time" or not {"east", "speed"} & set(found)):
+            text = f"{short(file)} contains {names}"
+            raise refusal("file", text, f"have {words} under a usual name, or name it in [[flow]]")
+    keys: dict[str, Any] = {"kind": "measured", "file": file}
+    if found["time"] != "time":
+        keys["time"] = found["time"]
+    if "east" in found:
+        if "north" in found:
+            keys["velocity"] = [found["east"], found["north"], found.get("up", "0")]
+            keys["heading_deg"] = 90.0
+        else:
+            keys["velocity"] = [found["east"], found.get("up", "0")]
+        first = found["east"]
+    else:
+        if "direction" not in found:
+            text = f"{short(file)} has {found['speed']} without a direction"
+            raise refusal("file", text, "have the components of the velocity, or a direction")
+        keys |= {"speed": found["speed"], "direction": found["direction"], "heading_deg": 90.0}
+        first = found["speed"]
+    velocity = dataset[first.partition("[")[0]]
+    level, clock = found.get("level"), dataset[found["time"]]
+    if level is not None:
+        same = [each for each in dataset[level].dims if each in velocity.dims]
+        flat = dataset[level].dims == clock.dims and clock.size > 1
+        varies = flat and clock.ndim == 1 and len(set(clock.values.tolist())) < clock.size
+        if (set(same) - set(clock.dims)) or varies:
+            keys["vertical"] = level
+    axes = {*clock.dims, *(dataset[level].dims if "vertical" in keys and level else ())}
+    select = {
+        str(each): _middle(dataset, str(each))
+        for each in velocity.dims
+        if each not in axes and velocity.sizes[each] > 1 and not is_labelled(velocity, str(each))
+    }
+    return keys | ({"select": select} if select else {})
+
+
+def _middle(dataset: xr.Dataset, dimension: str) -> float:
+    """Return the place in the middle of a dimension: its coordinate, or its index."""
+    middle = dataset.sizes[dimension] // 2
+    if dimension in dataset.coords:
+        return float(dataset[dimension].values[middle])
+    return float(middle)

@@ -1,0 +1,80 @@
+"""The door of all files: each becomes a dataset with the names, units and attributes of the file.
+
+A reader has ``reads(file, head)``, whether a file is of its format by its name and first bytes,
+and ``read(file)``, which returns the dataset. Other packages name theirs under the entry points
+``crinoid.readers``; they come first.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+import xarray as xr
+
+from crinoid.recording import instruments, netcdf, table
+from crinoid.recording.texts import reason_of, short
+from crinoid.scenario.errors import ScenarioError, refusal, shown
+from crinoid.scenario.kinds import installed
+
+_HEAD = 1 << 16
+
+
+class Reader(Protocol):
+    """Reader of one format."""
+
+    def reads(self, file: str, head: bytes) -> bool:
+        """Return whether a file is of this format."""
+        ...
+
+    def read(self, file: str) -> xr.Dataset:
+        """Return the variables of a file, not yet in SI units."""
+        ...
+
+
+def _readers() -> Iterator[Reader]:
+    for name, entry in installed("readers").items():
+        try:
+            yield entry.load()
+        except Exception as error:  # any fault of the package
+            text = f"the reader {name} of an installed package fails: {reason_of(error)}"
+            raise refusal("file", text) from error
+    yield from (instruments, table, netcdf)
+
+
+def read_dataset(file: str) -> xr.Dataset:
+    """Return the variables of a file, by the first reader of its format.
+
+    Variables of a netCDF file are read where they are used: use the dataset in a ``with`` block.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be opened or read, in one line.
+    """
+    try:
+        mode = os.stat(file).st_mode
+        head = b""
+        if stat.S_ISREG(mode):
+            with Path(file).open("rb") as stream:
+                head = stream.read(_HEAD)
+    except FileNotFoundError:
+        raise refusal("file", f"{file}: no such file") from None
+    except PermissionError:
+        raise refusal("file", f"{file}: may not be read") from None
+    except (OSError, ValueError) as error:  # a name that no file can have
+        raise refusal("file", f"{shown(file)} cannot be opened ({reason_of(error)})") from None
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "no regular file"
+        raise refusal("file", f"{short(file)} is {kind}", "be a CSV or netCDF file")
+    reader = next(each for each in _readers() if each.reads(file, head))
+    try:
+        return reader.read(file)
+    except ScenarioError:
+        raise
+    except Exception as error:  # libraries raise anything on a damaged file
+        text = f"{short(file)} is broken or of an unknown format ({reason_of(error)})"
+        raise refusal("file", text) from error

@@ -1,0 +1,22 @@
+"""Words of messages on files."""
+
+from pathlib import Path
+
+_NAMED = 12
+MARKED = "Mark missing values by an empty cell, or in a netCDF file by a _FillValue."
+
+
+def reason_of(error: Exception) -> str:
+    """Return the reason of an error in one line."""
+    return " ".join(str(getattr(error, "strerror", None) or error).split())[:200]
+
+
+def listed(names: list[str]) -> str:
+    """Return the first dozen names, with commas between them."""
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def short(file: str) -> str:
+    """Return the name of a file without its folder."""
+    return Path(file).name
