@@ -26,6 +26,7 @@ from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own
 from crinoid.foundation.axes import AXES
 from crinoid.recording import propose, read_dataset
+from crinoid.recording.axes import find
 from crinoid.recording.selection import read_selection
 from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import describe
@@ -48,7 +49,13 @@ _HEAD = table_head(["speed (m/s)", "share of time"])
 
 def show_record(name: str, settings: Sequence[str], folder: Path, *, force: bool) -> None:
     """Look at a record: list its variables, sum it up, save and draw it."""
-    dataset = read_dataset(name)
+    with read_dataset(name) as dataset:
+        _show(dataset, name, settings, folder, force=force)
+
+
+def _show(
+    dataset: xr.Dataset, name: str, settings: Sequence[str], folder: Path, *, force: bool
+) -> None:
     table = propose(dataset, name)
     document: dict[str, Any] = {"title": Path(name).name, "flow": [table]}
     for setting in settings:
@@ -57,8 +64,6 @@ def show_record(name: str, settings: Sequence[str], folder: Path, *, force: bool
             must = f"be water.depth or, of flow.0, {', '.join(_READING)}: a record has no scenario"
             raise refusal("--set", got(setting, must))
         override(document, setting)
-    if "heading_deg" not in table and len(table.get("velocity", ())) == 3:
-        document["arm"] = {"dimension": 3}
     scenario = Scenario.from_dict(document)
     (flow,) = scenario.flow
     assert isinstance(flow, MeasuredFlow)
@@ -79,7 +84,7 @@ def show_record(name: str, settings: Sequence[str], folder: Path, *, force: bool
         text = "".join(f"{speed:.6g},{share:.6g}\n" for speed, share in shares)
         files = [*found.save(data), found.write(HISTOGRAM, _HEAD + text)]
         places = list(dict.fromkeys((int(order[0]), middle, int(order[-1]))))
-        start = _start(dataset[flow.time])
+        start = _start(dataset[find(dataset, flow.time, "time", name)])
         lines = _extent(record, start, middle)
         lines += _tide(record, middle, start, _latitude(dataset, flow))
         show(_numbers(record, places, axes), record.remarks, files, lines)
@@ -92,9 +97,10 @@ def _axes(flow: MeasuredFlow) -> tuple[str, ...]:
 def _variables(dataset: xr.Dataset, flow: MeasuredFlow) -> Table:
     """Return the variables of a file, those that are understood first."""
     places: list[tuple[str | None, str]] = [(flow.time, "time"), (flow.vertical, "level")]
-    speed = [(getattr(flow, role, None), role) for role in ("speed", "direction")]
-    velocity = zip(flow.velocity, _axes(flow), strict=True)
-    places += speed if any(name for name, _ in speed) else velocity
+    if flow.speed:
+        places += [(flow.speed, "speed"), (flow.direction, "direction")]
+    else:
+        places += zip(flow.velocity, _axes(flow), strict=True)
     roles: dict[str, list[str]] = {}
     for text, role in places:
         if text is not None and (component := Component.of(text)) is not None:
