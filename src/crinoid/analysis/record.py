@@ -14,6 +14,8 @@ from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import described
 
 RECORD, HISTOGRAM = "record.nc", "histogram.csv"
+SPEED, SHARE = "speed (m/s)", "share of time"
+"""Columns of a histogram: centre of a bin, and its share."""
 
 _WINDOW = 600.0
 """Time (s) over which turbulence is steady enough for statistics."""

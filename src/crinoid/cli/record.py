@@ -14,6 +14,8 @@ from rich.table import Table
 from crinoid.analysis.record import (
     HISTOGRAM,
     RECORD,
+    SHARE,
+    SPEED,
     TIDAL,
     interval_of,
     record_dataset,
@@ -44,7 +46,7 @@ _FLAG = re.compile(r".*(_qc|_qc_agg|_flags?)", re.IGNORECASE)
 _PLAIN = Unit(1.0, "")
 _CONSTITUENTS = 6
 """Constituents that are listed at most."""
-_HEAD = table_head(["speed (m/s)", "share of time"])
+_HEAD = table_head([SPEED, SHARE])
 
 
 def show_record(name: str, settings: Sequence[str], folder: Path, *, force: bool) -> None:
