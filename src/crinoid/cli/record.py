@@ -39,8 +39,10 @@ from crinoid.scenario.flow import Component, MeasuredFlow
 from crinoid.view.figures.style import Unit
 
 _COMPASS = ("east", "north", "up")
-_READING = ("velocity", "speed", "direction", "direction_is", "time", "vertical", "origin")
-_READING += ("heading_deg", "select")
+_READING = (
+    *("velocity", "speed", "direction", "direction_is"),
+    *("time", "vertical", "origin", "heading_deg", "select"),
+)
 """Keys of a measured flow that say how its file is read."""
 _FLAG = re.compile(r".*(_qc|_qc_agg|_flags?)", re.IGNORECASE)
 _PLAIN = Unit(1.0, "")
