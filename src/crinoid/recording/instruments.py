@@ -36,11 +36,11 @@ def read(file: str) -> xr.Dataset:
 def _with_cells(rows: xr.Dataset) -> xr.Dataset:
     """Return columns such as ``Speed#1 (0.6 m)`` as arrays over the distance of their cells."""
     cells: dict[str, list[tuple[float, str]]] = defaultdict(list)
-    for name in map(str, rows.variables):
-        distance = _DISTANCE.fullmatch(str(rows[name].attrs.get("units", "")))
-        if distance and (found := _CELL.fullmatch(name)):
-            cells[found[1].strip()].append((float(distance[1]), name))
-    found = rows.drop_vars([name for each in cells.values() for _, name in each])
+    for column in map(str, rows.variables):
+        distance = _DISTANCE.fullmatch(str(rows[column].attrs.get("units", "")))
+        if distance and (cell := _CELL.fullmatch(column)):
+            cells[cell[1].strip()].append((float(distance[1]), column))
+    found = rows.drop_vars([column for each in cells.values() for _, column in each])
     for name, each in cells.items():
         values = np.stack([rows[column].values for _, column in each], axis=1)
         found[name] = (("row", "range"), values)
@@ -80,6 +80,6 @@ def _of_buoy(file: str) -> xr.Dataset:
         else:
             found[name] = ("row", values.astype(float), {"units": unit})
     for kind, each in cells.items():
-        unit = {"units": found.attrs.pop(kind)}
-        found[_NDBC_NAMES[kind]] = (("row", "cell"), np.stack(each, axis=1), unit)
+        attributes = {"units": found.attrs.pop(kind)}
+        found[_NDBC_NAMES[kind]] = (("row", "cell"), np.stack(each, axis=1), attributes)
     return found
