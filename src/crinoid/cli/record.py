@@ -108,13 +108,12 @@ def _variables(dataset: xr.Dataset, flow: MeasuredFlow) -> Table:
     roles: dict[str, list[str]] = {}
     for text, role in places:
         if text is not None and (component := Component.of(text)) is not None:
-            roles.setdefault(component.name, []).append(role)
+            roles.setdefault(find(dataset, component.name, role, flow.file), []).append(role)
     rows = []
     for name, variable in dataset.variables.items():
-        known = roles.get(str(name)) or roles.get(str(variable.attrs.get("standard_name")), [])
         flag = "flag_meanings" in variable.attrs or _FLAG.fullmatch(str(name)) is not None
         dims = ", ".join(f"{each} {size}" for each, size in variable.sizes.items())
-        role = ", ".join(known) or ("flag" if flag else "other")
+        role = ", ".join(roles.get(str(name), [])) or ("flag" if flag else "other")
         rows.append((str(name), role, str(variable.attrs.get("units", "")), dims))
     rows.sort(
         key=lambda row: ("other", "flag").index(row[1]) if row[1] in ("other", "flag") else -1
