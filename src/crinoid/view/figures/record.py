@@ -85,7 +85,9 @@ def _profile(axes: Axes, data: xr.Dataset) -> None:
     height, low, high = (data[name].values for name in ("height", "speed_low", "speed_high"))
     axes.fill_betweenx(height, low, high, color=style.PALE, label="5 to 95 % of time")
     axes.plot(data["speed_mean"], height, ".-", color=style.BLUE, label="mean")
-    axes.axhline(data.attrs["height"], color=style.GREY, linewidth=0.8, label="level of the others")
+    axes.axhline(
+        data.attrs["height"], color=style.GREY, linewidth=0.8, label="level shown elsewhere"
+    )
     axes.set(xlabel="speed (m/s)", ylabel="z (m)")
     axes.set_xlim(left=0.0)
     style.key(axes, columns=1)
