@@ -310,6 +310,7 @@ STYLES = {
         marotte,
         {"time": "datetime", "speed": "speed", "direction": "heading", "heading_deg": 90.0},
         current=turning,
+        proposed=False,  # a heading may be that of the instrument
     ),
     "Aanderaa": Played(
         aanderaa,

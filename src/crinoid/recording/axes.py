@@ -12,7 +12,13 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.recording.numbers import MAX_VALUES, factor_to, finite_numbers
+from crinoid.recording.numbers import (
+    MAX_VALUES,
+    factor_to,
+    finite_numbers,
+    labels_of,
+    numbers_of,
+)
 from crinoid.recording.texts import listed, reason_of, short
 from crinoid.recording.units import length_factor, time_factor
 from crinoid.scenario.errors import counted, got, missing, refusal, shown
@@ -29,8 +35,12 @@ _FROM_SURFACE = {
     "height_above_geopotential_datum",
 }
 """Names and standard names of a height above the surface at rest."""
-_DAYS, _MILLISECONDS = (6e5, 9e5), 1e11
-"""Numbers without a unit that look like days of MATLAB, or like milliseconds since 1970."""
+_HEIGHT = "height of levels by crinoid"
+_TERMS = {"depth": "sea_floor_depth_below_geoid", "eta": "sea_surface_height_above_geoid"}
+"""Standard names of terms of a formula, which the library needs and few files have."""
+_DAYS, _SHEET_DAYS, _MILLISECONDS = (6e5, 9e5), (3e4, 6e4), 1e11
+"""Numbers without a unit that look like days of MATLAB or of a spreadsheet, or like milliseconds
+since 1970."""
 
 
 def find(dataset: xr.Dataset, name: str, key: str, file: str) -> str:
@@ -67,9 +77,17 @@ def seconds(
     if variable.size < 2:
         text = f"{name} contains {counted(variable.size, 'instant')}"
         raise refusal(key, text, "contain at least 2")
+    if variable.dtype.kind in "OSU" and "odd" not in variable.attrs:  # texts in a netCDF file
+        dates = pd.to_datetime(labels_of(variable), format="ISO8601", errors="coerce", utc=True)
+        if dates.notna().all():
+            instants = dates.tz_localize(None).to_numpy().astype("datetime64[us]")
+            variable = variable.copy(data=instants.astype(np.int64))
+            variable.attrs = {"units": "us since 1970-01-01"}
     values = finite_numbers(variable, key, "increasing numbers or ISO dates")
     if not variable.attrs.get("units"):
-        kinds = {"days": _DAYS[0] < values[0] < _DAYS[1], "ms": values[0] > _MILLISECONDS}
+        parts = bool((np.diff(values) < 1).any())
+        days = [low < values[0] < high and parts for low, high in (_DAYS, _SHEET_DAYS)]
+        kinds = {"days": any(days), "ms": values[0] > _MILLISECONDS}
         for unit in [unit for unit, alike in kinds.items() if alike]:
             text = f"{name} names no unit and begins at {values[0]:.12g}, as of a date in {unit}"
             raise refusal(key, text, "name its unit", f"Call it {name} ({unit}), or write dates.")
@@ -112,7 +130,16 @@ def heights(
     bed; each counts from ``origin`` where it is given. A minus sign in its name turns it round.
     """
     name = level.name
-    values = finite_numbers(level, "vertical", "heights or depths (m)").astype(float)
+    must = "heights or depths (m)"
+    if level.ndim == 1:
+        values = finite_numbers(level, "vertical", must).astype(float)
+    else:  # a level that is missing at times has its mean
+        values = numbers_of(level, "vertical", must).astype(float)
+        values = np.where(np.isfinite(values), values, np.nan)
+        there = np.isfinite(values).any(axis=0)
+        if not there.all():
+            raise refusal("vertical", f"{name} has a level without any value", f"contain {must}")
+        values = np.where(np.isnan(values), np.nanmean(values, axis=0), values)
     down = counts_down(level)
     if down and not level.attrs and values.max(initial=-1.0) <= 0 and values.size > 1:
         remarks.append(f"{name} is negative and is taken as a height above the surface")
@@ -158,15 +185,20 @@ def in_water(z: Float[np.ndarray, " level"], bed: float | None, remarks: list[st
 
 def sigma_levels(dataset: xr.Dataset, name: str) -> xr.DataArray:
     """Return the heights (m) of levels that follow surface and bed, by their formula terms (CF)."""
-    level = dataset[name]
+    dataset, level = dataset.copy(), dataset[name]
+    terms = str(level.attrs["formula_terms"]).replace(":", " ").split()
+    for term, variable in zip(terms[::2], terms[1::2], strict=False):
+        if term in _TERMS and variable in dataset.variables:
+            dataset[variable].attrs.setdefault("standard_name", _TERMS[term])
     try:
-        with_heights = dataset.cf.decode_vertical_coords(outnames={name: "crinoid_z"})
-        found = with_heights["crinoid_z"]
+        dataset.cf.decode_vertical_coords(outnames={name: _HEIGHT})
+        found = dataset[_HEIGHT]
     except Exception as error:  # a term that is absent, or a formula that the library lacks
         text = f"{name} follows the bed by {level.attrs['formula_terms']!r} ({reason_of(error)})"
         raise refusal("vertical", text, "have all of these variables in the file") from error
-    attributes = {"units": "m", "positive": "up", "standard_name": "altitude"}
-    return found.rename(name).assign_attrs(attributes)
+    found = found.rename(name)
+    found.attrs = {"units": "m", "positive": "up", "standard_name": "altitude"}
+    return found
 
 
 def as_profile(dataset: xr.Dataset, time: str, level: str, file: str) -> xr.Dataset:

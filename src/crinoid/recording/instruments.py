@@ -16,6 +16,8 @@ from crinoid.scenario.errors import refusal
 _NDBC = re.compile(rb"#?\s*YYY?Y?\s+MM\s+DD\s+hh")
 _NDBC_CELL = re.compile(r"(DEP|DIR|SPD)(\d+)")
 _NDBC_NAMES = {"DEP": "depth", "DIR": "direction", "SPD": "speed"}
+_NO_VALUE = 999.0
+"""Mark of a missing value in files of past years."""
 _NORTEK_CELL = re.compile(rb"#1\s*\([\d.]+\s*m\)")
 _CELL, _DISTANCE = re.compile(r"(.+?)\s*#\s*(\d+)"), re.compile(r"([\d.]+)\s*m")
 
@@ -75,7 +77,7 @@ def _of_buoy(file: str) -> xr.Dataset:
         if values.dtype.kind not in "iuf":
             raise refusal("file", f"{name} of {short(file)} contains texts", "contain numbers")
         if cell := _NDBC_CELL.fullmatch(name):
-            cells[cell[1]].append(values.astype(float))
+            cells[cell[1]].append(np.where(values == _NO_VALUE, np.nan, values))
             found.attrs[cell[1]] = unit
         else:
             found[name] = ("row", values.astype(float), {"units": unit})

@@ -54,7 +54,10 @@ def numbers_of(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
     ends = (variable.attrs.get("valid_min"), variable.attrs.get("valid_max"))
     low, high = variable.attrs.get("valid_range", ends)
     for end, sign in ((low, 1), (high, -1)):
-        if end is not None and (outside := sign * values < sign * _unpacked(variable, end)).any():
+        if (
+            np.asarray(end).dtype.kind in "iuf"
+            and (outside := sign * values < sign * _unpacked(variable, end)).any()
+        ):
             values = np.where(outside, np.nan, values)
     return values
 
@@ -78,9 +81,12 @@ def finite_numbers(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
 
 def labels_of(variable: xr.DataArray) -> list[str]:
     """Return the values of a variable as texts, whole numbers without a point."""
-    values = values_of(variable).tolist()
-    texts = (each.decode() if isinstance(each, bytes) else each for each in values)
-    return [f"{each:g}" if isinstance(each, float) else str(each).strip() for each in texts]
+    return [_text(each) for each in values_of(variable).tolist()]
+
+
+def _text(value: object) -> str:
+    value = value.decode() if isinstance(value, bytes) else value
+    return f"{value:g}" if isinstance(value, float) else str(value).strip()
 
 
 def without_flagged(
@@ -100,6 +106,11 @@ def without_flagged(
         standard = str(flag.attrs.get("standard_name", ""))
         if name in own and name not in usual and not standard.endswith("flag"):
             continue
+        if flag.dtype.kind not in "iuf":  # characters
+            digits = [
+                int(each) if each.isdecimal() else -1 for each in map(_text, flag.values.flat)
+            ]
+            flag = flag.copy(data=np.reshape(digits, flag.shape))
         bad = flag.isin(_bad_values(flag)) & variable.notnull()
         if bad.dims and set(bad.dims) <= set(variable.dims) and (count := int(bad.sum())):
             kept = variable.where(~bad)

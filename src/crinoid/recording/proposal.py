@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,18 +15,18 @@ from crinoid.recording.texts import listed, short
 from crinoid.scenario.errors import refusal
 
 _NAMES = {
-    "time": ("time", "ocean_time", "datetime", "date", "date time", "timestamp", "time_utc"),
+    "time": ("time", "ocean_time", "datetime", "date", "timestamp", "time_utc", "date_time"),
     "level": (
         *("depth", "deph", "deptht", "depthu", "dep", "depth_cell", "elevation", "z", "height"),
-        *("range", "s_rho", "lev", "level", "altitude"),
+        *("range", "s_rho", "sigma", "siglay", "lev", "level", "altitude"),
     ),
     "east": (
         *("u", "uo", "water_u", "ewct", "vozocrtx", "u_eastward", "ucur", "u_velocity", "east"),
-        *("vel_east", "velocity_east", "east_velocity", "ve", "e", "u_rho"),
+        *("vel_east", "velocity_east", "east_velocity", "velocity_e", "ve", "e"),
     ),
     "north": (
         *("v", "vo", "water_v", "nsct", "vomecrty", "v_northward", "vcur", "v_velocity", "north"),
-        *("vel_north", "velocity_north", "north_velocity", "vn", "n", "v_rho"),
+        *("vel_north", "velocity_north", "north_velocity", "velocity_n", "vn", "n"),
     ),
     "up": ("w", "wo", "vcsp", "up", "vel_up", "velocity_up", "up_velocity", "vu", "w_velocity"),
     "speed": ("speed", "spd", "hcsp", "current_speed", "cspd", "velocity_magnitude"),
@@ -55,17 +56,22 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
     A component may be an entry of a labelled dimension, such as ``vel[E]``.
     """
     known = dataset.cf.standard_names
-    small = {str(name).strip().lower(): str(name) for name in dataset.variables}
+    small = {
+        re.sub(r"[- ]+", "_", str(name).strip().lower()): str(name) for name in dataset.variables
+    }
     found = {}
     for role, names in _NAMES.items():
         standard = [str(each) for name in _STANDARD[role] for each in known.get(name, ())]
-        usual = [small[name] for name in names if name in small]
+        usual = [small[name] for name in (*names, *_STANDARD[role]) if name in small]
         if candidates := [*standard, *usual]:
             found[role] = candidates[0]
     axes = dataset.cf.coordinates | dataset.cf.axes
     for role, keys in (("time", ("time", "T")), ("level", ("vertical", "Z"))):
         for name in (str(each) for key in keys for each in axes.get(key, ())):
             found.setdefault(role, name)
+    dated = [str(n) for n in dataset.variables if " since " in str(dataset[n].attrs.get("units"))]
+    if len(dated) == 1:
+        found.setdefault("time", dated[0])
     return found if "east" in found or "speed" in found else found | _labelled(dataset)
 
 

@@ -32,7 +32,8 @@ from crinoid.scenario.flow import Component, MeasuredFlow
 
 _FASTEST = 50.0
 """No current is so fast (m/s): such a number marks a missing value."""
-_FROM, _TO = "sea_water_velocity_from_direction", "sea_water_velocity_to_direction"
+_FAST = 5.0
+"""Few currents are faster (m/s): without a unit it is another one."""
 _ROTATED = ("beam", "inst", "instrument", "xyz", "ship")
 """Frames of an instrument, in which the numbers are no components of the current."""
 _STEADY = 1e-3
@@ -83,6 +84,9 @@ class _Source:
         if fastest > _FASTEST:
             text = f"{component.name} reaches {fastest:g} m/s"
             raise refusal(key, text, f"reach at most {_FASTEST:g}", MARKED)
+        if fastest > _FAST and not str(variable.attrs.get("units", "")).strip():
+            text = f"{component.name} names no unit and reaches {fastest:g}, a lot in m/s"
+            raise refusal(key, text, "name its unit", f"Call it {component.name} (cm/s), say.")
         check_marks(part, key, component.name)
         return found
 
@@ -223,7 +227,7 @@ def read_selection(flow: MeasuredFlow, bed: float | None) -> FilledRecord:
         time = seconds(dataset[clock], source.remarks)
         z = None if level is None else heights(level, sign, flow.origin, bed, source.remarks)
         if flow.speed and flow.direction:
-            velocity, names = source.by_compass(flow.speed, flow.direction), ["speed"] * 3
+            velocity, names = source.by_compass(flow.speed, flow.direction), [flow.speed] * 3
         else:
             parts = [
                 np.zeros((time.size, layers)) if each is None else source.speeds(each, key)

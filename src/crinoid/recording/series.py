@@ -89,10 +89,12 @@ def fill(
                 for level in there.T
                 if not level.all()
             ]
-            remarks.append(
+            text = (
                 f"{1 - there.mean():.2%} of {name} is missing and was filled by straight lines, "
                 f"the longest gap {max(gaps):.4g} s"
             )
+            if text not in remarks:
+                remarks.append(text)
     levels = None if levels is None else levels[full]
     return FilledRecord(whole, levels, filled, np.logical_not(measured.all(axis=2)), remarks)
 

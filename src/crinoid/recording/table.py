@@ -21,7 +21,7 @@ _MAX_CELLS = 20_000_000
 _SHORTEN = "Cut out a shorter part, or convert it to netCDF."
 _MISSING = ["", "-", "--", "n/a", "N/A", "NA", "NaN", "nan", "NAN", "null", "NULL", "None"]
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(inf|nan)", re.I)
-_ISO = re.compile(r"\d{4}-\d\d-\d\d")
+_ISO = re.compile(r"\d{4}([-/])\d\d\1\d\d")
 _DAY_FIRST = re.compile(r"\d{1,2}\.\d{1,2}\.\d{4}\b")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
@@ -120,8 +120,7 @@ def _layout(name: str, head: bytes) -> _Layout:
         text = f"{name} has several columns {listed(twice)}"
         raise refusal("file", text, "have each name once")
     comma = any(_DECIMAL_COMMA.fullmatch(cell) for row in cells for cell in row)
-    point = any("." in cell for row in cells for cell in row if _NUMBER.fullmatch(cell))
-    decimal = "," if separator != "," and comma and not point else "."
+    decimal = "," if separator != "," and comma else "."
     return _Layout(encoding, skipped, names, units, separator, decimal, trailing)
 
 
@@ -207,7 +206,8 @@ def _numbers(column: pd.Series, unit: str, decimal: str) -> tuple[np.ndarray, di
         return numbers.to_numpy(float), attributes
     if dates is not None and dates.notna().any():
         odd = column[dates.isna()]
-    attributes["odd"] = f"{shown(str(odd.iloc[0]))} in row {int(odd.index[0]) + 1}"
+    slip = ", a point among decimal commas" if decimal == "," and "." in str(odd.iloc[0]) else ""
+    attributes["odd"] = f"{shown(str(odd.iloc[0]))} in row {int(odd.index[0]) + 1}{slip}"
     return texts.fillna("").to_numpy(object), attributes
 
 
@@ -215,7 +215,9 @@ def _dates(texts: pd.Series) -> pd.Series | None:
     """Return the instants of a column that begins with a date; None without one."""
     first = str(texts.iloc[0]) if len(texts) else ""
     if _ISO.match(first):
-        dotted = texts.str.replace(",", ".")  # ISO 8601 allows a comma before parts of a second
+        dotted = texts.str.replace(",", ".").str.replace(
+            "/", "-"
+        )  # ISO 8601 allows a comma before parts of a second
         return pd.to_datetime(dotted, format="ISO8601", errors="coerce", utc=True)
     if not _DAY_FIRST.match(first):
         return None

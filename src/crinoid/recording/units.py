@@ -1,5 +1,6 @@
 """Units of files: the factor from each to SI."""
 
+import re
 from functools import cache, partial
 
 _COMMON = {
@@ -9,7 +10,9 @@ _COMMON = {
     **dict.fromkeys((("1", "1"), ("-", "1"), ("m/m", "1")), 1.0),
 }
 """Units of most files; the library for all others takes half a second to load."""
-_BEARINGS = ("degt", "deg_t", "degrees_true", "degree_true", "deg true", "\N{DEGREE SIGN}")
+_BEARING = re.compile(
+    r"(\N{DEGREE SIGN}|deg(ree)?s?)[ _]*(t|true|(cw |clockwise )?from (true )?north)?"
+)
 
 
 @cache
@@ -23,7 +26,7 @@ def factor(units: str, to: str) -> float | None:
         return _COMMON[text, to]
     from cf_xarray.units import units as registry
 
-    text = "degree" if text.lower() in _BEARINGS else text
+    text = "degree" if _BEARING.fullmatch(text.lower()) else text
     for form in (text, text.lower()):
         try:
             one = registry.Quantity(1.0, registry.parse_units(form))
