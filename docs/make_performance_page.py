@@ -89,7 +89,9 @@ def draw(name: str, part: Part) -> None:
     with mpl.rc_context({**style.STYLE, "savefig.dpi": DPI}):
         draw_benchmark(title(name), part["rows"]).savefig(picture, facecolor="white")
     path = IMAGES / f"{name}.png"
-    Image.open(picture).convert("RGB").quantize(COLOURS, method=Image.Quantize.FASTOCTREE).save(path, optimize=True)
+    Image.open(picture).convert("RGB").quantize(COLOURS, method=Image.Quantize.FASTOCTREE).save(
+        path, optimize=True
+    )
     if (size := path.stat().st_size) > MOST_BYTES:
         sys.exit(f"{path}: {size} bytes; must be at most {MOST_BYTES}")
 

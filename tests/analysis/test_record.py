@@ -1,6 +1,7 @@
 """A record of the sea by itself: its numbers against known answers, and `crinoid flow FILE`."""
 
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -246,6 +247,18 @@ def test_a_table_of_one_point_is_summed_up_without_turbulence(here):
     assert "turbulence: none, it needs samples less than 1 s apart" in written
     assert "levels" not in written
     assert (here / "out" / "record.png").exists()
+
+
+def test_a_spreadsheet_of_speeds_and_directions_is_summed_up(here):
+    rows = [f"01.03.2024 06:{10 * k:02d};1,{k};90" for k in range(5)]
+    (here / "buoy.csv").write_text("\n".join(["time;speed (kn);direction (deg)", *rows]))
+    written = succeeded("flow", "buoy.csv")
+    assert "2400 s from 2024-03-01T06:00:00, 5 samples each 600 s" in written
+    assert re.search(rf"mean east \(m/s\) +│ {1.2 * 1852 / 3600:.3f}", written)
+    table = written[written.index("[[flow]]") :].partition("\n\n")[0]
+    assert 'speed = "speed"' in table
+    played = Scenario.from_toml(f"{table}\n[simulation]\nduration = 1.0\n")
+    assert Scenario.from_toml(played.to_toml()) == played
 
 
 def test_wrong_options_and_files_of_others_get_one_line(here):

@@ -1,12 +1,12 @@
 """A look at a record of the sea, without a scenario: its variables, numbers, tide and figure."""
 
+import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomli_w
 import xarray as xr
 from rich import box
 from rich.table import Table
@@ -72,7 +72,8 @@ def _show(
     (flow,) = scenario.flow
     assert isinstance(flow, MeasuredFlow)
     console.print(_variables(dataset, flow))
-    console.print(tomli_w.dumps({"flow": [table]}), soft_wrap=True)
+    lines = [f"{key} = {_toml(value)}" for key, value in table.items()]
+    console.print("\n".join(["[[flow]]", *lines, ""]), soft_wrap=True)
     depth = scenario.water.depth
     record = read_selection(flow, None if depth is None else -depth)
     axes = _axes(flow)
@@ -92,6 +93,13 @@ def _show(
         lines = _extent(record, start, middle)
         lines += _tide(record, middle, start, _latitude(dataset, flow))
         show(_numbers(record, places, axes), record.remarks, files, lines)
+
+
+def _toml(value: Any) -> str:
+    """Return a value in one line of TOML."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(k)} = {_toml(v)}" for k, v in value.items()) + " }"
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _axes(flow: MeasuredFlow) -> tuple[str, ...]:
