@@ -115,7 +115,7 @@ def test_a_profile_has_a_row_for_each_time_and_level_in_any_order(csv):
     np.testing.assert_allclose(recording.levels, levels - 20.0)
     np.testing.assert_allclose(recording.velocity[..., 0], U[:, None] + 0.1 * levels)
     csv("".join([*lines, lines[1]]))
-    assert "are in two rows; must have one row for each time and level" in refusal(case)
+    assert "row 241 has the time and the z of an earlier one; must have one row" in refusal(case)
 
 
 def test_the_record_of_the_page_is_played_as_the_page_says(tmp_path, csv):

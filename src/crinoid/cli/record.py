@@ -62,6 +62,7 @@ def _show(
 ) -> None:
     table = propose(dataset, name)
     document: dict[str, Any] = {"title": Path(name).name, "flow": [table]}
+    document["base"] = {"position": [0.0, 0.0]}  # above the bed of any depth
     for setting in settings:
         key = setting.partition("=")[0].strip()
         if key != "water.depth" and key.split(".")[:3] not in [["flow", "0", k] for k in _READING]:
@@ -163,14 +164,18 @@ def _start(clock: xr.DataArray) -> np.datetime64 | None:
         return None
     attributes = {key: clock.attrs[key] for key in ("units", "calendar") if key in clock.attrs}
     first = xr.Dataset({"first": ("time", clock.values[:1], attributes)})
-    date = xr.decode_cf(first)["first"].values[0]
+    try:
+        date = xr.decode_cf(first)["first"].values[0]
+    except ValueError:  # such as months, or seconds since midnight
+        return None
     return date.astype("datetime64[us]") if isinstance(date, np.datetime64) else None
 
 
 def _latitude(dataset: xr.Dataset, flow: MeasuredFlow) -> float | None:
     """Return the latitude of the record (degrees), if its file has it."""
     for name, variable in dataset.variables.items():
-        if str(variable.attrs.get("standard_name", name)).lower() in ("latitude", "lat"):
+        named = str(variable.attrs.get("standard_name", name)).lower() in ("latitude", "lat")
+        if named and variable.dtype.kind in "iuf":
             return float(flow.select.get(str(name), np.nanmean(variable.values)))
     return None
 

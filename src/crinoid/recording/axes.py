@@ -28,8 +28,10 @@ _FARTHEST = 1e5
 """Greatest distance of a level from the surface (m)."""
 _THINNEST = 1e-6
 """Least distance between two levels (m)."""
-_DEPTH = re.compile(r"dep(h|th|tht|thu|thv|thw)?([^a-z].*)?|depth.*", re.I)
+_DEPTH = re.compile(r"dep(h|th|tht|thu|thv|thw)?([^a-z].*)?|.*depth.*", re.I)
 """Names of a variable that counts downward from the surface."""
+_ABOVE_BED = re.compile(r"height|hab|mab|above|range", re.I)
+"""Names of a height above the bed."""
 _FROM_SURFACE = {
     *("altitude", "elevation", "height_above_mean_sea_level", "height_above_geoid"),
     "height_above_geopotential_datum",
@@ -41,6 +43,10 @@ _TERMS = {"depth": "sea_floor_depth_below_geoid", "eta": "sea_surface_height_abo
 _DAYS, _SHEET_DAYS, _MILLISECONDS = (6e5, 9e5), (3e4, 6e4), 1e11
 """Numbers without a unit that look like days of MATLAB or of a spreadsheet, or like milliseconds
 since 1970."""
+_CALENDAR = re.compile(r"(19|20)\d\d(0[1-9]|1[0-2])([0-2]\d|3[01])(\d{4}){0,2}")
+"""Digits of a year, a month and a day, perhaps of hour and minute too, such as 20240301."""
+_COARSE = 0.1
+"""Largest rounding error of times, over their usual step."""
 
 
 def find(dataset: xr.Dataset, name: str, key: str, file: str) -> str:
@@ -87,6 +93,9 @@ def seconds(
     if not variable.attrs.get("units"):
         parts = bool((np.diff(values) < 1).any())
         days = [low < values[0] < high and parts for low, high in (_DAYS, _SHEET_DAYS)]
+        if all(_CALENDAR.fullmatch(f"{value:.0f}") for value in values[[0, -1]]):
+            text = f"{name} names no unit and {values[0]:.0f} looks like a date"
+            raise refusal(key, text, "contain ISO dates such as 2024-03-01T06:00")
         kinds = {"days": any(days), "ms": values[0] > _MILLISECONDS}
         for unit in [unit for unit, alike in kinds.items() if alike]:
             text = f"{name} names no unit and begins at {values[0]:.12g}, as of a date in {unit}"
@@ -100,9 +109,17 @@ def seconds(
     if late.size:
         after = int(late[0]) + 1
         word = "repeats" if values[after] == values[after - 1] else "goes back"
-        raise refusal(key, f"{name} {word} at entry {after}", "increase")
+        hint = "Name the levels in vertical if rows are at several." if word == "repeats" else ""
+        raise refusal(key, f"{name} {word} at entry {after}", "increase", hint)
     with np.errstate(invalid="ignore"):
         steps = np.diff(time)
+    if values.dtype == np.float32:
+        error, usual = float(np.spacing(np.abs(values).max())) * factor / 2, np.median(steps)
+        if error > _COARSE * usual:
+            text = (
+                f"{name} is in single precision, right to {error:.3g} s in steps of {usual:.3g} s"
+            )
+            raise refusal(key, text, "be in double precision")
     low, high = INTERVALS
     if not (steps.min() >= low and steps.max() <= high):
         text = f"{name} has steps of {steps.min():.3g} to {steps.max():.3g} s"
@@ -112,7 +129,7 @@ def seconds(
 
 def counts_down(level: xr.DataArray) -> bool:
     """Return whether levels are depths: by ``positive``, by standard name, or by their name."""
-    positive = str(level.attrs.get("positive", "")).lower()
+    positive = str(level.attrs.get("positive", "")).strip().lower()
     standard = str(level.attrs.get("standard_name", ""))
     if positive in ("up", "down"):
         return positive == "down"
@@ -148,6 +165,9 @@ def heights(
         named = {str(name).lower(), str(level.attrs.get("standard_name", ""))} & _FROM_SURFACE
         above = bool(named) or (sign > 0 and values.min(initial=0.0) < 0)
         origin = 0.0 if down or above else bed
+        up = level.attrs.get("positive") or level.attrs.get("standard_name") or sign < 0
+        if not (down or above or up or _ABOVE_BED.search(str(name))):
+            remarks.append(f"{name} is taken as a height above the bed: see origin and vertical")
     if origin is None:
         must = f"be the height z from which {name} counts (m)"
         raise refusal("origin", missing(must, "Or set water.depth to count from the bed."))
@@ -209,17 +229,17 @@ def as_profile(dataset: xr.Dataset, time: str, level: str, file: str) -> xr.Data
     for key, name in (("time", time), ("vertical", level)):
         finite_numbers(dataset[name], key, "a number in each row")
     rows = [name for name in dataset.variables if dataset[name].dims == row]
-    numbers = {
-        str(name): dataset[name].values for name in rows if dataset[name].dtype.kind in "iuf"
+    columns = {
+        str(name): dataset[name].values for name in rows if dataset[name].dtype.kind in "iufOSU"
     }
-    frame = pd.DataFrame(numbers).set_index([time, level])
+    frame = pd.DataFrame(columns).set_index([time, level])
     counts = [frame.index.get_level_values(each).nunique() for each in (time, level)]
     if counts[0] * counts[1] > MAX_VALUES:
         text = f"{counts[0]} times at {counts[1]} levels give {counts[0] * counts[1]} values"
         raise refusal("file", text, f"give at most {MAX_VALUES}")
-    twice = frame.index[frame.index.duplicated()]
+    twice = np.flatnonzero(frame.index.duplicated())
     if twice.size:
-        text = f"{time} {twice[0][0]:.12g} and {level} {twice[0][1]:.6g} are in two rows"
+        text = f"row {twice[0] + 1} has the {time} and the {level} of an earlier one"
         raise refusal("time", text, "have one row for each time and level")
     profile = xr.Dataset.from_dataframe(frame).assign_attrs(dataset.attrs)
     for variable in profile.variables:

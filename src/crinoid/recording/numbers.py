@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -15,8 +16,24 @@ MAX_VALUES = 20_000_000
 """Most values of a record; more, splines included, need gigabytes."""
 _MAX_CHUNK = 2**30
 """Largest chunk of a variable that must be read as a whole (bytes)."""
-_MARKS = (999, 999.9, 999.99, 9999, 9999.9, 9999.99, 99999, 99999.9, 999999, 32767, 32768)
-"""Usual marks of missing values: nines, and the ends of a 16-bit counter."""
+_NINES = (
+    9.99,
+    9.999,
+    99.9,
+    99.99,
+    999,
+    999.9,
+    999.99,
+    9999,
+    9999.9,
+    9999.99,
+    99999,
+    99999.9,
+    999999,
+)
+_ENDS = (32.767, 32.768, 3276.7, 3276.8, 32767, 32768)
+_MARKS = np.sort([-99, *_NINES, *_ENDS, *np.negative(_NINES), *np.negative(_ENDS)])
+"""Usual marks of missing values: nines, and the ends of a 16-bit counter, perhaps scaled."""
 _CLOSE = 1e-6
 """Relative error of numbers in single precision."""
 _BAD_FLAGS = (4, 9)
@@ -52,7 +69,8 @@ def numbers_of(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
         odd = variable.attrs.get("odd", "no numbers")
         raise refusal(key, f"{variable.name} contains {odd}", f"contain {must}")
     ends = (variable.attrs.get("valid_min"), variable.attrs.get("valid_max"))
-    low, high = variable.attrs.get("valid_range", ends)
+    both = variable.attrs.get("valid_range")
+    low, high = both if np.size(both) == 2 else ends  # a text is no range
     for end, sign in ((low, 1), (high, -1)):
         if (
             np.asarray(end).dtype.kind in "iuf"
@@ -63,9 +81,12 @@ def numbers_of(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
 
 
 def _unpacked(variable: xr.DataArray, limit: object) -> float:
-    """Return a limit of a packed variable, which counts as packed where it has the same type."""
+    """Return a limit of a packed variable, which counts as packed where it is a whole number."""
     packing = variable.encoding
-    if np.asarray(limit).dtype != packing.get("dtype"):
+    stored = np.dtype(packing.get("dtype") or float)
+    if np.asarray(limit).dtype != stored and not (
+        np.asarray(limit).dtype.kind in "iu" and stored.kind in "iu"
+    ):
         return float(np.asarray(limit))
     scale, offset = packing.get("scale_factor", 1.0), packing.get("add_offset", 0.0)
     return float(np.asarray(limit) * scale + offset)
@@ -99,19 +120,21 @@ def without_flagged(
     own = str(variable.attrs.get("ancillary_variables", "")).split()
     usual = [f"{variable.name}_{ending}" for ending in ("QC", "qc", "qc_agg", "flag")]
     for name in dict.fromkeys([*own, *usual]):
-        if name not in dataset.variables or "flag_masks" in dataset[name].attrs:
+        if name not in dataset.variables:
             continue
         flag = dataset[name]
         flag = flag.isel({d: 0 for d in set(flag.dims) - set(variable.dims) if flag.sizes[d] == 1})
         standard = str(flag.attrs.get("standard_name", ""))
-        if name in own and name not in usual and not standard.endswith("flag"):
+        marked = standard.endswith("flag") or "flag_meanings" in flag.attrs
+        if name in own and name not in usual and not marked:
             continue
-        if flag.dtype.kind not in "iuf":  # characters
+        if flag.dtype.kind not in "iuf":  # characters or words
             digits = [
-                int(each) if each.isdecimal() else -1 for each in map(_text, flag.values.flat)
+                int(each) if each.isdecimal() else _BAD_FLAGS[0] if _is_bad(each) else -1
+                for each in map(_text, flag.values.flat)
             ]
             flag = flag.copy(data=np.reshape(digits, flag.shape))
-        bad = flag.isin(_bad_values(flag)) & variable.notnull()
+        bad = _bad(flag) & variable.notnull()
         if bad.dims and set(bad.dims) <= set(variable.dims) and (count := int(bad.sum())):
             kept = variable.where(~bad)
             kept.encoding, variable = {}, kept
@@ -119,13 +142,32 @@ def without_flagged(
     return variable
 
 
-def _bad_values(flag: xr.DataArray) -> list[int]:
-    meanings = str(flag.attrs.get("flag_meanings", "")).lower().split()
-    values = np.atleast_1d(flag.attrs.get("flag_values", ())).tolist()
+def _is_bad(text: str) -> bool:
+    return any(word in text.lower() for word in _BAD_WORDS)
+
+
+def _bad(flag: xr.DataArray) -> xr.DataArray:
+    """Return where a flag is bad: equal to a value, or with a bit of a mask (CF, section 3.5)."""
+    meanings = str(flag.attrs.get("flag_meanings", "")).split()
+    values, masks = (_listed(flag.attrs.get(f"flag_{each}", ())) for each in ("values", "masks"))
+    if meanings and len(masks) == len(meanings):
+        bits = flag.fillna(0).astype(np.int64)
+        values = values if len(values) == len(masks) else masks
+        bad = xr.zeros_like(bits, bool)
+        for mask, value, text in zip(masks, values, meanings, strict=True):
+            bad |= ((bits & mask) == value) & _is_bad(text)
+        return bad
     if not meanings or len(values) != len(meanings):
-        return list(_BAD_FLAGS)
+        return flag.isin(_BAD_FLAGS)
     pairs = zip(values, meanings, strict=True)
-    return [value for value, text in pairs if any(word in text for word in _BAD_WORDS)]
+    return flag.isin([value for value, text in pairs if _is_bad(text)])
+
+
+def _listed(values: object) -> list[int]:
+    """Return whole numbers of an attribute, which may be a text such as ``1b, 2b``."""
+    if isinstance(values, str):
+        values = [int(each) for each in re.findall(r"-?\d+", values)]
+    return [int(each) for each in np.atleast_1d(np.asarray(values)).tolist()]
 
 
 def check_marks(numbers: np.ndarray, key: str, name: str) -> None:
@@ -135,10 +177,9 @@ def check_marks(numbers: np.ndarray, key: str, name: str) -> None:
     998 and 1000 is a number.
     """
     found = numbers[np.isfinite(numbers)].astype(float)
-    marked = np.zeros(found.size, bool)
-    large = np.flatnonzero(np.abs(found) > _MARKS[0] * (1 - _CLOSE))
-    for mark in _MARKS:
-        marked[large] |= np.isclose(np.abs(found[large]), mark, rtol=_CLOSE, atol=0)
+    after = np.clip(np.searchsorted(_MARKS, found), 1, _MARKS.size - 1)
+    nearest = np.minimum(np.abs(found - _MARKS[after]), np.abs(found - _MARKS[after - 1]))
+    marked = nearest <= _CLOSE * np.abs(found)
     if not marked.any():
         return
     others, marks = found[~marked], found[marked]

@@ -19,7 +19,8 @@ _NAMES = {
     "time": ("time", "ocean_time", "datetime", "date", "timestamp", "time_utc", "date_time"),
     "level": (
         *("depth", "deph", "deptht", "depthu", "dep", "depth_cell", "elevation", "z", "height"),
-        *("range", "s_rho", "sigma", "siglay", "lev", "level", "altitude"),
+        *("depth_m", "bin_depth", "cell_depth", "hab", "mab", "height_above_bed"),
+        *("height_above_bottom", "range", "s_rho", "sigma", "siglay", "lev", "level", "altitude"),
     ),
     "east": (
         *("u", "uo", "water_u", "ewct", "vozocrtx", "u_eastward", "ucur", "u_velocity", "east"),
@@ -49,6 +50,12 @@ _STANDARD = {
 """CF standard names of each role."""
 _OWN_AXES = re.compile(r"instrument|\b(sea_water_)?[xy][-_ ]velocity", re.I)
 """Words of components that are not toward the east and the north."""
+_OTHER = re.compile(r"wind|wave|stokes|barotropic", re.I)
+"""Words in the standard names of what moves the water, or is no current at a depth."""
+_SPREAD = re.compile(r"standard_deviation|variance|range", re.I)
+"""Words in the cell methods of numbers that are no velocities."""
+_REVERSED = ("downward", "southward", "westward")
+"""First words of the standard names of components that point the other way."""
 _LABELS = {"east": ("E", "east", "East"), "north": ("N", "north"), "up": ("U", "U1", "up")}
 """Labels of a dimension of components."""
 
@@ -59,23 +66,37 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
     A component may be an entry of a labelled dimension, such as ``vel[E]``.
     """
     known = dataset.cf.standard_names
-    small = {
-        re.sub(r"[- ]+", "_", str(name).strip().lower()): str(name) for name in dataset.variables
-    }
-    found = {}
+    bounds = {dataset[name].attrs.get("bounds") for name in dataset.variables}
+    fit = [str(n) for n in dataset.variables if n not in bounds and _fits(dataset[n])]
+    small = {re.sub(r"[- ]+", "_", name.strip().lower()): name for name in fit}
+    found, clock = dict[str, str](), None
     for role, names in _NAMES.items():
-        standard = [str(each) for name in _STANDARD[role] for each in known.get(name, ())]
+        standard = [
+            str(each) for name in _STANDARD[role] for each in known.get(name, ()) if each in fit
+        ]
         usual = [small[name] for name in (*names, *_STANDARD[role]) if name in small]
         if candidates := [*standard, *usual]:
             found[role] = candidates[0]
+            if role == "level":  # the depth of the instrument is over time alone
+                found[role] = next((n for n in candidates if dataset[n].dims != clock), found[role])
+            elif role == "time":
+                clock = dataset[found[role]].dims
+    if found.get("east", "").lower() != "e" and found.get("north", "").lower() == "n":
+        del found["north"]  # a count
     axes = dataset.cf.coordinates | dataset.cf.axes
     for role, keys in (("time", ("time", "T")), ("level", ("vertical", "Z"))):
         for name in (str(each) for key in keys for each in axes.get(key, ())):
             found.setdefault(role, name)
-    dated = [str(n) for n in dataset.variables if " since " in str(dataset[n].attrs.get("units"))]
+    dated = [name for name in fit if " since " in str(dataset[name].attrs.get("units"))]
     if len(dated) == 1:
         found.setdefault("time", dated[0])
     return found if "east" in found or "speed" in found else found | _labelled(dataset)
+
+
+def _fits(variable: xr.DataArray) -> bool:
+    """Return whether a variable may be a part of a current, by its attributes."""
+    other = _OTHER.search(str(variable.attrs.get("standard_name", "")))
+    return not other and not _SPREAD.search(str(variable.attrs.get("cell_methods", "")))
 
 
 def _labelled(dataset: xr.Dataset) -> dict[str, str]:
@@ -118,11 +139,11 @@ def propose(dataset: xr.Dataset, file: str) -> dict[str, Any]:
     if "east" in found:
         attributes = dataset[found["east"].partition("[")[0]].attrs
         named = " ".join(str(attributes.get(key, "")) for key in ("standard_name", "long_name"))
-        if "north" in found and not _OWN_AXES.search(named):
-            keys["velocity"] = [found["east"], found["north"], found.get("up", "0")]
+        compass = "north" in found and not _OWN_AXES.search(named)
+        wanted = ("east", "north", "up") if compass else ("east", "up")
+        keys["velocity"] = [_signed(dataset, found.get(role, "0")) for role in wanted]
+        if compass:
             keys["heading_deg"] = 90.0
-        else:
-            keys["velocity"] = [found["east"], found.get("up", "0")]
         first = found["east"]
     else:
         if "direction" not in found:
@@ -145,6 +166,16 @@ def propose(dataset: xr.Dataset, file: str) -> dict[str, Any]:
         if each not in axes and velocity.sizes[each] > 1 and not is_labelled(velocity, str(each))
     }
     return keys | ({"select": select} if select else {})
+
+
+def _signed(dataset: xr.Dataset, name: str) -> str:
+    """Return the name of a component, with a minus sign if it points down, south or west."""
+    attributes = dataset[name].attrs if name in dataset.variables else {}
+    turned = str(attributes.get("standard_name", "")).startswith(_REVERSED)
+    down = attributes.get("positive") == "down" or "positive down" in str(
+        attributes.get("long_name", "")
+    )
+    return f"-{name}" if turned or down else name
 
 
 def _middle(dataset: xr.Dataset, dimension: str) -> float:

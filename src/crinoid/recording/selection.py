@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -34,8 +36,12 @@ _FASTEST = 50.0
 """No current is so fast (m/s): such a number marks a missing value."""
 _FAST = 5.0
 """Few currents are faster (m/s): without a unit it is another one."""
+_TURN = 2 * np.pi + 0.01
+"""Largest compass direction (rad)."""
 _ROTATED = ("beam", "inst", "instrument", "xyz", "ship")
 """Frames of an instrument, in which the numbers are no components of the current."""
+_EAST = re.compile(r"degrees?_?(east|E)")
+"""Units of a longitude (CF, section 4.2)."""
 _STEADY = 1e-3
 """Largest change of levels in time that counts as none (m)."""
 
@@ -95,6 +101,9 @@ class _Source:
         size = self.speeds(Component(speed, "", 1.0), "speed")
         numbers, variable = self.numbers(Component(direction, "", 1.0), "direction")
         turn = factor_to(variable, angle_factor, "direction", "degrees", self.remarks) * numbers
+        if (most := float(np.nanmax(np.abs(turn), initial=0.0))) > _TURN:
+            text = f"{direction} reaches {np.rad2deg(most):g} degrees"
+            raise refusal("direction", text, "reach at most 360", MARKED)
         where = self.flow.direction_is
         if where is None:
             standard = str(variable.attrs.get("standard_name", ""))
@@ -145,7 +154,7 @@ def _nearest(dataset: xr.Dataset, dimension: str, place: float) -> int:
     low, high = float(places.min()), float(places.max())
     slack = 0.5 * (high - low) / max(1, size - 1)
     # longitudes count from -180 or from 0
-    east = str(axis.attrs.get("units", "")).startswith("degrees_east")
+    east = _EAST.fullmatch(str(axis.attrs.get("units", ""))) is not None
     for equal in (place + turn for turn in ((0.0, 360.0, -360.0) if east else (0.0,))):
         if low - slack <= equal <= high + slack:
             return int(np.argmin(np.abs(places - equal)))

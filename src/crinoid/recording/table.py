@@ -18,6 +18,7 @@ from crinoid.scenario.errors import refusal, shown
 _SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".csvp", ".csv0", ".tsvp", ".tsv0")
 _MAX_BYTES = 500_000_000
 _MAX_CELLS = 20_000_000
+_NAMES_FIRST = "The names must be the first line: mark others above them by #."
 _SHORTEN = "Cut out a shorter part, or convert it to netCDF."
 _MISSING = ["", "-", "--", "n/a", "N/A", "NA", "NaN", "nan", "NAN", "null", "NULL", "None"]
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(inf|nan)", re.I)
@@ -62,6 +63,7 @@ def read(file: str) -> xr.Dataset:
         raise refusal("file", f"{name} has {size / 1e6:.0f} MB", must, _SHORTEN)
     with Path(file).open("rb") as stream:
         layout = _layout(name, stream.read(_HEAD))
+    _check_comments(file, layout)
     frame = _frame(file, layout)
     columns = {
         column: ("row", *_numbers(frame[column], unit, layout.decimal))
@@ -143,7 +145,26 @@ def _encoding(head: bytes) -> str:
 def _fields(line: str, separator: str) -> list[str]:
     if not separator:  # a unit in brackets may stand apart
         return re.findall(r"\S+(?:[ \t]*[\[(][^\])]*[\])])?", line)
-    return [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
+    return [
+        field.strip()
+        for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    ]
+
+
+def _check_comments(file: str, layout: _Layout) -> None:
+    """Refuse a row with a # before its last value, as in ``Buoy #3`` or ``#N/A`` of a spreadsheet.
+
+    A comment begins there, and the values after it would be lost.
+    """
+    with open(file, encoding=layout.encoding, errors="replace") as stream:
+        for number, line in enumerate(stream, start=1):
+            before = line.partition("#")[0]
+            if number <= layout.skipped or before == line or not before.strip():
+                continue
+            if len(_fields(before, layout.separator)) < len(layout.names):
+                text = f"{Path(file).name} has a # before the last value in line {number}"
+                hint = "Leave a cell without a value empty."
+                raise refusal("file", text, "have comments at the end of a row", hint)
 
 
 def _frame(file: str, layout: _Layout) -> pd.DataFrame:
@@ -172,12 +193,13 @@ def _frame(file: str, layout: _Layout) -> pd.DataFrame:
         frame = pd.DataFrame({column: [] for column in names})
     except pd.errors.ParserWarning as error:
         must = f"have {len(layout.names)} values in each row, as in its header"
-        raise refusal("file", f"{name} has longer rows", must) from error
+        raise refusal("file", f"{name} has longer rows", must, _NAMES_FIRST) from error
     except pd.errors.ParserError as error:
         if found := _FIELDS.search(str(error)):
             width, line, count = found.groups()
             text = f"{name} has {count} values in line {line}"
-            raise refusal("file", text, f"have {width}, as in its header") from error
+            must = f"have {width}, as in its header"
+            raise refusal("file", text, must, _NAMES_FIRST) from error
         raise refusal("file", f"{name} is no CSV file ({reason_of(error)})") from error
     except Exception as error:  # libraries raise anything on a damaged file
         raise refusal("file", f"{name} is broken or no CSV file ({reason_of(error)})") from error
@@ -204,10 +226,14 @@ def _numbers(column: pd.Series, unit: str, decimal: str) -> tuple[np.ndarray, di
         odd = column[(numbers.isna() | texts.str.contains(".", regex=False)) & column.notna()]
     if odd.empty:
         return numbers.to_numpy(float), attributes
-    if dates is not None and dates.notna().any():
-        odd = column[dates.isna()]
-    slip = ", a point among decimal commas" if decimal == "," and "." in str(odd.iloc[0]) else ""
-    attributes["odd"] = f"{shown(str(odd.iloc[0]))} in row {int(odd.index[0]) + 1}{slip}"
+    dated = dates is not None and dates.notna().any()
+    if dated:
+        odd = texts[dates.isna()]
+    slip = not dated and decimal == "," and "." in str(odd.iloc[0])
+    first = "an empty cell" if odd.isna().iloc[0] else shown(str(odd.iloc[0]))
+    attributes["odd"] = f"{first} in row {int(odd.index[0]) + 1}" + (
+        ", a point among decimal commas" if slip else ""
+    )
     return texts.fillna("").to_numpy(object), attributes
 
 
