@@ -282,7 +282,9 @@ TEXT = {
         table("time;u;v", "{0};{1:.2f};{2:.2f}", dates("%d.%m.%Y %H:%M"), (" 06:00", "")),
         "row 2; must contain increasing numbers or ISO dates",
     ),
-    "lines above the names": Refused(table("Site: M1, north\ntime,u,v"), "longer rows.*mark .* by #"),
+    "lines above the names": Refused(
+        table("Site: M1, north\ntime,u,v"), "longer rows.*mark .* by #"
+    ),
 }  # fmt: skip
 
 

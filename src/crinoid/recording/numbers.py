@@ -34,6 +34,8 @@ _NINES = (
 _ENDS = (32.767, 32.768, 3276.7, 3276.8, 32767, 32768)
 _MARKS = np.sort([-99, *_NINES, *_ENDS, *np.negative(_NINES), *np.negative(_ENDS)])
 """Usual marks of missing values: nines, and the ends of a 16-bit counter, perhaps scaled."""
+_APART = 0.1
+"""Least distance of a mark from the other numbers, over its size."""
 _CLOSE = 1e-6
 """Relative error of numbers in single precision."""
 _BAD_FLAGS = (4, 9)
@@ -70,7 +72,7 @@ def numbers_of(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
         raise refusal(key, f"{variable.name} contains {odd}", f"contain {must}")
     ends = (variable.attrs.get("valid_min"), variable.attrs.get("valid_max"))
     both = variable.attrs.get("valid_range")
-    low, high = both if np.size(both) == 2 else ends  # a text is no range
+    low, high = ends if both is None or np.size(both) != 2 else both  # a text is no range
     for end, sign in ((low, 1), (high, -1)):
         if (
             np.asarray(end).dtype.kind in "iuf"
@@ -185,7 +187,8 @@ def check_marks(numbers: np.ndarray, key: str, name: str) -> None:
     others, marks = found[~marked], found[marked]
     if others.size:
         low, high = others.min(), others.max()
-        marks = marks[np.maximum(low - marks, marks - high) > high - low]
+        apart = np.maximum(high - low, _APART * np.abs(marks))
+        marks = marks[np.maximum(low - marks, marks - high) > apart]
     if marks.size:
         text = f"{name} contains {marks[0]:g}, far from its other numbers"
         raise refusal(key, text, "contain measured values only", MARKED)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from typing import Any
 
 import cf_xarray  # noqa: F401  # the accessor `cf` of datasets
@@ -69,7 +69,8 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
     bounds = {dataset[name].attrs.get("bounds") for name in dataset.variables}
     fit = [str(n) for n in dataset.variables if n not in bounds and _fits(dataset[n])]
     small = {re.sub(r"[- ]+", "_", name.strip().lower()): name for name in fit}
-    found, clock = dict[str, str](), None
+    small |= {name: name for name in fit}
+    found, clock = dict[str, str](), set[Hashable]()
     for role, names in _NAMES.items():
         standard = [
             str(each) for name in _STANDARD[role] for each in known.get(name, ()) if each in fit
@@ -77,10 +78,11 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
         usual = [small[name] for name in (*names, *_STANDARD[role]) if name in small]
         if candidates := [*standard, *usual]:
             found[role] = candidates[0]
-            if role == "level":  # the depth of the instrument is over time alone
-                found[role] = next((n for n in candidates if dataset[n].dims != clock), found[role])
-            elif role == "time":
-                clock = dataset[found[role]].dims
+            if role == "time":
+                clock = set(dataset[found[role]].dims)
+            elif role == "level":  # the depth of an instrument has no dimension but time
+                cells = (name for name in candidates if set(dataset[name].dims) - clock)
+                found[role] = next(cells, found[role])
     if found.get("east", "").lower() != "e" and found.get("north", "").lower() == "n":
         del found["north"]  # a count
     axes = dataset.cf.coordinates | dataset.cf.axes
