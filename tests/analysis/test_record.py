@@ -261,6 +261,17 @@ def test_a_spreadsheet_of_speeds_and_directions_is_summed_up(here):
     assert Scenario.from_toml(played.to_toml()) == played
 
 
+@pytest.mark.parametrize("unit", ["s since midnight", "months since 2024-01-01"])
+def test_times_without_a_date_and_latitudes_in_words_are_summed_up(here, unit):
+    rows = "".join(f"{k},36N,0.{k}\n" for k in range(4))
+    (here / "odd.csv").write_text(f"time ({unit}),lat,u (m/s)\n{rows}")
+    assert "4 samples each" in succeeded("flow", "odd.csv")
+
+
+def test_a_shallow_bed_bounds_a_record(here):
+    assert "samples" in succeeded("flow", "pier.csv", "--set", "water.depth=3")
+
+
 def test_wrong_options_and_files_of_others_get_one_line(here):
     line = refused("flow", "pier.csv", "--set", "arm.length=0.5")
     assert line.startswith(

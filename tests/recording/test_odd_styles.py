@@ -102,6 +102,18 @@ def big_endian(folder):
     return path
 
 
+def one_station(folder):
+    """A record whose times have a dimension of one station."""
+    east, north = (each.T for each in over(straight))
+    both = "station", "obs"
+    variables = {
+        "time": (both, since("1970-01-01", "s")[None], SINCE_1970),
+        "u": (both, east, EAST),
+        "v": (both, north, NORTH),
+    }
+    return store(folder / "station.nc", variables)
+
+
 SENSOR = (("time",), np.array([18.0, 18.0, 18.1, 18.0]), DOWN)
 CELLS = "bin_depth", (("bin",), DEPTHS, {"units": "m", "long_name": "centre of the cell"})
 HEIGHTS = np.array([18.0, 15.0, 10.5])
@@ -186,6 +198,7 @@ NETCDF = {
               tb=(("time", "nv"), np.zeros((COUNT, 2)), SINCE_1970)),
         EAST_NORTH,
     ),
+    "times of one station": Played(one_station, EAST_NORTH),
     "times in single precision": Refused(
         point(time=(("time",), DAYS, {"units": "days since 1858-11-17"})), "double precision"
     ),
@@ -271,6 +284,7 @@ TEXT = {
     ),
     "a # in a cell": Refused(table("site,time,u,v", "No #3,{0},{1},{2}"), "# before.*line 2"),
     "an error of a spreadsheet": Refused(mark("#N/A"), "# before.*line 3.*empty"),
+    "pixels of a picture": Refused(table("time,u (px/s),v (px/s)"), "px/s.*m/s"),
     "dates in digits": Refused(table(times=[20240301 + k for k in range(4)]), "date.*ISO"),
     "instants in digits": Refused(table(times=dates("%Y%m%d%H%M")), "date.*ISO"),
     "a mark in cm/s": Refused(

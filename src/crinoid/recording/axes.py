@@ -109,7 +109,8 @@ def seconds(
     if late.size:
         after = int(late[0]) + 1
         word = "repeats" if values[after] == values[after - 1] else "goes back"
-        hint = "Name the levels in vertical if rows are at several." if word == "repeats" else ""
+        levels = word == "repeats" and key == "time"
+        hint = "Name the levels in vertical if rows are at several." if levels else ""
         raise refusal(key, f"{name} {word} at entry {after}", "increase", hint)
     with np.errstate(invalid="ignore"):
         steps = np.diff(time)

@@ -219,6 +219,9 @@ def read_selection(flow: MeasuredFlow, bed: float | None) -> FilledRecord:
             check_count(dataset[upright].size, flow.file, upright)
             dataset = as_profile(dataset, clock, upright, flow.file)
         dataset = _at_place(dataset, flow, named)
+        if dataset[clock].ndim > 1:  # as of a single station
+            of_one = [each for each, size in dataset[clock].sizes.items() if size == 1]
+            dataset = dataset.squeeze(of_one)
         along = only_dimension(dataset[clock], "time")
         if upright:
             formula = "formula_terms" in dataset[upright].attrs

@@ -226,10 +226,9 @@ def _numbers(column: pd.Series, unit: str, decimal: str) -> tuple[np.ndarray, di
         odd = column[(numbers.isna() | texts.str.contains(".", regex=False)) & column.notna()]
     if odd.empty:
         return numbers.to_numpy(float), attributes
-    slip = True
+    slip = decimal == "," and "." in str(odd.iloc[0])
     if dates is not None and dates.notna().any():
         odd, slip = texts[dates.isna()], False
-    slip = slip and decimal == "," and "." in str(odd.iloc[0])
     first = "an empty cell" if odd.isna().iloc[0] else shown(str(odd.iloc[0]))
     attributes["odd"] = f"{first} in row {int(odd.index[0]) + 1}" + (
         ", a point among decimal commas" if slip else ""

@@ -14,6 +14,9 @@ _BEARING = re.compile(
     r"(\N{DEGREE SIGN}|deg(ree)?s?)[ _]*(t|true|(cw |clockwise )?from (true )?north)?"
 )
 
+_PIXEL = re.compile(r"\b(px|pixels?|dots?)\b")
+"""Units of a picture, to which the library gives the size of those of a screen."""
+
 
 @cache
 def factor(units: str, to: str) -> float | None:
@@ -26,6 +29,8 @@ def factor(units: str, to: str) -> float | None:
         return _COMMON[text, to]
     from cf_xarray.units import units as registry
 
+    if _PIXEL.search(text.lower()):
+        return None
     text = "degree" if _BEARING.fullmatch(text.lower()) else text
     for form in (text, text.lower()):
         try:
