@@ -63,7 +63,13 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
     for role, names in _NAMES.items():
         standard = [str(each) for name in _STANDARD[role] for each in known.get(name, ())]
         usual = [small[name] for name in (*names, *_STANDARD[role]) if name in small]
-        if candidates := [*standard, *usual]:
+        candidates = [*standard, *usual]
+        if role == "level" and "time" in found:  # a depth over time is that of the instrument
+            over_time = dataset[found["time"]].dims
+            candidates = sorted(
+                candidates, key=lambda each, own=over_time: dataset[each].dims == own
+            )
+        if candidates:
             found[role] = candidates[0]
     axes = dataset.cf.coordinates | dataset.cf.axes
     for role, keys in (("time", ("time", "T")), ("level", ("vertical", "Z"))):
