@@ -1,5 +1,6 @@
 """Binary files of instruments: a file of a profiler, written byte by byte, and its current."""
 
+import logging
 import struct
 import sys
 
@@ -60,11 +61,13 @@ def profiler(frame, name="adcp.000"):
 
 
 @pytest.mark.parametrize("frame", [EARTH, INSTRUMENT])
-def test_a_profile_in_a_binary_file_is_played(tmp_path, capfd, frame):
+def test_a_profile_in_a_binary_file_is_played(tmp_path, capfd, monkeypatch, frame):
     pytest.importorskip("mhkit", reason="mhkit is not installed")
+    monkeypatch.setattr(logging.root, "handlers", [])
     style = Played(profiler(frame), z=tuple(RANGES + BED))
     style.check(style.write(tmp_path), KEYS)
-    assert capfd.readouterr().out == ""
+    assert "".join(capfd.readouterr()) == ""
+    assert logging.root.handlers == []
 
 
 def test_the_levels_of_a_profiler_are_proposed_though_its_own_depth_is_in_the_file(tmp_path):

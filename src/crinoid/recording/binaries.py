@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from io import StringIO
 from pathlib import Path
 
@@ -24,14 +26,26 @@ def reads(file: str, head: bytes) -> bool:
 
 def read(file: str) -> xr.Dataset:
     """Read a binary file, with the velocity toward east, north and up if it has a heading."""
-    try:
-        from mhkit import dolfyn  # an extra, and slow to load
-    except ImportError as error:
-        text = f"{short(file)} is a binary file of an instrument, and reading it needs mhkit"
-        raise refusal("file", f'{text}: pip install "crinoid[instruments]"') from error
-    with warnings.catch_warnings(), redirect_stdout(StringIO()):  # it prints its progress
-        warnings.simplefilter("ignore")
+    with _quiet():
+        try:
+            from mhkit import dolfyn  # an extra, and slow to load
+        except ImportError as error:
+            text = f"{short(file)} is a binary file of an instrument, and reading it needs mhkit"
+            raise refusal("file", f'{text}: pip install "crinoid[instruments]"') from error
         dataset: xr.Dataset = dolfyn.read(file)
         if dataset.attrs["coord_sys"] != "earth" and "heading" in dataset:
             dolfyn.rotate2(dataset, "earth")
     return dataset
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep off what mhkit prints and logs, and the handler that its logging would add."""
+    handler = logging.NullHandler()
+    logging.root.addHandler(handler)
+    try:
+        with warnings.catch_warnings(), redirect_stdout(StringIO()):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.root.removeHandler(handler)

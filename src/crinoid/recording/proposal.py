@@ -66,9 +66,7 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
         candidates = [*standard, *usual]
         if role == "level" and "time" in found:  # a depth over time is that of the instrument
             over_time = dataset[found["time"]].dims
-            candidates = sorted(
-                candidates, key=lambda each, own=over_time: dataset[each].dims == own
-            )
+            candidates = [n for n in candidates if dataset[n].dims != over_time] or candidates
         if candidates:
             found[role] = candidates[0]
     axes = dataset.cf.coordinates | dataset.cf.axes
