@@ -59,7 +59,7 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
     small = {
         re.sub(r"[- ]+", "_", str(name).strip().lower()): str(name) for name in dataset.variables
     }
-    found = {}
+    found: dict[str, str] = {}
     for role, names in _NAMES.items():
         standard = [str(each) for name in _STANDARD[role] for each in known.get(name, ())]
         usual = [small[name] for name in (*names, *_STANDARD[role]) if name in small]
