@@ -50,7 +50,10 @@ nitpick_ignore_regex = [
     # types of arguments that no user makes (names in docstrings are py:obj)
     (r"py:class", r"crinoid\.dynamics\..*"),
     (r"py:class", r"crinoid\.scenario\.sensor\.Reading|Builder|Numbers|Source"),
-    (r"py:class", r"crinoid\.elements\.(material\.Strained|vortices\.Oscillation)"),
+    (
+        r"py:class",
+        r"crinoid\.elements\.(material\.Strained|vortices\.Oscillation|tendon_friction\..*)",
+    ),
     (
         r"py:class",
         r"crinoid\.simulation\.loop\..*|crinoid\.actuation\.actuator\.Actuators|crinoid\.rod\.section\.Rod",

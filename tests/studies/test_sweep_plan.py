@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
-from crinoid.cli.sweep import notes_of
+from crinoid.cli.sweep import notes_of, shares_of_time, sweep_table
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.variation import Span, combination, read_variation
 from crinoid.studies.sweep import SweepDesign
@@ -193,3 +194,51 @@ def test_options_that_exclude_each_other_get_one_line():
         ([*grid, *grid], {}, "--vary: got arm.length twice"),
     ):
         assert mistake(SweepDesign.of, ARM, texts, **options).startswith(words)
+
+
+def test_weights_are_the_shares_of_the_nearest_speeds(tmp_path):
+    file = tmp_path / "histogram.csv"
+    file.write_text('"speed (m/s)","share of time"\n0.05,0.1\n0.15,0.4\n0.25,0.3\n0.35,0.2\n')
+    flow = [{"kind": "uniform", "velocity": [0.1, 0.0]}]
+    scenario = Scenario(flow=flow)
+    plan = SweepDesign.of(scenario, ["flow.0.velocity=[0.1, 0.0],[0.0, -0.3]"], seeds=2)
+    np.testing.assert_allclose(shares_of_time(plan, file), [0.25, 0.25, 0.25, 0.25])
+    plan = SweepDesign.of(scenario, ["flow.0.velocity.0=0.06:0.36:4"])
+    np.testing.assert_allclose(shares_of_time(plan, file), [0.1, 0.4, 0.3, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("vary", "text", "reason"),
+    [
+        ("arm.length=0.5,1.0 water.density=1000,1025", "", "needs one key"),
+        ("flow.0.velocity.0=0.1,0.2", "speed,share\n0.1,1\n", "must have numbers in columns"),
+        ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.2,0.4\n", "add up to 0.8"),
+        ("flow.0.velocity.0=0.1,0.2", "0.1,0.4\n0.5,0.6\n", "60.00% of the time is far from 0.1"),
+        ("control.kind=pid,lqg", "0.1,1.0\n", "control.kind has values that are no speeds"),
+    ],
+)
+def test_weights_that_do_not_fit_get_one_line(tmp_path, vary, text, reason):
+    file = tmp_path / "histogram.csv"
+    head = "" if text.startswith("speed") else "speed (m/s),share of time\n"
+    file.write_text(head + text)
+    scenario = Scenario(flow=[{"kind": "uniform", "velocity": [0.1, 0.0]}])
+    plan = SweepDesign.of(scenario, vary.split())
+    with pytest.raises(ScenarioError) as caught:
+        shares_of_time(plan, file)
+    (line,) = caught.value.lines
+    assert line.startswith("--weights: ")
+    assert reason in line
+
+
+def test_the_table_has_the_mean_of_time_and_the_time_that_ends_well():
+    names = ("max_error", "steady_error", "rms_error_uncontrolled", "rms_angle_error")
+    unknown = {name: ("run", [np.nan] * 3, {"units": "m"}) for name in names}
+    unknown |= {name: ("run", [np.nan] * 3, {"units": "s"}) for name in ("settling_time", "work")}
+    known = {"rms_error": ("run", [1.0, 2.0, np.nan], {"units": "m"})}
+    status = {"status": ("run", ["ok", "ok", "failed: it broke"])}
+    data = xr.Dataset(known | unknown | status, {"run": [1, 2, 3]}, {"title": "a sway"})
+    table = sweep_table(data, np.array([0.6, 0.3, 0.1]))
+    last = list(table.columns[-1].cells)
+    assert last[0] == "1.33 m"  # (0.6 + 0.6) / 0.9
+    assert last[-1] == "90.00%"
+    assert len(sweep_table(data).columns) == len(table.columns) - 1

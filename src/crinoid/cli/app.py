@@ -112,13 +112,27 @@ def equilibrium(
 @app.command()
 @one_line_errors("interrupted")
 def flow(
-    scenario: ScenarioName,
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|FILE",
+            help="A TOML file, the name of a built-in scenario, or a record of the sea.",
+            autocompletion=complete_name,
+        ),
+    ],
     settings: Settings = None,
     out: Annotated[Path | None, out_option("results/SCENARIO-flow")] = None,
     force: Force = False,
 ) -> None:
-    """Draw and sum up the current of a scenario at its arm, without simulating the arm."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-flow")
+    """Draw and sum up the current of a scenario at its arm, or a record of the sea by itself."""
+    folder = folder_for(out, scenario, "-flow")
+    if Path(scenario).suffix.lower() not in ("", ".toml") and Path(scenario).is_file():
+        with Loading():
+            from crinoid.cli.record import show_record
+
+        show_record(scenario, settings or (), folder, force=force)
+        return
+    described = load_scenario(scenario, settings)
     with Loading():
         from crinoid.cli.analyses import show_current
 

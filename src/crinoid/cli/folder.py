@@ -13,6 +13,7 @@ import netCDF4
 
 from crinoid.analysis.current import FLOW
 from crinoid.analysis.margins import MARGINS
+from crinoid.analysis.record import RECORD
 from crinoid.analysis.vibrations import MODES
 from crinoid.foundation.atomic_file import remove_unfinished
 from crinoid.foundation.status import Status
@@ -30,7 +31,7 @@ from crinoid.view.page.parts import PAGE
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
-_APART = (FLOW, MODES, COMPARISON, MARGINS, TUNING, IDENTIFICATION, TRAINING)
+_APART = (FLOW, RECORD, MODES, COMPARISON, MARGINS, TUNING, IDENTIFICATION, TRAINING)
 """Files of commands that run no scenario by itself, which may be next to a result."""
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 

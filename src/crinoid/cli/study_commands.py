@@ -1,5 +1,6 @@
 """The commands of many runs: comparison, tuning, identification, sweep, training, validation."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -134,6 +135,14 @@ def sweep(
             default="this machine",
         ),
     ] = None,
+    weights: Annotated[
+        Path | None,
+        option(
+            "Histogram of speed of crinoid flow: the values of one key then have shares of time.",
+            "FILE",
+            default=False,
+        ),
+    ] = None,
     dry_run: Annotated[
         bool, option("Estimate the cost, and write nothing.", name="--dry-run")
     ] = False,
@@ -154,12 +163,13 @@ def sweep(
     options = WorkerOptions(workers, scheduler)
     options.check()
     if dry_run:
-        if resume or force:
-            stop("--dry-run: excludes --resume and --force. Leave them out; it writes nothing.")
+        if resume or force or weights is not None:
+            text = "excludes --resume, --force and --weights. Leave them out; it writes nothing."
+            stop(f"--dry-run: {text}")
         estimate_sweep(plan, options)
         return
-    sized = batch is not None
-    end(run_sweep(plan, folder, options, sized=sized, resume=resume, force=force))
+    run = partial(run_sweep, sized=batch is not None, resume=resume, force=force)
+    end(run(plan, folder, options, weights=weights))
 
 
 @one_line_errors()

@@ -1,5 +1,6 @@
 """A sweep: checks, workers, progress, tables, and an estimate from a trial run."""
 
+import csv
 import os
 import time
 from collections.abc import Callable
@@ -9,9 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Float
 from rich.progress import Progress
 from rich.table import Table
 
+from crinoid.analysis.record import SHARE, SPEED
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
 from crinoid.cli.display import listed, new_table, notes_of_cases, progress_bar, say_notes, show
@@ -104,11 +107,13 @@ def run_sweep(
     sized: bool,
     resume: bool,
     force: bool,
+    weights: Path | None = None,
 ) -> str:
     """Run a sweep, collect and sum up its runs; return what went wrong, if anything.
 
-    ``sized`` says whether the user chose the size of batches.
+    ``sized`` says whether the user chose the size of batches; ``weights`` is a histogram of speed.
     """
+    shares = None if weights is None else shares_of_time(plan, weights)
     store = SweepStore(folder)
     there = store.files()
     known = resume and PLAN in there
@@ -147,7 +152,7 @@ def run_sweep(
                 return f"{error}; {_saved(plan, done)}"
     pages, lacking = page_in(folder)
     notes = lacking if has_zarr() else [_NO_ZARR, *lacking]
-    show(sweep_table(data), notes, [*files, *pages])
+    show(sweep_table(data, shares), notes, [*files, *pages])
     errors, status = data["rms_error"].values, data["status"].values
     if np.isfinite(errors).any():
         run = int(np.nanargmax(errors)) + 1
@@ -213,9 +218,41 @@ def _saved(plan: SweepDesign, done: set[int]) -> str:
     return f"{text} {'is' if len(done) == 1 else 'are'} saved, --resume goes on from there"
 
 
-def sweep_table(data: xr.Dataset) -> Table:
-    """Return quantiles over the runs that reached their end."""
-    rows = []
+def shares_of_time(plan: SweepDesign, file: Path) -> Float[np.ndarray, " run"]:
+    """Return the share of time of each run: that of the speeds nearest to its value.
+
+    Runs whose value is as large, such as those of other seeds, have equal parts of it.
+    """
+    if len(plan.varied) != 1 or plan.sampled:
+        raise refusal("--weights", "needs one key with a list or a count of values (--vary)")
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            table = [(float(row[SPEED]), float(row[SHARE])) for row in csv.DictReader(stream)]
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        text = f"{file} must have numbers in columns {shown(SPEED)} and {shown(SHARE)}"
+        raise refusal("--weights", text) from error
+    speeds, parts = np.array(table).reshape(-1, 2).T
+    if not (np.isfinite(speeds).all() and (parts >= 0).all() and abs(parts.sum() - 1) < 0.01):
+        text = f"{file} has shares of time that add up to {parts.sum():.4g}"
+        raise refusal("--weights", f"{text}; must be 0 or more, and add up to 1")
+    (key,) = plan.varied
+    values = [plan.values(run)[key] for run in range(1, plan.runs + 1)]
+    try:
+        sizes = np.array([np.linalg.norm(np.asarray(value, float)) for value in values])
+    except (TypeError, ValueError) as error:
+        raise refusal("--weights", f"{key} has values that are no speeds") from error
+    known, place, count = np.unique(sizes, return_inverse=True, return_counts=True)
+    nearest = np.argmin(np.abs(speeds[:, None] - known), axis=1)
+    far = np.abs(speeds - known[nearest]) > np.diff(known).max(initial=0.0)
+    if parts[far].any():
+        text = f"{parts[far].sum():.2%} of the time is far from {known[0]:g} to {known[-1]:g} m/s"
+        raise refusal("--weights", f"{text}, the values of {key}. Vary it over all speeds.")
+    return (np.bincount(nearest, parts, known.size) / count)[place]
+
+
+def sweep_table(data: xr.Dataset, shares: Float[np.ndarray, " run"] | None = None) -> Table:
+    """Return quantiles over the runs that reached their end, and means by their share of time."""
+    rows, heads = [], ["", "median", "95 %", "worst", "of run"]
     for name, words in _ROWS.items():
         values = data[name].values
         known = values[np.isfinite(values)]
@@ -225,10 +262,18 @@ def sweep_table(data: xr.Dataset) -> Table:
         unit = {"m": length_unit(size), "rad": DEGREES}.get(symbol) or si_unit(size, symbol)
         numbers = (*np.quantile(known, (0.5, 0.95)), known.max())
         run = int(data["run"].values[np.nanargmax(values)])
-        rows.append((words, *(unit.text(float(number)) for number in numbers), str(run)))
+        rows.append([words, *(unit.text(float(number)) for number in numbers), str(run)])
+        if shares is not None:
+            weights = shares[np.isfinite(values)]
+            mean = known @ weights / weights.sum() if weights.any() else np.nan
+            rows[-1].append(unit.text(float(mean)))
     complete, count = int(np.isfinite(data["rms_error"].values).sum()), data.sizes["run"]
-    rows.append(("runs", str(count) if complete == count else f"{complete} of {count}"))
-    return new_table(data.attrs["title"], ("", "median", "95 %", "worst", "of run"), rows)
+    rows.append(["runs", str(count) if complete == count else f"{complete} of {count}"])
+    if shares is not None:
+        heads.append("mean of time")
+        well = [Status.of(words) is Status.OK for words in data["status"].values]
+        rows.append(["time that ends well", "", "", "", "", f"{shares[well].sum():.2%}"])
+    return new_table(data.attrs["title"], heads, rows)
 
 
 def estimate_sweep(plan: SweepDesign, options: WorkerOptions) -> None:

@@ -70,7 +70,9 @@ def _of_buoy(file: str) -> xr.Dataset:
     if not (np.diff(time.astype(np.int64)) > 0).all():  # the newest comes first
         order = np.argsort(time, kind="stable")
         time, frame = time[order], frame.iloc[order]
-    found = xr.Dataset({"time": ("row", time.astype(np.int64), {"units": "s since 1970-01-01"})})
+    found = xr.Dataset(
+        {"time": ("row", time.astype(np.int64), {"units": "seconds since 1970-01-01"})}
+    )
     cells: dict[str, list[np.ndarray]] = defaultdict(list)
     for name, unit in zip(names[dates.shape[1] :], units[dates.shape[1] :], strict=True):
         values = frame[name].to_numpy()

@@ -12,6 +12,7 @@ import xarray as xr
 from crinoid.recording.numbers import labels_of
 from crinoid.recording.selection import is_labelled
 from crinoid.recording.texts import listed, short
+from crinoid.recording.units import velocity_factor
 from crinoid.scenario.errors import refusal
 
 _NAMES = {
@@ -46,6 +47,8 @@ _STANDARD = {
     ),
 }
 """CF standard names of each role."""
+_OWN_AXES = re.compile(r"instrument|\b(sea_water_)?[xy][-_ ]velocity", re.I)
+"""Words of components that are not toward the east and the north."""
 _LABELS = {"east": ("E", "east", "East"), "north": ("N", "north"), "up": ("U", "U1", "up")}
 """Labels of a dimension of components."""
 
@@ -83,7 +86,8 @@ def _labelled(dataset: xr.Dataset) -> dict[str, str]:
     """Return components that are entries of a labelled dimension."""
     for variable in dataset.data_vars.values():
         for dimension in map(str, variable.dims):
-            if is_labelled(variable, dimension) and variable.dtype.kind == "f":
+            moves = velocity_factor(str(variable.attrs.get("units", ""))) is not None
+            if moves and is_labelled(variable, dimension):
                 texts = labels_of(variable[dimension])
                 entries = {role: _first(texts, names) for role, names in _LABELS.items()}
                 if entries["east"]:
@@ -96,7 +100,10 @@ def _first(there: Iterable[str], wanted: Iterable[str]) -> str:
 
 
 def propose(dataset: xr.Dataset, file: str) -> dict[str, Any]:
-    """Return the keys of a table ``[[flow]]`` that plays a file, x toward the east.
+    """Return the keys of a table ``[[flow]]`` that plays a file.
+
+    The x axis points east; where components are along the axes of an instrument or a grid, it is
+    the first of these.
 
     Raises
     ------
@@ -113,7 +120,9 @@ def propose(dataset: xr.Dataset, file: str) -> dict[str, Any]:
     if found["time"] != "time":
         keys["time"] = found["time"]
     if "east" in found:
-        if "north" in found:
+        attributes = dataset[found["east"].partition("[")[0]].attrs
+        named = " ".join(str(attributes.get(key, "")) for key in ("standard_name", "long_name"))
+        if "north" in found and not _OWN_AXES.search(named):
             keys["velocity"] = [found["east"], found["north"], found.get("up", "0")]
             keys["heading_deg"] = 90.0
         else:

@@ -196,7 +196,7 @@ def _numbers(column: pd.Series, unit: str, decimal: str) -> tuple[np.ndarray, di
     dates = _dates(texts)
     if dates is not None and dates.notna().all():
         count = dates.dt.tz_localize(None).to_numpy().astype("datetime64[us]").astype(np.int64)
-        return count, {"units": "us since 1970-01-01"}
+        return count, {"units": "microseconds since 1970-01-01"}
     plain = texts.str.replace(",", ".") if decimal == "," else texts
     numbers = pd.to_numeric(plain, errors="coerce")
     odd = column[numbers.isna() & column.notna()]

@@ -124,7 +124,7 @@ def _measured_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     for key, flow in _flows_of_kind(scenario, MeasuredFlow):
         headed = flow.heading_deg is not None
         components = ("east", "north", "up") if headed else AXES[dimension]
-        if len(flow.velocity) != len(components):
+        if flow.speed is None and len(flow.velocity) != len(components):
             east = dimension == 2 and not headed and len(flow.velocity) == 3
             hint = "Set heading_deg to name east, north and up." if east else ""
             must = f"have a name for each of {', '.join(components)}"

@@ -72,6 +72,10 @@ Name = Annotated[
 ]
 
 
+_DEFAULT_VELOCITY = (("u", "w"), ("u", "v", "w"))
+"""Names of the components in the plane and in space."""
+
+
 class MeasuredFlow(FlowTable):
     """A measured current, from a CSV or netCDF file.
 
@@ -82,9 +86,9 @@ class MeasuredFlow(FlowTable):
     kind: Literal["measured"] = entry("measured", "A measured current.")
     file: RecordFile
     velocity: Annotated[
-        tuple[Name, ...], AsTuple, Quantity(takes="a list of names"), InSpace(("u", "v", "w"))
+        tuple[Name, ...], AsTuple, Quantity(takes="a list of names"), InSpace(_DEFAULT_VELOCITY[1])
     ] = entry(
-        ("u", "w"),
+        _DEFAULT_VELOCITY[0],
         "Variables, by name or CF standard name: along x and z, in space x, y and z; with "
         'heading_deg east, north and up. "-u" reverses one, "vel[E]" is an entry of a labelled '
         'dimension, "0" is zero.',
@@ -143,7 +147,7 @@ class MeasuredFlow(FlowTable):
             lacking = "direction" if self.direction is None else "speed"
             yield self.mistake(lacking, "name a variable, as speed and direction go together")
         if self.speed is not None:
-            if "velocity" in self.model_fields_set:
+            if self.velocity not in _DEFAULT_VELOCITY:
                 hint = "Speed and direction are the velocity."
                 yield self.mistake("velocity", "be left out with speed", hint)
             if self.heading_deg is None:

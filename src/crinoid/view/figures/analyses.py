@@ -102,18 +102,22 @@ _DECADES = 5
 _BANDS = 8  # a decade: each is wide enough for several modes of random turbulence
 
 
+def banded(frequency: Spectrum, density: Spectrum) -> tuple[Spectrum, Spectrum]:
+    """Return means of frequencies and densities over bands of equal width on a logarithmic axis."""
+    band = np.floor(_BANDS * np.log10(frequency / frequency[0]) + 1e-9)
+    starts = np.flatnonzero(np.diff(band, prepend=-1.0))
+    count = np.diff(starts, append=frequency.size)
+    means = np.add.reduceat(density, starts, axis=0).T / count
+    return np.add.reduceat(frequency, starts) / count, means.T
+
+
 def draw_spectrum(flow: xr.Dataset) -> Figure:
     """Draw the spectral density of each component, and that of turbulence where it was random."""
     names = _axes_of(flow)
     figure = Figure(figsize=(style.WIDTH, 4.8), layout="constrained")
     panels = list(figure.subplots(1, len(names), sharey=True))
     finest = flow["frequency"].values
-    # means over bands of equal width on a logarithmic axis
-    band = np.floor(_BANDS * np.log10(finest / finest[0]) + 1e-9)
-    starts = np.flatnonzero(np.diff(band, prepend=-1.0))
-    count = np.diff(starts, append=finest.size)
-    frequency = np.add.reduceat(finest, starts) / count
-    density = np.add.reduceat(flow["flow_spectrum"].values, starts, axis=0) / count[:, None, None]
+    frequency, density = banded(finest, flow["flow_spectrum"].values)
     shown = density[density > _STEADY]
     model = flow.get("model_spectrum")
     for index, (axes, axis) in enumerate(zip(panels, names, strict=True)):

@@ -8,6 +8,7 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from crinoid.analysis.record import RECORD
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
 from crinoid.inverse import IDENTIFICATION, TUNING
@@ -21,6 +22,7 @@ from crinoid.view.figures.charts.touch import contact_chart, has_contact
 from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
 from crinoid.view.figures.paper import draw_chart
+from crinoid.view.figures.record import draw_record
 from crinoid.view.figures.run import RESULT, Run, load_as, open_run
 from crinoid.view.figures.searches import draw_identification, draw_training, draw_tuning
 from crinoid.view.figures.shape import draw_bending, draw_close_up, draw_shape
@@ -66,6 +68,16 @@ _FINDINGS = {
             **dict.fromkeys(("profile_mean", "profile_standard_deviation"), ("height", "axis")),
         },
         {"flow.png": draw_series, "spectrum.png": draw_spectrum, "profile.png": draw_profile},
+    ),
+    RECORD: _Finding(
+        "a record",
+        {
+            "velocity": ("time", "axis"),
+            "filled": ("time",),
+            "spectrum": ("frequency", "part"),
+            "share": ("speed",),
+        },
+        {"record.png": draw_record},
     ),
     "modes.nc": _Finding(
         "modes",

@@ -1,0 +1,194 @@
+"""A look at a record of the sea, without a scenario: its variables, numbers, tide and figure."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from rich import box
+from rich.table import Table
+
+from crinoid.analysis.record import (
+    HISTOGRAM,
+    RECORD,
+    SHARE,
+    SPEED,
+    TIDAL,
+    interval_of,
+    record_dataset,
+    record_statistics,
+    tide,
+)
+from crinoid.cli.command import console
+from crinoid.cli.display import new_table, show
+from crinoid.cli.finding import finding
+from crinoid.cli.folder import check_own
+from crinoid.foundation.axes import AXES
+from crinoid.recording import propose, read_dataset
+from crinoid.recording.axes import find
+from crinoid.recording.selection import read_selection
+from crinoid.recording.series import FilledRecord
+from crinoid.results.dataset import describe
+from crinoid.results.own_files import table_head
+from crinoid.scenario import Scenario, got, refusal
+from crinoid.scenario.document import override
+from crinoid.scenario.flow import Component, MeasuredFlow
+from crinoid.view.figures.style import Unit
+
+_COMPASS = ("east", "north", "up")
+_READING = (
+    *("velocity", "speed", "direction", "direction_is"),
+    *("time", "vertical", "origin", "heading_deg", "select"),
+)
+"""Keys of a measured flow that say how its file is read."""
+_FLAG = re.compile(r".*(_qc|_qc_agg|_flags?)", re.IGNORECASE)
+_PLAIN = Unit(1.0, "")
+_CONSTITUENTS = 6
+"""Constituents that are listed at most."""
+_HEAD = table_head([SPEED, SHARE])
+
+
+def show_record(name: str, settings: Sequence[str], folder: Path, *, force: bool) -> None:
+    """Look at a record: list its variables, sum it up, save and draw it."""
+    with read_dataset(name) as dataset:
+        _show(dataset, name, settings, folder, force=force)
+
+
+def _show(
+    dataset: xr.Dataset, name: str, settings: Sequence[str], folder: Path, *, force: bool
+) -> None:
+    table = propose(dataset, name)
+    document: dict[str, Any] = {"title": Path(name).name, "flow": [table]}
+    for setting in settings:
+        key = setting.partition("=")[0].strip()
+        if key != "water.depth" and key.split(".")[:3] not in [["flow", "0", k] for k in _READING]:
+            must = f"be water.depth or, of flow.0, {', '.join(_READING)}: a record has no scenario"
+            raise refusal("--set", got(setting, must))
+        override(document, setting)
+    scenario = Scenario.from_dict(document)
+    (flow,) = scenario.flow
+    assert isinstance(flow, MeasuredFlow)
+    console.print(_variables(dataset, flow))
+    lines = [f"{key} = {_toml(value)}" for key, value in table.items()]
+    console.print("\n".join(["[[flow]]", *lines, ""]), soft_wrap=True)
+    depth = scenario.water.depth
+    record = read_selection(flow, None if depth is None else -depth)
+    axes = _axes(flow)
+    order = [0] if record.levels is None else np.argsort(record.levels)
+    middle = int(order[len(order) // 2])
+    path = folder / RECORD
+    with finding(scenario, path, "a record", force=force, check=False, doubts=False) as found:
+        if not force:
+            check_own(folder / HISTOGRAM, lambda file: _HEAD.encode() in file.read_bytes())
+        data = record_dataset(record, middle, axes)
+        data.attrs = describe(scenario) | data.attrs | {"notes": "\n".join(record.remarks)}
+        shares = zip(data["speed"].values, data["share"].values, strict=True)
+        text = "".join(f"{speed:.6g},{share:.6g}\n" for speed, share in shares)
+        files = [*found.save(data), found.write(HISTOGRAM, _HEAD + text)]
+        places = list(dict.fromkeys((int(order[0]), middle, int(order[-1]))))
+        start = _start(dataset[find(dataset, flow.time, "time", name)])
+        lines = _extent(record, start, middle)
+        lines += _tide(record, middle, start, _latitude(dataset, flow))
+        show(_numbers(record, places, axes), record.remarks, files, lines)
+
+
+def _toml(value: Any) -> str:
+    """Return a value in one line of TOML."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(k)} = {_toml(v)}" for k, v in value.items()) + " }"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _axes(flow: MeasuredFlow) -> tuple[str, ...]:
+    return AXES[len(flow.velocity)] if flow.heading_deg is None else _COMPASS
+
+
+def _variables(dataset: xr.Dataset, flow: MeasuredFlow) -> Table:
+    """Return the variables of a file, those that are understood first."""
+    places: list[tuple[str | None, str]] = [(flow.time, "time"), (flow.vertical, "level")]
+    if flow.speed:
+        places += [(flow.speed, "speed"), (flow.direction, "direction")]
+    else:
+        places += zip(flow.velocity, _axes(flow), strict=True)
+    roles: dict[str, list[str]] = {}
+    for text, role in places:
+        if text is not None and (component := Component.of(text)) is not None:
+            roles.setdefault(find(dataset, component.name, role, flow.file), []).append(role)
+    rows = []
+    for name, variable in dataset.variables.items():
+        flag = "flag_meanings" in variable.attrs or _FLAG.fullmatch(str(name)) is not None
+        dims = ", ".join(f"{each} {size}" for each, size in variable.sizes.items())
+        role = ", ".join(roles.get(str(name), [])) or ("flag" if flag else "other")
+        rows.append((str(name), role, str(variable.attrs.get("units", "")), dims))
+    rows.sort(
+        key=lambda row: ("other", "flag").index(row[1]) if row[1] in ("other", "flag") else -1
+    )
+    return new_table(None, ("variable", "role", "unit", "dimensions"), rows, box=box.SIMPLE)
+
+
+def _numbers(record: FilledRecord, places: list[int], axes: tuple[str, ...]) -> Table:
+    """Return the statistics of some levels."""
+    columns = [record_statistics(record, level, axes) for level in places]
+    rows = [
+        (name, *(_PLAIN.number(column[name] + 0.0) for column in columns)) for name in columns[0]
+    ]
+    if record.levels is None:
+        return new_table(None, (), rows, show_header=False)
+    return new_table(None, ("", *(f"z = {record.levels[at]:.4g} m" for at in places)), rows)
+
+
+def _extent(record: FilledRecord, start: np.datetime64 | None, middle: int) -> list[str]:
+    """Return when, how often and where a record was measured, and if turbulence is in it."""
+    interval, count = interval_of(record), record.time.size
+    since = "" if start is None else f" from {np.datetime_as_string(start, 's')}"
+    text = f"{record.time[-1]:.6g} s{since}, {count} samples each {interval:.6g} s"
+    lines = [f"{text} ({1 / interval:.4g} Hz)"]
+    if record.levels is not None:
+        z = ", ".join(f"{height:.4g}" for height in np.sort(record.levels))
+        lines.append(f"levels z (m): {z}")
+        lines.append(f"histogram, spectrum and tide are those of z = {record.levels[middle]:.4g} m")
+    if interval >= 1:
+        lines.append("turbulence: none, it needs samples less than 1 s apart")
+    else:
+        lines.append("turbulence: median of windows of ten minutes, noise included")
+    return lines
+
+
+def _start(clock: xr.DataArray) -> np.datetime64 | None:
+    """Return the date of the first sample; None without one."""
+    if " since " not in str(clock.attrs.get("units", "")):
+        return None
+    attributes = {key: clock.attrs[key] for key in ("units", "calendar") if key in clock.attrs}
+    first = xr.Dataset({"first": ("time", clock.values[:1], attributes)})
+    date = xr.decode_cf(first)["first"].values[0]
+    return date.astype("datetime64[us]") if isinstance(date, np.datetime64) else None
+
+
+def _latitude(dataset: xr.Dataset, flow: MeasuredFlow) -> float | None:
+    """Return the latitude of the record (degrees), if its file has it."""
+    for name, variable in dataset.variables.items():
+        if str(variable.attrs.get("standard_name", name)).lower() in ("latitude", "lat"):
+            return float(flow.select.get(str(name), np.nanmean(variable.values)))
+    return None
+
+
+def _tide(
+    record: FilledRecord, level: int, start: np.datetime64 | None, latitude: float | None
+) -> list[str]:
+    if record.time[-1] < TIDAL:
+        return ["tide: none, it needs a record of 15 days"]
+    try:
+        found = tide(record, level, start, latitude)
+    except ImportError:
+        return ["tide: not analysed, it needs utide (pip install 'crinoid[tide]')"]
+    phase = "first sample" if start is None else "Greenwich"
+    nodal = "" if start is not None and latitude is not None else ", without nodal corrections"
+    lines = [
+        f"tide: {len(found.names)} constituents explain {found.share:.1%} of the variance; "
+        f"semi-major axes, phase lags of {phase}{nodal}"
+    ]
+    table = zip(found.names, found.amplitude, found.phase, strict=True)
+    return lines + [f"  {n:5}{a:.3f} m/s {p:4.0f} deg" for n, a, p in list(table)[:_CONSTITUENTS]]

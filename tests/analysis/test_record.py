@@ -1,0 +1,276 @@
+"""A record of the sea by itself: its numbers against known answers, and `crinoid flow FILE`."""
+
+import csv
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from crinoid.analysis.record import (
+    histogram,
+    principal,
+    record_dataset,
+    record_spectrum,
+    record_statistics,
+    tide,
+    turbulence_intensity,
+)
+from crinoid.flow.waves import jonswap
+from crinoid.numerics.signals_and_systems import von_karman
+from crinoid.recording.series import FilledRecord
+from crinoid.scenario import Scenario
+from crinoid.view.figures import write_report
+from helpers.command import refused, succeeded
+from helpers.figures import assert_shows_something
+
+EARTH = ("east", "north", "up")
+
+
+def recorded(time, *parts, filled=(), levels=None):
+    """Return a record at one point, or with the same velocity at all levels."""
+    velocity = np.stack([np.broadcast_to(part, time.shape) for part in parts], axis=1)
+    count = 1 if levels is None else len(levels)
+    lacking = np.zeros((time.size, count), bool)
+    lacking[list(filled)] = True
+    velocity = np.repeat(velocity[:, None], count, axis=1)
+    heights = None if levels is None else np.array(levels)
+    return FilledRecord(time, heights, velocity, lacking, [])
+
+
+def random_series(density, time, frequency):
+    """Return a series of a spectral density at frequencies, with random phases."""
+    random = np.random.default_rng(2)
+    step = frequency[1] - frequency[0]
+    waves = np.sqrt(2 * density * step)
+    phases = random.uniform(0, 2 * np.pi, frequency.size)
+    return np.cos(2 * np.pi * np.outer(time, frequency) + phases) @ waves
+
+
+# --- numbers -----------------------------------------------------------------------------------
+
+
+def test_statistics_are_of_the_measured_values_alone():
+    time = np.arange(0.0, 1000.0)
+    swing = np.sin(2 * np.pi * time / 100)
+    holes = [*range(200, 210), *range(500, 530)]
+    east = np.where(np.isin(time, holes), 40.0, 0.5 + 0.3 * swing)  # as if filled badly
+    found = record_statistics(recorded(time, east, 0.0, 0.0, filled=holes), 0, EARTH)
+    measured = np.delete(east, holes)
+    assert found["mean east (m/s)"] == pytest.approx(measured.mean())
+    assert found["deviation east (m/s)"] == pytest.approx(measured.std())
+    assert found["largest speed (m/s)"] == pytest.approx(0.8)
+    assert found["median speed (m/s)"] == pytest.approx(np.median(measured))
+    assert (found["gaps"], found["longest gap (s)"]) == (2, 31.0)  # from 499 to 530 s
+    assert found["missing (%)"] == pytest.approx(4.0)
+    assert "turbulence intensity (%)" not in found  # samples are 1 s apart
+
+
+@pytest.mark.parametrize("towards", [30.0, 200.0])
+def test_the_principal_direction_is_that_of_the_ebb_and_flood(towards):
+    time = np.arange(0, 50 * 44714.0, 600.0)
+    along, across = 0.1 + np.sin(2 * np.pi * time / 44714.0), 0.2 * np.cos(time)
+    sine, cosine = np.sin(np.deg2rad(towards)), np.cos(np.deg2rad(towards))
+    record = recorded(time, along * sine + across * cosine, along * cosine - across * sine, 0.0)
+    found = record_statistics(record, 0, EARTH)
+    assert found["principal direction (deg)"] == pytest.approx(towards, abs=0.5)
+    expected = np.mean(along**2) / np.mean(along**2 + across**2)
+    assert found["mean square along it (%)"] == pytest.approx(100 * expected, abs=0.1)
+    # without a compass it counts from x towards y
+    found = record_statistics(record, 0, ("x", "y", "z"))
+    assert np.cos(np.deg2rad(found["principal direction (deg)"] + towards - 90)) > 0.999
+    assert principal(record.velocity[:, 0, ::2]) == (0.0, 1.0)  # the plane of an arm
+
+
+def test_the_turbulence_intensity_is_that_of_windows_of_ten_minutes():
+    time = np.arange(0, 2400, 0.5)
+    fast = 0.1 * np.sqrt(2) * np.sin(2 * np.pi * time / 10)
+    slow = 1.0 + 0.2 * (time // 600)  # a tide that is no turbulence
+    found = turbulence_intensity(recorded(time, 0.6 * (slow + fast), 0.8 * (slow + fast), 0.0), 0)
+    np.testing.assert_allclose(found, 0.1 / np.array([1.0, 1.2, 1.4, 1.6]), rtol=1e-6)
+    # a window with gaps is left out
+    found = turbulence_intensity(recorded(time, slow + fast, 0.0, filled=range(1300, 1400)), 0)
+    np.testing.assert_allclose(found, 0.1 / np.array([1.0, 1.4, 1.6]), rtol=1e-6)
+
+
+def test_a_histogram_adds_up_and_has_the_mean():
+    speed = np.repeat([0.05, 0.12, 0.31, 1.0], [10, 20, 40, 30])
+    centres, shares = histogram(speed)
+    np.testing.assert_allclose(np.diff(centres), 0.05)
+    assert shares.sum() == pytest.approx(1.0)
+    known = dict(zip(centres.round(3).tolist(), shares.tolist(), strict=True))
+    assert (known[0.075], known[0.125], known[0.325], known[1.025]) == (0.1, 0.2, 0.4, 0.3)
+    assert centres @ shares == pytest.approx(speed.mean(), abs=0.025)
+    assert histogram(np.zeros(5))[1].tolist() == [
+        1.0,
+        *[0.0] * (len(histogram(np.zeros(5))[1]) - 1),
+    ]
+
+
+def test_the_spectrum_has_the_period_and_the_variance_of_a_sine():
+    time = np.arange(0, 40_000, 10.0)
+    sine = 0.3 * np.sin(2 * np.pi * time / 500)
+    record = recorded(time, 0.6 * (1 + sine), 0.8 * (1 + sine), 0.0)
+    found, model, _ = record_spectrum(record, 0)
+    along = found.density[:, 0]
+    assert found.frequency[np.argmax(along)] == pytest.approx(1 / 500, rel=0.03)
+    assert along.sum() * found.frequency[0] == pytest.approx(0.3**2 / 2, rel=0.02)
+    assert found.density[:, 1:].max() < 1e-9 * along.max()
+    assert model is None  # slow
+
+
+def test_turbulence_has_the_model_of_von_karman_and_waves_that_of_a_sea():
+    time = np.arange(0, 1200, 0.25)
+    frequency = np.linspace(1 / 1200, 1.9, 2000)
+    eddies = random_series(von_karman(frequency, 0.1, 5.0, 1.0), time, frequency)
+    found, model, name = record_spectrum(recorded(time, 1.0 + eddies, 0.0), 0)
+    assert name.startswith("von Karman")
+    middle = (found.frequency > 0.05) & (found.frequency < 1.0)
+    ratio = found.density[middle, 0].sum() / model[middle].sum()
+    assert ratio == pytest.approx(1.0, abs=0.3)
+
+    band = frequency[frequency > 0.05]
+    sea = jonswap(band / 0.1, 3.3) * band**2 * np.exp(-2 * (2 * np.pi * band) ** 2 / 9.81 * 5.0)
+    sea *= 0.04 / (sea.sum() * (band[1] - band[0]))
+    swell = random_series(sea, time, band)
+    found, model, name = record_spectrum(recorded(time, 0.1 + swell, 0.0, levels=[-5.0]), 0)
+    assert name.startswith("JONSWAP")
+    assert found.frequency[np.argmax(model)] == pytest.approx(0.1, rel=0.15)
+    ratio = model[found.frequency > 0.15].sum() / found.density[found.frequency > 0.15, 0].sum()
+    assert ratio == pytest.approx(1.0, abs=0.4)
+
+
+M2, K1 = 12.4206012 * 3600, 23.93447213 * 3600
+
+
+@pytest.mark.parametrize("dated", [False, True])
+def test_the_tide_has_the_constituents_of_which_it_is_made(dated):
+    pytest.importorskip("utide", reason="needs utide")
+    time = np.arange(0, 30 * 86400, 300.0)
+    noise = 0.05 * np.random.default_rng(3).normal(size=time.size)
+    flood = 1.2 * np.cos(2 * np.pi * time / M2 - 1.0) + 0.3 * np.cos(2 * np.pi * time / K1 - 2.0)
+    record = recorded(time, 0.1 + 0.8 * flood, 0.6 * flood + noise, 0.0, filled=range(500, 700))
+    start = np.datetime64("2024-03-01") if dated else None
+    found = tide(record, 0, start, None)
+    assert found.names[:2] == ["M2", "K1"]
+    np.testing.assert_allclose(found.amplitude[:2], [1.2, 0.3], atol=0.01)
+    if not dated:  # lags of the first sample
+        np.testing.assert_allclose(found.phase[:2], np.rad2deg([1.0, 2.0]), atol=1.0)
+    variance = (0.8**2 + 0.6**2) * (1.2**2 + 0.3**2) / 2
+    # means of ten minutes halve the variance of noise that differs from sample to sample
+    assert found.share == pytest.approx(variance / (variance + 0.05**2 / 2), abs=1e-3)
+
+
+def test_a_profile_has_the_speed_of_each_level_in_order_of_height():
+    time = np.arange(0.0, 500.0)
+    record = recorded(time, 0.5, 0.0, levels=[-2.0, -4.0, -6.0])
+    record.velocity[:, :, 0] = 0.1 * np.arange(3) + time[:, None] / 500
+    data = record_dataset(record, 1, ("x", "z"))
+    assert data["height"].values.tolist() == [-6.0, -4.0, -2.0]
+    np.testing.assert_allclose(data["speed_mean"], np.array([0.2, 0.1, 0.0]) + 0.499)
+    np.testing.assert_allclose(data["speed_high"] - data["speed_low"], 0.9 * 499 / 500)
+    assert data.attrs["height"] == -4.0
+
+
+# --- the command -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time, depth = np.arange(0, 300, 0.5), np.array([2.0, 5.0, 9.0])
+    random = np.random.default_rng(0)
+    east = 0.5 - 0.02 * depth + 0.05 * random.normal(size=(time.size, 3))
+    east[40:45] = np.nan
+    unit = {"units": "m/s"}
+    known = {"standard_name": "eastward_sea_water_velocity"}
+    xr.Dataset(
+        {
+            "uo": (
+                ("time", "depth"),
+                east,
+                unit | known,
+            ),
+            "vo": (("time", "depth"), 0 * east + 0.1, unit),
+            "uo_qc": (("time", "depth"), np.ones(east.shape, np.int8)),
+            "temperature": ("time", 0 * time, {"units": "degree_C"}),
+        },
+        {
+            "time": ("time", time, {"units": "seconds since 2024-03-01"}),
+            "depth": ("depth", depth, {"units": "m", "positive": "down"}),
+        },
+    ).to_netcdf(tmp_path / "sea.nc")
+    rows = [f"{at:g},{0.3 + 0.1 * np.sin(at):.4f},0.0" for at in range(100)]
+    (tmp_path / "pier.csv").write_text("\n".join(["time (s),u (m/s),w (m/s)", *rows]))
+    return tmp_path
+
+
+def test_a_profile_is_summed_up_and_drawn(here):
+    written = succeeded("flow", "sea.nc")
+    for name, role in {
+        "uo": "east",
+        "vo": "north",
+        "uo_qc": "flag",
+        "temperature": "other",
+    }.items():
+        assert any(line.split()[:2] == [name, role] for line in written.splitlines())
+    assert "299.5 s from 2024-03-01T00:00:00, 600 samples each 0.5 s (2 Hz)" in written
+    assert "levels z (m): -9, -5, -2" in written
+    assert "z = -9 m" in written
+    assert "tide: none, it needs a record of 15 days" in written
+    folder = here / "results" / "sea-flow"
+    files = ["histogram.csv", "record.nc", "record.png"]
+    assert sorted(path.name for path in folder.iterdir()) == files
+    assert_shows_something(folder / "record.png")
+    assert [path.name for path in write_report(folder)] == ["record.png"]
+    with xr.open_dataset(folder / "record.nc", decode_times=False) as data:
+        assert all(data[name].attrs["units"] for name in data.data_vars)
+        assert "model_spectrum" in data
+        assert "missing" in data.attrs["notes"]
+    with (folder / "histogram.csv").open() as stream:
+        table = [[float(cell) for cell in row] for row in list(csv.reader(stream))[1:]]
+    assert np.sum(table, axis=0)[1] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_the_printed_table_plays_the_record(here):
+    written = succeeded("flow", "sea.nc", "--set", "flow.0.heading_deg=40")
+    table = written[written.index("[[flow]]") :].partition("\n\n")[0]
+    text = f"{table}\n[simulation]\nduration = 1.0\n"
+    (flow,) = Scenario.from_toml(text).flow
+    assert (flow.vertical, flow.heading_deg) == ("depth", 40.0)
+    (here / "mine.toml").write_text(text)
+    assert "flow.0: sea.nc, 299.5 s at 2 Hz" in succeeded("flow", "mine.toml")
+
+
+def test_a_table_of_one_point_is_summed_up_without_turbulence(here):
+    written = succeeded("flow", "pier.csv", "--out", "out")
+    assert "turbulence: none, it needs samples less than 1 s apart" in written
+    assert "levels" not in written
+    assert (here / "out" / "record.png").exists()
+
+
+def test_a_spreadsheet_of_speeds_and_directions_is_summed_up(here):
+    rows = [f"01.03.2024 06:{10 * k:02d};1,{k};90" for k in range(5)]
+    (here / "buoy.csv").write_text("\n".join(["time;speed (kn);direction (deg)", *rows]))
+    written = succeeded("flow", "buoy.csv")
+    assert "2400 s from 2024-03-01T06:00:00, 5 samples each 600 s" in written
+    assert re.search(rf"mean east \(m/s\) +│ {1.2 * 1852 / 3600:.3f}", written)
+    table = written[written.index("[[flow]]") :].partition("\n\n")[0]
+    assert 'speed = "speed"' in table
+    played = Scenario.from_toml(f"{table}\n[simulation]\nduration = 1.0\n")
+    assert Scenario.from_toml(played.to_toml()) == played
+
+
+def test_wrong_options_and_files_of_others_get_one_line(here):
+    line = refused("flow", "pier.csv", "--set", "arm.length=0.5")
+    assert line.startswith(
+        'crinoid: --set: got "arm.length=0.5"; must be water.depth or, of flow.0'
+    )
+    assert refused("flow", "pier.csv", "--set", "flow.0.skip=3").startswith("crinoid: --set: got")
+    (here / "out").mkdir()
+    (here / "out" / "histogram.csv").write_text("mine")
+    line = refused("flow", "pier.csv", "--out", "out")
+    assert line.startswith("crinoid: --out: out/histogram.csv was not written by crinoid")
+    assert [path.name for path in (here / "out").iterdir()] == ["histogram.csv"]
+    for again in (("--force",), ()):
+        succeeded("flow", "pier.csv", "--out", "out", *again)
