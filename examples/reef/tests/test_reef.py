@@ -97,6 +97,19 @@ def test_the_thrust_follows_with_its_lag():
     assert float(thruster.inputs[0].upper) == 0.5
 
 
+def test_the_log_of_the_meter_is_played(tmp_path):
+    log = tmp_path / "meter.csv"
+    log.write_text("REEF METER 7\n" + "".join(f"{k} 20.0 5.0 {k}\n" for k in range(30)))
+    scenario = crinoid.Scenario(
+        arm={"nodes": 3},
+        flow=[{"kind": "measured", "file": str(log), "phase_speed": 1e6}],
+        simulation={"duration": 5.0},
+    )
+    water = crinoid.system(scenario).forces.water
+    found = water.current(jnp.array([0.0, -10.0]), jnp.array(4.0)).velocity
+    np.testing.assert_allclose(found, [0.2, 0.04], atol=1e-6)
+
+
 def test_the_controller_reaches_target_and_range(result):
     data = result.dataset
     assert result.status == "ok"

@@ -84,7 +84,7 @@ def in_turn(runs: Sequence[Callable[[], Any]], repeats: int) -> Float[np.ndarray
 
 
 def over_seeds(scenario: Scenario, seeds: int, take: Callable[[Result], Any]) -> list[Any]:
-    """Return what is taken of the run with each seed; raise `RuntimeError` if one fails."""
+    """Return a measure of the run with each seed; raise `RuntimeError` if one fails."""
     arms = run_batch([scenario.with_values({"seed": seed}) for seed in range(seeds)], take)
     found = [arm.taken for arm in arms if arm.taken is not None]
     if len(found) < seeds:

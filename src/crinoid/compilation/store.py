@@ -23,10 +23,10 @@ import filelock
 import jax
 import jaxlib
 import numpy as np
-import platformdirs
 
 from crinoid.foundation import version
 from crinoid.foundation.atomic_file import atomic_write
+from crinoid.foundation.cache_folder import cache_folder
 
 _IMPORT_TIME = time.time()
 _SOURCE = Path(__file__).parents[1]
@@ -265,7 +265,7 @@ def keep_programs() -> None:
     crinoid: do not use this in a process that changes crinoid's functions or constants.
     """
     chosen = jax.config.values["jax_compilation_cache_dir"]
-    own = Path(chosen) / "crinoid" if chosen else platformdirs.user_cache_path("crinoid")
+    own = cache_folder(chosen)
     kept = jax.config.values["jax_enable_compilation_cache"]
     STORE.set(Store(own / "programs") if kept else None)
     if kept and not chosen:  # for programs that depend on classes of the user

@@ -89,6 +89,12 @@ def seconds(
             instants = dates.tz_localize(None).to_numpy().astype("datetime64[us]")
             variable = variable.copy(data=instants.astype(np.int64))
             variable.attrs = {"units": "microseconds since 1970-01-01"}
+    if variable.dtype.kind == "M":  # dates that a reader has already decoded
+        if variable.isnull().any():
+            raise refusal(key, f"{name} has an entry without a date", "contain a date in each")
+        instants = variable.values.astype("datetime64[ns]")
+        variable = variable.copy(data=instants.astype(np.int64))
+        variable.attrs = {"units": "nanoseconds since 1970-01-01"}
     values = finite_numbers(variable, key, "increasing numbers or ISO dates")
     if not variable.attrs.get("units"):
         parts = bool((np.diff(values) < 1).any())

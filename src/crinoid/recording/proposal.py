@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import cf_xarray  # noqa: F401  # the accessor `cf` of datasets
@@ -70,19 +70,18 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
     fit = [str(n) for n in dataset.variables if n not in bounds and _fits(dataset[n])]
     small = {re.sub(r"[- ]+", "_", name.strip().lower()): name for name in fit}
     small |= {name: name for name in fit}
-    found, clock = dict[str, str](), set[Hashable]()
+    found: dict[str, str] = {}
     for role, names in _NAMES.items():
         standard = [
             str(each) for name in _STANDARD[role] for each in known.get(name, ()) if each in fit
         ]
         usual = [small[name] for name in (*names, *_STANDARD[role]) if name in small]
-        if candidates := [*standard, *usual]:
+        candidates = [*standard, *usual]
+        if role == "level" and "time" in found:  # the depth of an instrument is over time alone
+            clock = set(dataset[found["time"]].dims)
+            candidates = [n for n in candidates if set(dataset[n].dims) - clock] or candidates
+        if candidates:
             found[role] = candidates[0]
-            if role == "time":
-                clock = set(dataset[found[role]].dims)
-            elif role == "level":  # the depth of an instrument has no dimension but time
-                cells = (name for name in candidates if set(dataset[name].dims) - clock)
-                found[role] = next(cells, found[role])
     if found.get("east", "").lower() != "e" and found.get("north", "").lower() == "n":
         del found["north"]  # a count
     axes = dataset.cf.coordinates | dataset.cf.axes

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
 import xarray as xr
 
-from crinoid.recording import instruments, netcdf, table
+from crinoid.recording import binaries, instruments, netcdf, table
 from crinoid.recording.texts import reason_of, short
 from crinoid.scenario.errors import ScenarioError, refusal, shown
-from crinoid.scenario.kinds import installed
+from crinoid.scenario.kinds import installed, package_of
 
 _HEAD = 1 << 16
 
@@ -35,14 +34,18 @@ class Reader(Protocol):
         ...
 
 
-def _readers() -> Iterator[Reader]:
+def _chosen(file: str, head: bytes) -> tuple[Reader, str]:
+    """Return the first reader of a file, and its name if it comes from another package."""
     for name, entry in installed("readers").items():
+        owner = f"the reader {name} of the installed package {package_of(entry)}"
         try:
-            yield entry.load()
+            reader: Reader = entry.load()
+            if reader.reads(file, head):
+                return reader, owner
         except Exception as error:  # any fault of the package
-            text = f"the reader {name} of an installed package fails: {reason_of(error)}"
-            raise refusal("file", text) from error
-    yield from (instruments, table, netcdf)
+            raise refusal("file", f"{owner} fails: {reason_of(error)}") from error
+    own = (instruments, binaries, table, netcdf)
+    return next(each for each in own if each.reads(file, head)), ""
 
 
 def read_dataset(file: str) -> xr.Dataset:
@@ -70,11 +73,16 @@ def read_dataset(file: str) -> xr.Dataset:
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "no regular file"
         raise refusal("file", f"{short(file)} is {kind}", "be a CSV or netCDF file")
-    reader = next(each for each in _readers() if each.reads(file, head))
+    reader, owner = _chosen(file, head)
     try:
-        return reader.read(file)
+        dataset = reader.read(file)
     except ScenarioError:
         raise
     except Exception as error:  # libraries raise anything on a damaged file
-        text = f"{short(file)} is broken or of an unknown format ({reason_of(error)})"
-        raise refusal("file", text) from error
+        damaged = f"{short(file)} is broken or of an unknown format"
+        text = f"{owner} cannot read {short(file)}" if owner else damaged
+        raise refusal("file", f"{text} ({reason_of(error)})") from error
+    if not isinstance(dataset, xr.Dataset):
+        text = f"{owner} returns {type(dataset).__name__}"
+        raise refusal("file", text, "return an xarray.Dataset")
+    return dataset

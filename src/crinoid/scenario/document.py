@@ -9,8 +9,9 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
+from crinoid.scenario.dataset_file import as_file
 from crinoid.scenario.errors import ScenarioError, got, shown
 from crinoid.scenario.quantity import Quantity
 
@@ -24,6 +25,7 @@ FileName = Annotated[
 File = Annotated[FileName, Quantity(takes="the path of a CSV or netCDF file")]
 RecordFile = Annotated[
     File,
+    BeforeValidator(as_file),
     Field(
         description="CSV or netCDF file; a relative path starts from the scenario file, with "
         "--set and in Python from the working directory."

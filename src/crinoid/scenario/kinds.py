@@ -113,9 +113,13 @@ def installed_table(group: str, kind: str, base: type[Model]) -> type[Any]:
     return table
 
 
+def package_of(entry: EntryPoint) -> str:
+    """Return the name of the package that an entry point comes from."""
+    return entry.dist.name if entry.dist is not None else entry.value
+
+
 def _broken(entry: EntryPoint, why: str) -> ScenarioError:
-    package = entry.dist.name if entry.dist is not None else entry.value
-    hint = f"The installed package {package} fails: {' '.join(why.split())}"
+    hint = f"The installed package {package_of(entry)} fails: {' '.join(why.split())}"
     return ScenarioError([Mistake("kind", got(entry.name, "be a kind that can be loaded", hint))])
 
 

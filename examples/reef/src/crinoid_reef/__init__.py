@@ -1,1 +1,1 @@
-"""A load, a current, a sensor, an actuator and a controller for crinoid."""
+"""A load, a current, a sensor, an actuator, a controller and a reader for crinoid."""

@@ -1,0 +1,57 @@
+"""Datasets in place of files: each is written once, and the scenario names that file."""
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+from crinoid.foundation.atomic_file import atomic_write
+from crinoid.scenario.errors import ScenarioError, mistake_text
+
+_DIGITS = 32
+"""Digits of a digest in the name of a file."""
+
+
+def as_file(value: Any) -> Any:
+    """Return the path of a netCDF file with the content of an ``xarray.Dataset``.
+
+    The file is in crinoid's cache folder, under a name made from its content. Another value is
+    returned as it is.
+
+    Raises
+    ------
+    ScenarioError
+        If the dataset cannot be written.
+    """
+    if not hasattr(value, "to_netcdf"):
+        return value
+    try:
+        content = bytes(_writable(value).to_netcdf(engine="netcdf4"))
+    except Exception as error:  # libraries raise anything
+        text = f"the dataset cannot be written as netCDF ({' '.join(str(error).split())[:200]})"
+        raise ScenarioError.of("", mistake_text(text, "be one that to_netcdf accepts")) from error
+    try:
+        return str(_stored(content))
+    except OSError as error:
+        raise ScenarioError.of("", f"the dataset cannot be written: {error}") from error
+
+
+def _stored(content: bytes) -> Path:
+    from crinoid.foundation.cache_folder import cache_folder  # only here: few scenarios need it
+
+    folder = cache_folder(os.environ.get("JAX_COMPILATION_CACHE_DIR")) / "records"
+    path = folder / f"{hashlib.sha256(content).hexdigest()[:_DIGITS]}.nc"
+    if not path.exists():
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with atomic_write(path) as temporary:
+            temporary.write_bytes(content)
+    return path
+
+
+def _writable(dataset: Any) -> Any:
+    """Return a dataset whose dates have no attribute ``units``, as mhkit's have: it has no file."""
+    copied = dataset.copy()
+    for variable in copied.variables.values():
+        if variable.dtype.kind == "M":
+            variable.attrs.pop("units", None)
+    return copied
