@@ -291,7 +291,8 @@ def test_recorded_commands_move_the_arm_as_they_did(tmp_path):
 def test_a_table_of_motion_and_commands_is_read(tmp_path):
     inputs = Prepared(SHAKEN).system.inputs
     (tmp_path / "a.csv").write_text(
-        "time (ms);z (cm);tilt (deg);lift\n-20;1;0;0\n0;2;0;0\n20;3;90;0,5\n40;;90;0,5\n60;5;0;0\n"
+        "time (ms);z (cm);tilt (deg);lift;lfit\n"
+        "-20;1;0;0;7\n0;2;0;0;7\n20;3;90;0,5;7\n40;;90;0,5;7\n60;5;0;0;7\n"
     )
     record = read_record(tmp_path / "a.csv", SHAKEN, inputs)
     assert record.names == ("z",)
@@ -303,6 +304,7 @@ def test_a_table_of_motion_and_commands_is_read(tmp_path):
     np.testing.assert_allclose(at, [np.pi / 2, 0.5])
     assert any("before the start" in note for note in record.notes)
     assert any("1 of 5 rows" in note for note in record.notes)
+    assert "not read: lfit" in record.notes
 
 
 MISTAKEN_KEYS = {

@@ -167,6 +167,9 @@ def _of_table(
         commands = Commands(times, of_inputs)
     names = tuple(column.name for column in measured)
     notes = tuple(dict.fromkeys(note for each in (*motions, *parts) for note in each.notes))
+    read_ones = {MARKER, str(first.name), *names, *(column.name for column in played)}
+    if others := [name for name in there if name not in read_ones]:
+        notes += (f"not read: {listed(others)}",)
     return _after_start(
         ExperimentRecord(time[order], names, values, commands, notes, markers, of_row)
     )
