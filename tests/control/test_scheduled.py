@@ -18,7 +18,10 @@ SHORT = ("arm.nodes=9", "control.compare=false", 'control.kind="mpc"')
 SCHEDULED = 'control.mpc.model="scheduled"'
 CALM = "flow.0.intensity=1e-4"
 FAR = ("base.tilt_deg=-20", "target.radius=0.25", "base.channels.slide.range=[-0.7, 0.7]")
-FAR_IN_SPACE = ("target.radius=0.2", "base.channels.pan.range_deg=[-90, 90]")
+FAR_IN_SPACE = (
+    *("target.radius=0.2", "base.channels.pan.range_deg=[-90, 90]"),
+    "water.vortices.model=none",  # at rest the arm stays where it is
+)
 
 
 def loop_of(name: str, *settings: str):

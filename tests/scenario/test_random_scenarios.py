@@ -13,6 +13,7 @@ from helpers.random_scenarios import drawn, kinds, traits
 def test_any_scenario_reads_back_as_it_was_written():
     # every kind of motion with every channel would need some 1000 scenarios
     wanted, seen = {kind for kind in kinds() if ".channel " not in kind}, set()
+    wanted.remove("water.vortices.model none")  # it leaves the table out
     for seed in range(1000):
         if seed >= 80 and wanted <= seen:
             break

@@ -38,5 +38,5 @@ def test_a_circle_is_traced_in_water_that_sheds_vortices():
 def test_a_submarine_rides_in_a_swell_and_its_arm_holds_the_tip():
     result = crinoid.simulate(crinoid.load("floating-3d"))
     moved = result.uncontrolled.dataset["tip_position"].sel(time=slice(5.0, None))
-    assert np.ptp(moved.sel(axis="y")) > 0.3  # it rides along
+    assert np.ptp(moved.sel(axis="y").values) > 0.3  # it rides along
     assert tip_error(result).rms < 0.15 * tip_error(result.uncontrolled).rms

@@ -107,7 +107,7 @@ def turbulence_intensity(record: FilledRecord, level: int) -> Float[np.ndarray, 
 
 def _windows(
     velocity: Velocity, filled: Filled, interval: float
-) -> Float[np.ndarray, "window time component"]:
+) -> Float[np.ndarray, "window sample component"]:
     """Return the ten minutes of a fast record with few gaps, or all; a slow record as a whole."""
     length = len(velocity)
     if interval < _TURBULENT:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import stat
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import xarray as xr
 
@@ -22,6 +22,7 @@ from crinoid.scenario.kinds import installed, package_of
 _HEAD = 1 << 16
 
 
+@runtime_checkable
 class Reader(Protocol):
     """Reader of one format."""
 

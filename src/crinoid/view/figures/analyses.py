@@ -97,12 +97,13 @@ def draw_series(flow: xr.Dataset) -> Figure:
 
 
 Spectrum = Float[np.ndarray, "frequency ..."]
+Banded = Float[np.ndarray, "band ..."]
 _STEADY = 1e-14  # m2/s: round-off of a spectral density
 _DECADES = 5
 _BANDS = 8  # a decade: each is wide enough for several modes of random turbulence
 
 
-def banded(frequency: Spectrum, density: Spectrum) -> tuple[Spectrum, Spectrum]:
+def banded(frequency: Spectrum, density: Spectrum) -> tuple[Banded, Banded]:
     """Return means of frequencies and densities over bands of equal width on a logarithmic axis."""
     band = np.floor(_BANDS * np.log10(frequency / frequency[0]) + 1e-9)
     starts = np.flatnonzero(np.diff(band, prepend=-1.0))
