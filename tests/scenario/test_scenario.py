@@ -405,6 +405,25 @@ def test_defaults_follow_the_dimension():
         Scenario.from_toml(longer.to_toml()).with_values(back)
 
 
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        ({"speed": "s"}, "flow.0.direction: missing; must name a variable: a speed needs a direc"),
+        ({"direction": "d"}, "flow.0.speed: missing; must name a variable"),
+        ({"speed": "s", "direction": "d"}, "flow.0.heading_deg: missing; must be the compass"),
+        (
+            {"speed": "s", "direction": "d", "heading_deg": 90.0, "velocity": ["a", "b", "c"]},
+            'flow.0.velocity: got ["a", "b", "c"]; must be left out with speed',
+        ),
+        ({"direction_is": "from"}, 'flow.0.direction_is: got "from"; must be left out without'),
+    ],
+)
+def test_a_speed_needs_a_direction_and_a_heading(keys, line):
+    with pytest.raises(ScenarioError) as refused:
+        Scenario(flow=[{"kind": "measured", "file": "a.csv", **keys}])
+    assert refused.value.lines[0].startswith(line)
+
+
 def test_values_of_the_caller_stay_as_they_are():
     values = {"flow": [{"kind": "uniform", "velocity": [0.1, 0.0]}], "flow.0.velocity": [0.3, 0.0]}
     assert Scenario().with_values(values).flow[0].velocity == (0.3, 0.0)

@@ -12,7 +12,7 @@ from crinoid.scenario import Scenario, load
 _NEAR, _TRACED, _REACHED, _GENTLE = 0.01, 0.02, 3.0, 0.5
 """Largest error over the length, RMS error over a radius, time to a target (s), and force (N)."""
 _HOLD, _TOUCH = (6.0, 11.0), (11.0, 17.5)
-"""Times of `sampling` in which the tip takes up a load, and may touch (s)."""
+"""Times of `sampling` in which the tip lifts a load, and in which it may touch (s)."""
 
 
 class Score(NamedTuple):
@@ -35,7 +35,7 @@ def _trace(data: xr.Dataset, scenario: Scenario) -> Scores:
 
 def _reach(data: xr.Dataset, scenario: Scenario) -> Scores:
     time, error = data["time"].values, data["tip_error"].values
-    # the path stands still in between: it sets off for a target, and for the next one
+    # the path rests in between: it leaves for a target, and for the next one
     given = np.array(scenario.target.time)[1:-1:2]
     longest = 0.0
     for begin, leave in zip(given, [*given[1:], np.inf], strict=True):

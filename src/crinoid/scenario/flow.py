@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import AfterValidator, Field
 
 from crinoid.scenario.document import RecordFile
-from crinoid.scenario.errors import Mistake
+from crinoid.scenario.errors import Mistake, missing
 from crinoid.scenario.flow_table import FlowTable as FlowTable
 from crinoid.scenario.kinds import KindOf, part
 from crinoid.scenario.model import entry
@@ -145,14 +145,15 @@ class MeasuredFlow(FlowTable):
     def _conflicts(self) -> Iterator[Mistake]:
         if (self.speed is None) != (self.direction is None):
             lacking = "direction" if self.direction is None else "speed"
-            yield self.mistake(lacking, "name a variable, as speed and direction go together")
+            yield Mistake(lacking, missing("name a variable: a speed needs a direction"))
         if self.speed is not None:
             if self.velocity not in _DEFAULT_VELOCITY:
                 hint = "Speed and direction are the velocity."
                 yield self.mistake("velocity", "be left out with speed", hint)
             if self.heading_deg is None:
                 hint = "90 for x toward the east."
-                yield self.mistake("heading_deg", "be the compass heading of x (deg)", hint)
+                must = "be the compass heading of x (deg)"
+                yield Mistake("heading_deg", missing(must, hint))
         elif self.direction_is is not None:
             yield self.mistake("direction_is", "be left out without direction")
         elif all(component is None for component in self.components):

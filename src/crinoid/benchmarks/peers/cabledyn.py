@@ -55,7 +55,7 @@ deck bodyIC
 
 
 def _prepare(release: Release, nodes: int, time_step: float) -> Swing:
-    """Return a run by the driver, less what a run of one step takes: start and statics."""
+    """Return a run by the driver without start and statics, which a run of one step measures."""
     driver = cabledyn.CableDynDriver()
     numbers = release.numbers(nodes, time_step)
     # its statics refuse a line without weight that is not taut
