@@ -1,7 +1,6 @@
 """A look at a record of the sea, without a scenario: its variables, numbers, tide and figure."""
 
 import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from crinoid.cli.folder import check_own
 from crinoid.foundation.axes import AXES
 from crinoid.recording import propose, read_dataset
 from crinoid.recording.axes import find
+from crinoid.recording.numbers import FLAG
 from crinoid.recording.selection import read_selection
 from crinoid.recording.series import FilledRecord
 from crinoid.results.dataset import describe
@@ -44,7 +44,6 @@ _READING = (
     *("time", "vertical", "origin", "heading_deg", "select"),
 )
 """Keys of a measured flow that say how its file is read."""
-_FLAG = re.compile(r".*(_qc|_qc_agg|_flags?)", re.IGNORECASE)
 _PLAIN = Unit(1.0, "")
 _CONSTITUENTS = 6
 """Constituents that are listed at most."""
@@ -120,7 +119,7 @@ def _variables(dataset: xr.Dataset, flow: MeasuredFlow) -> Table:
             roles.setdefault(find(dataset, component.name, role, flow.file), []).append(role)
     rows = []
     for name, variable in dataset.variables.items():
-        flag = "flag_meanings" in variable.attrs or _FLAG.fullmatch(str(name)) is not None
+        flag = "flag_meanings" in variable.attrs or FLAG.fullmatch(str(name)) is not None
         dims = ", ".join(f"{each} {size}" for each, size in variable.sizes.items())
         role = ", ".join(roles.get(str(name), [])) or ("flag" if flag else "other")
         rows.append((str(name), role, str(variable.attrs.get("units", "")), dims))

@@ -15,9 +15,9 @@ from crinoid.actuation import Input
 from crinoid.foundation.axes import AXES, POSE
 from crinoid.inverse.marker import TIP, Marker
 from crinoid.recording.axes import find
-from crinoid.recording.numbers import labels_of
+from crinoid.recording.numbers import Column, labels_of
 from crinoid.recording.readers import read_dataset
-from crinoid.recording.series import Column, Series, read_series, values_in
+from crinoid.recording.series import Series, read_series, values_in
 from crinoid.recording.texts import listed
 from crinoid.recording.units import angle_factor, length_factor
 from crinoid.results.result import RESULT, Result, ResultError, attributes

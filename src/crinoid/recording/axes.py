@@ -12,13 +12,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from crinoid.recording.numbers import (
-    MAX_VALUES,
-    factor_to,
-    finite_numbers,
-    labels_of,
-    numbers_of,
-)
+from crinoid.recording.numbers import check_count, factor_to, finite_numbers, labels_of, numbers_of
 from crinoid.recording.texts import listed, reason_of, short
 from crinoid.recording.units import length_factor, time_factor
 from crinoid.scenario.errors import counted, got, missing, refusal, shown
@@ -32,15 +26,14 @@ _DEPTH = re.compile(r"dep(h|th|tht|thu|thv|thw)?([^a-z].*)?|.*depth.*", re.I)
 """Names of a variable that counts downward from the surface."""
 _ABOVE_BED = re.compile(r"height|hab|mab|above|range", re.I)
 """Names of a height above the bed."""
-_FROM_SURFACE = {
-    *("altitude", "elevation", "height_above_mean_sea_level", "height_above_geoid"),
-    "height_above_geopotential_datum",
-}
+_FROM_SURFACE = re.compile(
+    r"altitude|elevation|height_above_(mean_sea_level|geoid|geopotential_datum)", re.I
+)
 """Names and standard names of a height above the surface at rest."""
 _HEIGHT = "height of levels by crinoid"
 _TERMS = {"depth": "sea_floor_depth_below_geoid", "eta": "sea_surface_height_above_geoid"}
 """Standard names of terms of a formula, which the library needs and few files have."""
-_DAYS, _SHEET_DAYS, _MILLISECONDS = (6e5, 9e5), (3e4, 6e4), 1e11
+_DATES = {"days": ((6e5, 9e5), (3e4, 6e4)), "ms": ((1e11, np.inf),)}
 """Numbers without a unit that look like days of MATLAB or of a spreadsheet, or like milliseconds
 since 1970."""
 _CALENDAR = re.compile(r"(19|20)\d\d(0[1-9]|1[0-2])([0-2]\d|3[01])(\d{4}){0,2}")
@@ -75,6 +68,20 @@ def only_dimension(variable: xr.DataArray, key: str) -> str:
     return str(variable.dims[0])
 
 
+def as_numbers(clock: xr.DataArray, key: str = "time") -> xr.DataArray:
+    """Return times as numbers, where they are dates of a reader, or texts in a netCDF file."""
+    if clock.dtype.kind not in "OSUM" or "odd" in clock.attrs:
+        return clock
+    dates = clock.values if clock.dtype.kind == "M" else labels_of(clock)
+    instants = pd.to_datetime(dates, format="ISO8601", errors="coerce", utc=True)
+    if instants.isna().any():
+        text = f"{clock.name} has an entry without a date"
+        raise refusal(key, text, "contain a date in each")
+    numbers = clock.copy(data=instants.as_unit("us").asi8)
+    numbers.attrs = {"units": "microseconds since 1970-01-01"}
+    return numbers
+
+
 def seconds(
     variable: xr.DataArray, remarks: list[str], *, key: str = "time"
 ) -> Float[np.ndarray, " time"]:
@@ -83,33 +90,15 @@ def seconds(
     if variable.size < 2:
         text = f"{name} contains {counted(variable.size, 'instant')}"
         raise refusal(key, text, "contain at least 2")
-    if variable.dtype.kind in "OSU" and "odd" not in variable.attrs:  # texts in a netCDF file
-        dates = pd.to_datetime(labels_of(variable), format="ISO8601", errors="coerce", utc=True)
-        if dates.notna().all():
-            instants = dates.tz_localize(None).to_numpy().astype("datetime64[us]")
-            variable = variable.copy(data=instants.astype(np.int64))
-            variable.attrs = {"units": "microseconds since 1970-01-01"}
-    if variable.dtype.kind == "M":  # dates that a reader has already decoded
-        if variable.isnull().any():
-            raise refusal(key, f"{name} has an entry without a date", "contain a date in each")
-        instants = variable.values.astype("datetime64[ns]")
-        variable = variable.copy(data=instants.astype(np.int64))
-        variable.attrs = {"units": "nanoseconds since 1970-01-01"}
+    variable = as_numbers(variable, key)
     values = finite_numbers(variable, key, "increasing numbers or ISO dates")
     if not variable.attrs.get("units"):
-        parts = bool((np.diff(values) < 1).any())
-        days = [low < values[0] < high and parts for low, high in (_DAYS, _SHEET_DAYS)]
-        if all(_CALENDAR.fullmatch(f"{value:.0f}") for value in values[[0, -1]]):
-            text = f"{name} names no unit and {values[0]:.0f} looks like a date"
-            raise refusal(key, text, "contain ISO dates such as 2024-03-01T06:00")
-        kinds = {"days": any(days), "ms": values[0] > _MILLISECONDS}
-        for unit in [unit for unit, alike in kinds.items() if alike]:
-            text = f"{name} names no unit and begins at {values[0]:.12g}, as of a date in {unit}"
-            raise refusal(key, text, "name its unit", f"Call it {name} ({unit}), or write dates.")
+        _refuse_dates(values, str(name), key)
     factor = factor_to(variable, time_factor, key, "seconds", remarks)
     # whole numbers stay whole up to here: nanoseconds since 1970 have more digits than floats
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         time = (values - values[0]).astype(float) * factor
+        steps = np.diff(time)
     # compared before the subtraction, in which unsigned ones would wrap round
     late = np.flatnonzero(~(values[1:] > values[:-1]))
     if late.size:
@@ -118,20 +107,29 @@ def seconds(
         levels = word == "repeats" and key == "time"
         hint = "Name the levels in vertical if rows are at several." if levels else ""
         raise refusal(key, f"{name} {word} at entry {after}", "increase", hint)
-    with np.errstate(invalid="ignore"):
-        steps = np.diff(time)
+    usual, error = np.median(steps), 0.0
     if values.dtype == np.float32:
-        error, usual = float(np.spacing(np.abs(values).max())) * factor / 2, np.median(steps)
-        if error > _COARSE * usual:
-            text = (
-                f"{name} is in single precision, right to {error:.3g} s in steps of {usual:.3g} s"
-            )
-            raise refusal(key, text, "be in double precision")
+        error = float(np.spacing(np.abs(values).max())) * factor / 2
+    if error > _COARSE * usual:
+        text = f"{name} is in single precision, right to {error:.3g} s in steps of {usual:.3g} s"
+        raise refusal(key, text, "be in double precision")
     low, high = INTERVALS
     if not (steps.min() >= low and steps.max() <= high):
         text = f"{name} has steps of {steps.min():.3g} to {steps.max():.3g} s"
         raise refusal(key, text, f"have steps of {low:g} to {high:g} s")
     return time
+
+
+def _refuse_dates(values: np.ndarray, name: str, key: str) -> None:
+    """Refuse times without a unit that look like dates."""
+    text = f"{name} names no unit and begins at {values[0]:.12g}, as of a date"
+    if all(_CALENDAR.fullmatch(f"{value:.0f}") for value in values[[0, -1]]):
+        raise refusal(key, text, "contain ISO dates such as 2024-03-01T06:00")
+    for unit, ranges in _DATES.items():
+        alike = any(low < values[0] < high for low, high in ranges)
+        if alike and (unit == "ms" or (np.diff(values) < 1).any()):
+            hint = f"Call it {name} ({unit}), or write dates."
+            raise refusal(key, f"{text} in {unit}", "name its unit", hint)
 
 
 def counts_down(level: xr.DataArray) -> bool:
@@ -140,9 +138,8 @@ def counts_down(level: xr.DataArray) -> bool:
     standard = str(level.attrs.get("standard_name", ""))
     if positive in ("up", "down"):
         return positive == "down"
-    return standard.startswith("depth") or (
-        not standard and bool(_DEPTH.fullmatch(str(level.name)))
-    )
+    named = not standard and _DEPTH.fullmatch(str(level.name))
+    return bool(named) or standard.startswith("depth")
 
 
 def heights(
@@ -153,27 +150,24 @@ def heights(
     A depth counts downward from the surface, an elevation upward from it, another height from the
     bed; each counts from ``origin`` where it is given. A minus sign in its name turns it round.
     """
-    name = level.name
+    name, standard = str(level.name), str(level.attrs.get("standard_name", ""))
     must = "heights or depths (m)"
     if level.ndim == 1:
         values = finite_numbers(level, "vertical", must).astype(float)
     else:  # a level that is missing at times has its mean
-        values = numbers_of(level, "vertical", must).astype(float)
-        values = np.where(np.isfinite(values), values, np.nan)
-        there = np.isfinite(values).any(axis=0)
-        if not there.all():
-            raise refusal("vertical", f"{name} has a level without any value", f"contain {must}")
-        values = np.where(np.isnan(values), np.nanmean(values, axis=0), values)
+        moving = level.copy(data=numbers_of(level, "vertical", must).astype(float))
+        moving = moving.where(np.isfinite(moving))
+        values = finite_numbers(moving.fillna(moving.mean(str(level.dims[0]))), "vertical", must)
     down = counts_down(level)
     if down and not level.attrs and values.max(initial=-1.0) <= 0 and values.size > 1:
         remarks.append(f"{name} is negative and is taken as a height above the surface")
         down = False
     if origin is None:
-        named = {str(name).lower(), str(level.attrs.get("standard_name", ""))} & _FROM_SURFACE
-        above = bool(named) or (sign > 0 and values.min(initial=0.0) < 0)
+        above = any(map(_FROM_SURFACE.fullmatch, (name, standard)))
+        above = above or (sign > 0 and values.min(initial=0.0) < 0)
         origin = 0.0 if down or above else bed
-        up = level.attrs.get("positive") or level.attrs.get("standard_name") or sign < 0
-        if not (down or above or up or _ABOVE_BED.search(str(name))):
+        up = level.attrs.get("positive") or standard or sign < 0
+        if not (down or above or up or _ABOVE_BED.search(name)):
             remarks.append(f"{name} is taken as a height above the bed: see origin and vertical")
     if origin is None:
         must = f"be the height z from which {name} counts (m)"
@@ -183,22 +177,18 @@ def heights(
     if np.abs(z).max(initial=0.0) > _FARTHEST:
         text = f"{name} reaches {np.abs(z).max():.6g} m"
         raise refusal("vertical", text, f"reach at most {_FARTHEST:g} m")
-    gap = np.diff(np.sort(z, axis=-1), axis=-1).min(initial=np.inf)
-    if gap == 0:
-        raise refusal("vertical", f"{name} contains a level twice", "have different levels")
-    if gap < _THINNEST:
-        text = f"{name} has levels less than {_THINNEST:g} m apart"
-        raise refusal("vertical", text, "have different levels")
+    if np.diff(np.sort(z, axis=-1), axis=-1).min(initial=np.inf) < _THINNEST:
+        text = f"{name} contains a level twice"
+        raise refusal("vertical", text, f"have levels at least {_THINNEST:g} m apart")
     return z
 
 
 def in_water(z: Float[np.ndarray, " level"], bed: float | None, remarks: list[str]) -> np.ndarray:
     """Return which levels are neither above the surface nor below the bed; the others are said."""
-    inside = np.ones(z.size, bool)
-    for where, out in (
-        ("above the surface", z > _THINNEST),
-        ("below the bed", z < (-np.inf if bed is None else bed - _THINNEST)),
-    ):
+    places = {"above the surface": z > _THINNEST}
+    if bed is not None:
+        places["below the bed"] = z < bed - _THINNEST
+    for where, out in places.items():
         if out.all():
             hint = "Set origin, or a minus sign in front of the name of the levels."
             text = f"all levels, z = {z.min():.4g} to {z.max():.4g} m, are {where}"
@@ -206,24 +196,22 @@ def in_water(z: Float[np.ndarray, " level"], bed: float | None, remarks: list[st
         if out.any():
             apart = ", ".join(f"{height:.6g}" for height in np.sort(z[out]))
             remarks.append(f"levels at z = {apart} m are {where} and left out")
-        inside &= ~out
-    return inside
+    return ~np.any(list(places.values()), axis=0)
 
 
 def sigma_levels(dataset: xr.Dataset, name: str) -> xr.DataArray:
     """Return the heights (m) of levels that follow surface and bed, by their formula terms (CF)."""
-    dataset, level = dataset.copy(), dataset[name]
-    terms = str(level.attrs["formula_terms"]).replace(":", " ").split()
+    dataset, formula = dataset.copy(), str(dataset[name].attrs["formula_terms"])
+    terms = formula.replace(":", " ").split()
     for term, variable in zip(terms[::2], terms[1::2], strict=False):
         if term in _TERMS and variable in dataset.variables:
             dataset[variable].attrs.setdefault("standard_name", _TERMS[term])
     try:
         dataset.cf.decode_vertical_coords(outnames={name: _HEIGHT})
-        found = dataset[_HEIGHT]
     except Exception as error:  # a term that is absent, or a formula that the library lacks
-        text = f"{name} follows the bed by {level.attrs['formula_terms']!r} ({reason_of(error)})"
+        text = f"{name} follows the bed by {formula!r} ({reason_of(error)})"
         raise refusal("vertical", text, "have all of these variables in the file") from error
-    found = found.rename(name)
+    found = dataset[_HEIGHT].rename(name)
     found.attrs = {"units": "m", "positive": "up", "standard_name": "altitude"}
     return found
 
@@ -234,21 +222,16 @@ def as_profile(dataset: xr.Dataset, time: str, level: str, file: str) -> xr.Data
     if time == level or dataset[level].dims != row or len(row) != 1:
         return dataset
     for key, name in (("time", time), ("vertical", level)):
-        finite_numbers(dataset[name], key, "a number in each row")
-    rows = [name for name in dataset.variables if dataset[name].dims == row]
-    columns = {
-        str(name): dataset[name].values for name in rows if dataset[name].dtype.kind in "iufOSU"
-    }
-    frame = pd.DataFrame(columns).set_index([time, level])
-    counts = [frame.index.get_level_values(each).nunique() for each in (time, level)]
-    if counts[0] * counts[1] > MAX_VALUES:
-        text = f"{counts[0]} times at {counts[1]} levels give {counts[0] * counts[1]} values"
-        raise refusal("file", text, f"give at most {MAX_VALUES}")
-    twice = np.flatnonzero(frame.index.duplicated())
+        finite_numbers(as_numbers(dataset[name], key), key, "a number in each row")
+    rows = dataset.set_index({row[0]: (time, level)})
+    index = rows.indexes[row[0]]
+    count = index.levshape[0] * index.levshape[1]
+    check_count(count, file, f"{index.levshape[0]} times at {index.levshape[1]} levels")
+    twice = np.flatnonzero(index.duplicated())
     if twice.size:
         text = f"row {twice[0] + 1} has the {time} and the {level} of an earlier one"
         raise refusal("time", text, "have one row for each time and level")
-    profile = xr.Dataset.from_dataframe(frame).assign_attrs(dataset.attrs)
-    for variable in profile.variables:
-        profile[variable].attrs = dataset[variable].attrs
+    profile = rows.unstack(str(row[0]))
+    for name in (time, level):
+        profile[name].attrs = dataset[name].attrs
     return profile

@@ -1,11 +1,8 @@
 """Reading of binary files of current meters and profilers, by the package mhkit."""
 
-from __future__ import annotations
-
 import logging
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 
@@ -26,26 +23,19 @@ def reads(file: str, head: bytes) -> bool:
 
 def read(file: str) -> xr.Dataset:
     """Read a binary file, with the velocity toward east, north and up if it has a heading."""
-    with _quiet():
-        try:
-            from mhkit import dolfyn  # an extra, and slow to load
-        except ImportError as error:
-            text = f"{short(file)} is a binary file of an instrument, and reading it needs mhkit"
-            raise refusal("file", f'{text}: pip install "crinoid[instruments]"') from error
-        dataset: xr.Dataset = dolfyn.read(file)
-        if dataset.attrs["coord_sys"] != "earth" and "heading" in dataset:
-            dolfyn.rotate2(dataset, "earth")
-    return dataset
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep off what mhkit prints and logs, and the handler that its logging would add."""
-    handler = logging.NullHandler()
+    handler = logging.NullHandler()  # else the logging of mhkit adds one that prints
     logging.root.addHandler(handler)
     try:
         with warnings.catch_warnings(), redirect_stdout(StringIO()):
             warnings.simplefilter("ignore")
-            yield
+            from mhkit import dolfyn  # an extra, and slow to load
+
+            dataset: xr.Dataset = dolfyn.read(file)
+            if dataset.attrs["coord_sys"] != "earth" and "heading" in dataset:
+                dolfyn.rotate2(dataset, "earth")
+    except ImportError as error:
+        text = f"{short(file)} is a binary file of an instrument, and reading it needs mhkit"
+        raise refusal("file", f'{text}: pip install "crinoid[instruments]"') from error
     finally:
         logging.root.removeHandler(handler)
+    return dataset

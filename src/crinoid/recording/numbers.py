@@ -1,35 +1,61 @@
-"""Numbers of a variable: read, decoded, without those that are marked as missing or bad."""
+"""Numbers of a variable: read, in SI units, without those that are marked as missing or bad."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from crinoid.recording.texts import MARKED, reason_of, short
+from crinoid.recording.texts import reason_of, short
 from crinoid.scenario.errors import refusal, shown
 
 MAX_VALUES = 20_000_000
 """Most values of a record; more, splines included, need gigabytes."""
+MARKED = "Mark missing values by an empty cell, or in a netCDF file by a _FillValue."
 _MAX_CHUNK = 2**30
 """Largest chunk of a variable that must be read as a whole (bytes)."""
-_NINES = (
+_SIZES = [
     *(9.99, 9.999, 99.9, 99.99, 999, 999.9, 999.99, 9999, 9999.9, 9999.99, 99999, 99999.9),
-    999999,
-)
-_ENDS = (32.767, 32.768, 3276.7, 3276.8, 32767, 32768)
-_MARKS = np.sort([-99, *_NINES, *_ENDS, *np.negative(_NINES), *np.negative(_ENDS)])
+    *(999999, 32.767, 32.768, 3276.7, 3276.8, 32767, 32768),
+]
+_MARKS = np.sort([-99, *_SIZES, *np.negative(_SIZES)])
 """Usual marks of missing values: nines, and the ends of a 16-bit counter, perhaps scaled."""
 _APART = 0.1
 """Least distance of a mark from the other numbers, over its size."""
 _CLOSE = 1e-6
 """Relative error of numbers in single precision."""
+FLAG = re.compile(r"(.*_)?(qc|qc_agg|flags?|quality)", re.IGNORECASE)
+"""Names of quality flags."""
+_SHARED = re.compile(r"((vel\w*|currents?|quality|data)_)?(qc|flags?|quality)", re.IGNORECASE)
+"""Names of quality flags of all components."""
 _BAD_FLAGS = (4, 9)
 """Bad and missing, in QARTOD and OceanSITES."""
-_BAD_WORDS = ("bad", "fail", "missing", "wrong", "erroneous")
+_BAD_WORDS = re.compile("bad|fail|missing|wrong|erroneous", re.IGNORECASE)
+_NO_FLAG = -(2**62)
+"""Flag of an entry without one: no value, and none of the bits of a mask."""
+
+
+class Column(NamedTuple):
+    """A variable of a file in a role."""
+
+    key: str
+    """Key in the scenario that names it."""
+    name: str
+    """Its name in the file."""
+    factor_of: Callable[[str], float | None]
+    """Factor from a unit to SI."""
+    unit: str
+    """Unit if the file names none."""
+    most: float
+    """Largest size of a value (SI); a larger one marks a missing value."""
+    wraps: bool = False
+    """Whether it is an angle, from which an instrument may omit whole turns."""
+    noun: str = "numbers"
+    """Word for its values, whose size is reported in ``unit`` if it is another one."""
 
 
 def check_count(count: int, file: str, owner: str) -> None:
@@ -39,10 +65,29 @@ def check_count(count: int, file: str, owner: str) -> None:
         raise refusal("file", text, f"contain at most {MAX_VALUES}", "Cut out a shorter part.")
 
 
+def quantity(
+    dataset: xr.Dataset, variable: xr.DataArray, column: Column, remarks: list[str]
+) -> np.ndarray:
+    """Return a variable in SI units, NaN where a value is missing or flagged as bad."""
+    key, name, factor_of, unit, limit, _, noun = column
+    variable = without_flagged(dataset, variable, remarks)
+    numbers = numbers_of(variable, key, noun).astype(float)
+    factor = factor_to(variable, factor_of, key, unit, remarks)
+    if comma := variable.attrs.get("comma"):
+        remarks.append(f"{name}: {comma} is read as {float(comma.replace(',', '.')):g}")
+    most = float(np.nanmax(np.abs(numbers), initial=0.0))
+    if most * factor > limit:
+        said = "" if noun == "numbers" else f" {unit}"
+        scale = (factor_of(unit) if said else factor) or 1.0
+        text = f"{name} reaches {most * factor / scale:g}{said}"
+        raise refusal(key, text, f"reach at most {limit / scale:.4g}", MARKED)
+    _check_marks(numbers, key, name)
+    return factor * numbers
+
+
 def values_of(variable: xr.DataArray) -> np.ndarray:
     """Return the values of a variable; only this reads them from a netCDF file."""
-    chunks = variable.encoding.get("chunksizes") or ()
-    size = math.prod(chunks) * variable.dtype.itemsize
+    size = math.prod(variable.encoding.get("chunksizes") or (0,)) * variable.dtype.itemsize
     if size > _MAX_CHUNK:
         text = f"{variable.name} is stored in chunks of {size / 2**30:.3g} GB"
         raise refusal("file", text, "be stored in chunks of at most 1 GB")
@@ -55,32 +100,30 @@ def values_of(variable: xr.DataArray) -> np.ndarray:
 
 def numbers_of(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
     """Return the values of a variable that must be numbers; NaN outside of its valid range."""
-    values = values_of(variable)
-    if values.dtype.kind not in "iuf":
-        odd = variable.attrs.get("odd", "no numbers")
+    values, attributes = values_of(variable), variable.attrs
+    if values.dtype.kind not in "iuf" or "odd" in attributes:
+        odd = attributes.get("odd", "no numbers")
         raise refusal(key, f"{variable.name} contains {odd}", f"contain {must}")
-    ends = (variable.attrs.get("valid_min"), variable.attrs.get("valid_max"))
-    both = variable.attrs.get("valid_range")
-    low, high = ends if both is None or np.size(both) != 2 else both  # a text is no range
-    for end, sign in ((low, 1), (high, -1)):
-        if (
-            np.asarray(end).dtype.kind in "iuf"
-            and (outside := sign * values < sign * _unpacked(variable, end)).any()
-        ):
-            values = np.where(outside, np.nan, values)
-    return values
+    ends = attributes.get("valid_range", ())
+    if np.size(ends) != 2:  # such as a text
+        ends = attributes.get("valid_min"), attributes.get("valid_max")
+    low, high = (_unpacked(variable, np.asarray(end)) for end in ends)
+    outside = (values < low) | (values > high)
+    return np.where(outside, np.nan, values) if outside.any() else values
 
 
-def _unpacked(variable: xr.DataArray, limit: object) -> float:
-    """Return a limit of a packed variable, which counts as packed where it is a whole number."""
+def _unpacked(variable: xr.DataArray, limit: np.ndarray) -> float:
+    """Return a limit of a variable, NaN for none.
+
+    That of a packed variable counts as packed where it is a whole number.
+    """
     packing = variable.encoding
     stored = np.dtype(packing.get("dtype") or float)
-    if np.asarray(limit).dtype != stored and not (
-        np.asarray(limit).dtype.kind in "iu" and stored.kind in "iu"
-    ):
-        return float(np.asarray(limit))
-    scale, offset = packing.get("scale_factor", 1.0), packing.get("add_offset", 0.0)
-    return float(np.asarray(limit) * scale + offset)
+    if limit.dtype.kind not in "iuf":
+        return math.nan
+    if limit.dtype != stored and not (limit.dtype.kind in "iu" and stored.kind in "iu"):
+        return float(limit)
+    return float(limit * packing.get("scale_factor", 1.0) + packing.get("add_offset", 0.0))
 
 
 def finite_numbers(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
@@ -93,10 +136,10 @@ def finite_numbers(variable: xr.DataArray, key: str, must: str) -> np.ndarray:
 
 def labels_of(variable: xr.DataArray) -> list[str]:
     """Return the values of a variable as texts, whole numbers without a point."""
-    return [_text(each) for each in values_of(variable).tolist()]
+    return [_text(each) for each in values_of(variable).ravel().tolist()]
 
 
-def _text(value: object) -> str:
+def _text(value: Any) -> str:
     value = value.decode() if isinstance(value, bytes) else value
     return f"{value:g}" if isinstance(value, float) else str(value).strip()
 
@@ -106,75 +149,80 @@ def without_flagged(
 ) -> xr.DataArray:
     """Return a variable without values that its quality flags call bad or missing.
 
-    Flags are its ancillary variables (CF, QARTOD) and those named after it, such as ``u_QC``.
+    Flags are its ancillary variables (CF, QARTOD), those named after it, such as ``u_QC``, and
+    those of all components, such as ``flag``. Others that belong to no variable are said.
     """
-    own = str(variable.attrs.get("ancillary_variables", "")).split()
-    usual = [f"{variable.name}_{ending}" for ending in ("QC", "qc", "qc_agg", "flag")]
-    for name in dict.fromkeys([*own, *usual]):
-        if name not in dataset.variables:
-            continue
+    linked = {
+        str(owner): str(each.attrs.get("ancillary_variables", "")).split()
+        for owner, each in dataset.variables.items()
+    }
+    owned = {name for names in linked.values() for name in names}
+    own = linked.get(str(variable.name), [])
+    for name in map(str, dataset.variables):
         flag = dataset[name]
         flag = flag.isel({d: 0 for d in set(flag.dims) - set(variable.dims) if flag.sizes[d] == 1})
         standard = str(flag.attrs.get("standard_name", ""))
-        marked = standard.endswith("flag") or "flag_meanings" in flag.attrs
-        if name in own and name not in usual and not marked:
+        marked = bool(FLAG.fullmatch(name)) or standard.endswith("flag")
+        if not (marked or "flag_meanings" in flag.attrs) or not {*flag.dims} <= {*variable.dims}:
             continue
+        after = [each for each in linked if name.startswith(f"{each}_")]
+        if name not in own and variable.name not in after:
+            if after or name in owned or not flag.dims:
+                continue
+            if not _SHARED.fullmatch(name):
+                text = f"{name} is a flag of no variable and is not used"
+                remarks += [text] if text not in remarks else []
+                continue
         if flag.dtype.kind not in "iuf":  # characters or words
             digits = [
                 int(each) if each.isdecimal() else _BAD_FLAGS[0] if _is_bad(each) else -1
-                for each in map(_text, flag.values.flat)
+                for each in labels_of(flag)
             ]
             flag = flag.copy(data=np.reshape(digits, flag.shape))
         bad = _bad(flag) & variable.notnull()
-        if bad.dims and set(bad.dims) <= set(variable.dims) and (count := int(bad.sum())):
-            kept = variable.where(~bad)
-            kept.encoding, variable = {}, kept
+        if count := int(bad.sum()):
+            variable = variable.where(~bad).drop_encoding()
             remarks.append(f"{count} values of {variable.name} are flagged as bad and left out")
     return variable
 
 
 def _is_bad(text: str) -> bool:
-    return any(word in text.lower() for word in _BAD_WORDS)
+    return _BAD_WORDS.search(text) is not None
 
 
 def _bad(flag: xr.DataArray) -> xr.DataArray:
     """Return where a flag is bad: equal to a value, or with a bit of a mask (CF, section 3.5)."""
     meanings = str(flag.attrs.get("flag_meanings", "")).split()
-    values, masks = (_listed(flag.attrs.get(f"flag_{each}", ())) for each in ("values", "masks"))
-    if meanings and len(masks) == len(meanings):
-        bits = flag.fillna(0).astype(np.int64)
-        values = values if len(values) == len(masks) else masks
-        bad = xr.zeros_like(bits, bool)
-        for mask, value, text in zip(masks, values, meanings, strict=True):
-            bad |= ((bits & mask) == value) & _is_bad(text)
-        return bad
-    if not meanings or len(values) != len(meanings):
+    masks, values = (_listed(flag.attrs.get(f"flag_{each}", ())) for each in ("masks", "values"))
+    if not meanings or len(meanings) not in (len(masks), len(values)):
         return flag.isin(_BAD_FLAGS)
-    pairs = zip(values, meanings, strict=True)
-    return flag.isin([value for value, text in pairs if _is_bad(text)])
+    masks = masks if len(masks) == len(meanings) else [-1] * len(meanings)
+    values = values if len(values) == len(meanings) else masks
+    bits = flag.fillna(_NO_FLAG).astype(np.int64)
+    bad = xr.zeros_like(bits, bool)
+    for mask, value, text in zip(masks, values, meanings, strict=True):
+        bad |= ((bits & mask) == value) & _is_bad(text)
+    return bad
 
 
-def _listed(values: object) -> list[int]:
+def _listed(values: Any) -> list[int]:
     """Return whole numbers of an attribute, which may be a text such as ``1b, 2b``."""
-    if isinstance(values, str):
-        values = [int(each) for each in re.findall(r"-?\d+", values)]
-    return [int(each) for each in np.atleast_1d(np.asarray(values)).tolist()]
+    values = re.findall(r"-?\d+", values) if isinstance(values, str) else np.ravel(values)
+    return [int(each) for each in values]
 
 
-def check_marks(numbers: np.ndarray, key: str, name: str) -> None:
+def _check_marks(numbers: np.ndarray, key: str, name: str) -> None:
     """Refuse a variable with a mark of missing values among its numbers.
 
     A mark differs from the other numbers by more than they differ from each other: 999 between
     998 and 1000 is a number.
     """
-    found = numbers[np.isfinite(numbers)].astype(float)
+    found = numbers[np.isfinite(numbers)]
     after = np.clip(np.searchsorted(_MARKS, found), 1, _MARKS.size - 1)
     nearest = np.minimum(np.abs(found - _MARKS[after]), np.abs(found - _MARKS[after - 1]))
     marked = nearest <= _CLOSE * np.abs(found)
-    if not marked.any():
-        return
-    others, marks = found[~marked], found[marked]
-    if others.size:
+    marks, others = found[marked], found[~marked]
+    if marks.size and others.size:
         low, high = others.min(), others.max()
         apart = np.maximum(high - low, _APART * np.abs(marks))
         marks = marks[np.maximum(low - marks, marks - high) > apart]
@@ -191,12 +239,10 @@ def factor_to(
     remarks: list[str],
 ) -> float:
     """Return the factor from a variable to SI units; a missing unit becomes a remark."""
-    units = variable.attrs.get("units")
-    if units is None or not str(units).strip():
+    units = str(variable.attrs.get("units", "")).strip()
+    if not units:
         remarks.append(f"{variable.name} names no unit and is assumed to be in {unit}")
-        units = unit
-    factor = factor_of(str(units).strip())
+    factor = factor_of(units or unit)
     if factor is None:
-        text = f"{variable.name} is in {shown(str(units))}"
-        raise refusal(key, text, f"be in a unit such as {unit}")
+        raise refusal(key, f"{variable.name} is in {shown(units)}", f"be in a unit such as {unit}")
     return factor

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections import defaultdict
 from typing import Any
 
 import cf_xarray  # noqa: F401  # the accessor `cf` of datasets
+import numpy as np
 import xarray as xr
 
 from crinoid.recording.numbers import labels_of
@@ -16,38 +17,22 @@ from crinoid.recording.units import velocity_factor
 from crinoid.scenario.errors import refusal
 
 _NAMES = {
-    "time": ("time", "ocean_time", "datetime", "date", "timestamp", "time_utc", "date_time"),
-    "level": (
-        *("depth", "deph", "deptht", "depthu", "dep", "depth_cell", "elevation", "z", "height"),
-        *("depth_m", "bin_depth", "cell_depth", "hab", "mab", "height_above_bed"),
-        *("height_above_bottom", "range", "s_rho", "sigma", "siglay", "lev", "level", "altitude"),
-    ),
-    "east": (
-        *("u", "uo", "water_u", "ewct", "vozocrtx", "u_eastward", "ucur", "u_velocity", "east"),
-        *("vel_east", "velocity_east", "east_velocity", "velocity_e", "ve", "e"),
-    ),
-    "north": (
-        *("v", "vo", "water_v", "nsct", "vomecrty", "v_northward", "vcur", "v_velocity", "north"),
-        *("vel_north", "velocity_north", "north_velocity", "velocity_n", "vn", "n"),
-    ),
-    "up": ("w", "wo", "vcsp", "up", "vel_up", "velocity_up", "up_velocity", "vu", "w_velocity"),
-    "speed": ("speed", "spd", "hcsp", "current_speed", "cspd", "velocity_magnitude"),
-    "direction": ("direction", "dir", "hcdt", "current_direction", "cdir", "drct"),
+    "time": "time ocean_time datetime date timestamp time_utc date_time",
+    "level": "depth height altitude height_above_sea_floor ocean_s_coordinate_g2 deph deptht "
+    "depthu dep depth_cell elevation z depth_m bin_depth cell_depth hab mab height_above_bed "
+    "height_above_bottom range s_rho sigma siglay lev level",
+    "east": "eastward_sea_water_velocity sea_water_x_velocity eastward_velocity u uo water_u ewct "
+    "vozocrtx u_eastward ucur u_velocity east vel_east velocity_east east_velocity velocity_e ve e",
+    "north": "northward_sea_water_velocity sea_water_y_velocity northward_velocity v vo water_v "
+    "nsct vomecrty v_northward vcur v_velocity north vel_north velocity_north north_velocity "
+    "velocity_n vn n",
+    "up": "upward_sea_water_velocity upward_velocity w wo vcsp up vel_up velocity_up up_velocity "
+    "vu w_velocity",
+    "speed": "sea_water_speed speed spd hcsp current_speed cspd velocity_magnitude",
+    "direction": "sea_water_velocity_to_direction sea_water_velocity_from_direction "
+    "direction_of_sea_water_velocity direction dir hcdt current_direction cdir drct",
 }
-"""Usual names of each role, in small letters."""
-_STANDARD = {
-    "time": ("time",),
-    "level": ("depth", "height", "altitude", "height_above_sea_floor", "ocean_s_coordinate_g2"),
-    "east": ("eastward_sea_water_velocity", "sea_water_x_velocity", "eastward_velocity"),
-    "north": ("northward_sea_water_velocity", "sea_water_y_velocity", "northward_velocity"),
-    "up": ("upward_sea_water_velocity", "upward_velocity"),
-    "speed": ("sea_water_speed",),
-    "direction": (
-        *("sea_water_velocity_to_direction", "sea_water_velocity_from_direction"),
-        "direction_of_sea_water_velocity",
-    ),
-}
-"""CF standard names of each role."""
+"""CF standard names and usual names of each role, in small letters, the first ones first."""
 _OWN_AXES = re.compile(r"instrument|\b(sea_water_)?[xy][-_ ]velocity", re.I)
 """Words of components that are not toward the east and the north."""
 _OTHER = re.compile(r"wind|wave|stokes|barotropic", re.I)
@@ -65,18 +50,23 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
 
     A component may be an entry of a labelled dimension, such as ``vel[E]``.
     """
-    known = dataset.cf.standard_names
     bounds = {dataset[name].attrs.get("bounds") for name in dataset.variables}
     fit = [str(n) for n in dataset.variables if n not in bounds and _fits(dataset[n])]
-    small = {re.sub(r"[- ]+", "_", name.strip().lower()): name for name in fit}
-    small |= {name: name for name in fit}
+    named: dict[str, list[str]] = defaultdict(list)
+    for name in fit:
+        named[str(dataset[name].attrs.get("standard_name", ""))].append(name)
+    for name in sorted(fit, key=lambda name: name.lower() != name):  # in small letters first
+        named[re.sub(r"[- ]+", "_", name.strip().lower())].append(name)
+    axes = dataset.cf.coordinates | dataset.cf.axes
+    dated = [name for name in fit if " since " in str(dataset[name].attrs.get("units"))]
+    others = {
+        "time": [*axes.get("time", ()), *axes.get("T", ()), *(dated if len(dated) == 1 else ())],
+        "level": [*axes.get("vertical", ()), *axes.get("Z", ())],
+    }
     found: dict[str, str] = {}
     for role, names in _NAMES.items():
-        standard = [
-            str(each) for name in _STANDARD[role] for each in known.get(name, ()) if each in fit
-        ]
-        usual = [small[name] for name in (*names, *_STANDARD[role]) if name in small]
-        candidates = [*standard, *usual]
+        candidates = [each for name in names.split() for each in named[name]]
+        candidates += map(str, others.get(role, ()))
         if role == "level" and "time" in found:  # the depth of an instrument is over time alone
             clock = set(dataset[found["time"]].dims)
             candidates = [n for n in candidates if set(dataset[n].dims) - clock] or candidates
@@ -84,13 +74,6 @@ def roles(dataset: xr.Dataset) -> dict[str, str]:
             found[role] = candidates[0]
     if found.get("east", "").lower() != "e" and found.get("north", "").lower() == "n":
         del found["north"]  # a count
-    axes = dataset.cf.coordinates | dataset.cf.axes
-    for role, keys in (("time", ("time", "T")), ("level", ("vertical", "Z"))):
-        for name in (str(each) for key in keys for each in axes.get(key, ())):
-            found.setdefault(role, name)
-    dated = [name for name in fit if " since " in str(dataset[name].attrs.get("units"))]
-    if len(dated) == 1:
-        found.setdefault("time", dated[0])
     return found if "east" in found or "speed" in found else found | _labelled(dataset)
 
 
@@ -107,14 +90,15 @@ def _labelled(dataset: xr.Dataset) -> dict[str, str]:
             moves = velocity_factor(str(variable.attrs.get("units", ""))) is not None
             if moves and is_labelled(variable, dimension):
                 texts = labels_of(variable[dimension])
-                entries = {role: _first(texts, names) for role, names in _LABELS.items()}
-                if entries["east"]:
-                    return {role: f"{variable.name}[{e}]" for role, e in entries.items() if e}
+                found = {
+                    role: f"{variable.name}[{label}]"
+                    for role, labels in _LABELS.items()
+                    for label in reversed(labels)
+                    if label in texts
+                }
+                if "east" in found:
+                    return found
     return {}
-
-
-def _first(there: Iterable[str], wanted: Iterable[str]) -> str:
-    return next((each for each in wanted if each in there), "")
 
 
 def propose(dataset: xr.Dataset, file: str) -> dict[str, Any]:
@@ -129,38 +113,33 @@ def propose(dataset: xr.Dataset, file: str) -> dict[str, Any]:
         If no variable looks like a time or like a velocity.
     """
     found = roles(dataset)
-    names = listed([str(name) for name in dataset.variables])
-    for role, words in (("time", "a time"), ("velocity", "a velocity")):
-        if role not in found and (role == "time" or not {"east", "speed"} & set(found)):
-            text = f"{short(file)} contains {names}"
-            raise refusal("file", text, f"have {words} under a usual name, or name it in [[flow]]")
+    text = f"{short(file)} contains {listed([str(name) for name in dataset.variables])}"
+    if "time" not in found or not {"east", "speed"} & set(found):
+        lacking = "a velocity" if "time" in found else "a time"
+        must = f"have {lacking} under a usual name, or name it in [[flow]]"
+        raise refusal("file", text, must)
+    if "east" not in found and "direction" not in found:
+        raise refusal("file", text, f"have a direction, or components, with {found['speed']}")
     keys: dict[str, Any] = {"kind": "measured", "file": file}
     if found["time"] != "time":
         keys["time"] = found["time"]
+    velocity = dataset[found.get("east", found.get("speed", "")).partition("[")[0]]
     if "east" in found:
-        attributes = dataset[found["east"].partition("[")[0]].attrs
-        named = " ".join(str(attributes.get(key, "")) for key in ("standard_name", "long_name"))
+        named = " ".join(str(velocity.attrs.get(key, "")) for key in ("standard_name", "long_name"))
         compass = "north" in found and not _OWN_AXES.search(named)
         wanted = ("east", "north", "up") if compass else ("east", "up")
         keys["velocity"] = [_signed(dataset, found.get(role, "0")) for role in wanted]
-        if compass:
-            keys["heading_deg"] = 90.0
-        first = found["east"]
+        keys |= {"heading_deg": 90.0} if compass else {}
     else:
-        if "direction" not in found:
-            text = f"{short(file)} has {found['speed']} without a direction"
-            raise refusal("file", text, "have the components of the velocity, or a direction")
         keys |= {"speed": found["speed"], "direction": found["direction"], "heading_deg": 90.0}
-        first = found["speed"]
-    velocity = dataset[first.partition("[")[0]]
-    level, clock = found.get("level"), dataset[found["time"]]
-    if level is not None:
-        same = [each for each in dataset[level].dims if each in velocity.dims]
-        flat = dataset[level].dims == clock.dims and clock.size > 1
-        varies = flat and clock.ndim == 1 and len(set(clock.values.tolist())) < clock.size
-        if (set(same) - set(clock.dims)) or varies:
+    clock = dataset[found["time"]]
+    axes = {*clock.dims}
+    if level := found.get("level"):
+        dims = set(dataset[level].dims)
+        flat = dims == axes and clock.ndim == 1 < clock.size
+        if (dims & {*velocity.dims}) - axes or (flat and np.unique(clock).size < clock.size):
             keys["vertical"] = level
-    axes = {*clock.dims, *(dataset[level].dims if "vertical" in keys and level else ())}
+            axes |= dims
     select = {
         str(each): _middle(dataset, str(each))
         for each in velocity.dims
@@ -173,10 +152,8 @@ def _signed(dataset: xr.Dataset, name: str) -> str:
     """Return the name of a component, with a minus sign if it points down, south or west."""
     attributes = dataset[name].attrs if name in dataset.variables else {}
     turned = str(attributes.get("standard_name", "")).startswith(_REVERSED)
-    down = attributes.get("positive") == "down" or "positive down" in str(
-        attributes.get("long_name", "")
-    )
-    return f"-{name}" if turned or down else name
+    down = "positive down" in str(attributes.get("long_name", ""))
+    return f"-{name}" if turned or down or attributes.get("positive") == "down" else name
 
 
 def _middle(dataset: xr.Dataset, dimension: str) -> float:

@@ -5,48 +5,20 @@ and ``read(file)``, which returns the dataset. Other packages name theirs under 
 ``crinoid.readers``; they come first.
 """
 
-from __future__ import annotations
-
-import os
-import stat
+import warnings
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any
 
+import netCDF4
 import xarray as xr
 
-from crinoid.recording import binaries, instruments, netcdf, table
-from crinoid.recording.texts import reason_of, short
+from crinoid.recording import binaries, table
+from crinoid.recording.numbers import check_count
+from crinoid.recording.texts import listed, reason_of
 from crinoid.scenario.errors import ScenarioError, refusal, shown
 from crinoid.scenario.kinds import installed, package_of
 
 _HEAD = 1 << 16
-
-
-@runtime_checkable
-class Reader(Protocol):
-    """Reader of one format."""
-
-    def reads(self, file: str, head: bytes) -> bool:
-        """Return whether a file is of this format."""
-        ...
-
-    def read(self, file: str) -> xr.Dataset:
-        """Return the variables of a file, not yet in SI units."""
-        ...
-
-
-def _chosen(file: str, head: bytes) -> tuple[Reader, str]:
-    """Return the first reader of a file, and its name if it comes from another package."""
-    for name, entry in installed("readers").items():
-        owner = f"the reader {name} of the installed package {package_of(entry)}"
-        try:
-            reader: Reader = entry.load()
-            if reader.reads(file, head):
-                return reader, owner
-        except Exception as error:  # any fault of the package
-            raise refusal("file", f"{owner} fails: {reason_of(error)}") from error
-    own = (instruments, binaries, table, netcdf)
-    return next(each for each in own if each.reads(file, head)), ""
 
 
 def read_dataset(file: str) -> xr.Dataset:
@@ -59,31 +31,59 @@ def read_dataset(file: str) -> xr.Dataset:
     ScenarioError
         If the file cannot be opened or read, in one line.
     """
+    path = Path(file)
+    if path.exists() and not path.is_file():
+        kind = "a folder" if path.is_dir() else "no regular file"
+        raise refusal("file", f"{path.name} is {kind}", "be a CSV or netCDF file")
     try:
-        mode = os.stat(file).st_mode
-        head = b""
-        if stat.S_ISREG(mode):
-            with Path(file).open("rb") as stream:
-                head = stream.read(_HEAD)
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD)
     except FileNotFoundError:
         raise refusal("file", f"{file}: no such file") from None
-    except PermissionError:
-        raise refusal("file", f"{file}: may not be read") from None
-    except (OSError, ValueError) as error:  # a name that no file can have
+    except (OSError, ValueError) as error:  # may not be read, or a name that no file can have
         raise refusal("file", f"{shown(file)} cannot be opened ({reason_of(error)})") from None
-    if not stat.S_ISREG(mode):
-        kind = "a folder" if stat.S_ISDIR(mode) else "no regular file"
-        raise refusal("file", f"{short(file)} is {kind}", "be a CSV or netCDF file")
-    reader, owner = _chosen(file, head)
+    read, owner = _chosen(file, head)
     try:
-        dataset = reader.read(file)
+        dataset = read(file)
     except ScenarioError:
         raise
     except Exception as error:  # libraries raise anything on a damaged file
-        damaged = f"{short(file)} is broken or of an unknown format"
-        text = f"{owner} cannot read {short(file)}" if owner else damaged
+        damaged = (
+            f"{path.name} is broken or no {'netCDF' if read is _read_netcdf else 'known'} file"
+        )
+        text = f"{owner} cannot read {path.name}" if owner else damaged
         raise refusal("file", f"{text} ({reason_of(error)})") from error
     if not isinstance(dataset, xr.Dataset):
         text = f"{owner} returns {type(dataset).__name__}"
         raise refusal("file", text, "return an xarray.Dataset")
     return dataset
+
+
+def _chosen(file: str, head: bytes) -> tuple[Any, str]:
+    """Return what reads a file, and the name of the reader if it comes from another package."""
+    for name, entry in installed("readers").items():
+        owner = f"the reader {name} of the installed package {package_of(entry)}"
+        try:
+            reader = entry.load()
+            if reader.reads(file, head):
+                return reader.read, owner
+        except Exception as error:  # any fault of the package
+            raise refusal("file", f"{owner} fails: {reason_of(error)}") from error
+    own = (each.read for each in (binaries, table) if each.reads(file, head))
+    return next(own, _read_netcdf), ""
+
+
+def _read_netcdf(file: str) -> xr.Dataset:
+    """Open a netCDF file; only its coordinates are read."""
+    with netCDF4.Dataset(file) as stored:
+        for name, variable in stored.variables.items():
+            if variable.dimensions == (name,):  # which xarray reads when it opens a file
+                check_count(variable.size, file, name)
+        if not stored.variables and stored.groups:
+            text = f"{Path(file).name} has all variables in groups: {listed(list(stored.groups))}"
+            hint = "Write one with xarray.open_dataset(file, group=...).to_netcdf(other)."
+            raise refusal("file", text, "have its variables at the top", hint)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of attributes; those in use are checked later
+        # times become seconds later: dates would only be in the way
+        return xr.open_dataset(file, engine="netcdf4", decode_times=False)

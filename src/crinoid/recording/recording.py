@@ -129,36 +129,26 @@ class Recording:
 def read_recording(flow: MeasuredFlow, window: PlaybackWindow) -> Recording:
     """Read the current of a flow, fill its gaps, and place it in the time of a run."""
     whole = read_selection(flow, window.bed)
-    notes = whole.remarks
-    levels, velocity = whole.levels, flow.velocity_scale * whole.velocity
+    notes, levels, velocity = whole.remarks, whole.levels, flow.velocity_scale * whole.velocity
     filled = np.asarray(whole.filled)
     if levels is not None:
         order = np.argsort(levels)
         levels, velocity, filled = levels[order], velocity[:, order], filled[:, order]
+        low, high = window.heights
+        if not (levels[0] <= low and high <= levels[-1]):
+            arm = f"{low:.4g}" if high - low < 1e-9 else f"{low:.4g} to {high:.4g}"
+            notes.append(
+                f"the arm at rest is at z = {arm} m and the levels at {levels[0]:.4g} to "
+                f"{levels[-1]:.4g} m: outside, the current of the nearest level is taken"
+            )
     if flow.low_pass_hz is not None:
         velocity = _low_pass(whole.time, velocity, flow.low_pass_hz)
     if flow.heading_deg is not None:  # x has a compass heading, y is to port
-        east, north, up = np.moveaxis(velocity, -1, 0)
-        heading = np.deg2rad(flow.heading_deg)
-        sine, cosine = np.sin(heading), np.cos(heading)
-        forward, port = sine * east + cosine * north, sine * north - cosine * east
-        velocity = np.stack([forward, port, up], axis=-1)
-    profile = levels is not None and levels.size > 1
-    low, high = window.heights
-    if levels is not None and not (levels[0] <= low and high <= levels[-1]):
-        arm = f"{low:.4g}" if high - low < 1e-9 else f"{low:.4g} to {high:.4g}"
-        notes.append(
-            f"the arm at rest is at z = {arm} m and the levels at {levels[0]:.4g} to "
-            f"{levels[-1]:.4g} m: outside, the current of the nearest level is taken"
-        )
+        sine, cosine = np.sin(np.deg2rad(flow.heading_deg)), np.cos(np.deg2rad(flow.heading_deg))
+        velocity = velocity @ np.array([[sine, -cosine, 0.0], [cosine, sine, 0.0], [0.0, 0.0, 1.0]])
     if flow.skip >= whole.time[-1]:
         must = f"be below {whole.time[-1]:.6g} (s), the duration of the record"
         raise refusal("skip", got(flow.skip, must))
-    # over ten minutes or at least two samples: it does not depend on the duration of the run
-    first = min(int(np.searchsorted(whole.time, flow.skip)), whole.time.size - 2)
-    end = int(np.searchsorted(whole.time, flow.skip + _MEAN_OVER, side="right"))
-    sample = velocity[first : max(end, first + 2), 0]
-    mean, fluctuation = sample.mean(axis=0), float(np.sqrt(sample.var(axis=0).mean()))
     axes = [0, -1] if window.dimension == 2 else [0, 1, 2]
     if window.dimension == 2 and velocity.shape[-1] == 3:
         across = float(np.sqrt(np.mean(velocity[..., 1] ** 2)))
@@ -168,18 +158,12 @@ def read_recording(flow: MeasuredFlow, window: PlaybackWindow) -> Recording:
                 f"{across:.3g} m/s RMS of {speed:.3g} m/s cross the plane that the arm moves in "
                 "and are left out: see heading_deg"
             )
-    slowness = np.zeros_like(mean)
-    carried = False
+    profile = levels is not None and levels.size > 1
+    slowness = np.zeros(velocity.shape[-1])
     if flow.phase_speed is not None:
         slowness[0] = 1 / flow.phase_speed
     elif not profile:
-        if 0 < fluctuation <= _FROZEN_BELOW * np.linalg.norm(mean):
-            slowness, carried = mean / (mean @ mean), True
-        elif fluctuation > 0:
-            notes.append(
-                f"fluctuations of {fluctuation:.3g} m/s about a mean of {np.linalg.norm(mean):.3g} "
-                "m/s are no frozen pattern that drifts past the arm: the water moves as one"
-            )
+        slowness = _frozen(whole.time, velocity[:, 0], flow.skip, notes)
     velocity, slowness = velocity[..., axes], slowness[axes]
     delay = window.reach * float(np.linalg.norm(slowness)) / flow.time_scale
     start = max(flow.skip, delay)
@@ -191,12 +175,35 @@ def read_recording(flow: MeasuredFlow, window: PlaybackWindow) -> Recording:
         velocity=velocity,
         filled=filled,
         slowness=slowness,
-        carried=carried and bool(np.any(slowness)),
+        carried=flow.phase_speed is None and bool(np.any(slowness)),
         start=start,
         time_scale=flow.time_scale,
         window=window,
         notes=tuple(notes),
     )
+
+
+def _frozen(
+    time: Float[np.ndarray, " time"],
+    velocity: Float[np.ndarray, "time axis"],
+    skip: float,
+    notes: list[str],
+) -> Float[np.ndarray, " axis"]:
+    """Return the slowness of a frozen pattern (s/m), 0 where fluctuations are too large for one."""
+    # over ten minutes or at least two samples: it does not depend on the duration of the run
+    first = min(int(np.searchsorted(time, skip)), time.size - 2)
+    end = int(np.searchsorted(time, skip + _MEAN_OVER, side="right"))
+    sample = velocity[first : max(end, first + 2)]
+    mean, fluctuation = sample.mean(axis=0), float(np.sqrt(sample.var(axis=0).mean()))
+    size = np.linalg.norm(mean)
+    if 0 < fluctuation <= _FROZEN_BELOW * size:
+        return mean / (mean @ mean)
+    if fluctuation > 0:
+        notes.append(
+            f"fluctuations of {fluctuation:.3g} m/s about a mean of {size:.3g} m/s are no frozen "
+            "pattern that drifts past the arm: the water moves as one"
+        )
+    return np.zeros_like(mean)
 
 
 def _low_pass(

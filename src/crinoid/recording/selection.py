@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -17,17 +19,10 @@ from crinoid.recording.axes import (
     seconds,
     sigma_levels,
 )
-from crinoid.recording.numbers import (
-    check_count,
-    check_marks,
-    factor_to,
-    labels_of,
-    numbers_of,
-    without_flagged,
-)
+from crinoid.recording.numbers import Column, check_count, labels_of, quantity
 from crinoid.recording.readers import read_dataset
 from crinoid.recording.series import FilledRecord, fill
-from crinoid.recording.texts import MARKED, listed
+from crinoid.recording.texts import listed
 from crinoid.recording.units import angle_factor, velocity_factor
 from crinoid.scenario.errors import ScenarioError, got, refusal, shown
 from crinoid.scenario.flow import Component, MeasuredFlow
@@ -36,95 +31,84 @@ _FASTEST = 50.0
 """No current is so fast (m/s): such a number marks a missing value."""
 _FAST = 5.0
 """Few currents are faster (m/s): without a unit it is another one."""
-_TURN = 2 * np.pi + 0.01
+_TURN = 2 * np.pi + 0.005
 """Largest compass direction (rad)."""
 _ROTATED = ("beam", "inst", "instrument", "xyz", "ship")
 """Frames of an instrument, in which the numbers are no components of the current."""
 _EAST = re.compile(r"degrees?_?(east|E)")
 """Units of a longitude (CF, section 4.2)."""
+_MAGNETIC = re.compile(r"magnetic(?!.*(declination|variation))", re.IGNORECASE)
+"""Word of an attribute for directions that are not corrected to true north."""
 _STEADY = 1e-3
 """Largest change of levels in time that counts as none (m)."""
 
 
-class _Source:
-    """A file and the part of it that a flow selects."""
+class _Source(NamedTuple):
+    """A file, its dimensions of time and of levels, and what to say about it."""
 
-    def __init__(
-        self, dataset: xr.Dataset, flow: MeasuredFlow, along: str, upright: str | None
-    ) -> None:
-        self.dataset, self.flow, self.along, self.upright = dataset, flow, along, upright
-        self.remarks: list[str] = []
+    dataset: xr.Dataset
+    flow: MeasuredFlow
+    along: str
+    upright: str | None
+    remarks: list[str]
 
-    def numbers(self, component: Component, key: str) -> tuple[np.ndarray, xr.DataArray]:
-        """Return the numbers of a variable over time and level, and the variable."""
-        variable = self.dataset[find(self.dataset, component.name, key, self.flow.file)]
-        whole, name = variable, component.name
+    def numbers(self, component: Component, column: Column) -> tuple[np.ndarray, xr.DataArray]:
+        """Return a component over time and level in SI units, and its variable."""
+        key, name = column.key, component.name
+        variable = whole = self.dataset[find(self.dataset, name, key, self.flow.file)]
         if len(set(variable.dims)) < variable.ndim:
             dims = ", ".join(map(str, variable.dims))
             raise refusal(key, f"{name} has dimensions {dims}", "have each dimension once")
-        for dimension, which in ((self.along, "time"), (self.upright, "vertical")):
-            if dimension is not None and dimension not in variable.dims:
+        axes = {"time": self.along} | ({"vertical": self.upright} if self.upright else {})
+        for which, dimension in axes.items():
+            if dimension not in variable.dims:
                 raise refusal(key, f"{name} lacks a dimension", f"have {dimension}, as {which}")
         if component.entry:
-            variable = _entry(variable, component, key, {self.along, self.upright})
-        for dimension in map(str, variable.dims):
-            if dimension in (self.along, self.upright):
-                continue
+            variable = _entry(variable, component, key, [*axes.values()])
+        for dimension in [str(each) for each in variable.dims if each not in axes.values()]:
             if variable.sizes[dimension] > 1:
                 raise _left_over(variable, name, key, dimension, profile=self.upright is not None)
             variable = variable.isel({dimension: 0})
-        order = [self.along] if self.upright is None else [self.along, self.upright]
-        variable = without_flagged(self.dataset, variable.transpose(*order), self.remarks)
-        values = numbers_of(
-            variable, key, "a direction" if key == "direction" else "a velocity"
-        ).astype(float)
-        values = values.reshape(values.shape[0], -1)
-        return np.where(np.isfinite(values), values, np.nan), whole
+        variable = variable.transpose(*axes.values())
+        values = quantity(self.dataset, variable, column, self.remarks)
+        texts = (str(whole.attrs.get(each, "")) for each in ("long_name", "units", "comment"))
+        if _MAGNETIC.search(" ".join([*texts, str(whole.name)])):
+            self.remarks.append(f"{name} counts from magnetic north, and so must heading_deg")
+        return component.sign * values.reshape(values.shape[0], -1), whole
 
     def speeds(self, component: Component, key: str) -> Float[np.ndarray, "time level"]:
         """Return a component of the velocity, or the speed (m/s)."""
-        part, variable = self.numbers(component, key)
-        factor = factor_to(variable, velocity_factor, key, "m/s", self.remarks)
-        found = component.sign * factor * part
+        name = component.name
+        column = Column(key, name, velocity_factor, "m/s", _FASTEST, noun="a velocity")
+        found, variable = self.numbers(component, column)
         fastest = float(np.nanmax(np.abs(found), initial=0.0))
-        if fastest > _FASTEST:
-            text = f"{component.name} reaches {fastest:g} m/s"
-            raise refusal(key, text, f"reach at most {_FASTEST:g}", MARKED)
         if fastest > _FAST and not str(variable.attrs.get("units", "")).strip():
-            text = f"{component.name} names no unit and reaches {fastest:g}, a lot in m/s"
-            raise refusal(key, text, "name its unit", f"Call it {component.name} (cm/s), say.")
-        check_marks(part, key, component.name)
+            text = f"{name} names no unit and reaches {fastest:g}, a lot in m/s"
+            raise refusal(key, text, "name its unit", f"Call it {name} (cm/s), say.")
         return found
 
     def by_compass(self, speed: str, direction: str) -> Float[np.ndarray, "time level axis=3"]:
         """Return east, north and up from speed and direction (m/s)."""
         size = self.speeds(Component(speed, "", 1.0), "speed")
-        numbers, variable = self.numbers(Component(direction, "", 1.0), "direction")
-        turn = factor_to(variable, angle_factor, "direction", "degrees", self.remarks) * numbers
-        if (most := float(np.nanmax(np.abs(turn), initial=0.0))) > _TURN:
-            text = f"{direction} reaches {np.rad2deg(most):g} degrees"
-            raise refusal("direction", text, "reach at most 360", MARKED)
-        where = self.flow.direction_is
-        if where is None:
-            standard = str(variable.attrs.get("standard_name", ""))
-            where = "from" if standard.endswith("from_direction") else "to"
-            if not standard.endswith(("_direction", "direction_of_sea_water_velocity")):
-                self.remarks.append(
-                    f"{direction} is taken as the direction to which the water flows: see "
-                    "direction_is"
-                )
-        if where == "from":
-            turn += np.pi
+        role = ("direction", direction, angle_factor, "degrees", _TURN)
+        column = Column(*role, noun="a direction")
+        turn, variable = self.numbers(Component(direction, "", 1.0), column)
+        standard = str(variable.attrs.get("standard_name", ""))
+        if not self.flow.direction_is and "direction" not in standard:
+            text = f"{direction} is taken as the direction to which the water flows"
+            self.remarks.append(f"{text}: see direction_is")
+        if (self.flow.direction_is or standard).endswith(("from", "from_direction")):
+            turn = turn + np.pi
         return np.stack([size * np.sin(turn), size * np.cos(turn), 0 * size], axis=-1)
 
 
 def _entry(
-    variable: xr.DataArray, component: Component, key: str, other: set[str | None]
+    variable: xr.DataArray, component: Component, key: str, other: Collection[str]
 ) -> xr.DataArray:
     labels = {
         str(dimension): labels_of(variable[dimension])
         for dimension in variable.dims
-        if dimension not in other and dimension in variable.coords
+        if str(dimension) not in other and dimension in variable.coords
     }
     found = [dimension for dimension, texts in labels.items() if component.entry in texts]
     if len(found) != 1:
@@ -137,6 +121,23 @@ def _entry(
 def is_labelled(variable: xr.DataArray, dimension: str) -> bool:
     """Return whether the entries of a dimension have names instead of numbers."""
     return dimension in variable.coords and variable.coords[dimension].dtype.kind not in "iuf"
+
+
+def _left_over(
+    variable: xr.DataArray, name: str, key: str, dimension: str, *, profile: bool
+) -> ScenarioError:
+    """Return the refusal of a dimension from which no entry is selected."""
+    select = f"Set select = {{{dimension} = ...}}"
+    if is_labelled(variable, dimension):
+        texts = labels_of(variable[dimension])
+        has, hint = f" ({listed(texts)})", f'Name an entry, such as "{name}[{texts[0]}]"'
+    elif dimension in variable.coords:
+        places = variable.coords[dimension]
+        has = f" ({float(places.min()):g} to {float(places.max()):g})"
+        hint = select + ("" if profile else f', or vertical = "{dimension}" for a profile')
+    else:
+        has, hint = "", f"{select}, an index from 0 to {variable.sizes[dimension] - 1}"
+    return refusal(key, f"{name} also has a dimension {dimension}{has}. {hint}.")
 
 
 def _nearest(dataset: xr.Dataset, dimension: str, place: float) -> int:
@@ -161,35 +162,14 @@ def _nearest(dataset: xr.Dataset, dimension: str, place: float) -> int:
     raise refusal(key, f"got {place:g}", f"be {low:g} to {high:g}")
 
 
-def _left_over(
-    variable: xr.DataArray, name: str, key: str, dimension: str, *, profile: bool
-) -> ScenarioError:
-    """Return the refusal of a dimension from which no entry is selected."""
-    select = f"select = {{{dimension} = ...}}"
-    if dimension not in variable.coords:
-        last = variable.sizes[dimension] - 1
-        subject, hint = dimension, f"Set {select}, an index from 0 to {last}."
-    elif is_labelled(variable, dimension):
-        texts = labels_of(variable[dimension])
-        subject = f"{dimension} ({listed(texts)})"
-        hint = f'Name an entry, such as "{name}[{texts[0]}]".'
-    else:
-        places = variable.coords[dimension]
-        subject = f"{dimension} ({float(places.min()):g} to {float(places.max()):g})"
-        vertical = "" if profile else f', or vertical = "{dimension}" for a profile'
-        hint = f"Set {select}{vertical}."
-    return refusal(key, f"{name} also has a dimension {subject}. {hint}")
-
-
 def _at_place(dataset: xr.Dataset, flow: MeasuredFlow, names: list[str]) -> xr.Dataset:
     """Return the dataset at the place that the flow selects."""
-    own = {flow.time, flow.vertical}
     others = {
         str(dimension)
         for name in names
-        if name in dataset.variables
         for dimension in dataset[name].dims
-        if dimension not in own and not is_labelled(dataset[name], str(dimension))
+        if dimension not in (flow.time, flow.vertical)
+        and not is_labelled(dataset[name], str(dimension))
     }
     for dimension, place in flow.select.items():
         if dimension not in others:
@@ -201,56 +181,54 @@ def _at_place(dataset: xr.Dataset, flow: MeasuredFlow, names: list[str]) -> xr.D
 
 def read_selection(flow: MeasuredFlow, bed: float | None) -> FilledRecord:
     """Read the part of its file that a flow selects; ``bed`` is the height z of the bed (m)."""
+    remarks: list[str] = []
     with read_dataset(flow.file) as dataset:
         frame = str(dataset.attrs.get("coord_sys", "")).lower()
         if frame in _ROTATED:
             hint = 'Rotate it: mhkit.dolfyn.rotate2(dataset, "earth").'
             text = f"the velocity is in the frame of the instrument (coord_sys = {shown(frame)})"
             raise refusal("file", text, "be in that of the earth", hint)
-        wanted = [(f"velocity.{k}", each) for k, each in enumerate(flow.components)]
-        named = [find(dataset, c.name, key, flow.file) for key, c in wanted if c is not None]
+        wanted = {f"velocity.{k}": each for k, each in enumerate(flow.components)}
+        named = [find(dataset, c.name, key, flow.file) for key, c in wanted.items() if c]
         clock = find(dataset, flow.time, "time", flow.file)
-        level, upright, sign = None, "", 1.0
+        level, upright, component = None, None, Component.of(flow.vertical or "0")
         if flow.vertical is not None:
-            component = Component.of(flow.vertical)
             if component is None or component.entry:
                 raise refusal("vertical", got(flow.vertical, "be the name of a variable"))
-            upright, sign = find(dataset, component.name, "vertical", flow.file), component.sign
+            upright = find(dataset, component.name, "vertical", flow.file)
             check_count(dataset[upright].size, flow.file, upright)
             dataset = as_profile(dataset, clock, upright, flow.file)
         dataset = _at_place(dataset, flow, named)
         if dataset[clock].ndim > 1:  # as of a single station
-            of_one = [each for each, size in dataset[clock].sizes.items() if size == 1]
-            dataset = dataset.squeeze(of_one)
+            dataset = dataset.squeeze([d for d, n in dataset[clock].sizes.items() if n == 1])
         along = only_dimension(dataset[clock], "time")
         if upright:
             formula = "formula_terms" in dataset[upright].attrs
             level = sigma_levels(dataset, upright) if formula else dataset[upright]
-            level = level.squeeze(
-                [each for each in level.dims if level.sizes[each] == 1 < level.ndim]
-            )
             across = [str(each) for each in level.dims if each != along]
-            upright = only_dimension(level, "vertical") if len(across) != 1 else across[0]
-            level = level.transpose(..., upright)
-        source = _Source(dataset, flow, along, upright or None)
+            across = [each for each in across if level.sizes[each] > 1] or across[-1:]
+            upright = across[0] if len(across) == 1 else only_dimension(level, "vertical")
+            single = [d for d, n in level.sizes.items() if n == 1 and d not in (along, upright)]
+            level = level.squeeze(single).transpose(..., upright)
         layers = dataset.sizes[upright] if upright else 1
-        columns = 2 if flow.speed else sum(each is not None for _, each in wanted)
+        columns = 2 if flow.speed else len(named)
         check_count(dataset[clock].size * layers * columns, flow.file, "this current")
-        time = seconds(dataset[clock], source.remarks)
-        z = None if level is None else heights(level, sign, flow.origin, bed, source.remarks)
+        time = seconds(dataset[clock], remarks)
+        z = None
+        if level is not None and component:
+            z = heights(level, component.sign, flow.origin, bed, remarks)
+        source = _Source(dataset, flow, along, upright, remarks)
         if flow.speed and flow.direction:
             velocity, names = source.by_compass(flow.speed, flow.direction), [flow.speed] * 3
         else:
-            parts = [
-                np.zeros((time.size, layers)) if each is None else source.speeds(each, key)
-                for key, each in wanted
-            ]
+            nothing = np.zeros((time.size, layers))
+            parts = [source.speeds(c, key) if c else nothing for key, c in wanted.items()]
             velocity, names = np.stack(parts, axis=-1), list(flow.velocity)
     if z is not None:
-        z, velocity = _at_fixed_levels(z, velocity, source.remarks)
-        inside = in_water(z, bed, source.remarks)
+        z, velocity = _at_fixed_levels(z, velocity, remarks)
+        inside = in_water(z, bed, remarks)
         z, velocity = z[inside], velocity[:, inside]
-    return fill(time, z, velocity, names, source.remarks)
+    return fill(time, z, velocity, names, remarks)
 
 
 def _at_fixed_levels(
@@ -259,9 +237,7 @@ def _at_fixed_levels(
     remarks: list[str],
 ) -> tuple[Float[np.ndarray, " level"], Float[np.ndarray, "time level axis"]]:
     """Return the mean heights of levels (m) that vary in time, and the velocity there."""
-    if z.ndim == 1:
-        return z, velocity
-    mean = z.mean(axis=0)
+    mean = z if z.ndim == 1 else z.mean(axis=0)
     if (most := float(np.abs(z - mean).max())) <= _STEADY:
         return mean, velocity
     remarks.append(

@@ -7,21 +7,15 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float
 
 from crinoid.foundation.axes import ANGLES, AXES
-from crinoid.recording.axes import find, only_dimension, seconds
-from crinoid.recording.numbers import (
-    check_count,
-    check_marks,
-    factor_to,
-    labels_of,
-    numbers_of,
-    without_flagged,
-)
+from crinoid.recording.axes import as_numbers, find, only_dimension, seconds
+from crinoid.recording.numbers import Column, check_count, labels_of, numbers_of, quantity
 from crinoid.recording.readers import read_dataset
-from crinoid.recording.texts import MARKED, short
+from crinoid.recording.texts import short
 from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
 from crinoid.scenario import FileMotion, Scenario, Target
 from crinoid.scenario.errors import counted, refusal
@@ -31,6 +25,8 @@ _MOST = 0.5
 """Smallest measured share of a level."""
 _LATE = 1.5
 """Interval, over the usual one, above which samples are missing."""
+_SHIFT, _DEPTHS, _TURNS, _LONG = 1e3, 2e4, 100.0, 1e15
+"""Greatest shift (m), depth (m), turn (rad) and length of a vector without a unit."""
 
 
 class FilledRecord(NamedTuple):
@@ -57,63 +53,44 @@ def fill(
 ) -> FilledRecord:
     """Fill the gaps of a record (NaN) by straight lines in time, and omit empty levels."""
     steps = np.diff(time)
-    absent = np.maximum(np.rint(steps / np.median(steps)).astype(int) - 1, 0)
-    absent[steps <= _LATE * np.median(steps)] = 0
-    if absent.sum(dtype=float) >= time.size:
-        text = f"most samples are missing at the usual interval of {np.median(steps):.6g} s"
+    usual = np.median(steps)
+    absent = np.where(steps > _LATE * usual, np.rint(steps / usual) - 1, 0)
+    if absent.sum() >= time.size:
+        text = f"most samples are missing at the usual interval of {usual:.6g} s"
         raise refusal("time", text, "be a record in one piece", "Cut one out.")
-    places = np.concatenate([[0], np.cumsum(absent + 1)])
+    places = np.concatenate([[0], np.cumsum(absent + 1)]).astype(int)
     whole = np.interp(np.arange(places[-1] + 1), places, time)
-    measured = np.zeros((whole.size, *velocity.shape[1:]), bool)
-    measured[places] = np.isfinite(velocity)
-    full = (measured.mean(axis=0) >= _MOST).all(axis=1)
+    shape = (whole.size, *velocity.shape[1:])
+    rows = pd.DataFrame(velocity.reshape(time.size, -1), places).reindex(range(whole.size))
+    there = rows.notna().to_numpy().reshape(shape)
+    lines = rows.set_axis(whole).interpolate("index", limit_direction="both")
+    share = there.mean(axis=0)
+    full = (share >= _MOST).all(axis=1)
     if not full.any():
-        absence = 1 - measured.mean(axis=0).max(axis=0)
-        name, share = names[int(np.argmax(absence))], float(absence.max())
+        least = share.max(axis=0)
+        which = int(np.argmin(least))
         must = "have half of the values" + ("" if levels is None else " at one level")
-        raise refusal("file", f"{share:.0%} of {name} is missing", must)
+        raise refusal("file", f"{1 - least[which]:.0%} of {names[which]} is missing", must)
     if levels is not None and not full.all():
         heights = ", ".join(f"{height:.6g}" for height in np.sort(levels[~full]))
         remarks.append(f"most is missing at z = {heights} m: left out")
-    measured = measured[:, full]
-    filled = np.empty(measured.shape)
-    for at in np.ndindex(*measured.shape[1:]):
-        there, values = measured[:, *at], velocity[:, full][:, *at]
-        filled[:, *at] = np.interp(whole, whole[there], values[np.isfinite(values)])
+    there = there[:, full]
     for component, name in enumerate(names):
-        there = measured[:, :, component]
-        if not there.all():
-            # between two samples of a level, or to the ends of the record
-            gaps = [
-                np.diff(np.concatenate([whole[:1], whole[level], whole[-1:]])).max()
-                for level in there.T
-                if not level.all()
-            ]
+        # between two samples of a level, or to the ends of the record
+        gaps = [
+            np.diff(np.concatenate([whole[:1], whole[level], whole[-1:]])).max()
+            for level in there[..., component].T
+            if not level.all()
+        ]
+        if gaps:
             text = (
-                f"{1 - there.mean():.2%} of {name} is missing and was filled by straight lines, "
-                f"the longest gap {max(gaps):.4g} s"
+                f"{1 - there[..., component].mean():.2%} of {name} is missing and was filled by "
+                f"straight lines, the longest gap {max(gaps):.4g} s"
             )
-            if text not in remarks:
-                remarks.append(text)
+            remarks.extend([text] if text not in remarks else [])
+    filled = np.ascontiguousarray(lines).reshape(shape)[:, full]
     levels = None if levels is None else levels[full]
-    return FilledRecord(whole, levels, filled, np.logical_not(measured.all(axis=2)), remarks)
-
-
-class Column(NamedTuple):
-    """A variable of a series."""
-
-    key: str
-    """Key in the scenario that names it."""
-    name: str
-    """Its name in the file."""
-    factor_of: Callable[[str], float | None]
-    """Factor from a unit to SI."""
-    unit: str
-    """Unit if the file names none."""
-    most: float
-    """Largest size of a value (SI); a larger one marks a missing value."""
-    wraps: bool = False
-    """Whether it is an angle, from which an instrument may omit whole turns."""
+    return FilledRecord(whole, levels, filled, np.logical_not(there.all(axis=2)), remarks)
 
 
 @dataclass(frozen=True)
@@ -141,20 +118,13 @@ def values_in(
     """Return columns of a file in SI units, with the dimension of its ``first`` column."""
     along = only_dimension(first, str(first.name))
     values = np.empty((first.size, len(columns)))
-    for index, (key, name, factor_of, unit, limit, _) in enumerate(columns):
-        variable = dataset[find(dataset, name, key, file)]
+    for index, column in enumerate(columns):
+        variable = dataset[find(dataset, column.name, column.key, file)]
         if variable.dims != (along,):
             dims = ", ".join(map(str, variable.dims)) or "nothing"
-            raise refusal(key, f"{name} has dimensions {dims}", f"have those of {first.name}")
-        variable = without_flagged(dataset, variable, remarks)
-        numbers = numbers_of(variable, key, "numbers").astype(float)
-        factor = factor_to(variable, factor_of, key, unit, remarks)
-        values[:, index] = factor * numbers
-        most = float(np.nanmax(np.abs(numbers), initial=0.0))
-        if most > limit / factor:
-            must = f"reach at most {limit / factor:.4g}"
-            raise refusal(key, f"{name} reaches {most:g}", must, MARKED)
-        check_marks(numbers, key, name)
+            text = f"{column.name} has dimensions {dims}"
+            raise refusal(column.key, text, f"have those of {first.name}")
+        values[:, index] = quantity(dataset, variable, column, remarks)
     return values
 
 
@@ -173,47 +143,40 @@ def read_series(
     """
     with read_dataset(file) as dataset:
         remarks: list[str] = []
-        clock = dataset[find(dataset, time_column, "time_column", file)]
-        along = only_dimension(clock, "time_column")
-        check_count(clock.size * len(columns), file, "this path")
+        name = find(dataset, time_column, "time_column", file)
+        along = only_dimension(dataset[name], "time_column")
+        check_count(dataset[name].size * len(columns), file, "this path")
+        clock = as_numbers(dataset[name], "time_column")
+        units = str(clock.attrs.get("units", ""))
         begin = numbers_of(clock, "time_column", "times")[:1]
         if only is not None:
             chosen = np.flatnonzero(np.array(labels_of(dataset[only[0]])) == only[1])
-            dataset = dataset.isel({along: chosen})
-            clock = dataset[clock.name]
+            dataset, clock = dataset.isel({along: chosen}), clock.isel({along: chosen})
         time = seconds(clock, remarks, key="time_column")
-        units = str(clock.attrs.get("units", ""))
         since = begin[0] if " since " in units else 0
-        time += float(numbers_of(clock, "time_column", "times")[0] - since) * (
-            time_factor(units) or 1
-        )
+        start = numbers_of(clock, "time_column", "times")[0]
+        time += float(start - since) * (time_factor(units) or 1)
         values = values_in(dataset, columns, clock, file, remarks)
     there = np.isfinite(values).all(axis=1)
     if there.sum() < 2:
-        rows = counted(int(there.sum()), "row")
-        text = f"{short(file)} has {rows} without a missing value"
+        text = f"{short(file)} has {counted(int(there.sum()), 'row')} without a missing value"
         raise refusal("file", text, "have at least 2")
-    if not there.all():
-        gap, lacking = np.diff(time[there]).max(), int((~there).sum())
+    time, values, lacking = time[there], values[there], int((~there).sum())
+    if lacking:
         lack, are = ("lacks", "is") if lacking == 1 else ("lack", "are")
         remarks.append(
             f"{lacking} of {there.size} rows {lack} a value and {are} left out, the longest gap "
-            f"{gap:.4g} s"
+            f"{np.diff(time).max():.4g} s"
         )
-    values = values[there]
-    for index, column in enumerate(columns):
-        jumps = np.abs(np.diff(values[:, index])) > np.pi
+    for column, turn in zip(columns, values.T, strict=True):
+        jumps = np.abs(np.diff(turn)) > np.pi
         if column.wraps and jumps.any():
-            values[:, index] = np.unwrap(values[:, index])
             remarks.append(
                 f"{column.name} jumps by more than 180 degrees between two rows, first at "
-                f"{time[there][1:][jumps][0]:.6g} s: the turn goes on by the shorter way round"
+                f"{time[1:][jumps][0]:.6g} s: the turn goes on by the shorter way round"
             )
-    return Series(time[there] - skip, values, tuple(remarks))
-
-
-_SHIFT, _DEPTHS, _TURNS, _LONG = 1e3, 2e4, 100.0, 1e15
-"""Greatest shift (m), depth (m), turn (rad) and length of a vector without a unit."""
+            turn[:] = np.unwrap(turn)
+    return Series(time - skip, values, tuple(remarks))
 
 
 def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
@@ -230,15 +193,10 @@ def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
 
 
 def _motion(motion: FileMotion, duration: float) -> Series:
-    turns = motion.channel in ANGLES
-    column = Column(
-        "value_column",
-        motion.value_column or motion.channel,
-        angle_factor if turns else length_factor,
-        "degrees" if turns else "m",
-        _TURNS if turns else _SHIFT,
-        turns,
-    )
+    name = motion.value_column or motion.channel
+    column = Column("value_column", name, length_factor, "m", _SHIFT)
+    if motion.channel in ANGLES:
+        column = Column("value_column", name, angle_factor, "degrees", _TURNS, wraps=True)
     series = read_series(motion.file, motion.time_column, [column], motion.skip)
     first, last = series.time[[0, -1]]
     if first > 0:
@@ -258,8 +216,10 @@ def _path(target: Target, axes: tuple[str, ...], duration: float) -> Series:
     if target.angle_column is not None:
         angle = Column("angle_column", target.angle_column, angle_factor, "degrees", _TURNS, True)
         columns.append(angle)
-    for index, name in enumerate(target.direction_columns or ()):
-        columns.append(Column(f"direction_columns.{index}", name, no_unit, "1", _LONG))
+    columns += [
+        Column(f"direction_columns.{index}", name, no_unit, "1", _LONG)
+        for index, name in enumerate(target.direction_columns or ())
+    ]
     assert target.file is not None
     series = read_series(target.file, target.time_column or "time", columns, target.skip or 0.0)
     if series.time[-1] <= 0:
@@ -273,15 +233,14 @@ def _path(target: Target, axes: tuple[str, ...], duration: float) -> Series:
 
 def _pointed(series: Series) -> Series:
     """Return the series with unit vectors in its last three columns."""
-    values = series.values.copy()
-    vectors = values[:, -3:]
+    vectors = series.values[:, -3:]
     largest = np.abs(vectors).max(axis=1, keepdims=True)
     if not largest.all():
         raise refusal("direction_columns", "a vector is 0", "have a direction in each row")
-    vectors /= largest  # squares of very small numbers are 0
+    vectors = vectors / largest  # squares of very small numbers are 0
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     opposite = np.flatnonzero((vectors[1:] * vectors[:-1]).sum(axis=1) < OPPOSITE)
     if opposite.size:
         text = f"turn to the opposite at {series.time[opposite[0] + 1]:.6g} s of the run"
         raise refusal("direction_columns", text, "turn by less", "Add a direction between.")
-    return replace(series, values=values)
+    return replace(series, values=np.hstack([series.values[:, :-3], vectors]))

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 _NAMED = 12
-MARKED = "Mark missing values by an empty cell, or in a netCDF file by a _FillValue."
 
 
 def reason_of(error: Exception) -> str:

@@ -22,9 +22,9 @@ _KEYS = ("file", "weights")
 FileName = Annotated[
     str, Field(min_length=1), AfterValidator(lambda path: os.path.abspath(os.path.expanduser(path)))
 ]
-File = Annotated[FileName, Quantity(takes="the path of a CSV or netCDF file")]
 RecordFile = Annotated[
-    File,
+    FileName,
+    Quantity(takes="the path of a CSV or netCDF file"),
     BeforeValidator(as_file),
     Field(
         description="CSV or netCDF file; a relative path starts from the scenario file, with "

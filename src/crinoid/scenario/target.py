@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.document import File
+from crinoid.scenario.document import RecordFile
 from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import (
@@ -144,7 +144,7 @@ class Target(Model):
         "Time to reach full speed, along half a cosine; 1 by default. Not of a line with an end.",
         ge=0,
     )
-    file: File | None = entry(
+    file: RecordFile | None = entry(
         None,
         "CSV or netCDF file of a path; a relative path starts from the scenario file, with "
         "--set and in Python from the working directory.",
