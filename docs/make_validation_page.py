@@ -36,7 +36,7 @@ cases, and `--list` shows the names. The exit code is 1 where an error is larger
 `validation.json` has all checks, `CASE.png` the figure of a case, and `CASE.toml` its scenario, for
 `crinoid equilibrium` or `crinoid run`.
 
-A case is one file in `src/crinoid/validation/cases`; a new one needs no other change.
+A case is a function in a file of `src/crinoid/validation/cases`; a new one needs no other change.
 """
 
 

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-import crinoid.benchmarks.peers as peers
+from crinoid.benchmarks import engines
 from crinoid.benchmarks.measurement import Row, Scope, in_turn, row
 from crinoid.benchmarks.registry import BENCHMARKS
 from crinoid.benchmarks.releases import RELEASES
@@ -91,16 +91,17 @@ def test_the_list_names_all_and_another_name_is_refused():
 
 
 def test_a_peer_that_is_not_installed_is_a_line(monkeypatch):
-    monkeypatch.setattr(peers, "PEERS", ("nothing",))
-    found, (line,) = peers.find_peers()
+    monkeypatch.setattr(engines, "PEERS", {"nothing": engines.PEERS["mujoco"]})
+    found, (line,) = engines.find_peers()
     assert found == ()
     assert line.startswith("nothing is left out (")
     assert line.endswith("pip install 'crinoid[bench]'")
 
 
-@pytest.mark.parametrize("name", peers.PEERS)
+@pytest.mark.parametrize("name", engines.PEERS)
 def test_a_peer_lets_the_arm_fall(name):
-    engine = pytest.importorskip(f"crinoid.benchmarks.peers.{name}").ENGINE
+    program = pytest.importorskip(f"crinoid.peers.{name}").prepare
+    engine = engines.PEERS[name]._replace(program=program)
     for release in RELEASES:
         if release.name in engine.states:
             short = release._replace(duration=0.2)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.benchmarks.peers import Engine
+from crinoid.benchmarks.engines import Engine
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from crinoid.simulation.batch import run_batch

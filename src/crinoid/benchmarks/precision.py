@@ -8,13 +8,15 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from crinoid.assembly.prepared import system
+from crinoid.benchmarks.engines import Engine
 from crinoid.benchmarks.measurement import Rows, Scope, row
-from crinoid.benchmarks.peers import Engine, Swing, Tips, clocked
 from crinoid.benchmarks.releases import RELEASES, Release
 from crinoid.benchmarks.step import march
 from crinoid.compilation import OFTEN, compiled
 from crinoid.dynamics import State, System
 from crinoid.foundation.version import __version__
+from crinoid.peers.swing import Swing, Tips, clocked
+from crinoid.scenario import Scenario
 
 _WITHIN = (0.01, 0.001)
 """Errors of the tip over its largest displacement."""
@@ -39,13 +41,13 @@ def _tips(
     return jax.lax.scan(to_sample, (state, jnp.asarray(True)), length=samples)[1]
 
 
-def _prepare(release: Release, nodes: int, time_step: float) -> Swing:
-    arm = system(release.scenario(nodes, time_step))
+def _prepare(scenario: Scenario, time_step: float, interval: float, samples: int) -> Swing:
+    arm = system(scenario)
     rest, origin = arm.rest(), np.asarray(arm.forces.origin)
-    steps = jnp.asarray(release.steps(time_step))
+    steps = jnp.asarray(round(interval / time_step))
 
     def swing() -> Tips:
-        return np.asarray(_tips(arm, rest, release.samples, steps))[:, : origin.size] - origin
+        return np.asarray(_tips(arm, rest, samples, steps))[:, : origin.size] - origin
 
     swing()  # compiles
     return clocked(swing)
@@ -58,7 +60,7 @@ ENGINE = Engine(
     order=2,
     meshes=(11, 21, 41, 81),
     steps=(0.05, 0.001),
-    prepare=_prepare,
+    program=_prepare,
 )
 
 

@@ -14,14 +14,14 @@ from typing import Any
 import matplotlib as mpl
 from rich.table import Table
 
+from crinoid.benchmarks.engines import Engine, find_peers
 from crinoid.benchmarks.measurement import Row, Scope
-from crinoid.benchmarks.peers import Engine, find_peers
 from crinoid.benchmarks.registry import BENCHMARKS, title
 from crinoid.cli.command import console
 from crinoid.cli.display import new_table, say_notes, say_written
 from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted
-from crinoid.compilation import keep_programs
+from crinoid.compilation import free_memory, keep_programs
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
@@ -74,6 +74,7 @@ def run_benchmarks(
                             (remarks if isinstance(each, str) else rows).append(each)
                     except (RuntimeError, subprocess.SubprocessError) as error:
                         troubles.append(f"{name}: {error}")
+                free_memory()
                 _show(rows)
                 say_notes(remarks)
         except (Interrupted, KeyboardInterrupt):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import logging
 import pickle
 import threading
 import time
+import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -33,6 +35,7 @@ from crinoid.compilation.store import (
 
 P = ParamSpec("P")
 R = TypeVar("R")
+_PROGRAMS: weakref.WeakSet[Program[Any, Any]] = weakref.WeakSet()
 
 OFTEN = {
     "xla_cpu_use_fusion_emitters": False,
@@ -121,6 +124,7 @@ class Program(Generic[P, R]):
         self._loaded: OrderedDict[bytes, _Loaded] = OrderedDict()
         self._ahead: dict[bytes, Future[_Loaded]] = {}
         self._lock = threading.Lock()
+        _PROGRAMS.add(self)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Call the function."""
@@ -286,8 +290,21 @@ def _is_observed() -> bool:
 def make_room() -> None:
     """Free compiled code if it uses half of the memory maps."""
     if _crowded():
-        jax.clear_caches()
-        gc.collect()
+        free_memory()
+
+
+def free_memory() -> None:
+    """Free compiled code that is not running, and return the free memory of glibc to the system.
+
+    Otherwise glibc keeps what the compiler used, which is hundreds of megabytes.
+    """
+    for program in list(_PROGRAMS):
+        with program._lock:
+            program._loaded.clear()
+    jax.clear_caches()
+    gc.collect()
+    with suppress(AttributeError, OSError, TypeError):  # another library
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _crowded() -> bool:

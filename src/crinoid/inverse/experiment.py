@@ -68,9 +68,10 @@ class Experiment:
         self._axes = [name for name in record.names if name in AXES[axes]]
         self._columns = [POSE[axes].index(name) for name in record.names]
         self._angles = np.array([axes == 2 and name == "angle" for name in record.names])
-        (parameters, _), tangents = self._arrays(np.zeros(len(unknowns.keys)))
-        leaves = [np.abs(np.asarray(each)) for each in jax.tree.leaves(tangents)]
-        self.effects = np.sum([leaf.reshape(len(unknowns.keys), -1).sum(1) for leaf in leaves], 0)
+        count = len(unknowns.keys)
+        (parameters, _), tangents = self._arrays(np.zeros(count))
+        leaves = jax.tree.leaves(tangents)
+        self.effects = np.sum([np.abs(leaf).reshape(count, -1).sum(1) for leaf in leaves], 0)
         """Whether each parameter affects the experiment: above 0 if so."""
         if self.record.holds is None:
             self._loop = _loop(scenario, self.record)
@@ -129,6 +130,10 @@ class Experiment:
         names = (TIP, *(marker.name for marker in self.record.markers))
         return [names[each] for each in self.record.marker]
 
+    @property
+    def _of_record(self) -> str:
+        return f" of {self.record.name}" if self.record.name else ""
+
     def within_reach(self, found: ArmMotion) -> tuple[Bool[np.ndarray, " time"], list[str]]:
         """Return the rows within reach of the arm, and notes."""
         axes, names = self.scenario.arm.dimension, self._axes
@@ -138,9 +143,7 @@ class Experiment:
         measured, computed = self.measured[:, : len(names)], self._sample(found.places.marker)
         root = np.asarray(found.places.root)[self._before][:, columns]
         length = float(found.places.length.max())
-        subject = "the markers" if self.record.marker.any() else "the tip"
-        if self.record.name:
-            subject = f"{subject} of {self.record.name}"
+        subject = f"the {'markers' if self.record.marker.any() else 'tip'}{self._of_record}"
         return within_reach(subject, names, measured, root, computed[:, : len(names)], length)
 
     def stuck(self, computed: Float[np.ndarray, "time quantity"]) -> Bool[np.ndarray, " time"]:
@@ -156,7 +159,7 @@ class Experiment:
 
     def failure(self, found: ArmMotion | None) -> str:
         """Return why a run failed; empty if it did not."""
-        where = f" of {self.record.name}" if self.record.name else ""
+        where = self._of_record
         if found is None:
             return f"the parameters{where} are outside of the scenario's ranges"
         if self.record.holds is not None and not found.at_rest:

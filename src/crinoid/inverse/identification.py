@@ -20,8 +20,6 @@ from crinoid.inverse.weights import RecordWeights
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal
 
-__all__ = ["Identification"]
-
 _SHARES = (0.125, 0.25, 0.5, 1.0)
 """Shares of the record that the progressive search fits in turn."""
 _TRIALS = 30
@@ -139,13 +137,9 @@ class Identification:
         for each, run in zip(self.weights, best.runs, strict=True):
             if (lost := 1 - each.used.mean()) > LOST:
                 stuck = each.experiment.stuck(run.computed).mean() > LOST / 2
-                hint = (
-                    "A stuck marker rests while the arm moves." if stuck else "Check the markers."
-                )
-                text = (
-                    f"got {lost:.0%} of rows that no motion of this arm explains; must be at most"
-                )
-                raise ScenarioError.of("RECORD", f"{text} {LOST:.0%}. {hint}")
+                hint = "A stuck marker rests while the arm moves" if stuck else "Check the markers"
+                text = f"got {lost:.0%} of rows that no motion of this arm explains"
+                raise refusal("RECORD", text, f"be at most {LOST:.0%}", f"{hint}.")
         return True
 
     def _cost(self, runs: Runs) -> float:
@@ -263,9 +257,6 @@ class Identification:
         with np.errstate(invalid="ignore"):
             correlation = covariance / np.outer(deviation, deviation)
 
-        def computed(fit: _Fit) -> Float[np.ndarray, "time quantity"]:
-            return _table([run.computed for run in fit.runs])
-
         rows = [
             ("given", "parameter", "", given, ""),
             ("found", "parameter", "", found, "best fit"),
@@ -276,8 +267,14 @@ class Identification:
             ("scatter", "quantity", "", scatter, "standard deviation about the fit"),
             ("remembered", "quantity", "s", self.correlation[0], "integral time of the residual"),
             ("measured", "time quantity", "", _table([e.measured for e in experiments]), ""),
-            ("computed", "time quantity", "", computed(self.found), ""),
-            ("computed_before", "time quantity", "", computed(self.before), ""),
+            ("computed", "time quantity", "", _table([r.computed for r in self.found.runs]), ""),
+            (
+                "computed_before",
+                "time quantity",
+                "",
+                _table([r.computed for r in self.before.runs]),
+                "",
+            ),
             ("set_aside", "time", "", aside, "whether a row counts as a lost marker"),
         ]
         return xr.Dataset(

@@ -30,11 +30,7 @@ class Marker(Model):
     s: Metres = Field(ge=0, description="Distance from the root along the arm at rest.")
     offset: Annotated[
         Components | None,
-        Quantity(
-            "m",
-            "[along the arm, across it]",
-            "[along the arm, toward m_1, toward m_2]",
-        ),
+        Quantity("m", "[along the arm, across it]", "[along the arm, toward m_1, toward m_2]"),
         PER_AXIS,
     ] = entry(None, "Distance from the axis, in the frame of the section; 0 by default.")
 

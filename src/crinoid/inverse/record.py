@@ -236,11 +236,9 @@ def _after_start(record: ExperimentRecord) -> ExperimentRecord:
 
 
 def _column(name: str, unit: str) -> Column:
-    if unit == "m":
-        return Column(name, name, length_factor, "m", _LARGEST)
-    if unit == "rad":
-        return Column(name, name, angle_factor, "degrees", _LARGEST)
-    return Column(name, name, {unit: 1.0}.get, unit, _LARGEST)
+    known = {"m": (length_factor, "m"), "rad": (angle_factor, "degrees")}
+    factor, written = known.get(unit, ({unit: 1.0}.get, unit))
+    return Column(name, name, factor, written, _LARGEST)
 
 
 def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> ExperimentRecord:
@@ -287,12 +285,7 @@ def _by_name(data: xr.Dataset, variable: str, dim: str) -> dict[str, np.ndarray]
 
 
 def within_reach(
-    subject: str,
-    names: Sequence[str],
-    measured: Places,
-    root: Places,
-    tip: Places,
-    length: float,
+    subject: str, names: Sequence[str], measured: Places, root: Places, tip: Places, length: float
 ) -> tuple[Bool[np.ndarray, " time"], list[str]]:
     """Return the rows that the arm can reach, and a note if the record fits in another reading.
 
@@ -315,11 +308,9 @@ def within_reach(
     hint = f"Likely cause: {frames[best][0]}." if near else ""
     where = _ranges(names, measured)
     if inside.mean() < 1 - LOST:
-        text = (
-            f"got {subject} at {where}; must lie within {_REACH * length:.3g} m of the root at "
-            f"{_ranges(names, root)}. {hint or 'Check units, origin, axes and the sign of z.'}"
-        )
-        raise ScenarioError.of("RECORD", text)
+        must = f"lie within {_REACH * length:.3g} m of the root at {_ranges(names, root)}"
+        hint = hint or "Check units, origin, axes and the sign of z."
+        raise refusal("RECORD", f"got {subject} at {where}", must, hint)
     note = f"the record has {subject} at {where}, the run at {_ranges(names, tip)}. {hint}"
     return inside, [note] if hint and distances[0] > _STUCK * length else []
 

@@ -22,7 +22,7 @@ from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.validation.case import Case, Evidence
-from crinoid.view.figures.style import STYLE, head
+from crinoid.view.figures.style import STYLE, head, key
 
 VALIDATION = "validation.json"
 _COLUMNS = ("quantity", "reference", "value", "error", "tolerance", "relative", "unit", "holds")
@@ -92,7 +92,10 @@ def _drawn(case: Case, evidence: Evidence) -> Figure | None:
         return None
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=_SIZE, layout="constrained")
-        evidence.draw(figure.add_subplot())
+        axes = figure.add_subplot()
+        evidence.draw(axes)
+        if axes.get_legend() is None:
+            key(axes)
         head(figure, case.title, Status.OK)
     return figure
 

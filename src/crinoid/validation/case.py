@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import Literal
+from typing import Any, Literal
 
 from matplotlib.axes import Axes
 
@@ -101,7 +101,9 @@ class Case:
     """A validation case; its texts are sentences."""
 
     name: str
-    """Name on the command line, in kebab-case: that of its file."""
+    """Name on the command line, in kebab-case: that of its function."""
+    run: Callable[[], Evidence]
+    kind: Kind
     title: str
     """Statement of the case."""
     source: str
@@ -110,8 +112,6 @@ class Case:
     """How crinoid computes it: mesh, time step."""
     reason: str
     """Reason for the tolerances."""
-    kind: Kind
-    run: Callable[[], Evidence]
     long: bool = False
     """Whether it costs more than about a minute."""
     needs: tuple[str, ...] = ()
@@ -121,3 +121,8 @@ class Case:
     def missing(self) -> list[str]:
         """Packages that are not installed."""
         return [package for package in self.needs if find_spec(package) is None]
+
+
+def case(**about: Any) -> Callable[[Callable[[], Evidence]], Case]:
+    """Make a function the `Case` of its name; the arguments are the texts and the kind."""
+    return lambda run: Case(run.__name__.replace("_", "-"), run, **about)

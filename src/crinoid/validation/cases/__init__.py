@@ -1,4 +1,4 @@
-"""The validation cases, one a file: each has a `CASE`."""
+"""The validation cases: functions with the decorator `case`, in files of like cases."""
 
 import pkgutil
 from importlib import import_module
@@ -8,6 +8,6 @@ from crinoid.validation.case import KINDS, Case
 
 def all_cases() -> list[Case]:
     """Return every case, by kind and name."""
-    modules = [f"{__name__}.{each.name}" for each in pkgutil.iter_modules(__path__)]
-    found: list[Case] = [import_module(module).CASE for module in modules]
+    modules = [import_module(f"{__name__}.{each.name}") for each in pkgutil.iter_modules(__path__)]
+    found = [each for module in modules for each in vars(module).values() if type(each) is Case]
     return sorted(found, key=lambda case: (KINDS.index(case.kind), case.name))

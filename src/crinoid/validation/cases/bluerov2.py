@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 from crinoid.scenario import Scenario
 from crinoid.simulation import simulate
-from crinoid.validation.case import Case, Check, Evidence
-from crinoid.view.figures.style import INK, SERIES, key
+from crinoid.validation.case import Check, Evidence, case
+from crinoid.view.figures.style import INK, SERIES
 
 _DENSITY, _GRAVITY = 1000.0, 9.82
 _MASS, _VOLUME = 13.5, 0.0134
@@ -25,42 +25,29 @@ _ANGULAR_QUADRATIC = np.array([1.192, 0.470, 1.500])
 
 _THRUST, _CURRENT = 40.0, 0.5
 _MOMENTS = np.array([0.05, 0.2, 0.05])
-_DURATION = 6.0
-_ROV = Scenario().with_values(
-    {
-        "arm.dimension": 3,
-        "arm.nodes": 3,
-        "arm.length": 0.1,
-        # a rod that weighs and drags next to nothing, and is stiff enough for the moments
-        "arm.section": {
-            "EA": 1e6,
-            "EI": 1e3,
-            "GJ": 1e3,
-            "mass_per_length": 1e-4,
-            "diameter": 1e-4,
-            "displaced_area": 1e-7,
-        },
-        "base.position": [0.0, 0.0, -10.0],
-        "water.density": _DENSITY,
-        "vehicle": {
-            "mass": _MASS,
-            "volume": _VOLUME,
-            "inertia": _INERTIA.tolist(),
-            "added_mass": _ADDED_MASS.tolist(),
-            "added_inertia": _ADDED_INERTIA.tolist(),
-            "linear_drag": _LINEAR.tolist(),
-            "drag_area": (2 * _QUADRATIC / _DENSITY).tolist(),
-            "angular_linear_drag": _ANGULAR_LINEAR.tolist(),
-            "angular_drag": _ANGULAR_QUADRATIC.tolist(),
-        },
-        "load": [{"kind": "tip", "force": [0.0] * 3, "moment": [0.0] * 3, "follower": True}],
-        "flow": [{"kind": "uniform", "velocity": [0.0, 0.0, 0.0]}],
-        "control.kind": "none",
-        "simulation.duration": _DURATION,
-        "simulation.time_step": 0.01,
-        "simulation.start": "rest",
-        "output.interval": 0.1,
-    }
+# a rod that weighs and drags next to nothing, and is stiff enough for the moments
+_SECTION = {"EA": 1e6, "EI": 1e3, "GJ": 1e3, "mass_per_length": 1e-4, "diameter": 1e-4}
+_VEHICLE = {
+    "mass": _MASS,
+    "volume": _VOLUME,
+    "inertia": _INERTIA.tolist(),
+    "added_mass": _ADDED_MASS.tolist(),
+    "added_inertia": _ADDED_INERTIA.tolist(),
+    "linear_drag": _LINEAR.tolist(),
+    "drag_area": (2 * _QUADRATIC / _DENSITY).tolist(),
+    "angular_linear_drag": _ANGULAR_LINEAR.tolist(),
+    "angular_drag": _ANGULAR_QUADRATIC.tolist(),
+}
+_ROV = Scenario(
+    arm={"dimension": 3, "nodes": 3, "length": 0.1, "section": _SECTION | {"displaced_area": 1e-7}},
+    base={"position": [0.0, 0.0, -10.0]},
+    water={"density": _DENSITY},
+    vehicle=_VEHICLE,
+    load=[{"kind": "tip", "force": [0.0] * 3, "moment": [0.0] * 3, "follower": True}],
+    flow=[{"kind": "uniform", "velocity": [0.0, 0.0, 0.0]}],
+    control={"kind": "none"},
+    simulation={"duration": 6.0, "time_step": 0.01, "start": "rest"},
+    output={"interval": 0.1},
 )
 
 
@@ -95,13 +82,13 @@ class _Motion(NamedTuple):
 def _motions() -> list[_Motion]:
     mass, inertia = _MASS + _ADDED_MASS, _INERTIA + _ADDED_INERTIA
     still = {"water.gravity": 0.0}
-    push = _GRAVITY * (_MASS - _DENSITY * _VOLUME), {"water.gravity": _GRAVITY}
+    weight = _GRAVITY * (_MASS - _DENSITY * _VOLUME)
     values = (
         still | {"load.0.force": [_THRUST, 0.0, 0.0]},
         still | {"flow.0.velocity": [0.0, _CURRENT, 0.0]},
-        push[1],
+        {"water.gravity": _GRAVITY},
     )
-    pushes, water = (_THRUST, 0.0, -push[0]), (0.0, _CURRENT, 0.0)
+    pushes, water = (_THRUST, 0.0, -weight), (0.0, _CURRENT, 0.0)
     names = ("surge", "sway", "heave"), ("slide", "sway", "heave")
     along = map(_Motion, *names, values, mass, _LINEAR, _QUADRATIC, pushes, water)
     turned = [still | {"load.0.moment": row.tolist()} for row in np.diag(_MOMENTS)]
@@ -112,7 +99,18 @@ def _motions() -> list[_Motion]:
     return [*along, *about]
 
 
-def _run() -> Evidence:
+@case(
+    kind="published",
+    title="A BlueROV2 Heavy moves along and about each axis, up to its terminal speeds.",
+    source="von Benzon et al. 2022, J. Mar. Sci. Eng. 10, 1898: mass, inertia, added mass, linear "
+    "and quadratic drag. (m + added) dv/dt = F + c1 (u - v) + c2 |u - v| (u - v), integrated by "
+    "SciPy's DOP853 to 1e-10.",
+    method="The vehicle with a rod of 10 mg in space, steps of 10 ms: thrust 40 N, current 0.5 "
+    "m/s, weight of 0.1 kg; moments 0.05, 0.2, 0.05 N m.",
+    reason="Steps of h follow a decay in a time T to (h/T)^2/12, with T = 0.13 s of the surge "
+    "5e-4. The rod adds up to 2.5e-5 to the drag.",
+)
+def bluerov2() -> Evidence:
     checks, scenarios, drawn = [], {}, []
     for each in _motions():
         scenarios[each.name] = scenario = _ROV.with_values(each.values)
@@ -134,21 +132,5 @@ def _run() -> Evidence:
             axes.plot(times, ours, color=colour, label=each.name)
             axes.plot(times[::5], exact[::5], "o", mfc="none", color=INK, ms=4, label="exact")
         axes.set(xlabel="time (s)", ylabel="speed over the last one")
-        key(axes)
 
     return Evidence(checks, None, scenarios, draw)
-
-
-CASE = Case(
-    name="bluerov2",
-    title="A BlueROV2 Heavy moves along and about each axis, up to its terminal speeds.",
-    source="von Benzon et al. 2022, J. Mar. Sci. Eng. 10, 1898: mass, inertia, added mass, linear "
-    "and quadratic drag. (m + added) dv/dt = F + c1 (u - v) + c2 |u - v| (u - v), integrated by "
-    "SciPy's DOP853 to 1e-10.",
-    method="The vehicle with a rod of 10 mg in space, steps of 10 ms: thrust 40 N, current 0.5 "
-    "m/s, weight of 0.1 kg; moments 0.05, 0.2, 0.05 N m.",
-    reason="Steps of h follow a decay in a time T to (h/T)^2/12, with T = 0.13 s of the surge "
-    "5e-4. The rod adds up to 2.5e-5 to the drag.",
-    kind="published",
-    run=_run,
-)

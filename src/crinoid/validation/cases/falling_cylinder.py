@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 
 from crinoid.scenario import Scenario
 from crinoid.simulation import simulate
-from crinoid.validation.case import Case, Check, Evidence
+from crinoid.validation.case import Check, Evidence, case
 from crinoid.validation.slender import order_of
-from crinoid.view.figures.style import BLUE, INK, VERMILLION, key
+from crinoid.view.figures.style import BLUE, INK, VERMILLION
 
 _DIAMETER, _DRAG, _GRAVITY, _DENSITY, _ADDED = 0.01, 1.1, 9.81, 1000.0, 1.0
 _AREA = np.pi / 4 * _DIAMETER**2
@@ -17,39 +17,37 @@ _STEPS = (0.02, 0.01)
 _DURATION, _EARLY = 2.0, 0.2
 
 
-def start_and_end(relative: float) -> tuple[float, float]:
-    """Return the first acceleration upward (m/s2) and the terminal speed (m/s)."""
-    acceleration = (1.0 - relative) * _GRAVITY / (relative + _ADDED)
-    squared = np.pi * _DIAMETER * _GRAVITY * abs(relative - 1.0) / (2.0 * _DRAG)
-    return acceleration, float(np.sqrt(squared))
-
-
 def _scenario(relative: float, step: float) -> Scenario:
-    section = {
-        "EI": 1e3,
-        "EA": 1e5,
-        "diameter": _DIAMETER,
-        "displaced_area": float(_AREA),
-        "mass_per_length": float(relative * _DENSITY * _AREA),
-    }
+    section = {"EI": 1e3, "EA": 1e5, "diameter": _DIAMETER, "displaced_area": _AREA}
+    section |= {"mass_per_length": relative * _DENSITY * _AREA}
     return Scenario(
         arm={"nodes": 5, "length": 0.2, "damping_time": 0.0, "section": section},
-        water={
-            "density": _DENSITY,
-            "gravity": _GRAVITY,
-            "drag_normal": _DRAG,
-            "added_mass_normal": _ADDED,
-        },
+        water={"density": _DENSITY, "gravity": _GRAVITY, "drag_normal": _DRAG}
+        | {"added_mass_normal": _ADDED},
         vehicle={"mass": 1e-9, "inertia": 1e-9},
         simulation={"duration": _DURATION, "time_step": step, "start": "rest"},
         output={"interval": step},
     )
 
 
-def _run() -> Evidence:
+@case(
+    kind="exact",
+    title="A cylinder let go broadside in still water sinks or rises toward its terminal speed.",
+    source="Balance of weight, buoyancy, drag and added mass: v = v_t tanh(a t/v_t), first "
+    "acceleration a = (1 - s) g/(s + Ca), v_t^2 = pi d g |s - 1|/(2 Cd), for a density of s times "
+    "that of the water.",
+    method="Run of 2 s of a stiff arm of 0.2 m, d = 10 mm, Cd = 1.1, Ca = 1, with 5 nodes, on a "
+    f"vehicle of 1e-9 kg, in steps of {_STEPS[-1]:g} s; the order is from {_STEPS[0]:g} and "
+    f"{_STEPS[-1]:g} s.",
+    reason="The vehicle is 1e-6 of an edge of the arm, so the first acceleration is off by that "
+    "share. The trapezoid rule is off by a twelfth of (time step a/v_t)^2. Newton's tolerance of "
+    "1e-8 leaves 1e-7 of the terminal speed at most.",
+)
+def falling_cylinder() -> Evidence:
     checks, scenarios, curves, orders = [], {}, [], []
     for relative in _RELATIVE:
-        acceleration, terminal = start_and_end(relative)
+        acceleration = (1.0 - relative) * _GRAVITY / (relative + _ADDED)
+        terminal = np.sqrt(np.pi * _DIAMETER * _GRAVITY * abs(relative - 1.0) / (2.0 * _DRAG))
         settling = terminal / abs(acceleration)
         errors = []
         for step in _STEPS:
@@ -77,29 +75,10 @@ def _run() -> Evidence:
     def draw(axes: Axes) -> None:
         for (relative, time, speed, exact), colour in zip(curves, (BLUE, VERMILLION), strict=True):
             shown = time <= 1.0
-            axes.plot(
-                time[shown], speed[shown], color=colour, label=f"crinoid, {relative:g} of water"
-            )
+            name = f"crinoid, {relative:g} of water"
+            axes.plot(time[shown], speed[shown], color=colour, label=name)
             axes.plot(time[shown][::5], exact[shown][::5], "o", mfc="none", color=INK, ms=4)
         axes.lines[-1].set_label("exact")
         axes.set(xlabel="time (s)", ylabel="speed upward (m/s)")
-        key(axes)
 
     return Evidence(checks, min(orders), scenarios, draw)
-
-
-CASE = Case(
-    name="falling-cylinder",
-    title="A cylinder let go broadside in still water sinks or rises toward its terminal speed.",
-    source="Balance of weight, buoyancy, drag and added mass: v = v_t tanh(a t/v_t), first "
-    "acceleration a = (1 - s) g/(s + Ca), v_t^2 = pi d g |s - 1|/(2 Cd), for a density of s times "
-    "that of the water.",
-    method="Run of 2 s of a stiff arm of 0.2 m, d = 10 mm, Cd = 1.1, Ca = 1, with 5 nodes, on a "
-    f"vehicle of 1e-9 kg, in steps of {_STEPS[-1]:g} s; the order is from {_STEPS[0]:g} and "
-    f"{_STEPS[-1]:g} s.",
-    reason="The vehicle is 1e-6 of an edge of the arm, so the first acceleration is off by that "
-    "share. The trapezoid rule is off by a twelfth of (time step a/v_t)^2. Newton's tolerance of "
-    "1e-8 leaves 1e-7 of the terminal speed at most.",
-    kind="exact",
-    run=_run,
-)

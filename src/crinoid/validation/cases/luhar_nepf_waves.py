@@ -12,8 +12,8 @@ from crinoid.flow.flow import Point, Time
 from crinoid.numerics.ramp import Onset
 from crinoid.scenario import Scenario
 from crinoid.simulation import simulate
-from crinoid.validation.case import Case, Check, Evidence
-from crinoid.view.figures.style import BLUE, INK, VERMILLION, key
+from crinoid.validation.case import Check, Evidence, case
+from crinoid.view.figures.style import BLUE, INK, VERMILLION
 
 _HARMONICS = 1e-4 * np.array(
     [
@@ -51,25 +51,20 @@ _THEIR_MODEL = (
     "29.2 142 43 137 55.7 137 62.6 141 64.2 148 61.5 160 56.8 170 51.5 180 45.6 190 34.5 196 "
     "24.4 195 13.3 192 .5 189 -9.5 186 -22.3 184 -34.5 182 -44.6 180 -56.8 179 -68.4 178 -79.6 174"
 )
+_WIDE, _THIN = 0.02, 1.9e-3
+"""Sides of the section (m)."""
+_SECTION = {
+    "EA": 5e5 * _WIDE * _THIN,
+    "EI": 5e5 * _WIDE * _THIN**3 / 12,
+    "mass_per_length": 670 * _WIDE * _THIN,
+    "diameter": _WIDE,
+    "displaced_area": _WIDE * _THIN,
+}
 _BLADE = {
-    "arm.length": 0.2,
-    "arm.nodes": 21,
-    "arm.damping_time": 0.0,
-    "arm.section": {
-        "EA": 5e5 * 0.02 * 1.9e-3,
-        "EI": 5e5 * 0.02 * 1.9e-3**3 / 12,
-        "mass_per_length": 670 * 0.02 * 1.9e-3,
-        "diameter": 0.02,
-        "displaced_area": 0.02 * 1.9e-3,
-    },
-    "base.position": [0.0, 0.0],
-    "base.tilt_deg": 90.0,
-    "water.density": 1000.0,
-    "water.drag_tangential": 0.0,
-    "simulation.duration": 12.0,
-    "simulation.time_step": 0.01,
-    "simulation.start": "rest",
-    "control.kind": "none",
+    "arm": {"length": 0.2, "nodes": 21, "damping_time": 0.0, "section": _SECTION},
+    "base": {"position": [0.0, 0.0], "tilt_deg": 90.0},
+    "simulation": {"duration": 12.0, "time_step": 0.01, "start": "rest"},
+    "control": {"kind": "none"},
 }
 
 
@@ -102,17 +97,32 @@ def _distance(points: Float[np.ndarray, "p 2"], loop: Float[np.ndarray, "q 2"]) 
     return float(np.sqrt(np.mean(nearest**2)))
 
 
-def _run() -> Evidence:
+@case(
+    kind="measured",
+    title="A blade of silicone foam, clamped to the bed of a flume, sways in waves of 0.5 Hz.",
+    source="Luhar and Nepf 2016, J. Fluids Struct. 61, 20-41: velocity next to the blade and path "
+    "of its tip, digitised (PIV_Vel_f05a40, exFoam, numFoam in the public repository "
+    "lzhu7/flexibleBladeDynamicsWavesCurrents).",
+    method="Blade of 200 x 20 x 1.9 mm, 670 kg/m3, 0.5 MPa, 21 nodes, steps of 10 ms, the sixth "
+    "wave from rest. The measured velocity travels with the waves. Cd = 10 KC^(-1/3) and CM = 1 + "
+    "(KC - 18)^2/49 of the literature, with KC of the half range of the level velocity near the "
+    "tip; no number is fitted.",
+    reason="RMS distance of the same points from the curve of the source's own model, which "
+    "starts from the same velocity.",
+)
+def luhar_nepf_waves() -> Evidence:
     at_heights = np.vander(_HEIGHTS / _HEIGHTS[-1], increasing=True)
     table = _HARMONICS.reshape(-1, 2, _HEIGHTS.size, 1)
     flow = _TravellingWave(Onset.of(), jnp.asarray(np.linalg.solve(at_heights, table)[..., 0]))
-    excursion = _SPEED * 2.0 / 0.02  # Keulegan-Carpenter number
+    excursion = _SPEED * 2.0 / _WIDE  # Keulegan-Carpenter number
     added = min(1 + 0.15 * excursion ** (2 / 3), 1 + (excursion - 18) ** 2 / 49)
-    coefficients = {
-        "water.drag_normal": max(10 * excursion ** (-1 / 3), 1.95),
-        "water.added_mass_normal": added * np.pi / 4 * 0.02 / 1.9e-3,  # of a disc over the section
+    water = {
+        "density": 1000.0,
+        "drag_normal": max(10 * excursion ** (-1 / 3), 1.95),
+        "drag_tangential": 0.0,
+        "added_mass_normal": added * np.pi / 4 * _WIDE / _THIN,  # of a disc over the section
     }
-    scenario = Scenario().with_values(_BLADE | coefficients)
+    scenario = Scenario(**_BLADE, water=water)
     tips = simulate(scenario, flows=[flow]).dataset["tip_position"].sel(time=slice(10, 12)).values
     measured, theirs = _loop(_MEASURED), _loop(_THEIR_MODEL)
     distance, their_distance = _distance(measured, tips), _distance(measured, theirs)
@@ -123,7 +133,6 @@ def _run() -> Evidence:
         axes.plot(*1e3 * theirs.T, "--", color=VERMILLION, label="model of the source")
         axes.plot(*1e3 * tips.T, color=BLUE, label="crinoid")
         axes.set(xlabel="x (mm)", ylabel="height above the clamp (mm)", aspect="equal")
-        key(axes)
 
     name = "RMS distance of the measured points from the tip's path"
     check = Check(name, 0.0, distance, 0.0215, "m")
@@ -135,20 +144,3 @@ def _run() -> Evidence:
         "further along the waves. The velocity, as published, has no mean.",
     )
     return Evidence([check], None, {"": scenario}, draw, remarks)
-
-
-CASE = Case(
-    name="luhar-nepf-waves",
-    title="A blade of silicone foam, clamped to the bed of a flume, sways in waves of 0.5 Hz.",
-    source="Luhar and Nepf 2016, J. Fluids Struct. 61, 20-41: velocity next to the blade and path "
-    "of its tip, digitised (PIV_Vel_f05a40, exFoam, numFoam in the public repository "
-    "lzhu7/flexibleBladeDynamicsWavesCurrents).",
-    method="Blade of 200 x 20 x 1.9 mm, 670 kg/m3, 0.5 MPa, 21 nodes, steps of 10 ms, the sixth "
-    "wave from rest. The measured velocity travels with the waves. Cd = 10 KC^(-1/3) and CM = 1 + "
-    "(KC - 18)^2/49 of the literature, with KC of the half range of the level velocity near the "
-    "tip; no number is fitted.",
-    reason="RMS distance of the same points from the curve of the source's own model, which "
-    "starts from the same velocity.",
-    kind="measured",
-    run=_run,
-)

@@ -1,5 +1,6 @@
 """Stability margins of loops that python-control tests its own margins on."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ from jaxtyping import Complex, Float
 from matplotlib.axes import Axes
 
 from crinoid.simulation.loop_margin import Margin, OpenLoop
-from crinoid.validation.case import Case, Check, Evidence
+from crinoid.validation.case import Check, Evidence, case
 from crinoid.view.figures.style import BLUE, GREEN, INK, PURPLE
 
 _FREQUENCY = np.geomspace(1e-2, 1e2, 40_001)
@@ -43,37 +44,36 @@ _REFERENCES = {
 }
 
 
-def _margin(transfer: Complex[np.ndarray, " f"]) -> Margin:
-    none = np.zeros((1, 1))
-    return OpenLoop(_FREQUENCY / (2 * np.pi), transfer[:, None, None], none).margin()
+def _checks(name: str, reference: _Reference, found: Margin) -> Iterator[Check]:
+    within = reference.tolerance
+    for margin, expected, value, frequency, unit in (
+        ("gain", reference.gain, found.gain, found.gain_frequency, "1"),
+        ("phase", reference.phase, np.rad2deg(found.phase), found.phase_frequency, "deg"),
+        ("modulus", reference.modulus, found.modulus, found.frequency, "1"),
+    ):
+        if not np.isnan(expected[0]):
+            turned = 2 * np.pi * frequency
+            yield Check(f"{margin}, {name}", expected[0], value, within, unit)
+            yield Check(f"where {margin}, {name}", expected[1], turned, within, "rad/s")
 
 
-def _checks(name: str, reference: _Reference, found: Margin) -> list[Check]:
-    values: dict[str, tuple[tuple[float, float], float, float, str]] = {
-        "gain": (reference.gain, found.gain, found.gain_frequency, "1"),
-        "phase": (reference.phase, np.rad2deg(found.phase), found.phase_frequency, "deg"),
-        "modulus": (reference.modulus, found.modulus, found.frequency, "1"),
-    }
-    checks = []
-    for margin, (expected, value, frequency, unit) in values.items():
-        if np.isnan(expected[0]):
-            continue
-        turned = 2 * np.pi * frequency
-        checks += [
-            Check(f"{margin}, {name}", expected[0], value, reference.tolerance, unit),
-            Check(f"where {margin}, {name}", expected[1], turned, reference.tolerance, "rad/s"),
-        ]
-    return checks
-
-
-def _run() -> Evidence:
+@case(
+    kind="published",
+    title="Four loops have the gain, phase and modulus margins that python-control finds.",
+    source="python-control, control/tests/margin_test.py: numbers of test_stability_margins, and "
+    "of type0 with K = 2 in test_zmore_margin.",
+    method=f"The margins of `crinoid margins`, from {_FREQUENCY.size} frequencies between 0.01 and "
+    "100 rad/s.",
+    reason="The absolute tolerances of python-control's own tests: 1.5e-3, and 0.01 for the triple "
+    "pole. The grid leaves 1.2e-3 rad/s of a frequency near 10 rad/s. Margins that a loop lacks, "
+    "or that the source does not give, are left out.",
+)
+def margins() -> Evidence:
     loops = _loops(1j * _FREQUENCY)
-    margins = {name: _margin(loop) for name, loop in loops.items()}
-    checks = [
-        check
-        for name, found in margins.items()
-        for check in _checks(name, _REFERENCES[name], found)
-    ]
+    checks: list[Check] = []
+    for name, loop in loops.items():
+        opened = OpenLoop(_FREQUENCY / (2 * np.pi), loop[:, None, None], np.zeros((1, 1)))
+        checks += _checks(name, _REFERENCES[name], opened.margin())
 
     def draw(axes: Axes) -> None:
         around: Float[np.ndarray, " angle"] = np.linspace(0.0, 2 * np.pi, 200)
@@ -89,27 +89,7 @@ def _run() -> Evidence:
             at = loops[name][np.argmin(np.abs(1 + loops[name]))]
             axes.plot([-1, at.real], [0, at.imag], "--", color=colour, linewidth=0.9)
         axes.plot(-1, 0, "+", color=INK, markersize=10)
-        axes.set(
-            xlabel="real part",
-            ylabel="imaginary part",
-            xlim=(-1.6, 2.4),
-            ylim=(-1.9, 1.1),
-            aspect="equal",
-        )
+        axes.set(xlabel="real part", ylabel="imaginary part", aspect="equal")
+        axes.set(xlim=(-1.6, 2.4), ylim=(-1.9, 1.1))
 
     return Evidence(checks, draw=draw)
-
-
-CASE = Case(
-    name="margins",
-    title="Four loops have the gain, phase and modulus margins that python-control finds.",
-    source="python-control, control/tests/margin_test.py: numbers of test_stability_margins, and "
-    "of type0 with K = 2 in test_zmore_margin.",
-    method=f"The margins of `crinoid margins`, from {_FREQUENCY.size} frequencies between 0.01 and "
-    "100 rad/s.",
-    reason="The absolute tolerances of python-control's own tests: 1.5e-3, and 0.01 for the triple "
-    "pole. The grid leaves 1.2e-3 rad/s of a frequency near 10 rad/s. Margins that a loop lacks, "
-    "or that the source does not give, are left out.",
-    kind="published",
-    run=_run,
-)

@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from crinoid.elements.tendon_friction import ADHESION
 from crinoid.scenario import Scenario
 from crinoid.simulation import simulate
-from crinoid.validation.case import Case, Check, Evidence
-from crinoid.view.figures.style import BLUE, GREY, INK, VERMILLION, key
+from crinoid.validation.case import Check, Evidence, case
+from crinoid.view.figures.style import BLUE, GREY, INK, VERMILLION
 
 _LENGTH, _OFFSET, _FRICTION = 0.5, 0.008, 0.3
 _EI = 1e5 * np.pi / 4 * 0.02**4
@@ -31,14 +31,8 @@ def paid_out(tension: float) -> float:
 def _scenario() -> Scenario:
     tendon = {"offset": _OFFSET, "friction": _FRICTION, "max_tension": float(_TENSION)}
     return Scenario(
-        arm={
-            "nodes": 21,
-            "length": _LENGTH,
-            "radius": 0.02,
-            "youngs_modulus": 1e5,
-            "density": 10.0,
-            "damping_time": 0.1,
-        },
+        arm={"nodes": 21, "length": _LENGTH, "radius": 0.02, "youngs_modulus": 1e5}
+        | {"density": 10.0, "damping_time": 0.1},
         water={"density": 0.0, "gravity": 0.0},
         tendon=[tendon | {"schedule": {"time": _TIME, "share": _SHARE}}],
         simulation={"duration": _TIME[-1], "time_step": 0.05, "start": "rest"},
@@ -46,7 +40,19 @@ def _scenario() -> Scenario:
     )
 
 
-def _run() -> Evidence:
+@case(
+    kind="exact",
+    title="A tendon with friction bends the arm less when pulled than when paid out.",
+    source="Euler-Eytelwein on an arm that the tendon itself bends, EI k = r T: T' = -+ mu k T "
+    "gives the turn ln(1 + mu r T L/EI)/mu pulled, -ln(1 - mu r T L/EI)/mu paid out.",
+    method="Run of 35 s of a light arm in a vacuum with 21 nodes, in steps of 0.05 s; the tendon "
+    "is slowly pulled to its largest tension and paid out to 0.4 of it, with 5 s of rest after "
+    "each.",
+    reason="Friction develops over a sliding of 2e-4 of the tendon's length, twice that when it "
+    "turns round. Near its end 1 %, and 4 % on the way back, slides less. So much of the arm may "
+    "bend as without friction, or as while the tendon is pulled.",
+)
+def tendon_friction() -> Evidence:
     scenario = _scenario()
     data = simulate(scenario).dataset
     time, angle = data["time"].values, data["tip_angle"].values
@@ -72,22 +78,5 @@ def _run() -> Evidence:
         axes.plot(shares, 1.5 * shares, ":", color=GREY, label="no friction")
         axes.set(xlabel="tension at the root over its largest", ylabel="turn of the tip (rad)")
         axes.set(xlim=(0.0, 1.05), ylim=(0.0, 1.6))
-        key(axes)
 
     return Evidence(checks, None, {"": scenario}, draw)
-
-
-CASE = Case(
-    name="tendon-friction",
-    title="A tendon with friction bends the arm less when pulled than when paid out.",
-    source="Euler-Eytelwein on an arm that the tendon itself bends, EI k = r T: T' = -+ mu k T "
-    "gives the turn ln(1 + mu r T L/EI)/mu pulled, -ln(1 - mu r T L/EI)/mu paid out.",
-    method="Run of 35 s of a light arm in a vacuum with 21 nodes, in steps of 0.05 s; the tendon "
-    "is slowly pulled to its largest tension and paid out to 0.4 of it, with 5 s of rest after "
-    "each.",
-    reason="Friction develops over a sliding of 2e-4 of the tendon's length, twice that when it "
-    "turns round. Near its end 1 %, and 4 % on the way back, slides less. So much of the arm may "
-    "bend as without friction, or as while the tendon is pulled.",
-    kind="exact",
-    run=_run,
-)

@@ -11,8 +11,8 @@ from crinoid.assembly.prepared import system
 from crinoid.flow import Water
 from crinoid.flow.flow import Current
 from crinoid.scenario import Scenario
-from crinoid.validation.case import Case, Check, Evidence
-from crinoid.view.figures.style import INK, SERIES, key
+from crinoid.validation.case import Check, Evidence, case
+from crinoid.view.figures.style import INK, SERIES
 
 _HEIGHT, _PERIOD, _GRAVITY = 0.8, 5.0, 9.81
 _RATE = 2 * np.pi / _PERIOD
@@ -23,17 +23,14 @@ _SPAN = 1e-4
 
 
 def _scenario(depth: float, current: float = 0.0) -> Scenario:
-    return Scenario().with_values(
-        {
-            "arm.nodes": 3,
-            "arm.length": 0.3,
-            "base.position": [0.0, -0.5 * min(depth, 4.0)],
-            "water.depth": depth,
-            "flow": [
-                {"kind": "uniform", "velocity": [current, 0.0]},
-                {"kind": "regular-wave", "height": _HEIGHT, "period": _PERIOD},
-            ],
-        }
+    return Scenario(
+        arm={"nodes": 3, "length": 0.3},
+        base={"position": [0.0, -0.5 * min(depth, 4.0)]},
+        water={"depth": depth},
+        flow=[
+            {"kind": "uniform", "velocity": [current, 0.0]},
+            {"kind": "regular-wave", "height": _HEIGHT, "period": _PERIOD},
+        ],
     )
 
 
@@ -87,7 +84,18 @@ class _Tank:
         return float(np.abs((ends[1] - ends[0]) / (2 * _SPAN) - now.acceleration).max())
 
 
-def _run() -> Evidence:
+@case(
+    kind="exact",
+    title="A regular wave obeys the dispersion relation, decays with depth and is shifted by a "
+    "current.",
+    source="Dean and Dalrymple 1991, Water Wave Mechanics, chapter 3; Peregrine 1976, Adv. Appl. "
+    "Mech. 16: omega = sqrt(g k tanh k h) + k U, solved by SciPy's brentq.",
+    method=f"A wave of {_HEIGHT} m and {_PERIOD:g} s; its number from the phase of the velocity "
+    "over 1 m; Du/Dt against differences over 0.1 ms along the way of the water.",
+    reason="Closed forms, to round-off: 1e-16 through an arc cosine near 0.1. The differences "
+    "leave 1e-16/1e-4 of round-off and 1e-8 of the third derivative.",
+)
+def waves() -> Evidence:
     still = {f"h = {depth:g} m": _Tank(depth) for depth in _DEPTHS}
     drifting = {f"U = {speed:g} m/s": _Tank(6.0, speed) for speed in _CURRENTS}
     checks = [
@@ -110,21 +118,5 @@ def _run() -> Evidence:
             level = [each.exact(z)[0] for z in heights]
             axes.plot(level, heights, "o", mfc="none", color=INK, label="linear theory")
         axes.set(xlabel="level velocity (m/s)", ylabel="z (m)")
-        key(axes)
 
     return Evidence(checks, None, {"": _scenario(6.0, _CURRENTS[0])}, draw)
-
-
-CASE = Case(
-    name="waves",
-    title="A regular wave obeys the dispersion relation, decays with depth and is shifted by a "
-    "current.",
-    source="Dean and Dalrymple 1991, Water Wave Mechanics, chapter 3; Peregrine 1976, Adv. Appl. "
-    "Mech. 16: omega = sqrt(g k tanh k h) + k U, solved by SciPy's brentq.",
-    method=f"A wave of {_HEIGHT} m and {_PERIOD:g} s; its number from the phase of the velocity "
-    "over 1 m; Du/Dt against differences over 0.1 ms along the way of the water.",
-    reason="Closed forms, to round-off: 1e-16 through an arc cosine near 0.1. The differences "
-    "leave 1e-16/1e-4 of round-off and 1e-8 of the third derivative.",
-    kind="exact",
-    run=_run,
-)

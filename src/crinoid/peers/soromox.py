@@ -1,6 +1,4 @@
-"""The planar arm of a release by the piecewise constant strain of SoRoMoX."""
-
-from importlib.metadata import version
+"""A planar arm without water by the piecewise constant strain of SoRoMoX."""
 
 import jax
 import jax.numpy as jnp
@@ -10,33 +8,38 @@ from soromox.systems.pcs.planar_pcs import PlanarPCS
 from soromox.systems.pcs.structures import PlanarPCSStructure
 from soromox.systems.system_state import SystemState
 
-from crinoid.benchmarks.peers import Engine, Swing, clocked
-from crinoid.benchmarks.releases import IN_THE_PLANE, Release
+from crinoid.peers.swing import Swing, clocked, radius_of
+from crinoid.scenario import Scenario
 
 _POISSON = 0.45
 """Poisson's ratio of sections that do not shear: it changes nothing, and one half is refused."""
 
 
-def _prepare(release: Release, segments: int, time_step: float) -> Swing:
-    scenario = release.scenario(segments + 1, time_step)
-    arm = scenario.arm
+def prepare(
+    scenario: Scenario, time_step: float, interval: float, samples: int, stretches: bool = True
+) -> Swing:
+    """Return a run; each edge of the arm is a segment of constant curvature and extension."""
+    arm, segments = scenario.arm, scenario.arm.nodes - 1
     link = LinkSpec.circular(
         length=arm.length / segments,
         density=arm.density,
-        radius=arm.radius,
+        radius=radius_of(scenario),
         reference_strain=[0.0, 1.0, 0.0],
         young_modulus=arm.youngs_modulus,
         poisson_ratio=_POISSON,
+        # its law of bending has 3 times the coefficient
+        material_damping_coefficient=arm.damping_time * arm.youngs_modulus / 3,
     )
+    selected = jnp.array([True, stretches, False] * segments)
     rod = PlanarPCS.from_links(
         [link] * segments,
         gravity=jnp.array([0.0, -scenario.water.gravity]),
-        structure=PlanarPCSStructure(strain_selector=jnp.array([True, True, False] * segments)),
+        structure=PlanarPCSStructure(strain_selector=selected),
         base_pose=jnp.zeros(3),
         backend="jax",
     )
     rest = SystemState(t=jnp.zeros(()), y=jnp.zeros(rod.state_size), u=jnp.zeros(rod.num_actuators))
-    times = release.interval * jnp.arange(1, release.samples + 1)
+    times = interval * jnp.arange(1, samples + 1)
 
     @jax.jit
     def tips() -> jax.Array:
@@ -46,14 +49,3 @@ def _prepare(release: Release, segments: int, time_step: float) -> Swing:
 
     tips()  # compiles
     return clocked(lambda: np.asarray(tips()))
-
-
-ENGINE = Engine(
-    f"SoRoMoX {version('soromox')}",
-    (IN_THE_PLANE.name,),
-    "water; its segments have one curvature and one extension each",
-    order=5,
-    meshes=(2, 4, 6, 12),
-    steps=(0.01, 0.00025),
-    prepare=_prepare,
-)
