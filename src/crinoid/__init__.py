@@ -11,6 +11,7 @@ from crinoid.foundation.version import __version__
 
 if TYPE_CHECKING:
     from crinoid.actuation import Actuator, Input
+    from crinoid.analysis.equilibria import equilibria
     from crinoid.analysis.vibrations import modes
     from crinoid.assembly.arrays import flow_onset, load_onset
     from crinoid.assembly.plan import AssembledScenario
@@ -60,6 +61,7 @@ _HOMES = {
     "ScenarioError": "crinoid.scenario",
     "SimulationError": "crinoid.simulation",
     "closed_loop": "crinoid.simulation",
+    "equilibria": "crinoid.analysis.equilibria",
     "equilibrium": "crinoid.simulation",
     "load": "crinoid.scenario",
     "modes": "crinoid.analysis.vibrations",
@@ -98,6 +100,7 @@ __all__ = [
     "__version__",
     "assemble",
     "closed_loop",
+    "equilibria",
     "equilibrium",
     "flow_onset",
     "load",

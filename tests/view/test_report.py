@@ -59,7 +59,6 @@ ODD = {
         duration=0.02,
         status="stopped at 0.03 s: Newton did not converge (residual 3.1e+04)",
     ),
-    "one record": lambda: few(records=1, duration=0.0),
     "two nodes, nothing driven, moving target": lambda: few(
         nodes=2, driven=False, moving_target=True
     ),
@@ -77,6 +76,15 @@ ODD = {
 def test_odd_runs_are_drawn(name, tmp_path):
     save(ODD[name](), tmp_path / "result.nc")
     assert_report(tmp_path)
+
+
+def test_one_instant_has_no_charts_over_time(tmp_path):
+    save(few(records=1, duration=0.0), tmp_path / "result.nc")
+    written = write_report(tmp_path)
+    assert [path.name for path in written] == ["shape.png", "bending.png", PAGE]
+    for path in written:
+        assert_shows_something(path)
+    assert '"roots":[]' in written[-1].read_text("utf-8").replace(": ", ":")
 
 
 @pytest.mark.parametrize(("length", "half"), [(0.5, 0.17), (100.0, 6.0)])

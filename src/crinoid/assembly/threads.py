@@ -73,9 +73,12 @@ class ThreadParameters(ActuatorParameters):
     """At the ends of the span (m); of a chamber that bends only, 1."""
     angle: Float[Array, "thread 2"]
     """At the ends of the span (rad)."""
-    force: Float[Array, " thread"]
-    """Tension at a share of 1 (N), below 0 of a chamber; of one that bends only -1 over m; 0 of a
-    line (``crinoid.dynamics.threads``)."""
+    area: Float[Array, " chamber"]
+    """Of the section of a chamber (m2); 0 of one that bends only."""
+    max_pressure: Float[Array, " chamber"]
+    """Pressure at a share of 1 (Pa); 0 of a line (``crinoid.dynamics.threads``)."""
+    max_tension: Float[Array, " tendon"]
+    """Tension at a share of 1 (N); 0 of a line."""
     pretension: Float[Array, " thread"]
     """Tension of a tendon at a share of 0 (N)."""
     hold: Float[Array, " thread"]
@@ -115,15 +118,19 @@ class ThreadParameters(ActuatorParameters):
         if not threads:
             return None
         times, shares = _schedules(threads)
+        chambers, tendons = scenario.chamber, scenario.tendon
         return ThreadParameters(
             **{
                 name: array([numbers[name] for numbers in map(_numbers, threads)])
                 for name in _numbers(threads[0])
             },
+            area=array([each.area or 0.0 for each in chambers]),
+            max_pressure=array([0.0 if each.lined else each.max_pressure for each in chambers]),
+            max_tension=array([each.max_tension or 0.0 for each in tendons]),
             times=array(times),
             shares=array(shares),
             names=scenario.thread_names,
-            chambers=len(scenario.chamber),
+            chambers=len(chambers),
             bends_only=tuple(getattr(each, "max_curvature", None) is not None for each in threads),
             slots=_slots(threads, scenario.arm.nodes),
             lined=tuple(
@@ -133,7 +140,7 @@ class ThreadParameters(ActuatorParameters):
                 for side in range(1 + thread.pair)
             ),
             pinned=scenario.base.mount == "pinned",
-            rubs=any(tendon.friction > 0 for tendon in scenario.tendon),
+            rubs=any(tendon.friction > 0 for tendon in tendons),
         )
 
     def assemble(self, rod: Rod, first: int) -> tuple[Actuator, tuple[Element, ...]]:
@@ -201,9 +208,9 @@ class ThreadParameters(ActuatorParameters):
             return jnp.stack([cosine, sine][: rod.axes - 1], axis=-1)
 
         offsets, bends_only = offset(at), np.asarray(self.bends_only)[thread]
-        tension = self.force[thread] * jnp.where(
-            bends_only, self.max_curvature[thread] * _stiffness(rod, offsets), 1.0
-        )
+        force = jnp.concatenate([-self.area * self.max_pressure, self.max_tension])
+        bending = self.max_curvature[thread] * _stiffness(rod, offsets)
+        tension = jnp.where(bends_only, -bending, force[thread])
         lanes = (weight * tension)[..., None] * jnp.eye(len(self.names))[thread]
         paired = (self.lower < 0)[thread][..., None]
         lines = np.array([[2 * number + side] for number, side in self.lined], int).reshape(-1)
@@ -273,12 +280,9 @@ def _numbers(thread: Chamber | Tendon) -> dict[str, Any]:
     lower, curvature = -1.0 if thread.pair else 0.0, 0.0
     if isinstance(thread, Tendon):
         pull, stiffness, wound = 1.0, thread.stiffness, thread.twist_deg
-        force = thread.largest
     else:
         pull, stiffness = -(thread.area or 0.0), thread.bulk_modulus
-        force = thread.largest * pull
-        if thread.max_curvature is not None:
-            force, curvature = -1.0, thread.max_curvature
+        curvature = thread.max_curvature or 0.0
         if not thread.lined:
             lower = lower or thread.min_pressure / thread.max_pressure
     rate = _UNLIMITED if thread.largest_rate is None else thread.largest_rate / thread.largest
@@ -286,7 +290,6 @@ def _numbers(thread: Chamber | Tendon) -> dict[str, Any]:
         "span": thread.span,
         "offset": (low, high),
         "angle": (angle, angle + math.radians(wound)),
-        "force": 0.0 if thread.lined else force,
         "pretension": thread.pretension if isinstance(thread, Tendon) else 0.0,
         "hold": pull if thread.lined else 0.0,
         "shortening": thread.largest if thread.lined else 0.0,
@@ -305,12 +308,12 @@ def _schedules(
     threads: Sequence[Chamber | Tendon],
 ) -> tuple[Float[np.ndarray, "thread point"], Float[np.ndarray, "thread point"]]:
     """Return times and shares of all schedules, as long as the longest."""
-    given = [thread.schedule for thread in threads]
-    count = max([2, *(len(each.time) for each in given if each is not None)])
+    given = [(thread, thread.schedule) for thread in threads]
+    count = max([2, *(len(each.time) for _, each in given if each is not None)])
     rows = []
-    for each in given:
+    for thread, each in given:
         times, shares = ((0.0,), (0.0,)) if each is None else (each.time, each.share)
-        more = count - len(times)
+        more, shares = count - len(times), np.add(shares, thread.constant)
         later = times[-1] + np.arange(1, more + 1)
         rows.append((np.append(times, later), np.append(shares, [shares[-1]] * more)))
     times, shares = zip(*rows, strict=True)

@@ -1,6 +1,7 @@
 """Analyses of a scenario without a run in time: its current, vibrations and stability margins."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +9,16 @@ import xarray as xr
 from rich.table import Table
 
 from crinoid.analysis.current import FLOW, Statistics, sample_current, statistics
+from crinoid.analysis.equilibria import CURVE, Curve, curve_table, find_equilibria
 from crinoid.analysis.margins import MARGINS, find_margins
 from crinoid.analysis.vibrations import MODES, find_vibrations
 from crinoid.cli.command import console
-from crinoid.cli.display import new_table, say_doubts, show
+from crinoid.cli.display import new_table, progress_bar, say_doubts, say_notes, show
 from crinoid.cli.finding import finding
-from crinoid.diagnostics.plausibility import AT_REST, IN_THE_WATER
+from crinoid.cli.folder import check_own
+from crinoid.cli.interruption import Interruption
+from crinoid.diagnostics.plausibility import AT_REST, IN_THE_WATER, plausibility_warnings
+from crinoid.foundation.status import Status
 from crinoid.recording import Recording
 from crinoid.scenario import Scenario
 from crinoid.view.figures.style import DEGREES, si_unit
@@ -139,6 +144,59 @@ def _rest(data: xr.Dataset) -> str:
     text = f"the tip rests at {parts(data['position'].values[-1].round(4), 4)} m"
     current = data["current"].values
     return f"{text} in water of {parts(current, 3)} m/s" if current.any() else text
+
+
+def show_equilibria(
+    scenario: Scenario, variations: Sequence[str], folder: Path, *, force: bool
+) -> str:
+    """Follow the equilibrium over a number, save, draw and print it; return what went wrong."""
+    with finding(scenario, folder / CURVE, "a curve", force=force, check=False, doubts=False) as to:
+        if not force:
+            check_own(folder / _TABLE)
+        curve = Curve.of(scenario, variations)
+        ends = (plausibility_warnings(curve.cases[end], AT_REST) for end in (0, -1))
+        say_notes(dict.fromkeys(chain(*ends)))
+        with Interruption() as interruption:
+            with progress_bar() as bar:
+
+                def report(done: int, total: int) -> None:
+                    bar.update(0, completed=done, total=total, description="equilibria")
+
+                data = find_equilibria(curve, stop=interruption.stop, report=report)
+            table = to.write(_TABLE, curve_table(data))
+            files = [*to.save(data), table]
+        show(_curve_table(data), data.attrs["notes"].splitlines(), files)
+    status = str(data.attrs["status"])
+    return "" if status == Status.OK else status
+
+
+_TABLE = "curve.csv"
+_MOST_ROWS = 26
+
+
+def _curve_table(data: xr.Dataset) -> Table:
+    """Return equilibria, of many some at equal distances; angles are in degrees."""
+    key = data.attrs["varied"]
+    unit = data[key].attrs["units"]
+    count = data.sizes[key]
+    chosen = [*range(0, count - 1, -(-count // _MOST_ROWS)), count - 1]
+    axes = [f"tip {axis} (m)" for axis in data["axis"].values]
+    heads = (f"{key} ({unit})" if unit else key, *axes, "turn (deg)", "curvature (1/m)")
+    rows = []
+    for branch in data["branch"].values:
+        back = branch != data["branch"].values[0]
+        for place in reversed(chosen) if back else chosen:
+            row = data.sel(branch=branch).isel({key: place})
+            turn, curvature = np.rad2deg(float(row["tip_turn"])), float(row["max_curvature"])
+            numbers = [f"{each:.5f}" for each in row["tip_position"].values]
+            numbers += [f"{round(turn, 3) + 0.0:.3f}", f"{round(curvature, 4) + 0.0:.4g}"]
+            found = Status.of(row["status"].item())
+            if found is Status.INTERRUPTED:
+                continue
+            if found is Status.FAILED:
+                numbers = [*["-"] * len(axes), "-", str(found)]
+            rows.append((f"{float(row[key]):.6g}" + " back" * back, *numbers))
+    return new_table(data.attrs["title"], heads, rows)
 
 
 def show_margins(scenario: Scenario, folder: Path, *, force: bool) -> None:

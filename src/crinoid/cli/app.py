@@ -11,6 +11,7 @@ from crinoid.cli.command import (
     Force,
     ScenarioName,
     Settings,
+    complete_key,
     complete_name,
     console,
     end,
@@ -97,6 +98,14 @@ def run(
 @one_line_errors()
 def equilibrium(
     scenario: ScenarioName,
+    vary: Annotated[
+        list[str] | None,
+        option(
+            "Follow the equilibrium over a number, and back: a bending curve.",
+            "KEY=FROM:TO:COUNT",
+            complete=complete_key,
+        ),
+    ] = None,
     settings: Settings = None,
     out: Annotated[Path | None, out_option("results/SCENARIO-equilibrium")] = None,
     force: Force = False,
@@ -104,8 +113,12 @@ def equilibrium(
     """Find the shape of the arm at rest under the loads of t = 0, and save it."""
     described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-equilibrium")
     with Loading():
+        from crinoid.cli.analyses import show_equilibria
         from crinoid.cli.run import find_equilibrium
 
+    if vary:
+        end(show_equilibria(described, vary, folder, force=force))
+        return
     end(find_equilibrium(described, folder, force=force))
 
 

@@ -12,6 +12,7 @@ import filelock
 import netCDF4
 
 from crinoid.analysis.current import FLOW
+from crinoid.analysis.equilibria import CURVE
 from crinoid.analysis.margins import MARGINS
 from crinoid.analysis.record import RECORD
 from crinoid.analysis.vibrations import MODES
@@ -31,7 +32,7 @@ from crinoid.view.page.parts import PAGE
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
-_APART = (FLOW, RECORD, MODES, COMPARISON, MARGINS, TUNING, IDENTIFICATION, TRAINING)
+_APART = (FLOW, RECORD, MODES, CURVE, COMPARISON, MARGINS, TUNING, IDENTIFICATION, TRAINING)
 """Files of commands that run no scenario by itself, which may be next to a result."""
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 

@@ -111,7 +111,8 @@ class Outcome(eqx.Module):
     folded: Bool[Array, ""]
     """Whether a balanced step bent an edge back onto the one before; then it is rejected."""
     error: Float[Array, ""]
-    """Estimated local error of the positions after a balanced step (m)."""
+    """Estimated local error of the positions after a balanced step (m); of an equilibrium, the
+    last movement of an arm whose tendons rub, where it has not settled."""
 
     @property
     def reason(self) -> Int[Array, ""]:
@@ -122,12 +123,14 @@ class Outcome(eqx.Module):
         return jnp.where(self.converged, Reason.NONE, found)
 
     def imbalance(self, nodes: int, free: Sequence[int]) -> str:
-        """Describe the largest imbalance and where it is.
+        """Describe what an equilibrium lacks: the largest imbalance and where it is.
 
         ``nodes`` is the number of nodes, ``free`` has the indices of the floating obstacles.
         """
         if not np.isfinite(self.residual):
             return "forces grew without bound"
+        if self.error > 0:
+            return f"friction of tendons still moves the arm by {1e3 * float(self.error):.3g} mm"
         worst = int(self.worst_node)
         name, body = f"node {worst}", worst - nodes
         if body >= 0:

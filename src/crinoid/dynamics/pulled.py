@@ -6,6 +6,9 @@ The tension then falls along a tendon by the angle that it turns (`crinoid.eleme
 the shape depends on the tension: a fixed point. Newton's method finds the shape for the friction of
 the shape before, again and again. Friction at a place depends on the angle before it, so the error
 falls like a power over its factorial (Picard's iteration of a Volterra equation).
+
+An arm that follows changing loads has one of them: its tendons slide and stick on the way, as in
+time steps that are infinitely long.
 """
 
 from dataclasses import replace
@@ -15,12 +18,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from crinoid.dynamics import statics
+from crinoid.dynamics import statics, windows
 from crinoid.dynamics.arm import Memory
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.newton import Balance, ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
 from crinoid.elements import Threads
+from crinoid.elements.tendon_friction import ADHESION
 from crinoid.numerics.frames import Frames
 from crinoid.rod.reference import Reference
 
@@ -45,7 +49,7 @@ def find(
     The arguments are those of `crinoid.dynamics.statics.find`, in a flow that is not yet frozen.
     """
     frozen = forces.frozen(time)
-    if not any(isinstance(each, Threads) and each.friction is not None for each in forces.elements):
+    if not _rubs(forces):
         return forces, *statics.find(reference, frozen, settings, time, start, frames)
     assert forces.drive is not None
 
@@ -79,11 +83,115 @@ def find(
 
     (position, frames), (outcomes, moved) = jax.lax.scan(follow, loaded[:2], None, length=_ROUNDS)
     outcome = jax.tree.map(itemgetter(-1), outcomes)
-    settled = (
-        loaded[2].converged & unloaded[2].converged & (moved[-1] < _SETTLED * reference.length)
-    )
-    outcome = replace(outcome, converged=outcome.converged & settled)
+    outcome = _judged(outcome, moved[-1], _SETTLED * reference.length)
+    found = outcome.converged & loaded[2].converged & unloaded[2].converged
+    outcome = replace(outcome, converged=found)
     return _slid(forces, slack, _memory(frozen, time, position, frames)), position, frames, outcome
+
+
+_STEPS = 8
+"""Number of steps on the way to other loads, and then at them."""
+
+
+def follow(
+    reference: Reference,
+    way: tuple[Forces, Forces],
+    settings: Settings,
+    time: Float[Array, ""],
+    starts: tuple[Rows, Rows],
+    frames: Frames | None,
+    memory: Memory,
+) -> tuple[Forces, Rows, Frames | None, Outcome]:
+    """Find the equilibrium that an arm reaches while its loads change slowly.
+
+    Where tendons rub it is known to the sliding within which their friction develops.
+
+    Parameters
+    ----------
+    reference, settings, time, frames
+        As those of `find`.
+    way
+        Forces before and after, which differ in numbers.
+    starts
+        The shape before, and the same with the base and the obstacles as they are after (m).
+    memory
+        That of the elements before.
+    """
+    before, after = (each.frozen(time) for each in way)
+    if not _rubs(after):
+        found = statics.find(reference, after, settings, time, starts[1], frames, follows=True)
+        return way[1], *found
+    careful = statics.careful(after, settings)
+    none, no_tangent = jnp.zeros_like(starts[1]), ReusedTangent.none(after, starts[1])
+    moved_base = starts[1] - starts[0]
+    Shape = tuple[Rows, Frames | None, Memory]
+
+    def advance(shape: Shape, share: tuple[Array, Array]) -> tuple[Shape, None]:
+        old, frames, memory = shape
+        at, gone = share
+        position = old + gone * moved_base
+        forces = jax.tree.map(lambda a, b: jnp.where(a == b, b, a + at * (b - a)), before, after)
+        rubbing = forces.remembering(memory, 1.0)
+        stage = statics.static_stage(time, position, frames)
+        around = rubbing.surroundings(stage, none)
+        correction, _, outcome, _ = solve(
+            Balance(rubbing, around, stage), none, careful, no_tangent
+        )
+        found = _settled(rubbing, time, position + correction, frames)
+        failed = (position, frames, memory)
+        return jax.tree.map(lambda x, y: jnp.where(outcome.converged, x, y), found, failed), None
+
+    def approach(shape: Shape, shares: tuple[Array, Array]) -> tuple[Shape, tuple[Outcome, Array]]:
+        (position, frames, memory), _ = jax.lax.scan(advance, shape, shares)
+        # out of unstable shapes, and to those that no small step reaches
+        rubbing = after.remembering(memory, 1.0)
+        there = statics.find(reference, rubbing, settings, time, position, frames, follows=True)
+        shape = _settled(rubbing, time, *there[:2])
+        moved = jnp.max(jnp.abs((there[0] - position)[:, : after.axes]))
+        return shape, (there[2], moved)
+
+    on_the_way = jnp.arange(1, _STEPS + 1) / _STEPS, jnp.full(_STEPS, 1 / _STEPS)
+    at_the_end = jnp.ones(_STEPS), jnp.zeros(_STEPS)
+    begin = (starts[0], frames, _of_threads(before, memory))
+    (position, frames, memory), (outcomes, moved) = jax.lax.scan(
+        approach, begin, jax.tree.map(lambda *each: jnp.stack(each), on_the_way, at_the_end)
+    )
+    outcome = jax.tree.map(itemgetter(-1), outcomes)
+    outcome = _judged(outcome, moved[-1], ADHESION * reference.length)
+    return way[1].remembering(memory, 0.0), position, frames, outcome
+
+
+def _judged(outcome: Outcome, moved: Float[Array, ""], most: Float[Array, ""]) -> Outcome:
+    """Return the outcome of an equilibrium from the last movement (m) and the largest valid one."""
+    error = jnp.where(outcome.converged & (moved >= most), moved, 0.0)
+    return replace(outcome, converged=outcome.converged & (moved < most), error=error)
+
+
+def _rubs(forces: Forces) -> bool:
+    return any(isinstance(each, Threads) and each.friction is not None for each in forces.elements)
+
+
+def _of_threads(forces: Forces, memory: Memory) -> Memory:
+    """Return the memory of threads alone: other elements have forgotten all when they rest."""
+    pairs = zip(forces.elements, memory, strict=True)
+    return tuple(held if isinstance(each, Threads) else None for each, held in pairs)
+
+
+def _settled(
+    forces: Forces, time: Array, position: Rows, frames: Frames | None
+) -> tuple[Rows, Frames | None, Memory]:
+    """Return a new shape, its frames, and the memory of the threads that slid there."""
+    if frames is not None:
+        nodes = forces.nodes(position)
+        frames = jax.lax.stop_gradient(Frames.of(nodes, frames.at(nodes)))
+    motion = statics.static_motion(forces, time, position, frames)
+    memory = tuple(
+        jax.vmap(lambda e, m: e.advance(m))(each, windows.motion_windows(each, motion))
+        if isinstance(each, Threads)
+        else None
+        for each in forces.elements
+    )
+    return position, frames, memory
 
 
 def _memory(forces: Forces, time: Array, position: Rows, frames: Frames | None) -> Memory:

@@ -85,8 +85,13 @@ def find(
     time: Float[Array, ""],
     start: Rows,
     frames: Frames | None,
+    *,
+    follows: bool = False,
 ) -> tuple[Rows, Frames | None, Outcome]:
-    """Find a stable `equilibrium` of an arm, with ``settings`` of a time step."""
+    """Find a stable `equilibrium` of an arm, with ``settings`` of a time step.
+
+    One that ``follows`` is next to the start, an equilibrium of loads that hardly differ.
+    """
     # stiffness and loads over mass: the squared rates at which an arm leaves an unstable shape lie
     # between the softer bending stiffness and the sum of both
     mass, length = forces.mass, reference.length
@@ -101,6 +106,7 @@ def find(
         careful(forces, settings),
         1e-3 * jnp.min(bending),
         1e3 * (jnp.max(bending) + load * reference.nodes / (mass * length)),
+        jnp.asarray(follows),
     )
 
 
@@ -141,6 +147,7 @@ def equilibrium(
     settings: Settings,
     slowest_rate: Float[Array, ""],
     fastest_rate: Float[Array, ""],
+    follows: Bool[Array, ""],
 ) -> tuple[Rows, Frames | None, Outcome]:
     """Find a stable equilibrium of the forces at ``time``.
 
@@ -157,6 +164,9 @@ def equilibrium(
     water is accepted only if the imbalance there is smaller than before; otherwise the arm could
     wander from eddy to eddy forever.
 
+    Where the arm ``follows`` changing loads, it bears them all from the beginning: from ``start``
+    it creeps through the viscous medium to the equilibrium that it reaches there.
+
     ``slowest_rate`` and ``fastest_rate`` (1/s2) bracket the squared rates at which the arm can
     leave an equilibrium. Returns the positions (m; the first two as in ``start``, and those of the
     obstacles), in space the frames there, and the outcome: the balance in the water there, with all
@@ -168,6 +178,11 @@ def equilibrium(
     reach = jnp.sum(jnp.sqrt(jnp.sum(edges**2, axis=1)))
     none = jnp.zeros_like(start)
     no_tangent = ReusedTangent.none(forces, start)
+
+    def kick(position: Rows) -> Rows:
+        chord = position[tip] - position[1]
+        aside = _KICK * reach * along**2 * _aside(chord, reach, forces.axes)
+        return jnp.pad(aside, ((3, position.shape[0] - tip - 1), (0, 0)))
 
     def allowed(search: _Continuation) -> Int[Array, ""]:
         return jnp.where(search.bore_load, _MAX_SOLVES + _LAST_SOLVES, _MAX_SOLVES)
@@ -228,10 +243,7 @@ def equilibrium(
         wandering = good & (moved > _KICK * reach) & ~search.settled
         gives_up = search.bore_load & wandering & (search.solves >= _MAX_SOLVES)
         # frames and water are those before the kick, which is small
-        chord = shape.position[tip] - shape.position[1]
-        kick = _KICK * reach * along**2 * _aside(chord, reach, forces.axes)
-        margins = ((3, shape.position.shape[0] - tip - 1), (0, 0))
-        kicked = shape.position + jnp.pad(jnp.where(just_loaded, kick, 0.0), margins)
+        kicked = shape.position + jnp.where(just_loaded, kick(shape.position), 0.0)
         shape = _choose(gives_up, first_loaded, _Shape(kicked, shape.frames, shape.around))
         iterations = search.iterations + solved.iterations
         return _Continuation(
@@ -253,8 +265,9 @@ def equilibrium(
             (solved.converged & outcome.converged & (search.settled | last), iterations),
         )
 
-    beginning = static_stage(time, start, frames)
-    shape = _Shape(start, frames, forces.surroundings(beginning, none))
+    first = start + jnp.where(follows, kick(start), 0.0)
+    beginning = static_stage(time, first, frames)
+    shape = _Shape(first, frames, forces.surroundings(beginning, none))
     no, nothing, zero = jnp.asarray(False), jnp.asarray(0), jnp.zeros(())
     search, outcome = jax.lax.while_loop(
         unfinished,
@@ -264,9 +277,9 @@ def equilibrium(
                 shape=shape,
                 first_loaded=shape,
                 bore_load=no,
-                load_factor=zero,
+                load_factor=jnp.where(follows, 1.0, 0.0),
                 share=zero + _FIRST_SHARE,
-                loaded=no,
+                loaded=follows,
                 shift=fastest_rate,
                 moved=zero - 1,
                 settled=no,

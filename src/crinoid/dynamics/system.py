@@ -124,6 +124,35 @@ class System(eqx.Module):
         )
         return self._begin(forces, time, position, frames), outcome
 
+    def follow_equilibrium(self, before: "System", state: State) -> tuple[State, Outcome]:
+        """Find the equilibrium that an arm reaches while numbers change slowly to those here.
+
+        It starts from an equilibrium ``state`` of a system ``before`` with other numbers, and keeps
+        to its branch: past a limit point the arm snaps to the next equilibrium. The outcome says
+        whether there is one.
+        """
+        earlier, time, base_before, _ = before.undeformed(state.time)
+        forces, _, base_after, _ = self.undeformed(state.time)
+        shape, frames = state.motion.position, state.frames
+        nodes = forces.nodes(shape).shape[0]
+        free = np.r_[BOUNDARY_NODES:nodes, nodes + np.asarray(forces.free, int)]
+
+        def placed(base: Base, rows: Rows) -> Rows:
+            rows = start.with_clamp_spin(base, time, rows, frames)
+            return rows.at[free].set(shape[free])
+
+        starts = placed(before.base, base_before), placed(self.base, base_after)
+        forces, position, frames, outcome = pulled.follow(
+            self.reference,
+            (earlier, forces),
+            self.settings,
+            time,
+            starts,
+            frames,
+            state.memory,
+        )
+        return self._begin(forces, time, position, frames), outcome
+
     def stand(self, state: State) -> State:
         """Return the same shape without motion, in the flow frozen at its time."""
         forces = self._driven(state).frozen(state.time)

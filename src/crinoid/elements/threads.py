@@ -115,7 +115,7 @@ class Threads(Linearised):
 
     def slid(self, before: Sliding, now: Sliding) -> "Threads":
         """Return the threads in one shape at rest, after they slid there from another in one go."""
-        start = now._replace(direction=jnp.zeros_like(now.path), before=before.path)
+        start = now._replace(direction=before.direction, before=before.path)
         moved = self.remembering(start, jnp.ones(now.path.shape[0]))
         # all friction is that of the way so far, none that of a correction
         still = jnp.zeros_like(now.path)

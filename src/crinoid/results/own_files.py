@@ -37,7 +37,8 @@ def is_own(path: Path) -> bool:
         head, line = header_of(path)
         names = {re.split("[. ]", each)[0] for each in head[1:]}
         over_time = head[:1] == [TIME] and names <= {each.name for each in VARIABLES}
-        return is_table(path) or (over_time and line == table_head(head))
+        curve = head[1:2] == ["branch"]
+        return is_table(path) or ((over_time or curve) and line == table_head(head))
     if ending not in _MARKS:
         return bool(attributes(path))
     mark, within = _MARKS[ending]

@@ -87,13 +87,17 @@ class Schedule(Model):
                 yield Mistake(f"share.{index}", got(share, "be a number from -1 to 1"))
 
 
+_ADDED = "to which the schedule and the commands of a controller add"
+
+
 class Thread(Model):
     """Keys that chambers and tendons share."""
 
     _ways: ClassVar[dict[str, dict[str, str]]]
     """Keys of each `drive`, with their values in words where they are required.
 
-    The first is the drive at a share of 1, the last its greatest rate.
+    The first is the drive at a share of 1, the second the drive that is always on, the last its
+    greatest rate.
     """
 
     name: Name = entry(None, "Name of its input; by default chamber_0, tendon_0 and so on.")
@@ -129,6 +133,12 @@ class Thread(Model):
         offsets = self.offset if isinstance(self.offset, tuple) else (self.offset or 0.0,)
         if min(offsets) < 0:
             yield self.mistake("offset", "be 0 or more (m)", "Choose the side by angle_deg.")
+        constant, low = getattr(self, self.constant_key), getattr(self, "min_pressure", 0.0)
+        most = getattr(self, self.largest_key) or math.inf
+        low = -most if self.pair else low
+        if constant is not None and not low <= constant <= most:
+            must = f"be {low:g} to {self.largest_key} = {most:g}"
+            yield Mistake(self.constant_key, got(constant, must))
         shares = self.schedule.share if self.schedule is not None and not self.pair else ()
         for index, share in enumerate(shares):
             if share < 0:
@@ -147,6 +157,16 @@ class Thread(Model):
         return next(iter(self._ways[self.drive]))
 
     @property
+    def constant_key(self) -> str:
+        """Key of the drive to which the schedule and commands add."""
+        return list(self._ways[self.drive])[1]
+
+    @property
+    def constant(self) -> float:
+        """That drive over the largest one."""
+        return (getattr(self, self.constant_key) or 0.0) / self.largest
+
+    @property
     def largest(self) -> float:
         """Drive at a share of 1: Pa, m3, N or m."""
         return float(getattr(self, self.largest_key))
@@ -163,10 +183,12 @@ class Chamber(Thread):
 
     _ways: ClassVar[dict[str, dict[str, str]]] = {
         "pressure": dict.fromkeys(
-            ("max_pressure", "min_pressure", "max_curvature", "stiffening", "max_rate"), ""
+            ("max_pressure", "pressure", "min_pressure", "max_curvature", "stiffening", "max_rate"),
+            "",
         ),
         "volume": {
             "max_volume": "a number above 0 (m3)",
+            "volume": "",
             "bulk_modulus": "a number above 0 (Pa)",
             "max_flow": "",
         },
@@ -179,6 +201,7 @@ class Chamber(Thread):
     )
     area: SquareMetres | None = entry(None, "Area of its section.", gt=0)
     max_pressure: Pascals = entry(1e5, "Largest pressure above ambient.", gt=0)
+    pressure: Pascals | None = entry(None, f"Constant pressure above ambient, {_ADDED}.")
     min_pressure: Pascals = entry(0.0, "Smallest pressure.", ge=0)
     max_rate: Annotated[float, Quantity("Pa/s")] | None = entry(
         None, "Greatest rate of the pressure.", gt=0
@@ -192,6 +215,7 @@ class Chamber(Thread):
         ge=0,
     )
     max_volume: CubicMetres | None = entry(None, "Volume of fluid that a share of 1 adds.", gt=0)
+    volume: CubicMetres | None = entry(None, f"Constant volume of fluid, {_ADDED}.")
     bulk_modulus: Pascals | None = entry(
         None,
         "Stiffness of the closed fluid with its hoses: 2.2e9 of water alone; of a gas its "
@@ -219,9 +243,15 @@ class Tendon(Thread):
     """A tendon that pulls along the arm."""
 
     _ways: ClassVar[dict[str, dict[str, str]]] = {
-        "tension": {"max_tension": "a number above 0 (N)", "pretension": "", "max_rate": ""},
+        "tension": {
+            "max_tension": "a number above 0 (N)",
+            "tension": "",
+            "pretension": "",
+            "max_rate": "",
+        },
         "length": {
             "max_shortening": "a number above 0 (m)",
+            "shortening": "",
             "stiffness": "a number above 0 (N)",
             "max_speed": "",
         },
@@ -233,6 +263,7 @@ class Tendon(Thread):
         "the tension then follows from the arm's shape, and is 0 where it is slack.",
     )
     max_tension: Newtons | None = entry(None, "Largest tension.", gt=0)
+    tension: Newtons | None = entry(None, f"Constant tension, {_ADDED}.")
     pretension: Newtons = entry(
         0.0, "Tension at a share of 0, to which shares add; of a pair that of either tendon.", ge=0
     )
@@ -245,6 +276,7 @@ class Tendon(Thread):
         " the partner lengthens as much.",
         gt=0,
     )
+    shortening: Metres | None = entry(None, f"Constant length that is pulled in, {_ADDED}.")
     stiffness: Newtons | None = entry(None, "Axial stiffness EA of the tendon.", gt=0)
     max_speed: MetresPerSecond | None = entry(None, "Greatest speed of the winch.", gt=0)
     friction: float = entry(

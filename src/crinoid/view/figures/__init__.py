@@ -17,7 +17,8 @@ def write_report(path: FilePath, out: FilePath | None = None) -> list[Path]:
     gives those of each case, in the folder of that case, and a page of all. The
     current that `crinoid flow` sampled (`flow.nc`) gives `flow.png`, `spectrum.png` and
     `profile.png`, the record that it examined (`record.nc`) `record.png`, what `crinoid modes`
-    found (`modes.nc`) `modes.png`, what `crinoid compare`
+    found (`modes.nc`) `modes.png`, the equilibria of `crinoid equilibrium --vary` (`curve.nc`)
+    `curve.png`, what `crinoid compare`
     compared (`compare.nc`) `compare.png`, the loop of `crinoid margins` (`margins.nc`) `bode.png`
     and `nyquist.png`, the search of `crinoid tune` (`tune.nc`) `tune.png`, that of
     `crinoid identify` (`identify.nc`) `identify.png`, and what `crinoid train` went through
@@ -27,8 +28,8 @@ def write_report(path: FilePath, out: FilePath | None = None) -> list[Path]:
     ----------
     path
         A result's folder, its `result.nc`, a study's folder or its `cases.csv`, a folder with
-        `flow.nc`, `record.nc`, `modes.nc`, `compare.nc`, `margins.nc`, `tune.nc`,
-        `identify.nc` or `training.nc`, or that file.
+        `flow.nc`, `record.nc`, `modes.nc`, `curve.nc`, `compare.nc`, `margins.nc`,
+        `tune.nc`, `identify.nc` or `training.nc`, or that file.
     out
         Folder for the figures, created if needed; by default that of the result.
 

@@ -8,6 +8,7 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from crinoid.analysis.equilibria import CURVE
 from crinoid.analysis.record import RECORD
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
@@ -21,6 +22,7 @@ from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
 from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
+from crinoid.view.figures.curve import draw_curve
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.record import draw_record
 from crinoid.view.figures.run import RESULT, Run, load_as, open_run
@@ -49,6 +51,7 @@ _FIGURES: dict[str, Callable[[Run], Figure]] = {
 }
 
 _SPACE = {"shape.png": draw_sheet}  # figures that differ for an arm in space
+_AT_REST = ("shape.png", "bending.png")
 
 
 class _Finding(NamedTuple):
@@ -87,6 +90,15 @@ _FINDINGS = {
             "position": ("medium", "node", "axis"),
         },
         {"modes.png": draw_modes},
+    ),
+    CURVE: _Finding(
+        "a bending curve",
+        {
+            **dict.fromkeys(("tip_turn", "max_curvature"), ("branch", "*")),
+            "tip_position": ("branch", "*", "axis"),
+            "position": ("branch", "*", "node", "axis"),
+        },
+        {"curve.png": draw_curve},
     ),
     "compare.nc": _Finding(
         "a comparison",
@@ -162,6 +174,8 @@ def _write_run(path: Path, out: Path) -> list[Path]:
     figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
     figures |= {"contact.png": _of(contact_chart)} if has_contact(run) else {}
     figures |= {"vortices.png": _of(vortex_chart)} if has_vortices(run) else {}
+    if run.result.sizes["time"] == 1:  # nothing changes
+        figures = {name: figures[name] for name in _AT_REST}
     drawn = [_save(lambda draw=draw: draw(run), out / name, path) for name, draw in figures.items()]
     return [*drawn, write_run(run, out / PAGE)]
 

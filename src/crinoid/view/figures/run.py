@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -94,10 +95,11 @@ def load(path: Path, *, lazily: bool = False) -> xr.Dataset:
 
 
 def load_as(path: Path, kind: str, required: Mapping[str, tuple[str, ...]]) -> xr.Dataset:
-    """Read a file of a kind into memory, with some variables over some dimensions."""
+    """Read a file of a kind into memory, with some variables over some dimensions; ``*``: any."""
     dataset = load(path)
     for name, dims in required.items():
-        if name not in dataset or dataset[name].dims != dims:
+        over = dataset[name].dims if name in dataset else ()
+        if name not in dataset or not fnmatchcase(" ".join(map(str, over)), " ".join(dims)):
             over = f" over {', '.join(dims)}" if dims else ""
             text = f"not a file of crinoid with {kind}, it has no {name}{over}"
             raise ReportError(f"{path}: {text}")

@@ -9,8 +9,9 @@ from typing import Any
 from crinoid.foundation.status import Status
 from crinoid.results.result import Result
 from crinoid.scenario import ScenarioError
+from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
-from crinoid.view.figures.charts.summary import summary
+from crinoid.view.figures.charts.summary import equilibrium_summary, summary
 from crinoid.view.figures.charts.tip import spectrum_chart, tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
 from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
@@ -66,11 +67,8 @@ def page_of(run: Run) -> str:
 
     Texts of the user are escaped, and scripts are allowed by their digests only.
     """
-    charts = [tip_chart(run), spectrum_chart(run), drive_chart(run)]
-    charts += [contact_chart(run)] if has_contact(run) else []
-    charts += [vortex_chart(run)] if has_vortices(run) else []
-    charts += [energy_chart(run), effort_chart(run)]
-    plots = plots_of(charts, *_span(run))
+    still = run.result.sizes["time"] == 1
+    plots = plots_of([] if still else _charts(run), *_span(run))
     texts, left_out = _animation(run, page_scene(run.members), plots.charts)
     attributes = run.result.attrs
     scenario = str(attributes.get("scenario", ""))
@@ -80,12 +78,14 @@ def page_of(run: Run) -> str:
     other = None if run.uncontrolled is None else Result(run.uncontrolled)
     result = Result(run.result, uncontrolled=other)
     try:
-        numbers = f'<div class="scroll numbers">{parts.table_of(summary(result))}</div>'
+        found = equilibrium_summary(result) if still else summary(result)
+        numbers = f'<div class="scroll numbers">{parts.table_of(found)}</div>'
     except (LookupError, ValueError, ScenarioError):
         numbers = "<p>The result lacks variables of the summary.</p>"
     kind = "arm in space" if run.result.sizes["axis"] == 3 else "planar arm"
     begin, end = _span(run)
-    words = [kind, f"{run.result.sizes['node']} nodes", f"{end - begin:g} s"]
+    lasts = "one instant" if still else f"{end - begin:g} s"
+    words = [kind, f"{run.result.sizes['node']} nodes", lasts]
     words += [] if run.uncontrolled is None else ["with and without control"]
     body = Template(parts.read_part("run.html")).substitute(
         title=escape(run.title),
@@ -106,6 +106,13 @@ def page_of(run: Run) -> str:
     )
 
 
+def _charts(run: Run) -> list[Chart]:
+    found = [tip_chart(run), spectrum_chart(run), drive_chart(run)]
+    found += [contact_chart(run)] if has_contact(run) else []
+    found += [vortex_chart(run)] if has_vortices(run) else []
+    return [*found, energy_chart(run), effort_chart(run)]
+
+
 def _facts(run: Run) -> str:
     attributes, words = run.result.attrs, re.sub(r"[^a-z0-9]+", "-", run.title.lower())
     name = words.strip("-")[:40].strip("-") or "scenario"
@@ -118,7 +125,9 @@ def _facts(run: Run) -> str:
         "saved instants": run.result.sizes["time"],
     }
     rows = "".join(f"<tr><td>{k}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
-    command = f"crinoid run {name}.toml --out results/{name}"
+    rests = run.result.sizes["time"] == 1 and Status.of(run.status) is Status.OK
+    verb = "equilibrium" if rests else "run"
+    command = f"crinoid {verb} {name}.toml --out results/{name}"
     return (
         f"{rows}<tr><td>to repeat it</td><td>save the scenario above as {name}.toml, then "
         f"<code>{command}</code></td></tr>"

@@ -9,11 +9,15 @@ from crinoid.diagnostics.control_loop import limit_shares
 from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.results.metrics import TipError, angle_error, input_use, peak_load, tip_error
 from crinoid.results.result import Result
-from crinoid.view.figures.style import DEGREES, Unit, length_unit, si_unit
+from crinoid.view.figures.style import DEGREES, Unit, largest, length_unit, si_unit
 
 _NOTHING = 1e-6
 """Part of the arm's length, angle (rad) or load (N, N m) below which there is nothing to compare:
 a ratio would be one of round-off."""
+_ROUND_OFF = 1e-8
+"""Part of the arm's length, the largest load and so on below which a number at rest is 0."""
+_ALMOST_NO_LOAD = 1e-4
+"""Load at which round-off is measured where there is none (N)."""
 _SELDOM = 1e-3  # share of the time at a limit that is not worth a row
 
 
@@ -93,29 +97,39 @@ def equilibrium_summary(result: Result) -> RunSummary:
 
     axes = [str(axis) for axis in dataset["axis"].values]
 
-    def parts(vector: np.ndarray, unit: str, digits: int = 4) -> str:
-        named = zip(axes, vector, strict=True)
-        return ", ".join(f"{axis} {part:.{digits}g}{unit}" for axis, part in named)
+    length = float(dataset["arc_length"].values[-1])
 
-    add("tip", parts(dataset["tip_position"].values[0], " m", 6))
+    def number(value: float, scale: float, digits: int = 4) -> str:
+        return f"{0.0 if abs(value) < _ROUND_OFF * scale else value:.{digits}g}"
+
+    def parts(vector: np.ndarray, unit: str, scale: float, digits: int = 4) -> str:
+        named = zip(axes, vector, strict=True)
+        return ", ".join(f"{axis} {number(part, scale, digits)}{unit}" for axis, part in named)
+
+    add("tip", parts(dataset["tip_position"].values[0], " m", length, 6))
     if "tip_direction" in dataset:
-        add("tip direction", parts(dataset["tip_direction"].values[0], ""))
+        add("tip direction", parts(dataset["tip_direction"].values[0], "", 1.0))
     else:
         angle = np.rad2deg(float(dataset["tip_angle"][0]))
-        add("tip direction", f"{angle:.4g} degrees")
-    moment = dataset["base_moment"].values[0]
-    add("force on the submarine", parts(dataset["base_force"].values[0], " N"))
-    add("moment on the submarine", parts(moment, " N m") if moment.ndim else f"{moment:.4g} N m")
-    add("greatest tension", f"{float(dataset['tension'].max()):.4g} N")
+        add("tip direction", f"{number(angle, 1.0)} degrees")
+    force, moment = (dataset[f"base_{name}"].values[0] for name in ("force", "moment"))
+    tension = float(dataset["tension"].max())
+    pull = max(largest(force), abs(tension), _ALMOST_NO_LOAD)
+    add("force on the submarine", parts(force, " N", pull))
+    turning = max(largest(moment), pull * length)
+    text = parts(moment, " N m", turning) if moment.ndim else f"{number(moment, turning)} N m"
+    add("moment on the submarine", text)
+    add("greatest tension", f"{number(tension, pull)} N")
     bending = dataset["curvature"].values
     curvature = np.linalg.norm(bending, axis=-1) if bending.ndim == 3 else np.abs(bending)
-    add("greatest curvature", f"{float(curvature.max()):.4g} 1/m")
+    add("greatest curvature", f"{number(float(curvature.max()), 1 / length)} 1/m")
     if "twist" in dataset:
-        add("greatest twist", f"{float(np.abs(dataset['twist']).max()):.4g} rad/m")
+        twist = float(np.abs(dataset["twist"]).max())
+        add("greatest twist", f"{number(twist, 1 / length)} rad/m")
     if "contact_force" in dataset:
         for index, push in enumerate(dataset["contact_force"].values[0]):
             if np.any(push):
-                add(f"force of obstacle {index}", parts(push, " N"))
+                add(f"force of obstacle {index}", parts(push, " N", largest(push)))
     if "natural_frequency" in dataset:
         first = ", ".join(f"{value:.3g}" for value in dataset["natural_frequency"].values[:4])
         add("lowest natural frequencies", f"{first} Hz")
