@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 import crinoid
-from crinoid.results.metrics import angle_error, input_use, tip_error
+from crinoid.results.effort import input_use
+from crinoid.results.errors import angle_error, tip_error
 
 PAGE = Path(__file__).with_name("turbulence.md")
 
@@ -66,7 +67,7 @@ def alone() -> str:
         rows.append(f"| {name} | {_errors(result)} | {slide} | {tilt} |")
         print(rows[-1], flush=True)
         sets = "".join(f" \\\n    --set '{key}={_toml(value)}'" for key, value in values.items())
-        commands.append(f"crinoid run station-keeping{sets}")
+        commands.append(f"crinoid run station-keeping --set target.judged_from=0{sets}")
     rows.append(f"| none | {_errors(simulate('station-keeping', {}).uncontrolled)} | 0 | 0 |")
     return "\n".join([*rows, "", "```", *commands, "```"])
 
@@ -103,8 +104,8 @@ def space() -> str:
 
 
 def simulate(name: str, values: dict[str, Any]) -> crinoid.Result:
-    """Run a built-in scenario with some of its values changed."""
-    return crinoid.simulate(crinoid.load(name).with_values(values))
+    """Run a built-in scenario with some of its values changed; errors count from the start."""
+    return crinoid.simulate(crinoid.load(name).with_values(values | {"target.judged_from": 0.0}))
 
 
 HEADING = (

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         with_parameters,
     )
     from crinoid.studies.batch import simulate_batch
+    from crinoid.view.figures import write_report
 
 _HOMES = {
     "Actuator": "crinoid.actuation",
@@ -74,6 +75,7 @@ _HOMES = {
     "assemble": "crinoid.assembly.system",
     "parameters": "crinoid.assembly.prepared",
     "with_parameters": "crinoid.simulation",
+    "write_report": "crinoid.view.figures",
 }
 """The module of each public name, loaded when the name is used first."""
 
@@ -114,6 +116,7 @@ __all__ = [
     "simulate_batch",
     "system",
     "with_parameters",
+    "write_report",
 ]
 
 # Round-off of 32 bits would drown the stretch of a stiff arm. JAX reads the variable when it is
@@ -123,6 +126,9 @@ if "jax" in sys.modules:
 else:
     os.environ["JAX_ENABLE_X64"] = "1"
 
+
+# XLA asks for a bug report where a program compiles for minutes; `crinoid.compilation` logs a line
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 # XLA runs a program on the CPU as a list of small functions, and their calls cost more than
 # their work on arrays as small as an arm's. Loops of up to so many bytes become one function.

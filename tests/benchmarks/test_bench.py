@@ -25,6 +25,7 @@ NAMES = {
     "step": {"plane, closed loop", "plane, bare step", "plane, vortices"},
     "batch": {"whole runs, PID", "bare steps, one by one", "bare steps, together (vmap)"},
     "gradient": {"plane, run", "plane, gradient by all numbers"},
+    "optimise": {"gains, grid", "gains, optimise", "pressure, grid", "pressure, optimise"},
     "start": {"import crinoid, first time", "import jax, later"},
     "controllers": {"station-keeping, neural", "0.08 m/s, none, vortices"},
     "tasks": {"trace"},

@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import pytest
@@ -56,17 +57,89 @@ def test_a_missing_file_and_a_bad_setting_are_mistakes_too(here):
     assert [path.name for path in here.iterdir()] == ["small.toml"]
 
 
+NAMES = {
+    ("arm.length=0.6",): "small,arm.length=0.6",
+    ("arm.length = 0.60", "seed=3"): "small,arm.length=0.6,seed=3",
+    ("seed=3", "arm.length=6e-1"): "small,arm.length=0.6,seed=3",
+    ("seed=2", "seed=3"): "small,seed=3",
+    ("flow.0.velocity=[0.3, 0.0]", "control.compare=false"): (
+        "small,control.compare=false,flow.0.velocity=0.3_0"
+    ),
+}
+
+
+@pytest.fixture
+def folders(here, monkeypatch):
+    """Return the list of folders that runs would write to; nothing is run."""
+    found = []
+    name = "crinoid.cli.run.run_scenario"
+    monkeypatch.setattr(name, lambda _, folder, **__: found.append(folder.as_posix()) or "")
+    return found
+
+
+def run_with(*settings, more=()):
+    succeeded("run", "small.toml", *(f"--set={each}" for each in settings), *more)
+
+
+def test_the_default_folder_is_named_after_changed_keys(folders):
+    run_with()
+    run_with("arm.length=0.6", more=("--out", "mine"))
+    assert folders == ["results/small", "mine"]
+    for settings in NAMES:
+        run_with(*settings)
+    assert folders[2:] == [f"results/{name}" for name in NAMES.values()]
+
+
+def test_a_long_or_odd_change_gives_a_short_name_that_needs_no_quotes(folders):
+    titles = ["a b", "a  b", "$(rm -r /)", "../up", "x" * 200, "x" * 201]
+    for title in titles:
+        run_with(f"title='{title}'")
+    assert len({*folders}) == len(titles)
+    for folder in folders:
+        assert re.fullmatch(r"results/small,title=[\w.,=+-]+-[0-9a-f]{8}", folder)
+        assert len(folder) <= len("results/small,") + 72
+
+
+def test_a_run_that_is_prolonged_stays_in_its_folder(folders):
+    longer = "simulation.duration=9"
+    run_with("seed=1", longer, more=("--resume",))
+    Path("results", f"small,seed=1,{longer}").mkdir(parents=True)
+    run_with("seed=1", longer, more=("--resume",))
+    run_with("seed=1", longer)
+    own = f"results/small,seed=1,{longer}"
+    assert folders == ["results/small,seed=1", own, own]
+
+
+def test_every_command_that_changes_keys_names_its_folder_after_them(here):
+    for command in ("equilibrium", "flow", "modes", "margins", "live", "tune", "compare", "sweep"):
+        at = Path("results", f"small-{command},seed=3")
+        at.parent.mkdir(exist_ok=True)
+        at.touch()
+        words = f"--out: {at} is a file"
+        assert words in refused(command, "small.toml", "--set", "seed=3")
+
+
+def test_a_value_with_a_lost_quote_or_a_backslash_is_refused_with_the_remedy(here):
+    line = refused("run", "small.toml", "--set", 'flow=[{kind="measured", file="C:\\x.csv"}]')
+    assert "flow: got" in line
+    assert "must be valid TOML. Write \\\\ or / for a backslash" in line
+    line = refused("run", "small.toml", "--set", "flow.0.velocity=[0.1, 0.2")
+    assert "must be valid TOML. Close each quote and bracket." in line
+
+
 @pytest.mark.slow
 def test_run_saves_and_report_draws(here):
     shown = succeeded("run", "small.toml", "--set", "simulation.duration=0.3")
     for word in ("small", "tip error, RMS", "uncontrolled", "Newton iterations"):
         assert word in shown
-    folder = here / "results" / "small"
+    folder = here / "results" / "small,simulation.duration=0.3"
+    assert f"crinoid report {folder.relative_to(here)}" in shown
     result = Result.load(folder)
     assert float(result.dataset["time"][-1]) == pytest.approx(0.3)
     assert result.status == "ok"
-    succeeded("report", folder)
-    assert (folder / "shape.png").stat().st_size > 10_000
+    for ending in ("png", "pdf"):
+        succeeded("report", folder, "--format", ending)
+        assert (folder / f"shape.{ending}").stat().st_size > 10_000
 
 
 @pytest.mark.slow
@@ -76,7 +149,8 @@ def test_notes_come_under_the_table_and_once_for_all_cases(here):
     one, other = noted(succeeded("run", "small.toml", *thin))
     assert one.startswith("note: most of the drag acts at Reynolds numbers near")
     assert other.startswith("note: without control: most of the drag acts")
-    assert Result.load(here / "results" / "small").notes == [one.removeprefix("note: ")]
+    (folder,) = (here / "results").iterdir()
+    assert Result.load(folder).notes == [one.removeprefix("note: ")]
     studied = ("--set", "vary.seed=[1, 2]", "--set", "control.compare=false", "--out", "cases")
     above = ("--set", "base.position=[0.0, 10.0]")
     shown = succeeded("run", "small.toml", *thin, *studied, *above)

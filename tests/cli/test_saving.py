@@ -83,6 +83,9 @@ def no_space(path: object) -> OSError:
     return OSError(errno.ENOSPC, "No space left on device", str(path))
 
 
+OF_A_RUN = ["result.nc", "summary.csv", "summary.json"]
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
@@ -178,7 +181,7 @@ def test_a_run_grows_in_another_folder_than_a_finished_result(here, player):
         assert call(*RUN).exit_code == 0
     assert [path.name for path in player.into] == ["out", "out-unfinished"]
     assert names(here) == ["out", "small.toml", "study.toml"]
-    assert names(here / "out") == ["result.nc"]
+    assert names(here / "out") == OF_A_RUN
 
 
 def broken(*_: object, **__: object) -> None:
@@ -226,7 +229,7 @@ def test_a_run_that_fits_nowhere_is_lost_and_leaves_an_earlier_one(here, monkeyp
     monkeypatch.setattr("xarray.Dataset.to_netcdf", broken)
     assert call(*RUN).exit_code == 3
     assert (here / "out" / "result.nc").read_bytes() == before
-    assert names(here / "out") == ["result.nc"]
+    assert names(here / "out") == OF_A_RUN
 
 
 def test_a_folder_in_use_is_refused_until_it_is_free(here):
@@ -246,7 +249,7 @@ def test_a_folder_in_use_is_refused_until_it_is_free(here):
         held.kill()  # the system lets go of the lock of a process that is killed
         held.wait()
     assert call(*RUN).exit_code == 0
-    assert names(here / "out") == ["result.nc"]
+    assert names(here / "out") == OF_A_RUN
 
 
 @pytest.mark.parametrize(
@@ -264,7 +267,7 @@ def test_file_systems_without_locks_and_without_writing(here, monkeypatch, raise
     monkeypatch.setattr(filelock.FileLock, "acquire", acquire)
     if goes_on:
         assert call(*RUN).exit_code == 0
-        assert names(here / "out") == ["result.nc"]
+        assert names(here / "out") == OF_A_RUN
     else:
         assert refused(*RUN) == "crinoid: out: Read-only file system"
         assert not (here / "out").exists()
@@ -282,7 +285,7 @@ def test_a_run_removes_what_a_killed_one_left_unfinished(here, tmp_path):
     (here / "out" / ".result.nc.dcba4321.unfinished").mkdir()
     (here / "out" / ".result.nc.20260101").write_text("no name that crinoid gives")
     assert call(*RUN).exit_code == 0
-    kept = [".result.nc.20260101", ".result.nc.dcba4321.unfinished", "result.nc"]
+    kept = [".result.nc.20260101", ".result.nc.dcba4321.unfinished", *OF_A_RUN]
     assert names(here / "out") == kept
 
 
@@ -370,7 +373,7 @@ def test_the_table_keeps_the_rows_of_cases_that_are_not_run_again_yet(here, play
     assert table.read_text() == whole
 
 
-@pytest.mark.parametrize("name", ["result.nc", "uncontrolled.nc"])
+@pytest.mark.parametrize("name", [*OF_A_RUN, "uncontrolled.nc"])
 def test_a_file_of_the_users_is_not_replaced_unless_forced(here, player, name):
     (here / "out").mkdir()
     (here / "out" / name).write_text("mine")
@@ -381,7 +384,7 @@ def test_a_file_of_the_users_is_not_replaced_unless_forced(here, player, name):
     assert names(here / "out") == [name]
     assert not player.played
     assert call(*RUN, "--force").exit_code == 0
-    assert names(here / "out") == ["result.nc"]
+    assert names(here / "out") == OF_A_RUN
 
 
 def test_a_run_leaves_nothing_of_another_and_all_of_the_users(here, figures):
@@ -396,7 +399,7 @@ def test_a_run_leaves_nothing_of_another_and_all_of_the_users(here, figures):
     (out / "tip_error.png").unlink()
     (out / "tip_error.png").write_bytes(b"\x89PNG of the users as well")
     assert call(*RUN).exit_code == 0
-    assert names(out) == ["notes.md", "photo.png", "result.nc", "tip_error.png"]
+    assert names(out) == ["notes.md", "photo.png", *OF_A_RUN, "tip_error.png"]
 
 
 @pytest.mark.slow
@@ -421,14 +424,14 @@ def test_a_smaller_study_a_run_and_a_study_replace_each_other_wholly(here):
     (here / "out" / "case-03" / "mine.txt").write_text("mine")
     for arguments, lost, left in (
         ((*RUN_STUDY, "--set", "vary={'arm.length'=[0.4]}"), "case-02", ["case-01", "cases.csv"]),
-        (RUN, "case-01", ["result.nc"]),
+        (RUN, "case-01", OF_A_RUN),
         (RUN_STUDY, "result.nc", ["case-01", "case-02", "cases.csv"]),
     ):
         assert lost in refused(*arguments)
         assert call(*arguments, "--force").exit_code == 0
         assert names(here / "out") == sorted(["case-03", *left])
         case = names(here / "out" / "case-03")
-        assert case == ["mine.txt", *["result.nc"] * (arguments is RUN_STUDY)]
+        assert case == ["mine.txt", *OF_A_RUN * (arguments is RUN_STUDY)]
 
 
 def test_links_are_replaced_and_not_followed(here):

@@ -1,5 +1,6 @@
 """The output of the command line, and how little it loads; no test here runs a simulation."""
 
+import io
 import json
 import os
 import re
@@ -11,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import crinoid
-from crinoid.cli.command import complete_key, complete_name
-from crinoid.cli.display import notes_of_cases
+from crinoid.cli.command import Terminal, complete_key, complete_name
+from crinoid.cli.display import notes_of_cases, progress_bar
 from crinoid.compilation.program import _crowded
 from crinoid.scenario import Scenario
 from crinoid.view.figures import ReportError, write_report
@@ -57,6 +58,33 @@ def test_scenarios_are_in_two_columns_and_help_names_folders():
     assert len({start.end() for start in starts if start}) == 1
     for command, folder in {"run": "", "equilibrium": "-equilibrium", "flow": "-flow"}.items():
         assert f"results/SCENARIO{folder})" in call(command, "--help").stdout
+
+
+@pytest.mark.parametrize(("given", "level"), [({}, "3"), ({"TF_CPP_MIN_LOG_LEVEL": "0"}, "0")])
+def test_xla_does_not_ask_for_bug_reports_unless_the_user_wants_to_see_it(given, level):
+    code = "import crinoid, os; print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
+    others = {name: value for name, value in os.environ.items() if name != "TF_CPP_MIN_LOG_LEVEL"}
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=others | given, capture_output=True, text=True
+    )
+    assert ended.stdout.strip() == level
+
+
+def test_a_bar_without_an_end_says_how_long_it_lasts():
+    with progress_bar() as bar:
+        (task,) = bar.tasks
+        bar.update(task.id, description="compiling")
+        task.start_time -= 12.0
+        shown = console_text(bar)
+        assert re.search("compiling .* 1[23] s so far", shown)
+        bar.reset(task.id, total=10.0)
+        assert "so far" not in console_text(bar)
+
+
+def console_text(bar):
+    out = Terminal(width=100, file=io.StringIO())
+    out.print(bar.get_renderable())
+    return out.file.getvalue()
 
 
 def test_names_and_keys_are_completed():
@@ -120,7 +148,7 @@ def test_commands_that_compute_nothing_load_no_numerics():
     code = (
         "import contextlib, io, sys\n"
         "from crinoid.cli.app import app\n"
-        "from crinoid.cli.command import complete_key, complete_name\n"
+        "from crinoid.cli.command import Terminal, complete_key, complete_name\n"
         "for arguments in (['--help'], ['--version'], ['scenarios'], ['run', 'nowhere'],\n"
         "                  ['run', 'still-water', '--set', 'arm.nodes=two'], ['run', '--help']):\n"
         "    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"

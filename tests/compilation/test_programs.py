@@ -222,7 +222,7 @@ def test_a_changed_source_is_another_program(store, monkeypatch, tmp_path):
     keys._surroundings.cache_clear()
     in_a_new_process()(spring(), BY, 1)
     keys._surroundings.cache_clear()
-    assert not store.folder.exists()
+    assert not programs_in(store)
 
 
 def test_programs_of_a_user_on_a_device_or_traced_are_not_kept(store, monkeypatch):
@@ -238,7 +238,31 @@ def test_programs_of_a_user_on_a_device_or_traced_are_not_kept(store, monkeypatc
     np.testing.assert_allclose(jax.grad(total)(BY), 4 * BY * spring().stiffness, rtol=1e-14)
     monkeypatch.setattr(Spring, "__module__", "an_element_of_a_user")
     in_a_new_process()(spring(), BY, 1)
-    assert not store.folder.exists()
+    assert not programs_in(store)
+
+
+def test_processes_compile_a_program_of_a_user_one_after_the_other(store):
+    """So that the second one finds it in JAX's cache."""
+    spans = []
+
+    def in_a_process():
+        def slow(by):
+            started = time.perf_counter()
+            time.sleep(0.2)
+            spans.append((started, time.perf_counter()))
+            return 2 * by
+
+        return in_a_new_process(slow)
+
+    programs = [in_a_process() for _ in range(2)]
+    with ThreadPoolExecutor(2) as pool:
+        calls = [pool.submit(copy_context().run, program, BY) for program in programs]
+        for call in calls:
+            np.testing.assert_array_equal(call.result(), 2 * BY)
+    (_, first_ends), (second_starts, _) = sorted(spans)
+    assert first_ends <= second_starts
+    np.testing.assert_array_equal(programs[0](BY), 2 * BY)
+    assert len(spans) == 2
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from crinoid.control import Braking, Clock, Sensor, TipPose
 from crinoid.control.lqg import nearest
 from crinoid.diagnostics.control_loop import limit_shares
 from crinoid.numerics.signals_and_systems import balanced
-from crinoid.results.metrics import tip_error
+from crinoid.results.errors import tip_error
 from crinoid.scenario import Scenario
 from crinoid.simulation.setup import set_up
 

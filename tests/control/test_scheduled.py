@@ -11,7 +11,7 @@ from crinoid.assembly.plan import find_state
 from crinoid.base import Base, Servo
 from crinoid.control import HorizonQp, RigidRotationCorrection
 from crinoid.dynamics import numbers_of
-from crinoid.results.metrics import tip_error
+from crinoid.results.errors import tip_error
 from crinoid.simulation import closed_loop
 
 SHORT = ("arm.nodes=9", "control.compare=false", 'control.kind="mpc"')

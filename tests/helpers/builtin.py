@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.results.metrics import angle_error, input_use, tip_error
+from crinoid.results.effort import input_use
+from crinoid.results.errors import angle_error, tip_error
 
 STORED = ["kinetic", "elastic", "potential"]
 """Kinds of energy that are no works."""

@@ -17,6 +17,7 @@ FIGURES = [
     *("shape.png", "tip_error.png", "tip_path.png"),
     *("commands.png", "energy.png", "bending.png"),
 ]
+WHERE_IT_MOVES = ["loads.png", "cycles.png"]
 
 
 def assert_is_a_page(path: Path):
@@ -47,7 +48,8 @@ def assert_shows_something(path: Path):
 def assert_report(folder: Path, *more: str, out: Path | None = None) -> list[Path]:
     """Write all figures and the page of a run, and fail unless each shows something."""
     written = write_report(folder, out=out)
-    assert [path.name for path in written] == [*FIGURES, *more, PAGE]
+    names = [path.name for path in written if path.name not in WHERE_IT_MOVES]
+    assert names == [*FIGURES, *more, PAGE]
     for path in written:
         assert_shows_something(path)
     return written

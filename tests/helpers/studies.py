@@ -5,6 +5,9 @@ from pathlib import Path
 
 from crinoid.view.figures.study import read_cases
 
+COLUMNS = ("deflection", "steady_error", "rms_error", "rms_error_uncontrolled", "settling_time")
+"""Measures of such a study."""
+
 
 def save(dataset, path: Path):
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -27,10 +30,7 @@ def study_of_rows(folder: Path, rows):
 
 
 def study_row(number, **changes):
-    return {
-        "case": f"case-{number:02d}",
-        "arm.youngs_modulus": 1e5 * number,
-        "flow.0.velocity": "[0.2, 0.0]",
+    row = {
         "deflection": 0.12 / number,
         "steady_error": 0.002 * number,
         "rms_error": 0.006 * number,
@@ -38,7 +38,14 @@ def study_row(number, **changes):
         "settling_time": 2.0 + number,
         "status": "ok",
         "directory": f"case-{number:02d}",
-    } | changes
+    }
+    keys = {"arm.youngs_modulus": 1e5 * number, "flow.0.velocity": "[0.2, 0.0]"}
+    found = {"case": f"case-{number:02d}"} | keys | changes
+    return (
+        {key: each for key, each in found.items() if key not in row}
+        | row
+        | {key: each for key, each in changes.items() if key in row}
+    )
 
 
 def grid(folder, rows=(1e5, 2e5, 4e5), columns=("none", "pid")):

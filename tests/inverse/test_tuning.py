@@ -15,8 +15,9 @@ from crinoid.analysis.margins import find_margins
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.folder import check_own
 from crinoid.inverse import tuning as module
-from crinoid.inverse.gain_design import Cost, GainDesign, cost, tunable_numbers
-from crinoid.inverse.gain_search import GainTrial, constrain, descend, nearest
+from crinoid.inverse.constrained_search import constrain
+from crinoid.inverse.gain_design import Cost, CostWeights, GainDesign, cost, tunable_numbers
+from crinoid.inverse.gain_search import GainTrial, bounds, descend, nearest
 from crinoid.inverse.tuning import STARTS, Tuning
 from crinoid.scenario import Scenario
 from crinoid.view.figures import ReportError, write_report
@@ -100,18 +101,27 @@ def test_the_slope_of_the_cost_is_that_of_central_differences(search, kind, h):
 
 
 @pytest.mark.slow
-def test_the_cost_is_error_and_effort(search):
+@pytest.mark.parametrize("first", [0, 20])
+def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, first):
     draw = search.draws[0]
     controllers = search._design.perturbations(np.zeros(3))
-    found = cost(
-        controllers.nominal, controllers.slopes, draw.loop, draw.state, search._weights, 50
-    )
+    weights = search._weights._replace(counted=(np.arange(50) >= first).astype(float))
+    found = cost(controllers.nominal, controllers.slopes, draw.loop, draw.state, weights, 50)
     seen = eqx.filter_jit(crinoid.rollout, compiler_options=QUICKLY)(draw.loop, draw.state, 50).kept
-    z, angle = seen.error[:, 1], 0.5 * seen.error[:, 2]
-    speed = np.diff(seen.command, axis=0, prepend=0.0)[:, 1:] * [1.0, 0.5] / 0.02
+    z, angle = seen.error[first:, 1], 0.5 * seen.error[first:, 2]
+    speed = np.diff(seen.command, axis=0, prepend=0.0)[first:, 1:] * [1.0, 0.5] / 0.02
     expected = np.mean(z**2 + angle**2) + 1e-4 * np.mean(np.sum(speed**2, axis=1))
     np.testing.assert_allclose(found.total, expected, rtol=1e-9)
-    np.testing.assert_allclose(found.error, np.mean(seen.error[:, 0] ** 2 + z**2), rtol=1e-9)
+    np.testing.assert_allclose(found.error, np.mean(seen.error[first:, 0] ** 2 + z**2), rtol=1e-9)
+
+
+def test_time_steps_count_from_the_time_that_the_scenario_says(search):
+    weights = CostWeights.of(
+        search.scenario.with_values({"target.judged_from": 0.25}), search.draws[0].loop
+    )
+    step, counted = search.scenario.simulation.time_step, weights.counted
+    assert counted.size == search.scenario.simulation.steps
+    np.testing.assert_array_equal(counted, step * np.arange(1, counted.size + 1) > 0.25 - 1e-6)
 
 
 # --- the search ------------------------------------------------------------------------------
@@ -140,7 +150,7 @@ def test_the_search_keeps_the_best_gains_and_leaves_those_that_fail(search, monk
     assert tuning.least == tuning.cost[start, number]
     np.testing.assert_array_equal(tuning.best, tuning.logs[start, number])
     np.testing.assert_allclose(np.exp(tuning.best), 10.0, rtol=0.05)
-    given = tuning.tuned().control.pid.present["heave"].kp
+    given = tuning.tuned()["control.pid.heave.kp"]
     assert given == pytest.approx(0.02 * np.exp(tuning.best[0]), rel=1e-5)
 
 
@@ -167,7 +177,7 @@ def test_a_constraint_is_met_where_the_cost_wants_beyond_it():
         value = np.nan if far > 2 else (x[0] - 3) ** 2 + (x[1] - 1) ** 2
         return GainTrial(value, 2 * (x - [3.0, 1.0]), 0.5 * (far**2 - 1), x)
 
-    constrain(attempt, np.array([0.2, 0.1]))
+    constrain(attempt, np.array([0.2, 0.1]), bounds(np.zeros(2)))
     np.testing.assert_allclose(seen[-1], np.array([3.0, 1.0]) / np.sqrt(10), atol=0.02)
     # a penalty limits the excess by its weight
     descend(attempt, np.array([0.2, 0.1]))

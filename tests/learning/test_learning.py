@@ -19,7 +19,7 @@ from crinoid.learning.gradient import TRACE, lambda_returns, new_critic, new_pol
 from crinoid.learning.rollout import Learners, evaluate, run_segment
 from crinoid.learning.settings import TrainingSettings, default_randomization
 from crinoid.learning.training import Training
-from crinoid.results.metrics import tip_error
+from crinoid.results.errors import tip_error
 from helpers.command import call, one_line
 
 pytestmark = pytest.mark.slow

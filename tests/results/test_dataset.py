@@ -17,7 +17,7 @@ from crinoid.dynamics import Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.results.chunks import join, unwrap_from
 from crinoid.results.dataset import Instants, build_dataset
-from crinoid.results.metrics import tip_error
+from crinoid.results.errors import tip_error
 from crinoid.results.record import Record
 from crinoid.results.result import Result
 from crinoid.view.figures.run import Run

@@ -6,15 +6,10 @@ from rich.console import Console
 
 import crinoid
 from crinoid.cli.display import cases_table, run_table
-from crinoid.results.metrics import (
-    angle_error,
-    deflection,
-    input_use,
-    peak_load,
-    settling_time,
-    short_way,
-    tip_error,
-)
+from crinoid.results.effort import input_use
+from crinoid.results.errors import angle_error, deflection, settling_time, short_way, tip_error
+from crinoid.results.loads import base_load
+from crinoid.results.metrics import MEASURES
 from crinoid.results.result import Result
 from helpers.made_results import of_values
 
@@ -123,9 +118,9 @@ def test_the_use_of_channels_is_that_of_the_servos_a_controller_drives():
 
 
 def test_the_largest_load_counts_all_its_parts():
-    load = peak_load(made(0.0, force=np.sin(TIME) - 2.0))
-    assert load.force == pytest.approx(5 * 3.0, rel=1e-2)
-    assert load.moment == pytest.approx(0.3, rel=1e-2)
+    run = made(0.0, force=np.sin(TIME) - 2.0)
+    assert base_load(run, "base_force").maximum == pytest.approx(5 * 3.0, rel=1e-2)
+    assert base_load(run, "base_moment").maximum == pytest.approx(0.3, rel=1e-2)
 
 
 def test_a_run_s_table_has_units_that_read_well_and_fits_80_columns():
@@ -139,7 +134,7 @@ def test_a_run_s_table_has_units_that_read_well_and_fits_80_columns():
     assert rows["angle error, RMS"] == ["0.573 deg", "5.73 deg", "10.0%"]
     assert rows["slide, range"][0] == "-20 to 20 mm"
     assert rows["tilt, range"][0] == "-11.5 to 11.5 deg"
-    assert rows["largest force on submarine"] == ["5 mN", "10 mN", "50.0%"]
+    assert rows["largest force on base"] == ["5 mN", "10 mN", "50.0%"]
     # against how far the tip swings about its own mean if left alone
     assert rows["tip error over fluctuation"][1:] == ["1.83 m", "0.0%"]
     run.uncontrolled = None
@@ -153,7 +148,31 @@ def test_nothing_is_not_compared_with_nothing():
     rows = cells(said(run_table(run)))
     assert rows["tip error, RMS"] == ["0.02 µm", "0.001 µm", ""]
     assert rows["angle error, RMS"][-1] == ""
-    assert rows["largest force on submarine"][-1] == "100.0%"
+    assert rows["largest force on base"][-1] == "100.0%"
+
+
+def test_a_run_s_table_has_the_tolerance_and_the_time_that_counts():
+    keys = {"target.tolerance": 0.02, "target.judged_from": 5.0}
+    run = made(np.where(TIME < 7.5, 0.03, 0.01), scenario=crinoid.Scenario().with_values(keys))
+    rows = cells(said(run_table(run)))
+    # without target and controller the tip has no error
+    assert rows["tip displacement counts from"] == ["5 s"]
+    assert rows["tip displacement, maximum"] == ["30 mm"]
+    assert rows["tip displacement within 20 mm"] == ["51 %"]
+    assert not [name for name in rows if "tip error" in name]
+    aimed = crinoid.Scenario().with_values({"target.tip": [0.1, 0.0]})
+    rows = cells(said(run_table(made(0.03, scenario=aimed))))
+    assert rows["tip error, P95"] == ["30 mm"]
+    assert not [name for name in rows if "counts from" in name or "within" in name]
+
+
+def test_a_run_s_table_has_no_round_off():
+    scenario = crinoid.Scenario().with_values(DRIVEN)
+    rows = cells(said(run_table(made(3e-17, scenario=scenario, slide=1e-14, force=2e-15))))
+    assert {rows[f"tip error, {name}"][0] for name in ("RMS", "maximum")} <= {"0 mm", "0 µm"}
+    assert rows["slide, RMS"] == ["0 mm"]
+    assert rows["largest force on base"][0].startswith("0 ")
+    assert "largest curvature" not in rows
 
 
 def studied(vary, *, compared=True):
@@ -175,7 +194,7 @@ def studied(vary, *, compared=True):
         }
         for number in (1, 2)
     ]
-    return said(cases_table(scenario.title, list(scenario.vary), rows))
+    return said(cases_table(scenario.title, list(scenario.vary), rows, MEASURES))
 
 
 STUDIES = [

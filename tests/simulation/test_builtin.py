@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.results.metrics import angle_error, settling_time, tip_error
+from crinoid.results.errors import angle_error, settling_time, tip_error
 from crinoid.scenario import builtin_names
 from helpers.builtin import STORED, assert_held, assert_traced, besides_lock_in, imbalance
 from helpers.paths import ROOT

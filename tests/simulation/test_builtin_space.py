@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.results.metrics import tip_error
+from crinoid.results.errors import tip_error
 from helpers.builtin import assert_held, assert_traced, besides_lock_in
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("optimised")]

@@ -5,7 +5,7 @@ import pytest
 
 import crinoid
 from crinoid.benchmarks.tasks import TASKS
-from crinoid.results.metrics import driven
+from crinoid.results.effort import driven
 
 pytestmark = pytest.mark.slow
 

@@ -54,7 +54,7 @@ FACTORS = {
     "radius": lambda p: p.arm.radius,
     "density": lambda p: p.arm.density,
     "water's density": lambda p: p.water.density,
-    "chamber's pressure and area": lambda p: p.actuator[0].force,
+    "chamber's pressure": lambda p: p.actuator[0].max_pressure,
     "drag": lambda p: p.water.drag_normal,
     "current": lambda p: p.flow[0].uniform_velocity,
 }

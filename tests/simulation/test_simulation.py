@@ -280,7 +280,7 @@ def test_a_start_that_failed_compiles_no_time_steps(monkeypatch):
     monkeypatch.setattr(running, "chunk_program", lambda steps: fast_chunk)
     never = Outcome.of_nothing(converged=False)
     setup = set_up(Prepared(scenario()))._replace(outcome=never)
-    monkeypatch.setattr(running, "set_up", lambda *_: setup)
+    monkeypatch.setattr(running, "set_up", lambda *_, **__: setup)
     failed = play(Prepared(scenario()))
     assert failed.failure.startswith("failed at t = 0 s")
     assert failed.uncontrolled.failure.startswith("failed at t = 0 s")

@@ -196,3 +196,24 @@ PROGRAM = "which changes the compiled program"
 )
 def test_a_mistake_is_one_line(over, seeds, words):
     assert mistake(Variation.of, SCENARIO, over, seeds, records=True).startswith(words)
+
+
+@pytest.mark.slow
+def test_a_measure_of_a_package_is_in_the_batch_and_its_fault_is_a_status(tmp_path, monkeypatch):
+    (tmp_path / "reefs.py").write_text(
+        "def reach(run):\n"
+        "    most = run['tip_position'].max()\n"
+        "    return most if run.attrs['seed'] == 3 else run['time'].values\n"
+        "reach.units = 'm'\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    own = SCENARIO.with_values({"output.measures": ["reefs:reach"]})
+    found = crinoid.simulate_batch(own, seeds=[3, 4], records=True)
+    assert found["reach"].attrs["units"] == "m"
+    assert found["reach"].values[0] == found["tip_position"].values[0].max()
+    assert np.isnan(found["reach"].values[1])
+    assert found["status"].values[0] == "ok"
+    assert (
+        "refused: output.measures.0: reach of the run returned an array"
+        in found["status"].values[1]
+    )

@@ -6,19 +6,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
 import crinoid
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.compare import comparison_table, kinds_of
 from crinoid.control import Controller
-from crinoid.results.metrics import input_speed, measured, spent_work
+from crinoid.results.effort import input_speed, spent_work
+from crinoid.results.metrics import measured
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import loop as loop_module
 from crinoid.simulation.batch import run_batch
 from crinoid.simulation.setup import set_up
-from crinoid.studies.comparison import controlled_by
+from crinoid.studies.comparison import comparison_rows, controlled_by
 from crinoid.view.figures import ReportError, write_report
 from helpers.command import call, refused, succeeded
 from helpers.figures import assert_shows_something
@@ -47,9 +49,9 @@ def folder(tmp_path_factory):
     seeds = ("--seeds", 3, "--first-seed", 4)
     shown = succeeded("compare", folder / "small.toml", *seeds, "--out", folder)
     assert kinds_of("none, pid") == ["none", "pid"]
-    for words in ("tip error over fluctuation", "speed of tilt, RMS", "time per tick"):
+    for words in ("RMS tip error over fluctuation", "RMS speed of tilt", "time per tick"):
         assert words in shown
-    for name in ("compare.nc", "compare.png"):
+    for name in ("compare.nc", "compare.csv", "compare.png"):
         assert f"wrote {folder / name}" in shown
     return folder
 
@@ -225,7 +227,7 @@ def test_speeds_and_work_of_a_known_motion():
         "channel_upper": ("channel", [1.0, 0.0, 1.0]),
     }
     names = {"channel": ["slide", "heave", "tilt"], "kind": ["actuation"], "input": ["chamber_0"]}
-    moved = Result(xr.Dataset(found, {"time": time, **names}))
+    moved = Result(xr.Dataset(found, {"time": time, **names}, {"scenario": SCENARIO.to_toml()}))
     # 0.2 m/s for 1.5 s of 2 s; heave is no channel of this arm
     expected = {"slide": 0.2 * np.sqrt(0.75), "tilt": 0.0, "chamber_0": 0.5}
     assert input_speed(moved) == pytest.approx(expected)
@@ -234,15 +236,15 @@ def test_speeds_and_work_of_a_known_motion():
 
 def made(**changes) -> xr.Dataset:
     """Return a comparison of three controllers over two seeds, one of which failed."""
-    over = ("controller", "seed")
+    over, metres = ("controller", "seed"), {"units": "m"}
     rms = np.array([[0.03, 0.05], [0.003, np.nan], [0.002, 0.004]])
     status = np.full((3, 2), "ok", object)
     status[1, 1] = "failed at t = 1 s: it fell"
     found = {
-        "rms_error": (over, rms),
-        "max_error": (over, 2 * rms),
-        "fluctuation": (over, 0.5 * rms),
-        "work": (over, rms),
+        "rms_error": (over, rms, metres),
+        "max_error": (over, 2 * rms, metres),
+        "fluctuation": (over, 0.5 * rms, metres),
+        "work": (over, rms, {"units": "J"}),
         "effort": ((*over, "input"), rms[..., None]),
         "tick_time": ("controller", [1e-8, 1e-6, 2e-3]),
         "status": (over, status),
@@ -257,13 +259,34 @@ def test_the_table_shows_means_of_the_complete_runs():
     table = comparison_table(made())
     cells = [[*column.cells] for column in table.columns]
     rows = {name: list(row) for name, *row in zip(*cells, strict=True)}
-    assert rows["tip error, RMS"] == ["40 mm", "3 mm", "3 mm"]
-    assert rows["tip error, RMS, worst run"] == ["50 mm", "3 mm", "4 mm"]
-    assert rows["tip error, maximum"] == ["100 mm", "6 mm", "8 mm"]
+    assert 10 * stats.t.ppf(0.975, 1) == pytest.approx(127.06, abs=0.01)  # mm, of 30 and 50 mm
+    assert rows["RMS tip error (mm)"] == ["40 ± 130", "3", "3 ± 13"]
+    assert rows["RMS tip error, worst run (mm)"] == ["50", "3", "4"]
+    assert [cell.split()[0] for cell in rows["largest tip error (mm)"]] == ["80", "6", "6"]
     # of each seed over the half of 30 and 50 mm by which the tip is swung without control
-    assert rows["tip error over fluctuation"] == ["200.0%", "20.0%", "14.7%"]
+    ratios = [cell.split(" ")[0] for cell in rows["RMS tip error over fluctuation (%)"]]
+    assert ratios == ["200", "20", "14.7"]
+    # pid and mpc have the same mean: the first of them is the best
+    (name,) = (name for name in rows if name.startswith("RMS tip error less"))
+    assert name.endswith("pid (mm)")
+    assert rows[name] == ["27", "-", "-1"]
+    assert rows["p value"] == ["-", "-", "-"]  # one pair
     assert rows["time per tick"] == ["10 ns", "1 µs", "2 ms"]
     assert rows["runs"] == ["2", "1 of 2", "2"]
+
+
+def test_the_csv_has_paired_differences_from_the_best_controller():
+    values = np.array([[0.03, 0.05, 0.04], [0.003, 0.005, 0.006], [0.002, 0.004, 0.004]])
+    data = made()[["rms_error"]].isel(seed=[0, 1, 1]).copy(data={"rms_error": values})
+    rows = {row["controller"]: row for row in comparison_rows(data)}
+    assert {row["against"] for row in rows.values()} == {"mpc"}
+    assert rows["mpc"]["difference"] == rows["mpc"]["p_value"] == ""
+    expected = stats.ttest_rel(values[1], values[2])
+    assert rows["pid"]["p_value"] == pytest.approx(expected.pvalue)
+    ends = expected.confidence_interval(0.95)
+    assert (rows["pid"]["difference_low"], rows["pid"]["difference_high"]) == pytest.approx(ends)
+    assert rows["pid"]["mean"] == pytest.approx(values[1].mean())
+    assert rows["none"]["runs"] == 3
 
 
 def test_the_figure_is_drawn_again_and_for_failed_runs(folder, tmp_path):

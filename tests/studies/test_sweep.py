@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
 import crinoid
 from crinoid.results.metrics import measured, read_rows
@@ -152,6 +153,20 @@ def test_a_sweep_has_the_table_and_the_page_of_a_study_and_a_file_for_each_batch
     np.testing.assert_array_equal(batch["rms_error"], data["rms_error"][2:4])
 
 
+def test_means_over_the_seeds_are_in_a_table_and_a_file(arm, clean):
+    columns, rows = read_rows(clean / "means.csv")
+    assert columns[:5] == ["arm.length", "measure", "units", "runs", "mean"]
+    errors = study(clean)["rms_error"].values
+    found = [row for row in rows if row["measure"] == "rms_error"]
+    np.testing.assert_allclose([float(row["mean"]) for row in found], errors.reshape(3, 2).mean(1))
+    ends = stats.ttest_1samp(errors[:2], 0.0).confidence_interval()
+    np.testing.assert_allclose([float(found[0][end]) for end in ("low", "high")], ends)
+    assert {row["measure"] for row in rows} > {"max_base_force", "max_strain"}
+    shown = sweep(arm, clean, "--resume").stdout
+    assert "Mean and 95 % interval over 2 seeds" in shown
+    assert "length (m)" in shown
+
+
 def test_other_workers_and_batches_give_the_same_study(arm, clean, tmp_path):
     crew = Here(3)
     swept(arm, tmp_path / "other", "--batch", "1", crew=crew)
@@ -175,6 +190,9 @@ def test_the_worst_run_is_played_again_to_the_bit(arm, clean, tmp_path):
     worst = int(data["rms_error"].values.argmax()) + 1
     shown = sweep(arm, clean, "--resume").stdout  # it is complete: only shown again
     assert f"worst: run {worst} (arm.length = " in shown
+    best = int(data["rms_error"].values.argmin()) + 1
+    assert f"best: run {best} (arm.length = " in shown
+    assert f"crinoid run --case {clean} {best}" in shown
     assert f"crinoid run --case {clean} {worst}" in shown
     succeeded("run", "--case", clean, worst, "--out", tmp_path / "again")
     result = Result.load(tmp_path / "again")

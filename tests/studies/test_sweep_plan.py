@@ -239,6 +239,7 @@ def test_the_table_has_the_mean_of_time_and_the_time_that_ends_well():
     data = xr.Dataset(known | unknown | status, {"run": [1, 2, 3]}, {"title": "a sway"})
     table = sweep_table(data, np.array([0.6, 0.3, 0.1]))
     last = list(table.columns[-1].cells)
-    assert last[0] == "1.33 m"  # (0.6 + 0.6) / 0.9
+    assert next(iter(table.columns[0].cells)) == "RMS tip error (m)"
+    assert last[0] == "1.33"  # (0.6 + 0.6) / 0.9
     assert last[-1] == "90.00%"
     assert len(sweep_table(data).columns) == len(table.columns) - 1

@@ -1,7 +1,10 @@
 """Exports as other programs read them: ParaView's reader, pandas, and a reader of glTF."""
 
 import csv
+import shutil
 import sys
+import zipfile
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -13,7 +16,8 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from crinoid.cli.folder import clear_figures
 from crinoid.cli.interruption import Interrupted
-from crinoid.view.export import write_csv, write_gltf, write_vtkhdf
+from crinoid.results.own_files import is_own
+from crinoid.view.export import write_csv, write_gltf, write_vtkhdf, write_xlsx
 from crinoid.view.export.vtkhdf import KINDS
 from crinoid.view.scene.bodies import rigid_bodies
 from crinoid.view.scene.data import in_space
@@ -179,6 +183,63 @@ def test_a_table_holds_the_numbers_of_the_result(tmp_path):
     assert every.shape == (5, 1 + 7 * 3)
 
 
+MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
+
+
+def sheets(path):
+    """Return the rows of each sheet of a workbook: numbers as numbers, texts as texts."""
+    with zipfile.ZipFile(path) as book:
+        named = ElementTree.fromstring(book.read("xl/workbook.xml")).iter(f"{MAIN}sheet")
+        found = {}
+        for number, sheet in enumerate(named, start=1):
+            tree = ElementTree.fromstring(book.read(f"xl/worksheets/sheet{number}.xml"))
+            found[sheet.get("name")] = [
+                {cell.get("r").rstrip("0123456789"): _content(cell) for cell in row}
+                for row in tree.iter(f"{MAIN}row")
+            ]
+        return found
+
+
+def _content(cell):
+    text = "".join(cell.itertext())
+    return text if cell.get("t") == "inlineStr" else float(text)
+
+
+def test_a_workbook_holds_the_measures_and_the_numbers_of_the_result(tmp_path):
+    data = swaying_arm(**SMALL).assign_attrs(title="=1+1")
+    data["base_force"][2, 0] = np.nan
+    written = write_xlsx(save(data, tmp_path / "result.nc"), tmp_path)
+    assert written.notes == ["1 cell is empty: without a finite number"]
+    found = sheets(written.files[0])
+    assert list(found) == ["summary", "time series", "variables"]
+    head, *rows = found["time series"]
+    column = {name: place for place, name in head.items()}
+    np.testing.assert_array_equal([row[column["time (s)"]] for row in rows], data["time"])
+    tip = [row[column["tip_position.z (m)"]] for row in rows]
+    np.testing.assert_allclose(tip, data["tip_position"][:, 1], rtol=1e-15)
+    assert column["base_force.x (N)"] not in rows[2]
+    worst = [row for row in found["summary"] if row.get("A") == "max_error"]
+    largest = float(data["tip_error"].max())
+    assert [(row["B"], row["C"]) for row in worst] == [(pytest.approx(largest), "m")]
+    assert {"A": "title", "B": "=1+1"} in found["summary"]
+    assert ("tip_position", "m") in {(row["A"], row["B"]) for row in found["variables"]}
+
+
+def test_a_workbook_that_others_saved_again_is_kept(planar, tmp_path):
+    (book,) = write_xlsx(planar, tmp_path).files
+    assert is_own(book)
+    other = tmp_path / "other.xlsx"
+    with zipfile.ZipFile(book) as mine, zipfile.ZipFile(other, "w") as saved:
+        for name in mine.namelist():
+            text = mine.read(name)
+            saved.writestr(name, text.replace(b"Z</dcterms:modified>", b"1Z</dcterms:modified>"))
+    assert not is_own(other)
+    shutil.copy(other, book)
+    assert "--force" in refused("export", tmp_path, "--to", "xlsx")
+    book.write_bytes(b"PK")
+    assert not is_own(book)
+
+
 def test_no_text_of_a_table_is_a_formula_and_a_note_counts_empty_cells(tmp_path):
     data = swaying_arm(**SMALL).assign_attrs(title='=HYPERLINK("http://x")\n@a')
     data = data.assign_coords(
@@ -297,7 +358,7 @@ def test_things_about_the_arm_are_nodes_that_move(tmp_path):
     data = with_tool(among_obstacles(**SMALL))
     found = Animated(*write_gltf(save(data, tmp_path / "result.nc"), tmp_path).files)
     names = [node.name for node in found.gltf.nodes if not str(node.name).startswith("node ")]
-    mount, obstacles = ["hull", "boom", "joint", "clamp"], [f"obstacle {n}" for n in range(4)]
+    mount, obstacles = ["base", "boom", "joint", "clamp"], [f"obstacle {n}" for n in range(4)]
     things = [*mount, "target", *obstacles, "tool", "stem"]
     assert names == ["nodes of the arm", "arm", *things]
     obstacles = data["obstacle_position"].values
@@ -352,7 +413,7 @@ def test_a_note_says_that_a_long_run_is_thinned(tmp_path):
 
 
 KINDS_OF_FILES = (
-    '--to: got "vtkhd"; must be "vtkhdf", "csv", "gltf" or "onnx"; did you mean vtkhdf?'
+    '--to: got "vtkhd"; must be "vtkhdf", "csv", "xlsx", "gltf" or "onnx"; did you mean vtkhdf?'
 )
 MISTAKES = [
     (["--to", "vtkhd"], '--to: got "vtkhd"'),
@@ -364,7 +425,7 @@ MISTAKES = [
     (["--to", "csv", "--variables", "position", "--nodes", "7"], "must be 0 to 6, or -7 to -1"),
     (["--to", "csv", "--variables", "position", "--nodes", "tip"], "whole numbers"),
     (["--to", "csv", "--nodes", "1"], "no variable along the arm"),
-    (["--to", "gltf", "--nodes", "1"], "--nodes: needs --to csv"),
+    (["--to", "gltf", "--nodes", "1"], "--nodes: needs --to csv or xlsx"),
     (["--to", "vtkhdf", "--variables", "tip_error"], "--variables: needs --to csv"),
     (["--to", "gltf", "--instants", "0"], "--instants: got 0; must be at least 1"),
     (["--to", "csv", "--out", "FILE"], "is a file; must be a folder"),
@@ -392,14 +453,14 @@ def test_a_path_without_a_result_is_refused_in_one_line(kind, tmp_path):
 
 @pytest.mark.usefixtures("planar")
 def test_only_crinoid_s_files_are_replaced_and_cleared(tmp_path):
-    for kind, name in {"csv": "csv", "vtkhdf": "vtkhdf", "gltf": "glb"}.items():
+    for kind, name in {"csv": "csv", "xlsx": "xlsx", "vtkhdf": "vtkhdf", "gltf": "glb"}.items():
         file = tmp_path / f"result.{name}"
         file.write_text("time (s),mine\n1,2\n")
         assert "was not written by crinoid" in refused("export", tmp_path, "--to", kind)
         assert file.read_text() == "time (s),mine\n1,2\n"
         succeeded("export", tmp_path, "--to", kind, "--force")
         succeeded("export", tmp_path, "--to", kind)
-    assert len(list(tmp_path.iterdir())) == 5
+    assert len(list(tmp_path.iterdir())) == 6
     (tmp_path / "mine.csv").write_text("time (s),tip_error (m)\n")
     table = pd.read_csv(tmp_path / "result.csv")
     clear_figures(tmp_path)

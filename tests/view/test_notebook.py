@@ -120,13 +120,14 @@ def test_plots_show_the_numbers_of_the_result():
     for label, each in {"with control": data, "without control": free}.items():
         np.testing.assert_allclose(error[label][:, 0], each["time"])
         np.testing.assert_allclose(error[label][:, 1], 1e3 * each["tip_error"])
-    assert plot.tip_error().get_ylabel() == "tip error (mm)"
+    assert plot.tip_error().get_ylabel() == "tip displacement (mm)"  # it has no target
     assert plot.tip_error().get_xlabel() == "time (s)"
     miss = lines(plot.tip_miss())["z, with control"][:, 1]
     np.testing.assert_allclose(miss, 1e3 * (data["tip_position"] - data["tip_target"])[:, 1])
     steps = lines(plot.iterations())["with control"][1:, 1]
     np.testing.assert_allclose(steps, 2 / np.arange(1, 41))
-    assert plot.tip_spectrum().get_xlabel() == "frequency (Hz)"
+    for axes in (plot.tip_spectrum(), plot.loads()[-1]):
+        assert axes.get_xlabel() == "frequency (Hz)"
     bent = plot.bending()
     assert bent.get_ylabel() == "curvature (1/m)"
     np.testing.assert_allclose(bent.collections[0].get_segments()[-1][:, 1], data["curvature"][-1])
@@ -177,8 +178,38 @@ def test_shapes_side_by_side_do_not_lie_over_each_other(layout, shared, caplog, 
     for axes, box in legends.items():
         arm = axes.transData.transform(np.concatenate(axes.collections[0].get_segments()))
         assert arm[:, 1].max() < box.y0  # no arm lies under it
+    for words in (text for axes in figure.axes for text in axes.texts):
+        assert words.get_text().startswith("water ")
+        box, arm = words.get_window_extent(), _arm_box(words.axes)
+        assert box.x0 > arm[0] or box.y0 > arm[1]  # the key of the water is beyond the arm
     assert not caplog.records
     assert not [str(each.message) for each in recwarn]
+
+
+def _arm_box(axes):
+    """Return the largest x and y of the shapes of the arm (pixels)."""
+    lines = np.concatenate(axes.collections[0].get_segments())
+    return axes.transData.transform(lines).max(axis=0)
+
+
+def test_axes_of_one_scale_show_all_that_each_shows():
+    data = swaying_arm(records=41)
+    plot, time = Result(data).plot, data["time"].values
+    figure = mpl.figure.Figure()
+    limits = []
+    for index, axes in enumerate(figure.subplots(1, 3, sharex=True, sharey=True)):
+        plot.shape(axes, times=[time[20 * index]], legend=not index, colorbar=False)
+        limits.append(axes.get_ylim())
+    assert all(low <= limits[0][0] and high >= limits[0][1] for low, high in limits)
+
+
+def test_an_arm_without_a_target_has_a_start():
+    data = swaying_arm(records=3)
+    data["tip_target"] = data["tip_target"].isel(time=0).broadcast_like(data["tip_target"])
+    tables = "[control]\nkind = '{}'\n[target]\ntip = 'initial'\n"
+    for kind, word in {"none": "start of the tip", "pid": "target"}.items():
+        axes = Result(data.assign_attrs(scenario=tables.format(kind))).plot.shape()
+        assert word in axes.get_legend_handles_labels()[1]
 
 
 def test_a_shape_is_drawn_at_the_times_that_are_asked_for():
@@ -216,6 +247,7 @@ def test_a_plot_that_does_not_exist_is_refused():
     two = mpl.figure.Figure().subplots(2, 1)
     refused = {
         "no obstacles": plot.contact,
+        "no submarine floats": plot.vehicle,
         'got "below"; must be "side", "above" or "ahead"': lambda: plot.shape(view="below"),
         'got "twist"; must be "curvature" or "tension"': lambda: plot.bending(of="twist"),
         "got 2 axes; must be 3, one for each panel": lambda: plot.energy(two),

@@ -193,7 +193,7 @@ def test_the_page_shows_numbers_notes_and_how_to_repeat_the_run(plain):
     assert "<td>seed</td><td>7</td>" in text
     assert "crinoid run station-keeping-in-a-turbulent-current.toml" in text
     rms = float(np.sqrt(np.mean(data["tip_error"].values ** 2)))
-    assert f"<td>tip error, RMS</td><td>{1e3 * rms:.3g} mm</td>" in text
+    assert f"<td>tip displacement, RMS</td><td>{1e3 * rms:.3g} mm</td>" in text
     few = data[["position", "tip_position", "tip_target", "tip_error"]]
     assert "lacks variables of the summary" in page_of(Run(few))
 
@@ -206,9 +206,10 @@ def panels_of(run):
 
 def test_charts_have_names_and_units():
     charts = panels_of(Run(among_obstacles(records=20), curling_arm(records=20, driven=False)))
-    assert list(charts) == ["tip_error", "spectrum", "commands", "contact", "energy", "effort"]
+    names = ["tip_error", "spectrum", "commands", "loads", "contact", "energy", "effort"]
+    assert list(charts) == names
     error = charts["tip_error"][0]
-    assert (error["label"], error["unit"]) == ("tip error", "mm")
+    assert (error["label"], error["unit"]) == ("tip displacement", "mm")
     assert [trace["name"] for trace in error["traces"]] == ["with control", "without control"]
     assert [row["name"][:1] for row in charts["contact"][0]["rows"]] == ["0", "1", "2", "3"]
 

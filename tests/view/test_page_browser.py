@@ -249,9 +249,12 @@ def test_a_study_sorts_names_the_case_under_the_cursor_and_opens_it(browser, tmp
         left, top = opened.ask("() => crinoid.where(4)")
         plot = page.locator("#plot").bounding_box()
         page.mouse.move(plot["x"] + left, plot["y"] + top)
-        text = "case-05 · youngs_modulus 400000.0 · kind none · RMS error 30 mm"
+        text = "case-05 · youngs_modulus 400000 · kind none · RMS tip error 30 mm"
         assert page.text_content("#said") == text
         assert opened.ask("() => document.querySelector('tr.on').dataset.case") == "4"
+        ends = page.text_content("#extremes")
+        assert ends.startswith("Smallest: case-01 · youngs_modulus 100000 · kind none · RMS tip ")
+        assert "Largest: case-06 · youngs_modulus 400000 · kind pid · RMS tip error 36 mm" in ends
         page.select_option("#measure", label="settling time")
         page.select_option("#over", label="kind")
         page.wait_for_function("crinoid.view.kind === 'lines'")
@@ -274,7 +277,7 @@ def test_a_cell_of_several_cases_leaves_only_these_in_the_table(browser, tmp_pat
         opened.page.mouse.click(plot["x"] + at[0], plot["y"] + at[1])
         found = "[...document.querySelectorAll('tbody tr')].map((e) => +e.dataset.case)"
         assert opened.ask(f"() => {found}") == [3, 9]  # 4 % 2, 4 % 3
-        assert opened.page.text_content("#only span").startswith("2 cases · youngs_modulus 0.0")
+        assert opened.page.text_content("#only span").startswith("2 cases · youngs_modulus 0")
         opened.page.click("#only button")
         assert opened.page.locator("tbody tr").count() == 12
         assert not opened.complaints

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from crinoid.cli.folder import clear_figures
 from crinoid.foundation.result_variables import large_names
+from crinoid.results.own_files import is_own
 from crinoid.view.figures import ReportError, write_report
 from crinoid.view.figures.arm import mount_facets
 from crinoid.view.figures.charts.drive import drawn_in, drive_chart
+from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.run import Run
@@ -42,7 +45,7 @@ def test_figures_are_written_where_asked_and_show_the_uncontrolled_run(tmp_path)
     compared = assert_report(tmp_path)
     assert {figure.parent for figure in compared} == {tmp_path}
     same = [a.read_bytes() == b.read_bytes() for a, b in zip(alone, compared, strict=True)]
-    assert same == [False, False, False, True, True, False, False]
+    assert same == [False, False, False, True, True, False, False, False, False]
 
 
 def few(**changes):
@@ -90,8 +93,41 @@ def test_one_instant_has_no_charts_over_time(tmp_path):
 @pytest.mark.parametrize(("length", "half"), [(0.5, 0.17), (100.0, 6.0)])
 def test_the_submarine_of_a_cable_has_the_size_of_one(length, half):
     data = swaying_arm(records=1, duration=0.0, length=length)
+    assert not [name for _, _, name in mount_facets(data) if name == "submarine"]
+    data = data.assign_attrs(scenario=data.attrs["scenario"] + "[vehicle]\nmass = 9.0\n")
     hull, *_ = (facets for facets, _, name in mount_facets(data) if name == "submarine")
     assert np.ptp(hull.reshape(-1, 3), axis=0).max() == pytest.approx(2 * half)
+
+
+@pytest.mark.parametrize("ending", ["pdf", "svg"])
+def test_figures_are_written_in_other_formats_with_their_texts(ending, tmp_path):
+    save(swaying_arm(records=5, nodes=5), tmp_path / "result.nc")
+    names = {path.name for path in write_report(tmp_path, file_format=ending)}
+    figures = [*FIGURES, "cycles.png"]
+    assert names == {PAGE, *(Path(name).with_suffix(f".{ending}").name for name in figures)}
+    content = (tmp_path / f"shape.{ending}").read_bytes()
+    assert b"FontFile2" in content if ending == "pdf" else b">arm over time</text>" in content
+    assert is_own(tmp_path / f"shape.{ending}")
+    again = write_report(tmp_path, tmp_path / "again", file_format=ending)
+    assert content == next(path for path in again if path.stem == "shape").read_bytes()
+    (tmp_path / f"mine.{ending}").write_bytes(b"%PDF-1.4 <svg>")
+    clear_figures(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"result.nc", "again", f"mine.{ending}"}
+    with pytest.raises(ReportError, match='must be "png", "pdf" or "svg"'):
+        write_report(tmp_path, file_format="eps")
+
+
+def test_round_off_is_drawn_as_zero_and_still_water_not_at_all():
+    data = swaying_arm(records=5, nodes=5)
+    data["flow_velocity"][:] = 0.0
+    data["tip_angle_target"] = data["tip_angle"] + 1e-15
+    filled = {panel.name: panel for panel in tip_chart(Run(data)).filled}
+    assert "tip_water" not in filled
+    (off,) = filled["tip_off_direction"].traces
+    assert not off.values.any()
+    assert filled["tip_off_direction"].high is None
+    (error,) = filled["tip_error"].traces
+    np.testing.assert_array_equal(error.values, data["tip_error"])
 
 
 HANGING = {"records": 41, "drift": 0.0, "touching": False, "tilt_deg": -80.0}
@@ -222,7 +258,7 @@ def test_a_broken_table_of_cases_is_refused(row, words, tmp_path):
 
 def test_a_table_of_others_does_not_hide_a_result(tmp_path):
     (tmp_path / "cases.csv").write_text("case,age\n1,34\n", encoding="utf-8")
-    text = "cases.csv: not the table of a study of crinoid's, it lacks the column 'deflection'"
+    text = "cases.csv: not the table of a study, with case, keys, measures"
     for path in (tmp_path, tmp_path / "cases.csv"):
         with pytest.raises(ReportError, match=text):
             write_report(path)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from crinoid.view.figures.charts.tip import error_spectrum, off_direction
+from crinoid.view.figures.charts.spectra import fluctuation_spectrum
+from crinoid.view.figures.charts.tip import off_direction
 from crinoid.view.figures.charts.touch import spike_limit
 from crinoid.view.figures.run import Run
 from crinoid.view.figures.shape import draw_close_up, draw_shape
@@ -16,14 +17,16 @@ def test_the_spectrum_of_an_error_holds_its_variance_at_its_frequency():
     off = np.zeros((time.size, 3))
     off[:, 0] = 0.003 * np.sin(2 * np.pi * 2.0 * time) + 0.01
     off[:, 2] = 0.004 * np.cos(2 * np.pi * 2.0 * time)
-    frequency, density = error_spectrum(time, off)
+    frequency, density = fluctuation_spectrum(time, off)
     assert frequency[np.argmax(density)] == pytest.approx(2.0, abs=0.1)
     variance = density.sum() * (frequency[1] - frequency[0])
     assert variance == pytest.approx(0.5 * 0.005**2, rel=0.02)
     # the end of a run may lie between two instants that are kept
-    again = error_spectrum(np.append(time, time[-1] + 0.007), np.append(off, [[1.0, 0, 0]], axis=0))
+    again = fluctuation_spectrum(
+        np.append(time, time[-1] + 0.007), np.append(off, [[1.0, 0, 0]], axis=0)
+    )
     np.testing.assert_array_equal(again[1], density)
-    assert error_spectrum(time[:10], off[:10]) is None
+    assert fluctuation_spectrum(time[:10], off[:10]) is None
 
 
 def test_the_close_up_shows_each_run_at_its_own_scale_and_one_window_in_the_other():

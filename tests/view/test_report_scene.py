@@ -160,6 +160,12 @@ def test_an_obstacle_behind_the_arm_does_not_hide_it(view, axis):
 @pytest.mark.parametrize("tilt", [-80.0, 0.0, 25.0])
 def test_the_hull_is_a_level_ellipsoid_through_the_root_whose_ray_is_the_arm(tilt):
     data = curling_arm(records=3, tilt_deg=tilt, driven=False)
+    carried = data.assign_attrs(scenario=data.attrs["scenario"] + "[vehicle]\nmass = 9.0\n")
+    plate, *_ = (facets for facets, _, name in mount_facets(data) if name == "base")
+    along = (plate - data["position"].values[-1, 0]) @ frame(0.0, np.deg2rad(tilt), 0.0)[:, 0]
+    assert along.max() == pytest.approx(0.0, abs=1e-12)  # the arm leaves the top of the plate
+    assert along.min() < -0.01
+    data = carried
     hull, *_ = (facets for facets, _, name in mount_facets(data) if name == "submarine")
     half = np.array([0.34, 0.075, 0.075]) * 0.5
     middle = (hull.min(axis=(0, 1)) + hull.max(axis=(0, 1))) / 2

@@ -6,7 +6,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
-from crinoid.results.metrics import angle_between
+from crinoid.results.errors import angle_between
 from crinoid.view.figures.charts.drive import drive_chart
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.paper import draw_chart

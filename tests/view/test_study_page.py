@@ -5,18 +5,21 @@ import json
 import numpy as np
 import pytest
 from bokeh.document import Document
+from scipy import stats
 
-from crinoid.results.metrics import CASE_MEASURES
 from crinoid.scenario.library import load
+from crinoid.studies.statistics import Mean
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.view.figures import study as charts
-from crinoid.view.figures import write_page, write_report
+from crinoid.view.figures import write_means, write_page, write_report
+from crinoid.view.figures.measures import plain_number
 from crinoid.view.figures.study import Study, effects_of, key_of, study_of
 from crinoid.view.figures.style import Unit
 from crinoid.view.page.study import MOST_CASES, study_page_of
+from helpers.figures import assert_shows_something
 from helpers.pages import HOSTILE, Tags
 from helpers.planar_result import swaying_arm
-from helpers.studies import grid, save, study_of_rows, study_row, write_study
+from helpers.studies import COLUMNS, grid, save, study_of_rows, study_row, write_study
 
 
 def told(page):
@@ -49,6 +52,7 @@ def test_means_and_quantiles_are_those_of_the_cases_at_each_place():
             np.quantile(some, [0.05, 0.95]) if some.size >= charts.QUANTILE_CASES else [np.nan] * 2
         )
         np.testing.assert_allclose([found.mean[at], found.low[at], found.high[at]], [mean, *ends])
+        np.testing.assert_allclose(found.half[at], Mean.of(some).half)
 
 
 def test_a_grid_is_shown_in_cells_and_scattered_numbers_as_points(tmp_path):
@@ -129,6 +133,45 @@ def test_cells_and_lines_hold_means(tmp_path):
     assert np.isnan(drawn["rms_error low"]).all()
 
 
+def test_cells_of_several_seeds_have_intervals_and_axes_have_units(tmp_path):
+    keys = ("arm.youngs_modulus", "arm.length", "seed")
+    levels = [(a, b, n) for a in (1e5, 2e6) for b in (0.3, 0.5) for n in range(3)]
+    rows = [study_row(n, **dict(zip(keys, each, strict=True))) for n, each in enumerate(levels, 1)]
+    for row in rows:
+        del row["flow.0.velocity"]
+    cases = study_of_rows(tmp_path, rows)
+    found = told(study_page_of(cases, "", [None] * len(cases)))
+    labels = [key["label"] for key in found["keys"]]
+    assert labels == ["arm.youngs_modulus (Pa)", "arm.length (m)", "seed"]
+    plot = Document.from_json(found["views"][0]["document"]).roots[0]
+    drawn = plot.select_one({"name": "cells"}).data_source.data
+    expected = stats.ttest_1samp([6.0, 12.0, 18.0], 0.0).confidence_interval()
+    assert drawn["rms_error half"][0] == pytest.approx((expected.high - expected.low) / 2)
+    assert plot.below[0].major_label_overrides == {0: "100000", 1: "2000000"}
+    for some in (rows, [row for row in rows if row["arm.length"] == 0.3]):
+        write_study(tmp_path, some)
+        (figure,) = write_means(tmp_path)
+        assert figure == tmp_path / "means.png"
+        assert_shows_something(figure)
+    write_study(tmp_path, rows[::3])
+    assert write_means(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (0.02, "0.02"),
+        (2e5, "200000"),
+        (3e7, "3 \N{MULTIPLICATION SIGN} 10⁷"),
+        (1e-6, "10⁻⁶"),
+        (1 / 3, "0.3333"),
+    ],
+)
+def test_numbers_are_written_plainly(value, text):
+    assert plain_number(value) == text
+
+
 def test_many_cases_are_thinned_and_the_page_says_so(tmp_path):
     rng, count = np.random.default_rng(0), 3 * MOST_CASES
     keys = ("arm.youngs_modulus", "flow.0.velocity")
@@ -149,7 +192,7 @@ def test_the_page_of_a_sweep_has_the_indices_of_its_plan(tmp_path):
         {
             "case": f"case-{n}",
             **v,
-            **dict.fromkeys(CASE_MEASURES, ""),
+            **dict.fromkeys(COLUMNS, ""),
             "status": "ok",
             "directory": "x",
         }
@@ -173,9 +216,7 @@ def test_the_page_of_a_sweep_has_the_indices_of_its_plan(tmp_path):
 
 
 def test_a_study_of_which_nothing_is_known_has_a_page(tmp_path):
-    write_study(
-        tmp_path, [study_row(1, status="diverged at 3 s", **dict.fromkeys(CASE_MEASURES, ""))]
-    )
+    write_study(tmp_path, [study_row(1, status="diverged at 3 s", **dict.fromkeys(COLUMNS, ""))])
     (page,) = write_report(tmp_path)
     assert page == tmp_path / "report.html"
     text = page.read_text("utf-8")

@@ -5,13 +5,16 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from crinoid_reef.measures import reach
 from crinoid_reef.range import Range
 from crinoid_reef.tether import Tether
 from crinoid_reef.thruster import ThrusterParameters
 from crinoid_reef.wash import Wash
 
 import crinoid
+from crinoid.results.metrics import measured
 from crinoid.scenario import json_schema
+from crinoid.view.figures.charts.summary import summary
 
 SCENARIO = Path(__file__).parents[1] / "reef.toml"
 
@@ -126,6 +129,16 @@ def test_the_controller_reaches_target_and_range(result):
     np.testing.assert_allclose(
         command[1:], np.clip(2.0 * (measured[1:] - 0.3), -0.5, 0.5), atol=2e-2
     )
+
+
+def test_the_measure_is_in_the_table_and_in_a_batch(result):
+    expected = result.dataset["tip_position"].sel(axis="x").values.max()
+    assert measured(result).numbers["reach"] == expected
+    rows = {name: cells for name, *cells in summary(result).rows}
+    assert rows["reach"] == [f"{1e3 * expected:.3g} mm"]
+    batch = crinoid.simulate_batch(result.scenario, {"load.0.stiffness": [0.2, 0.3]})
+    assert batch["reach"].attrs == {"units": "m", "long_name": reach.__doc__.rstrip(".")}
+    assert batch["reach"].values[0] == expected != batch["reach"].values[1]
 
 
 def test_parts_can_be_passed_without_a_scenario_that_names_them():

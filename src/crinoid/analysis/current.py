@@ -241,6 +241,8 @@ def _model(
     if asked.any():
         return asked, "von Karman's spectrum, as the scenario asks for it"
     found = statistics(velocity, interval)
+    if any("wave" in table["kind"] for table in tables):  # their spectrum is no turbulence's
+        return None, ""
     if not _RANDOM & {table["kind"] for table in tables} or np.isnan(found.integral_time).all():
         return None, ""
     speed = float(np.linalg.norm(found.mean))

@@ -13,13 +13,13 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from crinoid.assembly.plan import find_state
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.prepared import Prepared, require_one_case
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import Outcome, State, System
 from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.foundation.status import Status
 from crinoid.results.dataset import coordinates, describe, described
-from crinoid.results.metrics import angle_between
+from crinoid.results.errors import angle_between
 from crinoid.results.own_files import table_head
 from crinoid.scenario import Scenario, got, refusal
 from crinoid.scenario.kinds import unit_at
@@ -65,8 +65,12 @@ def equilibria(scenario: Source, vary: str) -> xr.Dataset:
     ------
     ScenarioError
         If a value or a file that the scenario names is not valid.
+    ValueError
+        If the scenario describes several cases.
     """
-    return find_equilibria(Curve.of(scenario_of(scenario), [vary]))
+    case = scenario_of(scenario)
+    require_one_case(case)
+    return find_equilibria(Curve.of(case, [vary]))
 
 
 class Curve(NamedTuple):

@@ -313,9 +313,10 @@ def _schedules(
     rows = []
     for thread, each in given:
         times, shares = ((0.0,), (0.0,)) if each is None else (each.time, each.share)
-        more, shares = count - len(times), np.add(shares, thread.constant)
+        more = count - len(times)
         later = times[-1] + np.arange(1, more + 1)
-        rows.append((np.append(times, later), np.append(shares, [shares[-1]] * more)))
+        held = np.append(shares, [shares[-1]] * more) + thread.constant
+        rows.append((np.append(times, later), held))
     times, shares = zip(*rows, strict=True)
     return np.array(times), np.array(shares)
 

@@ -2,9 +2,9 @@
 
 from types import ModuleType
 
-from crinoid.benchmarks import batch, controllers, gradient, precision, start, step, tasks
+from crinoid.benchmarks import batch, controllers, gradient, optimise, precision, start, step, tasks
 
-_ALL = (precision, step, batch, gradient, start, controllers, tasks)
+_ALL = (precision, step, batch, gradient, optimise, start, controllers, tasks)
 BENCHMARKS: dict[str, ModuleType] = {each.__name__.rpartition(".")[2]: each for each in _ALL}
 """Modules by name; each has `benchmark`, which yields its rows."""
 

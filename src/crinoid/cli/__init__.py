@@ -19,8 +19,6 @@ def main() -> None:
     gc.set_threshold(_ALLOCATIONS)
     # matrices are small here: threads of linear algebra would only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # XLA asks for a bug report where a program compiles for minutes; crinoid says it in one line
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:
         heed()
         with Loading():

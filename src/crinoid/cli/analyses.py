@@ -160,7 +160,9 @@ def show_equilibria(
             with progress_bar() as bar:
 
                 def report(done: int, total: int) -> None:
-                    bar.update(0, completed=done, total=total, description="equilibria")
+                    bar.update(
+                        bar.task_ids[0], completed=done, total=total, description="equilibria"
+                    )
 
                 data = find_equilibria(curve, stop=interruption.stop, report=report)
             table = to.write(_TABLE, curve_table(data))
@@ -188,7 +190,7 @@ def _curve_table(data: xr.Dataset) -> Table:
         for place in reversed(chosen) if back else chosen:
             row = data.sel(branch=branch).isel({key: place})
             turn, curvature = np.rad2deg(float(row["tip_turn"])), float(row["max_curvature"])
-            numbers = [f"{each:.5f}" for each in row["tip_position"].values]
+            numbers = [f"{each:.5f}" for each in row["tip_position"].values.round(5) + 0.0]
             numbers += [f"{round(turn, 3) + 0.0:.3f}", f"{round(curvature, 4) + 0.0:.4g}"]
             found = Status.of(row["status"].item())
             if found is Status.INTERRUPTED:

@@ -25,9 +25,18 @@ from crinoid.cli.command import (
 )
 from crinoid.cli.interruption import Loading
 from crinoid.cli.result_commands import export, film, report
-from crinoid.cli.study_commands import compare, identify, sweep, train, tune, validate
+from crinoid.cli.study_commands import (
+    compare,
+    identify,
+    optimise,
+    sweep,
+    train,
+    tune,
+    validate,
+)
 
 _DEFAULT = "station-keeping"
+_DURATION = "simulation.duration="
 
 app = typer.Typer(
     name="crinoid",
@@ -72,7 +81,10 @@ def run(
     """Run a scenario and save what happened."""
     if case is None:
         name = _DEFAULT if scenario is None else scenario
-        described, folder = load_scenario(name, settings), folder_for(out, name)
+        described, folder = load_scenario(name, settings), folder_for(out, name, "", settings)
+        if resume and not folder.exists():  # of a run that is prolonged
+            kept = [each for each in settings or () if not each.startswith(_DURATION)]
+            folder = folder_for(out, name, "", kept)
     else:
         if scenario is not None or settings:
             stop("--case: excludes SCENARIO and --set. Leave them out; the sweep has them.")
@@ -111,7 +123,8 @@ def equilibrium(
     force: Force = False,
 ) -> None:
     """Find the shape of the arm at rest under the loads of t = 0, and save it."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-equilibrium")
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-equilibrium", settings)
     with Loading():
         from crinoid.cli.analyses import show_equilibria
         from crinoid.cli.run import find_equilibrium
@@ -138,7 +151,7 @@ def flow(
     force: Force = False,
 ) -> None:
     """Draw and sum up the current of a scenario at its arm, or a record of the sea by itself."""
-    folder = folder_for(out, scenario, "-flow")
+    folder = folder_for(out, scenario, "-flow", settings)
     if Path(scenario).suffix.lower() not in ("", ".toml") and Path(scenario).is_file():
         with Loading():
             from crinoid.cli.record import show_record
@@ -165,7 +178,8 @@ def modes(
     force: Force = False,
 ) -> None:
     """Find small vibrations about the equilibrium: frequencies, damping ratios and shapes."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-modes")
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-modes", settings)
     with Loading():
         from crinoid.cli.analyses import show_modes
 
@@ -181,7 +195,8 @@ def margins(
     force: Force = False,
 ) -> None:
     """Find the stability margins of the control loop of a scenario, and draw them."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-margins")
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-margins", settings)
     with Loading():
         from crinoid.cli.analyses import show_margins
 
@@ -205,7 +220,8 @@ def live(
     out: Annotated[Path | None, out_option("results/SCENARIO-live")] = None,
 ) -> None:
     """Simulate a scenario in the browser, in real time: turn its numbers, push it, record it."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-live")
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-live", settings)
     with Loading():
         from crinoid.cli.live import run_live
 
@@ -272,5 +288,5 @@ def scenarios(
             console.print(f"{name:{width}}{load(name).title}", soft_wrap=True)
 
 
-for command in (compare, tune, identify, report, export, film, sweep, train, validate):
+for command in (compare, tune, identify, optimise, report, export, film, sweep, train, validate):
     app.command()(command)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -17,10 +17,12 @@ from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading
 from crinoid.foundation.status import Status
 
 if TYPE_CHECKING:
-    from crinoid.scenario import Scenario
+    from crinoid.scenario import Scenario, ScenarioText
 
 MISSED, BAD_INPUT, FAILED = 1, 2, 3
 """Exit codes."""
+_FOUND = ("optimised", "tuned", "identified")
+"""Names of the scenario files that crinoid writes."""
 _ESCAPED = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != 0x0A}
 """Control characters but the new line, and their printed replacements."""
 
@@ -122,7 +124,10 @@ ScenarioName = Annotated[
 Settings = Annotated[
     list[str] | None,
     option(
-        "Change a key, such as arm.length=0.6.", "KEY=VALUE", name="--set", complete=complete_key
+        "Change a key, such as arm.length=0.6; the default folder is named after it.",
+        "KEY=VALUE",
+        name="--set",
+        complete=complete_key,
     ),
 ]
 Force = Annotated[
@@ -149,15 +154,29 @@ def resume_option(what: str) -> Any:
 
 def load_scenario(name: str, settings: list[str] | None) -> Scenario:
     """Load a scenario by its file or name, with some keys changed."""
+    return load_text(name, settings).scenario
+
+
+def load_text(name: str, settings: list[str] | None) -> ScenarioText:
+    """Load a scenario with its text, in which a command changes numbers."""
     with Loading():
-        from crinoid.scenario import load
+        from crinoid.scenario import ScenarioText
 
-    return load(name, settings or ())
+    return ScenarioText(name, settings or ())
 
 
-def folder_for(out: Path | None, name: str, ending: str = "") -> Path:
-    """Return the folder to write to, by default named after the scenario."""
-    folder = out if out is not None else Path("results") / f"{Path(name).stem}{ending}"
+def folder_for(
+    out: Path | None, name: str, ending: str = "", settings: Sequence[str] | None = None
+) -> Path:
+    """Return the folder to write to, by default named after the scenario and its changed keys."""
+    stem = Path(name).stem
+    if stem in _FOUND:  # as other studies call theirs too
+        stem = f"{Path(name).resolve().parent.name}-{stem}"
+    folder = out if out is not None else Path("results", f"{stem}{ending}")
+    if out is None and settings:
+        from crinoid.scenario.document import name_of_changes
+
+        folder = folder.with_name(f"{folder.name},{name_of_changes(settings)}")
     if folder.exists() and not folder.is_dir():
         stop(f"--out: {folder} is a file; must be a folder")
     return folder

@@ -1,22 +1,43 @@
 """Comparison of controllers: progress, a file, a figure and a table."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from rich import box
 from rich.table import Table
 
-from crinoid.cli.display import listed, new_table, notes_of_cases, progress_bar, reporter, show
+from crinoid.cli.command import console
+from crinoid.cli.display import (
+    listed,
+    new_table,
+    notes_of_cases,
+    progress_bar,
+    reporter,
+    say_notes,
+    say_when,
+    say_written,
+)
 from crinoid.cli.finding import finding
+from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
+from crinoid.results.metrics import write_rows
 from crinoid.scenario import Scenario, got, one_of, refusal, shown
 from crinoid.scenario.control import KINDS
 from crinoid.scenario.kinds import installed
-from crinoid.studies.comparison import COMPARISON, ControllerComparison
+from crinoid.studies.comparison import (
+    COMPARISON,
+    COMPARISON_TABLE,
+    ControllerComparison,
+    best_controller,
+    compared_measures,
+    comparison_rows,
+)
+from crinoid.studies.statistics import Difference, Mean
 from crinoid.view.figures.controllers import speed_unit
-from crinoid.view.figures.style import DEGREES, largest, length_unit, si_unit
+from crinoid.view.figures.measures import label_of, main_measures, mean_text, unit_for
+from crinoid.view.figures.style import Unit, largest, si_unit
 
 
 def kinds_of(text: str) -> list[str]:
@@ -46,6 +67,8 @@ def compare_controllers(
     scenario: Scenario, kinds: list[str], seeds: range, folder: Path, *, force: bool
 ) -> str:
     """Run a scenario under each controller, save, draw and sum up; return what went wrong."""
+    if not force:
+        check_own(folder / COMPARISON_TABLE)
     with (
         finding(scenario, folder / COMPARISON, "a comparison", force=force) as found,
         Interruption() as interruption,
@@ -67,7 +90,13 @@ def compare_controllers(
             name: [note for note in notes if note not in found.doubts]
             for name, notes in comparison.notes.items()
         }
-        show(comparison_table(data), [*notes, *notes_of_cases(of_runs)], found.save(data))
+        paths = found.save(data)
+        write_rows(folder / COMPARISON_TABLE, comparison_rows(data))
+        paths.insert(1, folder / COMPARISON_TABLE)
+        console.print(comparison_table(data))
+        say_when(scenario)
+        say_notes([*notes, *notes_of_cases(of_runs)])
+        say_written(paths)
     failures = [
         f"{kind} with seed {seed}: {arm.status}"
         for (kind, seed), arm in comparison.runs.items()
@@ -80,35 +109,46 @@ def compare_controllers(
 
 
 def comparison_table(data: xr.Dataset) -> Table:
-    """Return means over the runs that reached their end."""
+    """Return means with intervals of 95 %, over the runs that reached their end.
+
+    The last rows have the differences of the RMS error from its smallest mean, over the same seeds.
+    """
     rows: list[tuple[str, ...]] = []
 
-    def add(name: str, values: xr.DataArray, text_of: Callable[[float], str]) -> None:
-        rows.append((name, *("-" if np.isnan(v) else text_of(v) for v in values.values.tolist())))
+    def add(name: str, values: xr.DataArray, unit: Unit) -> None:
+        head = f"{name} ({unit.name})" if unit.name else name
+        rows.append((head, *(mean_text(Mean.of(each), unit) for each in values.values)))
 
-    rms, most = data["rms_error"], data["max_error"]
-    length = length_unit(largest(most.values)).text
-    add("tip error, RMS", rms.mean("seed"), length)
-    add("tip error, RMS, worst run", rms.max("seed"), length)
-    add("tip error, maximum", most.max("seed"), length)
+    for name in main_measures(compared_measures(data)):
+        add(label_of(name), data[name], unit_for(data[name]))
+    rms = data["rms_error"]
+    length = unit_for(rms)
+    worst = ("-" if np.isnan(v) else length.number(v) for v in rms.max("seed").values.tolist())
+    rows.insert(1, (f"RMS tip error, worst run ({length.name})", *worst))
     kinds, scenario = data["controller"].values, Scenario.from_toml(data.attrs["scenario"])
     moves = scenario.target.moves or (scenario.target.frame == "base" and scenario.base.motion)
     if "none" in kinds and not moves:
         ratio = rms / data["fluctuation"].sel(controller="none", drop=True)
-        mean = ratio.where(np.isfinite(ratio)).mean("seed")
-        add("tip error over fluctuation", mean, lambda share: f"{share:.1%}")
-    if "rms_angle_error" in data:
-        add("angle error, RMS", data["rms_angle_error"].mean("seed"), DEGREES.text)
-        add("angle error, maximum", data["max_angle_error"].max("seed"), DEGREES.text)
+        add("RMS tip error over fluctuation", ratio.where(np.isfinite(ratio)), Unit(100.0, "%"))
     for index, name in enumerate(data["input"].values):
         speed = data["effort"][..., index]
         unit = speed_unit(str(data["input_unit"].values[index]), largest(speed.values))
-        add(f"speed of {name}, RMS", speed.mean("seed"), unit.text)
-    work = data["work"]
-    joules = si_unit(largest(work.values), "J")
-    add("work of base and actuators", work.mean("seed"), joules.text)
-    add("time per tick", data["tick_time"], lambda time: si_unit(time, "s").text(time))
+        add(f"RMS speed of {name}", speed, unit)
+    ticks = [si_unit(time, "s").text(time) for time in data["tick_time"].values.tolist()]
+    rows.append(("time per tick", *ticks))
+    if len(kinds) > 1:
+        best = best_controller(data)
+        than = [Difference.of(values, rms.values[best]) for values in rms.values]
+        texts = [mean_text(each.mean, length) for each in than]
+        chances = ["-" if np.isnan(each.p_value) else f"{each.p_value:.1g}" for each in than]
+        texts[best] = chances[best] = "-"
+        rows += [
+            (f"RMS tip error less that of {kinds[best]} ({length.name})", *texts),
+            ("p value", *chances),
+        ]
     count = data.sizes["seed"]
     complete = np.isfinite(rms.values).sum(axis=1)
     rows.append(("runs", *(str(n) if n == count else f"{n} of {count}" for n in complete)))
-    return new_table(data.attrs["title"], ("", *map(str, kinds)), rows)
+    return new_table(
+        data.attrs["title"], ("", *map(str, kinds)), rows, box=box.SIMPLE, pad_edge=False
+    )

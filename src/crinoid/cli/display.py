@@ -12,19 +12,35 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich import box
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
 from crinoid.diagnostics.plausibility import plausibility_warnings
+from crinoid.results.metrics import MEASURES, Measure
 from crinoid.results.result import Result
+from crinoid.scenario import Scenario
 from crinoid.view.figures.charts.summary import equilibrium_summary, summary
+from crinoid.view.figures.measures import unit_of
 from crinoid.view.figures.study import short_keys
-from crinoid.view.figures.style import largest, length_unit
+from crinoid.view.figures.style import largest
 
 if TYPE_CHECKING:
     from crinoid.simulation import Progress as Reached
+
+
+class _TimeColumn(TimeRemainingColumn):
+    """The time left, or the time so far where the end is not known."""
+
+    max_refresh: Any = None  # each time
+
+    def render(self, task: Task) -> Text:
+        """Return it as text."""
+        if task.total is None:
+            return Text(f"{task.elapsed or 0.0:.0f} s so far")
+        return super().render(task)
 
 
 @contextmanager
@@ -34,7 +50,7 @@ def progress_bar() -> Iterator[Progress]:
         TextColumn("{task.description:>14}"),
         BarColumn(),
         TextColumn("{task.fields[reached]}"),
-        TimeRemainingColumn(),
+        _TimeColumn(),
         console=console,
         transient=True,
     ) as bar:
@@ -63,6 +79,12 @@ def say_notes(notes: Iterable[str]) -> None:
     """Print each note on one line, after the word note."""
     for note in notes:
         console.print(f"note: {note}", soft_wrap=True)
+
+
+def say_when(scenario: Scenario) -> None:
+    """Print from when on errors count, where it is not the start."""
+    if scenario.judged_from > 0:
+        say_notes([f"errors count from {scenario.judged_from:g} s (target.judged_from)"])
 
 
 def say_written(paths: Iterable[Path]) -> None:
@@ -171,8 +193,10 @@ def equilibrium_table(result: Result) -> Table:
     return new_table(title, (), rows, show_header=False)
 
 
-def cases_table(title: str, keys: list[str], rows: list[dict[str, Any]]) -> Table:
-    """Return the cases of a study; a measure that no case has gets no column."""
+def cases_table(
+    title: str, keys: list[str], rows: list[dict[str, Any]], registry: Mapping[str, Measure]
+) -> Table:
+    """Return the cases of a study, with the main measures and those of packages."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE, pad_edge=False)
     table.add_column("case", no_wrap=True)
     names = short_keys(keys)
@@ -188,13 +212,16 @@ def cases_table(title: str, keys: list[str], rows: list[dict[str, Any]]) -> Tabl
     else:  # one below the other in each case
         table.add_column("varied", max_width=_VARIED_WIDTH, overflow="fold")
     units = {}
-    lengths = {"steady_error": "steady\nerror", "rms_error": "RMS\nerror"}
+    heads = {"steady_error": "steady\nerror", "rms_error": "RMS\nerror"}
     if any(row["rms_error_uncontrolled"] != "" for row in rows):
-        lengths |= {"deflection": "steady,\nfree", "rms_error_uncontrolled": "RMS,\nfree"}
-    for name, heading in lengths.items():
+        heads |= {"deflection": "steady,\nfree", "rms_error_uncontrolled": "RMS,\nfree"}
+    heads |= {name: _folded(name) for name in registry if name not in MEASURES}
+    for name, heading in heads.items():
         known = [row[name] for row in rows if row[name] != ""]
-        unit = units[name] = length_unit(largest(np.array(known, dtype=float)))
-        table.add_column(f"{heading}\n({unit.name})", justify="right", no_wrap=True)
+        size = largest(np.array(known, dtype=float))
+        unit = units[name] = unit_of(registry[name].attributes, size)
+        head = f"{heading}\n({unit.name})" if unit.name else heading
+        table.add_column(head, justify="right", no_wrap=True)
     table.add_column("settled\n(s)", justify="right", no_wrap=True)
     for row, varied in zip(rows, values, strict=True):
         if not in_columns:

@@ -8,7 +8,7 @@ from pathlib import Path
 from crinoid.cli.display import progress_bar, say_notes, say_written
 from crinoid.cli.folder import check_own, claimed
 from crinoid.scenario import Mistake, ScenarioError, got, one_of, refusal
-from crinoid.view.export import Written, write_csv, write_gltf, write_onnx, write_vtkhdf
+from crinoid.view.export import Written, write_csv, write_gltf, write_onnx, write_vtkhdf, write_xlsx
 from crinoid.view.export.source import KINDS, files_of, find_policy, find_result
 
 
@@ -31,8 +31,8 @@ def export_result(
     if instants is not None and kind == "onnx":
         raise refusal("--instants", f"needs a result. Leave it out with --to {kind}.")
     for option, value in {"--variables": variables, "--nodes": nodes}.items():
-        if value is not None and kind != "csv":
-            raise refusal(option, f"needs --to csv. Leave it out with --to {kind}.")
+        if value is not None and kind not in ("csv", "xlsx"):
+            raise refusal(option, f"needs --to csv or xlsx. Leave it out with --to {kind}.")
     if out is not None and out.exists() and not out.is_dir():
         raise refusal("--out", f"{out} is a file; must be a folder")
     names = None if variables is None else [part.strip() for part in variables.split(",")]
@@ -45,6 +45,7 @@ def export_result(
     folder = path.parent if out is None else out
     writers: dict[str, Callable[..., Written]] = {
         "csv": partial(write_csv, variables=names, nodes=numbers),
+        "xlsx": partial(write_xlsx, variables=names, nodes=numbers),
         "vtkhdf": write_vtkhdf,
         "gltf": write_gltf,
         "onnx": lambda path, folder, **_: write_onnx(path, folder),

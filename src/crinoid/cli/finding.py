@@ -12,6 +12,7 @@ from crinoid.cli.display import say_doubts
 from crinoid.cli.folder import check_own, claimed
 from crinoid.compilation import keep_programs
 from crinoid.foundation.atomic_file import atomic_write
+from crinoid.results.metrics import measures_of
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
 from crinoid.studies.sweep import SweepDesign
 from crinoid.view.figures import ReportError, write_page, write_report
@@ -86,6 +87,7 @@ def checked_runs(
     plan: SweepDesign, runs: Iterable[int], key: str
 ) -> Iterator[tuple[str, Prepared]]:
     """Check runs of a plan, and yield each with its name; a mistake at ``key`` names its case."""
+    measures_of(plan.scenario)  # refuses those that are in no package
     for run in runs:
         try:
             prepared = Prepared(plan.case(run))

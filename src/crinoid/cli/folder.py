@@ -18,13 +18,15 @@ from crinoid.analysis.record import RECORD
 from crinoid.analysis.vibrations import MODES
 from crinoid.foundation.atomic_file import remove_unfinished
 from crinoid.foundation.status import Status
-from crinoid.inverse import IDENTIFICATION, TUNING
+from crinoid.inverse import IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES
-from crinoid.results.own_files import is_own
+from crinoid.results.own_files import FIGURES, is_own
 from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result, attributes
 from crinoid.results.stream import is_stream, remove_checkpoints
+from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.studies.comparison import COMPARISON
+from crinoid.studies.statistics import MEANS
 from crinoid.studies.sweep import PLAN
 from crinoid.view.export.source import exports_of
 from crinoid.view.film.encode import FILMS
@@ -32,8 +34,11 @@ from crinoid.view.page.parts import PAGE
 
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
-_APART = (FLOW, RECORD, MODES, CURVE, COMPARISON, MARGINS, TUNING, IDENTIFICATION, TRAINING)
+_APART = (
+    FLOW, RECORD, MODES, CURVE, COMPARISON, MARGINS, TUNING, IDENTIFICATION, OPTIMISATION, TRAINING
+)  # fmt: skip
 """Files of commands that run no scenario by itself, which may be next to a result."""
+_SUMMARY = (SUMMARY_JSON, SUMMARY_CSV)
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 
 Wanted = Mapping[str, Scenario]
@@ -49,7 +54,7 @@ def claimed(folder: Path) -> Iterator[None]:
         _open(folder, lock)
         try:
             for place in (folder, *_case_folders(folder)):
-                for name in (RESULT, UNCONTROLLED, CASES, *_APART):
+                for name in (RESULT, UNCONTROLLED, CASES, *_SUMMARY, *_APART):
                     remove_unfinished(place / name)
                 for name in (RESULT, UNCONTROLLED):
                     remove_checkpoints(place / name)
@@ -92,8 +97,11 @@ def check_replaced(
         if not (resume and (folder / place / RESULT).exists()):  # checked more closely
             check_own(folder / place / RESULT)
             check_own(folder / place / UNCONTROLLED)
+        for name in _SUMMARY:
+            check_own(folder / place / name)
     if "" not in wanted:
         check_own(folder / CASES)
+        check_own(folder / MEANS)
     if (folder / PLAN).exists():
         text = f"{folder} contains a sweep. Choose another folder, or use --force to write next "
         raise refusal("--out", f"{text}to it.")
@@ -147,13 +155,15 @@ def clear(folder: Path, wanted: Wanted, *, resume: bool = False, force: bool = F
 
 
 def clear_figures(folder: Path) -> None:
-    """Remove figures, page, films and exports of a result; keep those of other commands."""
-    clear_own(folder, [PAGE, *FILMS, *exports_of(RESULT), *exports_of(UNCONTROLLED)])
-    apart = [b"Source\0" + name.encode() for name in _APART]
-    for path in folder.glob("*.png"):
-        with suppress(OSError):
-            if is_own(path) and not any(name in path.read_bytes()[:2000] for name in apart):
-                path.unlink()
+    """Remove figures, page, summary, films and exports of a result, not those of other commands."""
+    clear_own(folder, [PAGE, *_SUMMARY, *FILMS, *exports_of(RESULT), *exports_of(UNCONTROLLED)])
+    for ending, (_, source) in FIGURES.items():
+        apart = [source % name.encode() for name in _APART]
+        for path in folder.glob(f"*{ending}"):
+            with suppress(OSError):
+                content = path.read_bytes() if is_own(path) else None
+                if content is not None and not any(name in content for name in apart):
+                    path.unlink()
 
 
 def clear_own(folder: Path, names: Iterable[str]) -> None:
@@ -198,7 +208,10 @@ def save(result: Result, folder: Path, place: Path) -> tuple[list[Path], str]:
         clear_figures(folder)
     if not aside and place != folder:
         _remove_made(place)
-    return paths, ""
+    try:
+        return paths + write_summary(result, paths[0].parent), ""
+    except OSError as error:
+        return paths, f"{error.filename or paths[0].parent}: {error.strerror or error}"
 
 
 def stopped(error: OSError, place: Path) -> str:

@@ -18,7 +18,7 @@ from crinoid.inverse.gain_design import tunable_numbers
 from crinoid.inverse.identification import Identification, marker_errors
 from crinoid.inverse.tuning import MARGINS, Tuning
 from crinoid.inverse.unknowns import Unknowns
-from crinoid.scenario import Scenario, got, refusal
+from crinoid.scenario import ScenarioText, got, refusal
 from crinoid.view.figures.style import DEGREES, si_unit
 
 _ALIKE = 0.95
@@ -28,7 +28,7 @@ _MOST_CORRELATED = 2.0
 
 
 def tune_controller(
-    scenario: Scenario, seeds: int, iterations: int, margin: float, folder: Path, *, force: bool
+    text: ScenarioText, seeds: int, iterations: int, margin: float, folder: Path, *, force: bool
 ) -> str:
     """Search, save and draw what was found, and sum it up; return what went wrong."""
     if not 0 <= margin < 1:
@@ -36,6 +36,7 @@ def tune_controller(
     for name, value in (("--seeds", seeds), ("--iterations", iterations)):
         if value < 1:
             raise refusal(name, got(value, "be at least 1"))
+    scenario = text.scenario
     tunable_numbers(scenario)
     with (
         finding(scenario, folder / TUNING, "a tuning", force=force) as found,
@@ -62,8 +63,8 @@ def tune_controller(
         if not np.isfinite(tuning.least):
             return f"no start could be run: {tuning.failure}"
         data = tuning.dataset()
-        file = found.write("tuned.toml", f"# by `crinoid tune`\n\n{tuning.tuned().to_toml()}")
-        files = [file, *found.save(data)]
+        tuned = text.with_values(tuning.tuned(), "numbers by `crinoid tune`")
+        files = [found.write("tuned.toml", tuned), *found.save(data)]
         show(tuning_table(data, tuning.random), _tuning_notes(tuning, data), files)
     if stopped:
         words = f"after {int(tuning.trials.sum())} trials; the best so far is saved"
@@ -125,12 +126,13 @@ def _tuning_notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
 
 
 def identify_numbers(
-    scenario: Scenario, record: Path, keys: Sequence[str], folder: Path, *, force: bool
+    text: ScenarioText, record: Path, keys: Sequence[str], folder: Path, *, force: bool
 ) -> str:
     """Search for numbers, save and draw what was found, and sum it up; return what went wrong."""
     if not keys:
         hint = "Name keys of numbers, such as arm.youngs_modulus,water.drag_normal."
         raise refusal("--of", f"got no key. {hint}")
+    scenario = text.scenario
     unknowns = Unknowns(scenario, keys)
     with finding(scenario, folder / IDENTIFICATION, "a record", force=force) as found:
         records = read_experiments(record, found.prepared, unknowns)
@@ -153,9 +155,10 @@ def identify_numbers(
             words = f"after {search.trials} trials; the best numbers so far are saved"
             status = "" if complete else f"{Status.INTERRUPTED} {words}"
             data = search.dataset(status or Status.OK.value)
-            text = f"{_lost_markers(data)} of the record were set aside as lost markers"
-            text = f"# numbers by `crinoid identify`; {text}\n\n{search.identified().to_toml()}"
-            files = [found.write("identified.toml", text), *found.save(data)]
+            comment = f"{_lost_markers(data)} of the record were set aside as lost markers"
+            comment = f"numbers by `crinoid identify`; {comment}"
+            identified = text.with_values(search.numbers(), comment)
+            files = [found.write("identified.toml", identified), *found.save(data)]
             read = [note for each in records for note in each.notes]
             notes = [*read, *search.notes, *_identification_notes(search, data)]
             show(identification_table(data), notes, files)

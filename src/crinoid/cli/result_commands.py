@@ -14,6 +14,9 @@ def report(
     result: Annotated[
         Path, typer.Argument(metavar="RESULT", help="A folder that `crinoid run` wrote.")
     ],
+    file_format: Annotated[
+        str, option("Format of the figures: png, pdf or svg.", "FORMAT", name="--format")
+    ] = "png",
     out: Annotated[Path | None, out_option("next to the result")] = None,
 ) -> None:
     """Draw the figures of a result, and write its page."""
@@ -21,7 +24,7 @@ def report(
         from crinoid.cli.display import say_written
         from crinoid.view.figures import write_report
 
-    say_written(write_report(result, out))
+    say_written(write_report(result, out, file_format=file_format))
 
 
 @one_line_errors("interrupted")
@@ -32,7 +35,9 @@ def export(
             metavar="RESULT", help="A folder that `crinoid run` wrote, or a result in it."
         ),
     ],
-    to: Annotated[str, option("vtkhdf, csv or gltf; of a policy, onnx.", "FORMAT", default=False)],
+    to: Annotated[
+        str, option("vtkhdf, csv, xlsx or gltf; of a policy, onnx.", "FORMAT", default=False)
+    ],
     variables: Annotated[
         str | None,
         option(
@@ -58,7 +63,7 @@ def export(
     out: Annotated[Path | None, out_option("next to the result")] = None,
     force: Force = False,
 ) -> None:
-    """Write a result for ParaView (vtkhdf), for spreadsheets (csv) or for Blender (gltf).
+    """Write a result for ParaView (vtkhdf), for spreadsheets (csv, xlsx) or for Blender (gltf).
 
     A policy that `crinoid train` wrote is written for a vehicle (onnx).
     """

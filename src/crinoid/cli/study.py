@@ -1,10 +1,13 @@
 """A study: the cases of a scenario one after the other, and a table of them."""
 
 import csv
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
@@ -15,16 +18,26 @@ from crinoid.cli.display import (
     progress_bar,
     reporter,
     say_notes,
+    say_when,
     say_where,
 )
 from crinoid.cli.finding import checked_runs, page_in
 from crinoid.cli.folder import check_replaced, claimed, clear, contains
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.cli.run import find_earlier, is_complete, play_case, trouble
+from crinoid.cli.seed_means import SeedTables
 from crinoid.compilation import keep_programs, make_room
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
-from crinoid.results.metrics import CASE_MEASURES, CASES, COLUMNS, MEASURES, read_rows, write_rows
+from crinoid.results.metrics import (
+    CASES,
+    Measure,
+    known,
+    measured,
+    measures_of,
+    read_rows,
+    write_rows,
+)
 from crinoid.results.own_files import is_own
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
@@ -70,6 +83,7 @@ def _run_cases(
     force: bool,
 ) -> str:
     cases = {plan.name(run): plan.case(run) for run in range(1, plan.runs + 1)}
+    registry = measures_of(plan.scenario)
     if not force:
         check_replaced(folder, cases, resume=resume)
     rows = _earlier_rows(plan, folder, cases)  # each is kept until its case is run again
@@ -94,10 +108,9 @@ def _run_cases(
                 ended = f"{name}: {run.wrong}"
                 break
             if run.directory == name or name not in rows:
-                of = {key: MEASURES[key].of for key in CASE_MEASURES}
-                known = {} if run.result is None else {key: of[key](run.result) for key in of}
                 status = run.wrong or Status.OK.value
-                rows[name] = plan.row(number, known, status, run.directory)
+                numbers = dict.fromkeys(registry) | run.measures
+                rows[name] = plan.row(number, numbers, status, run.directory)
             table = [rows[each] for each in cases if each in rows]
             of_run = run.result.notes if run.result else []
             notes[name] = [*(note for note in of_run if note not in doubted), *run.lacking]
@@ -119,11 +132,28 @@ def _run_cases(
                 break
             make_room()
     if notes:
-        console.print(cases_table(plan.scenario.title, plan.keys, table))
+        console.print(cases_table(plan.scenario.title, plan.keys, table, registry))
+        means = _means(plan, rows, registry)
+        for each in means.tables():
+            console.print(each)
+        say_when(plan.scenario)
+        written = means.write(folder)
         pages, lacking = page_in(folder)
         say_notes([*notes_of_cases(notes), *lacking])
-        say_where([folder / CASES, *pages])
+        say_where([folder / CASES, *written, *pages])
     return ended or listed(failures, CASES)
+
+
+def _means(
+    plan: SweepDesign, rows: Mapping[str, Mapping[str, Any]], registry: Mapping[str, Measure]
+) -> SeedTables:
+    runs = [run for run in range(1, plan.runs + 1) if plan.name(run) in rows]
+    known = [rows[plan.name(run)] for run in runs]
+    numbers = {
+        name: np.array([math.nan if row[name] == "" else row[name] for row in known])
+        for name in registry
+    }
+    return SeedTables([plan.values(run) for run in runs], numbers, registry)
 
 
 class _CaseRun(NamedTuple):
@@ -134,6 +164,13 @@ class _CaseRun(NamedTuple):
     """Name of the folder with all of it; empty if it could not be saved."""
     lacking: Sequence[str] = ()
     """Notes of a page that could not be written."""
+
+    @property
+    def measures(self) -> dict[str, float | None]:
+        """The measures of the run; none of a case that was refused."""
+        if self.result is None:
+            return {}
+        return {name: known(value) for name, value in measured(self.result).numbers.items()}
 
 
 def _play(
@@ -164,17 +201,19 @@ def _earlier_rows(
 ) -> dict[str, dict[str, Any]]:
     """Return the rows of an earlier table whose results are there and of the same cases."""
     found: dict[str, dict[str, Any]] = {}
+    registry = measures_of(plan.scenario)
     try:
         there = {row.get("case"): row for row in read_rows(folder / CASES)[1]}
     except (OSError, ValueError, csv.Error):  # none, or one that somebody changed
         return found
     for run, (name, case) in enumerate(cases.items(), start=1):
         row = there.get(name, {})
-        if set(row) != {*COLUMNS, *plan.keys} or row["directory"] != name:
+        columns = {"case", *plan.keys, *registry, "status", "directory"}
+        if set(row) != columns or row["directory"] != name:
             continue
         status = row["status"]
         if Status.of(status) is not Status.INTERRUPTED and contains(folder / name, case):
             with suppress(ValueError):
-                numbers = {key: float(row[key]) for key in CASE_MEASURES if row[key]}
+                numbers = {key: float(row[key]) if row[key] else None for key in registry}
                 found[name] = plan.row(run, numbers, status, name)
     return found

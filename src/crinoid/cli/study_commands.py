@@ -1,4 +1,4 @@
-"""The commands of many runs: comparison, tuning, identification, sweep, training, validation."""
+"""The commands of many runs: comparison, tuning, identification, optimisation, sweep, training."""
 
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from crinoid.cli.command import (
     end,
     folder_for,
     load_scenario,
+    load_text,
     one_line_errors,
     option,
     out_option,
@@ -37,7 +38,8 @@ def compare(
     force: Force = False,
 ) -> None:
     """Run a scenario under several controllers over several seeds, and compare them."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-compare")
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-compare", settings)
     with Loading():
         from crinoid.cli.compare import compare_controllers, kinds_of, seeds_of
 
@@ -56,11 +58,12 @@ def tune(
     force: Force = False,
 ) -> None:
     """Tune a PID, LQG or MPC by gradient, from several starts over several seeds."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-tune")
+    text = load_text(scenario, settings)
+    folder = folder_for(out, scenario, "-tune", settings)
     with Loading():
         from crinoid.cli.inverse import tune_controller
 
-    end(tune_controller(described, seeds, iterations, margin, folder, force=force))
+    end(tune_controller(text, seeds, iterations, margin, folder, force=force))
 
 
 @one_line_errors()
@@ -88,12 +91,51 @@ def identify(
     force: Force = False,
 ) -> None:
     """Find stiffness, damping, drag and other numbers from recorded motions and holds."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-identify")
+    text = load_text(scenario, settings)
+    folder = folder_for(out, scenario, "-identify", settings)
     with Loading():
         from crinoid.cli.inverse import identify_numbers
 
     keys = [each for each in (part.strip() for part in of.split(",")) if each]
-    end(identify_numbers(described, record, keys, folder, force=force))
+    end(identify_numbers(text, record, keys, folder, force=force))
+
+
+@one_line_errors()
+def optimise(
+    scenario: ScenarioName,
+    over: Annotated[
+        list[str],
+        option(
+            "Number to choose, and its range; with :log equal steps are equal ratios.",
+            "KEY=FROM:TO",
+            default=False,
+            complete=complete_key,
+        ),
+    ],
+    measure: Annotated[
+        str, option("Measure to make least.", "MEASURE", name="--for", default=False)
+    ],
+    keep: Annotated[
+        list[str] | None,
+        option("Limit of a measure, in SI units.", "MEASURE<VALUE", default=False),
+    ] = None,
+    seeds: Annotated[int, option("How many seeds each trial is run with.", "N")] = 1,
+    trials: Annotated[int, option("Largest number of trials.", "N")] = 160,
+    rest: Annotated[
+        bool, option("Judge the equilibrium at t = 0 instead of a run.", name="--at-rest")
+    ] = False,
+    settings: Settings = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-optimise")] = None,
+    force: Force = False,
+) -> None:
+    """Find the best numbers of arm, actuators, base or gains for a measure, within limits."""
+    text = load_text(scenario, settings)
+    folder = folder_for(out, scenario, "-optimise", settings)
+    with Loading():
+        from crinoid.cli.optimise import optimise_numbers
+
+    given = text, over, measure, keep or (), seeds, trials, folder
+    end(*optimise_numbers(*given, rest=rest, force=force))
 
 
 @one_line_errors()
@@ -103,7 +145,7 @@ def sweep(
         list[str] | None,
         option(
             "What varies: FROM:TO:COUNT, FROM:TO:COUNT:log or A,B,C; with --sample also "
-            "FROM:TO and FROM:TO:log.",
+            "FROM:TO and FROM:TO:log. One component of a vector: flow.0.mean.1=0.05:0.3:6.",
             "KEY=VALUES",
             complete=complete_key,
         ),
@@ -152,7 +194,8 @@ def sweep(
     force: Force = False,
 ) -> None:
     """Run a scenario with many values and seeds, on all cores or on a cluster."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-sweep")
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-sweep", settings)
     with Loading():
         from crinoid.cli.sweep import WorkerOptions, estimate_sweep, run_sweep
         from crinoid.studies.sweep import SweepDesign
@@ -197,7 +240,8 @@ def train(
     force: Force = False,
 ) -> None:
     """Train a neural policy in simulation."""
-    described, folder = load_scenario(scenario, settings), folder_for(out, scenario, "-train")
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-train", settings)
     try:
         with Loading():
             from crinoid.cli.train import drawn_keys, train_policy

@@ -11,20 +11,30 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from rich import box
 from rich.progress import Progress
 from rich.table import Table
 
 from crinoid.analysis.record import SHARE, SPEED
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.command import console
-from crinoid.cli.display import listed, new_table, notes_of_cases, progress_bar, say_notes, show
+from crinoid.cli.display import (
+    listed,
+    new_table,
+    notes_of_cases,
+    progress_bar,
+    say_notes,
+    say_when,
+    say_written,
+)
 from crinoid.cli.finding import checked_runs, page_in
 from crinoid.cli.folder import claimed, clear
 from crinoid.cli.interruption import Interruption
+from crinoid.cli.seed_means import SeedTables
 from crinoid.compilation import keep_programs
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.foundation.status import Status
-from crinoid.results.metrics import CASES
+from crinoid.results.metrics import CASES, measures_of
 from crinoid.scenario import counted, got, refusal, shown
 from crinoid.simulation import Progress as RunProgress
 from crinoid.simulation import play
@@ -38,7 +48,8 @@ from crinoid.studies.sweep import (
     has_zarr,
     run_batches,
 )
-from crinoid.view.figures.style import DEGREES, largest, length_unit, si_unit
+from crinoid.view.figures.measures import head_of, main_measures, unit_for
+from crinoid.view.figures.style import length_unit
 
 _MOST_TRIED = 1000
 """Values of a key that are tried before a sweep starts."""
@@ -51,15 +62,6 @@ _LONGEST = 10.0
 """Time after which a trial is long enough (s)."""
 _RUN, _BATCH = 400, 18_000
 """Bytes on the disk of a run, and of a batch without its runs."""
-_ROWS = {
-    "rms_error": "tip error, RMS",
-    "max_error": "tip error, maximum",
-    "steady_error": "tip error, steady",
-    "rms_error_uncontrolled": "tip error, RMS, free",
-    "rms_angle_error": "angle error, RMS",
-    "settling_time": "settled after",
-    "work": "work of base and actuators",
-}
 
 
 class WorkerOptions(NamedTuple):
@@ -150,17 +152,21 @@ def run_sweep(
                 return f"{reason}; {_saved(plan, done)}"
             except WorkerPoolError as error:
                 return f"{error}; {_saved(plan, done)}"
+    registry = measures_of(plan.scenario)
+    varied = [plan.values(run) for run in range(1, plan.runs + 1)]
+    means = SeedTables(varied, {name: data[name].values for name in registry}, registry)
+    files += means.write(folder)
     pages, lacking = page_in(folder)
-    notes = lacking if has_zarr() else [_NO_ZARR, *lacking]
-    show(sweep_table(data, shares), notes, [*files, *pages])
+    console.print(sweep_table(data, shares))
+    for table in means.tables():
+        console.print(table)
+    say_when(plan.scenario)
+    say_notes(lacking if has_zarr() else [_NO_ZARR, *lacking])
+    say_written([*files, *pages])
     errors, status = data["rms_error"].values, data["status"].values
     if np.isfinite(errors).any():
-        run = int(np.nanargmax(errors)) + 1
-        error = float(errors[run - 1])
-        values = ", ".join(f"{key} = {shown(value)}" for key, value in plan.values(run).items())
-        case = f"run {run} ({values})" if values else f"run {run}"
-        text = f"worst: {case}, tip error {length_unit(error).text(error)}"
-        console.print(f"{text}\nplay it: crinoid run --case {folder} {run}", soft_wrap=True)
+        for word, at in (("best", np.nanargmin(errors)), ("worst", np.nanargmax(errors))):
+            say_run(plan, folder, word, int(at) + 1, float(errors[at]))
     failures = [
         f"run {number} {words}"
         for number, words in enumerate(status, start=1)
@@ -170,6 +176,14 @@ def run_sweep(
         return ""
     text = f"{len(failures)} of {len(status)} runs did not reach their end"
     return f"{text}: {listed(failures, CASES)}"
+
+
+def say_run(plan: SweepDesign, folder: Path, word: str, run: int, error: float) -> None:
+    """Print a run with its values and its RMS error, and the command that plays it."""
+    values = ", ".join(f"{key} = {shown(value)}" for key, value in plan.values(run).items())
+    case = f"run {run} ({values})" if values else f"run {run}"
+    text = f"{word}: {case}, RMS tip error {length_unit(error).text(error)}"
+    console.print(f"{text}\nplay it: crinoid run --case {folder} {run}", soft_wrap=True)
 
 
 def notes_of(plan: SweepDesign) -> list[str]:
@@ -252,28 +266,28 @@ def shares_of_time(plan: SweepDesign, file: Path) -> Float[np.ndarray, " run"]:
 
 def sweep_table(data: xr.Dataset, shares: Float[np.ndarray, " run"] | None = None) -> Table:
     """Return quantiles over the runs that reached their end, and means by their share of time."""
-    rows, heads = [], ["", "median", "95 %", "worst", "of run"]
-    for name, words in _ROWS.items():
+    rows, heads = [], ["", "smallest", "run", "median", "95 %", "largest", "run"]
+    names = [str(name) for name, each in data.items() if each.dims == ("run",) and name != "status"]
+    for name in main_measures(names):
         values = data[name].values
         known = values[np.isfinite(values)]
         if known.size == 0:
             continue
-        symbol, size = str(data[name].attrs["units"]), largest(known)
-        unit = {"m": length_unit(size), "rad": DEGREES}.get(symbol) or si_unit(size, symbol)
-        numbers = (*np.quantile(known, (0.5, 0.95)), known.max())
-        run = int(data["run"].values[np.nanargmax(values)])
-        rows.append([words, *(unit.text(float(number)) for number in numbers), str(run)])
+        unit = unit_for(data[name])
+        low, middle, high, most = map(unit.number, np.quantile(known, (0.0, 0.5, 0.95, 1.0)))
+        runs = [str(data["run"].values[at(values)]) for at in (np.nanargmin, np.nanargmax)]
+        rows.append([head_of(name, unit), low, runs[0], middle, high, most, runs[1]])
         if shares is not None:
             weights = shares[np.isfinite(values)]
             mean = known @ weights / weights.sum() if weights.any() else np.nan
-            rows[-1].append(unit.text(float(mean)))
+            rows[-1].append(unit.number(float(mean)))
     complete, count = int(np.isfinite(data["rms_error"].values).sum()), data.sizes["run"]
     rows.append(["runs", str(count) if complete == count else f"{complete} of {count}"])
     if shares is not None:
         heads.append("mean of time")
         well = [Status.of(words) is Status.OK for words in data["status"].values]
-        rows.append(["time that ends well", "", "", "", "", f"{shares[well].sum():.2%}"])
-    return new_table(data.attrs["title"], heads, rows)
+        rows.append(["time that ends well", *[""] * 6, f"{shares[well].sum():.2%}"])
+    return new_table(data.attrs["title"], heads, rows, box=box.SIMPLE, pad_edge=False)
 
 
 def estimate_sweep(plan: SweepDesign, options: WorkerOptions) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import hashlib
 import logging
 import pickle
 import threading
@@ -123,6 +124,8 @@ class Program(Generic[P, R]):
         self._uncached = eqx.filter_jit(function, **passed)  # type: ignore[call-overload]
         self._loaded: OrderedDict[bytes, _Loaded] = OrderedDict()
         self._ahead: dict[bytes, Future[_Loaded]] = {}
+        self._foreign: dict[Any, bool] = {}
+        """Forms of calls with classes from outside of crinoid, and whether each was called."""
         self._lock = threading.Lock()
         _PROGRAMS.add(self)
 
@@ -131,7 +134,8 @@ class Program(Generic[P, R]):
         leaves, tree = jax.tree.flatten((args, kwargs))
         loaded = self._ready(leaves, tree)
         if loaded is None:
-            return self._uncached(*args, **kwargs)
+            with self._first_call(leaves, tree):
+                return self._uncached(*args, **kwargs)
         found = loaded.run(*filter(_is_array, leaves))
         result = [found[leaf.array] if isinstance(leaf, Slot) else leaf for leaf in loaded.leaves]
         return jax.tree.unflatten(loaded.tree, result)
@@ -167,11 +171,30 @@ class Program(Generic[P, R]):
         """Return the key of a call; None if its program is not saved."""
         if STORE.get() is None or _is_observed() or any(map(_is_placed, leaves)):
             return None
-        form = tuple(jax.typeof(leaf) if _is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
-        try:
-            return key_of(self.function, tuple(self._options.items()), tree, form, settings())
-        except UncacheableError:
+        form, around = _form(leaves), settings()
+        if (tree, form, around) in self._foreign:
             return None
+        try:
+            return key_of(self.function, tuple(self._options.items()), tree, form, around)
+        except UncacheableError:
+            self._foreign[tree, form, around] = False
+            return None
+
+    @contextmanager
+    def _first_call(self, leaves: list[Any], tree: Any) -> Iterator[None]:
+        """Let one process after the other make its first call of a form with foreign classes.
+
+        So the first one compiles it, and the others find it in JAX's cache.
+        """
+        traced = STORE.get() is None or any(map(_is_placed, leaves))
+        form = None if traced else (tree, _form(leaves), settings())
+        if form is None or self._foreign.get(form, True):
+            yield
+            return
+        text = repr((self.function.__qualname__, form))
+        with _store().claim(hashlib.sha256(text.encode()).digest()):
+            yield
+        self._foreign[form] = True
 
     def _ready(self, leaves: list[Any], tree: Any) -> _Loaded | None:
         """Return the program of a call, loaded or compiled; None if it is not saved."""
@@ -250,6 +273,11 @@ class Program(Generic[P, R]):
             code, _, _ = serialize_executable.serialize(run)
             store.write(key, pickle.dumps((code, lowered.result)))
         return _Loaded(run, *jax.tree.flatten(lowered.result))
+
+
+def _form(leaves: list[Any]) -> tuple[Any, ...]:
+    """Return the kind of each leaf that is an array, the type and the value of any other."""
+    return tuple(jax.typeof(leaf) if _is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
 
 
 def _store() -> Store:

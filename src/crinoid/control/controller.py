@@ -26,7 +26,19 @@ class Reading(eqx.Module):
 
 
 class ControllerInput(eqx.Module):
-    """Input of a controller at one instant. SI units; poses are in the frame of the target."""
+    """Input of a controller at one instant. SI units; poses are in the frame of the target.
+
+    Poses are ``measured`` and ``reference``: x, z (m) and the angle (rad) of the tip, in space x,
+    y, z and the tip's direction, a unit vector (`crinoid.foundation.axes.POSE`). ``measured`` is
+    the newest known pose, measured at ``measurement_time``, ``age`` seconds ago.
+
+    ``command``, ``lower``, ``upper`` and ``feedforward`` have a number for each input, in the order
+    of `crinoid.System.inputs`: first the channels of the base (m, rad), then chambers and tendons,
+    each in the unit of its input. ``base`` has a number for each channel of the base (m, rad).
+
+    ``actuators`` has the state of each servo and actuator, ``readings`` those of the other sensors
+    by their names. ``target`` gives the pose at any time (s).
+    """
 
     time: Float[Array, ""]
     """Time (s)."""

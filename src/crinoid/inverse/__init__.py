@@ -1,4 +1,4 @@
-"""Inverse problems: tuned gains, identified parameters.
+"""Inverse problems: tuned gains, identified and optimised parameters.
 
 May import ``analysis`` and lower folders.
 """
@@ -7,6 +7,8 @@ TUNING = "tune.nc"
 """Name of the file of a tuning."""
 IDENTIFICATION = "identify.nc"
 """Name of the file of an identification."""
+OPTIMISATION = "optimise.nc"
+"""Name of the file of an optimisation."""
 
 
 class StoppedError(Exception):

@@ -24,18 +24,22 @@ from crinoid.simulation import Loop, rollout
 
 _EFFORT_TIME = 0.01
 """Time constant that weighs the speed of inputs against the error of the tip (s)."""
+_ROUND = 1e-9
+"""Round-off of times (s)."""
 _FEW = 3
 """Number of parameters up to which forward mode is faster: it costs half a run for each parameter,
 reverse mode two runs for all."""
 
 
 class CostWeights(NamedTuple):
-    """Weights that turn errors and inputs into metres."""
+    """Weights that turn errors and inputs into metres, and the time steps that count."""
 
     pose: Float[np.ndarray, " pose"]
     """Weights of the errors of the tip's pose; 0 for coordinates that are not controlled."""
     inputs: Float[np.ndarray, " input"]
     """Weights of the inputs."""
+    counted: Float[np.ndarray, " step"]
+    """1 at time steps that end after `crinoid.Scenario.judged_from`, else 0."""
 
     @staticmethod
     def of(scenario: Scenario, loop: Loop) -> CostWeights:
@@ -47,7 +51,9 @@ class CostWeights(NamedTuple):
             for index, name in enumerate(POSE[axes])
         ]
         inputs = [1.0 if each.unit == "m" else length for each in loop.system.inputs]
-        return CostWeights(np.array(pose), np.array(inputs))
+        ends = scenario.simulation.time_step * np.arange(1, scenario.simulation.steps + 1)
+        counted = ends >= scenario.judged_from - _ROUND
+        return CostWeights(np.array(pose), np.array(inputs), counted.astype(float))
 
 
 class Cost(eqx.Module):
@@ -83,12 +89,13 @@ def cost(
         changed = eqx.apply_updates(controller, moved)
         run = rollout(eqx.tree_at(lambda x: x.controller, loop, changed), state, steps)
         record, axes = run.kept, loop.system.forces.axes
-        error = jnp.mean(jnp.sum((weights.pose * record.error) ** 2, axis=1))
+        share = jnp.asarray(weights.counted) / jnp.sum(weights.counted)
+        error = share @ jnp.sum((weights.pose * record.error) ** 2, axis=1)
         moves = jnp.diff(record.command, axis=0, prepend=0.0) * weights.inputs
         # a command lasts for a period of the controller
-        speed = jnp.sum(moves**2) / (loop.clock.period * steps * loop.system.time_step)
+        speed = share @ jnp.sum(moves**2, axis=1) / (loop.clock.period * loop.system.time_step)
         total = error + _EFFORT_TIME**2 * speed
-        distance = jnp.mean(jnp.sum(record.error[:, :axes] ** 2, axis=1))
+        distance = share @ jnp.sum(record.error[:, :axes] ** 2, axis=1)
         outcome = run.outcome
         return total, Cost(total, logs, distance, outcome.converged, outcome.reason, run.end.steps)
 
@@ -173,16 +180,14 @@ class GainDesign:
         self._plan = plan
         self.initial = tunable_numbers(plan.scenario)
 
-    def scenario(self, logs: Logs, *, digits: int = 12) -> Scenario:
-        """Return the scenario with other parameters, rounded."""
+    def values(self, logs: Logs, *, digits: int = 12) -> dict[str, float]:
+        """Return the parameters by key, rounded."""
         pairs = zip(self.initial.items(), np.exp(logs), strict=True)
-        return self._plan.scenario.with_values(
-            {key: float(f"{value * factor:.{digits}g}") for (key, value), factor in pairs}
-        )
+        return {key: float(f"{value * factor:.{digits}g}") for (key, value), factor in pairs}
 
     def controller(self, logs: Logs) -> Controller:
         """Return the controller."""
-        scenario = self.scenario(logs)
+        scenario = self._plan.scenario.with_values(self.values(logs))
         pid = PidParameters.of(scenario)
         parameters = eqx.tree_at(lambda x: x.pid, self._plan.parameters, pid)
         return build_controller(replace(self._plan, scenario=scenario, parameters=parameters))

@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 
 from crinoid.analysis.linear_loop import LinearLoop, LinearPlant, System, linear_controller
 from crinoid.control import Controller
+from crinoid.inverse.constrained_search import FAILED, STEP, SearchTrial, constrain
 from crinoid.inverse.gain_design import GainPerturbations, Logs, central_difference
 from crinoid.scenario import ScenarioError
 from crinoid.simulation.loop_margin import Margin
@@ -98,39 +99,30 @@ class StabilityConstraint:
 
 _MOST = 7.0
 """Largest change of the logarithm of a parameter."""
-_STEP = 0.2
-"""Initial step of the logarithms: a longer one may lead to an unstable loop."""
-_FAILED = 5.0
-"""Logarithm of the cost of a failed run, above the largest one so far."""
 _WEIGHT = 10.0
 """Weight of the penalty on the excess."""
-_ENOUGH = 1e-3
-"""Change of the logarithm of the cost at which a constrained search has converged."""
 _NEAREST_TRIALS = 60
 """Largest number of trials of `nearest`."""
 _NEAR = 0.01
 """Excess with which a constrained search may start."""
 
 
-class GainTrial(NamedTuple):
-    """Result for one set of parameters; gradients are by the logarithms of these."""
+class GainTrial(SearchTrial):
+    """Result for one set of parameters; numbers are logarithms of these.
 
-    value: float
-    """Logarithm of the cost; not a number if there was no run, or the run failed."""
-    gradient: Logs
-    excess: float
-    """Violation of the modulus margin (`MarginExcess`)."""
-    excess_gradient: Logs
+    ``value`` is the logarithm of the cost, not a number if there was no run or it failed, and
+    ``excess`` the violation of the modulus margin (`MarginExcess`).
+    """
 
     @property
     def stable(self) -> bool:
         """Whether the closed loop is stable."""
-        return self.excess < 1
+        return float(self.excess) < 1
 
     @property
     def penalised(self) -> float:
         """The value plus the penalty."""
-        return self.value + _WEIGHT * max(self.excess, 0.0) ** 2
+        return self.value + _WEIGHT * max(float(self.excess), 0.0) ** 2
 
 
 Attempt = Callable[[Logs], GainTrial]
@@ -146,54 +138,22 @@ def descend(attempt: Attempt, begin: Logs) -> None:
 
     def of(steps: Logs) -> tuple[float, Logs]:
         nonlocal highest
-        found = attempt(_STEP * steps)
+        found = attempt(STEP * steps)
+        excess = float(found.excess)
         if not found.stable:
-            value, gradient = _WEIGHT * found.excess, _WEIGHT * found.excess_gradient
+            value, gradient = _WEIGHT * excess, _WEIGHT * found.excess_gradient
         elif np.isfinite(found.value):
             value = found.penalised
-            gradient = found.gradient + 2 * _WEIGHT * max(found.excess, 0.0) * found.excess_gradient
+            gradient = found.gradient + 2 * _WEIGHT * max(excess, 0.0) * found.excess_gradient
         elif np.isnan(highest):
             raise StopIteration
         else:
-            return highest + _FAILED, np.zeros_like(steps)
+            return highest + FAILED, np.zeros_like(steps)
         highest = np.fmax(highest, value)
-        return value, _STEP * gradient
+        return value, STEP * gradient
 
-    minimize(of, begin / _STEP, jac=True, method="L-BFGS-B", bounds=_bounds(begin))
-
-
-def constrain(attempt: Attempt, begin: Logs) -> None:
-    """Minimise the value without excess (SLSQP; Kraft 1988).
-
-    The search steps back from unstable loops and failed runs.
-    """
-    highest, at, last = -np.inf, b"", GainTrial(0.0, begin, 0.0, begin)
-
-    def of(steps: Logs) -> GainTrial:
-        nonlocal highest, last, at
-        if steps.tobytes() != at:
-            found, at = attempt(_STEP * steps), steps.tobytes()
-            if found.stable and np.isfinite(found.value):
-                highest = max(highest, found.value)
-            else:
-                far = highest + _FAILED if np.isfinite(highest) else 0.0
-                found = found._replace(value=far, gradient=np.zeros_like(steps))
-            last = found
-        return last
-
-    minimize(
-        lambda steps: of(steps).value,
-        begin / _STEP,
-        jac=lambda steps: _STEP * of(steps).gradient,
-        method="SLSQP",
-        bounds=_bounds(begin),
-        constraints={
-            "type": "ineq",
-            "fun": lambda steps: -of(steps).excess,
-            "jac": lambda steps: -_STEP * of(steps).excess_gradient,
-        },
-        options={"ftol": _ENOUGH},
-    )
+    limits = np.array(bounds(begin)) / STEP
+    minimize(of, begin / STEP, jac=True, method="L-BFGS-B", bounds=limits)
 
 
 def nearest(excess: Callable[[Logs], tuple[float, Logs]], begin: Logs) -> Logs:
@@ -207,12 +167,14 @@ def nearest(excess: Callable[[Logs], tuple[float, Logs]], begin: Logs) -> Logs:
             best = found[0], logs.copy()
         if best[0] < _NEAR or looks == _NEAREST_TRIALS:
             raise StopIteration
-        return GainTrial(0.5 * float(away @ away), away, *found)
+        distance = 0.5 * float(away @ away) if found[0] < 1 else np.nan  # that of a stable loop
+        return GainTrial(distance, away, *found)
 
     with suppress(StopIteration):
-        constrain(attempt, begin)
+        constrain(attempt, begin, bounds(begin))
     return best[1]
 
 
-def _bounds(begin: Logs) -> list[tuple[float, float]]:
-    return [(-_MOST / _STEP, _MOST / _STEP)] * len(begin)
+def bounds(begin: Logs) -> list[tuple[float, float]]:
+    """Return the bounds of each logarithm."""
+    return [(-_MOST, _MOST)] * len(begin)

@@ -238,9 +238,13 @@ class Identification:
 
     def identified(self) -> Scenario:
         """Return the scenario with the identified parameters."""
+        return self.scenario.with_values(self.numbers())
+
+    def numbers(self) -> dict[str, float]:
+        """Return the identified parameters by key."""
         assert self.found is not None
         values = self.unknowns.values(self.found.logs)
-        return self.scenario.with_values({k: float(f"{x:.6g}") for k, x in values.items()})
+        return {key: float(f"{value:.6g}") for key, value in values.items()}
 
     def dataset(self, status: str) -> xr.Dataset:
         """Return the parameters with their uncertainty, and the fit."""

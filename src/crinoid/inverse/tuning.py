@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from contextvars import copy_context
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -20,6 +19,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics import Reason, State
 from crinoid.foundation.status import Status
 from crinoid.inverse import StoppedError
+from crinoid.inverse.constrained_search import constrain
 from crinoid.inverse.gain_design import (
     Cost,
     CostWeights,
@@ -29,7 +29,8 @@ from crinoid.inverse.gain_design import (
     cost,
     tunable_numbers,
 )
-from crinoid.inverse.gain_search import GainTrial, StabilityConstraint, constrain, descend, nearest
+from crinoid.inverse.gain_search import GainTrial, StabilityConstraint, bounds, descend, nearest
+from crinoid.inverse.threads import results, submit
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Loop, closed_loop
@@ -44,11 +45,8 @@ _FIRST = 0.5
 """Share of the required margin in the first part of a search, and of its trials."""
 MARGINS = {"modulus": "1", "gain": "1", "phase": "rad", "delay": "s"}
 """Margins of a loop (`crinoid.simulation.loop_margin.Margin`), and their units."""
-_POLL = 0.1
-"""Time between two checks of the threads (s)."""
 
 Report = Callable[[int, int, float], None]
-T = TypeVar("T")
 _Found = tuple[float, Logs]
 
 
@@ -134,10 +132,10 @@ class Tuning:
         with ThreadPoolExecutor(len(STARTS)) as pool:
             try:
                 starts = range(len(STARTS))
-                found = _results([_submit(pool, self._search, start) for start in starts], poll)
+                found = results([submit(pool, self._search, start) for start in starts], poll)
                 best = min(starts, key=lambda start: found[start][0])
                 if self._stability is not None and np.isfinite(found[best][0]):
-                    _results([_submit(pool, self._refine, best, found[best][1])], poll)
+                    results([submit(pool, self._refine, best, found[best][1])], poll)
             finally:
                 self._stopped.set()
 
@@ -172,7 +170,7 @@ class Tuning:
             return self._trial(start, logs, self.margin)
 
         with suppress(StoppedError, StopIteration):
-            constrain(attempt, begin)
+            constrain(attempt, begin, bounds(begin))
 
     def _excess(self, logs: Logs) -> tuple[float, Logs]:
         if self._stopped.is_set():
@@ -229,7 +227,7 @@ class Tuning:
             found = cost(nominal, slopes, draw.loop, draw.state, self._weights, steps)
             return jax.tree.map(np.asarray, found)
 
-        futures = [_submit(self._pool, run, draw) for draw in draws]
+        futures = [submit(self._pool, run, draw) for draw in draws]
 
         def poll() -> None:
             if stop():
@@ -237,7 +235,7 @@ class Tuning:
                     each.cancel()
                 raise StoppedError
 
-        return _results(futures, poll)
+        return results(futures, poll)
 
     def hold_out(self, stop: Callable[[], bool]) -> None:
         """Compute the costs before and after tuning in held-out draws."""
@@ -255,9 +253,9 @@ class Tuning:
             self.held_out[when] = np.array([float(each.total) for each in runs])
             self.held_out[f"{when}_error"] = np.sqrt([float(each.error) for each in runs])
 
-    def tuned(self) -> Scenario:
-        """Return the scenario with the best parameters."""
-        return self._design.scenario(self.best, digits=6)
+    def tuned(self) -> dict[str, float]:
+        """Return the best parameters by key."""
+        return self._design.values(self.best, digits=6)
 
     def dataset(self) -> xr.Dataset:
         """Return the course of the search."""
@@ -301,22 +299,6 @@ class Tuning:
                 reason = Reason(int(each.reason)).words
                 when = f"failed at t = {int(each.steps) * step:.6g} s"
                 self.failure = f"{when}: {reason}; try a smaller simulation.time_step"
-
-
-def _submit(pool: ThreadPoolExecutor, call: Callable[..., T], *arguments: Any) -> Future[T]:
-    # a thread has its own context, in which compiled programs would not be cached
-    return pool.submit(copy_context().run, call, *arguments)
-
-
-def _results(futures: Sequence[Future[T]], poll: Callable[[], None]) -> list[T]:
-    """Wait for futures, polling meanwhile."""
-    waiting = set(futures)
-    while waiting:
-        done, waiting = wait(waiting, _POLL, FIRST_EXCEPTION)
-        poll()
-        for future in done:
-            future.result()
-    return [future.result() for future in futures]
 
 
 def _equal(one: _Draw, other: _Draw) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +13,31 @@ from crinoid.scenario.document import value_at
 from crinoid.scenario.errors import got
 
 Vector = Float[np.ndarray, " parameter"]
+
+
+def given_numbers(
+    scenario: Scenario, keys: Sequence[str], instead: str = ""
+) -> tuple[dict[str, Any], list[Mistake]]:
+    """Return the given values by key, and the mistakes of keys that name no real number.
+
+    ``instead`` is how several numbers of a list may be named, where they may.
+    """
+    document, mistakes = scenario.to_dict(), []
+    given = {key: value_at(document, key) for key in keys}
+    for key, value in given.items():
+        if key.partition(".")[0] in ("simulation", "output"):
+            text = "is a setting of the computation. Name a parameter of the experiment."
+            mistakes.append(Mistake(key, text))
+        elif value is None:
+            scenario.with_values({key: 1.0})  # raises if the key does not exist
+            text = f"has no initial value. Set one: --set {key}=NUMBER"
+            mistakes.append(Mistake(key, text))
+        elif isinstance(value, list):
+            hint = f"Name one of them, such as {key}.0{instead.format(key) or '.'}"
+            mistakes.append(Mistake(key, got(value, "be a single number", hint)))
+        elif not isinstance(value, float):
+            mistakes.append(Mistake(key, got(value, "be a real number")))
+    return given, mistakes
 
 
 class Unknowns:
@@ -36,24 +62,12 @@ class Unknowns:
             for part in dict.fromkeys(every)
             if every.count(part) > 1
         ]
-        given = {part: value_at(scenario.to_dict(), part) for part in every}
+        given, wrong = given_numbers(scenario, every, ", or all as one: {0}.0+{0}.1.")
         for part, value in given.items():
-            if part.startswith("simulation."):
-                text = "is a setting of the computation. Name a parameter of the experiment."
-                mistakes.append(Mistake(part, text))
-            elif value is None:
-                scenario.with_values({part: 1.0})  # raises if the key does not exist
-                text = f"has no initial value. Set one: --set {part}=NUMBER"
-                mistakes.append(Mistake(part, text))
-            elif isinstance(value, list):
-                hint = f"Name one of them, such as {part}.0, or all as one: {part}.0+{part}.1."
-                mistakes.append(Mistake(part, got(value, "be a single number", hint)))
-            elif not isinstance(value, float):
-                mistakes.append(Mistake(part, got(value, "be a real number")))
-            elif value == 0:
+            if value == 0:
                 text = got(0, "be another number to start from", "It sets the sign and the scale.")
-                mistakes.append(Mistake(part, text))
-        if mistakes:
+                wrong.append(Mistake(part, text))
+        if mistakes := [*mistakes, *wrong]:
             raise ScenarioError(mistakes)
         self._given = [{part: float(given[part]) for part in some} for some in parts]
         self.given: Vector = np.array([next(iter(some.values())) for some in self._given])

@@ -1,178 +1,77 @@
-"""Measures of a run: errors of the tip, motion of the inputs, loads on the submarine."""
+"""Registry of the measures of a run: errors of the tip, effort, loads and strains."""
 
 import csv
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-import xarray as xr
-from jaxtyping import Float
-
 from crinoid.foundation.atomic_file import atomic_write
+from crinoid.results import effort, errors, loads
+from crinoid.results.pressure import largest_pressure
 from crinoid.results.result import Result
-
-_LAST = 0.1
-"""Share of a run, at its end, that counts as steady."""
-_BAND = 0.05
-"""Error of a settled tip over the largest error without control."""
+from crinoid.scenario import Scenario
+from crinoid.scenario.own_measure import OwnMeasure
 
 
-class TipError(NamedTuple):
-    """Errors of the position (m) or angle (rad) of the tip over the saved instants of a run."""
+class RunStatistics:
+    """Statistics of a run, each computed once, when a measure needs it."""
 
-    rms: float
-    maximum: float
-    steady: float
-    """Mean over the last tenth of the run."""
-    fluctuation: float
-    """RMS distance of the tip from its own mean position, or angle from its own mean direction."""
+    def __init__(self, result: Result) -> None:
+        self.result = result
 
+    @cached_property
+    def tip(self) -> errors.TipError:
+        """Errors of the tip's position."""
+        return errors.tip_error(self.result)
 
-class InputUse(NamedTuple):
-    """Use of an input: motion of a servo (m or rad), or drive of an actuator in its unit."""
+    @cached_property
+    def uncontrolled(self) -> errors.TipError | None:
+        """Errors of the tip's position without control."""
+        other = self.result.uncontrolled
+        return None if other is None else errors.tip_error(other)
 
-    rms: float
-    low: float
-    high: float
+    @cached_property
+    def angle(self) -> errors.TipError | None:
+        """Errors of the tip's direction; None in a result without its target."""
+        aims = {"tip_direction_target", "tip_angle_target"} & set(self.result.dataset)
+        return errors.angle_error(self.result) if aims else None
 
+    @cached_property
+    def force(self) -> loads.BaseLoad:
+        """Force of the arm on its base."""
+        return loads.base_load(self.result, "base_force")
 
-class PeakLoad(NamedTuple):
-    """Largest load of the arm on the submarine over the saved instants of a run."""
+    @cached_property
+    def moment(self) -> loads.BaseLoad:
+        """Moment of the arm on its base."""
+        return loads.base_load(self.result, "base_moment")
 
-    force: float
-    """N."""
-    moment: float
-    """N m."""
+    @cached_property
+    def curvature(self) -> loads.Peak | None:
+        """Largest curvature."""
+        return loads.largest_curvature(self.result)
 
+    @cached_property
+    def strain(self) -> loads.Peak | None:
+        """Largest strain at the surface."""
+        return loads.largest_strain(self.result)
 
-def tip_error(result: Result) -> TipError:
-    """Return the errors of the tip's position."""
-    data = result.dataset
-    tip = data["tip_position"].values
-    wander = np.linalg.norm(tip - tip.mean(axis=0), axis=1)
-    return _sum_up(data["tip_error"].values, wander, _steady(result))
+    @cached_property
+    def cycles(self) -> loads.BendingCycles | None:
+        """Cycles of the curvature."""
+        return loads.bending_cycles(self.result)
 
+    @cached_property
+    def contact(self) -> loads.ContactExtremes | None:
+        """Contact with obstacles."""
+        return loads.contact(self.result)
 
-def angle_error(result: Result) -> TipError:
-    """Return the errors of the tip's direction (rad)."""
-    data = result.dataset
-    if "tip_direction" in data:
-        direction = data["tip_direction"].values
-        error = angle_between(direction, data["tip_direction_target"].values)
-        wander = angle_between(direction, direction.mean(axis=0))
-    else:
-        angle = data["tip_angle"].values
-        error = np.abs(short_way(angle - data["tip_angle_target"].values))
-        wander = np.abs(angle - angle.mean())
-    return _sum_up(error, wander, _steady(result))
-
-
-def angle_between(
-    one: Float[np.ndarray, "time axis=3"], other: Float[np.ndarray, "*time axis=3"]
-) -> Float[np.ndarray, " time"]:
-    """Return the angle between directions (rad), exact also where it is small."""
-    sine = np.linalg.norm(np.cross(one, other), axis=-1)
-    return np.asarray(np.arctan2(sine, np.sum(one * other, axis=-1)))
-
-
-def short_way(turn: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """Return turns (rad) the short way round, from -pi to pi."""
-    return np.asarray(turn - 2 * np.pi * np.round(turn / (2 * np.pi)))
-
-
-def input_use(result: Result) -> dict[str, InputUse]:
-    """Return the use of each input that a controller drives; empty without a controller."""
-    found = {name: driven(result.dataset, name) for name in result.scenario.driven}
-    return {
-        name: InputUse(_rms(values), float(values.min()), float(values.max()))
-        for name, values in found.items()
-    }
-
-
-def driven(data: xr.Dataset, name: str) -> Float[np.ndarray, " time"]:
-    """Return the displacement of a channel's servo, or the drive of an actuator."""
-    if name in data["channel"]:
-        return np.asarray(data["base_servo"].sel(channel=name).values)
-    return np.asarray(data["actuator_state"].sel(input=name).values)
-
-
-def input_speed(result: Result) -> dict[str, float]:
-    """Return the RMS speed of each input that can move, a controller or not.
-
-    Speeds are means between saved instants: of a servo's displacement (m/s or rad/s), or of the
-    drive of an actuator in its unit per s.
-    """
-    data = result.dataset
-    span = np.diff(data["time"].values)
-    moves = data["channel_lower"].values < data["channel_upper"].values
-    names = [*data["channel"].values[moves], *(data["input"].values if "input" in data else ())]
-    found = {str(name): np.diff(driven(data, name)) for name in names}
-    return {
-        name: float(np.sqrt(np.sum(move**2 / span) / span.sum())) for name, move in found.items()
-    }
-
-
-def spent_work(result: Result) -> float:
-    """Return the work of base and actuators on the arm (J), without the work that it returned.
-
-    The sum of the increases from one saved instant to the next.
-    """
-    work = result.dataset["energy"].sel(kind="actuation").values
-    return float(np.sum(np.maximum(np.diff(work), 0.0)))
-
-
-def peak_load(result: Result) -> PeakLoad:
-    """Return the largest force and the largest moment of the arm on the submarine."""
-    data = result.dataset
-
-    def peak(variable: xr.DataArray) -> float:
-        values = variable.values
-        return float(np.max(np.linalg.norm(values, axis=1) if values.ndim == 2 else abs(values)))
-
-    return PeakLoad(peak(data["base_force"]), peak(data["base_moment"]))
-
-
-def settling_time(result: Result) -> float | None:
-    """Return the settling time of the tip (s): its last entry into a band; None if it ends outside.
-
-    The band is 5 % of the largest error of the run without control, or of this run if there is
-    none.
-    """
-    reference = result.uncontrolled if result.uncontrolled is not None else result
-    band = _BAND * float(np.max(reference.dataset["tip_error"].values))
-    time = result.dataset["time"].values
-    outside = np.flatnonzero(result.dataset["tip_error"].values > band)
-    if outside.size == 0:
-        return float(time[0])
-    if outside[-1] == time.size - 1:
-        return None
-    return float(time[outside[-1] + 1])
-
-
-def deflection(result: Result) -> float | None:
-    """Return the mean distance of the tip from its target without control, when steady (m).
-
-    From the run without control, or from this run if it has no controller; else None.
-    """
-    if result.uncontrolled is not None:
-        return tip_error(result.uncontrolled).steady
-    return tip_error(result).steady if result.scenario.control.kind == "none" else None
-
-
-def _sum_up(
-    error: Float[np.ndarray, " time"], wander: Float[np.ndarray, " time"], steady: np.ndarray
-) -> TipError:
-    return TipError(_rms(error), float(np.max(error)), float(np.mean(error[steady])), _rms(wander))
-
-
-def _rms(values: Float[np.ndarray, " time"]) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _steady(result: Result) -> np.ndarray:
-    time = result.dataset["time"].values
-    return time >= time[-1] - _LAST * (time[-1] - time[0])
+    @cached_property
+    def vehicle(self) -> effort.VehicleUse | None:
+        """Use of a floating vehicle."""
+        return effort.vehicle_use(self.result)
 
 
 class Measure(NamedTuple):
@@ -180,8 +79,12 @@ class Measure(NamedTuple):
 
     unit: str
     meaning: str
-    of: Callable[[Result], float | None]
-    """Returns None where a run has no such number."""
+    read: Callable[[RunStatistics], float | None]
+    """Returns None or NaN where a run has no such number."""
+
+    def of(self, result: Result) -> float | None:
+        """Return the measure of a run; None where it has no such number."""
+        return known(self.read(RunStatistics(result)))
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -200,83 +103,142 @@ class Measures(NamedTuple):
     """Units of the speeds."""
 
 
+def known(value: float | None) -> float | None:
+    """Return a number; None where it is not finite."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _of(name: str, field: str) -> Callable[[RunStatistics], float | None]:
+    """Return a function that reads a field of some statistics, or None without them."""
+
+    def read(run: RunStatistics) -> float | None:
+        found = getattr(run, name)
+        return None if found is None else getattr(found, field)
+
+    return read
+
+
+_TIP = "distance of the tip from its target, or from its start without one"
+_ANGLE = "angle of the tip from its target, or from its start without one"
+
+
+# fmt: off
 MEASURES = {
-    "rms_error": Measure(
-        "m", "RMS distance of the tip from where it should be", lambda run: tip_error(run).rms
-    ),
+    "rms_error": Measure("m", f"RMS {_TIP}", _of("tip", "rms")),
     "rms_error_uncontrolled": Measure(
-        "m",
-        "RMS distance of the tip from where it should be, without control",
-        lambda run: None if run.uncontrolled is None else tip_error(run.uncontrolled).rms,
-    ),
-    "max_error": Measure(
-        "m",
-        "largest distance of the tip from where it should be",
-        lambda run: tip_error(run).maximum,
-    ),
+        "m", f"RMS {_TIP}, without control", _of("uncontrolled", "rms")),
+    "max_error": Measure("m", f"largest {_TIP}", _of("tip", "maximum")),
+    "p95_error": Measure("m", f"95th percentile of the {_TIP}", _of("tip", "p95")),
+    "within_tolerance": Measure(
+        "1", "share of the time with the tip within target.tolerance",
+        lambda run: errors.within_tolerance(run.result)),
     "steady_error": Measure(
-        "m",
-        "mean distance of the tip from where it should be, over the last tenth of the run",
-        lambda run: tip_error(run).steady,
-    ),
+        "m", f"mean {_TIP}, over the last tenth of the run", _of("tip", "steady")),
     "fluctuation": Measure(
-        "m",
-        "RMS distance of the tip from its own mean position",
-        lambda run: tip_error(run).fluctuation,
-    ),
+        "m", "RMS distance of the tip from its own mean position", _of("tip", "fluctuation")),
     "deflection": Measure(
-        "m",
-        "mean distance of the tip without control from where it should be, over the last tenth",
-        deflection,
-    ),
+        "m", "mean distance of the tip without control from where it should be, over the last "
+        "tenth", lambda run: errors.deflection(run.result)),
     "settling_time": Measure(
-        "s", "when the tip error last came into 5 % of the largest one", settling_time
-    ),
-    "rms_angle_error": Measure(
-        "rad",
-        "RMS angle between where the tip points and where it should",
-        lambda run: angle_error(run).rms,
-    ),
+        "s", "when the tip error last came into 5 % of the largest one",
+        lambda run: errors.settling_time(run.result)),
+    "rms_angle_error": Measure("rad", f"RMS {_ANGLE}", _of("angle", "rms")),
     "max_angle_error": Measure(
-        "rad",
-        "largest angle between where the tip points and where it should",
-        lambda run: angle_error(run).maximum,
-    ),
+        "rad", f"largest {_ANGLE}", _of("angle", "maximum")),
     "work": Measure(
-        "J", "work of base and actuators on the arm, returned work not counted", spent_work
-    ),
+        "J", "work of base and actuators on the arm, returned work not counted",
+        lambda run: effort.spent_work(run.result)),
+    **{
+        f"{kind}_base_{name}": Measure(
+            unit, f"{words} {name} of the arm on its base",
+            _of(name, "maximum" if kind == "max" else kind))
+        for name, unit in (("force", "N"), ("moment", "N m"))
+        for kind, words in (("max", "largest"), ("rms", "RMS"), ("p95", "95th percentile of the"))
+    },
+    "max_curvature": Measure("m-1", "largest curvature of the arm", _of("curvature", "value")),
+    "max_curvature_station": Measure(
+        "m", "distance from the root at which it is largest", _of("curvature", "station")),
+    "max_strain": Measure(
+        "1", "largest strain at the arm's surface, from stretch and bending",
+        _of("strain", "value")),
+    "max_strain_station": Measure(
+        "m", "distance from the root at which it is largest", _of("strain", "station")),
+    "curvature_cycles": Measure(
+        "1", "number of cycles of the curvature where its range is largest",
+        _of("cycles", "number")),
+    "curvature_cycles_station": Measure(
+        "m", "distance from the root of that place", _of("cycles", "station")),
+    "equivalent_curvature_range": Measure(
+        "m-1", "range of as many equal cycles of the same damage",
+        _of("cycles", "equivalent_range")),
+    "contact_time": Measure(
+        "s", "longest time in contact with an obstacle", _of("contact", "time")),
+    "max_contact_force": Measure("N", "largest force of an obstacle", _of("contact", "force")),
+    "min_gap": Measure(
+        "m", "smallest distance of an obstacle from the arm's surface", _of("contact", "gap")),
+    "vehicle_excursion": Measure(
+        "m", "largest distance of the vehicle from where it started", _of("vehicle", "excursion")),
+    "vehicle_turn": Measure(
+        "rad", "largest pan, tilt or roll of the vehicle from its start", _of("vehicle", "turn")),
+    "max_thrust": Measure("N", "largest force of the thrusters", _of("vehicle", "max_thrust")),
+    "rms_thrust": Measure("N", "RMS force of the thrusters", _of("vehicle", "rms_thrust")),
+    "thrust_limit_share": Measure(
+        "1", "share of the time with thrusters at a limit", _of("vehicle", "limit_share")),
+    "max_pressure": Measure(
+        "Pa", "largest pressure in a chamber", lambda run: largest_pressure(run.result)),
 }
-"""The registry of measures, by their names in tables and files."""
+# fmt: on
+"""The registry of measures, by their names in tables and files.
+
+Errors and effort count from `crinoid.Scenario.judged_from` on, loads, strains and the vehicle from
+the start.
+"""
 EFFORT = "RMS speed of the inputs, of means between saved instants"
 """Meaning of the speeds of `measured`."""
 
 
+def _own(measure: OwnMeasure) -> Callable[[RunStatistics], float | None]:
+    return lambda run: measure.of(run.result.dataset)
+
+
+def measures_of(scenario: Scenario) -> dict[str, Measure]:
+    """Return the measures of the runs of a scenario: the registry, and those that it names.
+
+    A `ScenarioError` names a measure that is in no installed package.
+    """
+    own = scenario.output.own_measures(MEASURES)
+    return MEASURES | {
+        name: Measure(each.unit, each.meaning, _own(each)) for name, each in own.items()
+    }
+
+
 def measured(result: Result) -> Measures:
     """Return the measures of a run that has reached its end."""
-    data, speed = result.dataset, input_speed(result)
-    unit = dict(zip(data["channel"].values, data["channel_unit"].values, strict=True))
-    if "input" in data:
-        unit |= dict(zip(data["input"].values, data["input_unit"].values, strict=True))
-    found = {name: measure.of(result) for name, measure in MEASURES.items()}
+    speed, run = effort.input_speed(result), RunStatistics(result)
+    unit = effort.input_units(result.dataset)
+    found = {name: measure.read(run) for name, measure in measures_of(result.scenario).items()}
     return Measures(
         {name: float("nan") if value is None else value for name, value in found.items()},
         speed,
-        {name: "s-1" if unit[name] == "1" else f"{unit[name]} s-1" for name in speed},
+        {name: effort.speed_unit(unit[name]) for name in speed},
     )
 
 
 CASES = "cases.csv"
 _LONGEST = 1 << 24
 """Characters of a header beyond which nobody reads it."""
-CASE_MEASURES = (
-    "deflection",
-    "steady_error",
-    "rms_error",
-    "rms_error_uncontrolled",
-    "settling_time",
-)
-COLUMNS = ("case", *CASE_MEASURES, "status", "directory")
-"""Columns of every table; those of the varied keys follow the first."""
+_CASE, _ENDS = "case", ("status", "directory")
+"""The first column of each table, and the last ones."""
+
+
+def measure_columns(columns: Sequence[str]) -> list[str]:
+    """Return which columns of a table are measures: from the first of the registry to the status.
+
+    The varied keys come before them. Empty where it is not the table of a study.
+    """
+    first = next((at for at, name in enumerate(columns) if name in MEASURES), len(columns))
+    ends = tuple(columns[-2:]) == _ENDS and columns[0] == _CASE
+    return list(columns[first:-2]) if ends else []
 
 
 def header_of(path: Path) -> tuple[list[str], str]:
@@ -292,7 +254,7 @@ def header_of(path: Path) -> tuple[list[str], str]:
 def is_table(path: Path) -> bool:
     """Return whether a file is the table of a study, by its header."""
     names, _ = header_of(path)
-    return names[:1] == [COLUMNS[0]] and names[-1:] == [COLUMNS[-1]]
+    return names[:1] == [_CASE] and names[-1:] == [_ENDS[-1]]
 
 
 def read_rows(path: Path) -> tuple[list[str], list[dict[str, Any]]]:

@@ -4,12 +4,15 @@ import csv
 import io
 import mmap
 import re
+import zipfile
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from crinoid.foundation.result_variables import VARIABLES
 from crinoid.results.metrics import header_of, is_table
 from crinoid.results.result import attributes
+from crinoid.results.summary import HEAD
 
 MADE = "made by crinoid"
 """First words of the comment in each film."""
@@ -17,10 +20,21 @@ PRODUCER = "crinoid"
 """Producer of an ONNX file."""
 TIME = "time (s)"
 """Head of the first column of a table."""
+_TABLE_ENDS = (["extreme", "extreme_low", "extreme_high"], ["p_value", "against"])
+"""Last columns of means over seeds, and of a comparison."""
 _PRODUCED = bytes([0x12, len(PRODUCER)]) + PRODUCER.encode()
 """Field 2 of an ONNX file, as Protocol Buffers writes it after the version (two bytes)."""
-_MARKS = {
-    ".png": (b"Software\0crinoid", 2000),
+FIGURES = {
+    ".png": (b"Software\0crinoid", b"Source\0%s"),
+    ".pdf": (b"/Creator (crinoid", b"/Subject (%s)"),
+    ".svg": (b"<dc:title>crinoid", b"<dc:source>%s<"),
+}
+"""Marks in a figure by its ending: of crinoid, and of the file that it shows."""
+_UNCHANGED = re.compile(rb"creator>crinoid<.*created[^>]*>([^<]+)<.*modified[^>]*>\1<", re.DOTALL)
+"""Properties of a workbook that no other program has saved again."""
+_MARKS: dict[str, tuple[bytes, int | None]] = {
+    ".json": (b'"crinoid_version"', 100),
+    **{ending: (mark, None) for ending, (mark, _) in FIGURES.items()},
     ".html": (b'name="generator" content="crinoid', 2000),
     ".glb": (b'"generator":"crinoid', None),
     ".onnx": (_PRODUCED, 2 + len(_PRODUCED)),
@@ -37,8 +51,13 @@ def is_own(path: Path) -> bool:
         head, line = header_of(path)
         names = {re.split("[. ]", each)[0] for each in head[1:]}
         over_time = head[:1] == [TIME] and names <= {each.name for each in VARIABLES}
-        curve = head[1:2] == ["branch"]
-        return is_table(path) or ((over_time or curve) and line == table_head(head))
+        summed_up = any(head[-len(ends) :] == ends for ends in _TABLE_ENDS)
+        known = over_time or head == [*HEAD] or head[1:2] == ["branch"]
+        return is_table(path) or summed_up or (known and line == table_head(head))
+    if ending == ".xlsx":
+        with suppress(OSError, KeyError, zipfile.BadZipFile), zipfile.ZipFile(path) as book:
+            return bool(_UNCHANGED.search(book.read("docProps/core.xml")))
+        return False
     if ending not in _MARKS:
         return bool(attributes(path))
     mark, within = _MARKS[ending]

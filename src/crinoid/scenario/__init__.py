@@ -40,6 +40,7 @@ from crinoid.scenario.flow import SurfaceWaves as SurfaceWaves
 from crinoid.scenario.flow import TurbulenceFlow as TurbulenceFlow
 from crinoid.scenario.flow import UniformFlow as UniformFlow
 from crinoid.scenario.flow import WavesFlow as WavesFlow
+from crinoid.scenario.library import ScenarioText as ScenarioText
 from crinoid.scenario.library import builtin_files as builtin_files
 from crinoid.scenario.library import builtin_names as builtin_names
 from crinoid.scenario.library import builtin_text as builtin_text

@@ -212,6 +212,15 @@ def _control_conflicts(scenario: Scenario) -> Iterator[Mistake]:
         yield scenario.mistake(f"control.controlled.{index}", f"{must} {identity}")
 
 
+def _target_conflicts(scenario: Scenario) -> Iterator[Mistake]:
+    """Yield a time from which errors count that the run does not reach."""
+    duration, begin = scenario.simulation.duration, scenario.target.judged_from
+    if begin is not None and begin >= duration:
+        yield scenario.mistake(
+            "target.judged_from", f"be below simulation.duration = {duration} (s)"
+        )
+
+
 def _hybrid_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     """Yield what a hybrid controller, where one is chosen, cannot use."""
     control, arm, base = scenario.control, scenario.arm, scenario.base
@@ -309,6 +318,7 @@ RULES: tuple[Callable[[Scenario], Iterator[Mistake]], ...] = (
     _vehicle_conflicts,
     _channel_conflicts,
     _control_conflicts,
+    _target_conflicts,
     _hybrid_conflicts,
     _rate_conflicts,
     lambda scenario: sensor_conflicts(scenario.sensors, scenario.obstacle),

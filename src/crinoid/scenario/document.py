@@ -2,8 +2,9 @@
 
 import hashlib
 import os
+import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from pathlib import Path
@@ -17,6 +18,10 @@ from crinoid.scenario.quantity import Quantity
 
 _KEYS = ("file", "weights")
 """Keys that name a file."""
+_UNSAFE = re.compile(r"[^A-Za-z0-9_.,=+-]+")
+"""Characters of a name that a shell or a file system may treat in some other way."""
+_LONGEST = 72
+"""Characters of a name of changes."""
 
 # absolute, so that a scenario that is stored means the same file wherever it is read again
 FileName = Annotated[
@@ -89,7 +94,38 @@ def override(document: dict[str, Any], setting: str) -> None:
     key, equals, text = setting.partition("=")
     if not equals or not key.strip():
         raise ScenarioError.of("", got(setting, "be key=value, such as arm.length=0.6"))
-    assign(document, key.strip(), value_of(text.strip()))
+    key, text = key.strip(), text.strip()
+    value = value_of(text)
+    if value == text and text[:1] in ("[", "{", '"', "'"):
+        reason = (
+            "Write \\\\ or / for a backslash in it."
+            if "\\" in text
+            else "Close each quote and bracket."
+        )
+        raise ScenarioError.of(key, got(text, "be valid TOML", reason))
+    assign(document, key, value)
+
+
+def name_of_changes(settings: Sequence[str]) -> str:
+    """Return a name for changes ``key=value`` that file systems and shells accept as it is.
+
+    It depends neither on their order nor on the way in which a number is written. A long one, or
+    one with other characters, ends in a digest.
+    """
+    changes = (setting.partition("=") for setting in settings)
+    found = {key.strip(): value_of(text.strip()) for key, _, text in changes}
+    whole = ",".join(f"{key}={_word(value)}" for key, value in sorted(found.items()))
+    name = _UNSAFE.sub("_", whole)
+    if name == whole and len(name) <= _LONGEST:
+        return name
+    digest = hashlib.sha256(repr(sorted(found.items())).encode()).hexdigest()[:8]
+    return f"{name[: _LONGEST - 9]}-{digest}"
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, list):
+        return "_".join(map(_word, value))
+    return str(value).lower() if isinstance(value, bool) else str(value).removesuffix(".0")
 
 
 def assign(document: dict[str, Any], key: str, value: Any) -> None:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
@@ -41,21 +42,80 @@ def load(
     ScenarioError
         If there is no such scenario or anything in it is wrong, with one line per mistake.
     """
-    name = os.fspath(name_or_path)
-    built_in = name in builtin_names()
-    text = builtin_text(name) if built_in else _read(Path(name))
-    try:
-        document = parse(text)
-    except ScenarioError as error:
-        raise ScenarioError(mistake.under(name) for mistake in error.mistakes) from None
-    anchor(document, _FOLDER if built_in else Path(name).absolute().parent)
-    if isinstance(overrides, Mapping):
-        for key, value in overrides.items():
-            assign(document, key, value)
-    else:
-        for setting in overrides:
-            override(document, setting)
-    return Scenario.from_dict(document)
+    return ScenarioText(name_or_path, overrides).scenario
+
+
+class ScenarioText:
+    """Text of a scenario file or of a built-in scenario, in which numbers can change.
+
+    The arguments are those of `load`.
+    """
+
+    def __init__(
+        self,
+        name_or_path: str | os.PathLike[str],
+        overrides: Sequence[str] | Mapping[str, Any] = (),
+    ) -> None:
+        name = os.fspath(name_or_path)
+        built_in = name in builtin_names()
+        self._text = builtin_text(name) if built_in else _read(Path(name))
+        try:
+            document = parse(self._text)
+        except ScenarioError as error:
+            raise ScenarioError(mistake.under(name) for mistake in error.mistakes) from None
+        anchor(document, _FOLDER if built_in else Path(name).absolute().parent)
+        if isinstance(overrides, Mapping):
+            for key, value in overrides.items():
+                assign(document, key, value)
+        else:
+            for setting in overrides:
+                override(document, setting)
+        self._document = document
+        self.scenario = Scenario.from_dict(document)
+        """The scenario, with the overrides."""
+
+    def with_values(self, values: Mapping[str, Any], comment: str) -> str:
+        """Return the text with the overrides and other values, by dotted key.
+
+        The file's comments stay, and another one is the first line. The text reads back as the
+        scenario with these values. Names of files in it are absolute, as it may move elsewhere.
+        """
+        import tomlkit  # slow to load, and few need it
+
+        wanted, meant = deepcopy(self._document), self.scenario.with_values(values)
+        for key, value in values.items():
+            assign(wanted, key, value)
+        written = tomlkit.parse(self._text)
+        _change(written, wanted)
+        text = tomlkit.dumps(written)
+        try:
+            same = Scenario.from_toml(text) == meant
+        except ScenarioError:
+            same = False
+        # better without comments than another scenario
+        return f"# {comment}\n\n{text if same else meant.to_toml()}"
+
+
+def _change(old: Any, new: Any) -> None:
+    """Change a table or list of a document, in place, to one of plain values."""
+    keys = range(len(old)) if isinstance(old, list) else list(old)
+    for key in keys:
+        if isinstance(old, dict) and key not in new:
+            del old[key]
+        elif _alike(old[key], new[key]):
+            _change(old[key], new[key])
+        elif old[key] != new[key]:
+            old[key] = new[key]
+    if isinstance(old, dict):
+        for key in [key for key in new if key not in old]:
+            old[key] = new[key]
+
+
+def _alike(old: Any, new: Any) -> bool:
+    """Return whether both are tables, or lists of one length."""
+    if isinstance(old, list) and isinstance(new, list):
+        return len(old) == len(new)
+    return isinstance(old, dict) and isinstance(new, dict)
 
 
 def scenario_of(source: object) -> Scenario:
@@ -101,8 +161,7 @@ def _read(path: Path) -> str:
 
 
 def _not_found(name: str, text: str) -> Mistake:
-    near = get_close_matches(name.removesuffix(".toml"), builtin_names(), n=1)
+    near = get_close_matches(name.removesuffix(".toml"), builtin_names(), n=3)
     if near:
-        return Mistake(name, text, near[0])
-    known = ", ".join(builtin_names()) or "none"
-    return Mistake(name, f"{text} (built in: {known})")
+        return Mistake(name, text, " or ".join(near))
+    return Mistake(name, f"{text}. `crinoid scenarios` lists the built-in ones.")

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field
 
 from crinoid.scenario.actuator import Actuator, ActuatorTable, Chamber, Tendon, thread_names
 from crinoid.scenario.arm import Arm
-from crinoid.scenario.base import Base
+from crinoid.scenario.base import Base, VelocityMotion
 from crinoid.scenario.body import Obstacle, Tool, Vehicle
 from crinoid.scenario.consistency import RULES
 from crinoid.scenario.control import Control, ControllerTable
@@ -214,6 +214,23 @@ class Scenario(Model):
                 return ("slide",)
             case _:
                 return inputs
+
+    @property
+    def judged_from(self) -> float:
+        """Time from which errors count (s); 0 by default where the last ramp outlasts the run."""
+        if self.target.judged_from is not None:
+            return self.target.judged_from
+        ramped = [each for each in (*self.flow, *self.load) if each.ramp_time > 0]
+        ramped += [each for each in self.base.motion if isinstance(each, VelocityMotion)]
+        end = max((each.start + each.ramp_time for each in ramped), default=0.0)
+        return end if end < self.simulation.duration else 0.0
+
+    @property
+    def aims(self) -> bool:
+        """Whether the tip has a target other than its pose at t = 0, or a controller."""
+        target = self.target
+        given = any(each != "initial" for each in (target.tip, target.angle_deg, target.direction))
+        return given or target.moves or self.control.kind != "none"
 
     @property
     def output_interval(self) -> float:

@@ -1,13 +1,14 @@
 """Simulation settings: time, time steps and solver, and the saved output."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from crinoid.scenario.errors import Mistake, got
 from crinoid.scenario.model import Model, entry
+from crinoid.scenario.own_measure import OwnMeasure, own_measures
 from crinoid.scenario.quantity import AsTuple, Quantity, Seconds
 
 Integrator = Literal["newmark", "generalized-alpha", "implicit-euler"]
@@ -97,9 +98,20 @@ _Variables = Annotated[
     tuple[str, ...], AsTuple, Field(min_length=1), Quantity(takes="a list of names of variables")
 ]
 
+_Functions = Annotated[
+    tuple[
+        Annotated[
+            str, Field(pattern=r"^\w+(\.\w+)*:\w+$"), Quantity(takes="text as module:function")
+        ],
+        ...,
+    ],
+    AsTuple,
+    Quantity(takes='a list of functions of installed packages, such as "mypackage.measures:reach"'),
+]
+
 
 class Output(Model):
-    """Instants and variables of a run that are saved."""
+    """Instants, variables and measures of a run that are saved."""
 
     interval: Seconds | None = entry(
         None,
@@ -112,6 +124,15 @@ class Output(Model):
         "Variables along the arm to save ([result.md](result.md#variables)), all by default. "
         "Others are always saved.",
     )
+    measures: _Functions = entry(
+        (),
+        "Further measures of a run: functions of installed packages, as module:function "
+        "([extending.md](extending.md#a-measure)).",
+    )
+
+    def own_measures(self, known: Iterable[str]) -> dict[str, OwnMeasure]:
+        """Return the further measures by name; none may have the name of one that is ``known``."""
+        return own_measures(self.measures, known)
 
 
 def whole_conflicts(key: str, time: float, time_step: float) -> Iterator[Mistake]:

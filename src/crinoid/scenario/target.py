@@ -105,6 +105,15 @@ class Target(Model):
         "Whether the channels follow the path directly, through the tip's response at rest, so "
         "that the controller corrects only the rest; true by default.",
     )
+    tolerance: Metres | None = entry(
+        None, "Tip error within which the tip is on target; tables give the share of time.", gt=0
+    )
+    judged_from: Seconds | None = entry(
+        None,
+        "Time from which errors count, in measures and in tuning; by default the end of the last "
+        "ramp of a flow, a load or a prescribed motion, 0 without one.",
+        ge=0,
+    )
     centre: MaybePosition = entry(
         None, "Centre of a circle or a sine; by default it starts at tip."
     )

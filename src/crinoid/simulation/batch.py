@@ -205,6 +205,7 @@ def run_batch(
     threads: int | None = None,
     together: bool | None = None,
     steps: int | None = None,
+    notes: bool = True,
 ) -> list[Arm[T]]:
     """Run scenarios, and keep of each result only what ``take`` returns, in their order.
 
@@ -216,10 +217,10 @@ def run_batch(
 
     As many ``threads`` run as there are cores if left out. Arms take their steps ``together``, if
     left out, where JAX computes on an accelerator; those with parts that do not go under `jax.vmap`
-    are run in threads on the processor. ``steps`` are those of all arms, as for
-    `crinoid.simulation.play`.
+    are run in threads on the processor. ``steps`` are those of all arms, and ``notes`` are made, as
+    for `crinoid.simulation.play`.
     """
-    batch = _Batch(scenarios, take, take_unfinished, label, report, stop, steps)
+    batch = _Batch(scenarios, take, take_unfinished, label, report, stop, steps, notes)
     if together is None:
         together = jax.default_backend() != "cpu"
     try:
@@ -243,6 +244,7 @@ class _Batch(Generic[T]):
     report: Report | None
     stop: Callable[[], bool]
     steps: int | None
+    notes: bool
 
     def __post_init__(self) -> None:
         self.found: list[Arm[T]] = [Arm(None, _NOT_RUN, [])] * len(self.scenarios)
@@ -278,8 +280,10 @@ class _Batch(Generic[T]):
 
             try:
                 with on_processor():
-                    stop = cancelled.is_set
-                    return self.arm_of(play(prepared, report=moved, stop=stop, steps=self.steps))
+                    stop, notes = cancelled.is_set, self.notes
+                    return self.arm_of(
+                        play(prepared, report=moved, stop=stop, steps=self.steps, notes=notes)
+                    )
             except ScenarioError as error:
                 return self.arm_of(error)
 
@@ -325,7 +329,10 @@ class _Batch(Generic[T]):
             if result.failure and result.ended is Status.OK:
                 status = status.replace(Status.FAILED, f"{Status.FAILED} without control", 1)
             return Arm(self.take_unfinished(result), status, result.notes)
-        return Arm(self.take(result), result.status, result.notes)
+        try:
+            return Arm(self.take(result), result.status, result.notes)
+        except ScenarioError as error:  # of a measure from a package
+            return self.arm_of(error)
 
 
 def cores() -> int:

@@ -118,6 +118,7 @@ def play(
     tell: Tell | None = None,
     into: Path | None = None,
     steps: int | None = None,
+    notes: bool = True,
 ) -> Result:
     """Run a scenario to its end, a failure or an interruption; `Result.status` says which.
 
@@ -129,7 +130,8 @@ def play(
     Files in the folder ``into`` grow while the run lasts, so that it neither fills the memory nor
     is lost. Large variables stay there until `Result.save` replaces these files. By the time
     ``steps`` of all runs of such a scenario `crinoid.simulation.chunk.chunk_program` chooses their
-    program; those of this run if left out.
+    program; those of this run if left out. Without ``notes`` the scenario and its loop are not
+    judged.
     """
     scenario = prepared.scenario
     steps = scenario.simulation.steps if steps is None else steps
@@ -137,7 +139,7 @@ def play(
     controlled = scenario.control.kind != "none"
     label = "controlled" if controlled else "simulated"
     with CtrlC() if stop is None else nullcontext(stop) as asked:
-        setup = set_up(prepared, steps)
+        setup = set_up(prepared, steps, notes=notes)
         if tell is not None and setup.loop_warnings:
             tell(setup.loop_warnings)
         path = None if into is None else into / RESULT

@@ -28,6 +28,7 @@ from crinoid.dynamics import (
     find_modes,
 )
 from crinoid.foundation.axes import POSE
+from crinoid.results.metrics import measures_of
 from crinoid.scenario import Scenario
 from crinoid.simulation.chunk import CAPACITY, chunk_program, start_loop
 from crinoid.simulation.frequency_response import Plant
@@ -55,13 +56,15 @@ class Setup(NamedTuple):
     """Notes on the closed loop."""
 
 
-def set_up(prepared: Prepared, steps: int | None = None) -> Setup:
+def set_up(prepared: Prepared, steps: int | None = None, *, notes: bool = True) -> Setup:
     """Assemble the loop of a scenario and find the arm's state at the start.
 
-    Where the time ``steps`` of all such runs are given, their program is compiled ahead.
+    Where the time ``steps`` of all such runs are given, their program is compiled ahead. Without
+    ``notes`` neither the scenario nor its loop is judged, which costs more than all the rest.
     """
-    warnings = plausibility_warnings(prepared)
+    warnings = plausibility_warnings(prepared) if notes else []
     prepared.check()
+    measures_of(prepared.scenario)  # refuses those that are in no package, before any run
     if steps is not None:
         compile_ahead(prepared, steps)
     scenario, system, facts = prepared.scenario, prepared.system, prepared.facts
@@ -88,7 +91,7 @@ def set_up(prepared: Prepared, steps: int | None = None) -> Setup:
     loop, plan = loop_about(prepared, state, tip, jacobian, first_period)
     open_loop, found = None, []
     # an arm that does not swing back by itself has no response to speak of
-    if scenario.control.kind == "pid" and modes is not None and np.all(frequencies > 0):
+    if notes and scenario.control.kind == "pid" and modes is not None and np.all(frequencies > 0):
         open_loop = _open_loop(loop, small, influence, modes, tuple(facts.waters))
         found = loop_warnings(open_loop, scenario.control.pid.present)
     return Setup(prepared, loop, state, plan, outcome, modes, warnings, open_loop, found)

@@ -14,7 +14,7 @@ import xarray as xr
 from crinoid.assembly.prepared import Prepared, require_one_case
 from crinoid.foundation.status import summed
 from crinoid.results.dataset import describe
-from crinoid.results.metrics import Measures, measured
+from crinoid.results.metrics import Measures, measured, measures_of
 from crinoid.results.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError, counted, got, refusal, shown
 from crinoid.scenario.kinds import unit_at
@@ -254,7 +254,7 @@ def simulate_batch(
     taken = [(None, None) if arm.taken is None else arm.taken for arm in arms]
     complete = {(row,): measures for row, (measures, _) in enumerate(taken) if measures}
     status = np.array([arm.status for arm in arms], object)
-    found = tabulated(("run",), complete, status, along="driven")
+    found = tabulated(("run",), complete, status, measures_of(described), along="driven")
     found = found.assign_coords(variation.coordinates)
     notes = np.array(["\n".join(arm.notes) for arm in arms], object)
     found["notes"] = "run", notes, {"long_name": "notes on a run, a line each"}

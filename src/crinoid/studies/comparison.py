@@ -1,7 +1,7 @@
 """Comparison of controllers: one scenario under each of them, over many seeds."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import xarray as xr
 from crinoid.assembly.prepared import Prepared
 from crinoid.foundation.status import Status, summed
 from crinoid.results.dataset import describe
-from crinoid.results.metrics import Measures, measured
+from crinoid.results.metrics import Measures, measured, measures_of
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.scenario.library import Source, scenario_of
@@ -21,6 +21,7 @@ from crinoid.simulation.loop import controller_cpu_time
 from crinoid.simulation.loop_margin import factor_for
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.studies.measures import tabulated
+from crinoid.studies.statistics import Difference, Mean
 
 _CROSSOVER = 1.0
 """Frequency (Hz) at which the loop crosses over where the margin allows it."""
@@ -92,16 +93,50 @@ def _gains(names: list[str], ki: float, first: float) -> dict[str, dict[str, flo
     return {name: {"kp": kp, "ki": ki, "kd": kd, "derivative_filter_hz": first} for name in names}
 
 
-COMPARISON = "compare.nc"
-
+COMPARISON, COMPARISON_TABLE = "compare.nc", "compare.csv"
 _NUMBERS = (
-    *("rms_error", "max_error", "fluctuation"),
-    *("rms_angle_error", "max_angle_error", "work"),
+    *("mean", "low", "high"),
+    *("difference", "difference_low", "difference_high", "p_value"),
 )
+_OF_ANGLE = ("rms_angle_error", "max_angle_error")
 _TICK = (
     "CPU time on one core of one call of the compiled controller alone, in the run of the first "
     "seed; median of five measurements over many calls in a row"
 )
+
+
+def compared_measures(data: xr.Dataset) -> list[str]:
+    """Return the names of the measures in the dataset of a comparison."""
+    over = ("controller", "seed")
+    return [str(name) for name, each in data.items() if each.dims == over and name != "status"]
+
+
+def best_controller(data: xr.Dataset) -> int:
+    """Return the index of the controller with the smallest mean RMS error; 0 without any run."""
+    means = [Mean.of(errors).value for errors in data["rms_error"].values]
+    return int(np.nanargmin(means)) if np.isfinite(means).any() else 0
+
+
+def comparison_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
+    """Yield a row of ``compare.csv`` for each measure and controller, in SI units.
+
+    Differences are those from the controller with the smallest mean RMS error, over the same seeds;
+    unknown numbers are empty.
+    """
+    kinds, best = [str(kind) for kind in data["controller"].values], best_controller(data)
+    for name in compared_measures(data):
+        for kind, values in zip(kinds, data[name].values, strict=True):
+            mean, than = Mean.of(values), Difference.of(values, data[name].values[best])
+            found = (*than.mean[:3], than.p_value) if kind != kinds[best] else (np.nan,) * 4
+            numbers = dict(zip(_NUMBERS, (*mean[:3], *found), strict=True))
+            yield {
+                "measure": name,
+                "units": data[name].attrs.get("units", "1"),
+                "controller": kind,
+                "runs": mean.seeds,
+                **{key: "" if np.isnan(number) else number for key, number in numbers.items()},
+                "against": kinds[best],
+            }
 
 
 class ControllerComparison:
@@ -164,9 +199,13 @@ class ControllerComparison:
                 status[row, column] = arm.status
                 if arm.taken is not None:
                     complete[row, column] = arm.taken
-        data = tabulated(("controller", "seed"), complete, status, _NUMBERS)
+        registry = measures_of(self.scenario)
         if not {"angle", "direction"} & set(self.scenario.control.controlled):
-            data = data.drop_vars(["rms_angle_error", "max_angle_error"])
+            registry = {name: each for name, each in registry.items() if name not in _OF_ANGLE}
+        data = tabulated(("controller", "seed"), complete, status, registry)
+        if complete:
+            unknown = [name for name in registry if not np.isfinite(data[name]).any()]
+            data = data.drop_vars(unknown)
         data["tick_time"] = (
             "controller",
             list(self.controller_cpu_time.values()),

@@ -1,13 +1,13 @@
 """Measures of runs, with their units: the same in studies, comparisons and batches."""
 
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from crinoid.results.metrics import EFFORT, MEASURES, Measures
+from crinoid.results.metrics import EFFORT, Measure, Measures
 
 _ROUND = 1e-9
 """Relative difference of equal instants of two runs."""
@@ -47,7 +47,7 @@ def tabulated(
     over: tuple[str, ...],
     found: Mapping[Any, Measures],
     status: np.ndarray,
-    names: Collection[str] = tuple(MEASURES),
+    registry: Mapping[str, Measure],
     along: str = "input",
 ) -> xr.Dataset:
     """Return the measures of many runs ``over`` some dimensions; NaN of a run that has none.
@@ -58,18 +58,19 @@ def tabulated(
     unit: dict[str, str] = {}
     for measures in found.values():
         unit |= measures.unit
-    numbers = {name: np.full(status.shape, np.nan) for name in names}
+    numbers = {name: np.full(status.shape, np.nan) for name in registry}
     effort = np.full((*status.shape, len(unit)), np.nan)
     for place, measures in found.items():
         for name, values in numbers.items():
             values[place] = measures.numbers[name]
         effort[place] = [measures.speed.get(name, np.nan) for name in unit]
-    return measures_dataset(over, numbers, effort, unit, status, along)
+    return measures_dataset(over, numbers, registry, effort, unit, status, along)
 
 
 def measures_dataset(
     over: tuple[str, ...],
     numbers: Mapping[str, np.ndarray],
+    registry: Mapping[str, Measure],
     effort: np.ndarray,
     unit: Mapping[str, str],
     status: np.ndarray,
@@ -77,7 +78,7 @@ def measures_dataset(
 ) -> xr.Dataset:
     """Return measures of many runs, speeds of their inputs and status, with their attributes."""
     found: dict[str, tuple[Any, ...]] = {
-        name: (over, values, MEASURES[name].attributes) for name, values in numbers.items()
+        name: (over, values, registry[name].attributes) for name, values in numbers.items()
     }
     # CF has no unit for a mixture
     about = {"long_name": EFFORT, "comment": f"in {along}_unit"}

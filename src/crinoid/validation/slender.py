@@ -8,7 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from scipy.optimize import brentq
 
-from crinoid.results.metrics import short_way
+from crinoid.results.errors import short_way
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from crinoid.simulation import equilibrium
@@ -68,7 +68,7 @@ def order_of(errors: Sequence[float]) -> float:
     return float(np.log2(errors[-2] / errors[-1]))
 
 
-class Bend(NamedTuple):
+class KnownBend(NamedTuple):
     """A planar arm in equilibrium, and where its tip is exactly."""
 
     label: str
@@ -93,7 +93,7 @@ class Bend(NamedTuple):
     """Drag per length of a rigid arm (N/m), for the reach."""
 
 
-class Measure(NamedTuple):
+class TipMeasure(NamedTuple):
     """A function of the tip that is checked."""
 
     of: Callable[[PlanarEnd], float]
@@ -102,12 +102,12 @@ class Measure(NamedTuple):
     """Its tolerance over that of the bend."""
 
 
-PLACE = {"x": Measure(lambda tip: tip.x), "z": Measure(lambda tip: tip.z)}
+PLACE = {"x": TipMeasure(lambda tip: tip.x), "z": TipMeasure(lambda tip: tip.z)}
 
 
 def bent(
-    bends: Sequence[Bend],
-    measures: Mapping[str, Measure],
+    bends: Sequence[KnownBend],
+    measures: Mapping[str, TipMeasure],
     order_within: float = 0.25,
     **look: Any,
 ) -> Evidence:

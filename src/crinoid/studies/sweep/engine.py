@@ -159,7 +159,7 @@ def run_batches(
                     work = Work(scenario, values, threads, plan.steps)
                     running[worker] = _Flight(number, time.monotonic(), pool.submit(worker, work))
             for number, rows in found:  # while workers are at work again
-                store.save(number, batches[number], rows)
+                store.save(plan, number, batches[number], rows)
                 done.add(number)
                 saved += len(rows)
                 report(saved)

@@ -13,7 +13,6 @@ import tomli_w
 from jaxtyping import Float, Int
 
 from crinoid.foundation.version import __version__
-from crinoid.results.metrics import CASE_MEASURES
 from crinoid.scenario import Scenario, ScenarioError, got, one_of, refusal, shown
 from crinoid.scenario.document import digests, parse, value_at
 from crinoid.scenario.library import Source, scenario_of
@@ -124,8 +123,7 @@ class SweepDesign:
         self, run: int, measures: Mapping[str, float | None], status: str, directory: str
     ) -> dict[str, Any]:
         """Return the row of a run in ``cases.csv``; a measure that is not known is empty."""
-        known = {name: measures.get(name) for name in CASE_MEASURES}
-        numbers = {name: "" if value is None else value for name, value in known.items()}
+        numbers = {name: "" if value is None else value for name, value in measures.items()}
         ends = {"status": status, "directory": directory}
         return {"case": self.name(run), **self.values(run), **numbers, **ends}
 

@@ -17,10 +17,11 @@ from jaxtyping import Int
 
 from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
 from crinoid.results.dataset import describe
-from crinoid.results.metrics import CASE_MEASURES, CASES, MEASURES, Measures, write_rows
+from crinoid.results.metrics import CASES, Measures, measures_of, write_rows
 from crinoid.scenario import ScenarioError, refusal
 from crinoid.studies.batch import coordinate
 from crinoid.studies.measures import measures_dataset, tabulated
+from crinoid.studies.statistics import MEANS
 from crinoid.studies.sweep.plan import Batch, SweepDesign
 
 
@@ -39,17 +40,18 @@ def _numbered(runs: Int[np.ndarray, " run"]) -> tuple[str, np.ndarray, dict[str,
 
 def _assemble(plan: SweepDesign, parts: Iterator[xr.Dataset]) -> xr.Dataset:
     """Return all runs of a plan in order, with their values, from the datasets of its batches."""
-    tables, speeds = [], []
+    tables, speeds, registry = [], [], measures_of(plan.scenario)
     units: dict[str, str] = {}
     for part in parts:
-        tables.append(part[[*MEASURES, "status"]].to_dataframe())
+        tables.append(part[[*registry, "status"]].to_dataframe())
         speeds.append(part["effort"].to_pandas())
         units |= dict(zip(part["input"].values, part["input_unit"].values, strict=True))
     table, speed = pd.concat(tables).sort_index(), pd.concat(speeds).sort_index()
     inputs = sorted(units, key=lambda name: (speed[name].first_valid_index(), name))
     data = measures_dataset(
         ("run",),
-        {name: table[name].to_numpy() for name in MEASURES},
+        {name: table[name].to_numpy() for name in registry},
+        registry,
         speed[inputs].to_numpy(float),
         {name: units[name] for name in inputs},
         table["status"].to_numpy(object),
@@ -89,7 +91,7 @@ class SweepStore:
 
     def files(self) -> list[str]:
         """Return the names of the files of a sweep or of another study that are there."""
-        names = (PLAN, _BATCHES, _ZARR, _NETCDF, CASES)
+        names = (PLAN, _BATCHES, _ZARR, _NETCDF, CASES, MEANS)
         return [name for name in names if (self.folder / name).exists()]
 
     def read_plan(self) -> SweepDesign:
@@ -117,7 +119,7 @@ class SweepStore:
 
     def tidy(self) -> None:
         """Remove unfinished files of a sweep that was killed."""
-        for name in (PLAN, CASES, _NETCDF, f"{_BATCHES}/*.nc"):
+        for name in (PLAN, CASES, MEANS, _NETCDF, f"{_BATCHES}/*.nc"):
             remove_unfinished(self.folder / name)
         for path in self.folder.glob(f".{_ZARR}.*"):
             shutil.rmtree(path, ignore_errors=True)
@@ -131,11 +133,14 @@ class SweepStore:
                     found.add(number)
         return found
 
-    def save(self, number: int, batch: Batch, rows: Sequence[RunOutcome]) -> None:
+    def save(
+        self, plan: SweepDesign, number: int, batch: Batch, rows: Sequence[RunOutcome]
+    ) -> None:
         """Write a batch."""
         status = np.array([row.status for row in rows], object)
         found = {(k,): row.measures for k, row in enumerate(rows) if row.measures is not None}
-        data = tabulated(("run",), found, status).assign_coords(run=_numbered(batch.runs))
+        data = tabulated(("run",), found, status, measures_of(plan.scenario))
+        data = data.assign_coords(run=_numbered(batch.runs))
         with atomic_write(self._path(number)) as temporary:
             data.to_netcdf(temporary, engine="netcdf4")
 
@@ -153,16 +158,17 @@ class SweepStore:
         else:
             with atomic_write(path) as temporary:
                 data.to_netcdf(temporary, engine="netcdf4")
-        table = data[[*CASE_MEASURES, "status"]].to_dataframe().astype(object)
+        registry = measures_of(plan.scenario)
+        table = data[[*registry, "status"]].to_dataframe().astype(object)
         rows = enumerate(table.where(table.notna(), None).to_dict("records"), start=1)
-        cases = (plan.row(run, row, row["status"], plan.name(run)) for run, row in rows)
+        cases = (plan.row(run, row, row.pop("status"), plan.name(run)) for run, row in rows)
         write_rows(self.folder / CASES, cases)
         return data, [path, self.folder / CASES]
 
     def _remove_study(self) -> None:
         if (self.folder / _ZARR).is_dir():
             shutil.rmtree(self.folder / _ZARR)
-        for name in (_NETCDF, CASES):
+        for name in (_NETCDF, CASES, MEANS):
             (self.folder / name).unlink(missing_ok=True)
 
     def _path(self, number: int) -> Path:

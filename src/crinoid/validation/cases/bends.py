@@ -14,8 +14,8 @@ from crinoid.validation.slender import (
     EDGE,
     MESHES,
     PLACE,
-    Bend,
-    Measure,
+    KnownBend,
+    TipMeasure,
     bent,
     slender_arm,
 )
@@ -42,8 +42,8 @@ def exact(load: float) -> Float[np.ndarray, "3"]:
 
 
 _FALL = {
-    "drop": Measure(lambda tip: -tip.z),
-    "shortening": Measure(lambda tip: 1.0 - tip.x),
+    "drop": TipMeasure(lambda tip: -tip.z),
+    "shortening": TipMeasure(lambda tip: 1.0 - tip.x),
 }
 
 
@@ -63,8 +63,8 @@ def tip_load() -> Evidence:
         angle, drop, shortening = exact(load)
         end = PlanarEnd(1.0 - shortening, -drop, -angle, np.nan)
         arm = partial(slender_arm, values={"load.0.force": [0.0, -load]})
-        bends.append(Bend(f"{load:g}", f"P = {load:g}", arm, end, EDGE**2 / 3, f"{load:g}"))
-    return bent(bends, {"angle": Measure(lambda tip: -tip.angle, "rad", 3.0), **_FALL})
+        bends.append(KnownBend(f"{load:g}", f"P = {load:g}", arm, end, EDGE**2 / 3, f"{load:g}"))
+    return bent(bends, {"angle": TipMeasure(lambda tip: -tip.angle, "rad", 3.0), **_FALL})
 
 
 @case(
@@ -82,7 +82,9 @@ def own_weight() -> Evidence:
         load = partial(_along, "dead", -weight)
         end = elastica((-np.pi / 2 + 1e-9, -0.05), distributed=load)
         arm = partial(slender_arm, values={"water.gravity": weight})
-        bends.append(Bend(f"{weight:g}", f"w = {weight:g}", arm, end, EDGE**2 / 3, f"{weight:g}"))
+        bends.append(
+            KnownBend(f"{weight:g}", f"w = {weight:g}", arm, end, EDGE**2 / 3, f"{weight:g}")
+        )
     return bent(bends, _FALL)
 
 
@@ -112,7 +114,7 @@ def distributed_load() -> Evidence:
         for load in loads:
             end = elastica((0.01, highest), distributed=partial(_along, kind, load))
             table = {"kind": "distributed", "direction": way, "magnitude": load}
-            bend = Bend(
+            bend = KnownBend(
                 f"{kind}-{load:g}",
                 f"{kind} {load:g}",
                 partial(slender_arm, values={"load": [table]}),
@@ -143,5 +145,5 @@ def end_moment() -> Evidence:
         arm = partial(slender_arm, values={"load.0.moment": angle})
         along = angle * np.linspace(0.0, 1.0, 13)
         circle = np.array([np.sin(along), 1.0 - np.cos(along)]) / angle
-        bends.append(Bend(f"{turns:g}", f"{turns:g} turn", arm, end, 1e-3, points=circle))
-    return bent(bends, PLACE | {"angle": Measure(lambda tip: tip.angle, "rad")}, 0.1)
+        bends.append(KnownBend(f"{turns:g}", f"{turns:g} turn", arm, end, 1e-3, points=circle))
+    return bent(bends, PLACE | {"angle": TipMeasure(lambda tip: tip.angle, "rad")}, 0.1)

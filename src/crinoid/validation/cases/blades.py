@@ -11,7 +11,15 @@ from crinoid.scenario import Scenario
 from crinoid.simulation import equilibrium
 from crinoid.validation.case import Check, Evidence, case
 from crinoid.validation.elastica import PlanarEnd, elastica
-from crinoid.validation.slender import EDGE, MESHES, Bend, Measure, bent, order_of, slender_arm
+from crinoid.validation.slender import (
+    EDGE,
+    MESHES,
+    KnownBend,
+    TipMeasure,
+    bent,
+    order_of,
+    slender_arm,
+)
 from crinoid.view.figures.style import BLUE, INK, VERMILLION
 
 _NODES = MESHES[-1]
@@ -116,7 +124,7 @@ def luhar_nepf_current() -> Evidence:
     bends = []
     for cauchy, buoyancy in ((1.0, 0.0), (1.0, 10.0), (10.0, 0.0), (10.0, 10.0)):
         values = {"arm.section.displaced_area": 1e-3 * (1.0 + buoyancy)}
-        bend = Bend(
+        bend = KnownBend(
             f"{cauchy:g}-{buoyancy:g}",
             text := f"Ca {cauchy:g}, B {buoyancy:g}",
             partial(_blade, cauchy=cauchy, values=values),
@@ -128,8 +136,8 @@ def luhar_nepf_current() -> Evidence:
         )
         bends.append(bend)
     measures = {
-        "effective length": Measure(lambda tip: tip.reach),
-        "tip from upright": Measure(lambda tip: _UPRIGHT - tip.angle, "rad"),
+        "effective length": TipMeasure(lambda tip: tip.reach),
+        "tip from upright": TipMeasure(lambda tip: _UPRIGHT - tip.angle, "rad"),
     }
     return bent(bends, measures, xlim=(-0.4, 1.0), ylim=(0, 1.15))
 

@@ -14,7 +14,7 @@ from crinoid.scenario import Scenario
 from crinoid.simulation import equilibrium
 from crinoid.validation.case import Check, Evidence, case
 from crinoid.validation.elastica import PlanarEnd
-from crinoid.validation.slender import BY_MESHES, MESHES, PLACE, Bend, bent, tip_of
+from crinoid.validation.slender import BY_MESHES, MESHES, PLACE, KnownBend, bent, tip_of
 from crinoid.view.figures.style import BLUE, VERMILLION
 
 _LENGTH, _RADIUS, _MODULUS = 0.5, 0.02, 5e5
@@ -83,7 +83,7 @@ def hanging_in_current() -> Evidence:
     bends = []
     for speed in _SPEEDS:
         angle, *places = _exact(speed)
-        bend = Bend(
+        bend = KnownBend(
             f"{speed:g}",
             text := f"{speed:g} m/s",
             partial(_scenario, speed=speed),

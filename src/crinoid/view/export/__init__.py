@@ -14,7 +14,7 @@ from crinoid.view.export.vtkhdf import write_arm, write_bodies
 from crinoid.view.scene.bodies import rigid_bodies
 from crinoid.view.scene.data import ReportError
 
-__all__ = ["Written", "write_csv", "write_gltf", "write_onnx", "write_vtkhdf"]
+__all__ = ["Written", "write_csv", "write_gltf", "write_onnx", "write_vtkhdf", "write_xlsx"]
 
 ROWS = 1_000_000
 """Most rows of a table, about the limit of spreadsheets."""
@@ -64,11 +64,52 @@ def write_csv(
     report
         Called with the numbers of written and of all instants.
     """
+    return _write_columns(write_table, result, folder, "csv", variables, nodes, instants, report)
+
+
+def write_xlsx(
+    result: FilePath,
+    folder: FilePath,
+    *,
+    variables: Sequence[str] | None = None,
+    nodes: Sequence[int] | None = None,
+    instants: int | None = None,
+    report: Report = lambda done, count: None,
+) -> Written:
+    """Write a workbook of three sheets: measures, the table of `write_csv`, and its variables.
+
+    Parameters
+    ----------
+    result, folder, variables, nodes, instants, report
+        Those of `write_csv`.
+    """
+    try:
+        from crinoid.view.export.workbook import write_workbook
+    except ModuleNotFoundError as error:
+        if error.name != "xlsxwriter":
+            raise
+        text = 'XLSX is written by xlsxwriter: pip install "crinoid[export]"'
+        raise ReportError(text) from error
+    return _write_columns(
+        write_workbook, result, folder, "xlsx", variables, nodes, instants, report
+    )
+
+
+def _write_columns(
+    write: Callable[..., list[str]],
+    result: FilePath,
+    folder: FilePath,
+    kind: str,
+    variables: Sequence[str] | None,
+    nodes: Sequence[int] | None,
+    instants: int | None,
+    report: Report,
+) -> Written:
     source = open_table(find_result(Path(result)), instants or ROWS)
     columns = columns_of(source.data, variables_of(source.data, variables), nodes)
-    (file,) = files_of(Path(folder), source.path.stem, "csv")
+    (file,) = files_of(Path(folder), source.path.stem, kind)
     with atomic_write(file) as temporary:
-        notes = write_table(source, columns, temporary, report)
+        notes = write(source, columns, temporary, report)
     return Written([file], [*source.notes, *notes])
 
 

@@ -16,6 +16,7 @@ from crinoid.view.scene.scene import Scene, build_scene, omission_notes
 _ENDINGS = {
     "vtkhdf": (".vtkhdf", "-surroundings.vtkhdf"),
     "csv": (".csv",),
+    "xlsx": (".xlsx",),
     "gltf": (".glb",),
     "onnx": (".onnx",),
 }

@@ -87,21 +87,35 @@ def write_table(
     source: Source, columns: Columns, path: Path, report: Callable[[int, int], None]
 ) -> list[str]:
     """Write a table with a row for each instant; return notes on numbers that are not finite."""
-    names = list(dict.fromkeys(name for name, _ in columns))
-    written = empty = 0
+    empty = 0
     with path.open("w", newline="", encoding="utf-8") as file:
         file.write(table_head([TIME, *(part.head(name) for name, part in columns)]))
         writer = csv.writer(file)
-        for piece in chosen_pieces(source.data, names, source.records):
-            table = [piece["time"].values, *(part.of(piece[name]).values for name, part in columns)]
-            rows = np.stack([np.asarray(column, float) for column in table], axis=1)
-            cells: list[list[float | str]] = rows.tolist()
-            for row, column in np.argwhere(~np.isfinite(rows)):
-                cells[row][column] = ""
-                empty += 1
-            writer.writerows(cells)
-            written += piece.sizes["time"]
-            report(written, source.records.size)
+        for row in rows_of(source, columns, report):
+            empty += row.count(None)
+            writer.writerow(row)
+    return note_on_empty(empty)
+
+
+def rows_of(
+    source: Source, columns: Columns, report: Callable[[int, int], None]
+) -> Iterator[list[float | None]]:
+    """Yield the time and the columns at each instant; None for a number that is not finite."""
+    names = list(dict.fromkeys(name for name, _ in columns))
+    written = 0
+    for piece in chosen_pieces(source.data, names, source.records):
+        table = [piece["time"].values, *(part.of(piece[name]).values for name, part in columns)]
+        rows = np.stack([np.asarray(column, float) for column in table], axis=1)
+        cells: list[list[float | None]] = rows.tolist()
+        for row, column in np.argwhere(~np.isfinite(rows)):
+            cells[row][column] = None
+        yield from cells
+        written += piece.sizes["time"]
+        report(written, source.records.size)
+
+
+def note_on_empty(empty: int) -> list[str]:
+    """Return a note on a number of empty cells, if there are any."""
     if not empty:
         return []
     return [f"{empty} {'cell is' if empty == 1 else 'cells are'} empty: without a finite number"]

@@ -8,39 +8,53 @@ from crinoid.view.scene.data import ReportError
 __all__ = ["ReportError", "write_page", "write_report"]
 
 
-def write_report(path: FilePath, out: FilePath | None = None) -> list[Path]:
+def write_report(
+    path: FilePath, out: FilePath | None = None, *, file_format: str = "png"
+) -> list[Path]:
     """Draw the figures of a result, or of a study of several cases.
 
-    A result gives `shape.png`, `tip_error.png`, `tip_path.png`, `commands.png`, `energy.png` and
-    `bending.png`, with obstacles `contact.png`, and the page `report.html`; a file
-    `uncontrolled.nc` next to it is drawn as the comparison. A study (a folder with `cases.csv`)
-    gives those of each case, in the folder of that case, and a page of all. The
-    current that `crinoid flow` sampled (`flow.nc`) gives `flow.png`, `spectrum.png` and
-    `profile.png`, the record that it examined (`record.nc`) `record.png`, what `crinoid modes`
-    found (`modes.nc`) `modes.png`, the equilibria of `crinoid equilibrium --vary` (`curve.nc`)
-    `curve.png`, what `crinoid compare`
-    compared (`compare.nc`) `compare.png`, the loop of `crinoid margins` (`margins.nc`) `bode.png`
-    and `nyquist.png`, the search of `crinoid tune` (`tune.nc`) `tune.png`, that of
-    `crinoid identify` (`identify.nc`) `identify.png`, and what `crinoid train` went through
-    (`training.nc`) `training.png`.
+    A result gives ``shape.png``, ``tip_error.png``, ``tip_path.png``, ``commands.png``,
+    ``energy.png`` and ``bending.png``, with obstacles ``contact.png``, and the page
+    ``report.html``; a file ``uncontrolled.nc`` next to it is drawn as the comparison. A study (a
+    folder with ``cases.csv``) gives those of each case, in the folder of that case, and a page of
+    all. Each file of another command gives its figures: that of a current (``flow.nc``), a record
+    (``record.nc``), modes (``modes.nc``), equilibria (``curve.nc``), a comparison
+    (``compare.nc``), margins (``margins.nc``), a search (``tune.nc``, ``identify.nc``,
+    ``optimise.nc``) or a training (``training.nc``).
 
     Parameters
     ----------
     path
-        A result's folder, its `result.nc`, a study's folder or its `cases.csv`, a folder with
-        `flow.nc`, `record.nc`, `modes.nc`, `curve.nc`, `compare.nc`, `margins.nc`,
-        `tune.nc`, `identify.nc` or `training.nc`, or that file.
+        A result's folder, its ``result.nc``, a study's folder or its ``cases.csv``, a folder with
+        a file of another command, or that file.
     out
         Folder for the figures, created if needed; by default that of the result.
+    file_format
+        Format of the figures, ``"png"``, ``"pdf"`` or ``"svg"``: the ending of their names.
 
     Returns
     -------
     list of Path
         The figures written, in the order above.
+
+    Raises
+    ------
+    ReportError
+        If there is nothing to draw, or the format is another one.
     """
     from crinoid.view.figures.book import write_book
 
-    return write_book(Path(path), None if out is None else Path(out))
+    return write_book(Path(path), None if out is None else Path(out), file_format)
+
+
+def write_means(folder: FilePath) -> list[Path]:
+    """Draw the means over seeds of the study whose table is in a folder, if it has any.
+
+    Over one or two keys; of more there is no figure.
+    """
+    from crinoid.view.figures.book import write_means_figure
+
+    return write_means_figure(Path(folder), Path(folder))
 
 
 def write_page(folder: FilePath) -> Path:

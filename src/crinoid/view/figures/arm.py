@@ -1,4 +1,4 @@
-"""The arm in a parallel view: its shapes, the path of its tip, the target and the submarine."""
+"""The arm in a parallel view: its shapes, the path of its tip, the target and its base."""
 
 import numpy as np
 import xarray as xr
@@ -24,13 +24,14 @@ from crinoid.view.scene.data import (
     in_space,
     is_spatial,
     moves,
+    target_word,
 )
 from crinoid.view.scene.mesh import Facets, arm_facets
-from crinoid.view.scene.mount import base_directions, find_mount
+from crinoid.view.scene.mount import base_directions, base_word, find_mount
 from crinoid.view.scene.projection import View
 
 _SHAPES = 25  # more would merge into a smear
-_HULL = 0.16  # share of the arm's length about the root, within which the submarine is shown
+_HULL = 0.16  # share of the arm's length about the root, within which its base is shown
 _STEEL = "#75858F"
 _RIM = "#B4BDC2"  # around the arm's thickness
 
@@ -61,12 +62,11 @@ def draw_arm(
     chosen = chosen_records(data) if chosen is None else chosen
 
     draw_obstacles(axes, data, chosen, low, high, view)
-    # an arm that points toward the eye is in front of the submarine
+    # an arm that points toward the eye is in front of its base
     hull = 0.9 if view.depth(base_directions(data.isel(time=[-1]))[0]) > 1e-9 else 3.0
     for facets, colour, name in mount_facets(data, 0.01):
         part = Polygon(convex_outline(view.paper(facets).reshape(-1, 2)), closed=True)
-        order = hull if name == "submarine" else 1.5
-        label = name if name == "submarine" else None
+        order, label = (1.5, None) if name == "clamp" else (hull, name)
         part.set(facecolor=colour, edgecolor=INK, linewidth=0.8, zorder=order, label=label)
         axes.add_patch(part)
     base = shapes[:, 0]
@@ -108,7 +108,7 @@ def _draw_tip(axes: Axes, data: xr.Dataset, view: View) -> None:
         axes.plot(*target.T, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), zorder=4.5)
     (ring,) = axes.plot(*target[-1], "o", markersize=8.5, mfc="none", mec=INK, mew=1.2, zorder=5)
     ring.set(linestyle=(0, (4, 2)) if wanders else "none", linewidth=1.0, color=INK)
-    ring.set_label("target" + (" (ring: at the end)" if wanders else ""))
+    ring.set_label(target_word(data) + (" (ring: at the end)" if wanders else ""))
 
 
 def mount_facets(data: xr.Dataset, longest: float = 0.05) -> list[tuple[Facets, str, str]]:
@@ -116,7 +116,7 @@ def mount_facets(data: xr.Dataset, longest: float = 0.05) -> list[tuple[Facets, 
     last = data.isel(time=[-1])
     root, length = in_space(last, "position")[:, 0], arm_length(data)
     thick = float(data["diameter"].values[0]) / 2 if "diameter" in data else 0.01 * length
-    looks = {"hull": (GREY, "submarine"), "steel": (_STEEL, "clamp")}
+    looks = {"hull": (GREY, base_word(data)), "steel": (_STEEL, "clamp")}
     return [
         (body.transform(body.shape.mesh(longest * length).facets, 0), *looks[body.material])
         for body in mount_bodies(find_mount(last), root, thick, length)
@@ -124,7 +124,7 @@ def mount_facets(data: xr.Dataset, longest: float = 0.05) -> list[tuple[Facets, 
 
 
 def mount_points(data: xr.Dataset) -> Float[np.ndarray, "point axis=3"]:
-    """Points that a window must contain to show the submarine, as far as it is near the root."""
+    """Points that a window must contain to show the base, as far as it is near the root."""
     root, near = in_space(data, "position")[-1, 0], _HULL * arm_length(data)
     points = [facets.reshape(-1, 3) for facets, _, _ in mount_facets(data)]
     return np.clip(np.concatenate(points), root - near, root + near)

@@ -12,27 +12,38 @@ from crinoid.analysis.equilibria import CURVE
 from crinoid.analysis.record import RECORD
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
-from crinoid.inverse import IDENTIFICATION, TUNING
+from crinoid.inverse import IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES, is_table
+from crinoid.results.own_files import FIGURES
 from crinoid.results.result import TRAINING
+from crinoid.scenario.errors import got, one_of
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_series, draw_spectrum
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, energy_chart
+from crinoid.view.figures.charts.spectra import has_loads, load_chart
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
+from crinoid.view.figures.charts.vehicle import has_vehicle, vehicle_chart
 from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
 from crinoid.view.figures.curve import draw_curve
+from crinoid.view.figures.cycles import draw_cycles, has_cycles
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.record import draw_record
 from crinoid.view.figures.run import RESULT, Run, load_as, open_run
-from crinoid.view.figures.searches import draw_identification, draw_training, draw_tuning
+from crinoid.view.figures.searches import (
+    draw_identification,
+    draw_optimisation,
+    draw_training,
+    draw_tuning,
+)
+from crinoid.view.figures.seed_means import draw_means, means_keys
 from crinoid.view.figures.shape import draw_bending, draw_close_up, draw_shape
 from crinoid.view.figures.sheet import draw_sheet
-from crinoid.view.figures.study import read_cases
+from crinoid.view.figures.study import read_cases, study_of
 from crinoid.view.figures.style import STYLE
 from crinoid.view.page.parts import PAGE
-from crinoid.view.page.study import write_study
+from crinoid.view.page.study import registry_of, title_of, write_study
 from crinoid.view.page.write import write_run
 from crinoid.view.scene.data import ReportError, is_spatial
 
@@ -135,6 +146,19 @@ _FINDINGS = {
         },
         {"identify.png": draw_identification},
     ),
+    OPTIMISATION: _Finding(
+        "an optimisation",
+        {
+            "tried": ("trial", "key"),
+            "found": ("trial", "measure", "draw"),
+            "start": ("trial",),
+            "range": ("key", "end"),
+            **dict.fromkeys(("given", "best"), ("key",)),
+            **dict.fromkeys(("before", "after"), ("measure", "draw")),
+            **dict.fromkeys(("limit", "sign"), ("measure",)),
+        },
+        {"optimise.png": draw_optimisation},
+    ),
     TRAINING: _Finding(
         "a training", {"cost": ("look",), "error": ("look",)}, {"training.png": draw_training}
     ),
@@ -142,14 +166,17 @@ _FINDINGS = {
 """Findings by the names of their files, which may be in the folder of a result."""
 
 
-def write_book(path: Path, out: Path | None) -> list[Path]:
+def write_book(path: Path, out: Path | None, form: str) -> list[Path]:
     """Draw everything that the result or study at `path` gives; see `crinoid.view.figures`."""
+    if f".{form}" not in FIGURES:
+        must = f"be {one_of(ending[1:] for ending in FIGURES)}"
+        raise ReportError(f"--format: {got(form, must)}")
     if not path.exists():
         raise ReportError(f"{path}: no such file or directory")
     if path.is_file() and path.name in _FINDINGS:
-        return _write_finding(path, out or path.parent)
+        return _write_finding(path, out or path.parent, form)
     if path.is_file() and path.name != CASES:
-        return _write_run(path, out or path.parent)
+        return _write_run(path, out or path.parent, form)
     folder = path if path.is_dir() else path.parent
     written = []
     names = (RESULT, *_FINDINGS)
@@ -157,53 +184,78 @@ def write_book(path: Path, out: Path | None) -> list[Path]:
     # in the folder of a result, a table that is no study's is left alone
     studied = is_table(folder / CASES) or ((folder / CASES).is_file() and not there)
     if studied:
-        written += _write_study(folder, out or folder)
+        written += _write_study(folder, out or folder, form)
     if RESULT in there:
-        written += _write_run(folder / RESULT, out or folder)
+        written += _write_run(folder / RESULT, out or folder, form)
     for name in there:
         if name != RESULT:
-            written += _write_finding(folder / name, out or folder)
+            written += _write_finding(folder / name, out or folder, form)
     if not written and not studied:
         files = " nor ".join((RESULT, CASES, *_FINDINGS))
         raise ReportError(f"{path}: no result here, neither {files}")
     return written
 
 
-def _write_run(path: Path, out: Path) -> list[Path]:
+def _write_run(path: Path, out: Path, form: str) -> list[Path]:
     run = open_run(path)
     figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
+    figures |= {"loads.png": _of(load_chart)} if has_loads(run) else {}
+    figures |= {"cycles.png": draw_cycles} if has_cycles(run) else {}
+    figures |= {"vehicle.png": _of(vehicle_chart)} if has_vehicle(run) else {}
     figures |= {"contact.png": _of(contact_chart)} if has_contact(run) else {}
     figures |= {"vortices.png": _of(vortex_chart)} if has_vortices(run) else {}
     if run.result.sizes["time"] == 1:  # nothing changes
         figures = {name: figures[name] for name in _AT_REST}
-    drawn = [_save(lambda draw=draw: draw(run), out / name, path) for name, draw in figures.items()]
+    drawn = [
+        _save(lambda draw=draw: draw(run), (out / name).with_suffix(f".{form}"), path)
+        for name, draw in figures.items()
+    ]
     return [*drawn, write_run(run, out / PAGE)]
 
 
-def _write_finding(path: Path, out: Path) -> list[Path]:
+def _write_finding(path: Path, out: Path, form: str) -> list[Path]:
     finding = _FINDINGS[path.name]
     data = load_as(path, finding.kind, finding.required)
     figures = finding.figures.items()
-    return [_save(lambda draw=draw: draw(data), out / name, path) for name, draw in figures]
+    return [
+        _save(lambda draw=draw: draw(data), (out / name).with_suffix(f".{form}"), path)
+        for name, draw in figures
+    ]
 
 
-def _write_study(folder: Path, out: Path) -> list[Path]:
+def _write_study(folder: Path, out: Path, form: str) -> list[Path]:
     cases = read_cases(folder / CASES)
     written = []
     for case in cases:
         if case.result is not None:
-            written += _write_run(case.result, out / case.directory)
+            written += _write_run(case.result, out / case.directory, form)
+    written += write_means_figure(folder, out, form)
     # a result in the same folder has the page of that name
     return written if (folder / RESULT).is_file() else [*written, write_study(cases, folder, out)]
 
 
+def write_means_figure(folder: Path, out: Path, form: str = "png") -> list[Path]:
+    """Draw the means over seeds of the study in a folder, if there are any over one or two keys."""
+    cases = read_cases(folder / CASES)
+    study = study_of(cases, registry_of(folder, cases))
+    if not means_keys(study):
+        return []
+    title = title_of(folder, cases)
+    return [_save(lambda: draw_means(study, title), out / f"means.{form}", folder / CASES)]
+
+
 def _save(draw: Callable[[], Figure], path: Path, source: Path) -> Path:
     """Draw and save within the style; the file names crinoid and its source."""
-    metadata = {"Software": f"crinoid {__version__}", "Source": source.name}
+    form, program = path.suffix[1:], f"crinoid {__version__}"
+    metadata: dict[str, dict[str, str | None]] = {
+        "png": {"Software": program, "Source": source.name},
+        "pdf": {"Creator": program, "Subject": source.name, "CreationDate": None},
+        "svg": {"Creator": program, "Source": source.name, "Date": None},
+    }
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with mpl.rc_context(STYLE), atomic_write(path) as temporary:
-            draw().savefig(temporary, format="png", facecolor="white", metadata=metadata)
+            draw().savefig(temporary, format=form, facecolor="white", metadata=metadata[form])
     except OSError as error:
         raise ReportError(f"{path}: cannot write the figure ({error.strerror})") from error
     return path

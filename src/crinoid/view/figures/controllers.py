@@ -11,9 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter, ScalarFormatter
 
+from crinoid.results.metrics import MEASURES
+from crinoid.studies.comparison import best_controller, compared_measures
+from crinoid.studies.statistics import Mean
 from crinoid.view.figures import style
+from crinoid.view.figures.measures import head_of, main_measures, unit_for
 
 _COLUMNS = 3
+_DRAWN = ("rms_error", "max_error", "within_tolerance", "rms_angle_error", "work", "max_base_force")
+"""Measures that a figure shows, besides those of packages."""
 _WIDE = (8.0, 1e4)
 """Ratios of the largest to the smallest value between which an axis is logarithmic."""
 _SPREAD = 0.22
@@ -26,12 +32,12 @@ def draw_comparison(data: xr.Dataset) -> Figure:
     rows = math.ceil(len(panels) / _COLUMNS)
     figure = Figure(figsize=(style.WIDTH, 0.5 + 2.5 * rows), layout="constrained")
     style.head_of(figure, data)
-    words = "a point: a run; a line and its number: the mean of a controller; speeds are RMS values"
+    words = "points: runs; lines, bars and numbers: means and 95 % intervals; speeds are RMS"
     figure.supxlabel(words, fontsize=8.5, color=style.GREY)
     grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
     for axes, (words, values, unit) in zip(grid, panels, strict=False):
         _points(axes, [str(kind) for kind in data["controller"].values], values * unit.factor)
-        axes.set_title(f"{words} ({unit.name})", loc="left")
+        axes.set_title(words, loc="left")
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
     return figure
@@ -39,20 +45,19 @@ def draw_comparison(data: xr.Dataset) -> Figure:
 
 def _panels(data: xr.Dataset) -> list[tuple[str, Float[np.ndarray, "controller seed"], style.Unit]]:
     """Return title, values (SI) and unit of each panel."""
-    rms, most = data["rms_error"].values, data["max_error"].values
     found = [
-        ("tip error, RMS", rms, style.length_unit(style.largest(rms))),
-        ("tip error, maximum", most, style.length_unit(style.largest(most))),
+        (head_of(name, unit_for(data[name])), data[name].values, unit_for(data[name]))
+        for name in main_measures(compared_measures(data))
+        if name in _DRAWN or name not in MEASURES
     ]
-    if "rms_angle_error" in data:
-        found.append(("angle error, RMS", data["rms_angle_error"].values, style.DEGREES))
     for index, name in enumerate(data["input"].values):
         speed = data["effort"].values[..., index]
         unit = speed_unit(str(data["input_unit"].values[index]), style.largest(speed))
-        found.append((f"speed of {name}", speed, unit))
-    if "work" in data:
-        work = data["work"].values
-        found.append(("work of base and actuators", work, style.si_unit(style.largest(work), "J")))
+        found.append((f"speed of {name} ({unit.name})", speed, unit))
+    if data.sizes["controller"] > 1:
+        rms, best = data["rms_error"].values, best_controller(data)
+        words, unit = f"less that of {data['controller'].values[best]}", unit_for(data["rms_error"])
+        found.insert(1, (f"RMS error {words} ({unit.name})", rms - rms[best], unit))
     return found
 
 
@@ -76,12 +81,16 @@ def _points(axes: Axes, kinds: list[str], values: Float[np.ndarray, "controller 
         if not there.any():
             axes.annotate("no run", (place, 0.5), xycoords=("data", "axes fraction"), ha="center")
             continue
-        colour, mean = style.SERIES[place % len(style.SERIES)], float(row[there].mean())
+        colour, mean = style.SERIES[place % len(style.SERIES)], Mean.of(row)
         axes.scatter(place + shift[there], row[there], s=14, color=colour, alpha=0.6, linewidth=0)
-        axes.hlines(mean, place - 0.34, place + 0.34, color=style.INK, linewidth=1.2, zorder=3)
-        top = place, max(mean, float(row[there].max()))
+        axes.hlines(
+            mean.value, place - 0.34, place + 0.34, color=style.INK, linewidth=1.2, zorder=3
+        )
+        if mean.half > 0:
+            axes.errorbar(place, mean.value, mean.half, color=style.INK, linewidth=1.0, capsize=5)
+        top = place, float(max(mean.high if mean.half > 0 else mean.value, row[there].max()))
         look: Any = {"textcoords": "offset points", "ha": "center", "fontsize": 8.0}
-        axes.annotate(f"{mean:.3g}", top, (0, 4), **look)
+        axes.annotate(f"{mean.value:.3g}", top, (0, 4), **look)
     axes.set_xticks(range(len(kinds)), kinds, parse_math=False)
     axes.set_xlim(-0.6, len(kinds) - 0.4)
     axes.grid(visible=False, axis="x")
@@ -93,7 +102,8 @@ def _points(axes: Axes, kinds: list[str], values: Float[np.ndarray, "controller 
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_ylim(0.8 * found.min(), 1.5 * found.max())
     elif found.size:
-        axes.set_ylim(min(0.0, 1.1 * float(found.min())), 1.18 * float(found.max()) or 1.0)
+        low, high = axes.get_ylim()
+        axes.set_ylim(min(0.0, low), max(0.0, 1.12 * high))
 
 
 _FAINT, _HUGE = 1e-3, 300.0  # sizes between which an eigenvalue is drawn over the frequency

@@ -16,7 +16,7 @@ from crinoid.view.scene.data import even_indices, in_space, is_spatial
 from crinoid.view.scene.projection import OBLIQUE, SIDE
 
 _SHAPES = 60  # most shapes of a branch
-_LOOKS = {"forward": "-", "backward": (0, (3, 1.5))}
+_LOOKS: dict[str, Any] = {"forward": "-", "backward": (0, (3, 1.5))}
 _COLOURS = {"forward": style.BLUE, "backward": style.VERMILLION}
 
 
@@ -55,7 +55,10 @@ def draw_curve(data: xr.Dataset) -> Figure:
 def _draw_shapes(figure: Figure, axes: Axes, data: xr.Dataset, label: str, x: np.ndarray) -> None:
     view = OBLIQUE if is_spatial(data) else SIDE
     points = view.paper(in_space(data, "position"))
-    colours = {"cmap": style.time_map(), "norm": Normalize(float(x.min()), float(x.max()))}
+    colours: dict[str, Any] = {
+        "cmap": style.time_map(),
+        "norm": Normalize(float(x.min()), float(x.max())),
+    }
     chosen = even_indices(x.size, _SHAPES)
     for branch, shapes in zip(data["branch"].values, points, strict=True):
         look = {"linestyles": _LOOKS[str(branch)], "linewidths": 0.9}

@@ -18,14 +18,18 @@ _DASHED = (0, (4, 2))
 
 def draw_chart(chart: Chart, run: Run) -> Figure:
     """Draw the panels of a chart of a run below each other."""
-    heights = [panel.tall for panel in chart.panels]
+    panels = chart.filled
+    heights = [panel.tall for panel in panels]
     figure = Figure(figsize=(style.WIDTH, 0.5 + sum(heights)), layout="constrained")
     drawn = list(
         figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=False).flat
     )
-    for axes, panel in zip(drawn, chart.panels, strict=True):
+    for axes, panel in zip(drawn, panels, strict=True):
         draw_panel(axes, panel)
-    style.share_time(drawn, run.result["time"].values)
+    if panels[-1].over:
+        drawn[-1].set_xlabel("frequency (Hz)")
+    else:
+        style.share_time(drawn, run.result["time"].values)
     figure.align_ylabels([axes for axes in drawn if axes.get_ylabel()])
     style.head(figure, run.title, run.status)
     if chart.remark:
@@ -63,6 +67,9 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
         drawn.set_linewidth(0.7 if level.role == "faint" else 0.6 if limit else 1.0)
     for trace in panel.traces:
         _draw_trace(axes, panel, trace)
+    if panel.aside is not None:
+        shade: Any = {"color": style.PALE, "alpha": 0.6, "linewidth": 0, "zorder": 0}
+        axes.axvspan(0.0, panel.aside, **shade, label="does not count")
     for words, look in panel.also:
         if look == "filled":
             axes.fill([], [], color=style.GREY, alpha=0.4, linewidth=0, label=words)

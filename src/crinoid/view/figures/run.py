@@ -1,17 +1,23 @@
 """Checked result files: a run, and the same run without control where it exists."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Bool
 
 from crinoid.foundation.axes import AXES
 from crinoid.foundation.status import Status
 from crinoid.results.chunks import pieces
+from crinoid.results.errors import error_word
+from crinoid.results.result import Result
 from crinoid.results.stream import open_lazily
+from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import counted
 from crinoid.view.scene.data import LARGEST, ReportError, check_obstacles, shaped
 
@@ -34,6 +40,28 @@ class Run:
     result: xr.Dataset
     uncontrolled: xr.Dataset | None = None
     shapeless: int = 0  # saved instants of both that are left out, as the arm has no shape to draw
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The scenario that was run; one of defaults where this version cannot read it."""
+        with suppress(KeyError, ScenarioError):
+            return Result(self.result).scenario
+        return Scenario()
+
+    @property
+    def aside(self) -> float | None:
+        """Time before which errors do not count (s); None if all do."""
+        return self.scenario.judged_from or None
+
+    def counted(self, data: xr.Dataset) -> Bool[np.ndarray, " time"]:
+        """Return the instants of its data that count; all if it ended before."""
+        counted = np.asarray(data["time"].values >= self.scenario.judged_from - 1e-9)
+        return counted if counted.any() else ~counted
+
+    @property
+    def error_word(self) -> str:
+        """Noun for the distance of the tip from its target, or from its start without one."""
+        return error_word(self.scenario)
 
     @property
     def title(self) -> str:
@@ -98,8 +126,8 @@ def load_as(path: Path, kind: str, required: Mapping[str, tuple[str, ...]]) -> x
     """Read a file of a kind into memory, with some variables over some dimensions; ``*``: any."""
     dataset = load(path)
     for name, dims in required.items():
-        over = dataset[name].dims if name in dataset else ()
-        if name not in dataset or not fnmatchcase(" ".join(map(str, over)), " ".join(dims)):
+        known = " ".join(map(str, dataset[name].dims)) if name in dataset else ""
+        if name not in dataset or not fnmatchcase(known, " ".join(dims)):
             over = f" over {', '.join(dims)}" if dims else ""
             text = f"not a file of crinoid with {kind}, it has no {name}{over}"
             raise ReportError(f"{path}: {text}")

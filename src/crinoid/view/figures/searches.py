@@ -1,4 +1,4 @@
-"""Figures of tuning, training and identification."""
+"""Figures of tuning, training, identification and optimisation."""
 
 import math
 
@@ -58,6 +58,48 @@ def draw_tuning(data: xr.Dataset) -> Figure:
     for axes in grid[len(names) :]:
         axes.set_axis_off()
     lower.supxlabel("dotted: as given; dashed: as tuned", fontsize=8.5, color=GREY)
+    return figure
+
+
+def draw_optimisation(data: xr.Dataset) -> Figure:
+    """Draw the measures of each trial, filled where it keeps the limits, over each number."""
+    names, keys = [str(name) for name in data["measure"].values], data["key"].values
+    size = (max(WIDTH, 2.1 * len(keys)), 0.5 + 1.9 * len(names))
+    figure = Figure(figsize=size, layout="constrained")
+    head_of(figure, data)
+    grid = figure.subplots(len(names), len(keys), squeeze=False, sharex="col", sharey="row")
+    sign, limit = data["sign"].values[:, None], data["limit"].values[:, None]
+    found = data["found"].values
+    # the mean of what is to be least, the worst draw of what has a limit
+    shown = np.where(sign > 0, found.max(axis=2).T, found.min(axis=2).T)
+    shown[0] = found[:, 0].mean(axis=1)
+    kept = (sign * (shown - limit) <= 0)[1:].all(axis=0) & np.isfinite(shown).all(axis=0)
+    start = data["start"].values
+    for row, axes_of in enumerate(grid):
+        for column, axes in enumerate(axes_of):
+            tried = data["tried"].values[:, column]
+            for number in np.unique(start):
+                colour = SERIES[int(number) % len(SERIES)] if len(np.unique(start)) < 8 else BLUE
+                of = start == number
+                axes.plot(tried[of], shown[row, of], "o", color=colour, mfc="none", ms=3, alpha=0.5)
+                axes.plot(tried[of & kept], shown[row, of & kept], "o", color=colour, ms=3)
+            axes.axvline(float(data["given"][column]), color=GREY, linestyle=":")
+            axes.axvline(float(data["best"][column]), color=INK, linestyle="--", linewidth=1.0)
+            if row:
+                axes.axhline(float(limit[row, 0]), color=VERMILLION, linewidth=1.0)
+            low, high = data["range"].values[column]
+            if low > 0 and high > 10 * low:
+                axes.set_xscale("log")
+                axes.xaxis.set_minor_formatter(NullFormatter())
+        some = shown[row][np.isfinite(shown[row]) & (shown[row] > 0)]
+        if some.size and some.max() > 10 * some.min():
+            axes_of[0].set_yscale("log")
+        unit = str(data["unit"].values[row])
+        axes_of[0].set_ylabel(f"{names[row]}" + (f"\n({unit})" if unit != "1" else ""))
+    for axes, name in zip(grid[-1], keys, strict=True):
+        axes.set_xlabel(str(name))
+    words = "filled: limits are kept; dotted: as given; dashed: best; red: limit"
+    figure.supxlabel(words, fontsize=8.5, color=GREY)
     return figure
 
 

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from crinoid.view.figures import style
 from crinoid.view.figures.arm import chosen_records, draw_arm, mount_points
-from crinoid.view.figures.charts.tip import miss, spectrum_panel
+from crinoid.view.figures.charts.spectra import miss, spectrum_panel
 from crinoid.view.figures.paper import draw_panel
 from crinoid.view.figures.perspective import DARK, add_arm
 from crinoid.view.figures.run import Run
@@ -25,7 +25,7 @@ from crinoid.view.figures.sheet import (
     measured_from,
 )
 from crinoid.view.figures.surroundings import CurrentArrows, draw_key, find_current
-from crinoid.view.scene.data import arc_length, find_obstacles, in_space, is_spatial
+from crinoid.view.scene.data import arc_length, find_obstacles, in_space, is_spatial, target_word
 from crinoid.view.scene.projection import ABOVE, AHEAD, SIDE, PaperPoint, View
 
 ROWS = {
@@ -215,7 +215,7 @@ def draw_close_up(run: Run) -> Figure:
                 window = Rectangle((corner, corner), wide, wide, fill=False, edgecolor=style.INK)
                 window.set(zorder=4, label="window with control")
                 axes.add_patch(window)
-        rms = float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+        rms = float(np.sqrt(np.nanmean(np.sum(off[run.counted(data)] ** 2, axis=1))))
         words = f"{label}: RMS" if label else "RMS"
         some[0].set_title(f"{words} {style.length_unit(half).text(rms)}", loc="left")
     style.time_bar(figure, run.result, ax=panels, label="time (s)", aspect=25)
@@ -241,11 +241,11 @@ def _path(
     axes.plot(
         *points[-1], "o", color=style.VERMILLION, markersize=4, zorder=5, label="tip at the end"
     )
-    axes.plot(
-        0.0, 0.0, "o", markersize=8.5, mfc="none", mec=style.INK, mew=1.2, zorder=5, label="target"
-    )
+    word = target_word(data)
+    (ring,) = axes.plot(0.0, 0.0, "o", markersize=8.5, mfc="none", mec=style.INK, mew=1.2)
+    ring.set(zorder=5, label=word)
     limit = half * unit.factor
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
     across, up = (label.split()[0] for label in view.labels)
-    axes.set_xlabel(f"{across} \N{MINUS SIGN} target ({unit.name})")
-    axes.set_ylabel(f"{up} \N{MINUS SIGN} target ({unit.name})")
+    axes.set_xlabel(f"{across} \N{MINUS SIGN} {word} ({unit.name})")
+    axes.set_ylabel(f"{up} \N{MINUS SIGN} {word} ({unit.name})")

@@ -1,5 +1,6 @@
 """The arm in space on one page: from above, from the side, from ahead, and in perspective."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +52,7 @@ def measured_from(view: View, about: str) -> list[str]:
     return [label.replace(" (m)", f"{about} (m)") for label in view.labels]
 
 
-_CORNER = 0.03  # room between the corner and the key of the water, of the longer side
+_CORNER = 0.03  # room between the edge and the key of the water, of the width
 
 
 def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bool) -> None:
@@ -60,22 +61,39 @@ def draw_in(axes: Axes, data: xr.Dataset, view: View, chosen: Chosen, legend: bo
     current = find_current(run.result, view)
     low, high = window(contents([run.result]), {view: [current]}, current.scale)
     (left, bottom), (right, top) = view.paper(low), view.paper(high)
-    across, up = measured_from(view, about)
-    axes.set(xlabel=across, ylabel=up)
+    labels = measured_from(view, about)
+    axes.set(xlabel=labels[0], ylabel=labels[1])
     draw_arm(axes, run.result, low, high, view, chosen)
     current.draw(axes, current.scale)
+    # the window has room at its top for the legend and below it for the key of the water, and the
+    # shape of the axes that are given; axes that share its scale keep what they show
+    room, shape = style.key_within(axes) if legend else 0.0, axes.bbox.width / axes.bbox.height
+    line = style.line_share(axes) if current.scale > 0.0 else 0.0
+    wide, tall = right - left, (top - bottom) / (1.0 - room - line)
+    aside, above = max(0.0, tall * shape - wide), max(0.0, wide / shape - tall)
+    across, up = (
+        (left - aside / 2, right + aside / 2),
+        (bottom - above / 2, bottom + tall + above / 2),
+    )
     if current.scale > 0.0:
-        corner = np.array([right, top]) - _CORNER * max(right - left, top - bottom)
+        corner = np.array([across[1] - _CORNER * (across[1] - across[0]), top + tall * line / 2])
         draw_key(axes, corner, style.largest(current.instants), current.scale)
     for artist in (*axes.collections, *axes.texts):
         artist.set_in_layout(False)  # layout engines overestimate the size of arrows
-    # the window has room for the legend at its top, and the shape of the axes that are given
-    room, shape = style.key_within(axes) if legend else 0.0, axes.bbox.width / axes.bbox.height
-    wide, tall = right - left, (top - bottom) / (1.0 - room)
-    aside, above = max(0.0, tall * shape - wide), max(0.0, wide / shape - tall)
-    axes.set(xlim=(left - aside / 2, right + aside / 2))
-    axes.set(ylim=(bottom - above / 2, bottom + tall + above / 2))
+    axes.set(
+        xlim=_shared(axes.get_shared_x_axes().get_siblings(axes), axes, axes.get_xlim(), across)
+    )
+    axes.set(ylim=_shared(axes.get_shared_y_axes().get_siblings(axes), axes, axes.get_ylim(), up))
     axes.set_aspect("equal", adjustable="box")  # "datalim" refuses axes that share both
+
+
+def _shared(
+    siblings: Sequence[Axes], axes: Axes, drawn: tuple[float, float], wanted: tuple[float, float]
+) -> tuple[float, float]:
+    """Return limits of axes that contain those of others with the same scale, if they have data."""
+    if not any(each.has_data() for each in siblings if each is not axes):
+        return wanted
+    return min(drawn[0], wanted[0]), max(drawn[1], wanted[1])
 
 
 VIEWS = (ABOVE, SIDE, AHEAD)

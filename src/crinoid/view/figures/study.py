@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -14,9 +14,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crinoid.foundation.status import Status
-from crinoid.results.metrics import CASE_MEASURES, COLUMNS, read_rows
+from crinoid.results.metrics import MEASURES, Measure, measure_columns, read_rows
+from crinoid.scenario.kinds import unit_at
+from crinoid.scenario.scenario import scenario_schema
+from crinoid.studies.statistics import student_factor
+from crinoid.view.figures.measures import label_of, unit_of
 from crinoid.view.figures.run import RESULT
-from crinoid.view.figures.style import Unit, largest, length_unit
+from crinoid.view.figures.style import Unit, largest
 from crinoid.view.scene.data import ReportError
 
 CaseNumbers = Float[np.ndarray, " case"]
@@ -40,19 +44,19 @@ def read_cases(path: Path) -> list[Case]:
         columns, rows = read_rows(path)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ReportError(f"{path}: not a readable table ({error})") from error
-    missing = [name for name in COLUMNS if name not in columns]
-    if missing:
-        text = f"not the table of a study of crinoid's, it lacks the column {missing[0]!r}"
+    names = measure_columns(columns)
+    if not names:
+        text = "not the table of a study, with case, keys, measures, status, directory as columns"
         raise ReportError(f"{path}: {text}")
     if not rows:
         raise ReportError(f"{path}: the table has no case")
-    return [_read_case(path, row) for row in rows]
+    return [_read_case(path, row, names) for row in rows]
 
 
-def _read_case(path: Path, row: dict[str, str | None]) -> Case:
+def _read_case(path: Path, row: dict[str, str | None], names: list[str]) -> Case:
     texts = {name: (value or "").strip() for name, value in row.items() if name is not None}
     measures = {}
-    for name in CASE_MEASURES:
+    for name in names:
         try:
             measures[name] = float(texts[name]) if texts[name] else math.nan
         except ValueError as error:
@@ -63,7 +67,11 @@ def _read_case(path: Path, row: dict[str, str | None]) -> Case:
     if folder.is_absolute() or ".." in folder.parts:
         raise ReportError(f"{path}: {str(folder)!r} is not a folder inside the study")
     result = path.parent / folder / RESULT
-    varied = {name: text for name, text in texts.items() if name not in COLUMNS}
+    varied = {
+        name: text
+        for name, text in texts.items()
+        if name not in (*names, "case", "status", "directory")
+    }
     status, found = texts["status"] or Status.OK.value, result if result.is_file() else None
     return Case(texts["case"], varied, measures, status, str(folder), found)
 
@@ -86,7 +94,7 @@ _CLASSES = (4, 48)
 """Least and largest number of classes of equal counts, of numbers that hardly repeat."""
 _OF_A_CLASS = 10  # cases in such a class: more make it wide, fewer are few for a mean
 _PER_LEVEL = 3  # cases that a level needs on average, for its mean to be more than one of them
-_DRAWS = 400
+_DRAWS = 200
 _INTERVAL = (0.025, 0.975)
 
 
@@ -143,13 +151,6 @@ def _share(values: CaseNumbers, classes: Int[np.ndarray, " case"], sorted_in: bo
 MOST_KEYS = 6  # keys over which, and over pairs of which, measures are shown; the table has all
 _MOST_LEVELS = 60  # values of a key that cells are drawn for
 _WIDE = 20.0  # ratio of numbers from which on their axis is logarithmic
-_LABELS = {
-    "rms_error": "RMS error",
-    "steady_error": "steady error",
-    "rms_error_uncontrolled": "RMS error without control",
-    "deflection": "steady error without control",
-    "settling_time": "settling time",
-}
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,12 @@ class Key:
     levels: list[str]  # its different values: numbers by size, words in the order of the cases
     level: Int[np.ndarray, " case"]  # index of the level of each case
     numbers: Float[np.ndarray, " level"] | None  # the levels as numbers; None where they are words
+
+    @property
+    def label(self) -> str:
+        """Its name, with its unit if it has one."""
+        unit = unit_at(scenario_schema(), self.name)
+        return f"{self.name} ({unit})" if unit else self.name
 
     @property
     def logarithmic(self) -> bool:
@@ -222,15 +229,17 @@ def gridded(pair: tuple[Key, ...]) -> bool:
     return max(one, other) <= _MOST_LEVELS and one * other <= 2 * len(pair[0].texts)
 
 
-def study_of(cases: Sequence[Case]) -> Study:
-    """Return the study of some cases."""
+def study_of(cases: Sequence[Case], registry: Mapping[str, Measure] = MEASURES) -> Study:
+    """Return the study of some cases, whose measures a registry explains."""
     keys = [key_of(name, [case.varied[name] for case in cases]) for name in cases[0].varied]
     measures = []
-    for name in sorted(CASE_MEASURES, key=list(_LABELS).index):
+    order = {name: place for place, name in enumerate(MEASURES)}
+    for name in sorted(cases[0].measures, key=lambda name: order.get(name, len(order))):
         values = np.array([case.measures[name] for case in cases])
         if np.isfinite(values).any():
-            unit = Unit(1.0, "s") if name == "settling_time" else length_unit(largest(values))
-            measures.append(StudyMeasure(name, _LABELS[name], unit, values))
+            about = registry[name].attributes if name in registry else {}
+            unit = unit_of(about, largest(values))
+            measures.append(StudyMeasure(name, label_of(name), unit, values))
     names, status = [case.name for case in cases], [case.status for case in cases]
     return Study(names, status, keys, measures)
 
@@ -256,6 +265,8 @@ class Means:
     """A measure at each level of a key, or in each cell of two."""
 
     mean: Float[np.ndarray, " place"]
+    half: Float[np.ndarray, " place"]
+    """Half the width of the interval of 95 % of the mean; NaN of fewer than two cases."""
     low: Float[np.ndarray, " place"]
     """Quantile of 5 %; NaN where fewer than ``QUANTILE_CASES`` cases are known."""
     high: Float[np.ndarray, " place"]
@@ -271,10 +282,13 @@ def means_of(values: CaseNumbers, place: Int[np.ndarray, " case"], places: int) 
     count = np.bincount(place[known], minlength=places)
     total = np.bincount(place[known], values[known], minlength=places)
     mean = np.divide(total, count, out=np.full(places, np.nan), where=count > 0)
+    spread = np.bincount(place[known], (values - mean[place])[known] ** 2, minlength=places)
+    factor = np.array([student_factor(n) if n > 1 else np.nan for n in count.tolist()])
+    half = factor * np.sqrt(spread / np.maximum(count - 1, 1) / np.maximum(count, 1))
     low, high = np.full(places, np.nan), np.full(places, np.nan)
     order = np.argsort(place[known], kind="stable")
     sorted_values, ends = values[known][order], np.cumsum(count)
     for index in np.flatnonzero(count >= QUANTILE_CASES):
         some = sorted_values[ends[index] - count[index] : ends[index]]
         low[index], high[index] = np.quantile(some, _QUANTILES)
-    return Means(mean, low, high)
+    return Means(mean, half, low, high)

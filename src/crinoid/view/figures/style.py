@@ -32,7 +32,7 @@ class Unit(NamedTuple):
 
     def text(self, value: float) -> str:
         """Write a value in SI with three digits, in this unit."""
-        return f"{self.number(value)} {self.name}"
+        return f"{self.number(value)} {self.name}".strip()
 
 
 DEGREES = Unit(180.0 / np.pi, "deg")
@@ -115,7 +115,10 @@ STYLE: Any = {
     "legend.fontsize": 8.5,
     "lines.linewidth": 1.3,
     "lines.solid_capstyle": "round",
+    "pdf.fonttype": 42,  # whole fonts: publishers refuse type 3
     "savefig.dpi": 200,
+    "svg.fonttype": "none",  # text stays text
+    "svg.hashsalt": "crinoid",  # the same figure gives the same file
     "text.color": INK,
     "xtick.color": INK,
     "ytick.color": INK,
@@ -217,7 +220,12 @@ def key_within(axes: Axes) -> float:
     legend = axes.get_legend()
     texts = [] if legend is None else legend.get_texts()
     lines = sum(1 + text.get_text().count("\n") for text in texts)
-    return min(0.5, lines * _LINE * axes.figure.dpi / axes.bbox.height)
+    return min(0.5, lines * line_share(axes))
+
+
+def line_share(axes: Axes) -> float:
+    """Return the share of the height of axes that a line of text needs."""
+    return min(0.25, _LINE * axes.figure.dpi / axes.bbox.height)
 
 
 def key(axes: Axes, columns: int = 4, *, within: bool = False) -> None:

@@ -126,7 +126,7 @@ class LiveScene:
         return self._scene.add_arrows(name, points, _rgb(colour), **look)
 
     def _rigid_bodies(self, frame: Snapshot) -> Sequence[RigidBody]:
-        """Return the rigid bodies of an instant; the submarine itself is not shown."""
+        """Return the rigid bodies of an instant; the base itself is not shown."""
         root, forward = frame.nodes[:1], unit_vectors(frame.nodes[1:2] - frame.nodes[:1])
         run = Keyframes(
             label="",
@@ -148,7 +148,9 @@ class LiveScene:
             held=np.array([frame.holding]),
         )
         scene = Scene(not self._planar, self._length, len(frame.nodes), (run,))
-        return [body for body in rigid_bodies(scene, run) if body.name not in ("hull", "target")]
+        return [
+            body for body in rigid_bodies(scene, run) if body.name not in ("hull", "base", "target")
+        ]
 
     def _add_body(self, body: RigidBody) -> tuple[Any, Points]:
         """Add a rigid body; return its handle, and the points of its shape."""

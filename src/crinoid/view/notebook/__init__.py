@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from html import escape
 
 import matplotlib as mpl
@@ -17,9 +18,11 @@ from crinoid.scenario.errors import got, one_of
 from crinoid.view.figures import run, style
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
+from crinoid.view.figures.charts.spectra import load_chart, spectrum_chart
 from crinoid.view.figures.charts.summary import equilibrium_summary, summary
-from crinoid.view.figures.charts.tip import spectrum_chart, tip_chart
+from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
+from crinoid.view.figures.charts.vehicle import has_vehicle, vehicle_chart
 from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.paper import draw_panel
 from crinoid.view.figures.run import Run
@@ -98,7 +101,7 @@ class Plots:
         return self._panel(tip_chart, "tip_water", ax)
 
     def commands(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
-        """Plot driven channels and actuators with their commands, and the load on the submarine.
+        """Plot driven channels and actuators with their commands, and the load on the base.
 
         A panel each for the base's channels (in space for all shifts and all turns), for actuators
         of each unit, for the force and for the moment.
@@ -106,12 +109,28 @@ class Plots:
         return self._chart(drive_chart, ax)
 
     def base_force(self, ax: Axes | None = None) -> Axes:
-        """Plot the force of the arm on the submarine."""
+        """Plot the force of the arm on its base."""
         return self._panel(drive_chart, "base_force", ax)
 
     def base_moment(self, ax: Axes | None = None) -> Axes:
-        """Plot the moment of the arm on the submarine."""
+        """Plot the moment of the arm on its base."""
         return self._panel(drive_chart, "base_moment", ax)
+
+    def loads(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
+        """Plot the spectral densities of force and moment on the base: two panels."""
+        return self._chart(load_chart, ax)
+
+    def vehicle(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
+        """Plot shifts and turns of a floating submarine, and its thrusters: two or four panels.
+
+        Raises
+        ------
+        ValueError
+            If no submarine floats.
+        """
+        if not has_vehicle(self._run):
+            raise ValueError("the base is held, so no submarine floats. Add [vehicle].")
+        return self._chart(vehicle_chart, ax)
 
     def energy(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
         """Plot stored energies, works, and the defect of their balance: three panels."""
@@ -234,6 +253,9 @@ class Plots:
         time = run.result["time"].values
         with _axes([panel.tall for panel in panels], given) as drawn:
             for axes, panel in zip(drawn, panels, strict=True):
+                if given is not None:  # which may be small
+                    traces = tuple(replace(trace, summary="") for trace in panel.traces)
+                    panel = replace(panel, traces=traces)
                 draw_panel(axes, panel)
                 if given is not None:
                     room = style.key_within(axes)

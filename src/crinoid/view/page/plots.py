@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from bokeh import models
 from bokeh.document import Document
-from bokeh.models.annotations import Span
+from bokeh.models.annotations import BoxAnnotation, Span
 from jaxtyping import Float, Int
 
 from crinoid.view.figures.charts.chart import Chart, Panel, Trace
@@ -37,8 +37,9 @@ def plots_of(charts: list[Chart], begin: float, end: float) -> PlotDocument:
     most = 0
     for chart in charts:
         panels = []
-        for panel in chart.panels:
-            last = panel is chart.panels[-1]
+        filled = chart.filled
+        for panel in filled:
+            last = panel is filled[-1]
             plot, count = _panel(panel, span, last)
             drawn.append(plot)
             panels.append(_texts(panel) | {"root": plot.id})
@@ -89,6 +90,9 @@ def _panel(panel: Panel, span: models.Range1d, last: bool) -> tuple[models.Plot,
             line = Span(location=where, dimension="width", name=level.role)
             line.line_dash = _DASHES[level.line]
             plot.add_layout(line)
+    if panel.aside is not None:
+        shade: Any = {"fill_color": "gray", "fill_alpha": 0.15, "line_color": None}
+        plot.add_layout(BoxAnnotation(right=panel.aside, **shade))
     for index, row in enumerate(panel.rows):
         source = models.ColumnDataSource({"left": row.spans[:, 0], "right": row.spans[:, 1]})
         glyph = models.HBar(y=index, left="left", right="right", height=0.7, line_color=None)
@@ -183,7 +187,8 @@ def _texts(panel: Panel) -> dict[str, Any]:
             f"filled: {words}" if look == "filled" else words
             for words, look in panel.also
             if look != "dashed"
-        ],
+        ]
+        + ["shaded: does not count"] * (panel.aside is not None),
         "traces": [
             {
                 # the legend has an entry for each of several numbered traces

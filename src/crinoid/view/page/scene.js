@@ -181,12 +181,13 @@ class Scene {
     paint.lines(shadow, 4);
   }
 
-  // The submarine, the boom that its servos shift, the joint and the clamp.
+  // The submarine or the plate of another base, the boom that servos shift, the joint and the clamp.
   mount(member) {
-    const { paint, length } = this, { anchor, root, ahead, frame } = member.now, { hull: [long, wide], boom, joint, clamp } = member.sizes;
+    const { paint, length } = this, { anchor, root, ahead, frame } = member.now, { hull, base, boom, joint, clamp } = member.sizes;
     const inside = (v) => V.add(V.add(V.by(frame[0], v[0]), V.by(frame[1], v[1])), V.by(frame[2], v[2]));
-    const middle = V.sub(anchor, inside(member.out)), grey = [...this.hull, 1], steel = [...this.steel, 1];
-    paint.draw(paint.meshes.ball, placed(V.by(frame[0], long), V.by(frame[1], wide), V.by(frame[2], wide), middle), grey);
+    const out = inside(member.out), grey = [...this.hull, 1], steel = [...this.steel, 1];
+    if (base) this.rod(V.sub(anchor, V.by(out, 2)), anchor, base[1], grey);
+    else paint.draw(paint.meshes.ball, placed(V.by(frame[0], hull[0]), V.by(frame[1], hull[1]), V.by(frame[2], hull[1]), V.sub(anchor, out)), grey);
     if (boom && V.size(V.sub(root, anchor)) > 1e-6) this.rod(anchor, root, boom[1], steel);
     this.ball(root, joint[1], steel);
     this.rod(root, V.add(root, V.by(ahead, 2 * clamp[0])), clamp[1], steel);

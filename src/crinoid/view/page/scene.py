@@ -80,7 +80,7 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
 
     mount, target = each.mount, each.target
     bodies = {each.name: each for each in rigid_bodies(scene, each) if each.kind != "obstacle"}
-    hull = bodies["hull"]
+    base = bodies["hull" if mount.floats else "base"]
     still = bool(np.ptp(target, axis=0).max() < 1e-6)
     return {
         "label": each.label,
@@ -97,7 +97,7 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
         "rails": mount.rails,
         "bodies": [body(one) for one in each.obstacles],
         "sizes": {name: [one.shape.half, one.shape.radius] for name, one in bodies.items()},
-        "out": (hull.attitude[0].T @ (mount.anchor[0] - hull.position[0])).tolist(),
+        "out": (mount.attitude[0].T @ (mount.anchor[0] - base.position[0])).tolist(),
         "tool": None if each.tool is None else each.tool.offset,
         "held": pack.add(each.held.astype(float), 1.0, 0.0),
     }

@@ -3,6 +3,8 @@
 const ROWS = 200; // of the table, until a click shows all
 const NEAR = 18; // distance in pixels within which a point is selected
 
+const withUnit = ({ label, unit }) => (unit ? `${label} (${unit})` : label);
+
 class StudyPage {
   constructor(said) {
     Object.assign(this, said);
@@ -14,7 +16,7 @@ class StudyPage {
     this.columns = [
       { label: "case", of: (i) => this.names[i], title: "" },
       ...this.keys.map((key) => ({ label: key.short, title: key.name, of: (i) => (key.numbers ? key.numbers[key.level[i]] : key.levels[key.level[i]]), text: (i) => this.level(key, i) })),
-      ...this.measures.map((each) => ({ label: `${each.label} (${each.unit})`, title: "", measure: each, of: (i) => each.values[i], text: (i) => digits(each.values[i] ?? NaN) })),
+      ...this.measures.map((each) => ({ label: withUnit(each), title: "", measure: each, of: (i) => each.values[i], text: (i) => digits(each.values[i] ?? NaN) })),
       ...(this.status.some((each) => each !== "ok") ? [{ label: "status", title: "", of: (i) => this.status[i] }] : []),
     ];
   }
@@ -54,7 +56,7 @@ class StudyPage {
     }
     this.view = view;
     for (const each of this.views) if (each.box) each.box.hidden = each !== view;
-    const [across, up] = view.keys.map((k) => this.keys[k].name);
+    const [across, up] = view.keys.map((k) => this.keys[k].label);
     this.byId("across").textContent = across;
     this.byId("up").dataset.key = up || "";
     this.point();
@@ -81,6 +83,7 @@ class StudyPage {
     legend.querySelector("i").style.background = `linear-gradient(90deg, ${RAMPS.one.join(",")})`;
     [from.textContent, to.textContent] = [`${digits(low)}`, `${digits(high)} ${measure.unit}`];
     this.effects();
+    this.extremes();
     if (!view) return;
     const { model } = view.drawn;
     dress(model, read);
@@ -88,12 +91,13 @@ class StudyPage {
       const [start, end] = view.ends[measure.name];
       model.y_range.setv({ start, end });
     }
-    this.byId("up").textContent = view.kind === "lines" ? `${measure.label} (${measure.unit})` : this.byId("up").dataset.key;
+    this.byId("up").textContent = view.kind === "lines" ? withUnit(measure) : this.byId("up").dataset.key;
     for (const { name, glyph, data_source: source } of model.renderers) {
       const data = { ...source.data }, values = name === "points" ? measure.values.map((value) => value ?? NaN) : [...data[measure.name]];
       data.v = Float64Array.from(values);
       data.fill = values.map(tone);
-      data.text = values.map((value) => (Number.isFinite(value) ? Number(value.toPrecision(3)).toString() : "–"));
+      const half = data[`${measure.name} half`] || [], short = (value) => Number(value.toPrecision(3)).toString();
+      data.text = values.map((value, i) => (Number.isFinite(value) ? short(value) + (half[i] > 0 ? ` ± ${Number(half[i].toPrecision(2))}` : "") : "–"));
       data.tone = values.map((value) => (!Number.isFinite(value) ? read("soft") : share(value) > 0.55 ? "#14201f" : "#ffffff"));
       if ("low" in data) [data.low, data.high] = [data[`${measure.name} low`], data[`${measure.name} high`]];
       source.data = data;
@@ -103,10 +107,10 @@ class StudyPage {
     }
   }
 
-  // The text of a key in a case; a long number has six digits.
+  // The text of a key in a case; a number has six digits at most.
   level({ levels, level, numbers }, i) {
     const text = levels[level[i]];
-    return numbers && text.length > 10 ? String(Number(Number(text).toPrecision(6))) : text;
+    return numbers ? String(Number(Number(text).toPrecision(6))) : text;
   }
 
   // Shares of the variance of the measure.
@@ -127,6 +131,18 @@ class StudyPage {
       make("td", "range", row, `${percent(low)} to ${percent(high)}`);
       if (total !== undefined) make("td", "", row, `${percent(total)} ± ${percent(within)}`);
     }
+  }
+
+  // Name the cases with the smallest and the largest value of the measure.
+  extremes() {
+    const { values } = this.measure, box = this.byId("extremes");
+    box.replaceChildren();
+    this.ends.forEach((value, at) => {
+      const i = values.indexOf(value);
+      box.append(at ? "Largest: " : "Smallest: ");
+      if (this.pages[i]) make("a", "", box, this.names[i]).href = this.pages[i]; else box.append(this.names[i]);
+      box.append(`${this.told([i]).slice(this.names[i].length)}.${at ? "" : " "}`);
+    });
   }
 
   arms() {

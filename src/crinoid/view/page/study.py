@@ -13,10 +13,10 @@ from jaxtyping import Float
 
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
-from crinoid.results.metrics import CASE_MEASURES
+from crinoid.results.metrics import MEASURES, Measure, measures_of
 from crinoid.results.own_files import is_own
 from crinoid.results.result import attributes
-from crinoid.scenario import ScenarioError
+from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import counted
 from crinoid.studies.sweep.plan import SweepDesign
 from crinoid.studies.sweep.sampling import Index, indices_of
@@ -81,11 +81,29 @@ def write_study(cases: Sequence[Case], source: Path, folder: Path) -> Path:
     there = [is_own(folder / case.directory / parts.PAGE) for case in cases]
     addresses = [f"./{quote(case.directory)}/{parts.PAGE}" for case in cases]
     pages = [each if own else None for each, own in zip(addresses, there, strict=True)]
-    first = next((case.result for case in cases if case.result is not None), None)
+    plan, title = _plan_of(source, len(cases)), title_of(source, cases)
+    page = study_page_of(cases, title, pages, plan, registry_of(source, cases))
+    return parts.save_page(page, folder / parts.PAGE)
+
+
+def title_of(source: Path, cases: Sequence[Case]) -> str:
+    """Return the title of the study in a folder: that of its scenario, or the folder's name."""
     plan, name = _plan_of(source, len(cases)), source.resolve().name
+    first = next((case.result for case in cases if case.result is not None), None)
     title = str(attributes(first).get("title", name)) if first else name
-    title = plan.scenario.title if plan is not None else title
-    return parts.save_page(study_page_of(cases, title, pages, plan), folder / parts.PAGE)
+    return plan.scenario.title if plan is not None else title
+
+
+def registry_of(source: Path, cases: Sequence[Case]) -> dict[str, Measure]:
+    """Return the measures of the study in a folder; without those of packages that are missing."""
+    plan = _plan_of(source, len(cases))
+    texts = (attributes(case.result).get("scenario") for case in cases if case.result is not None)
+    try:
+        text = next(texts, None) if plan is None else None
+        scenario = Scenario.from_toml(str(text)) if text else plan and plan.scenario
+        return measures_of(scenario) if scenario else MEASURES
+    except ScenarioError:
+        return MEASURES
 
 
 def _plan_of(folder: Path, runs: int) -> SweepDesign | None:
@@ -98,9 +116,16 @@ def _plan_of(folder: Path, runs: int) -> SweepDesign | None:
 
 
 def study_page_of(
-    cases: Sequence[Case], title: str, pages: Sequence[str | None], plan: SweepDesign | None = None
+    cases: Sequence[Case],
+    title: str,
+    pages: Sequence[str | None],
+    plan: SweepDesign | None = None,
+    registry: Mapping[str, Measure] = MEASURES,
 ) -> str:
-    """Return the page of a study as HTML, from the addresses of its cases' pages and its design."""
+    """Return the page of a study as HTML.
+
+    From the addresses of its cases' pages, its design, and the registry of its measures.
+    """
     failed = sum(Status.of(case.status) is not Status.OK for case in cases)
     status = f"{failed} of {len(cases)} cases failed or did not reach their end"
     some = even_indices(len(cases), MOST_CASES)
@@ -108,7 +133,7 @@ def study_page_of(
     if len(some) < len(cases):
         left_out.append(f"The page contains {len(some)} of {len(cases)} cases, evenly chosen.")
         cases, pages = [cases[index] for index in some], [pages[index] for index in some]
-    study, (finals, omissions) = study_of(cases), final_shapes(cases)
+    study, (finals, omissions) = study_of(cases, registry), final_shapes(cases)
     left_out += omissions
     if len(study.varied) > MOST_KEYS:
         left_out.append(f"Charts are over the first {MOST_KEYS} of {len(study.varied)} keys.")
@@ -135,7 +160,7 @@ def _indices(
     if plan is None or plan.sampling != "saltelli":
         return {}, []
     found = {}
-    for name in CASE_MEASURES:
+    for name in cases[0].measures:
         try:
             values = plan.by_point(np.array([case.measures[name] for case in cases]))
             found[name] = indices_of(plan.sampled, values)
@@ -172,6 +197,7 @@ def _table(
         "keys": [
             {
                 "name": key.name,
+                "label": key.label,
                 "short": short[key.name],
                 "levels": key.levels,
                 "level": key.level.tolist(),

@@ -4,12 +4,15 @@ A document contains the means of all measures in columns of their names. The pag
 them, and adds the values of the cases from its table.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 from bokeh import models
 from bokeh.document import Document
+from matplotlib.ticker import LogLocator, MaxNLocator
 
+from crinoid.view.figures.measures import plain_number
 from crinoid.view.figures.study import Key, Study, StudyMeasure, gridded, means_of
 from crinoid.view.page.plots import empty_plot
 
@@ -49,8 +52,10 @@ def _cells(study: Study, across: Key, up: Key) -> models.Plot:
     cells = np.unique(place)
     columns: dict[str, Any] = {"x": cells // tall, "y": cells % tall}
     for measure in study.measures:
-        mean = means_of(measure.values, place, wide * tall).mean[cells]
-        columns[measure.name] = mean * measure.unit.factor
+        known, factor = means_of(measure.values, place, wide * tall), measure.unit.factor
+        columns[measure.name] = known.mean[cells] * factor
+        if cells.size < place.size:
+            columns[f"{measure.name} half"] = known.half[cells] * factor
     source = _source(columns)
     cell = models.Rect(x="x", y="y", width=1.0, height=1.0, fill_color="fill", line_width=1.0)
     plot.add_glyph(source, cell, name="cells")
@@ -120,27 +125,30 @@ class _StudyAxis:
         else:
             gap = _ROOM * float(numbers[-1] - numbers[0])
             low, high = float(numbers[0]) - gap, float(numbers[-1]) + gap
+        self.ends = low, high
         self.range = models.Range1d(start=low, end=high)
 
     def axis(self) -> models.Axis:
-        formatter = models.BasicTickFormatter(power_limit_low=-5, power_limit_high=6)
-        if self.log:
-            log = models.LogAxis(ticker=models.LogTicker())
-            log.update(formatter=formatter)  # numbers in place of powers
-            return log
-        if self.words is None:
-            return models.LinearAxis(
-                ticker=models.BasicTicker(desired_num_ticks=5), formatter=formatter
-            )
-        every = -(-len(self.words) // _WORDS)
-        axis = models.LinearAxis(major_label_overrides=dict(enumerate(self.words)))
-        axis.update(ticker=models.FixedTicker(ticks=list(range(0, len(self.words), every))))
+        """Return the axis, with a tick at some levels or at round numbers."""
+        if self.words is not None:
+            every = -(-len(self.words) // _WORDS)
+            named = dict(list(enumerate(self.words))[::every])
+        else:
+            named = {tick: plain_number(tick) for tick in self._round_numbers()}
+        axis = models.LogAxis() if self.log else models.LinearAxis()
+        axis.update(ticker=models.FixedTicker(ticks=list(named)), major_label_overrides=named)
         return axis
+
+    def _round_numbers(self) -> list[float]:
+        low, high = self.ends
+        locator = LogLocator(subs=(1.0, 2.0, 5.0)) if self.log else MaxNLocator(6)
+        ticks = [float(each) for each in locator.tick_values(low, high) if low <= each <= high]
+        return ticks if len(ticks) <= _WORDS else [t for t in ticks if math.log10(t) % 1 < 1e-9]
 
 
 def _short(text: str) -> str:
     try:
-        return f"{float(text):.4g}"
+        return plain_number(float(text))
     except ValueError:
         return text if len(text) <= 24 else f"{text[:22]} …"
 
@@ -156,6 +164,8 @@ def _plot(across: _StudyAxis, up: _StudyAxis | None, height: int) -> models.Plot
         min_border_bottom=26,
     )
     below, left = across.axis(), models.LinearAxis() if up is None else up.axis()
+    if up is None:
+        left.formatter = models.BasicTickFormatter(power_limit_low=-5, power_limit_high=6)
     plot.add_layout(below, "below")
     plot.add_layout(left, "left")
     plot.add_layout(models.Grid(dimension=1, axis=left))

@@ -13,6 +13,8 @@ from crinoid.view.scene.scene import Keyframes, Scene
 
 _HULL = (0.34, 6.0), (0.075, 1.5)
 """Half the length and half the width of the submarine: of the arm's length, and at most (m)."""
+_PLATE = 0.1, 1.5
+"""Radius of the plate that is the base of other arms, likewise."""
 _ENDLESS = 0.5  # half of the drawn length of an endless pole, of the arm's length
 _DISC = 0.08  # half of the drawn length of a pole across a planar arm, of the arm's length
 _WALL = 2.0  # half of the drawn side of a wall, of the arm's length
@@ -45,7 +47,7 @@ class RigidBody:
         """Material: `"steel"` for boom, joint, clamp and stem, else `"hull"` or its kind."""
         if self.name in ("boom", "joint", "clamp", "stem"):
             return "steel"
-        return "hull" if self.name == "hull" else self.kind
+        return "hull" if self.kind == "base" else self.kind
 
     def matrix(self, record: int, share: float = 0.0) -> Float[np.ndarray, "axis=3 axis=3"]:
         """Return its attitude times its scale, at an instant or a share of the way to the next."""
@@ -79,18 +81,25 @@ def rigid_bodies(scene: Scene, run: Keyframes, reach: float | None = None) -> li
 
 
 def mount_bodies(mount: ArmMount, root: Path, thick: float, length: float) -> list[RigidBody]:
-    """Return the hull, the boom that its servos shift, the joint and the clamp.
+    """Return the hull or the plate, the boom that servos shift, the joint and the clamp.
 
-    ``thick`` is the radius of the arm at its root. The submarine is not of its true size.
+    ``thick`` is the radius of the arm at its root. A submarine has a hull, any other base is a
+    plate; neither is of its true size.
     """
     thick = min(thick, _STOUT * length)
-    long, wide = (min(share * length, most) for share, most in _HULL)
-    half = np.array([long, wide, wide])
-    # the arm leaves the hull where a line from its middle in the arm's direction does
-    out = half**2 * mount.level_direction
-    out /= np.linalg.norm(half * mount.level_direction) or 1.0
+    if mount.floats:
+        long, wide = (min(share * length, most) for share, most in _HULL)
+        half = np.array([long, wide, wide])
+        # the arm leaves the hull where a line from its middle in the arm's direction does
+        out = half**2 * mount.level_direction
+        out /= np.linalg.norm(half * mount.level_direction) or 1.0
+        shape, attitude = BodyShape("ellipsoid", long, wide), mount.attitude
+    else:
+        shape = BodyShape("rod", _JOINT * thick / 2, min(_PLATE[0] * length, _PLATE[1]))
+        out = shape.half * mount.level_direction
+        attitude = mount.attitude @ look_rotation(mount.level_direction, _UP)
     middle = mount.anchor - np.einsum("tij,j->ti", mount.attitude, out)
-    found = [_body("hull", "base", BodyShape("ellipsoid", long, wide), middle, mount.attitude)]
+    found = [_body("hull" if mount.floats else "base", "base", shape, middle, attitude)]
     way, reach = _spanned(root - mount.anchor)
     if np.abs(reach).max() > _SHORT * thick:
         stretch = np.stack([reach, np.ones_like(reach), np.ones_like(reach)], axis=1)

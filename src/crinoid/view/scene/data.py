@@ -64,6 +64,15 @@ def read_scenario(dataset: xr.Dataset) -> dict[str, Any]:
     return {}
 
 
+def target_word(dataset: xr.Dataset) -> str:
+    """Return the noun for the target, which may be the start of a tip that nothing controls."""
+    tables = read_scenario(dataset)
+    idle = tables.get("control", {}).get("kind") == "none"
+    initial = tables.get("target", {}).get("tip") == "initial"
+    aimless = idle and initial and not moves(in_space(dataset, "tip_target"))
+    return "start of the tip" if aimless else "target"
+
+
 def bounded(values: Float[np.ndarray, "time ..."]) -> Bool[np.ndarray, " time"]:
     """Whether all numbers of an instant are finite and small enough to be drawn."""
     return np.asarray(np.all(np.abs(values.reshape(len(values), -1)) <= LARGEST, axis=1))

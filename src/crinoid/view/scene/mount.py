@@ -1,4 +1,4 @@
-"""The submarine's attitude, and the place and direction of the arm's base, over time."""
+"""The base of an arm over time, or the submarine that carries it: attitude, place, direction."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +20,7 @@ Angles = Float[np.ndarray, " time"]
 
 @dataclass(frozen=True)
 class ArmMount:
-    """The submarine and the clamp that hold the arm's root."""
+    """The base, or the submarine, and the clamp that hold the arm's root."""
 
     anchor: Path  # place of the root while its servos are at rest (m)
     direction: Path  # direction of the clamp
@@ -29,6 +29,8 @@ class ArmMount:
     """Direction in which the arm leaves a submarine that is level, its servos at rest."""
     rails: tuple[tuple[int, float, float], ...] = ()
     """Axis of the submarine and ends of the travel (m) of each servo that shifts the root."""
+    floats: bool = False
+    """Whether a submarine carries the arm, rather than a base that is fixed or moved."""
 
 
 def find_mount(data: xr.Dataset) -> ArmMount:
@@ -48,7 +50,18 @@ def find_mount(data: xr.Dataset) -> ArmMount:
     root = in_space(data.isel(node=0), "position")
     anchor = root - np.einsum("tij,tj->ti", attitude, shift)
     level = _direction(*_set_angles(data))[0]
-    return ArmMount(anchor, base_directions(data), attitude, level, tuple(rails))
+    direction, floats = base_directions(data), has_vehicle(data)
+    return ArmMount(anchor, direction, attitude, level, tuple(rails), floats)
+
+
+def base_word(data: xr.Dataset) -> str:
+    """Return the noun for the base of an arm."""
+    return "submarine" if has_vehicle(data) else "base"
+
+
+def has_vehicle(data: xr.Dataset) -> bool:
+    """Return whether a submarine carries the arm of a result."""
+    return "vehicle" in read_scenario(data)
 
 
 def base_directions(data: xr.Dataset) -> Path:

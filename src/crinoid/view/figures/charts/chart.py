@@ -1,13 +1,15 @@
 """A chart: panels of traces over one time axis."""
 
+from __future__ import annotations
+
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.view.figures.style import Unit
+from crinoid.view.figures.style import Unit, largest
 
 Role = str
 """Meaning of a trace, which gives it its colour: `"run"`, `"free"` (without control), an axis
@@ -71,6 +73,8 @@ class Panel:
     tall: float = 1.6  # its height on paper, with its key (inches)
     over: tuple[float, float] | None = None
     """Ends of its frequencies (Hz), both axes logarithmic; None over time."""
+    aside: float | None = None
+    """Time (s) before which values do not count, and are shaded."""
     columns: int = 4  # columns of the key
     nothing: str = ""  # why the panel is empty, where it is
     left_out: str = ""  # a remark on data that are cut off
@@ -87,6 +91,17 @@ class Panel:
         """Label of its axis."""
         return f"{self.label} ({self.unit.name})" if self.unit else self.label
 
+    def without_round_off(self) -> Panel:
+        """Return it with zeros in place of values that are only round-off."""
+        if self.over:
+            return self
+        most = largest(*(trace.values for trace in self.traces))
+        least = max(_ROUND_OFF * most, _SMALLEST / self.factor if self.unit else 0.0)
+        zeroed = [np.where(np.abs(each.values) < least, 0.0, each.values) for each in self.traces]
+        pairs = zip(self.traces, zeroed, strict=True)
+        traces = tuple(replace(trace, values=values) for trace, values in pairs)
+        return replace(self, traces=traces, high=self.high if most >= least else None)
+
 
 @dataclass(frozen=True)
 class Chart:
@@ -97,7 +112,15 @@ class Chart:
     panels: tuple[Panel, ...]
     remark: str = ""
 
+    @property
+    def filled(self) -> tuple[Panel, ...]:
+        """Its panels that are not empty; all if each is."""
+        some = [panel for panel in self.panels if not panel.nothing] or self.panels
+        return tuple(panel.without_round_off() for panel in some)
 
+
+_ROUND_OFF, _SMALLEST = 1e-9, 1e-6
+"""Largest round-off: of the largest value of a panel, and in its unit."""
 ZERO = (Level(0.0, "faint"),)
 MEMBER_ROLES = ("run", "free")  # roles of a run and of that without control
 

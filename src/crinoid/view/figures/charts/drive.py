@@ -1,4 +1,4 @@
-"""Charts of servos, of the load on the submarine, and of energies."""
+"""Charts of servos, of the load on the base, and of energies."""
 
 import math
 from dataclasses import replace
@@ -13,6 +13,7 @@ from crinoid.view.figures.charts.chart import MEMBER_ROLES, ZERO, Chart, Level, 
 from crinoid.view.figures.run import Run
 from crinoid.view.figures.style import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
 from crinoid.view.scene.data import is_spatial
+from crinoid.view.scene.mount import base_word
 
 _STORED = ("kinetic", "elastic", "potential")
 _BALANCE = Panel("energy_balance", "balance defect")
@@ -89,7 +90,7 @@ def effort_chart(run: Run) -> Chart:
     return Chart("effort", "Solver", (panel,))
 
 
-_ABOUT = {channel.name: channel.axis for channel in CHANNEL_TABLE}
+ABOUT = {channel.name: channel.axis for channel in CHANNEL_TABLE}
 """The axis that a channel moves along or turns about, which it has the colour of."""
 _FEW = 5  # actuators of a panel up to which each has its name in the key
 THROUGH = "... "  # before the name of the last of many actuators, only two of which are in the key
@@ -101,7 +102,7 @@ _NEAR = 0.1  # distance up to which the end of a travel is drawn, of the height 
 
 
 def drive_chart(run: Run) -> Chart:
-    """Return the chart of channels of the base, actuators, and the load on the submarine.
+    """Return the chart of channels of the base, actuators, and the load on the base.
 
     In space there are too many for a panel each: shifts share one, and so do turns.
     """
@@ -181,7 +182,7 @@ def _group(data: xr.Dataset, channels: list[str], tall: float) -> Panel:
     unit = DEGREES if turns else length_unit(most)
     traces, commanded = [], False
     for channel in channels:
-        role = _ABOUT[channel]
+        role = ABOUT[channel]
         ordered, reached, whole = (p.sel(channel=channel).values for p in (command, servo, pose))
         driven = _moves(servo, channel)
         if driven or _moves(command, channel):
@@ -209,12 +210,12 @@ def _limits(data: xr.Dataset, channels: list[str], drawn: list[np.ndarray]) -> l
         ends = [float(data[f"channel_{end}"].sel(channel=channel)) for end in ("lower", "upper")]
         for end in ends:
             if ends[0] < ends[1] and low - room <= end <= high + room:
-                levels.append(Level(end, _ABOUT[channel]))
+                levels.append(Level(end, ABOUT[channel]))
     return levels
 
 
 def _load(data: xr.Dataset, name: str, word: str, unit: str, tall: float) -> Panel:
-    label = f"{word} on\nsubmarine"
+    label = f"{word} on\n{base_word(data)}"
     if name not in data:
         return Panel(name, label, si_unit(0.0, unit), tall=tall, nothing=f"no {word} recorded")
     load = data[name]

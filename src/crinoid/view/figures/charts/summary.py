@@ -1,5 +1,6 @@
 """Summary of a run in numbers, for its end and its page."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -7,17 +8,35 @@ import numpy as np
 
 from crinoid.diagnostics.control_loop import limit_shares
 from crinoid.foundation.axes import ANGLES, CHANNELS
-from crinoid.results.metrics import TipError, angle_error, input_use, peak_load, tip_error
+from crinoid.results.effort import InputUse, input_use
+from crinoid.results.errors import TipError, error_word
+from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
+from crinoid.view.figures.measures import label_of, unit_of
 from crinoid.view.figures.style import DEGREES, Unit, largest, length_unit, si_unit
+from crinoid.view.scene.mount import base_word
 
 _NOTHING = 1e-6
 """Part of the arm's length, angle (rad) or load (N, N m) below which there is nothing to compare:
-a ratio would be one of round-off."""
-_ROUND_OFF = 1e-8
-"""Part of the arm's length, the largest load and so on below which a number at rest is 0."""
+a ratio would be one of round-off. At rest part of the largest load: smaller ones are 0."""
 _ALMOST_NO_LOAD = 1e-4
 """Load at which round-off is measured where there is none (N)."""
+_ROUND_OFF = 1e-3
+"""Part of that below which a number is round-off, and is written as 0."""
+_STILL = 1e-9
+"""Motion of an input (m, rad or its unit) that is round-off."""
+_ERRORS = {
+    "RMS": "rms",
+    "maximum": "maximum",
+    "P95": "p95",
+    "last tenth": "steady",
+}
+_LOADS = {
+    "max": "largest {} on {}",
+    "rms": "{} on {}, RMS",
+    "p95": "{} on {}, P95",
+}
+SHARE = Unit(100.0, "%")
 _SELDOM = 1e-3  # share of the time at a limit that is not worth a row
 
 
@@ -30,61 +49,177 @@ class RunSummary(NamedTuple):
 
 def summary(result: Result) -> RunSummary:
     """Summarise a run, and the one without control where it exists."""
-    runs = [result] if result.uncontrolled is None else [result, result.uncontrolled]
-    scenario = result.scenario
-    controlled = scenario.control.kind != "none"
+    others = [] if result.uncontrolled is None else [result.uncontrolled]
+    table = _Table(result, [RunStatistics(run) for run in (result, *others)], [])
+    with np.errstate(all="ignore"):  # a run that diverged may hold huge numbers
+        table.add_errors()
+        table.add_inputs()
+        table.add_loads()
+        table.add_vehicle()
+        table.add_contacts()
+        table.add_own()
+        table.add_solver()
+    controlled = result.scenario.control.kind != "none"
     heads = ["", "controlled" if controlled else "value", "uncontrolled", "ratio"]
-    rows: list[list[str]] = []
+    return RunSummary(heads[: 2 if len(table.runs) == 1 else 4], table.rows)
 
-    def add(name: str, values: Sequence[float], unit: Unit, nothing: float) -> None:
-        cells = [unit.text(value) for value in values]
-        if len(values) == 2 and min(values) >= 0 and values[1] > nothing:
-            cells.append(f"{values[0] / values[1]:.1%}")
-        rows.append([name, *cells])
 
-    def add_errors(name: str, errors: list[TipError], unit: Unit, nothing: float) -> None:
-        add(f"{name} error, RMS", [error.rms for error in errors], unit, nothing)
-        add(f"{name} error, maximum", [error.maximum for error in errors], unit, nothing)
-        add(f"{name} error, last tenth", [error.steady for error in errors], unit, nothing)
+class _Table(NamedTuple):
+    """Rows of a summary, filled from the registry of measures."""
+
+    result: Result
+    runs: list[RunStatistics]
+    rows: list[list[str]]
+
+    def measure(self, name: str) -> list[float | None]:
+        """Return a measure of each run."""
+        return [known(MEASURES[name].read(run)) for run in self.runs]
+
+    def add(
+        self,
+        name: str,
+        values: Sequence[float | None],
+        unit: Unit,
+        *,
+        nothing: float = math.inf,
+        ends: Sequence[str] = ("", ""),
+    ) -> None:
+        """Add values, in SI, and their ratio where there is more than ``nothing`` to compare."""
+        if values[0] is None:
+            return
+        round_off = _ROUND_OFF * nothing if nothing < math.inf else 0.0
+        shown = [None if v is None else v if abs(v) > round_off else 0.0 for v in values]
+        cells = [
+            "" if v is None else unit.text(v) + end for v, end in zip(shown, ends, strict=False)
+        ]
+        numbers = [value for value in shown if value is not None]
+        if len(numbers) == 2 and min(numbers) >= 0 and numbers[1] > nothing:
+            cells.append(f"{numbers[0] / numbers[1]:.1%}")
+        self.rows.append([name, *cells])
+
+    def add_errors(self) -> None:
+        """Add errors of the tip's position and direction, which count from a time on."""
+        scenario, begin = self.result.scenario, self.result.scenario.judged_from
+        word = error_word(scenario)
+        if begin > 0:
+            self.rows.append([f"{word} counts from", f"{begin:g} s"])
+        errors = [run.tip for run in self.runs]
+        unit = length_unit(max(known(error.maximum) or 0.0 for error in errors))
+        self._add_errors(word, errors, unit, _NOTHING * scenario.arm.length)
+        if (tolerance := scenario.target.tolerance) is not None:
+            within = f"{word} within {length_unit(tolerance).text(tolerance)}"
+            self.add(within, self.measure("within_tolerance"), SHARE)
+        turns = {"angle", "direction"} & set(scenario.control.controlled)
+        if scenario.control.kind != "none" and turns:
+            angles = [run.angle for run in self.runs if run.angle is not None]
+            self._add_errors("angle error", angles, DEGREES, _NOTHING)
+
+    def _add_errors(
+        self, name: str, errors: Sequence[TipError], unit: Unit, nothing: float
+    ) -> None:
+        for words, field in _ERRORS.items():
+            values = [known(getattr(error, field)) for error in errors]
+            self.add(f"{name}, {words}", values, unit, nothing=nothing)
+        scenario, part = self.result.scenario, name.partition(" ")[0]
         if scenario.target.moves or (scenario.target.frame == "base" and scenario.base.motion):
             return  # the tip is to go away from its mean
-        fluctuations = [error.fluctuation for error in errors]
-        add(f"{name} fluctuation, RMS", fluctuations, unit, nothing)
-        if len(runs) == 2:
-            against = [errors[0].rms, errors[1].fluctuation]
-            add(f"{name} error over fluctuation", against, unit, nothing)
+        wander = [known(error.fluctuation) for error in errors]
+        self.add(f"{part} fluctuation, RMS", wander, unit, nothing=nothing)
+        if len(errors) == 2:
+            against = [known(errors[0].rms), wander[1]]
+            self.add(f"{name} over fluctuation", against, unit, nothing=nothing)
 
-    errors = [tip_error(run) for run in runs]
-    unit = length_unit(max(error.maximum for error in errors))
-    add_errors("tip", errors, unit, _NOTHING * scenario.arm.length)
-    if controlled and {"angle", "direction"} & set(scenario.control.controlled):
-        add_errors("angle", [angle_error(run) for run in runs], DEGREES, _NOTHING)
-    met = limit_shares(result)
-    for name, use in input_use(result).items():
-        unit = _unit_of(name, result, max(-use.low, use.high))
-        rows.append([f"{name}, RMS", unit.text(use.rms)])
-        rows.append([f"{name}, range", f"{unit.number(use.low)} to {unit.text(use.high)}"])
-        if name in met and max(met[name]) >= _SELDOM:
-            shares = [f"{kind} {share:.1%}" for kind, share in met[name]._asdict().items() if share]
-            rows.append([f"{name}, time at limits", ", ".join(shares)])
-    loads = [peak_load(run) for run in runs]
-    forces, moments = zip(*loads, strict=True)
-    add("largest force on submarine", forces, si_unit(max(forces), "N"), _NOTHING)
-    add("largest moment on submarine", moments, si_unit(max(moments), "N m"), _NOTHING)
-    if "contact_time" in result.dataset:
-        rows += [[name, *contact] for name, contact in _contacts(runs).items()]
-    steps = [int(run.dataset["steps"].sum()) for run in runs]
-    iterations = [int(run.dataset["newton_iterations"].sum()) for run in runs]
-    rows.append(["simulated", *(f"{float(run.dataset.time[-1]):g} s" for run in runs)])
-    rows.append(["time steps", *map(str, steps)])
-    spent = [f"{count / max(1, n):.2f}" for count, n in zip(iterations, steps, strict=True)]
-    rows.append(["Newton iterations a step", *spent])
-    times = [
-        (float(run.dataset["time"][-1]), float(run.dataset.attrs["wall_time"])) for run in runs
-    ]
-    fast = [f"{simulated / max(1e-9, wall):.0f} x" for simulated, wall in times]
-    rows.append(["faster than real time", *fast])
-    return RunSummary(heads[: 2 if len(runs) == 1 else 4], rows)
+    def add_inputs(self) -> None:
+        """Add the use of inputs, and the time at their limits."""
+        met = limit_shares(self.result)
+        for name, found in input_use(self.result).items():
+            use = InputUse(*(value if abs(value) > _STILL else 0.0 for value in found))
+            unit = _unit_of(name, self.result, max(-use.low, use.high))
+            self.rows.append([f"{name}, RMS", unit.text(use.rms)])
+            self.rows.append([f"{name}, range", f"{unit.number(use.low)} to {unit.text(use.high)}"])
+            if name in met and max(met[name]) >= _SELDOM:
+                at = met[name]._asdict().items()
+                shares = [f"{kind} {share:.1%}" for kind, share in at if share]
+                self.rows.append([f"{name}, time at limits", ", ".join(shares)])
+
+    def add_loads(self) -> None:
+        """Add loads on the base, curvature and strain, which count from the start."""
+        base = base_word(self.result.dataset)
+        for load, si in (("force", "N"), ("moment", "N m")):
+            most = si_unit(max(m or 0.0 for m in self.measure(f"max_base_{load}")), si)
+            for kind, label in _LOADS.items():
+                values = self.measure(f"{kind}_base_{load}")
+                self.add(
+                    label.format(load, base),
+                    values,
+                    most,
+                    nothing=_NOTHING,
+                )
+        arm = self.result.scenario.arm
+        along = length_unit(arm.length)
+        for name, words, unit, nothing in (
+            ("max_curvature", "largest curvature", Unit(1.0, "1/m"), _NOTHING / arm.length),
+            ("max_strain", "largest surface strain", SHARE, _NOTHING),
+        ):
+            values, places = self.measure(name), self.measure(f"{name}_station")
+            if values[0] is not None and values[0] > nothing:
+                ends = [f" at {along.text(place or 0.0)}" for place in places]
+                self.add(words, values, unit, nothing=nothing, ends=ends)
+        if (self.measure("curvature_cycles")[0] or 0.0) > 0.0:
+            self.add("cycles of curvature", self.measure("curvature_cycles"), Unit(1.0, ""))
+            ranges = self.measure("equivalent_curvature_range")
+            self.add("equivalent curvature range", ranges, Unit(1.0, "1/m"), nothing=0.0)
+
+    def add_vehicle(self) -> None:
+        """Add the motion of a floating submarine, and the use of its thrusters."""
+        away = self.measure("vehicle_excursion")
+        unit = length_unit(max(value or 0.0 for value in away))
+        self.add("submarine's excursion", away, unit, nothing=_NOTHING)
+        self.add("submarine's turn", self.measure("vehicle_turn"), DEGREES, nothing=_NOTHING)
+        vehicle = self.result.scenario.vehicle
+        if vehicle is None or vehicle.hold == "free":
+            return
+        for name, words in (("max_thrust", "largest thrust"), ("rms_thrust", "thrust, RMS")):
+            values = self.measure(name)
+            self.add(words, values, si_unit(values[0] or 0.0, "N"), nothing=_NOTHING)
+        self.add("thrusters, time at limits", self.measure("thrust_limit_share"), SHARE)
+
+    def add_contacts(self) -> None:
+        """Add contacts with obstacles, and of which one each is."""
+        found = [run.contact for run in self.runs if run.contact is not None]
+        if not found:
+            return
+        several = self.result.dataset["contact_time"].shape[-1] > 1
+        words = ("longest time in contact", "largest contact force", "smallest gap")
+        for row, name in enumerate(words):
+            cells = []
+            for each in found:
+                value = (each.time, each.force, each.gap)[row]
+                unit = (Unit(1.0, "s"), Unit(1.0, "N"), length_unit(abs(each.gap)))[row]
+                text = unit.text(value)
+                cells.append(f"obstacle {each.obstacles[row]}: {text}" if several else text)
+            self.rows.append([name, *cells])
+
+    def add_own(self) -> None:
+        """Add the measures that a scenario names of packages."""
+        for name, measure in measures_of(self.result.scenario).items():
+            if name not in MEASURES:
+                values = [known(measure.read(run)) for run in self.runs]
+                most = max(abs(value or 0.0) for value in values)
+                self.add(label_of(name), values, unit_of(measure.attributes, most))
+
+    def add_solver(self) -> None:
+        """Add time steps, iterations and speed."""
+        data = [run.result.dataset for run in self.runs]
+        steps = [int(each["steps"].sum()) for each in data]
+        iterations = [int(each["newton_iterations"].sum()) for each in data]
+        times = [(float(each["time"][-1]), float(each.attrs["wall_time"])) for each in data]
+        spent = [f"{count / max(1, n):.2f}" for count, n in zip(iterations, steps, strict=True)]
+        self.rows.append(["simulated", *(f"{end:g} s" for end, _ in times)])
+        self.rows.append(["time steps", *map(str, steps)])
+        self.rows.append(["Newton iterations a step", *spent])
+        fast = [f"{end / max(1e-9, wall):.0f} x" for end, wall in times]
+        self.rows.append(["faster than real time", *fast])
 
 
 def equilibrium_summary(result: Result) -> RunSummary:
@@ -100,7 +235,7 @@ def equilibrium_summary(result: Result) -> RunSummary:
     length = float(dataset["arc_length"].values[-1])
 
     def number(value: float, scale: float, digits: int = 4) -> str:
-        return f"{0.0 if abs(value) < _ROUND_OFF * scale else value:.{digits}g}"
+        return f"{0.0 if abs(value) < _NOTHING * scale else value:.{digits}g}"
 
     def parts(vector: np.ndarray, unit: str, scale: float, digits: int = 4) -> str:
         named = zip(axes, vector, strict=True)
@@ -114,11 +249,12 @@ def equilibrium_summary(result: Result) -> RunSummary:
         add("tip direction", f"{number(angle, 1.0)} degrees")
     force, moment = (dataset[f"base_{name}"].values[0] for name in ("force", "moment"))
     tension = float(dataset["tension"].max())
+    base = base_word(dataset)
     pull = max(largest(force), abs(tension), _ALMOST_NO_LOAD)
-    add("force on the submarine", parts(force, " N", pull))
+    add(f"force on {base}", parts(force, " N", pull))
     turning = max(largest(moment), pull * length)
     text = parts(moment, " N m", turning) if moment.ndim else f"{number(moment, turning)} N m"
-    add("moment on the submarine", text)
+    add(f"moment on {base}", text)
     add("greatest tension", f"{number(tension, pull)} N")
     bending = dataset["curvature"].values
     curvature = np.linalg.norm(bending, axis=-1) if bending.ndim == 3 else np.abs(bending)
@@ -143,29 +279,4 @@ def _unit_of(name: str, result: Result, most: float) -> Unit:
     if name in CHANNELS[3]:
         return length_unit(most)
     unit = str(result.dataset["input_unit"].sel(input=name).item())
-    return Unit(100.0, "%") if unit == "1" else si_unit(most, unit)
-
-
-def _contacts(runs: list[Result]) -> dict[str, list[str]]:
-    """Return the rows about obstacles: the utmost of all, and of which one it is.
-
-    Forces are those at saved instants; times and gaps are over all time steps.
-    """
-    rows: dict[str, list[str]] = {}
-    for data in (run.dataset for run in runs):
-        time = data["contact_time"].values[-1]
-        force = np.linalg.norm(data["contact_force"].values, axis=2).max(axis=0)
-        gap = data["contact_closest"].values[-1]
-
-        def cell(text: str, index: int, count: int = time.size) -> str:
-            return text if count == 1 else f"obstacle {index}: {text}"
-
-        longest, hardest, nearest = int(time.argmax()), int(force.argmax()), int(gap.argmin())
-        cells = {
-            "longest time in contact": cell(f"{time[longest]:.3g} s", longest),
-            "largest contact force": cell(f"{force[hardest]:.3g} N", hardest),
-            "smallest gap": cell(length_unit(abs(gap[nearest])).text(gap[nearest]), nearest),
-        }
-        for name, text in cells.items():
-            rows.setdefault(name, []).append(text)
-    return rows
+    return SHARE if unit == "1" else si_unit(most, unit)

@@ -1,0 +1,127 @@
+"""Optimisation of the numbers of a scenario: progress, the new scenario, a table."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from crinoid.cli.command import FAILED, MISSED
+from crinoid.cli.display import new_table, progress_bar, show
+from crinoid.cli.finding import finding, solvable
+from crinoid.cli.interruption import Interruption
+from crinoid.foundation.status import Status
+from crinoid.inverse import OPTIMISATION
+from crinoid.inverse.goal import Goal
+from crinoid.inverse.optimisation import Optimisation
+from crinoid.inverse.ranges import Ranges
+from crinoid.scenario import ScenarioText, got, refusal
+
+SUMMARY = "summary.json"
+
+
+def optimise_numbers(
+    text: ScenarioText,
+    over: Sequence[str],
+    measure: str,
+    keep: Sequence[str],
+    seeds: int,
+    trials: int,
+    folder: Path,
+    *,
+    rest: bool,
+    force: bool,
+) -> tuple[str, int]:
+    """Search, save and draw what was found, and sum it up; return what went wrong, and the code."""
+    scenario = text.scenario
+    for name, value in (("--seeds", seeds), ("--trials", trials)):
+        if value < 1:
+            raise refusal(name, got(value, "be at least 1"))
+    ranges, goal = Ranges(scenario, over), Goal(scenario, measure, keep)
+    with (
+        finding(scenario, folder / OPTIMISATION, "an optimisation", force=force) as found,
+        Interruption() as interruption,
+    ):
+        search = Optimisation(scenario, ranges, goal, seeds, trials, rest=rest)
+        with progress_bar() as bar:
+            (task,) = bar.task_ids
+
+            def report(done: int, total: int, least: float) -> None:
+                best = f"{measure} {least:.4g}" if np.isfinite(least) else "limits not kept yet"
+                reached = f"{done} of at most {total} trials, {best}" if done else ""
+                words = "optimising" if done else "compiling"
+                bar.update(task, total=total, completed=done, description=words, reached=reached)
+
+            def stop() -> bool:
+                # until there is a trial there is nothing to save: stop immediately
+                return search.best is not None and interruption.stop()
+
+            with solvable():
+                search.run(report, stop)
+        stopped = interruption.stop()
+        if search.best is None:
+            return f"no trial could be run: {search.failure or search.why}", FAILED
+        missed = search.missed()
+        status = Status.OK.value
+        if stopped:
+            words = f"after {len(search.trials)} trials; the best so far is saved"
+            status = f"{Status.INTERRUPTED} {words}"
+        elif missed:
+            status = f"no trial keeps all limits: {'; '.join(missed)}"
+        new = text.with_values(search.numbers(), f"numbers by `crinoid optimise`, for {measure}")
+        files = [
+            found.write("optimised.toml", new),
+            *found.save(search.dataset(status)),
+            found.write(SUMMARY, json.dumps(_summary(search, status), indent=1, allow_nan=False)),
+        ]
+        notes = [f"a search without gradients: {search.why}"] if search.why else []
+        show(optimisation_table(search), notes, files)
+    return ("", 0) if status == Status.OK.value else (status, MISSED)
+
+
+def optimisation_table(search: Optimisation) -> Table:
+    """Return the numbers and the measures, before and after."""
+    rows: list[Sequence[str]] = [
+        (key, f"{given:.4g}", f"{best:.6g}")
+        for (key, best), given in zip(search.numbers().items(), search.ranges.given, strict=True)
+    ]
+    assert search.given is not None
+    assert search.best is not None
+    before, after = search.given, search.best.found
+    unit = [f" ({each.unit})" if each.unit != "1" else "" for each in search.goal.measures]
+    rows.append((f"{search.goal.names[0]}{unit[0]}", _mean(before[0]), _mean(after[0])))
+    for number, limit in enumerate(search.goal.limits, start=1):
+        worst = (f"{max(limit.sign * x[number]) * limit.sign:.4g}" for x in (before, after))
+        rows.append((f"{limit}{unit[number]}", *worst))
+    title = f"{search.scenario.title} ({search.method})"
+    return new_table(title, ("", "before", "after"), rows)
+
+
+def _mean(values: np.ndarray) -> str:
+    return f"{values.mean():.4g}"
+
+
+def _summary(search: Optimisation, status: str) -> dict[str, Any]:
+    """Return numbers, measures and limits, for other programs; SI units."""
+    assert search.given is not None
+    assert search.best is not None
+    given = [float(value) for value in search.ranges.given]
+    return {
+        "status": status,
+        "method": search.method,
+        "trials": len(search.trials),
+        "seeds": search.seeds,
+        "numbers": search.numbers(),
+        "given": dict(zip(search.ranges.keys, given, strict=True)),
+        "measures": {
+            name: {"unit": measure.unit, "before": list(before), "after": list(after)}
+            for name, measure, before, after in zip(
+                search.goal.names, search.goal.measures, search.given.tolist(),
+                search.best.found.tolist(), strict=True,
+            )
+        },
+        "limits": [str(limit) for limit in search.goal.limits],
+        "kept": not search.missed(),
+    }  # fmt: skip

@@ -1,0 +1,359 @@
+"""Optimisation of the numbers of a scenario for a measure of its runs, within limits on others."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from scipy.optimize import differential_evolution
+from scipy.stats import qmc
+
+from crinoid.assembly.prepared import Prepared
+from crinoid.inverse import StoppedError
+from crinoid.inverse.constrained_search import SearchTrial, constrain
+from crinoid.inverse.goal import Goal
+from crinoid.inverse.ranges import Point, Ranges
+from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
+from crinoid.inverse.smooth_measures import SMOOTH
+from crinoid.inverse.threads import results, submit
+from crinoid.results.dataset import describe, described
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario, ScenarioError, refusal
+from crinoid.simulation.batch import run_batch
+from crinoid.simulation.run import SimulationError, at_rest, settle
+
+__all__ = ["Optimisation"]
+
+STARTS = 4
+"""Number of starts of a search by gradients: the given values, and points that fill the ranges."""
+_LOOK = 1e-3
+"""Step of a coordinate in the differences of runs, with which gradients are compared."""
+_VALUE, _SLOPE = 0.01, 0.2
+"""Largest relative difference of a measure, and of its gradient, from those of runs."""
+_ENOUGH = 1e-6
+"""Change of the measure at which a search by gradients ends, over the measure at the start."""
+_POPULATION = 16
+"""Number of points of a generation in a search without gradients."""
+_FINALISTS = 6
+"""Largest number of best trials that are run again with rounded numbers."""
+
+Found = Float[np.ndarray, "measure draw"]
+Report = Callable[[int, int, float], None]
+
+
+class Trial(NamedTuple):
+    """Measures at a point of the ranges."""
+
+    point: Point
+    start: int
+    """Number of the start, or of the generation."""
+    found: Found
+
+
+class Optimisation:
+    """Search for numbers of a scenario, with its results so far.
+
+    A point counts by the mean of the measure over the draws; limits hold in each draw. If all
+    measures have derivatives, and these agree with differences of runs at the given values, each
+    of several starts is improved by gradients through the closed loop (SLSQP, Kraft 1988). If not,
+    a population of points evolves without gradients (differential evolution, Storn and Price
+    1997). The best trials are then run as `crinoid.simulate` does, with rounded numbers.
+
+    There are ``seeds`` draws, with seeds from that of the scenario on, and at most about ``trials``
+    points. With ``rest`` the measures are those of the equilibrium at t = 0.
+    """
+
+    def __init__(
+        self, scenario: Scenario, ranges: Ranges, goal: Goal, seeds: int, trials: int, *, rest: bool
+    ) -> None:
+        self.scenario, self.ranges, self.goal, self.rest = scenario, ranges, goal, rest
+        self.seeds = [scenario.seed + number for number in range(seeds)]
+        self.total = trials
+        self.trials: list[Trial] = []
+        self.best: Trial | None = None
+        """Best trial so far; at the end the best one of the real runs."""
+        self.given: Found | None = None
+        """Measures with the given values."""
+        self.why = ""
+        """Why no gradients are used; empty if they are."""
+        self.failure = ""
+        """Why the first run that failed did so."""
+        self._settings: dict[str, Any] = {"output.variables": None}  # a measure may need any
+        self._poll: Callable[[], None] = lambda: None
+        self._lock, self._stopped = threading.Lock(), threading.Event()
+
+    def run(self, report: Report, stop: Callable[[], bool]) -> None:
+        """Search for `best`.
+
+        Raises
+        ------
+        ScenarioError
+            If a run with the given values does not have the measures.
+        """
+
+        def poll() -> None:
+            report(len(self.trials), self.total, self.least)
+            if stop():
+                self._stopped.set()
+
+        self._poll = poll
+        with suppress(StoppedError):
+            if not self._look():
+                return
+            if not self.why:
+                self._by_gradients()
+            else:
+                self._without_gradients()
+        if self.best is not None and not self._stopped.is_set():
+            with suppress(StoppedError):
+                self._finish()
+
+    @property
+    def least(self) -> float:
+        """Least measure so far within the limits; NaN without any."""
+        if self.best is None or self.goal.violation(self.best.found) > 0:
+            return np.nan
+        return float(self.best.found[0].mean())
+
+    def _look(self) -> bool:
+        """Run with the given values, and choose the search; return whether they can be run."""
+        (self.given,) = self.runs([self.scenario])
+        for option, name, values in zip(
+            ("--for", *["--keep"] * len(self.goal.limits)), self.goal.names, self.given, strict=True
+        ):
+            if self.failure:
+                return False
+            if not np.isfinite(values).all():
+                raise refusal(option, f"{name} is not a number in this run. Name another measure.")
+        if self.scenario.control.kind != "none" and self.scenario.control.compare:
+            self._settings["control.compare"] = False
+            (alone,) = self.runs([self.scenario])
+            if not np.array_equal(alone, self.given):  # a measure needs the run without control
+                del self._settings["control.compare"]
+        without = [name for name in self.goal.names if name not in SMOOTH]
+        if without:
+            self.why = f"{', '.join(dict.fromkeys(without))}: no derivatives"
+        else:
+            self.why = self._check_gradients()
+        return True
+
+    def _check_gradients(self) -> str:
+        """Return how gradients differ from differences of runs at the given values, if they do."""
+        start = self.ranges.start
+        # inwards, as a range may end where a number has no meaning
+        steps = np.where(start > 0.5, -_LOOK, _LOOK)
+        points = [start, *(start + step for step in np.diag(steps))]
+        scenarios = [self.ranges.scenario(point) for point in points]
+        runs = self.runs(scenarios, self.seeds[:1])[..., 0]
+        slopes = (runs[1:] - runs[0]).T / steps
+        try:
+            self._loops = [
+                SmoothLoop(self.scenario, self.ranges, seed, rest=self.rest) for seed in self.seeds
+            ]
+            values, gradient = self._loops[0].measures(start, self.goal.names)
+        except StructureError as error:
+            return str(error)
+        except (ScenarioError, RuntimeError) as error:
+            return " ".join(str(error).split())
+        for name, value, row, run, differences in zip(
+            self.goal.names, values, gradient, runs[0], slopes, strict=True
+        ):
+            if not abs(value - run) <= _VALUE * abs(run):
+                return f"{name} is {run:.4g} in a run and {value:.4g} where it has derivatives"
+            if not np.linalg.norm(row - differences) <= _SLOPE * np.linalg.norm(differences):
+                return f"derivatives of {name} differ from differences of runs"
+        return ""
+
+    def _by_gradients(self) -> None:
+        starts = [self.ranges.start]
+        if STARTS > 1:
+            sampler = qmc.Sobol(len(self.ranges.keys), rng=self.scenario.seed)
+            starts += list(sampler.random(STARTS)[1:])
+        assert self.given is not None
+        scale = float(abs(self.given[0].mean())) or 1.0
+        with ThreadPoolExecutor(STARTS) as pool:
+            try:
+                results(
+                    [submit(pool, self._descend, *each, scale) for each in enumerate(starts)],
+                    self._poll,
+                )
+            except BaseException:
+                self._stopped.set()
+                raise
+
+    def _descend(self, number: int, start: Point, scale: float) -> None:
+        """Improve one start by gradients."""
+        left = max(1, self.total // STARTS)
+        none = np.zeros(start.size)
+
+        def attempt(point: Point) -> SearchTrial:
+            nonlocal left
+            if self._stopped.is_set():
+                raise StoppedError
+            if left == 0:
+                raise StopIteration
+            left -= 1
+            count = len(self.goal.limits) * len(self.seeds)
+            failed = SearchTrial(np.nan, none, np.zeros(count), np.zeros((count, none.size)))
+            point = np.clip(point, 0.0, 1.0)
+            try:
+                pairs = [each.measures(point, self.goal.names) for each in self._loops]
+            except (ScenarioError, RuntimeError):
+                return failed
+            found, slopes = (np.stack(each, axis=1) for each in zip(*pairs, strict=True))
+            self._keep(Trial(point, number, found))
+            if not (np.isfinite(found).all() and np.isfinite(slopes).all()):
+                return failed
+            value, gradient = found[0].mean() / scale, slopes[0].mean(axis=0) / scale
+            return SearchTrial(float(value), gradient, *self.goal.excess(found, slopes))
+
+        with suppress(StopIteration):
+            constrain(attempt, start, [(0.0, 1.0)] * start.size, _ENOUGH)
+
+    def _without_gradients(self) -> None:
+        keys, generation = len(self.ranges.keys), 0
+
+        def rank(points: Float[np.ndarray, "key point"]) -> Float[np.ndarray, " point"]:
+            nonlocal generation
+            found = self.runs([self._scenario(point) for point in points.T])
+            for point, each in zip(points.T, found, strict=True):
+                self._keep(Trial(point, generation, each))
+            generation += 1
+            return self.goal.rank(found)
+
+        start = self.ranges.start
+        cloud = qmc.Sobol(keys, rng=self.scenario.seed).random(_POPULATION)
+        cloud[0] = start
+        differential_evolution(
+            rank,
+            [(0.0, 1.0)] * keys,
+            init=cloud,
+            maxiter=max(1, self.total // _POPULATION - 1),
+            rng=self.scenario.seed,
+            polish=False,
+            tol=0.0,
+            vectorized=True,
+            updating="deferred",
+        )
+
+    def _keep(self, trial: Trial) -> None:
+        with self._lock:
+            self.trials.append(trial)
+            rank = self.goal.rank(trial.found)
+            if np.isfinite(rank) and (self.best is None or rank < self.goal.rank(self.best.found)):
+                self.best = trial
+
+    def _finish(self) -> None:
+        """Run the best trial with rounded numbers, and others if it does not keep the limits."""
+        order = np.argsort([self.goal.rank(trial.found) for trial in self.trials])[:_FINALISTS]
+        final = []
+        for trial in (self.trials[index] for index in order):
+            (found,) = self.runs([self.ranges.scenario(trial.point, 6)])
+            final.append(trial._replace(found=found))
+            if self.goal.violation(found) == 0:
+                break
+        self.best = min(final, key=lambda trial: self.goal.rank(trial.found))
+
+    def numbers(self) -> dict[str, float]:
+        """Return the best numbers by key."""
+        assert self.best is not None
+        return self.ranges.values(self.best.point, 6)
+
+    def missed(self) -> list[str]:
+        """Return each limit that the best numbers do not keep, with its worst value."""
+        assert self.best is not None
+        found = []
+        for limit, values in zip(self.goal.limits, self.best.found[1:], strict=True):
+            worst = values[np.argmax(limit.excess(values))]
+            if limit.excess(worst) > 0:
+                found.append(f"{limit} is missed by {abs(worst - limit.value):.4g}")
+        return found
+
+    def dataset(self, status: str) -> xr.Dataset:
+        """Return the course of the search, and the measures before and after."""
+        assert self.best is not None
+        keys, trials = self.ranges.keys, self.trials
+        tried = [list(self.ranges.values(trial.point).values()) for trial in trials]
+        ends = [[span.first, span.last] for span in self.ranges.spans.values()]
+        limits = self.goal.limits
+        rows = [
+            ("tried", "trial key", "", np.array(tried), "numbers of each trial"),
+            ("found", "trial measure draw", "", np.array([trial.found for trial in trials]), ""),
+            ("start", "trial", "", np.array([trial.start for trial in trials]),
+             "number of its start, or of its generation"),
+            ("given", "key", "", self.ranges.given, ""),
+            ("best", "key", "", np.array(list(self.numbers().values())), ""),
+            ("range", "key end", "", np.array(ends, float), ""),
+            ("before", "measure draw", "", self.given, "measures with the given numbers"),
+            ("after", "measure draw", "", self.best.found, "measures with the best numbers"),
+            ("limit", "measure", "", np.array([np.nan, *(each.value for each in limits)]), ""),
+            ("sign", "measure", "", np.array([0, *(each.sign for each in limits)]),
+             "1: to be below the limit; -1: above; 0: to be least"),
+        ]  # fmt: skip
+        about = {"status": status, "method": self.method, "rest": int(self.rest)}
+        return xr.Dataset(
+            described(rows),
+            {
+                "key": list(keys),
+                "measure": list(self.goal.names),
+                "unit": ("measure", [measure.unit for measure in self.goal.measures]),
+                "draw": self.seeds,
+            },
+            describe(self.scenario) | about,
+        )
+
+    @property
+    def method(self) -> str:
+        """Name of the search."""
+        return f"differential evolution ({self.why})" if self.why else "gradients"
+
+    def _scenario(self, point: Point) -> Scenario | None:
+        try:
+            return self.ranges.scenario(point)
+        except ScenarioError:
+            return None
+
+    def runs(
+        self, scenarios: Sequence[Scenario | None], seeds: Sequence[int] | None = None
+    ) -> Float[np.ndarray, "point measure draw"]:
+        """Return the measures of runs with each seed; NaN of a run that failed."""
+        seeds = self.seeds if seeds is None else seeds
+        found = np.full((len(scenarios), len(seeds), len(self.goal.names)), np.nan)
+        places, each = [], []
+        for point, scenario in enumerate(scenarios):
+            for draw, seed in enumerate(seeds):
+                if scenario is not None:  # such a scenario exists
+                    places.append((point, draw))
+                    each.append(scenario.with_values(self._settings | {"seed": seed}))
+
+        def stop() -> bool:
+            self._poll()
+            return self._stopped.is_set()
+
+        if self.rest:
+            for place, scenario in zip(places, each, strict=True):
+                with suppress(SimulationError, ScenarioError):
+                    found[place] = self._measure(settle(Prepared(at_rest(scenario))))
+                if stop():
+                    raise StoppedError
+            return found.swapaxes(1, 2)
+        for place, arm in zip(
+            places, run_batch(each, self._measure, stop=stop, notes=False), strict=True
+        ):
+            if arm.taken is not None:
+                found[place] = arm.taken
+            elif not self._stopped.is_set():
+                self.failure = self.failure or arm.status
+        if self._stopped.is_set():
+            raise StoppedError
+        return found.swapaxes(1, 2)
+
+    def _measure(self, result: Result) -> list[float]:
+        values = [measure.of(result) for measure in self.goal.measures]
+        return [np.nan if value is None else value for value in values]

@@ -1,0 +1,126 @@
+"""Closed loop of one draw as a smooth function of numbers of its scenario."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.assembly.prepared import Prepared
+from crinoid.inverse.ranges import Point, Ranges
+from crinoid.inverse.smooth_measures import Numbers, SeenInstants, measures
+from crinoid.scenario import Scenario
+from crinoid.simulation import with_parameters
+from crinoid.simulation.run import at_rest
+from crinoid.simulation.setup import set_up
+
+_STEP = 1e-4
+"""Step of a coordinate in the differences of arrays."""
+_ALIKE = 1e-7
+"""Relative difference of equal arrays: that of equilibria found from different starts."""
+_ROUND = 1e-9
+"""Relative round-off of times."""
+
+
+class StructureError(ValueError):
+    """A key changes the structure of the loop, so there are no derivatives."""
+
+
+class SmoothLoop:
+    """Closed loop of one draw, or its equilibrium, with derivatives of measures.
+
+    The derivatives of the loop's arrays by the keys are central differences, which need no run;
+    those of the measures by the arrays go through every time step. Where a key acts on the
+    scenario's numbers alone (`crinoid.with_parameters`), the loop is not designed again.
+    """
+
+    def __init__(self, scenario: Scenario, ranges: Ranges, seed: int, *, rest: bool) -> None:
+        self._ranges, self._rest, self._seed = ranges, rest, {"seed": seed}
+        self._prepared = self._at(scenario)
+        self._loop = set_up(self._prepared, notes=False).loop
+        simulation, interval = scenario.simulation, scenario.output_interval
+        first = scenario.judged_from / interval
+        self._instants = SeenInstants(
+            0 if rest else simulation.steps,
+            scenario.output_steps,
+            0 if rest else int(np.ceil(first * (1 - _ROUND))),
+            rest or simulation.start == "equilibrium",
+        )
+        steps = np.diag(np.where(ranges.start > 0.5, -_STEP, _STEP))
+        self.designed = not all(self._follows(ranges.start + step) for step in steps)
+        """Whether another point has another design of the controller, target or sensors."""
+
+    def measures(
+        self, point: Point, names: tuple[str, ...]
+    ) -> tuple[Float[np.ndarray, " measure"], Float[np.ndarray, "measure key"]]:
+        """Return measures at a point, and their derivatives by its coordinates.
+
+        NaN where a time step failed or there is no equilibrium.
+
+        Raises
+        ------
+        StructureError
+            If a key changes the structure of the loop.
+        ScenarioError
+            If the values of a point exclude each other.
+        """
+        numbers, tangents = self._numbers(point), []
+        for axis in np.eye(point.size):
+            ends = [np.clip(point + sign * _STEP * axis, 0.0, 1.0) for sign in (1, -1)]
+            pair = [eqx.filter(self._numbers(end), eqx.is_inexact_array) for end in ends]
+            _require_same_structure(*pair)
+            width = float(axis @ (ends[0] - ends[1]))
+            tangents.append(jax.tree.map(lambda a, b, w=width: _slope(a, b, w), *pair))
+        tangent = jax.tree.map(lambda *each: np.stack(each), *tangents)
+        found = measures(self._loop, numbers, tangent, names, self._instants)
+        return np.asarray(found[0]), np.asarray(found[1])
+
+    def _at(self, scenario: Scenario) -> Prepared:
+        changed = scenario.with_values(self._seed)
+        return Prepared(at_rest(changed) if self._rest else changed)
+
+    def _moved(self, point: Point) -> Prepared:
+        return self._prepared.with_scenario(self._at(self._ranges.scenario(point)).scenario)
+
+    def _numbers(self, point: Point) -> Numbers:
+        prepared = self._moved(point)
+        pressures = [
+            0.0 if chamber.lined else chamber.max_pressure for chamber in prepared.scenario.chamber
+        ]
+        first = set_up(prepared, notes=False).loop if self.designed else prepared.parameters
+        return first, jnp.asarray(np.array(pressures))
+
+    def _follows(self, point: Point) -> bool:
+        """Return whether the loop at a point is that of its numbers."""
+        prepared = self._moved(point)
+        pair = set_up(prepared, notes=False).loop, with_parameters(self._loop, prepared.parameters)
+        one, other = (eqx.filter(each, eqx.is_inexact_array) for each in pair)
+        try:
+            _require_same_structure(one, other)
+        except StructureError:
+            return False
+        return all(jax.tree.leaves(jax.tree.map(_alike, one, other)))
+
+
+def _require_same_structure(one: Any, other: Any) -> None:
+    forms = [
+        (jax.tree.structure(each), [leaf.shape for leaf in jax.tree.leaves(each)])
+        for each in (one, other)
+    ]
+    if forms[0] != forms[1]:
+        raise StructureError("a key changes the structure of the loop")
+
+
+def _alike(one: Array, other: Array) -> bool:
+    size = np.abs(np.asarray(one)).max(initial=0.0, where=np.isfinite(one))
+    return np.allclose(one, other, rtol=0.0, atol=_ALIKE * size, equal_nan=True)
+
+
+def _slope(plus: Array, minus: Array, width: float) -> Float[np.ndarray, ...]:
+    one, other = np.asarray(plus), np.asarray(minus)
+    same = one == other  # an absent limit is infinite, and constant
+    return np.subtract(one, other, where=~same, out=np.zeros_like(one)) / width

@@ -1,0 +1,125 @@
+"""Effort of a run: motion of the inputs and work, from the time that counts; thrust."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from crinoid.foundation.axes import ANGLES
+from crinoid.results.errors import judged, rms
+from crinoid.results.result import Result
+
+_AT_LIMIT = 1 - 1e-6
+"""Share of the largest thrust that counts as its limit."""
+
+
+class InputUse(NamedTuple):
+    """Use of an input: motion of a servo (m or rad), or drive of an actuator in its unit."""
+
+    rms: float
+    low: float
+    high: float
+
+
+class VehicleUse(NamedTuple):
+    """Motion of a floating vehicle, and the use of its thrusters."""
+
+    excursion: float
+    """Largest distance of its centre of mass from the start (m)."""
+    turn: float
+    """Largest pan, tilt or roll from the start (rad)."""
+    max_thrust: float
+    """N."""
+    rms_thrust: float
+    """N."""
+    limit_share: float | None
+    """Share of the time with a force or moment at its limit; None without a limit."""
+
+
+def input_use(result: Result) -> dict[str, InputUse]:
+    """Return the use of each input that a controller drives; empty without a controller."""
+    counted = judged(result)
+    if not counted.any():
+        return {}
+    found = {name: driven(result.dataset, name)[counted] for name in result.scenario.driven}
+    return {
+        name: InputUse(rms(values), float(values.min()), float(values.max()))
+        for name, values in found.items()
+    }
+
+
+def input_units(data: xr.Dataset) -> dict[str, str]:
+    """Return the units of channels and other inputs by their names."""
+    pairs = [("channel", "channel_unit"), *([("input", "input_unit")] if "input" in data else [])]
+    return {
+        str(name): str(unit)
+        for names, units in pairs
+        for name, unit in zip(data[names].values, data[units].values, strict=True)
+    }
+
+
+def speed_unit(unit: str) -> str:
+    """Return the unit of the speed of an input."""
+    return "s-1" if unit == "1" else f"{unit} s-1"
+
+
+def driven(data: xr.Dataset, name: str) -> Float[np.ndarray, " time"]:
+    """Return the displacement of a channel's servo, or the drive of an actuator."""
+    if name in data["channel"]:
+        return np.asarray(data["base_servo"].sel(channel=name).values)
+    return np.asarray(data["actuator_state"].sel(input=name).values)
+
+
+def input_speed(result: Result) -> dict[str, float]:
+    """Return the RMS speed of each input that can move, a controller or not.
+
+    Speeds are means between saved instants: of a servo's displacement (m/s or rad/s), or of the
+    drive of an actuator in its unit per s.
+    """
+    data, counted = result.dataset, judged(result)
+    if "channel_lower" not in data:  # of an earlier version
+        return {}
+    span = np.diff(data["time"].values[counted])
+    moves = data["channel_lower"].values < data["channel_upper"].values
+    names = [*data["channel"].values[moves], *(data["input"].values if "input" in data else ())]
+    if not span.size:
+        return {str(name): float("nan") for name in names}
+    found = {str(name): np.diff(driven(data, name)[counted]) for name in names}
+    return {
+        name: float(np.sqrt(np.sum(move**2 / span) / span.sum())) for name, move in found.items()
+    }
+
+
+def spent_work(result: Result) -> float:
+    """Return the work of base and actuators on the arm (J), without the work that it returned.
+
+    The sum of the increases from one saved instant to the next.
+    """
+    work = result.dataset["energy"].sel(kind="actuation").values[judged(result)]
+    return float(np.sum(np.maximum(np.diff(work), 0.0)))
+
+
+def vehicle_use(result: Result) -> VehicleUse | None:
+    """Return the use of a floating vehicle, from the start; None without one."""
+    data, vehicle = result.dataset, result.scenario.vehicle
+    if vehicle is None or "vehicle_pose" not in data:
+        return None
+    pose = data["vehicle_pose"].values
+    turns = np.isin(data["channel"].values, list(ANGLES))
+    force = data["thruster_force"].values
+    moment = data["thruster_moment"].values.reshape(len(force), -1)
+    thrust = np.linalg.norm(force, axis=1)
+    limits = {"max_force": force, "max_moment": moment}
+    reached = [
+        np.any(np.abs(values) >= _AT_LIMIT * limit, axis=1)
+        for name, values in limits.items()
+        if vehicle.hold == "thrusters" and (limit := getattr(vehicle, name)) is not None
+    ]
+    return VehicleUse(
+        float(np.linalg.norm(pose[:, ~turns], axis=1).max()),
+        float(np.abs(pose[:, turns]).max()),
+        float(thrust.max()),
+        rms(thrust),
+        float(np.mean(np.any(reached, axis=0))) if reached else None,
+    )

@@ -1,0 +1,142 @@
+"""Errors of the tip over a run, from the time on that its scenario judges it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario
+
+_LAST = 0.1
+"""Share of a run, at its end, that counts as steady."""
+_BAND = 0.05
+"""Error of a settled tip over the largest error without control."""
+_ROUND = 1e-9
+"""Round-off of times (s)."""
+NAN = float("nan")
+
+Instants = Bool[np.ndarray, " time"]
+
+
+class TipError(NamedTuple):
+    """Errors of the tip's position (m) or direction (rad) over the judged instants of a run.
+
+    NaN where a run ended before them.
+    """
+
+    rms: float
+    maximum: float
+    steady: float
+    """Mean over the last tenth of the run."""
+    fluctuation: float
+    """RMS distance of the tip from its own mean position, or angle from its own mean direction."""
+    p95: float
+    """95th percentile: the error that is exceeded 5 % of the time."""
+
+
+def error_word(scenario: Scenario) -> str:
+    """Return the noun for the distance of the tip from where it should be, or starts."""
+    return "tip error" if scenario.aims else "tip displacement"
+
+
+def judged(result: Result) -> Instants:
+    """Return the saved instants from which errors count (``target.judged_from``)."""
+    return np.asarray(result.dataset["time"].values >= result.scenario.judged_from - _ROUND)
+
+
+def tip_error(result: Result) -> TipError:
+    """Return the errors of the tip's position."""
+    data, counted = result.dataset, judged(result)
+    if not counted.any():
+        return TipError(*[NAN] * len(TipError._fields))
+    tip = data["tip_position"].values
+    wander = np.linalg.norm(tip - tip[counted].mean(axis=0), axis=1)
+    return _sum_up(result, data["tip_error"].values, wander)
+
+
+def angle_error(result: Result) -> TipError:
+    """Return the errors of the tip's direction (rad)."""
+    data, counted = result.dataset, judged(result)
+    if not counted.any():
+        return TipError(*[NAN] * len(TipError._fields))
+    if "tip_direction" in data:
+        direction = data["tip_direction"].values
+        error = angle_between(direction, data["tip_direction_target"].values)
+        wander = angle_between(direction, direction[counted].mean(axis=0))
+    else:
+        angle = data["tip_angle"].values
+        error = np.abs(short_way(angle - data["tip_angle_target"].values))
+        wander = np.abs(angle - angle[counted].mean())
+    return _sum_up(result, error, wander)
+
+
+def angle_between(
+    one: Float[np.ndarray, "time axis=3"], other: Float[np.ndarray, "*time axis=3"]
+) -> Float[np.ndarray, " time"]:
+    """Return the angle between directions (rad), exact also where it is small."""
+    sine = np.linalg.norm(np.cross(one, other), axis=-1)
+    return np.asarray(np.arctan2(sine, np.sum(one * other, axis=-1)))
+
+
+def short_way(turn: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    """Return turns (rad) the short way round, from -pi to pi."""
+    return np.asarray(turn - 2 * np.pi * np.round(turn / (2 * np.pi)))
+
+
+def within_tolerance(result: Result) -> float | None:
+    """Return the share of the judged instants with a tip error within ``target.tolerance``."""
+    tolerance, counted = result.scenario.target.tolerance, judged(result)
+    if tolerance is None or not counted.any():
+        return None
+    return float(np.mean(result.dataset["tip_error"].values[counted] <= tolerance))
+
+
+def settling_time(result: Result) -> float | None:
+    """Return the settling time of the tip (s): its last entry into a band; None if it ends outside.
+
+    The band is 5 % of the largest judged error of the run without control, or of this run if there
+    is none.
+    """
+    reference, counted = result.uncontrolled or result, judged(result)
+    if not (counted.any() and judged(reference).any()):
+        return None
+    band = _BAND * tip_error(reference).maximum
+    time = result.dataset["time"].values[counted]
+    outside = np.flatnonzero(result.dataset["tip_error"].values[counted] > band)
+    if outside.size == 0:
+        return float(time[0])
+    if outside[-1] == time.size - 1:
+        return None
+    return float(time[outside[-1] + 1])
+
+
+def deflection(result: Result) -> float | None:
+    """Return the mean distance of the tip from its target without control, when steady (m).
+
+    From the run without control, or from this run if it has no controller; else None.
+    """
+    if result.uncontrolled is not None:
+        return tip_error(result.uncontrolled).steady
+    return tip_error(result).steady if result.scenario.control.kind == "none" else None
+
+
+def rms(values: Float[np.ndarray, " time"]) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def p95(values: Float[np.ndarray, " time"]) -> float:
+    """Return the 95th percentile."""
+    return float(np.quantile(values, 0.95))
+
+
+def _sum_up(
+    result: Result, error: Float[np.ndarray, " time"], wander: Float[np.ndarray, " time"]
+) -> TipError:
+    time, counted = result.dataset["time"].values, judged(result)
+    steady = counted & (time >= time[-1] - _LAST * (time[-1] - time[0]))
+    error_then, found = error[counted], float(np.mean(error[steady]))
+    return TipError(
+        rms(error_then), float(np.max(error_then)), found, rms(wander[counted]), p95(error_then)
+    )

@@ -1,0 +1,176 @@
+"""Loads of the arm on its base, and on itself: curvature, surface strain, cycles of bending.
+
+They count from the start of a run, as an onset loads a structure too.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import rainflow
+import xarray as xr
+from jaxtyping import Float
+
+from crinoid.results.chunks import pieces
+from crinoid.results.errors import p95, rms
+from crinoid.results.result import Result
+
+_GATE = 0.01
+"""Range of a cycle over the largest one below which it does not count."""
+_STRAIGHT = 1e-6
+"""Range of curvature times the arm's length (rad) that is round-off."""
+_EXPONENT = 4.0
+"""Slope of the fatigue life of rubber over strain: cracks grow with the square of the tearing
+energy, which goes with the square of the strain (Lake and Lindley 1965)."""
+
+
+class BaseLoad(NamedTuple):
+    """A force (N) or moment (N m) of the arm on its base over the saved instants of a run."""
+
+    maximum: float
+    rms: float
+    p95: float
+    """95th percentile."""
+
+
+class Peak(NamedTuple):
+    """Largest value along the arm and in time, and its place."""
+
+    value: float
+    station: float
+    """Distance from the root along the arm at rest (m)."""
+
+
+class ContactExtremes(NamedTuple):
+    """Contact with obstacles: the longest, the hardest and the closest, and of which obstacle.
+
+    Forces are those at saved instants; times and gaps are over all time steps.
+    """
+
+    time: float
+    """s."""
+    force: float
+    """N."""
+    gap: float
+    """m; negative where they overlap."""
+    obstacles: tuple[int, int, int]
+    """Their obstacles, in this order."""
+
+
+class BendingCycles(NamedTuple):
+    """Cycles of the curvature where its range is largest, by rainflow counting (ASTM E1049-85)."""
+
+    station: float
+    """Distance from the root along the arm at rest (m)."""
+    ranges: Float[np.ndarray, " cycle"]
+    """Ranges of the cycles (1/m), falling; those below 1 % of the largest do not count."""
+    counts: Float[np.ndarray, " cycle"]
+    """1 for a whole cycle, 0.5 for a half."""
+
+    @property
+    def number(self) -> float:
+        """Number of cycles."""
+        return float(self.counts.sum())
+
+    @property
+    def equivalent_range(self) -> float:
+        """Range of as many equal cycles that do the same damage (1/m), by its fourth power."""
+        if not self.ranges.size:
+            return 0.0
+        mean = np.average((self.ranges / self.ranges[0]) ** _EXPONENT, weights=self.counts)
+        return float(self.ranges[0] * mean ** (1 / _EXPONENT))
+
+
+def base_load(result: Result, name: str) -> BaseLoad:
+    """Return the load ``base_force`` or ``base_moment``, by its magnitude."""
+    size = magnitude(result.dataset[name])
+    return BaseLoad(float(size.max()), rms(size), p95(size))
+
+
+def magnitude(load: xr.DataArray) -> Float[np.ndarray, " time"]:
+    """Return the magnitude of a load over time."""
+    values = load.values
+    return np.asarray(np.linalg.norm(values, axis=1) if values.ndim == 2 else np.abs(values))
+
+
+def contact(result: Result) -> ContactExtremes | None:
+    """Return the contact with obstacles; None without any."""
+    data = result.dataset
+    if "contact_time" not in data:
+        return None
+    time, gap = data["contact_time"].values[-1], data["contact_closest"].values[-1]
+    force = np.linalg.norm(data["contact_force"].values, axis=2).max(axis=0)
+    which = int(time.argmax()), int(force.argmax()), int(gap.argmin())
+    return ContactExtremes(float(time.max()), float(force.max()), float(gap.min()), which)
+
+
+def largest_curvature(result: Result) -> Peak | None:
+    """Return the largest curvature (1/m); None where the result lacks it."""
+    if "curvature" not in result.dataset:
+        return None
+    parts = pieces(result.dataset, ["curvature"])
+    return _peak(result, [_bend(part["curvature"].values).max(axis=0) for part in parts])
+
+
+def largest_strain(result: Result) -> Peak | None:
+    """Return the largest strain at the surface, from stretch and bending; None if unknown.
+
+    The surface lies half a ``diameter`` from the axis of the arm. The strain counts from the shape
+    without load. Twist adds none along the arm.
+    """
+    data = result.dataset
+    if not {"curvature", "position"} <= set(data):
+        return None
+    rest, radius = np.diff(data["arc_length"].values), data["diameter"].values / 2
+    given = np.atleast_1d(result.scenario.arm.rest_curvature)
+    unloaded = given[0] if data["curvature"].ndim == 2 else _components(given)
+    most = []
+    for part in pieces(data, ["curvature", "position"]):
+        edges = np.diff(part["position"].values, axis=1)
+        stretch = np.linalg.norm(edges, axis=2) / rest - 1
+        ends = np.concatenate([stretch[:, :1], stretch, stretch[:, -1:]], axis=1)
+        axial = np.abs(ends[:, 1:] + ends[:, :-1]) / 2
+        most.append((axial + radius * _bend(part["curvature"].values - unloaded)).max(axis=0))
+    return _peak(result, most)
+
+
+def bending_cycles(result: Result) -> BendingCycles | None:
+    """Return the cycles of the curvature at the node of its largest range; None if unknown."""
+    data = result.dataset
+    if "curvature" not in data:
+        return None
+    extremes = [
+        (part["curvature"].values.min(axis=0), part["curvature"].values.max(axis=0))
+        for part in pieces(data, ["curvature"])
+    ]
+    low, high = zip(*extremes, strict=True)
+    span = np.max(high, axis=0) - np.min(low, axis=0)
+    if not np.isfinite(span).all():
+        return None
+    place, nodes = int(np.argmax(span)), len(span)
+    station, none = float(data["arc_length"].values[place * nodes // span.size]), np.zeros(0)
+    if span.ravel()[place] * result.scenario.arm.length < _STRAIGHT:
+        return BendingCycles(station, none, none)
+    parts = pieces(data, ["curvature"])
+    along = (part["curvature"].values.reshape(part.sizes["time"], -1) for part in parts)
+    series = np.concatenate([values[:, place] for values in along])
+    found = [(size, count) for size, _, count, *_ in rainflow.extract_cycles(series)]
+    if not found:  # of two instants
+        return BendingCycles(station, none, none)
+    ranges, counts = np.array(sorted(found, reverse=True)).T
+    counted = ranges >= _GATE * ranges[0]
+    return BendingCycles(station, ranges[counted], counts[counted])
+
+
+def _components(given: Float[np.ndarray, " part"]) -> Float[np.ndarray, " bending=2"]:
+    """Return the bending of a curvature at rest in space: one number is kappa_2."""
+    return given[:2] if given.size == 3 else np.array([0.0, given[0]])
+
+
+def _bend(curvature: Float[np.ndarray, "time node ..."]) -> Float[np.ndarray, "time node"]:
+    return np.asarray(np.linalg.norm(curvature, axis=2) if curvature.ndim == 3 else abs(curvature))
+
+
+def _peak(result: Result, most: list[Float[np.ndarray, " node"]]) -> Peak:
+    by_node = np.max(most, axis=0)
+    node = int(np.argmax(by_node))
+    return Peak(float(by_node[node]), float(result.dataset["arc_length"].values[node]))

@@ -1,0 +1,110 @@
+"""Spectral densities of the tip's error and of the loads on the base, from the time that counts."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from crinoid.numerics.signals_and_systems import spectrum
+from crinoid.view.figures.charts.chart import MEMBER_ROLES, Chart, Panel, Series, Trace
+from crinoid.view.figures.run import Run
+from crinoid.view.figures.style import Unit, largest, length_unit, si_unit
+from crinoid.view.scene.data import in_space
+from crinoid.view.scene.mount import Path, base_word
+
+_LEAST_RECORDS = 16
+_DECADES = 6  # of a spectral density, from its top
+
+Frequencies = Float[np.ndarray, " frequency"]
+
+
+def miss(data: xr.Dataset) -> Path:
+    """Return the displacement of the tip from its target (m)."""
+    return in_space(data, "tip_position") - in_space(data, "tip_target")
+
+
+def fluctuation_spectrum(
+    time: Series, values: Float[np.ndarray, "time axis"]
+) -> tuple[Frequencies, Frequencies] | None:
+    """Return frequencies (Hz) and the one-sided density of a fluctuation, in its unit squared a Hz.
+
+    The sum over the components, by Welch's method; None if the run is too short. The last instant
+    is left out if its interval differs from the others.
+    """
+    if time.size < _LEAST_RECORDS:
+        return None
+    interval = float(time[1] - time[0])
+    even = np.isclose(np.diff(time), interval, rtol=1e-3)
+    count = time.size if even.all() else int(np.argmin(even)) + 1
+    if count < _LEAST_RECORDS or not np.isfinite(values[:count]).all():
+        return None
+    found = spectrum(values[:count, None, :], interval)
+    return found.frequency, np.asarray(found.density.sum(axis=(1, 2)))
+
+
+def spectrum_chart(run: Run) -> Chart:
+    """Return the chart of the spectral density of the tip's error."""
+    title = f"{run.error_word.removeprefix('tip ').capitalize()} over frequency (Hz)"
+    return Chart("spectrum", title, (spectrum_panel(run),))
+
+
+def spectrum_panel(run: Run) -> Panel:
+    """Return the spectral density of the tip's error, with and without control."""
+    panel = Panel("tip_spectrum", f"density of\n{run.error_word}", tall=2.6)
+    return _panel(run, panel, miss, length_unit, run.error_word, "the tip does not move")
+
+
+def has_loads(run: Run) -> bool:
+    """Whether the loads on the base have spectra."""
+    return any(not panel.nothing for panel in load_chart(run).panels)
+
+
+def load_chart(run: Run) -> Chart:
+    """Return the spectral densities of force and moment on the base."""
+    base, panels = base_word(run.result), []
+    for name, word, unit in (("base_force", "force", "N"), ("base_moment", "moment", "N m")):
+
+        def load(data: xr.Dataset, name: str = name) -> Float[np.ndarray, "time axis"]:
+            values = data[name].values if name in data else np.zeros(data.sizes["time"])
+            return values.reshape(len(values), -1)
+
+        def unit_of(most: float, unit: str = unit) -> Unit:
+            return si_unit(most, unit)
+
+        panel = Panel(f"{name}_spectrum", f"density of the\n{word} on {base}", tall=2.6)
+        panels.append(_panel(run, panel, load, unit_of, word, f"the {word} does not change"))
+    ends = [panel.over for panel in panels if panel.over]
+    over = (min(low for low, _ in ends), max(high for _, high in ends)) if ends else None
+    aligned = (replace(panel, over=panel.over and over) for panel in panels)
+    return Chart("loads", f"Loads on the {base} over frequency (Hz)", tuple(aligned))
+
+
+def _panel(
+    run: Run,
+    panel: Panel,
+    values: Callable[[xr.Dataset], Float[np.ndarray, "time axis"]],
+    unit_of: Callable[[float], Unit],
+    name: str,
+    still: str,
+) -> Panel:
+    """Return a panel with the densities of a quantity, with and without control."""
+    counted = [data.isel(time=run.counted(data)) for _, data in run.members]
+    found = [fluctuation_spectrum(data["time"].values, values(data)) for data in counted]
+    known = [each for each in found if each is not None]
+    top = largest(*(density for _, density in known))
+    if not known or top == 0.0:
+        return replace(panel, nothing=still if known else "too short for a spectrum")
+    root = unit_of(top**0.5)
+    traces = []
+    for (who, _), each, role in zip(run.members, found, MEMBER_ROLES, strict=False):
+        if each is not None:
+            frequency, density = each
+            shown = np.where(density > 0.0, density, np.nan)
+            traces.append(Trace(who or name, frequency, shown, role, behind=role == "free"))
+    seen = [f[density > top / 10**_DECADES] for f, density in known]
+    label = f"({root.name})²/Hz" if " " in root.name else f"{root.name}²/Hz"
+    unit, low = Unit(root.factor**2, label), top / 10**_DECADES
+    over = min(float(f[0]) for f, _ in known), 1.3 * max(float(f[-1]) for f in seen if f.size)
+    return replace(panel, unit=unit, traces=tuple(traces), low=low, high=3 * top, over=over)

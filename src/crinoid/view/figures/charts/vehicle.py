@@ -1,0 +1,55 @@
+"""Chart of a floating submarine: its motion, and the forces and moments of its thrusters."""
+
+from crinoid.foundation.axes import ANGLES
+from crinoid.view.figures.charts.chart import ZERO, Chart, Level, Panel, Trace
+from crinoid.view.figures.charts.drive import ABOUT
+from crinoid.view.figures.run import Run
+from crinoid.view.figures.style import DEGREES, largest, length_unit, si_unit
+
+_NEAR = 0.5  # share of a limit from which it is drawn
+
+
+def has_vehicle(run: Run) -> bool:
+    """Whether a floating submarine carries the arm."""
+    return "vehicle_pose" in run.result
+
+
+def vehicle_chart(run: Run) -> Chart:
+    """Return shifts and turns of a submarine, and the forces and moments of its thrusters."""
+    vehicle = run.scenario.vehicle
+    channels = [str(channel) for channel in run.result["channel"].values]
+    shifts = [channel for channel in channels if channel not in ANGLES]
+    panels = [_motion(run, shifts), _motion(run, [c for c in channels if c in ANGLES])]
+    if vehicle is not None and vehicle.hold == "thrusters":
+        panels.append(_thrust(run, "thruster_force", "N", vehicle.max_force))
+        panels.append(_thrust(run, "thruster_moment", "N m", vehicle.max_moment))
+    return Chart("vehicle", "Submarine", tuple(panels))
+
+
+def _motion(run: Run, channels: list[str]) -> Panel:
+    data, turns = run.result, channels[0] in ANGLES
+    parts = {name: data["vehicle_pose"].sel(channel=name).values for name in channels}
+    unit = DEGREES if turns else length_unit(largest(*parts.values()))
+    traces = tuple(
+        Trace(name, data["time"].values, values, ABOUT[name]) for name, values in parts.items()
+    )
+    name, word = ("vehicle_turn", "turn") if turns else ("vehicle_shift", "shift")
+    return Panel(name, f"{word} of the\nsubmarine", unit, traces, ZERO)
+
+
+def _thrust(run: Run, name: str, unit: str, limit: float | None) -> Panel:
+    data = run.result
+    values = data[name].values.reshape(data.sizes["time"], -1)
+    axes = data["axis"].values if values.shape[1] > 1 else [""]
+    way = "along" if name == "thruster_force" else "about"
+    traces = tuple(
+        Trace(f"{way} {axis}" if axis else "", data["time"].values, part, str(axis) or "ink")
+        for axis, part in zip(axes, values.T, strict=True)
+    )
+    most = largest(values)
+    levels = list(ZERO)
+    if limit is not None and most >= _NEAR * limit:
+        levels += [Level(limit, "ink"), Level(-limit, "ink")]
+    word = name.removeprefix("thruster_")
+    drawn = si_unit(most, unit)
+    return Panel(name, f"thrusters'\n{word}", drawn, traces, tuple(levels))

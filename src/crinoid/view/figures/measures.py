@@ -1,0 +1,88 @@
+"""Words and units of measures, for tables, figures and pages."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from crinoid.results.metrics import MEASURES
+from crinoid.studies.statistics import Mean
+from crinoid.view.figures.style import DEGREES, Unit, largest, length_unit, power_of_ten, si_unit
+
+_WORDS = {"rms": "RMS", "p95": "P95", "max": "largest", "min": "smallest"}
+_LABELS = {
+    "deflection": "steady tip error without control",
+    "work": "work of base and actuators",
+}
+_PREFIXED = ("s", "N", "N m", "J")
+_PLAIN = {"1": "", "m-1": "1/m", "s-1": "1/s"}
+_MAIN = (
+    *("rms_error", "p95_error", "max_error", "within_tolerance", "steady_error"),
+    *("rms_error_uncontrolled", "rms_angle_error", "max_angle_error", "settling_time", "work"),
+    *("max_base_force", "max_base_moment", "max_strain", "min_gap", "vehicle_excursion"),
+)
+
+
+def plain_number(value: float) -> str:
+    """Return a number with four digits, plainly, or with a power of ten."""
+    rounded = float(f"{value:.4g}")
+    if rounded == 0 or 1e-4 <= abs(rounded) < 1e7:
+        return np.format_float_positional(rounded, trim="-")
+    digits, power = f"{rounded:.3e}".split("e")
+    raised = power_of_ten(int(power))
+    factor = f"{float(digits):g}"
+    return raised if factor == "1" else f"{factor} \N{MULTIPLICATION SIGN} {raised}"
+
+
+def label_of(name: str) -> str:
+    """Return the words of a measure, from its name in files."""
+    if name in _LABELS or name not in MEASURES:
+        return _LABELS.get(name) or name.replace("_", " ")
+    if name.endswith("_station"):
+        return f"station of {label_of(name.removesuffix('_station'))}"
+    words = name.removesuffix("_uncontrolled").split("_")
+    if words[-1] == "error" and "angle" not in words:
+        words.insert(-1, "tip")
+    free = " without control" if name.endswith("_uncontrolled") else ""
+    return " ".join(_WORDS.get(word, word) for word in words) + free
+
+
+def main_measures(names: Iterable[str]) -> list[str]:
+    """Return the measures that a table in a terminal shows: the main ones, and those of packages.
+
+    Files have all of them.
+    """
+    known = list(names)
+    own = [name for name in known if name not in MEASURES]
+    return [*(name for name in _MAIN if name in known), *own]
+
+
+def unit_of(about: Mapping[str, Any], magnitude: float) -> Unit:
+    """Return a readable unit of a measure, from its attributes, for values in SI of a size."""
+    unit = str(about.get("units", "1"))
+    if unit == "m":
+        return length_unit(magnitude)
+    if unit == "rad":
+        return DEGREES
+    if unit == "1" and str(about.get("long_name")).startswith("share"):
+        return Unit(100.0, "%")
+    return si_unit(magnitude, unit) if unit in _PREFIXED else Unit(1.0, _PLAIN.get(unit, unit))
+
+
+def unit_for(values: xr.DataArray) -> Unit:
+    """Return a readable unit of the values of a measure in a dataset."""
+    return unit_of(values.attrs, largest(np.asarray(values.values, float)))
+
+
+def head_of(name: str, unit: Unit) -> str:
+    """Return the label of a measure and its unit, as at an axis."""
+    return f"{label_of(name)} ({unit.name})" if unit.name else label_of(name)
+
+
+def mean_text(mean: Mean, unit: Unit) -> str:
+    """Return a mean and half the width of its interval, in a unit without its name."""
+    if mean.seeds == 0:
+        return "-"
+    half = f" ± {float(f'{mean.half * unit.factor:.2g}'):g}" if mean.half > 0 else ""
+    return f"{unit.number(mean.value)}{half}"

@@ -1,0 +1,99 @@
+"""Figure of means over seeds: over one key with intervals, over two in a grid."""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from crinoid.results.metrics import MEASURES
+from crinoid.studies.statistics import SEED, Mean
+from crinoid.view.figures import style
+from crinoid.view.figures.measures import main_measures, mean_text, plain_number
+from crinoid.view.figures.study import Key, Study, StudyMeasure
+
+_FEW, _COLUMNS = 4, 2
+"""Panels without those of packages, and panels side by side."""
+_MOST_LEVELS = 24
+"""Levels of a key that labels or cells have room for."""
+
+
+def means_keys(study: Study) -> list[Key]:
+    """Return the one or two keys over which means over seeds are drawn; else none."""
+    keys = [key for key in study.varied if key.name != SEED]
+    seeded = len(keys) < len(study.varied)
+    fits = 1 <= len(keys) <= 2 and all(len(key.levels) <= _MOST_LEVELS for key in keys)
+    return keys if seeded and fits else []
+
+
+def draw_means(study: Study, title: str) -> Figure:
+    """Draw the main measures over the keys of `means_keys`, each with intervals of 95 %."""
+    keys, known = means_keys(study), {each.name: each for each in study.measures}
+    names = main_measures(known)
+    shown = [*names[:_FEW], *(name for name in names[_FEW:] if name not in MEASURES)]
+    rows = math.ceil(len(shown) / _COLUMNS)
+    figure = Figure(figsize=(style.WIDTH, 0.4 + 2.7 * rows), layout="constrained")
+    style.head(figure, title, "ok")
+    runs = "" if len(keys) == 2 else "; points: runs"
+    words = f"means over seeds and their 95 % intervals{runs}"
+    figure.supxlabel(words, fontsize=8.5, color=style.GREY)
+    grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+    for axes, name in zip(grid, shown, strict=False):
+        (_draw_grid if len(keys) == 2 else _draw_line)(axes, known[name], *keys)
+        unit = known[name].unit.name
+        axes.set_title(known[name].label + (f" ({unit})" if unit else ""), loc="left")
+    for axes in grid[len(shown) :]:
+        axes.set_axis_off()
+    return figure
+
+
+def _draw_line(axes: Axes, measure: StudyMeasure, key: Key) -> None:
+    values = measure.values * measure.unit.factor
+    means = [Mean.of(values[key.level == level]) for level in range(len(key.levels))]
+    at = np.arange(len(means)) if key.numbers is None else key.numbers
+    axes.scatter(key.values, values, s=9, color=style.SKY, linewidth=0)
+    bars = np.nan_to_num([each.half for each in means])
+    look: Any = {"color": style.BLUE, "capsize": 3, "marker": "o", "markersize": 3.5}
+    axes.errorbar(at, [each.value for each in means], bars, **look)
+    axes.set_xlabel(key.label)
+    axes.set_ylim(min(0.0, axes.get_ylim()[0]))
+    if key.logarithmic:
+        axes.set_xscale("log")
+    if key.numbers is None:
+        axes.set_xticks(at, key.levels, parse_math=False)
+    elif len(at) <= 8:
+        axes.set_xticks(at, [plain_number(float(each)) for each in at], minor=False)
+        axes.set_xticks([], minor=True)
+
+
+def _draw_grid(axes: Axes, measure: StudyMeasure, across: Key, up: Key) -> None:
+    shape = len(up.levels), len(across.levels)
+    cells = [
+        [measure.values[(up.level == row) & (across.level == column)] for column in range(shape[1])]
+        for row in range(shape[0])
+    ]
+    means = [[Mean.of(cell) for cell in row] for row in cells]
+    values = np.array([[each.value for each in row] for row in means]) * measure.unit.factor
+    mesh = axes.pcolormesh(values, cmap="viridis", edgecolors="white", linewidth=3.0)
+    axes.grid(visible=False)
+    middle = np.nanmean([np.nanmin(values), np.nanmax(values)])
+    if shape[1] <= 5 and shape[0] <= 10:
+        for (row, column), value in np.ndenumerate(values):
+            dark = not value > middle
+            axes.text(
+                column + 0.5,
+                row + 0.5,
+                mean_text(means[row][column], measure.unit),
+                ha="center",
+                va="center",
+                fontsize=7.5 if shape[1] <= 3 else 6.0,
+                color="white" if dark else style.INK,
+            )
+    else:
+        axes.figure.colorbar(mesh, ax=axes)
+    for key, axis in ((across, axes.xaxis), (up, axes.yaxis)):
+        every = -(-len(key.levels) // 8)
+        texts = key.levels if key.numbers is None else [plain_number(v) for v in key.numbers]
+        axis.set_ticks(np.arange(0, len(texts), every) + 0.5, texts[::every], parse_math=False)
+        axis.set_label_text(key.label)

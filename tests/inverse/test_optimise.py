@@ -1,0 +1,275 @@
+"""Optimisation: derivatives, known optima, limits, and what the command writes."""
+
+import json
+import os
+import signal
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import crinoid
+from crinoid.inverse.goal import Goal
+from crinoid.inverse.optimisation import _SLOPE, Optimisation
+from crinoid.inverse.ranges import Ranges
+from crinoid.inverse.smooth_loop import SmoothLoop
+from crinoid.inverse.smooth_measures import SMOOTH
+from crinoid.results.metrics import MEASURES
+from crinoid.scenario import Scenario, ScenarioText
+from crinoid.view.figures import write_report
+from helpers.command import call, refused, succeeded
+from helpers.figures import assert_shows_something
+
+LOOP = Scenario(
+    seed=3,
+    arm={"nodes": 5, "youngs_modulus": 1e6},
+    base={"tilt_deg": -20.0, "channels": {"slide": {}, "tilt": {}}},
+    flow=[{"kind": "uniform", "velocity": [0.2, 0.1]}],
+    chamber=[{"name": "lift", "offset": 0.005, "area": 1e-4, "max_pressure": 2e4}],
+    control={
+        "kind": "pid",
+        "rate_hz": 50.0,
+        "pid": {"slide": {"kp": 0.05, "ki": 0.5}, "lift": {"ki": 0.5}},
+    },
+    target={"tip": [0.47, -10.17]},
+    simulation={"duration": 0.5, "time_step": 0.02},
+)
+# a chamber alone bends a light arm in still water into an arc of a circle
+EI, OFFSET, AREA, LENGTH = 1e-2, 0.01, 1e-4, 0.5
+ARC = """\
+title = "an arc"
+
+[arm]
+length = 0.5
+nodes = 21
+density = 1000.0   # that of the water
+section = { EI = 1e-2, EA = 1e6 }
+
+[water]
+density = 1000.0
+
+[[chamber]]
+offset = 0.004     # m, to be chosen
+area = 1e-4
+angle_deg = 180.0
+max_pressure = 6.0e3 # Pa, too little
+schedule = { time = [0.0, 1.0], share = [1.0, 1.0] }
+
+[target]
+tip = [TIP]
+
+[simulation]
+duration = 1.0
+"""
+
+
+def arc_tip(curvature):
+    """Return the tip of an arc that starts at the base, 10 m deep and level."""
+    angle = curvature * LENGTH
+    return np.array([np.sin(angle) / curvature, (1 - np.cos(angle)) / curvature - 10.0])
+
+
+WANTED = arc_tip(1.2)
+LIMIT = 0.03
+OVER = ("chamber.0.max_pressure=4e3:4e4", "chamber.0.offset=0.002:0.01")
+
+
+def search_of(scenario, over, measure, keep=(), *, seeds=1, trials=40, rest=False):
+    goal = Goal(scenario, measure, keep)
+    search = Optimisation(scenario, Ranges(scenario, over), goal, seeds, trials, rest=rest)
+    search.run(lambda *_: None, lambda: False)
+    return search
+
+
+@pytest.fixture(scope="module")
+def arc(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arc") / "arc.toml"
+    path.write_text(ARC.replace("[TIP]", str(WANTED.tolist())))
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("over", "rest"),
+    [
+        (("control.pid.slide.ki=0.1:2", "control.pid.lift.ki=0.1:2:log"), False),
+        (("arm.youngs_modulus=5e5:2e6", "base.tilt_deg=-40:0"), False),
+        (("arm.youngs_modulus=5e5:2e6", "chamber.0.max_pressure=1e4:4e4"), True),
+    ],
+)
+def test_derivatives_are_those_of_differences_of_runs(over, rest):
+    scenario = LOOP
+    if rest:
+        scenario = LOOP.with_values({"chamber.0.schedule": {"time": [0, 1], "share": [0.5, 0.5]}})
+    names = [name for name in SMOOTH if name in MEASURES]
+    if rest:  # of one instant there is no fluctuation
+        names.remove("fluctuation")
+    goal = Goal(scenario, names[0], [f"{name}<1" for name in names[1:]])
+    ranges = Ranges(scenario, over)
+    search = Optimisation(scenario, ranges, goal, 1, 1, rest=rest)
+    loop = SmoothLoop(scenario, ranges, 3, rest=rest)
+    point, h = np.array([0.4, 0.6]), 1e-3
+    steps = [h * axis for axis in np.eye(2)]
+    points = [point, *(point + step for step in steps), *(point - step for step in steps)]
+    runs = search.runs([ranges.scenario(each) for each in points])[..., 0]
+    values, slopes = loop.measures(point, goal.names)
+    np.testing.assert_allclose(values, runs[0], rtol=1e-6, atol=1e-10)
+    differences = (runs[1:3] - runs[3:5]).T / (2 * h)
+    assert np.abs(differences).max() > 0
+    for name, slope, difference in zip(goal.names, slopes, differences, strict=True):
+        # the slope of a smooth maximum is a mean over the instants about the largest one: it may be
+        # off by as much as a search allows
+        near = _SLOPE if name.startswith("max_") else 2e-3
+        size = 1e-6 + near * np.linalg.norm(difference)
+        assert np.abs(slope - difference).max() < size, name
+
+
+def test_an_active_limit_gives_the_optimum_on_paper(arc):
+    """The least pressure has the largest offset, and bends the arm just far enough."""
+    search = search_of(crinoid.load(arc), OVER, "max_pressure", [f"max_error<{LIMIT}"], rest=True)
+    assert search.method == "gradients"
+    assert not search.missed()
+    curvatures = np.linspace(0.6, 1.2, 6001)
+    away = [np.linalg.norm(arc_tip(each) - WANTED) for each in curvatures]
+    least = curvatures[np.argmax(np.array(away) < LIMIT)] * EI / (AREA * OFFSET)
+    found = search.numbers()
+    assert found["chamber.0.offset"] == pytest.approx(OFFSET)
+    assert found["chamber.0.max_pressure"] == pytest.approx(least, rel=0.01)
+    assert search.best.found[1, 0] == pytest.approx(LIMIT, rel=1e-3)
+
+
+def test_limits_that_no_trial_keeps_are_named(arc):
+    keep = ["max_error<0.01", "max_pressure<5e3"]
+    search = search_of(crinoid.load(arc), OVER[:1], "max_pressure", keep, rest=True, trials=24)
+    missed = search.missed()
+    assert missed
+    assert all(" is missed by " in each for each in missed)
+    # that with the least violation
+    violations = [search.goal.violation(trial.found) for trial in search.trials]
+    assert search.goal.violation(search.best.found) == pytest.approx(min(violations), rel=1e-3)
+
+
+def test_without_derivatives_a_population_evolves():
+    over = ("control.pid.slide.ki=0.1:4", "arm.damping_time=0.01:0.2")
+    search = search_of(LOOP, over, "rms_error", ["work<1"], trials=48, seeds=2)
+    assert search.method == "differential evolution (work: no derivatives)"
+    assert len(search.trials) == 48
+    first = [trial.found[0].mean() for trial in search.trials if trial.start == 0]
+    assert search.least < min(first)
+    assert search.least < search.given[0].mean()
+
+
+def test_a_start_outside_its_range_is_the_nearest_end():
+    scenario = LOOP
+    ranges = Ranges(scenario, ["arm.youngs_modulus=2e6:8e6:log", "base.tilt_deg=-40:0"])
+    np.testing.assert_allclose(ranges.start, [0.0, 0.5])
+    inside = Ranges(scenario, ["arm.youngs_modulus=1e5:1e7:log"])
+    np.testing.assert_allclose(inside.start, [0.5])
+    assert inside.values(np.array([1.0])) == {"arm.youngs_modulus": 1e7}
+
+
+def test_points_that_keep_the_limits_come_first():
+    goal = Goal(LOOP, "rms_error", ["max_error<0.1", "work>1"])
+    found = np.array([[5.0, 0.05, 2.0], [1.0, 0.2, 2.0], [2.0, 0.05, 0.5], [4.0, 0.1, 1.0]])
+    assert list(np.argsort(goal.rank(found[..., None]))) == [3, 0, 2, 1]
+    np.testing.assert_allclose(goal.violation(found[..., None]), [0.0, 1.0, 0.5, 0.0])
+    worst = np.array([[1.0, 1.0], [0.05, 0.15], [2.0, 2.0]])
+    assert goal.violation(worst) == pytest.approx(0.5)  # in one of two draws
+    assert goal.rank(np.array([[np.nan], [0.05], [2.0]])) == np.inf
+
+
+# --- the command -----------------------------------------------------------------------------
+
+
+def command(arc, out, *more, over=OVER, keep=f"max_error<{LIMIT}", ask=succeeded):
+    ranges = [part for each in over for part in ("--over", each)]
+    limits = ["--keep", keep] if keep else []
+    goal = ("--at-rest", "--for", "max_pressure", *limits)
+    return ask("optimise", arc, *goal, *ranges, *more, "--out", out)
+
+
+def test_the_command_writes_the_users_own_file(arc, tmp_path):
+    out = tmp_path / "out"
+    output = command(arc, out, "--trials", 40, "--set", "water.drag_normal=1.3")
+    files = ("optimised.toml", "optimise.nc", "optimise.png", "summary.json")
+    for words in ("chamber.0.offset", "max_pressure (Pa)", *(f"wrote {out / f}" for f in files)):
+        assert words in output
+    text = (out / "optimised.toml").read_text()
+    for line in ("density = 1000.0   # that of the water", "offset = 0.01     # m, to be chosen"):
+        assert line in text
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["kept"]
+    numbers = summary["numbers"]
+    given = ScenarioText(arc, ["water.drag_normal=1.3"]).scenario
+    assert crinoid.load(out / "optimised.toml") == given.with_values(numbers)
+    # the numbers are those of a real run
+    rest = crinoid.equilibrium(out / "optimised.toml")
+    (pressure,), (error,) = (summary["measures"][m]["after"] for m in ("max_pressure", "max_error"))
+    assert MEASURES["max_pressure"].of(rest) == pytest.approx(pressure, rel=1e-12)
+    assert MEASURES["max_error"].of(rest) == pytest.approx(error, rel=1e-9)
+    data = xr.load_dataset(out / "optimise.nc")
+    assert data.attrs["method"] == "gradients"
+    np.testing.assert_array_equal(data["best"], list(numbers.values()))
+    np.testing.assert_array_equal(data["given"], [6e3, 0.004])
+    assert data["found"].dims == ("trial", "measure", "draw")
+    (figure,) = write_report(out / "optimise.nc", tmp_path)
+    assert_shows_something(figure)
+    # again over its own files, but not over those of others
+    (out / "optimise.nc").write_text("notes")
+    assert "not written by crinoid" in command(arc, out, ask=refused)
+
+
+def test_a_missed_limit_is_exit_code_1(arc, tmp_path):
+    found = command(arc, tmp_path, "--trials", 8, over=OVER[:1], keep="max_error<-1", ask=call)
+    assert found.exit_code == 1
+    assert "no trial keeps all limits: max_error<-1 is missed by " in found.stderr
+    assert (tmp_path / "optimised.toml").exists()
+    assert not json.loads((tmp_path / "summary.json").read_text())["kept"]
+
+
+def test_an_interruption_saves_the_best_so_far(arc, tmp_path, monkeypatch):
+    keep = Optimisation._keep
+
+    def interrupted(self, trial):
+        keep(self, trial)
+        if len(self.trials) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Optimisation, "_keep", interrupted)
+    found = command(arc, tmp_path, "--trials", 4000, ask=call)
+    assert found.exit_code == 130
+    assert "the best so far is saved" in found.stderr
+    data = xr.load_dataset(tmp_path / "optimise.nc")
+    assert 3 <= data.sizes["trial"] < 200
+    assert Scenario.from_toml((tmp_path / "optimised.toml").read_text())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--over", "arm.length=0.6:0.4"), '--over: got "arm.length=0.6:0.4"; must be KEY=FROM:TO'),
+        (("--over", "arm.length=nan:0.4"), "--over: got"),
+        (("--over", "arm.length"), "--over: got"),
+        (("--over", "arm.length=-1:1:log"), "have ends of one sign"),
+        (("--over", "arm.length=-1:1"), "arm.length: got -1.0; must be "),
+        (("--over", "arm.lenth=0.1:1"), "arm.lenth: unknown key; did you mean arm.length?"),
+        (("--over", "arm.nodes=5:9"), "arm.nodes: got 21; must be a real number"),
+        (("--over", "simulation.time_step=0.01:0.02"), "is a setting of the computation"),
+        (("--over", "target.tip=0:1"), "must be a single number. Name one of them"),
+        (("--over", "arm.length=0.1:1", "--over", "arm.length=0.1:2"), "got a key twice"),
+        (("--for", "rms_eror"), '--for: got "rms_eror"; must be a measure, such as rms_error'),
+        (("--for", "settling_time", "--at-rest"), "--for: settling_time is not a number"),
+        (("--keep", "max_error<nan"), "--keep: got"),
+        (("--keep", "max_error=1"), "--keep: got"),
+        (("--keep", "max_eror<1"), "such as max_error"),
+        (("--trials", "0"), "--trials: got 0; must be at least 1"),
+        (("--seeds", "0"), "--seeds: got 0; must be at least 1"),
+    ],
+)
+def test_a_mistake_is_one_line(arc, tmp_path, arguments, words):
+    given = dict(zip(arguments[::2], arguments[1::2], strict=False))
+    more = [] if "--over" in given else ["--over", "arm.length=0.4:0.6"]
+    more += [] if "--for" in given else ["--for", "rms_error"]
+    line = refused("optimise", arc, *arguments, *more, "--out", tmp_path / "out")
+    assert words in line
+    assert not (tmp_path / "out").exists()
