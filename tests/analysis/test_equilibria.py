@@ -61,6 +61,7 @@ def test_a_chamber_bends_the_arm_by_its_moment_over_its_stiffness():
     assert found.attrs["status"] == "ok"
 
 
+@pytest.mark.slow
 def test_a_tendon_with_friction_bends_the_arm_more_on_the_way_back():
     found = crinoid.equilibria(rubbing(), f"tendon.0.tension=0:{TENSION}:11")
     share = np.linspace(0, 1, 11)
@@ -78,6 +79,7 @@ def test_a_tendon_with_friction_bends_the_arm_more_on_the_way_back():
     assert (found["status"] == "ok").all()
 
 
+@pytest.mark.slow
 def test_an_arm_that_buckled_follows_the_elastica_and_straightens_again():
     critical, found = pushed()
     turn = found["tip_turn"].values[0]
@@ -156,6 +158,7 @@ def test_the_command_writes_a_table_a_file_and_a_figure(bellows):
     assert "wrote" in succeeded(*command, "--out", "out", "--force")
 
 
+@pytest.mark.slow
 def test_values_without_an_equilibrium_are_named_and_the_others_kept(bellows):
     # the last tension shortens the arm to less than nothing
     soft = arm(EA=100.0, tendon=[{"offset": OFFSET, "max_tension": 200.0}])

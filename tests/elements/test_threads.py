@@ -472,7 +472,7 @@ def test_gradients_by_pressure_area_and_offset():
 
     def height(change):
         def numbers(t):
-            return t.force, t.offset, t.shares, t.shortening, t.stiffness
+            return t.max_pressure, t.area, t.offset, t.shares, t.shortening, t.stiffness
 
         threads = parameters.actuator[0]
         changed = [
@@ -485,12 +485,12 @@ def test_gradients_by_pressure_area_and_offset():
         return jnp.append(state.position[-1], state.base_moment)
 
     # at the middle and at both ends, each along its way
-    ways = jnp.tile(jnp.eye(5), (3, 1))
-    points = 1e-4 * jnp.repeat(jnp.array([0.0, 1.0, -1.0]), 5)[:, None] * ways
+    ways = jnp.tile(jnp.eye(6), (3, 1))
+    points = 1e-4 * jnp.repeat(jnp.array([0.0, 1.0, -1.0]), 6)[:, None] * ways
     along = jax.vmap(lambda point, way: jax.jvp(height, (point,), (way,)))
     found, slopes = eqx.filter_jit(along)(points, ways)
-    differences = (found[5:10] - found[10:]) / 2e-4
-    np.testing.assert_allclose(slopes[:5], differences, rtol=1e-6, atol=1e-9)
+    differences = (found[6:12] - found[12:]) / 2e-4
+    np.testing.assert_allclose(slopes[:6], differences, rtol=1e-6, atol=1e-9)
 
 
 # --- the actuator ---------------------------------------------------------------------------------

@@ -138,6 +138,7 @@ def test_an_active_limit_gives_the_optimum_on_paper(arc):
     assert search.best.found[1, 0] == pytest.approx(LIMIT, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_limits_that_no_trial_keeps_are_named(arc):
     keep = ["max_error<0.01", "max_pressure<5e3"]
     search = search_of(crinoid.load(arc), OVER[:1], "max_pressure", keep, rest=True, trials=24)
@@ -149,6 +150,7 @@ def test_limits_that_no_trial_keeps_are_named(arc):
     assert search.goal.violation(search.best.found) == pytest.approx(min(violations), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_without_derivatives_a_population_evolves():
     over = ("control.pid.slide.ki=0.1:4", "arm.damping_time=0.01:0.2")
     search = search_of(LOOP, over, "rms_error", ["work<1"], trials=48, seeds=2)
@@ -219,6 +221,7 @@ def test_the_command_writes_the_users_own_file(arc, tmp_path):
     assert "not written by crinoid" in command(arc, out, ask=refused)
 
 
+@pytest.mark.slow
 def test_a_missed_limit_is_exit_code_1(arc, tmp_path):
     found = command(arc, tmp_path, "--trials", 8, over=OVER[:1], keep="max_error<-1", ask=call)
     assert found.exit_code == 1

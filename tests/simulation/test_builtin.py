@@ -59,6 +59,7 @@ ALONE = {
 def test_one_channel_alone_does_clearly_worse(name, alone):
     gains, coordinate = alone
     changes = {"control.pid": {name: gains}, "control.controlled": [coordinate]}
+    changes |= {"target.judged_from": 0.0}
     result = crinoid.simulate(crinoid.load("station-keeping").with_values(changes))
     off, free = (angle_error(run) for run in (result, result.uncontrolled))
     assert tip_error(result).rms < 0.5 * tip_error(result.uncontrolled).rms

@@ -99,7 +99,7 @@ def test_the_submarine_of_a_cable_has_the_size_of_one(length, half):
     assert np.ptp(hull.reshape(-1, 3), axis=0).max() == pytest.approx(2 * half)
 
 
-@pytest.mark.parametrize("ending", ["pdf", "svg"])
+@pytest.mark.parametrize("ending", [pytest.param("pdf", marks=pytest.mark.slow), "svg"])
 def test_figures_are_written_in_other_formats_with_their_texts(ending, tmp_path):
     save(swaying_arm(records=5, nodes=5), tmp_path / "result.nc")
     names = {path.name for path in write_report(tmp_path, file_format=ending)}

@@ -13,13 +13,13 @@ from crinoid.cli.display import new_table, progress_bar, show
 from crinoid.cli.finding import finding, solvable
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
+from crinoid.foundation.version import __version__
 from crinoid.inverse import OPTIMISATION
 from crinoid.inverse.goal import Goal
 from crinoid.inverse.optimisation import Optimisation
 from crinoid.inverse.ranges import Ranges
+from crinoid.results.summary import SUMMARY_JSON
 from crinoid.scenario import ScenarioText, got, refusal
-
-SUMMARY = "summary.json"
 
 
 def optimise_numbers(
@@ -74,9 +74,15 @@ def optimise_numbers(
         files = [
             found.write("optimised.toml", new),
             *found.save(search.dataset(status)),
-            found.write(SUMMARY, json.dumps(_summary(search, status), indent=1, allow_nan=False)),
+            found.write(
+                SUMMARY_JSON, json.dumps(_summary(search, status), indent=1, allow_nan=False)
+            ),
         ]
         notes = [f"a search without gradients: {search.why}"] if search.why else []
+        ends = np.isclose(search.best.point, np.round(search.best.point), rtol=0.0, atol=1e-3)
+        if ends.any():
+            keys = ", ".join(np.array(search.ranges.keys)[ends])
+            notes.append(f"at an end of its range: {keys}. A wider range may give a better value")
         show(optimisation_table(search), notes, files)
     return ("", 0) if status == Status.OK.value else (status, MISSED)
 
@@ -109,6 +115,7 @@ def _summary(search: Optimisation, status: str) -> dict[str, Any]:
     assert search.best is not None
     given = [float(value) for value in search.ranges.given]
     return {
+        "crinoid_version": __version__,
         "status": status,
         "method": search.method,
         "trials": len(search.trials),

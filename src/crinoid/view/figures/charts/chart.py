@@ -119,7 +119,7 @@ class Chart:
         return tuple(panel.without_round_off() for panel in some)
 
 
-_ROUND_OFF, _SMALLEST = 1e-9, 1e-6
+_ROUND_OFF, _SMALLEST = 1e-9, 1e-7
 """Largest round-off: of the largest value of a panel, and in its unit."""
 ZERO = (Level(0.0, "faint"),)
 MEMBER_ROLES = ("run", "free")  # roles of a run and of that without control

@@ -82,16 +82,13 @@ class _Table(NamedTuple):
         unit: Unit,
         *,
         nothing: float = math.inf,
-        ends: Sequence[str] = ("", ""),
     ) -> None:
         """Add values, in SI, and their ratio where there is more than ``nothing`` to compare."""
         if values[0] is None:
             return
         round_off = _ROUND_OFF * nothing if nothing < math.inf else 0.0
         shown = [None if v is None else v if abs(v) > round_off else 0.0 for v in values]
-        cells = [
-            "" if v is None else unit.text(v) + end for v, end in zip(shown, ends, strict=False)
-        ]
+        cells = ["" if value is None else unit.text(value) for value in shown]
         numbers = [value for value in shown if value is not None]
         if len(numbers) == 2 and min(numbers) >= 0 and numbers[1] > nothing:
             cells.append(f"{numbers[0] / numbers[1]:.1%}")
@@ -161,10 +158,10 @@ class _Table(NamedTuple):
             ("max_curvature", "largest curvature", Unit(1.0, "1/m"), _NOTHING / arm.length),
             ("max_strain", "largest surface strain", SHARE, _NOTHING),
         ):
-            values, places = self.measure(name), self.measure(f"{name}_station")
+            values = self.measure(name)
             if values[0] is not None and values[0] > nothing:
-                ends = [f" at {along.text(place or 0.0)}" for place in places]
-                self.add(words, values, unit, nothing=nothing, ends=ends)
+                self.add(words, values, unit, nothing=nothing)
+                self.add(f"{words}, from root", self.measure(f"{name}_station"), along)
         if (self.measure("curvature_cycles")[0] or 0.0) > 0.0:
             self.add("cycles of curvature", self.measure("curvature_cycles"), Unit(1.0, ""))
             ranges = self.measure("equivalent_curvature_range")
