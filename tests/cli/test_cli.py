@@ -3,6 +3,8 @@ from pathlib import Path
 
 import pytest
 
+from crinoid.cli.command import folder_for
+from crinoid.cli.display import say_when
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from helpers.command import call, one_line, refused, succeeded
@@ -188,3 +190,17 @@ def test_scenarios_are_listed_copied_and_described(here):
     assert "[control.pid.tilt]" in (here / "station-keeping.toml").read_text()
     assert "already there" in refused("scenarios", "--copy", "station-keeping")
     assert "station-keeping" in refused("scenarios", "--copy", "station-keepin")
+
+
+def test_scenarios_that_studies_found_do_not_share_a_folder():
+    names = [f"results/{study}/optimised.toml" for study in ("taper-optimise", "gains-optimise")]
+    folders = [folder_for(None, name).name for name in names]
+    assert folders == ["taper-optimise-optimised", "gains-optimise-optimised"]
+    assert folder_for(None, "mine/arm.toml").name == "arm"
+
+
+def test_a_study_says_from_when_errors_count(capsys):
+    say_when(Scenario(flow=[{"kind": "uniform", "velocity": [0.1, 0.0], "ramp_time": 2.0}]))
+    assert capsys.readouterr().out == "note: errors count from 2 s (target.judged_from)\n"
+    say_when(Scenario())
+    assert capsys.readouterr().out == ""

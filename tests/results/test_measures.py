@@ -55,6 +55,9 @@ def measure(name, run):
 
 
 TIME = np.linspace(0.0, 20.0, 4001)
+VEHICLE = {
+    "vehicle": {"mass": 9.0, "inertia": 0.5, "hold": "thrusters", "max_force": 3.0},
+}
 SINE = np.sin(2 * np.pi * TIME)
 BOTH = pytest.mark.parametrize("dimension", [2, 3])
 
@@ -209,3 +212,28 @@ def test_intervals_of_return_levels_hold_as_often_as_they_say(count):
 def test_gumbel_needs_three_numbers_that_differ(maxima):
     with pytest.raises(ValueError, match="maxima: got"):
         Gumbel(np.array(maxima))
+
+
+@BOTH
+def test_a_vehicle_counts_from_the_start(dimension):
+    run = made(dimension, **VEHICLE, **{"target.judged_from": 5.0})
+    channels, axes = run.dataset["channel"].values, run.dataset["axis"].size
+    early = np.where(TIME < 2.0, 1.0, 0.25)
+    pose = np.zeros((TIME.size, channels.size))
+    pose[:, channels == "slide"] = 0.1 * early[:, None]
+    pose[:, channels == "tilt"] = -0.02 * early[:, None]
+    force = np.zeros((TIME.size, axes))
+    force[:, 0] = 3.0 * early
+    moment = np.zeros(TIME.size) if axes == 2 else np.zeros((TIME.size, axes))
+    data = run.dataset.assign(
+        vehicle_pose=(("time", "channel"), pose),
+        thruster_force=(("time", "axis"), force),
+        thruster_moment=(("time", "axis")[: moment.ndim], moment),
+    )
+    floating = Result(data)
+    assert measure("vehicle_excursion", floating) == pytest.approx(0.1)
+    assert measure("vehicle_turn", floating) == pytest.approx(0.02)
+    assert measure("max_thrust", floating) == pytest.approx(3.0)
+    assert measure("rms_thrust", floating) == pytest.approx(3 * np.sqrt(0.1 + 0.9 / 16), rel=1e-3)
+    assert measure("thrust_limit_share", floating) == pytest.approx(0.1, abs=1e-3)
+    assert measure("max_thrust", run) is None

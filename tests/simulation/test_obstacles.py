@@ -128,6 +128,8 @@ def test_equilibrium_leans_on_the_bed(here):
     assert {path.name for path in (here / "still").iterdir()} == {
         *figures,
         "result.nc",
+        "summary.csv",
+        "summary.json",
         "report.html",
     }
 

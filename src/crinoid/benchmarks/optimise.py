@@ -80,5 +80,5 @@ def benchmark(scope: Scope) -> Rows:
             if goal.violation(found) > 0:
                 yield f"{name}, {way}: no trial keeps {', '.join(example.keep)}"
             yield row(f"{name}, {way}", "time", "s", [seconds])
-            yield row(f"{name}, {way}", "trials", "1", [trials])
+            yield row(f"{name}, {way}", "trials", "1", [float(trials)])
             yield row(f"{name}, {way}", example.measure, unit, [float(found[0].mean())])

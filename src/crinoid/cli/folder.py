@@ -22,7 +22,7 @@ from crinoid.inverse import IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES
 from crinoid.results.own_files import FIGURES, is_own
 from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result, attributes
-from crinoid.results.stream import is_stream, remove_checkpoints
+from crinoid.results.stream import is_stream, open_lazily, remove_checkpoints
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.studies.comparison import COMPARISON
@@ -208,10 +208,18 @@ def save(result: Result, folder: Path, place: Path) -> tuple[list[Path], str]:
         clear_figures(folder)
     if not aside and place != folder:
         _remove_made(place)
+    _read_from(result, paths[0].parent)
     try:
         return paths + write_summary(result, paths[0].parent), ""
     except OSError as error:
         return paths, f"{error.filename or paths[0].parent}: {error.strerror or error}"
+
+
+def _read_from(result: Result, folder: Path) -> None:
+    """Let a result read its large variables from where it is saved: other files may be gone."""
+    for run, name in ((result, RESULT), (result.uncontrolled, UNCONTROLLED)):
+        if run is not None:
+            run.dataset = open_lazily(folder / name)
 
 
 def stopped(error: OSError, place: Path) -> str:

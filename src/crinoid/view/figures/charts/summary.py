@@ -249,7 +249,7 @@ def equilibrium_summary(result: Result) -> RunSummary:
     base = base_word(dataset)
     pull = max(largest(force), abs(tension), _ALMOST_NO_LOAD)
     add(f"force on {base}", parts(force, " N", pull))
-    turning = max(largest(moment), pull * length)
+    turning = max(largest(np.asarray(moment)), pull * length)
     text = parts(moment, " N m", turning) if moment.ndim else f"{number(moment, turning)} N m"
     add(f"moment on {base}", text)
     add("greatest tension", f"{number(tension, pull)} N")
