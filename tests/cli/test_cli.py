@@ -156,7 +156,8 @@ def test_notes_come_under_the_table_and_once_for_all_cases(here):
     studied = ("--set", "vary.seed=[1, 2]", "--set", "control.compare=false", "--out", "cases")
     above = ("--set", "base.position=[0.0, 10.0]")
     shown = succeeded("run", "small.toml", *thin, *studied, *above)
-    one, other = noted(shown)
+    one, when, other = noted(shown)
+    assert when.startswith("note: errors count from")
     # oddities of a scenario come before it is run, and only then
     assert shown.splitlines()[0] == one
     assert one.startswith("note: case-01, case-02: base.position.1: got 10 m, above the")

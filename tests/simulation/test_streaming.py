@@ -319,4 +319,4 @@ def test_a_command_that_is_killed_is_resumed(tmp_path):
     assert 0 < open_lazily(out / "result.nc").sizes["time"] < 151
     succeeded(*arguments, "--resume")
     same(Result.load(out), crinoid.simulate(scenario(3.0)))
-    assert names(out) == ["report.html", *BOTH]
+    assert names(out) == sorted(["report.html", "summary.csv", "summary.json", *BOTH])
