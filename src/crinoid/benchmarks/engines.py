@@ -1,4 +1,4 @@
-"""Programs that let an arm go: what they omit, their meshes and their time steps."""
+"""Other programs for the release of an arm: omissions, meshes and time steps."""
 
 from collections.abc import Callable
 from importlib import import_module

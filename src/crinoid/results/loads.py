@@ -20,7 +20,7 @@ _STRAIGHT = 1e-6
 """Range of curvature times the arm's length (rad) that is round-off."""
 _EXPONENT = 4.0
 """Slope of the fatigue life of rubber over strain: cracks grow with the square of the tearing
-energy, which goes with the square of the strain (Lake and Lindley 1965)."""
+energy, proportional to the square of the strain (Lake and Lindley 1965)."""
 
 
 class BaseLoad(NamedTuple):

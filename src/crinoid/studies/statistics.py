@@ -112,7 +112,7 @@ def _extreme(name: str, values: Float[np.ndarray, " seed"]) -> ReturnLevel | Non
 
 
 def mean_row(each: SeedMean, measure: Measure) -> dict[str, Any]:
-    """Return a row of ``means.csv``, in SI units; what is unknown is empty."""
+    """Return a row of ``means.csv``, in SI units; unknown numbers are empty."""
     mean, extreme = each.mean, each.extreme or ("", "", "")
     numbers = ("" if np.isnan(value) else value for value in mean[:3])
     row = {**each.values, "measure": each.name, "units": measure.unit, "runs": mean.seeds}

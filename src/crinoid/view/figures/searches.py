@@ -70,7 +70,7 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
     grid = figure.subplots(len(names), len(keys), squeeze=False, sharex="col", sharey="row")
     sign, limit = data["sign"].values[:, None], data["limit"].values[:, None]
     found = data["found"].values
-    # the mean of what is to be least, the worst draw of what has a limit
+    # the mean of the measure, the worst draw of each limit
     shown = np.where(sign > 0, found.max(axis=2).T, found.min(axis=2).T)
     shown[0] = found[:, 0].mean(axis=1)
     kept = (sign * (shown - limit) <= 0)[1:].all(axis=0) & np.isfinite(shown).all(axis=0)

@@ -53,7 +53,7 @@ def _draw_line(axes: Axes, measure: StudyMeasure, key: Key) -> None:
     means = [Mean.of(values[key.level == level]) for level in range(len(key.levels))]
     at = np.arange(len(means)) if key.numbers is None else key.numbers
     axes.scatter(key.values, values, s=9, color=style.SKY, linewidth=0)
-    bars = np.nan_to_num([each.half for each in means])
+    bars = [each.half for each in means]  # NaN of one seed: no bar
     look: Any = {"color": style.BLUE, "capsize": 3, "marker": "o", "markersize": 3.5}
     axes.errorbar(at, [each.value for each in means], bars, **look)
     axes.set_xlabel(key.label)
