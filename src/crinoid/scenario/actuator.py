@@ -65,7 +65,7 @@ def actuator_conflicts(
     yield from name_conflicts(names, others)
 
 
-Shares = Annotated[tuple[float, ...], AsTuple, Quantity(takes="a list of numbers from -1 to 1")]
+Shares = Annotated[tuple[float, ...], AsTuple, Quantity(expects="a list of numbers from -1 to 1")]
 Offset = Annotated[
     float | Pair, Quantity("m", "a number, or a pair [at the root end, at the tip end]")
 ]

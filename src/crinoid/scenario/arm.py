@@ -22,7 +22,8 @@ from crinoid.scenario.quantity import (
 
 # The only list of the dimensions of an arm.
 Dimension = Annotated[
-    Literal[2, 3], Quantity(takes="2 (a planar arm) or 3 (an arm that bends both ways and twists)")
+    Literal[2, 3],
+    Quantity(expects="2 (a planar arm) or 3 (an arm that bends both ways and twists)"),
 ]
 
 _Above0 = Annotated[float, Field(gt=0)]
@@ -49,7 +50,7 @@ RestCurvature = Annotated[
 Nodes = Annotated[
     int,
     Field(ge=3, le=10_000),
-    Quantity(takes="a whole number from 3 (an arm bends where edges meet) to 10000"),
+    Quantity(expects="a whole number from 3 (an arm bends where edges meet) to 10000"),
 ]
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     ChannelName = str
 else:
     ChannelName = Annotated[
-        Literal[CHANNELS[3]], Quantity(takes=one_of(CHANNELS[2]), in_space=one_of(CHANNELS[3]))
+        Literal[CHANNELS[3]], Quantity(expects=one_of(CHANNELS[2]), in_space=one_of(CHANNELS[3]))
     ]
 
 

@@ -37,7 +37,7 @@ _ENDLESS = 1e3
 """Half the length of a cylinder (m)."""
 _STRAIGHT = 1e-9
 
-Direction = Annotated[Triple, Quantity(takes="[x, y, z]")]
+Direction = Annotated[Triple, Quantity(expects="[x, y, z]")]
 Drift = Annotated[
     Literal["flow"] | Components,
     Quantity("m/s", '[x, z] or "flow"', '[x, y, z] or "flow"'),
@@ -149,7 +149,7 @@ Obstacle = Annotated[Sphere | Cylinder | Capsule | Plane, Field(discriminator="k
 _TIP = (0.9, 1.0)
 """Part of the arm that counts as its tip."""
 
-Index = Annotated[int, Quantity(takes="the index of an obstacle, 0 for the first")]
+Index = Annotated[int, Quantity(expects="the index of an obstacle, 0 for the first")]
 
 Inertia = Annotated[
     float | Triple,

@@ -18,7 +18,7 @@ from crinoid.scenario.model import Model, entry, unknown_key
 from crinoid.scenario.quantity import AsTuple, Degrees, Hertz, InSpace, Metres, Quantity, Seconds
 from crinoid.scenario.sensor import DEFAULT_RATE
 
-_Weights = Annotated[FileName, Quantity(takes="the path of a file that crinoid train wrote")]
+_Weights = Annotated[FileName, Quantity(expects="the path of a file that crinoid train wrote")]
 
 
 class Neural(Model):
@@ -33,7 +33,7 @@ _SMOOTHNESS, _AMONG_VORTICES = 0.01, 0.04
 """Default smoothness over the arm's length: faster control would feed the lock-in of vortices."""
 
 _Inputs = Annotated[
-    tuple[str, ...], AsTuple, Field(min_length=1), Quantity(takes="a list of names of inputs")
+    tuple[str, ...], AsTuple, Field(min_length=1), Quantity(expects="a list of names of inputs")
 ]
 
 
@@ -109,7 +109,7 @@ COORDINATES = {2: (*AXES[2], "angle"), 3: (*AXES[3], "direction")}
 # spelled out for the type checker: those of the plane and of space
 Coordinate = Annotated[
     Literal["x", "y", "z", "angle", "direction"],
-    Quantity(takes=one_of(COORDINATES[2]), in_space=one_of(COORDINATES[3])),
+    Quantity(expects=one_of(COORDINATES[2]), in_space=one_of(COORDINATES[3])),
 ]
 
 
@@ -174,7 +174,7 @@ class Control(Model):
     # settings of a kind of a package are next to those of the kinds below
     model_config = ConfigDict(extra="allow", json_schema_extra={"additionalProperties": False})
 
-    kind: Annotated[str, Quantity(takes=f"{one_of(KINDS)}, or the kind of a package")] = entry(
+    kind: Annotated[str, Quantity(expects=f"{one_of(KINDS)}, or the kind of a package")] = entry(
         "none", "Kind of controller; custom: the one that crinoid.simulate gets."
     )
     rate_hz: Hertz | None = entry(None, f"Commands a second; {DEFAULT_RATE}.", gt=0)
@@ -189,7 +189,7 @@ class Control(Model):
         AsTuple,
         Field(min_length=1),
         Quantity(
-            takes=f"a list of {one_of(COORDINATES[2], 'and')}",
+            expects=f"a list of {one_of(COORDINATES[2], 'and')}",
             in_space=f"a list of {one_of(COORDINATES[3], 'and')}",
         ),
         InSpace(("x", "y", "z")),

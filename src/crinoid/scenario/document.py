@@ -29,7 +29,7 @@ FileName = Annotated[
 ]
 RecordFile = Annotated[
     FileName,
-    Quantity(takes="the path of a CSV or netCDF file"),
+    Quantity(expects="the path of a CSV or netCDF file"),
     BeforeValidator(as_file),
     Field(
         description="CSV or netCDF file; a relative path starts from the scenario file, with "

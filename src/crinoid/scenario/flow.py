@@ -68,7 +68,7 @@ def _known(text: str) -> str:
 Name = Annotated[
     str,
     AfterValidator(_known),
-    Quantity(takes='the name of a variable, such as "u", "-u", "vel[E]", or "0" for none'),
+    Quantity(expects='the name of a variable, such as "u", "-u", "vel[E]", or "0" for none'),
 ]
 
 
@@ -86,7 +86,10 @@ class MeasuredFlow(FlowTable):
     kind: Literal["measured"] = entry("measured", "A measured current.")
     file: RecordFile
     velocity: Annotated[
-        tuple[Name, ...], AsTuple, Quantity(takes="a list of names"), InSpace(_DEFAULT_VELOCITY[1])
+        tuple[Name, ...],
+        AsTuple,
+        Quantity(expects="a list of names"),
+        InSpace(_DEFAULT_VELOCITY[1]),
     ] = entry(
         _DEFAULT_VELOCITY[0],
         "Variables, by name or CF standard name: along x and z, in space x, y and z; with "
@@ -118,7 +121,7 @@ class MeasuredFlow(FlowTable):
         None, "Compass heading of x, clockwise from north; velocity then names east, north and up."
     )
     select: Annotated[
-        dict[str, float], Quantity(takes="a table of numbers, such as {lat = 48.1}")
+        dict[str, float], Quantity(expects="a table of numbers, such as {lat = 48.1}")
     ] = entry(
         {},
         "Place in the other dimensions, such as {lat = 48.1}: the nearest point; without "

@@ -30,7 +30,7 @@ from crinoid.scenario.quantity import (
 Direction = Annotated[
     Literal["tangential", "normal"] | Components,
     Quantity(
-        takes='"tangential", "normal" or [x, z]', in_space='"tangential", "normal" or [x, y, z]'
+        expects='"tangential", "normal" or [x, z]', in_space='"tangential", "normal" or [x, y, z]'
     ),
     PER_AXIS,
 ]

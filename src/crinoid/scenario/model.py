@@ -162,9 +162,9 @@ def allowed(schema: Schema, *, in_space: bool = False) -> str:
     present = _present(schema)
     if len(present) == 1:
         schema = {**present[0], **schema}
-    words = schema.get("takes") or _words(schema)
+    words = schema.get("expects") or _words(schema)
     if in_space:
-        words = schema.get("takes_in_space", words)
+        words = schema.get("expects_in_space", words)
     return f"{words} ({schema['unit']})" if "unit" in schema else words
 
 

@@ -177,18 +177,18 @@ class Quantity(_SchemaMark):
     ----------
     unit
         Its unit; empty for a plain number.
-    takes
+    expects
         The valid values in words, where the type and the bounds do not say it well.
     in_space
         The valid values for an arm in space, if they differ.
     """
 
     unit: str = ""
-    takes: str = ""
+    expects: str = ""
     in_space: str = ""
 
     def _keywords(self) -> dict[str, Any]:
-        texts = {"unit": self.unit, "takes": self.takes, "takes_in_space": self.in_space}
+        texts = {"unit": self.unit, "expects": self.expects, "expects_in_space": self.in_space}
         return {key: text for key, text in texts.items() if text}
 
 
@@ -212,7 +212,7 @@ ListOf = Annotated[tuple[_Item, ...], AsTuple]
 Name = Annotated[
     str | None,
     Field(pattern="^[a-z][a-z0-9_]*$"),
-    Quantity(takes="a name of a-z, 0-9 and _ that begins with a letter"),
+    Quantity(expects="a name of a-z, 0-9 and _ that begins with a letter"),
 ]
 
 Metres = Annotated[float, Quantity("m")]
@@ -229,14 +229,14 @@ Pascals = Annotated[float, Quantity("Pa")]
 PerMetre = Annotated[float, Quantity("1/m")]
 DegreesPerSecond = Annotated[float, Quantity("degrees/s")]
 
-Pair = Annotated[tuple[float, float], AsTuple, Quantity(takes="a pair of numbers")]
+Pair = Annotated[tuple[float, float], AsTuple, Quantity(expects="a pair of numbers")]
 Triple = Annotated[tuple[float, float, float], AsTuple]
 Times = Annotated[tuple[float, ...], AsTuple, Quantity("s", "a list of numbers")]
 
 # A planar arm moves in x (forward) and z (up), a spatial one in y (to port) as well.
 Components = Annotated[tuple[float, ...], AsTuple, Field(min_length=2, max_length=3)]
 PER_AXIS = Count(plane=(2,), space=(3,))
-Vector = Annotated[Components, Quantity(takes="[x, z]", in_space="[x, y, z]"), PER_AXIS]
+Vector = Annotated[Components, Quantity(expects="[x, z]", in_space="[x, y, z]"), PER_AXIS]
 Position = Annotated[Vector, Quantity("m")]
 Velocity = Annotated[Vector, Quantity("m/s")]
 Force = Annotated[Vector, Quantity("N")]

@@ -45,12 +45,12 @@ _DIMENSION = {"arm", "arm.dimension"}
 """Keys that set the dimension."""
 
 
-_Values = Annotated[list[Any], Field(min_length=1), Quantity(takes="a list of one value or more")]
+_Values = Annotated[list[Any], Field(min_length=1), Quantity(expects="a list of one value or more")]
 
 Variations = Annotated[
     dict[str, _Values],
     BeforeValidator(plain),
-    Quantity(takes='keys such as "arm.length", each with a list of one value or more'),
+    Quantity(expects='keys such as "arm.length", each with a list of one value or more'),
 ]
 
 

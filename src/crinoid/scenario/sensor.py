@@ -39,7 +39,7 @@ _Stations = Annotated[
     tuple[Annotated[float, Field(ge=0, le=1)], ...],
     AsTuple,
     Field(min_length=1, max_length=1000),
-    Quantity(takes="a list of numbers from 0 to 1"),
+    Quantity(expects="a list of numbers from 0 to 1"),
 ]
 
 

@@ -16,7 +16,7 @@ Integrator = Literal["newmark", "generalized-alpha", "implicit-euler"]
 Gamma = Annotated[
     float,
     Field(ge=0.5),
-    Quantity(takes="a number of 0.5 or more (with less, damping is negative: motion grows)"),
+    Quantity(expects="a number of 0.5 or more (with less, damping is negative: motion grows)"),
 ]
 
 _OPTIONS: dict[Integrator, dict[str, float]] = {
@@ -95,18 +95,20 @@ class Simulation(Model):
 
 
 _Variables = Annotated[
-    tuple[str, ...], AsTuple, Field(min_length=1), Quantity(takes="a list of names of variables")
+    tuple[str, ...], AsTuple, Field(min_length=1), Quantity(expects="a list of names of variables")
 ]
 
 _Functions = Annotated[
     tuple[
         Annotated[
-            str, Field(pattern=r"^\w+(\.\w+)*:\w+$"), Quantity(takes="text as module:function")
+            str, Field(pattern=r"^\w+(\.\w+)*:\w+$"), Quantity(expects="text as module:function")
         ],
         ...,
     ],
     AsTuple,
-    Quantity(takes='a list of functions of installed packages, such as "mypackage.measures:reach"'),
+    Quantity(
+        expects='a list of functions of installed packages, such as "mypackage.measures:reach"'
+    ),
 ]
 
 

@@ -63,7 +63,7 @@ AngleTarget = Annotated[
 ]
 DirectionTarget = Annotated[
     Literal["initial"] | Triple | Annotated[tuple[Triple, ...], AsTuple, Field(min_length=1)],
-    Quantity(takes='"initial", [x, y, z] or, with time, a list of [x, y, z]'),
+    Quantity(expects='"initial", [x, y, z] or, with time, a list of [x, y, z]'),
     Only(3, "Use angle_deg instead."),
 ]
 
@@ -123,7 +123,7 @@ class Target(Model):
     )
     normal: Annotated[
         Triple | None,
-        Quantity(takes="[x, y, z]"),
+        Quantity(expects="[x, y, z]"),
         Only(3, "The circle of a planar arm is in its plane."),
     ] = entry(
         None, "Axis of a circle, by the right-hand rule; by default [0, -1, 0], from x towards z."
@@ -161,7 +161,9 @@ class Target(Model):
     time_column: str | None = entry(None, 'Column of times; "time" by default.', min_length=1)
     tip_columns: Annotated[
         Columns | None,
-        Quantity(takes="a list of names, for x and z", in_space="a list of names, for x, y and z"),
+        Quantity(
+            expects="a list of names, for x and z", in_space="a list of names, for x, y and z"
+        ),
         Count(plane=(2,), space=(3,)),
     ] = entry(None, "Columns of positions; by default the names of the axes.")
     angle_column: Annotated[str | None, Only(2, "Use direction_columns instead.")] = entry(
@@ -169,7 +171,7 @@ class Target(Model):
     )
     direction_columns: Annotated[
         Annotated[tuple[str, str, str], AsTuple] | None,
-        Quantity(takes="a list of three names"),
+        Quantity(expects="a list of three names"),
         Only(3, "Use angle_column instead."),
     ] = entry(None, "Columns of directions, if there are any.")
     skip: Seconds | None = entry(
