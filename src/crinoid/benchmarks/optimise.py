@@ -70,7 +70,7 @@ def benchmark(scope: Scope) -> Rows:
         best = search(160)
         spent.append(time.perf_counter() - started)
         if best.best is None:
-            raise RuntimeError(f"{name}: no trial could be run: {best.failure}")
+            raise RuntimeError(f"{name}: no trial could be run: {best.runs.failure}")
         results = {
             "grid": (len(points), grid[np.argmin(goal.rank(grid))]),
             "optimise": (len(best.trials), best.best.found),

@@ -62,7 +62,7 @@ def optimise_numbers(
                 search.run(report, stop)
         stopped = interruption.stop()
         if search.best is None:
-            return f"no trial could be run: {search.failure or search.why}", FAILED
+            return f"no trial could be run: {search.runs.failure or search.why}", FAILED
         missed = search.missed()
         status = Status.OK.value
         if stopped:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,6 @@ from jaxtyping import Float
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from crinoid.assembly.prepared import Prepared
 from crinoid.inverse import StoppedError
 from crinoid.inverse.constrained_search import SearchTrial, constrain
 from crinoid.inverse.goal import Goal
@@ -22,11 +21,9 @@ from crinoid.inverse.ranges import Point, Ranges
 from crinoid.inverse.smooth_loop import SmoothLoop, StructureError
 from crinoid.inverse.smooth_measures import SMOOTH
 from crinoid.inverse.threads import results, submit
+from crinoid.inverse.trial_runs import TrialRuns
 from crinoid.results.dataset import describe, described
-from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError, refusal
-from crinoid.simulation.batch import run_batch
-from crinoid.simulation.run import SimulationError, at_rest, settle
 
 __all__ = ["Optimisation"]
 
@@ -36,6 +33,8 @@ _LOOK = 1e-3
 """Step of a coordinate in the differences of runs, with which gradients are compared."""
 _VALUE, _SLOPE = 0.01, 0.2
 """Largest relative difference of a measure, and of its gradient, from those of runs."""
+_ZERO = 1e-10
+"""Measure (SI units) that is round-off."""
 _ENOUGH = 1e-6
 """Change of the measure at which a search by gradients ends, over the measure at the start."""
 _POPULATION = 16
@@ -82,9 +81,7 @@ class Optimisation:
         """Measures with the given values."""
         self.why = ""
         """Why no gradients are used; empty if they are."""
-        self.failure = ""
-        """Why the first run that failed did so."""
-        self._settings: dict[str, Any] = {"output.variables": None}  # a measure may need any
+        self.runs = TrialRuns(goal, self.seeds, self._stop, rest=rest)
         self._poll: Callable[[], None] = lambda: None
         self._lock, self._stopped = threading.Lock(), threading.Event()
 
@@ -127,15 +124,15 @@ class Optimisation:
         for option, name, values in zip(
             ("--for", *["--keep"] * len(self.goal.limits)), self.goal.names, self.given, strict=True
         ):
-            if self.failure:
+            if self.runs.failure:
                 return False
             if not np.isfinite(values).all():
                 raise refusal(option, f"{name} is not a number in this run. Name another measure.")
         if self.scenario.control.kind != "none" and self.scenario.control.compare:
-            self._settings["control.compare"] = False
+            self.runs.settings["control.compare"] = False
             (alone,) = self.runs([self.scenario])
             if not np.array_equal(alone, self.given):  # a measure needs the run without control
-                del self._settings["control.compare"]
+                del self.runs.settings["control.compare"]
         without = [name for name in self.goal.names if name not in SMOOTH]
         if without:
             self.why = f"{', '.join(dict.fromkeys(without))}: no derivatives"
@@ -164,9 +161,10 @@ class Optimisation:
         for name, value, row, run, differences in zip(
             self.goal.names, values, gradient, runs[0], slopes, strict=True
         ):
-            if not abs(value - run) <= _VALUE * abs(run):
+            if not abs(value - run) <= _VALUE * abs(run) + _ZERO:
                 return f"{name} is {run:.4g} in a run and {value:.4g} where it has derivatives"
-            if not np.linalg.norm(row - differences) <= _SLOPE * np.linalg.norm(differences):
+            size = np.linalg.norm(differences)
+            if not np.linalg.norm(row - differences) <= _SLOPE * size + _ZERO / _LOOK:
                 return f"derivatives of {name} differ from differences of runs"
         return ""
 
@@ -313,47 +311,12 @@ class Optimisation:
         """Name of the search."""
         return f"differential evolution ({self.why})" if self.why else "gradients"
 
+    def _stop(self) -> bool:
+        self._poll()
+        return self._stopped.is_set()
+
     def _scenario(self, point: Point) -> Scenario | None:
         try:
             return self.ranges.scenario(point)
         except ScenarioError:
             return None
-
-    def runs(
-        self, scenarios: Sequence[Scenario | None], seeds: Sequence[int] | None = None
-    ) -> Float[np.ndarray, "point measure draw"]:
-        """Return the measures of runs with each seed; NaN of a run that failed."""
-        seeds = self.seeds if seeds is None else seeds
-        found = np.full((len(scenarios), len(seeds), len(self.goal.names)), np.nan)
-        places, each = [], []
-        for point, scenario in enumerate(scenarios):
-            for draw, seed in enumerate(seeds):
-                if scenario is not None:  # such a scenario exists
-                    places.append((point, draw))
-                    each.append(scenario.with_values(self._settings | {"seed": seed}))
-
-        def stop() -> bool:
-            self._poll()
-            return self._stopped.is_set()
-
-        if self.rest:
-            for place, scenario in zip(places, each, strict=True):
-                with suppress(SimulationError, ScenarioError):
-                    found[place] = self._measure(settle(Prepared(at_rest(scenario))))
-                if stop():
-                    raise StoppedError
-            return found.swapaxes(1, 2)
-        for place, arm in zip(
-            places, run_batch(each, self._measure, stop=stop, notes=False), strict=True
-        ):
-            if arm.taken is not None:
-                found[place] = arm.taken
-            elif not self._stopped.is_set():
-                self.failure = self.failure or arm.status
-        if self._stopped.is_set():
-            raise StoppedError
-        return found.swapaxes(1, 2)
-
-    def _measure(self, result: Result) -> list[float]:
-        values = [measure.of(result) for measure in self.goal.measures]
-        return [np.nan if value is None else value for value in values]

@@ -1,0 +1,75 @@
+"""Runs of the trials of a search, or their equilibria, and the measures of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from crinoid.assembly.prepared import Prepared
+from crinoid.inverse import StoppedError
+from crinoid.inverse.goal import Goal
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario, ScenarioError
+from crinoid.simulation.batch import run_batch
+from crinoid.simulation.run import SimulationError, at_rest, settle
+
+
+class TrialRuns:
+    """Measures of runs with each of several seeds, or of equilibria where they are at ``rest``.
+
+    Between them ``stop`` is asked whether to end, with a `StoppedError`.
+    """
+
+    def __init__(
+        self, goal: Goal, seeds: Sequence[int], stop: Callable[[], bool], *, rest: bool
+    ) -> None:
+        self._goal, self._seeds, self._stop, self._rest = goal, seeds, stop, rest
+        self.settings: dict[str, Any] = {"output.variables": None}  # a measure may need any
+        """Values of keys that all runs have."""
+        self.failure = ""
+        """Why the first run that failed did so."""
+
+    def __call__(
+        self, scenarios: Sequence[Scenario | None], seeds: Sequence[int] | None = None
+    ) -> Float[np.ndarray, "point measure draw"]:
+        """Return the measures; NaN of a run that failed, and without a scenario."""
+        seeds = self._seeds if seeds is None else seeds
+        found = np.full((len(scenarios), len(seeds), len(self._goal.names)), np.nan)
+        runs = {
+            (point, draw): scenario.with_values(self.settings | {"seed": seed})
+            for point, scenario in enumerate(scenarios)
+            for draw, seed in enumerate(seeds)
+            if scenario is not None
+        }
+        if self._rest:
+            for place, scenario in runs.items():
+                try:
+                    found[place] = self._measure(settle(Prepared(at_rest(scenario))))
+                except (SimulationError, ScenarioError) as error:
+                    self.failure = self.failure or " ".join(str(error).split())
+                if self._stop():
+                    raise StoppedError
+            return found.swapaxes(1, 2)
+        stopped = False
+
+        def stop() -> bool:
+            nonlocal stopped
+            stopped = stopped or self._stop()
+            return stopped
+
+        arms = run_batch([*runs.values()], self._measure, stop=stop, notes=False)
+        if stopped:
+            raise StoppedError
+        for place, arm in zip(runs, arms, strict=True):
+            if arm.taken is not None:
+                found[place] = arm.taken
+            else:
+                self.failure = self.failure or arm.status
+        return found.swapaxes(1, 2)
+
+    def _measure(self, result: Result) -> list[float]:
+        values = [measure.of(result) for measure in self._goal.measures]
+        return [np.nan if value is None else value for value in values]
