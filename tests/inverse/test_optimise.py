@@ -124,6 +124,7 @@ def test_derivatives_are_those_of_differences_of_runs(over, rest):
         assert np.abs(slope - difference).max() < size, name
 
 
+@pytest.mark.slow
 def test_an_active_limit_gives_the_optimum_on_paper(arc):
     """The least pressure has the largest offset, and bends the arm just far enough."""
     search = search_of(crinoid.load(arc), OVER, "max_pressure", [f"max_error<{LIMIT}"], rest=True)
@@ -190,6 +191,7 @@ def command(arc, out, *more, over=OVER, keep=f"max_error<{LIMIT}", ask=succeeded
     return ask("optimise", arc, *goal, *ranges, *more, "--out", out)
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_users_own_file(arc, tmp_path):
     out = tmp_path / "out"
     output = command(arc, out, "--trials", 40, "--set", "water.drag_normal=1.3")
