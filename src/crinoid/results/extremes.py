@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy import stats
 
 _LEAST = 3
 """Smallest number of maxima."""
@@ -62,6 +61,8 @@ class Gumbel:
 @cache  # a study has it for each combination and each measure
 def _reduced_level(count: int, runs: int, confidence: float) -> tuple[float, float, float]:
     """Return a return level for location 0 and scale 1, and its interval from ``count`` maxima."""
+    from scipy import stats  # slow to load; few need it
+
     level = float(stats.gumbel_r.ppf(1 - 1 / runs))
     generator = np.random.default_rng(0)
     drawn = stats.gumbel_r.rvs(size=(_SAMPLES, count), random_state=generator)
@@ -75,6 +76,8 @@ def _fit(
     samples: Float[np.ndarray, "sample run"],
 ) -> tuple[Float[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
     """Return location and scale from L-moments."""
+    from scipy import stats  # slow to load; few need it
+
     mean, second = stats.lmoment(samples, order=[1, 2], axis=1)
     scale = second / np.log(2)
     return mean - np.euler_gamma * scale, scale

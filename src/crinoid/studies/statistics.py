@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy import stats
+from scipy.special import stdtr, stdtrit
 
 from crinoid.results.extremes import Gumbel, ReturnLevel
 from crinoid.results.metrics import Measure
@@ -24,7 +24,7 @@ _LEAST = 10
 @cache
 def student_factor(count: int) -> float:
     """Return the half width of an interval over the standard error of a mean."""
-    return float(stats.t.ppf((1 + _CONFIDENCE) / 2, count - 1))
+    return float(stdtrit(count - 1, (1 + _CONFIDENCE) / 2))
 
 
 class Mean(NamedTuple):
@@ -68,7 +68,7 @@ class Difference(NamedTuple):
         if not mean.half > 0:
             return Difference(mean, np.nan)
         error = mean.half / student_factor(mean.seeds)
-        return Difference(mean, float(2 * stats.t.sf(abs(mean.value) / error, mean.seeds - 1)))
+        return Difference(mean, float(2 * stdtr(mean.seeds - 1, -abs(mean.value) / error)))
 
 
 class SeedMean(NamedTuple):
