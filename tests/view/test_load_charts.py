@@ -7,7 +7,7 @@ import crinoid
 from crinoid.foundation.result_variables import quantity
 from crinoid.view.figures.charts.spectra import load_chart
 from crinoid.view.figures.charts.tip import tip_chart
-from crinoid.view.figures.charts.vehicle import has_vehicle, vehicle_chart
+from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.run import Run
@@ -83,7 +83,7 @@ def test_the_spectrum_of_a_load_has_its_variance_at_its_frequency(dimension):
 @BOTH
 def test_a_submarine_has_its_motion_and_its_thrust_with_limits(dimension):
     run = run_of(dimension, vehicle=VEHICLE)
-    assert not has_vehicle(run)  # its result has none
+    assert not has_vehicle_motion(run)  # its result has none
     time, channels = run.result["time"].values, run.result.sizes["channel"]
     force = np.zeros((time.size, dimension))
     force[:, 0] = np.clip(6.0 * np.sin(time), -4.0, 4.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -34,6 +34,8 @@ BRANCHES = ("forward", "backward")
 """Ways along the values: from the first to the last, and back."""
 
 _MOST = 10_000
+_IDLE = ("title", "seed", "control", "simulation", "output", "sensor", "sensors")
+"""Keys and tables without an effect on an equilibrium."""
 _SAME = 1e-5
 """Distance between the shapes of both branches over the length, below which they are one."""
 
@@ -73,6 +75,13 @@ def equilibria(scenario: Source, vary: str) -> xr.Dataset:
     return find_equilibria(Curve.of(case, [vary]))
 
 
+def require_effect_at_rest(option: str, keys: Iterable[str]) -> None:
+    """Refuse keys of tables without an effect on an equilibrium."""
+    for key in keys:
+        if (table := key.partition(".")[0]) in _IDLE:
+            raise refusal(option, f"got {key}; {table} changes no equilibrium. Name another key.")
+
+
 class Curve(NamedTuple):
     """Cases of a scenario along the values of one key."""
 
@@ -86,6 +95,7 @@ class Curve(NamedTuple):
         if len(variations) != 1:
             raise refusal("--vary", f"got {len(variations)} keys; must name one")
         key, found = read_variation(variations[0])
+        require_effect_at_rest("--vary", [key])
         if isinstance(found, Span) and found.count is None:
             raise refusal("--vary", got(variations[0], f"have a count, {key}=FROM:TO:COUNT"))
         if isinstance(found, Span) and (found.count or 0) > _MOST:
@@ -127,32 +137,31 @@ def find_equilibria(
     status = np.full((2, count), Status.INTERRUPTED.value, object)
     found: dict[tuple[int, int], _Shape] = {}
     last: tuple[System, State] | None = None
-    alike = True
+    form = _form(curve.cases[0].system)
+    alike = all(_form(case.system) == form for case in curve.cases)
     for done, (branch, place) in enumerate(way):
         if stop() or (branch and not alike):
             break
         system = curve.cases[place].system
-        if last is not None and _form(system) != _form(last[0]):
-            last, alike = None, False
-        state, outcome = find_state(system, True) if last is None else _follow(system, *last)
+        apart = last is None or not alike
+        state, outcome = find_state(system, True) if apart else _follow(system, *last)
         if outcome.converged:
             last = system, state
             found[branch, place] = _shape(system, state)
             status[branch, place] = Status.OK.value
         else:
             where = outcome.imbalance(system.reference.nodes, system.forces.free)
-            near = " near the last one" * (last is not None)
+            near = " near the last one" * (not apart)
             status[branch, place] = f"{Status.FAILED}: no equilibrium{near}, {where}"
         if (branch, place) == (0, count - 1):  # where the arm turns round
             status[1, place] = status[branch, place]
             found |= {(1, place): found[0, place]} if (0, place) in found else {}
         report(done + 1, len(way))
-    back = any(each.startswith((Status.OK, Status.FAILED)) for each in status[1, :-1])
-    return _dataset(curve, found, status if back else status[:1], alike)
+    return _dataset(curve, found, status if alike else status[:1], alike)
 
 
 def _form(system: System) -> tuple[Any, ...]:
-    """Return what a compiled program depends on."""
+    """Return the structure and the shapes on which a compiled program depends."""
     leaves, tree = jax.tree.flatten(system)
     return tree, tuple((np.shape(leaf), getattr(leaf, "dtype", None)) for leaf in leaves)
 

@@ -81,9 +81,13 @@ def say_notes(notes: Iterable[str]) -> None:
         console.print(f"note: {note}", soft_wrap=True)
 
 
-def say_when(scenario: Scenario) -> None:
-    """Print from when on errors count, where it is not the start."""
-    if scenario.judged_from > 0:
+_ONSETS = ("flow", "load", "base", "target", "simulation")
+"""Tables that decide from when on errors count."""
+
+
+def say_when(scenario: Scenario, varied: Iterable[str] = ()) -> None:
+    """Print from when on errors count, where it is not the start and the same in all cases."""
+    if scenario.judged_from > 0 and not any(key.startswith(_ONSETS) for key in varied):
         say_notes([f"errors count from {scenario.judged_from:g} s (target.judged_from)"])
 
 

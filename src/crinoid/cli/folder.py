@@ -54,7 +54,7 @@ def claimed(folder: Path) -> Iterator[None]:
         _open(folder, lock)
         try:
             for place in (folder, *_case_folders(folder)):
-                for name in (RESULT, UNCONTROLLED, CASES, *_SUMMARY, *_APART):
+                for name in (RESULT, UNCONTROLLED, CASES, MEANS, *_SUMMARY, *_APART):
                     remove_unfinished(place / name)
                 for name in (RESULT, UNCONTROLLED):
                     remove_checkpoints(place / name)
@@ -151,7 +151,7 @@ def clear(folder: Path, wanted: Wanted, *, resume: bool = False, force: bool = F
             with suppress(OSError):  # it contains other files
                 (folder / place).rmdir()
     if "" in wanted:
-        clear_own(folder, [CASES])
+        clear_own(folder, [CASES, MEANS])
 
 
 def clear_figures(folder: Path) -> None:

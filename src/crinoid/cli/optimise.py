@@ -11,6 +11,7 @@ from rich.table import Table
 from crinoid.cli.command import FAILED, MISSED
 from crinoid.cli.display import new_table, progress_bar, show
 from crinoid.cli.finding import finding, solvable
+from crinoid.cli.folder import check_own
 from crinoid.cli.interruption import Interruption
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
@@ -44,6 +45,8 @@ def optimise_numbers(
         finding(scenario, folder / OPTIMISATION, "an optimisation", force=force) as found,
         Interruption() as interruption,
     ):
+        if not force:
+            check_own(folder / SUMMARY_JSON)
         search = Optimisation(scenario, ranges, goal, seeds, trials, rest=rest)
         with progress_bar() as bar:
             (task,) = bar.task_ids

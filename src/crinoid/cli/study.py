@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -109,7 +110,7 @@ def _run_cases(
                 break
             if run.directory == name or name not in rows:
                 status = run.wrong or Status.OK.value
-                numbers = dict.fromkeys(registry) | run.measures
+                numbers = {**dict.fromkeys(registry), **run.measures}
                 rows[name] = plan.row(number, numbers, status, run.directory)
             table = [rows[each] for each in cases if each in rows]
             of_run = run.result.notes if run.result else []
@@ -136,7 +137,7 @@ def _run_cases(
         means = _means(plan, rows, registry)
         for each in means.tables():
             console.print(each)
-        say_when(plan.scenario)
+        say_when(plan.scenario, plan.keys)
         written = means.write(folder)
         pages, lacking = page_in(folder)
         say_notes([*notes_of_cases(notes), *lacking])
@@ -147,10 +148,11 @@ def _run_cases(
 def _means(
     plan: SweepDesign, rows: Mapping[str, Mapping[str, Any]], registry: Mapping[str, Measure]
 ) -> SeedTables:
-    runs = [run for run in range(1, plan.runs + 1) if plan.name(run) in rows]
-    known = [rows[plan.name(run)] for run in runs]
+    """Return means of the runs that reached their end."""
+    done = {run: rows[name] for run in range(1, plan.runs + 1) if (name := plan.name(run)) in rows}
+    runs = [run for run, row in done.items() if Status.of(row["status"]) is Status.OK]
     numbers = {
-        name: np.array([math.nan if row[name] == "" else row[name] for row in known])
+        name: np.array([math.nan if done[run][name] == "" else done[run][name] for run in runs])
         for name in registry
     }
     return SeedTables([plan.values(run) for run in runs], numbers, registry)
@@ -164,13 +166,8 @@ class _CaseRun(NamedTuple):
     """Name of the folder with all of it; empty if it could not be saved."""
     lacking: Sequence[str] = ()
     """Notes of a page that could not be written."""
-
-    @property
-    def measures(self) -> dict[str, float | None]:
-        """The measures of the run; none of a case that was refused."""
-        if self.result is None:
-            return {}
-        return {name: known(value) for name, value in measured(self.result).numbers.items()}
+    measures: Mapping[str, float | None] = MappingProxyType({})
+    """The measures of the run; none of a case that was refused."""
 
 
 def _play(
@@ -183,17 +180,23 @@ def _play(
 ) -> _CaseRun:
     """Run a case, or the rest of it."""
     earlier = find_earlier(prepared, folder) if resume else None
-    if earlier is not None and (earlier.failure or is_complete(earlier, prepared.scenario)):
-        lacking = [] if is_own(folder / PAGE) else page_in(folder)[1]
-        return _CaseRun(earlier, trouble(earlier, folder, []), folder.name, lacking)
+    done = earlier is not None and (earlier.failure or is_complete(earlier, prepared.scenario))
     try:
+        if earlier is not None and done:
+            lacking = [] if is_own(folder / PAGE) else page_in(folder)[1]
+            wrong = trouble(earlier, folder, [])
+            return _CaseRun(earlier, wrong, folder.name, lacking, _measures(earlier))
         result, paths, unsaved = play_case(prepared, earlier, folder, report, stop)
+        if unsaved or result is None:
+            return _CaseRun(result, unsaved, "")
+        found, place = _measures(result), paths[0].parent
     except ScenarioError as error:
         return _CaseRun(None, f"refused: {'; '.join(error.lines)}", folder.name)
-    if unsaved or result is None:
-        return _CaseRun(result, unsaved, "")
-    place = paths[0].parent
-    return _CaseRun(result, trouble(result, folder, paths), place.name, page_in(place)[1])
+    return _CaseRun(result, trouble(result, folder, paths), place.name, page_in(place)[1], found)
+
+
+def _measures(result: Result) -> dict[str, float | None]:
+    return {name: known(value) for name, value in measured(result).numbers.items()}
 
 
 def _earlier_rows(

@@ -155,12 +155,12 @@ def run_sweep(
     registry = measures_of(plan.scenario)
     varied = [plan.values(run) for run in range(1, plan.runs + 1)]
     means = SeedTables(varied, {name: data[name].values for name in registry}, registry)
-    files += means.write(folder)
-    pages, lacking = page_in(folder)
     console.print(sweep_table(data, shares))
     for table in means.tables():
         console.print(table)
-    say_when(plan.scenario)
+    files += means.write(folder)
+    pages, lacking = page_in(folder)
+    say_when(plan.scenario, plan.keys)
     say_notes(lacking if has_zarr() else [_NO_ZARR, *lacking])
     say_written([*files, *pages])
     errors, status = data["rms_error"].values, data["status"].values

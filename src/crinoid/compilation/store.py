@@ -268,9 +268,9 @@ def keep_programs() -> None:
     own = cache_folder(chosen)
     kept = jax.config.values["jax_enable_compilation_cache"]
     STORE.set(Store(own / "programs") if kept else None)
-    # for programs that depend on classes of the user, of which many compile quickly
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     if kept and not chosen:
+        # for programs that depend on classes of the user, of which many compile quickly
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         with suppress(OSError):
             folder = own / "jax"
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)

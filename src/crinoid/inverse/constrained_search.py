@@ -19,7 +19,7 @@ class SearchTrial(NamedTuple):
     """Result for one set of numbers."""
 
     value: float
-    """What is minimised; not a number where the numbers cannot be used."""
+    """Value to minimise; NaN of numbers that have none."""
     gradient: Numbers
     excess: float | Float[np.ndarray, " limit"]
     """Violation of the limit, or of each; 0 or less where it is kept."""

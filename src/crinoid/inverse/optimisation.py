@@ -14,6 +14,7 @@ from jaxtyping import Float
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
+from crinoid.analysis.equilibria import require_effect_at_rest
 from crinoid.inverse import StoppedError
 from crinoid.inverse.constrained_search import SearchTrial, constrain
 from crinoid.inverse.goal import Goal
@@ -71,6 +72,8 @@ class Optimisation:
     def __init__(
         self, scenario: Scenario, ranges: Ranges, goal: Goal, seeds: int, trials: int, *, rest: bool
     ) -> None:
+        if rest:
+            require_effect_at_rest("--over", ranges.keys)
         self.scenario, self.ranges, self.goal, self.rest = scenario, ranges, goal, rest
         self.seeds = [scenario.seed + number for number in range(seeds)]
         self.total = trials
@@ -81,6 +84,7 @@ class Optimisation:
         """Measures with the given values."""
         self.why = ""
         """Why no gradients are used; empty if they are."""
+        self._loops: list[SmoothLoop] = []
         self.runs = TrialRuns(goal, self.seeds, self._stop, rest=rest)
         self._poll: Callable[[], None] = lambda: None
         self._lock, self._stopped = threading.Lock(), threading.Event()
@@ -121,11 +125,11 @@ class Optimisation:
     def _look(self) -> bool:
         """Run with the given values, and choose the search; return whether they can be run."""
         (self.given,) = self.runs([self.scenario])
+        if self.runs.failure:
+            return False
         for option, name, values in zip(
             ("--for", *["--keep"] * len(self.goal.limits)), self.goal.names, self.given, strict=True
         ):
-            if self.runs.failure:
-                return False
             if not np.isfinite(values).all():
                 raise refusal(option, f"{name} is not a number in this run. Name another measure.")
         if self.scenario.control.kind != "none" and self.scenario.control.compare:
@@ -146,7 +150,7 @@ class Optimisation:
         # inwards, as a range may end where a number has no meaning
         steps = np.where(start > 0.5, -_LOOK, _LOOK)
         points = [start, *(start + step for step in np.diag(steps))]
-        scenarios = [self.ranges.scenario(point) for point in points]
+        scenarios = [self._scenario(point) for point in points]
         runs = self.runs(scenarios, self.seeds[:1])[..., 0]
         slopes = (runs[1:] - runs[0]).T / steps
         try:
@@ -202,7 +206,7 @@ class Optimisation:
             point = np.clip(point, 0.0, 1.0)
             try:
                 pairs = [each.measures(point, self.goal.names) for each in self._loops]
-            except (ScenarioError, RuntimeError):
+            except (StructureError, ScenarioError, RuntimeError):
                 return failed
             found, slopes = (np.stack(each, axis=1) for each in zip(*pairs, strict=True))
             self._keep(Trial(point, number, found))
@@ -232,7 +236,7 @@ class Optimisation:
             rank,
             [(0.0, 1.0)] * keys,
             init=cloud,
-            maxiter=max(1, self.total // _POPULATION - 1),
+            maxiter=max(0, self.total // _POPULATION - 1),
             rng=self.scenario.seed,
             polish=False,
             tol=0.0,
@@ -249,14 +253,16 @@ class Optimisation:
 
     def _finish(self) -> None:
         """Run the best trial with rounded numbers, and others if it does not keep the limits."""
-        order = np.argsort([self.goal.rank(trial.found) for trial in self.trials])[:_FINALISTS]
+        ranks = np.array([self.goal.rank(trial.found) for trial in self.trials])
         final = []
-        for trial in (self.trials[index] for index in order):
+        for index in [each for each in np.argsort(ranks) if np.isfinite(ranks[each])][:_FINALISTS]:
+            trial = self.trials[index]
             (found,) = self.runs([self.ranges.scenario(trial.point, 6)])
-            final.append(trial._replace(found=found))
+            if np.isfinite(found).all():
+                final.append(trial._replace(found=found))
             if self.goal.violation(found) == 0:
                 break
-        self.best = min(final, key=lambda trial: self.goal.rank(trial.found))
+        self.best = min(final, key=lambda trial: self.goal.rank(trial.found), default=None)
 
     def numbers(self) -> dict[str, float]:
         """Return the best numbers by key."""

@@ -77,7 +77,7 @@ class Ranges:
         Raises
         ------
         ScenarioError
-            If the values do not go together.
+            If the values exclude each other.
         """
         return self._scenario.with_values(self.values(point, digits))
 

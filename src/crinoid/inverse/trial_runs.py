@@ -47,7 +47,7 @@ class TrialRuns:
         if self._rest:
             for place, scenario in runs.items():
                 try:
-                    found[place] = self._measure(settle(Prepared(at_rest(scenario))))
+                    found[place] = self._measure(settle(Prepared(at_rest(scenario)), notes=False))
                 except (SimulationError, ScenarioError) as error:
                     self.failure = self.failure or " ".join(str(error).split())
                 if self._stop():

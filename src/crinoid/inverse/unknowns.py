@@ -64,7 +64,7 @@ class Unknowns:
         ]
         given, wrong = given_numbers(scenario, every, ", or all as one: {0}.0+{0}.1.")
         for part, value in given.items():
-            if value == 0:
+            if isinstance(value, float) and value == 0:
                 text = got(0, "be another number to start from", "It sets the sign and the scale.")
                 wrong.append(Mistake(part, text))
         if mistakes := [*mistakes, *wrong]:

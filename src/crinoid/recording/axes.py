@@ -216,6 +216,9 @@ def sigma_levels(dataset: xr.Dataset, name: str) -> xr.DataArray:
     return found
 
 
+_ROW = "row of a profile"
+
+
 def as_profile(dataset: xr.Dataset, time: str, level: str, file: str) -> xr.Dataset:
     """Return rows with a time and a level each as arrays over both."""
     row = dataset[time].dims
@@ -223,15 +226,16 @@ def as_profile(dataset: xr.Dataset, time: str, level: str, file: str) -> xr.Data
         return dataset
     for key, name in (("time", time), ("vertical", level)):
         finite_numbers(as_numbers(dataset[name], key), key, "a number in each row")
-    rows = dataset.set_index({row[0]: (time, level)})
-    index = rows.indexes[row[0]]
+    flat = dataset.reset_index([name for name in dataset.indexes if name == row[0]])
+    rows = flat.rename_dims({row[0]: _ROW}).set_index({_ROW: (time, level)})
+    index = rows.indexes[_ROW]
     count = index.levshape[0] * index.levshape[1]
     check_count(count, file, f"{index.levshape[0]} times at {index.levshape[1]} levels")
     twice = np.flatnonzero(index.duplicated())
     if twice.size:
         text = f"row {twice[0] + 1} has the {time} and the {level} of an earlier one"
         raise refusal("time", text, "have one row for each time and level")
-    profile = rows.unstack(str(row[0]))
+    profile = rows.unstack(_ROW)
     for name in (time, level):
         profile[name].attrs = dataset[name].attrs
     return profile

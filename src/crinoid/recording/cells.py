@@ -37,28 +37,28 @@ def with_dates(rows: xr.Dataset) -> xr.Dataset:
         return rows
     calendar = pd.DataFrame({part: rows[column].values for part, column in parts.items()})
     calendar["year"] += np.where(calendar["year"] > 99, 0, 1900)
-    time = pd.to_datetime(calendar).to_numpy().astype("datetime64[s]").astype(np.int64)
+    time = pd.to_datetime(calendar).to_numpy().astype("datetime64[us]").astype(np.int64)
     found = rows.drop_vars(list(parts.values()))
-    found["time"] = ("row", time, {"units": "seconds since 1970-01-01"})
-    if (np.diff(time) > 0).all():
-        return found
-    return found.isel(row=np.argsort(time, kind="stable"))  # the newest comes first
+    found["time"] = ("row", time, {"units": "microseconds since 1970-01-01"})
+    newest_first = time.size > 1 and bool((np.diff(time) < 0).all())
+    return found.isel(row=slice(None, None, -1)) if newest_first else found
 
 
 def as_arrays(rows: xr.Dataset) -> xr.Dataset:
     """Return columns such as ``Speed#1 (0.6 m)`` as arrays over their cells."""
     groups: dict[str, list[str]] = defaultdict(list)
+    buoy = _BUOY if all(f"{name}01" in rows or f"{name}1" in rows for name in _BUOY) else {}
     for column in map(str, rows.variables):
         cell = _CELL.fullmatch(column)
         distance = _DISTANCE.fullmatch(str(rows[column].attrs.get("units", "")))
-        if cell and (cell[1] or distance):
+        if cell and (cell[1] in buoy or distance):
             groups[cell[1] or cell[3].strip()].append(column)
     found = rows.drop_vars([column for group in groups.values() for column in group])
     for name, group in groups.items():
         values = np.stack([rows[each].values for each in group], axis=1)
-        if name in _BUOY:
+        if name in buoy:
             values = np.where(values == _NO_VALUE, np.nan, values)
-            found[_BUOY[name]] = (("row", "cell"), values, rows[group[0]].attrs)
+            found[buoy[name]] = (("row", "cell"), values, rows[group[0]].attrs)
         else:
             found[name] = (("row", "range"), values)
             texts = [rows[each].attrs["units"].rstrip(" m").replace(",", ".") for each in group]

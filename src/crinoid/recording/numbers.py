@@ -165,8 +165,9 @@ def without_flagged(
         marked = bool(FLAG.fullmatch(name)) or standard.endswith("flag")
         if not (marked or "flag_meanings" in flag.attrs) or not {*flag.dims} <= {*variable.dims}:
             continue
-        after = [each for each in linked if name.startswith(f"{each}_")]
-        if name not in own and variable.name not in after:
+        after = [e for e in linked if not FLAG.fullmatch(e) and name.startswith(f"{e}_")]
+        named = max(after, key=len, default="") == variable.name and name not in owned
+        if name not in own and not named:
             if after or name in owned or not flag.dims:
                 continue
             if not _SHARED.fullmatch(name):

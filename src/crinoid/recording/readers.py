@@ -32,12 +32,14 @@ def read_dataset(file: str) -> xr.Dataset:
         If the file cannot be opened or read, in one line.
     """
     path = Path(file)
-    if path.exists() and not path.is_file():
-        kind = "a folder" if path.is_dir() else "no regular file"
-        raise refusal("file", f"{path.name} is {kind}", "be a CSV or netCDF file")
     try:
+        if path.exists() and not path.is_file():
+            kind = "a folder" if path.is_dir() else "no regular file"
+            raise refusal("file", f"{path.name} is {kind}", "be a CSV or netCDF file")
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
+    except ScenarioError:
+        raise
     except FileNotFoundError:
         raise refusal("file", f"{file}: no such file") from None
     except (OSError, ValueError) as error:  # may not be read, or a name that no file can have
@@ -60,7 +62,7 @@ def read_dataset(file: str) -> xr.Dataset:
 
 
 def _chosen(file: str, head: bytes) -> tuple[Any, str]:
-    """Return what reads a file, and the name of the reader if it comes from another package."""
+    """Return the function that reads a file, and its name if another package has it."""
     for name, entry in installed("readers").items():
         owner = f"the reader {name} of the installed package {package_of(entry)}"
         try:

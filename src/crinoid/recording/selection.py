@@ -44,7 +44,7 @@ _STEADY = 1e-3
 
 
 class _Source(NamedTuple):
-    """A file, its dimensions of time and of levels, and what to say about it."""
+    """A file, its dimensions of time and of levels, and the remarks on it."""
 
     dataset: xr.Dataset
     flow: MeasuredFlow

@@ -137,7 +137,7 @@ def _layout(name: str, head: bytes) -> tuple[dict[str, Any], dict[str, dict[str,
 
 
 def _thousands(cells: list[str]) -> dict[str, str]:
-    """Return what to say of commas in a column if all may separate thousands."""
+    """Return the remark on commas in a column if all may separate thousands."""
     odd = [cell for cell in cells if _THOUSANDS.fullmatch(cell)]
     others = {*cells} - {*odd, ""}
     if not odd or not all(map(_WHOLE.fullmatch, others)):

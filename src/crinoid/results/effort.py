@@ -97,6 +97,8 @@ def spent_work(result: Result) -> float:
     The sum of the increases from one saved instant to the next.
     """
     work = result.dataset["energy"].sel(kind="actuation").values[judged(result)]
+    if not work.size:
+        return float("nan")
     return float(np.sum(np.maximum(np.diff(work), 0.0)))
 
 

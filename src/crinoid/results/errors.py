@@ -14,7 +14,6 @@ _BAND = 0.05
 """Error of a settled tip over the largest error without control."""
 _ROUND = 1e-9
 """Round-off of times (s)."""
-NAN = float("nan")
 
 Instants = Bool[np.ndarray, " time"]
 
@@ -35,6 +34,9 @@ class TipError(NamedTuple):
     """95th percentile: the error that is exceeded 5 % of the time."""
 
 
+_UNKNOWN = TipError(*[float("nan")] * len(TipError._fields))
+
+
 def error_word(scenario: Scenario) -> str:
     """Return the noun for the distance of the tip from where it should be, or starts."""
     return "tip error" if scenario.aims else "tip displacement"
@@ -42,14 +44,19 @@ def error_word(scenario: Scenario) -> str:
 
 def judged(result: Result) -> Instants:
     """Return the saved instants from which errors count (``target.judged_from``)."""
-    return np.asarray(result.dataset["time"].values >= result.scenario.judged_from - _ROUND)
+    return judged_at(result.dataset["time"].values, result.scenario)
+
+
+def judged_at(time: Float[np.ndarray, " time"], scenario: Scenario) -> Instants:
+    """Return which times (s) count."""
+    return np.asarray(time >= scenario.judged_from - _ROUND)
 
 
 def tip_error(result: Result) -> TipError:
     """Return the errors of the tip's position."""
     data, counted = result.dataset, judged(result)
     if not counted.any():
-        return TipError(*[NAN] * len(TipError._fields))
+        return _UNKNOWN
     tip = data["tip_position"].values
     wander = np.linalg.norm(tip - tip[counted].mean(axis=0), axis=1)
     return _sum_up(result, data["tip_error"].values, wander)
@@ -59,7 +66,7 @@ def angle_error(result: Result) -> TipError:
     """Return the errors of the tip's direction (rad)."""
     data, counted = result.dataset, judged(result)
     if not counted.any():
-        return TipError(*[NAN] * len(TipError._fields))
+        return _UNKNOWN
     if "tip_direction" in data:
         direction = data["tip_direction"].values
         error = angle_between(direction, data["tip_direction_target"].values)

@@ -148,7 +148,7 @@ def bending_cycles(result: Result) -> BendingCycles | None:
         return None
     place, nodes = int(np.argmax(span)), len(span)
     station, none = float(data["arc_length"].values[place * nodes // span.size]), np.zeros(0)
-    if span.ravel()[place] * result.scenario.arm.length < _STRAIGHT:
+    if span.ravel()[place] * float(data["arc_length"].values[-1]) < _STRAIGHT:
         return BendingCycles(station, none, none)
     parts = pieces(data, ["curvature"])
     along = (part["curvature"].values.reshape(part.sizes["time"], -1) for part in parts)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from crinoid.foundation.atomic_file import atomic_write
+from crinoid.foundation.status import Status
 from crinoid.results import effort, errors, loads
 from crinoid.results.pressure import largest_pressure
 from crinoid.results.result import Result
@@ -198,7 +199,11 @@ EFFORT = "RMS speed of the inputs, of means between saved instants"
 
 
 def _own(measure: OwnMeasure) -> Callable[[RunStatistics], float | None]:
-    return lambda run: measure.of(run.result.dataset)
+    def read(run: RunStatistics) -> float | None:
+        complete = run.result.ended is Status.OK  # else its function may fail for lack of data
+        return measure.of(run.result.dataset) if complete else None
+
+    return read
 
 
 def measures_of(scenario: Scenario) -> dict[str, Measure]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crinoid.foundation.atomic_file import atomic_write
+from crinoid.foundation.status import Status
 from crinoid.results.effort import input_speed, input_units, input_use, speed_unit
 from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
@@ -34,8 +35,8 @@ class SummaryEntry(NamedTuple):
 
 def summarised(result: Result) -> dict[str, SummaryEntry]:
     """Return the numbers of a result by name; an equilibrium is a result of one instant."""
-    entries = _at_rest(result) if result.dataset.sizes["time"] == 1 else _of_run(result)
-    return dict(entries)
+    rests = result.dataset.sizes["time"] == 1 and result.ended is Status.OK
+    return dict(_at_rest(result) if rests else _of_run(result))
 
 
 def write_summary(result: Result, folder: Path) -> list[Path]:

@@ -3,6 +3,7 @@
 import importlib
 import math
 import sys
+import threading
 from collections.abc import Callable, Iterable
 from numbers import Real
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import Any, NamedTuple
 from crinoid.scenario.errors import ScenarioError, gathered, got, refusal
 
 _KEY = "output.measures"
+_SEARCH = threading.Lock()
+"""Of the path, which threads share."""
 
 
 class OwnMeasure(NamedTuple):
@@ -52,8 +55,8 @@ class OwnMeasure(NamedTuple):
 def own_measures(names: Iterable[str], known: Iterable[str]) -> dict[str, OwnMeasure]:
     """Return measures by name, of functions that are named as ``module:function``.
 
-    Their modules are imported here. A `ScenarioError` names each that is in no installed package
-    or that has the name of another measure, such as one of those that are ``known``.
+    Their modules are imported here. A `ScenarioError` names each that is in no installed package,
+    or that has the name of another measure: one of these, or one that is ``known``.
     """
     read = {f"{_KEY}.{n}": name for n, name in enumerate(names)}
     found = gathered({key: lambda k=key, n=name: _measure(k, n) for key, name in read.items()})
@@ -90,14 +93,15 @@ def _require_installed(package: str) -> None:
     """Raise ImportError for a package of Python itself, or in the working directory alone."""
     if package in sys.stdlib_module_names:
         raise ImportError(f"{package} is a part of Python")
-    # `python -m` and notebooks put the working directory first
-    first, *others = sys.path
-    here = Path(first or ".").resolve() == Path.cwd()
-    path, sys.path = sys.path, others if here else [first, *others]
-    try:
-        importlib.invalidate_caches()
-        found = any(finder.find_spec(package, None) for finder in sys.meta_path)
-    finally:
-        sys.path = path
+    with _SEARCH:
+        # `python -m` and notebooks put the working directory first
+        first, *others = sys.path
+        here = Path(first or ".").resolve() == Path.cwd()
+        path, sys.path = sys.path, others if here else [first, *others]
+        try:
+            importlib.invalidate_caches()
+            found = any(finder.find_spec(package, None) for finder in sys.meta_path)
+        finally:
+            sys.path = path
     if not found:
         raise ModuleNotFoundError(f"no installed package is named {package!r}")

@@ -54,7 +54,11 @@ class _PreparedRun(NamedTuple):
 
 
 def play_batched(
-    prepared: Sequence[Prepared], moved: Callable[[int, float], None], stop: Callable[[], bool]
+    prepared: Sequence[Prepared],
+    moved: Callable[[int, float], None],
+    stop: Callable[[], bool],
+    *,
+    notes: bool = True,
 ) -> Iterator[tuple[int, Result | ScenarioError]]:
     """Run scenarios as `crinoid.simulation.run.play` does each, and give result after result.
 
@@ -70,7 +74,7 @@ def play_batched(
         try:
             require_space(each.scenario, None)
             with on_processor():
-                ready = _PreparedRun(index, set_up(each))
+                ready = _PreparedRun(index, set_up(each, notes=notes))
         except ScenarioError as error:
             yield index, error
         else:
@@ -265,7 +269,7 @@ class _Batch(Generic[T]):
         while start < len(self.scenarios):
             most = runs_in_memory(self.scenarios[start])
             some = [Prepared(scenario) for scenario in self.scenarios[start : start + most]]
-            for index, result in play_batched(some, moved, self.stop):
+            for index, result in play_batched(some, moved, self.stop, notes=self.notes):
                 self.found[start + index] = self.arm_of(result)
             start += most
 

@@ -187,10 +187,11 @@ def equilibrium(scenario: Source) -> Result:
     return settle(Prepared(at_rest(described)))
 
 
-def settle(prepared: Prepared) -> Result:
-    """Find the static equilibrium of a scenario that `at_rest` gave."""
+def settle(prepared: Prepared, *, notes: bool = True) -> Result:
+    """Find the static equilibrium of a scenario that `at_rest` gave; judge it with ``notes``."""
     started = time.perf_counter()
-    setup = set_up(prepared)._replace(warnings=plausibility_warnings(prepared, AT_REST))
+    warnings = plausibility_warnings(prepared, AT_REST) if notes else []
+    setup = set_up(prepared, notes=False)._replace(warnings=warnings)
     carry, first = begin(setup.loop, _stand(setup.loop.system, setup.state))
     wall_time = time.perf_counter() - started
     trouble = start_failure(prepared.scenario, setup.loop.system, setup.outcome)

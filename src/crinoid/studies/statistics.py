@@ -19,6 +19,8 @@ RUNS = 100
 """Runs of which one exceeds the estimated extreme, on average."""
 _LEAST = 10
 """Smallest number of seeds for extremes."""
+_ROUND_OFF = 1e-9
+"""Relative difference of values that are equal up to round-off."""
 
 
 @cache
@@ -108,7 +110,8 @@ def _extreme(name: str, values: Float[np.ndarray, " seed"]) -> ReturnLevel | Non
     known = values[np.isfinite(values)]
     if not name.startswith("max_") or name.endswith("_station") or known.size < _LEAST:
         return None
-    return Gumbel(known).return_level(RUNS) if np.ptp(known) > 0 else None
+    alike = np.ptp(known) <= _ROUND_OFF * np.abs(known).max()
+    return None if alike else Gumbel(known).return_level(RUNS)
 
 
 def mean_row(each: SeedMean, measure: Measure) -> dict[str, Any]:

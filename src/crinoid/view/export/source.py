@@ -9,7 +9,8 @@ from jaxtyping import Int
 
 from crinoid.assembly.description import POLICY, is_policy
 from crinoid.foundation.status import Status
-from crinoid.view.figures.run import RESULT, checked_result, read_result
+from crinoid.results.result import Result
+from crinoid.view.figures.run import RESULT, UNCONTROLLED, checked_result, read_result
 from crinoid.view.scene.data import ReportError, even_indices
 from crinoid.view.scene.scene import Scene, build_scene, omission_notes
 
@@ -42,6 +43,14 @@ class Source:
     data: xr.Dataset
     records: Int[np.ndarray, " chosen"]
     notes: tuple[str, ...]  # sentences on omissions
+
+    @property
+    def result(self) -> Result:
+        """The run, with the one without control next to it."""
+        other = self.path.with_name(UNCONTROLLED)
+        if self.path.name != RESULT or not other.is_file():
+            return Result(self.data)
+        return Result(self.data, uncontrolled=Result(read_result(other, {}, lazily=True)))
 
     @property
     def attributes(self) -> dict[str, str]:

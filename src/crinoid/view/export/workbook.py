@@ -7,9 +7,8 @@ from pathlib import Path
 
 import xlsxwriter
 
-from crinoid.results.metrics import MEASURES
 from crinoid.results.own_files import PRODUCER, TIME
-from crinoid.results.result import Result
+from crinoid.results.summary import summarised
 from crinoid.scenario.errors import got, refusal
 from crinoid.view.export.source import Source
 from crinoid.view.export.table import Columns, note_on_empty, rows_of
@@ -35,10 +34,10 @@ def write_workbook(
             empty += row.count(None)
             yield row
 
-    run = Result(source.data)
-    values = ((name, each.of(run), each) for name, each in MEASURES.items())
     measures = [
-        (name, float(v), each.unit, each.meaning) for name, v, each in values if v is not None
+        (name, value, each.unit, each.meaning)
+        for name, each in summarised(source.result).items()
+        if (value := each.value) is not None
     ]
     about = [(name, str(text)) for name, text in source.attributes.items()]
     named = {name: source.data[name].attrs for name, _ in columns}

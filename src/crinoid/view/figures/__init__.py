@@ -5,7 +5,7 @@ from pathlib import Path
 from crinoid.foundation.atomic_file import FilePath
 from crinoid.view.scene.data import ReportError
 
-__all__ = ["ReportError", "write_page", "write_report"]
+__all__ = ["ReportError", "write_means", "write_page", "write_report"]
 
 
 def write_report(
@@ -13,13 +13,12 @@ def write_report(
 ) -> list[Path]:
     """Draw the figures of a result, or of a study of several cases.
 
-    A result gives ``shape.png``, ``tip_error.png``, ``tip_path.png``, ``commands.png``,
-    ``energy.png`` and ``bending.png``, with obstacles ``contact.png``, and the page
+    A result gives its figures, such as ``shape.png`` and ``tip_error.png``, and the page
     ``report.html``; a file ``uncontrolled.nc`` next to it is drawn as the comparison. A study (a
-    folder with ``cases.csv``) gives those of each case, in the folder of that case, and a page of
-    all. Each file of another command gives its figures: that of a current (``flow.nc``), a record
-    (``record.nc``), modes (``modes.nc``), equilibria (``curve.nc``), a comparison
-    (``compare.nc``), margins (``margins.nc``), a search (``tune.nc``, ``identify.nc``,
+    folder with ``cases.csv``) gives those of each case, in the folder of that case, the means over
+    its seeds, and a page of all. Each file of another command gives its figures: that of a current
+    (``flow.nc``), a record (``record.nc``), modes (``modes.nc``), equilibria (``curve.nc``), a
+    comparison (``compare.nc``), margins (``margins.nc``), a search (``tune.nc``, ``identify.nc``,
     ``optimise.nc``) or a training (``training.nc``).
 
     Parameters
@@ -35,7 +34,7 @@ def write_report(
     Returns
     -------
     list of Path
-        The figures written, in the order above.
+        The figures written.
 
     Raises
     ------

@@ -23,7 +23,7 @@ from crinoid.view.figures.charts.drive import drive_chart, energy_chart
 from crinoid.view.figures.charts.spectra import has_loads, load_chart
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle, vehicle_chart
+from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
 from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
 from crinoid.view.figures.curve import draw_curve
@@ -201,7 +201,7 @@ def _write_run(path: Path, out: Path, form: str) -> list[Path]:
     figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
     figures |= {"loads.png": _of(load_chart)} if has_loads(run) else {}
     figures |= {"cycles.png": draw_cycles} if has_cycles(run) else {}
-    figures |= {"vehicle.png": _of(vehicle_chart)} if has_vehicle(run) else {}
+    figures |= {"vehicle.png": _of(vehicle_chart)} if has_vehicle_motion(run) else {}
     figures |= {"contact.png": _of(contact_chart)} if has_contact(run) else {}
     figures |= {"vortices.png": _of(vortex_chart)} if has_vortices(run) else {}
     if run.result.sizes["time"] == 1:  # nothing changes

@@ -14,7 +14,7 @@ from jaxtyping import Bool
 from crinoid.foundation.axes import AXES
 from crinoid.foundation.status import Status
 from crinoid.results.chunks import pieces
-from crinoid.results.errors import error_word
+from crinoid.results.errors import error_word, judged_at
 from crinoid.results.result import Result
 from crinoid.results.stream import open_lazily
 from crinoid.scenario import Scenario, ScenarioError
@@ -55,7 +55,7 @@ class Run:
 
     def counted(self, data: xr.Dataset) -> Bool[np.ndarray, " time"]:
         """Return the instants of its data that count; all if it ended before."""
-        counted = np.asarray(data["time"].values >= self.scenario.judged_from - 1e-9)
+        counted = judged_at(data["time"].values, self.scenario)
         return counted if counted.any() else ~counted
 
     @property

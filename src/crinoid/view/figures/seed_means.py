@@ -1,12 +1,14 @@
 """Figure of means over seeds: over one key with intervals, over two in a grid."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from crinoid.foundation.status import Status
 from crinoid.results.metrics import MEASURES
 from crinoid.studies.statistics import SEED, Mean
 from crinoid.view.figures import style
@@ -29,7 +31,12 @@ def means_keys(study: Study) -> list[Key]:
 
 def draw_means(study: Study, title: str) -> Figure:
     """Draw the main measures over the keys of `means_keys`, each with intervals of 95 %."""
-    keys, known = means_keys(study), {each.name: each for each in study.measures}
+    complete = [Status.of(each) is Status.OK for each in study.status]
+    keys = means_keys(study)
+    known = {
+        each.name: replace(each, values=np.where(complete, each.values, np.nan))
+        for each in study.measures
+    }
     names = main_measures(known)
     shown = [*names[:_FEW], *(name for name in names[_FEW:] if name not in MEASURES)]
     rows = math.ceil(len(shown) / _COLUMNS)

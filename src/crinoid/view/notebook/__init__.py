@@ -22,7 +22,7 @@ from crinoid.view.figures.charts.spectra import load_chart, spectrum_chart
 from crinoid.view.figures.charts.summary import equilibrium_summary, summary
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle, vehicle_chart
+from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
 from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.paper import draw_panel
 from crinoid.view.figures.run import Run
@@ -128,7 +128,7 @@ class Plots:
         ValueError
             If no submarine floats.
         """
-        if not has_vehicle(self._run):
+        if not has_vehicle_motion(self._run):
             raise ValueError("the base is held, so no submarine floats. Add [vehicle].")
         return self._chart(vehicle_chart, ax)
 

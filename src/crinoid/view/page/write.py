@@ -15,7 +15,7 @@ from crinoid.view.figures.charts.spectra import has_loads, load_chart, spectrum_
 from crinoid.view.figures.charts.summary import equilibrium_summary, summary
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
-from crinoid.view.figures.charts.vehicle import has_vehicle, vehicle_chart
+from crinoid.view.figures.charts.vehicle import has_vehicle_motion, vehicle_chart
 from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.run import Run
 from crinoid.view.page import parts
@@ -111,7 +111,7 @@ def page_of(run: Run) -> str:
 def _charts(run: Run) -> list[Chart]:
     found = [tip_chart(run), spectrum_chart(run), drive_chart(run)]
     found += [load_chart(run)] if has_loads(run) else []
-    found += [vehicle_chart(run)] if has_vehicle(run) else []
+    found += [vehicle_chart(run)] if has_vehicle_motion(run) else []
     found += [contact_chart(run)] if has_contact(run) else []
     found += [vortex_chart(run)] if has_vortices(run) else []
     return [*found, energy_chart(run), effort_chart(run)]

@@ -9,7 +9,7 @@ from crinoid.view.figures.style import DEGREES, largest, length_unit, si_unit
 _NEAR = 0.5  # share of a limit from which it is drawn
 
 
-def has_vehicle(run: Run) -> bool:
+def has_vehicle_motion(run: Run) -> bool:
     """Whether a floating submarine carries the arm."""
     return "vehicle_pose" in run.result
 
