@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from crinoid.scenario import Scenario, ScenarioError
     from crinoid.scenario.library import load
     from crinoid.simulation import (
+        Session,
         SimulationError,
         closed_loop,
         equilibrium,
@@ -60,6 +61,7 @@ _HOMES = {
     "Result": "crinoid.results.result",
     "Scenario": "crinoid.scenario",
     "ScenarioError": "crinoid.scenario",
+    "Session": "crinoid.simulation",
     "SimulationError": "crinoid.simulation",
     "closed_loop": "crinoid.simulation",
     "equilibria": "crinoid.analysis.equilibria",
@@ -96,6 +98,7 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "Sensor",
+    "Session",
     "SimulationError",
     "State",
     "System",

@@ -33,7 +33,7 @@ from crinoid.view.live.interactive import (
     kinds_for,
     shift_to,
 )
-from crinoid.view.live.session import Session
+from crinoid.view.live.session import LiveSession
 from crinoid.view.live.session_log import in_three
 
 SCENARIO = """
@@ -55,12 +55,12 @@ CHAMBER = "[[chamber]]\noffset = 0.011\narea = 3.0e-4\nmax_pressure = 3.0e5\n"
 
 
 @pytest.fixture(scope="module")
-def used() -> Session:
-    return Session(Scenario.from_toml(SCENARIO))
+def used() -> LiveSession:
+    return LiveSession(Scenario.from_toml(SCENARIO))
 
 
 @pytest.fixture
-def session(used: Session) -> Session:
+def session(used: LiveSession) -> LiveSession:
     """Give each test the session as its scenario has it, at its start."""
     used.stop_recording()
     used.reset()
@@ -71,13 +71,13 @@ def session(used: Session) -> Session:
     return used
 
 
-def stopped(session: Session) -> Result:
+def stopped(session: LiveSession) -> Result:
     result = session.stop_recording()
     assert result is not None
     return result
 
 
-def recorded(session: Session, steps: int = 30) -> Result:
+def recorded(session: LiveSession, steps: int = 30) -> Result:
     session.start_recording()
     while steps > 0:
         steps -= session.advance(min(steps, 7))
@@ -102,8 +102,8 @@ def test_a_session_needs_the_program_that_was_compiled_ahead(tmp_path, monkeypat
     given = []
     monkeypatch.setattr(Program, "will_compile", lambda *_: True)
     monkeypatch.setattr(Program, "compile_ahead", lambda program, *args: given.append(args))
-    monkeypatch.setattr(Session, "_compile", lambda _: None)
-    session = Session(Scenario.from_toml(SCENARIO + more))
+    monkeypatch.setattr(LiveSession, "_compile", lambda _: None)
+    session = LiveSession(Scenario.from_toml(SCENARIO + more))
     steps = session.state.steps
     asked = (session.loop, session.state, steps, jnp.asarray(3, int), CAPACITY)
     token = STORE.set(Store(tmp_path))
@@ -381,7 +381,7 @@ def test_without_an_equilibrium_a_reset_keeps_the_start_and_a_session_is_refused
     np.testing.assert_array_equal(session.look().nodes, begun)
     heavy = {"load": [{"kind": "tip", "force": [0.0, -1e6]}]}
     with pytest.raises(StartError, match="no static equilibrium"):
-        Session(session.scenario.with_values(heavy))
+        LiveSession(session.scenario.with_values(heavy))
 
 
 def test_props_suit_the_scenario_and_a_session_ends_with_its_tables(session, monkeypatch):
@@ -408,7 +408,7 @@ def test_an_arm_in_space_is_hit_pulled_and_recorded():
         flow=[{"kind": "uniform", "velocity": [0.0, 0.2, 0.0]}],
         simulation={"duration": 1.0},
     )
-    session = Session(scenario)
+    session = LiveSession(scenario)
     result = recorded(session, 20)
     assert result.status == "ok"
     assert result.scenario == scenario.with_values({"simulation.duration": 0.2})

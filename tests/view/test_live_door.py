@@ -14,7 +14,7 @@ from websockets.frames import Frame, Opcode  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
 from crinoid.view.live.page import Page  # noqa: E402
-from crinoid.view.live.session import Session  # noqa: E402
+from crinoid.view.live.session import LiveSession  # noqa: E402
 from helpers.live import LIVE  # noqa: E402
 
 pytestmark = pytest.mark.slow
@@ -39,7 +39,7 @@ JUNK += ["", "x", "/target", [0.0, 0.0, float("nan")], [1e12] * 3, {}, {"value":
 
 @pytest.fixture(scope="module")
 def page():
-    page = Page(Session(LIVE), 0, str)
+    page = Page(LiveSession(LIVE), 0, str)
     yield page
     page.close()
     assert page.clock.error is None

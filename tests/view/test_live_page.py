@@ -16,7 +16,7 @@ pytest.importorskip("viser", reason="needs viser")
 from crinoid.view.live.interactive import InteractiveBodies
 from crinoid.view.live.page import Page, PortError
 from crinoid.view.live.scene import LiveScene
-from crinoid.view.live.session import Session
+from crinoid.view.live.session import LiveSession
 from crinoid.view.live.session_log import Snapshot
 from helpers.browsing import Opened
 from helpers.command import refused
@@ -29,7 +29,7 @@ HOSTILE = "<img src=x onerror=alert(1)> **bold** [a](http://example.org) {1+1}\x
 
 @pytest.fixture(scope="module")
 def session():
-    return Session(LIVE.with_values({"title": HOSTILE}))
+    return LiveSession(LIVE.with_values({"title": HOSTILE}))
 
 
 class Served:

@@ -14,6 +14,7 @@ from crinoid.actuation import Input
 from crinoid.assembly.door import check_element, check_flow
 from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.threads import ActuatorParameters
+from crinoid.base import BaseMotion
 from crinoid.compilation import ONCE, compiled
 from crinoid.control import Allocation, Controller, Sensor, Target, damped_inverse
 from crinoid.dynamics import Outcome, State, System
@@ -37,9 +38,11 @@ class Parts:
     flows: tuple[Flow, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     actuators: tuple[ActuatorParameters, ...] = ()
+    motions: tuple[BaseMotion, ...] = ()
+    """Of the base."""
 
     def added(self, system: System) -> System:
-        """Return a system with the elements and flows, if they pass the door."""
+        """Return a system with the elements, flows and motions, if they pass the door."""
         forces = system.forces
         for index, flow in enumerate(self.flows, len(forces.water.flows)):
             check_flow(flow, f"flow {index}", forces.axes)
@@ -47,7 +50,9 @@ class Parts:
             check_element(element, f"element {index}", system)
         water = replace(forces.water, flows=(*forces.water.flows, *self.flows))
         elements = (*forces.elements, *self.elements)
-        return replace(system, forces=replace(forces, elements=elements, water=water))
+        forces = replace(forces, elements=elements, water=water)
+        base = replace(system.base, motions=(*system.base.motions, *self.motions))
+        return replace(system, forces=forces, base=base)
 
 
 @compiled(**ONCE)

@@ -26,7 +26,7 @@ def run_live(scenario: Scenario, folder: Path, *, port: int, browser: bool | Non
         stop('live needs viser for its page: pip install "crinoid[live]"')
     from crinoid.view.live.interactive import StartError
     from crinoid.view.live.page import Page, PortError, check_port
-    from crinoid.view.live.session import Session
+    from crinoid.view.live.session import LiveSession
 
     require_one(scenario, "a live session")
     try:
@@ -46,7 +46,7 @@ def run_live(scenario: Scenario, folder: Path, *, port: int, browser: bool | Non
     with Interruption() as interruption:
         try:
             with console.status("finding the equilibrium, and compiling"):
-                session = Session(scenario)
+                session = LiveSession(scenario)
         except StartError as error:
             return str(error)
         say_notes(session.doubts)

@@ -19,3 +19,5 @@ from crinoid.simulation.run import equilibrium as equilibrium
 from crinoid.simulation.run import play as play
 from crinoid.simulation.run import settle as settle
 from crinoid.simulation.run import simulate as simulate
+from crinoid.simulation.session import Lateness as Lateness
+from crinoid.simulation.session import Session as Session

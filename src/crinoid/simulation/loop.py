@@ -153,6 +153,14 @@ class Loop(eqx.Module):
             },
         )
 
+    def command_step(self, earlier: Int[Array, ""]) -> Int[Array, ""]:
+        """Return the time step before which the command after ``earlier`` ones is given."""
+        begin, step = self.switched_on, self.system.time_step
+        near = jnp.ceil((earlier * self.clock.period + begin) / step).astype(int)
+        candidates = jnp.maximum(near + np.arange(-1, 2), 0)
+        due = self.clock.due(earlier, candidates * step - begin)  # it rounds in its own way
+        return candidates[jnp.argmax(due)]
+
     def tick(self, carry: LoopState) -> tuple[LoopState, Progress]:
         """Advance by one time step; sensors and controller act if their time has come."""
         commanded = self._commanded(carry)

@@ -219,14 +219,15 @@ class Sink:
             self._write(self._path, carry, wall_time, due)
 
     def close(self, carry: LoopState, wall_time: float) -> xr.Dataset:
-        """Return all instants, with the file up to date if there is one."""
+        """Return all instants, with the file up to date if there is one; more may follow."""
         if self._path is not None and self._stream is not None:
             self._write(self._path, carry, wall_time, True)
             return self._stream.dataset()
         parts = [] if self._kept is None else [self._kept]
         if self._records:
             parts.append(self._take())
-        return join(parts)
+        self._kept = join(parts)
+        return self._kept
 
     def _write(self, path: Path, carry: LoopState, wall_time: float, due: bool) -> None:
         piece = self._take() if self._records else None

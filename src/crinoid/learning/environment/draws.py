@@ -14,11 +14,12 @@ from crinoid.assembly.control_loop import build_sensors
 from crinoid.assembly.neural import Observables
 from crinoid.assembly.plan import Parts
 from crinoid.assembly.prepared import Prepared, require_one_case
-from crinoid.learning.environment.episode import EpisodeParameters, ExternalCommand
+from crinoid.learning.environment.episode import EpisodeParameters
 from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
 from crinoid.scenario.errors import got
 from crinoid.simulation.batch import on_processor
 from crinoid.simulation.conclusion import start_failure
+from crinoid.simulation.external import ExternalCommand
 from crinoid.simulation.setup import Setup, set_up
 from crinoid.studies.batch import structure
 

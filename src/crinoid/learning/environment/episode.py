@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.assembly.neural import Observables
-from crinoid.control import Controller, ControllerInput, pose_error
-from crinoid.control.controller import Command
+from crinoid.control import pose_error
 from crinoid.dynamics import Outcome, State
 from crinoid.learning.environment.reward import RewardInput, Success
 from crinoid.simulation import Loop, LoopState
+from crinoid.simulation.external import ExternalCommand
 
 
 class EpisodeParameters(eqx.Module):
@@ -109,14 +109,12 @@ class Rules:
         count = before.now.command.shape[0]
         command = jnp.zeros(count).at[driven].set(action)
         loop = replace(case.loop, controller=ExternalCommand(command))
-        calls = before.now.ticks + ~first
+        end = jnp.minimum(loop.command_step(before.now.ticks + ~first), case.end)
         Inner = tuple[LoopState, Outcome]
 
         def unfinished(inner: Inner) -> Bool[Array, ""]:
             now, outcome = inner
-            due = loop.clock.due(now.ticks, now.state.time - loop.switched_on)
-            due &= now.ticks >= calls
-            return ~due & (now.steps < case.end) & outcome.converged
+            return (now.steps < end) & outcome.converged
 
         def step(inner: Inner) -> Inner:
             now, progress = loop.tick(inner[0])
@@ -175,16 +173,3 @@ class Rules:
             now.steps >= case.end,
         )
         return Episode(now, seen.measured, at_target), output
-
-
-class ExternalCommand(Controller):
-    """Controller whose commands come from outside of the loop."""
-
-    value: Command
-    """Commands, in the units of the inputs (`crinoid.System.inputs`)."""
-
-    def start(self, seen: ControllerInput) -> None:
-        return None
-
-    def command(self, memory: None, seen: ControllerInput) -> tuple[Command, None]:
-        return self.value, None

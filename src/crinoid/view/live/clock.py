@@ -10,7 +10,7 @@ from typing import NamedTuple
 from crinoid.results.result import Result
 from crinoid.scenario import ScenarioError
 from crinoid.view.live.interactive import StartError
-from crinoid.view.live.session import Session
+from crinoid.view.live.session import LiveSession
 from crinoid.view.live.session_log import Snapshot
 
 _PERIOD = 1 / 30  # time between two frames (s)
@@ -18,7 +18,7 @@ _BUSY = 0.03  # longest computing time of a frame (s)
 _MOST_LATE = 0.25  # longest delay that is caught up with (s)
 _WINDOW = 1.5  # time over which the real-time factor is a mean (s)
 
-Action = Callable[[Session], None]
+Action = Callable[[LiveSession], None]
 
 
 class SessionStatus(NamedTuple):
@@ -42,7 +42,7 @@ class RealTimeClock:
     ``save`` saves a recording and returns one line that names its folder.
     """
 
-    def __init__(self, session: Session, show: Show, save: Callable[[Result], str]) -> None:
+    def __init__(self, session: LiveSession, show: Show, save: Callable[[Result], str]) -> None:
         self._session, self._show, self._save = session, show, save
         self._actions: dict[object, Action] = {}
         self._lock, self._woken = threading.Lock(), threading.Event()
@@ -83,11 +83,11 @@ class RealTimeClock:
         """Set the message of the page."""
         self._message, self._wrong = text, wrong
 
-    def toggle_running(self, session: Session) -> None:
+    def toggle_running(self, session: LiveSession) -> None:
         """Pause or continue."""
         self.running = not self.running
 
-    def toggle_recording(self, session: Session) -> None:
+    def toggle_recording(self, session: LiveSession) -> None:
         """Start or save a recording."""
         if session.recording is None:
             session.start_recording()
@@ -96,7 +96,7 @@ class RealTimeClock:
         else:
             self._save_recording()
 
-    def reset(self, session: Session) -> None:
+    def reset(self, session: LiveSession) -> None:
         """Reset the session and run it; a recording in progress is saved before."""
         saved = session.recording is not None
         if saved:

@@ -23,7 +23,7 @@ from crinoid.scenario.errors import got
 from crinoid.view.live.clock import RealTimeClock, SessionStatus
 from crinoid.view.live.panel import ControlPanel
 from crinoid.view.live.scene import LiveScene
-from crinoid.view.live.session import Session
+from crinoid.view.live.session import LiveSession
 
 _OURS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d+)?", re.IGNORECASE)
 """Names of this machine; any port, as `ssh -L` may forward another one."""
@@ -118,7 +118,7 @@ class Page:
     A port of 0 is any free one; ``save`` saves a recording and returns one line with its folder.
     """
 
-    def __init__(self, session: Session, port: int, save: Callable[[Result], str]) -> None:
+    def __init__(self, session: LiveSession, port: int, save: Callable[[Result], str]) -> None:
         frame = session.look()
         self.clock = RealTimeClock(session, self._show, save)
         check_port(port)  # viser would silently choose another one

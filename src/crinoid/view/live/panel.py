@@ -14,7 +14,7 @@ from crinoid.view.figures.style import BLUE, DEGREES, GREY, VERMILLION, Unit, le
 from crinoid.view.live.adjustable import AdjustableNumbers
 from crinoid.view.live.clock import Action, RealTimeClock, SessionStatus
 from crinoid.view.live.interactive import kinds_for
-from crinoid.view.live.session import Session
+from crinoid.view.live.session import LiveSession
 
 _NUMBERS, _CHART = 0.1, 0.25  # periods of the numbers and of the chart (s)
 _SPAN = 20.0  # simulated time in the chart (s)
@@ -22,13 +22,15 @@ _LATELY = 0.5  # time for which a contact is shown (s)
 _SLOW = 0.95  # real-time factor below which the page reports a delay
 _MOST_TURBULENT = 3.0
 _ERROR = "tip error (mm)"
-_PULLS = (0.0, 4.0)  # range of the force of a pull, over `Session.tip_force`
+_PULLS = (0.0, 4.0)  # range of the force of a pull, over `LiveSession.tip_force`
 
 
 class ControlPanel:
     """Sliders, buttons and numbers of a session, of which only constants are read here."""
 
-    def __init__(self, server: viser.ViserServer, session: Session, clock: RealTimeClock) -> None:
+    def __init__(
+        self, server: viser.ViserServer, session: LiveSession, clock: RealTimeClock
+    ) -> None:
         self._gui, self._clock, self._scenario = server.gui, clock, session.scenario
         self._kinds, self._kind = kinds_for(session.scenario), session.kind
         self._debris, self._strength = session.bodies.debris is not None, session.tip_force
@@ -153,7 +155,7 @@ class ControlPanel:
     def _switch(self, choice: Any) -> None:
         kind = str(choice.value)
 
-        def switch(session: Session) -> None:
+        def switch(session: LiveSession) -> None:
             try:
                 session.control(kind)
                 self._clock.say("")
@@ -166,7 +168,7 @@ class ControlPanel:
 
     def _add_disturbances(self) -> None:
         with self._gui.add_folder("Disturb"):
-            self._add_button("Throw debris", Session.throw, disabled=not self._debris)
+            self._add_button("Throw debris", LiveSession.throw, disabled=not self._debris)
             low, high = (each * self._strength for each in _PULLS)
             hint = "Force of a pull."
             force = self._gui.add_slider(

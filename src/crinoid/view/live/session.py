@@ -7,22 +7,22 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from crinoid.assembly.arrays import array
 from crinoid.assembly.plan import find_state
 from crinoid.assembly.prepared import Prepared
-from crinoid.compilation import OFTEN, ONCE, compiled
+from crinoid.compilation import ONCE, compiled
 from crinoid.diagnostics.plausibility import plausibility_warnings
 from crinoid.dynamics import EnergyAccount, Outcome
 from crinoid.results.record import Record
 from crinoid.results.result import Result
 from crinoid.scenario import Mistake, Scenario, ScenarioError
-from crinoid.simulation.chunk import chunk_program, record
+from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import command_failure, dataset_builder, step_failure
 from crinoid.simulation.loop import Loop, LoopState, StepStatistics
 from crinoid.simulation.run import begin
+from crinoid.simulation.stepped_run import SteppedRun
 from crinoid.view.live import adjustable
 from crinoid.view.live.interactive import (
     CAPACITY,
@@ -34,12 +34,12 @@ from crinoid.view.live.interactive import (
     shift_to,
     tip_force,
 )
-from crinoid.view.live.session_log import SessionLog, SessionState, Snapshot, one_instant
+from crinoid.view.live.session_log import SessionLog, SessionState, Snapshot
 
 _LATELY = 8  # most calls whose instants explain a step that fails
 
 
-class Session:
+class LiveSession(SteppedRun):
     """A simulation of one case that advances on request and whose numbers can be changed.
 
     Adjusted numbers, a dragged target, debris and pulls compile nothing; only a new kind of
@@ -47,6 +47,7 @@ class Session:
     """
 
     def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario.output_steps, CAPACITY)
         self.scenario, self.prepared = scenario, Prepared(scenario)
         self.prepared.check()
         _ = self.prepared.digests
@@ -61,26 +62,10 @@ class Session:
         self._log: SessionLog | None = None
         self._shift = np.zeros(scenario.arm.dimension)
         self._lately: deque[Record] = deque(maxlen=_LATELY)
-        self._failed: Outcome | None = None
         self.tip_force = tip_force(self._controlled.loop.system)
         """A force that deflects the tip by a third of the arm's length (N)."""
         self.reset()
         self._compile()
-
-    @property
-    def time(self) -> float:
-        """Simulated time (s)."""
-        return float(self._carry.state.time)
-
-    @property
-    def state(self) -> LoopState:
-        """State of the closed loop."""
-        return self._carry
-
-    @property
-    def loop(self) -> Loop:
-        """The closed loop with the present numbers."""
-        return self._loop
 
     @property
     def recording(self) -> float | None:
@@ -100,21 +85,21 @@ class Session:
         self._pull, self._thrown = adjustable.NO_PULL, False
         self._switched_on: float | None = None
         self._flows = self._adjusted_flows(None)
-        self.halted, self._failed = "", None
+        self.halted, self.failed = "", None
         self._lately.clear()
         self._renew()
         state, note = self._controlled.setup.state, ""
         if self.numbers.changed_names:
             loaded = self.scenario.simulation.start == "equilibrium"
-            found, outcome = find_state(self._loop.system, loaded)
+            found, outcome = find_state(self.loop.system, loaded)
             state = found if outcome.converged else state
             if not outcome.converged:
                 note = "no equilibrium with these numbers; starts from that of the scenario"
         if self.bodies.debris is not None:
-            system = self._loop.system
+            system = self.loop.system
             parked = array(self.bodies.debris.parked) - system.forces.origin
             state = launch(system, state, parked, 0.0 * parked)
-        self._carry, first = begin(self._loop, state)
+        self.state, first = begin(self.loop, state)
         self._lately.append(one_instant(first))
         return note
 
@@ -122,37 +107,28 @@ class Session:
         """Advance by time steps, or until one fails; return their number."""
         if self.halted:
             return 0
-        done, stride = int(self._carry.steps), self._stride
-        total = round(self.bodies.duration / self.scenario.simulation.time_step)
-        end = min(done + min(steps, CAPACITY * stride), total)
-        self._carry, kept, new, outcome = chunk_program(0)(
-            self._loop, self._carry, jnp.asarray(end, int), jnp.asarray(stride, int), CAPACITY
-        )
-        if int(new):
-            some = jax.tree.map(lambda x: np.asarray(x)[: int(new)], kept)
+        done, total = self.steps, round(self.bodies.duration / self.scenario.simulation.time_step)
+        some = self.advance_to(min(done + steps, total))
+        if some is not None:
             self._lately.append(some)
             if self._log is not None:
                 self._log.append(some)
-        if not outcome.converged and end > done:
-            self._failed, self.halted = outcome, self._failure(outcome)
-        elif end == total:
+        if self.failed is not None:
+            self.halted = self._failure(self.failed)
+        elif self.steps == total:
             self.halted = f"over at t = {self.time:.6g} s: the session ends here. Press Reset."
-        return int(self._carry.steps) - done
+        return self.steps - done
 
     def look(self) -> Snapshot:
         """Return the snapshot of the present instant."""
         pulls = self._pull.force and self._pull.start <= self.time < self._pull.stop
-        origin = np.asarray(self._loop.system.forces.origin)
+        origin = np.asarray(self.loop.system.forces.origin)
         return Snapshot.of(self.record(), origin, self._pull.force if pulls else ())
-
-    def record(self) -> Record:
-        """Return the record of the present instant: all quantities of a saved one."""
-        return _look(self._loop, self._carry)
 
     def adjust(self, **values: float) -> None:
         """Change numbers (`crinoid.view.live.adjustable.AdjustableNumbers`)."""
         self.numbers = replace(self.numbers, **values)
-        if not int(self._carry.steps) and self._log is None and not self._thrown:
+        if not self.steps and self._log is None and not self._thrown:
             self.reset()
             return
         self._flows = self._adjusted_flows(self._flows if self.time > 0 else None)
@@ -164,9 +140,9 @@ class Session:
         if place is None:
             self._shift = np.zeros_like(self._shift)
         else:
-            origin = np.asarray(self._loop.system.forces.origin)
-            assert isinstance(self._loop.target, ShiftedTarget)
-            self._shift = shift_to(self._loop.target, origin + np.asarray(place), self.time)
+            origin = np.asarray(self.loop.system.forces.origin)
+            assert isinstance(self.loop.target, ShiftedTarget)
+            self._shift = shift_to(self.loop.target, origin + np.asarray(place), self.time)
         self._renew()
         self._note("target")
 
@@ -182,11 +158,11 @@ class Session:
         debris, arm = self.bodies.debris, self.scenario.arm
         if debris is None:
             raise ScenarioError([Mistake("debris", "the arm has no surface that could be hit")])
-        place, velocity = launch_path(debris, self._carry.state, arm)
+        place, velocity = launch_path(debris, self.state.state, arm)
         self._thrown = True
         self._renew()
-        state = launch(self._loop.system, self._carry.state, array(place), array(velocity))
-        self._carry = eqx.tree_at(lambda c: c.state, self._carry, state)
+        state = launch(self.loop.system, self.state.state, array(place), array(velocity))
+        self.state = eqx.tree_at(lambda c: c.state, self.state, state)
         if self._log is not None:
             self._log.thrown.append(self.time)
 
@@ -199,22 +175,22 @@ class Session:
         self._switched_on = self.time if self.time > 0 else None
         self._flows = self._adjusted_flows(self._flows if self.time > 0 else None)
         self._renew()
-        before, (fresh, _) = self._carry, begin(self._loop, self._carry.state)
-        self._carry = fresh
+        before, (fresh, _) = self.state, begin(self.loop, self.state.state)
+        self.state = fresh
         if self.time > 0:
-            self._carry = replace(before, memory=fresh.memory, ticks=fresh.ticks)
+            self.state = replace(before, memory=fresh.memory, ticks=fresh.ticks)
         self._compile()
         self._note("controller")
 
     def start_recording(self) -> None:
         """Record from the next saved instant on."""
-        late = int(self._carry.steps) % self._stride
+        late = self.steps % self._stride
         if late:
             self.advance(self._stride - late)
         if self.halted:
             return
         if self.time > 0:
-            self._carry = _opened(self._loop, self._carry)
+            self.state = _opened(self.loop, self.state)
         self._log = SessionLog(self.record(), self._state_now)
 
     def stop_recording(self) -> Result | None:
@@ -222,17 +198,13 @@ class Session:
         log, self._log = self._log, None
         if log is None or log.instants < 2:
             return None
-        return log.result(self.prepared, self._state_now, self._carry, self._failed)
-
-    @property
-    def _stride(self) -> int:
-        return self.scenario.output_steps
+        return log.result(self.prepared, self._state_now, self.state, self.failed)
 
     @property
     def _state_now(self) -> SessionState:
         target, controlled = None, self._controlled
         if self._shift.any() or self.numbers.changed_names:  # which move an initial target
-            target = np.asarray(self._loop.target.in_frame(self._carry.state.time))
+            target = np.asarray(self.loop.target.in_frame(self.state.state.time))
         setup = controlled.setup._replace(warnings=self.doubts if self._is_own else [])
         if not self._is_own or self.numbers.changed_names:
             setup = setup._replace(loop_warnings=[])
@@ -259,16 +231,15 @@ class Session:
         loop_numbers = controlled.loop_numbers(parked=parked, shift=shift, since=since)
         own = controlled.parameters
         parameters = adjustable.adjusted_parameters(own, self.numbers, self._flows, self._pull)
-        self._loop = adjustable.with_numbers(controlled.loop, parameters, loop_numbers, debris)
+        self.loop = adjustable.with_numbers(controlled.loop, parameters, loop_numbers, debris)
 
     def _compile(self) -> None:
         """Compile all programs, so that a later call is fast."""
-        steps, one = self._carry.steps, jnp.asarray(self._stride, int)
-        jax.block_until_ready(chunk_program(0)(self._loop, self._carry, steps, one, CAPACITY))
-        _opened(self._loop, self._carry)
+        self.compile()
+        _opened(self.loop, self.state)
         if self.bodies.debris is not None:
             nowhere = array(np.zeros(self.scenario.arm.dimension))
-            launch(self._loop.system, self._carry.state, nowhere, nowhere)
+            launch(self.loop.system, self.state.state, nowhere, nowhere)
         self.look()
 
     def _note(self, *names: str) -> None:
@@ -277,7 +248,7 @@ class Session:
                 self._log.note_change(name, self.time)
 
     def _failure(self, outcome: Outcome) -> str:
-        system, command = self._loop.system, np.asarray(self._carry.command).tolist()
+        system, command = self.loop.system, np.asarray(self.state.command).tolist()
         trouble = command_failure(system.inputs, command, self.time)
         if trouble:
             return trouble
@@ -285,10 +256,7 @@ class Session:
         dataset = dataset_builder(self._controlled.setup._replace(prepared=self.prepared))(
             whole, None
         )
-        return step_failure(self.scenario, system, self._carry.state, outcome, dataset, None)
-
-
-_look = compiled(**OFTEN)(record)
+        return step_failure(self.scenario, system, self.state.state, outcome, dataset, None)
 
 
 @compiled(**ONCE)

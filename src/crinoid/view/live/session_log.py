@@ -19,6 +19,7 @@ from crinoid.results.dataset import chosen
 from crinoid.results.record import Record
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
+from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder
 from crinoid.simulation.loop import LoopState
 from crinoid.simulation.setup import Setup
@@ -197,11 +198,6 @@ class SessionLog:
             text = f"changed by hand during the recording: {names}"
             notes.append(f"{text}; the scenario has the last values")
         return found, notes
-
-
-def one_instant(record: Record) -> Record:
-    """Return a record with a leading axis of length one."""
-    return jax.tree.map(lambda x: np.asarray(x)[None], record)
 
 
 def _without_last_obstacle(whole: Record) -> Record:

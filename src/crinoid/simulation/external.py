@@ -1,0 +1,239 @@
+"""Commands, current and motion of the base that come from outside of the loop."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.assembly.arrays import array
+from crinoid.base import BaseMotion
+from crinoid.control import Controller, ControllerInput
+from crinoid.control.controller import Command
+from crinoid.flow.flow import Everywhere
+from crinoid.foundation.axes import CHANNELS
+from crinoid.numerics.ramp import Onset
+from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
+from crinoid.scenario.errors import got
+from crinoid.simulation.loop import Loop
+
+__all__ = ["ExternalCommand", "ExternalSignals"]
+
+Time = Float[Array, ""]
+
+
+class ExternalCommand(Controller):
+    """Controller whose commands come from outside of the loop."""
+
+    value: Command
+    """Commands, in the units of the inputs (`crinoid.System.inputs`)."""
+
+    def start(self, seen: ControllerInput) -> None:
+        """Return no memory."""
+
+    def command(self, memory: None, seen: ControllerInput) -> tuple[Command, None]:
+        """Return the command from outside."""
+        return self.value, None
+
+
+class ExternalCurrent(Everywhere):
+    """Uniform current from outside of the loop: linear in time from one velocity to another."""
+
+    steady: ClassVar[bool] = False
+    onset: Onset
+    begin: Time
+    """Start of the interval (s)."""
+    initial: Float[Array, " d"]
+    """Velocity at its start (m/s)."""
+    change: Float[Array, " d"]
+    """Rate of the velocity during it (m/s2)."""
+    moved: Float[Array, " d"]
+    """Displacement of the water until its start (m)."""
+
+    def at(self, time: Time) -> Float[Array, " d"]:
+        return self.initial + (time - self.begin) * self.change
+
+    def displacement(self, time: Time) -> Float[Array, " d"]:
+        since = time - self.begin
+        return self.moved + since * (self.initial + 0.5 * since * self.change)
+
+
+class ExternalMotion(BaseMotion):
+    """Displacement of a channel from outside of the loop: cubic between points in time."""
+
+    channel: int = eqx.field(static=True)
+    times: Float[Array, " point"]
+    """Times of the points (s), increasing."""
+    values: Float[Array, " point"]
+    """Displacements there (m or rad)."""
+    rates: Float[Array, " point"]
+    """Velocities there (m/s or rad/s)."""
+
+    def displacement(self, time: Time) -> Float[Array, ""]:
+        last = self.times.shape[0] - 1
+        after = jnp.clip(jnp.searchsorted(self.times, time, side="right"), 1, last)
+        before = after - 1
+        step = self.times[after] - self.times[before]
+        share = (time - self.times[before]) / step
+        rise = self.values[after] - self.values[before]
+        first, second = step * self.rates[before] - rise, step * self.rates[after] - rise
+        bend = (1 - share) * first - share * second
+        return self.values[before] + share * rise + share * (1 - share) * bend
+
+
+_KINDS = ("current", "base")
+Displacement = float | tuple[float, float]
+
+
+class ExternalSignals:
+    """Current and motion of the base from outside: their values, in steps from the start on.
+
+    Raises a `ScenarioError` for kinds other than "current" and "base", and for a base that floats.
+    """
+
+    def __init__(self, kinds: Iterable[str], scenario: Scenario) -> None:
+        given = [kinds] if isinstance(kinds, str) else list(kinds)
+        for kind in given:
+            if kind not in _KINDS:
+                raise ScenarioError([Mistake("external", got(kind, f"be {one_of(_KINDS)}"))])
+        self._kinds = tuple(kind for kind in _KINDS if kind in given)
+        if "base" in given and scenario.vehicle is not None:
+            text = got("base", "be left out with a table vehicle", "A vehicle floats.")
+            raise ScenarioError([Mistake("external", text)])
+        axes, period = scenario.arm.dimension, 1 / scenario.control_rate_hz
+        self._channels = CHANNELS[axes]
+        # readings of the past count from where the base was then
+        sensors = (scenario.sensor, *scenario.sensors)
+        oldest = max(each.delay + 1 / scenario.rate_hz(each.rate_hz) for each in sensors)
+        points = 2 + math.ceil(oldest / period)
+        self._begin = 0.0
+        self._velocity, self._acceleration, self._moved = np.zeros((3, axes))
+        self._times = period * np.arange(1.0 - points, 1.0)
+        self._values, self._rates = np.zeros((2, points, len(self._channels)))
+
+    @property
+    def flows(self) -> tuple[ExternalCurrent, ...]:
+        """The current, if it comes from outside."""
+        if "current" not in self._kinds:
+            return ()
+        numbers = self._begin, self._velocity, self._acceleration, self._moved
+        return (ExternalCurrent(Onset.of(), *map(array, numbers)),)
+
+    @property
+    def motions(self) -> tuple[ExternalMotion, ...]:
+        """The motion of each channel of the base, if they come from outside."""
+        if "base" not in self._kinds:
+            return ()
+        columns = zip(self._values.T, self._rates.T, strict=True)
+        return tuple(
+            ExternalMotion(index, *map(array, (self._times, *each)))
+            for index, each in enumerate(columns)
+        )
+
+    def advance(
+        self,
+        begin: float,
+        end: float,
+        current: Sequence[float] | None,
+        base: Mapping[str, Displacement] | None,
+    ) -> None:
+        """Go on from one time to another (s), where they have the given values; None: the last.
+
+        Raises
+        ------
+        ValueError
+            If a value is not finite, has another shape, or does not come from outside.
+        """
+        moved, values, rates = self._checked(begin, end, current, base)
+        since = begin - self._begin
+        self._moved = self._moved + since * (self._velocity + 0.5 * since * self._acceleration)
+        self._velocity = self._velocity + since * self._acceleration
+        self._begin = begin
+        self._acceleration = (moved - self._velocity) / (end - begin)
+        self._times = np.append(self._times[1:], end)
+        self._values = np.vstack([self._values[1:], values])
+        self._rates = np.vstack([self._rates[1:], rates])
+
+    def fed(self, loop: Loop) -> Loop:
+        """Return a loop with them."""
+        new = [*self.flows, *self.motions]
+        if not new:
+            return loop
+        flows, motions = len(self.flows), len(self.motions)
+
+        def places(of: Loop) -> list[Any]:
+            carrier = of.target.carrier
+            last = list(of.system.forces.water.flows[len(of.system.forces.water.flows) - flows :])
+            for base in [of.system.base] + ([] if carrier is None else [carrier.base]):
+                last += base.motions[len(base.motions) - motions :]
+            return last
+
+        if loop.target.carrier is not None:
+            new += self.motions
+        return eqx.tree_at(places, loop, new)
+
+    def to_json(self) -> str:
+        """Return the numbers as text, for `from_json` of signals of the same kinds."""
+        numbers = {name: value for name, value in vars(self).items() if name in _NUMBERS}
+        kept = {name: np.asarray(value).tolist() for name, value in numbers.items()}
+        return json.dumps({"kinds": self._kinds, **kept})
+
+    def from_json(self, text: str) -> None:
+        """Set the numbers from text; raises ValueError if it is of others."""
+        found = json.loads(text)
+        if tuple(found.pop("kinds")) != self._kinds:
+            raise ValueError
+        for name in _NUMBERS:
+            value = np.asarray(found[name], float)
+            if value.shape != np.shape(getattr(self, name)):
+                raise ValueError
+            setattr(self, name, value)
+        self._begin = float(self._begin)
+
+    def _checked(
+        self,
+        begin: float,
+        end: float,
+        current: Sequence[float] | None,
+        base: Mapping[str, Displacement] | None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        sources: tuple[tuple[str, Any], ...] = (("current", current), ("base", base))
+        for kind, source in sources:
+            if source is not None and kind not in self._kinds:
+                raise ValueError(f'{kind}: got {source}; needs Session(external=["{kind}"])')
+        water = self._velocity + (begin - self._begin) * self._acceleration
+        if current is not None:
+            water = numbers("current", current, water.shape)
+        values, rates = self._values[-1].copy(), np.zeros(len(self._channels))
+        for name, given in (base or {}).items():
+            if name not in self._channels:
+                raise ValueError(f"base: {got(name, f'be {one_of(self._channels)}')}")
+            index = self._channels.index(name)
+            pair = np.ndim(given) > 0
+            found = numbers(f"base.{name}", given, (2,) if pair else ())
+            value = float(found[0]) if pair else float(found)
+            straight = (value - values[index]) / (end - begin)
+            values[index], rates[index] = value, float(found[1]) if pair else straight
+        return water, values, rates
+
+
+_NUMBERS = ("_begin", "_velocity", "_acceleration", "_moved", "_times", "_values", "_rates")
+
+
+def numbers(key: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Return finite numbers of a shape, or raise ValueError with one line."""
+    try:
+        found = np.asarray(given, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{key}: {got(given, 'be numbers')}") from None
+    if found.shape != shape:
+        raise ValueError(f"{key}: got the shape {found.shape}; must be {shape}")
+    if not np.isfinite(found).all():
+        raise ValueError(f"{key}: {got(found.tolist(), 'be finite')}")
+    return found

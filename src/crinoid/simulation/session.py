@@ -1,0 +1,335 @@
+"""Session: a run whose commands come from a program outside, step by step."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple, Self
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Int
+from numpy.typing import ArrayLike
+
+from crinoid.actuation import Input
+from crinoid.assembly.arrays import array
+from crinoid.assembly.plan import Parts
+from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.threads import ActuatorParameters
+from crinoid.compilation import OFTEN, compiled
+from crinoid.control import ControllerInput, Sensor
+from crinoid.elements import Element
+from crinoid.flow import Flow
+from crinoid.foundation.atomic_file import FilePath
+from crinoid.results.chunks import join
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario, ScenarioError, counted, one_of
+from crinoid.scenario.errors import got, refusal
+from crinoid.scenario.library import Source, scenario_of
+from crinoid.simulation.chunk import one_instant
+from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
+from crinoid.simulation.external import ExternalCommand, ExternalSignals, numbers
+from crinoid.simulation.loop import Loop, LoopState
+from crinoid.simulation.run import SimulationError, begin, with_loop_notes
+from crinoid.simulation.setup import set_up
+from crinoid.simulation.sink import Sink, resume_state
+from crinoid.simulation.stepped_run import SteppedRun
+
+Command = ArrayLike | Mapping[str, float]
+"""Commands in the order of the inputs, or by name."""
+_ATTRIBUTE = "external"
+"""Attribute of a result with the last values from outside, to continue from."""
+
+
+class Lateness(NamedTuple):
+    """Delay of a paced session behind the wall clock."""
+
+    steps: int
+    """Number of paced steps."""
+    late: int
+    """Number of those that ended after their time."""
+    mean: float
+    """Mean delay of late steps (s); 0 without any."""
+    largest: float
+    """Largest delay (s); 0 without any."""
+    last: float
+    """Delay of the last step (s), negative if it was in time."""
+
+
+class Session(SteppedRun):
+    """A closed loop whose controller is your program: it steps from one command to the next.
+
+    Sensors, noise, delay, servos, limits and target are those of a run of the scenario;
+    ``control.kind`` is replaced. What a controller sees, and in which order, is described in
+    "Your program in the loop".
+
+    Parameters
+    ----------
+    scenario
+        One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
+    seed
+        Seed of everything random; that of the scenario if None.
+    paced
+        Whether each step ends when as much time has passed on the wall clock as in the simulation.
+    external
+        What else comes from outside: ``"current"``, a uniform current added to the scenario's
+        flows, and ``"base"``, a prescribed motion of the base added to its channels.
+    elements, flows, sensors, actuators
+        Parts of your own that are added to those of the scenario.
+    resume
+        A result of an earlier session of this scenario, or its folder, to continue from its end.
+
+    Raises
+    ------
+    ScenarioError
+        If anything is wrong with the scenario, or the result is of another one.
+    ResultError
+        If the result cannot be read, or has no state to continue from.
+    SimulationError
+        If the arm has no equilibrium to start from.
+    """
+
+    def __init__(
+        self,
+        scenario: Source,
+        *,
+        seed: int | None = None,
+        paced: bool = False,
+        external: Iterable[str] = (),
+        elements: Iterable[Element] = (),
+        flows: Iterable[Flow] = (),
+        sensors: Iterable[Sensor] = (),
+        actuators: Iterable[ActuatorParameters] = (),
+        resume: Result | FilePath | None = None,
+    ) -> None:
+        given = scenario_of(scenario)
+        if seed is not None:
+            given = given.with_values({"seed": seed})
+        self.paced = paced
+        self._origin: float | None = None
+        """Wall-clock time of the start of the simulation (s); None while it pauses."""
+        self._delays: list[float] = []
+        self._spent = 0.0
+        self._kinds = tuple(external) if not isinstance(external, str) else (external,)
+        signals = ExternalSignals(self._kinds, given)
+        parts = Parts(
+            lambda plan: ExternalCommand(array(np.zeros(len(plan.inputs)))),
+            tuple(elements),
+            (*flows, *signals.flows),
+            tuple(sensors),
+            tuple(actuators),
+            signals.motions,
+        )
+        self._prepared = Prepared.with_parts(given, parts)
+        self.scenario = self._prepared.scenario
+        """The scenario, with ``control.kind`` "custom"."""
+        self._setup = setup = set_up(self._prepared)
+        self.seen: ControllerInput
+        """What a controller sees at the present instant; its arrays are NumPy's."""
+        self.inputs: tuple[Input, ...] = setup.loop.system.inputs
+        """The inputs that a command is for, in its order."""
+        step, stride = self.scenario.simulation.time_step, self.scenario.output_steps
+        super().__init__(stride, math.ceil(1 / (step * stride * given.control_rate_hz)) + 1)
+        self._start()
+        trouble = start_failure(self.scenario, self.loop.system, setup.outcome)
+        if trouble:
+            dataset, spent = self._sink.close(self.state, 0.0), 0.0
+            raise SimulationError(conclude(setup, self.state, dataset, trouble, None, spent))
+        self.compile()
+        if resume is not None:
+            self._resume(resume)
+        self._go_to_command()
+
+    @property
+    def period(self) -> float:
+        """Time between two commands (s)."""
+        return 1.0 / self.scenario.control_rate_hz
+
+    @property
+    def ended(self) -> str:
+        """Reason for which the session has ended; empty while it runs."""
+        if self.failed is not None:
+            return "a time step failed"
+        if self.steps < self.scenario.simulation.steps:
+            return ""
+        return f"simulation.duration = {self.scenario.simulation.duration:g} s is over"
+
+    @property
+    def late(self) -> Lateness:
+        """Delay behind the wall clock since the start or the last reset, of a paced session."""
+        delays = self._delays
+        late = [each for each in delays if each > 0]
+        mean, largest = (float(np.mean(late)), max(late)) if late else (0.0, 0.0)
+        return Lateness(len(delays), len(late), mean, largest, delays[-1] if delays else 0.0)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.pause()
+
+    def reset(self) -> ControllerInput:
+        """Return to the start; return what a controller sees at its first command."""
+        self._start()
+        return self._go_to_command()
+
+    def step(
+        self,
+        command: Command,
+        *,
+        current: Sequence[float] | None = None,
+        base: Mapping[str, float | tuple[float, float]] | None = None,
+    ) -> ControllerInput:
+        """Hold a command for one control period; return what a controller sees at its end.
+
+        Parameters
+        ----------
+        command
+            A number for each of the ``inputs``, in its unit, as an array or by name. Inputs that
+            are not named keep their last command. It is limited to the range of each input.
+        current
+            Velocity of the external current at the end of the period (m/s), which it reaches
+            linearly; the last one if None.
+        base
+            Displacement of channels of the base at the end of the period (m or rad), or a pair
+            with its velocity; that of a straight line by default. Others keep their last one.
+
+        Raises
+        ------
+        ValueError
+            If a value has another shape, is not finite, or is for an unknown input or channel.
+        RuntimeError
+            If the session has ended.
+        SimulationError
+            If a time step could not be solved; its ``result`` has the computed part.
+        """
+        if self.ended:
+            raise RuntimeError(f"the session has ended: {self.ended}. Call reset().")
+        given, started, before = self._checked(command), time.perf_counter(), self.time
+        if self._origin is None:
+            self._origin = started - before
+        end = min(self._next, self.scenario.simulation.steps)
+        until = end * self.scenario.simulation.time_step
+        self._signals.advance(before, until, current, base)
+        loop = replace(self.loop, controller=ExternalCommand(array(given)))
+        self.loop = self._signals.fed(loop)
+        seen = self._go_to(end)
+        now = time.perf_counter()
+        self._spent += now - started
+        if self.failed is not None:
+            raise SimulationError(self.result())
+        if self.paced:
+            self._delays.append(now - self._origin - self.time)
+            time.sleep(max(0.0, -self._delays[-1]))
+        return seen
+
+    def pause(self) -> None:
+        """Stop the wall clock of a paced session until the next step."""
+        self._origin = None
+
+    def result(self) -> Result:
+        """Return the result so far: that of a run that lasted until now.
+
+        ``result.save`` writes it, and ``Session(scenario, resume=...)`` continues from there.
+        """
+        setup, cut = self._setup, self._cut()
+        trouble = ""
+        if cut is not None:
+            setup = setup._replace(prepared=self._prepared.with_scenario(cut))
+        elif self.steps < self.scenario.simulation.steps and self.failed is None:
+            trouble = f"interrupted at t = {self.time:.6g} s"
+        dataset = self._sink.close(self.state, self._spent).copy()
+        if int(self.state.tally.steps):  # steps since the last saved instant
+            angle = float(dataset["tip_angle"][-1])
+            last = dataset_builder(setup)(one_instant(self.record()), angle)
+            dataset = join([dataset, last])
+        found = conclude(setup, self.state, dataset, trouble, self.failed, self._spent)
+        found = with_loop_notes(found)
+        if late := self.late.late:
+            text = f"{late} of {counted(self.late.steps, 'paced step')} ended late"
+            notes = [*found.notes, f"{text}, by at most {1e3 * self.late.largest:.3g} ms"]
+            found.dataset.attrs["notes"] = "\n".join(notes)
+        found.dataset.attrs[_ATTRIBUTE] = self._signals.to_json()
+        return found
+
+    def _start(self) -> None:
+        self.loop, self.failed = self._setup.loop, None
+        self.state, first = begin(self.loop, self._setup.state)
+        build = dataset_builder(self._setup)
+        self._sink = Sink(one_instant(first), build, None)
+        self._signals = ExternalSignals(self._kinds, self.scenario)
+        self._origin, self._delays, self._spent = None, [], 0.0
+
+    def _go_to_command(self) -> ControllerInput:
+        """Advance to the present or the first command."""
+        _, due, _ = _see(self.loop, self.state)
+        return self._go_to(min(int(due), self.scenario.simulation.steps))
+
+    def _go_to(self, end: int) -> ControllerInput:
+        """Advance to a time step; return what a controller sees."""
+        while self.steps < end and self.failed is None:
+            if (some := self.advance_to(end)) is not None:
+                self._sink.append(some)
+        found, _, following = _see(self.loop, self.state)
+        self._next = int(following)
+        self.seen = jax.tree.map(np.asarray, found)
+        return self.seen
+
+    def _checked(self, command: Command) -> Float[np.ndarray, " input"]:
+        """Return a command as numbers, or refuse it."""
+        names = [each.name for each in self.inputs]
+        if isinstance(command, Mapping):
+            found = np.array(self.state.command)
+            for name, value in command.items():
+                if name not in names:
+                    raise ValueError(f"command: {got(name, f'be {one_of(names)}')}")
+                found[names.index(name)] = numbers(f"command.{name}", value, ())
+        else:
+            found = numbers("command", command, (len(names),))
+        for each, value in zip(self.inputs, found, strict=True):
+            if value and each.lower >= each.upper:
+                text = got(value, "be 0", f"base.channels has no {each.name}.")
+                raise ValueError(f"command.{each.name}: {text}")
+        return found
+
+    def _cut(self) -> Scenario | None:
+        """Return the scenario of a run that lasts until now; None if there is none."""
+        values: dict[str, float] = {"control.compare": False}
+        if not self.ended:
+            values["simulation.duration"] = float(f"{self.time:.10g}")
+        try:
+            return self.scenario.with_values(values)
+        except ScenarioError:  # such as no time at all
+            return None
+
+    def _resume(self, given: Result | FilePath) -> None:
+        """Continue from a result of an earlier session."""
+        earlier = given if isinstance(given, Result) else Result.load(given)
+        described = earlier.scenario
+        values = {
+            "simulation.duration": self.scenario.simulation.duration,
+            "control.compare": self.scenario.control.compare,
+        }
+        if described.with_values(values) != self.scenario:
+            raise refusal(
+                "resume", "got a result of another scenario", "be of a session of this one"
+            )
+        first = dataset_builder(self._setup)(one_instant(self.record()), None)
+        self.state, kept = resume_state(earlier, self.state, first, self._stride)
+        self._spent = earlier.dataset.attrs["wall_time"]
+        self._sink.go_on(kept, self.state, self._spent)
+        try:
+            self._signals.from_json(str(earlier.dataset.attrs.get(_ATTRIBUTE)))
+        except (ValueError, KeyError, TypeError):
+            text = f"got a result without the signals {list(self._kinds)}"
+            raise refusal("resume", text, "be of a session with the same `external`") from None
+        self.loop = self._signals.fed(self.loop)
+
+
+@compiled(**OFTEN)
+def _see(loop: Loop, state: LoopState) -> tuple[ControllerInput, Int[Array, ""], Int[Array, ""]]:
+    """Return what a controller sees, and the time steps of the present and the next command."""
+    seen = loop.seen(state.state, loop.sensed(state), state.command)
+    return seen, loop.command_step(state.ticks), loop.command_step(state.ticks + 1)

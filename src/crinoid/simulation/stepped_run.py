@@ -1,0 +1,69 @@
+"""A run that advances on request."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from crinoid.compilation import OFTEN, compiled
+from crinoid.dynamics import Outcome
+from crinoid.results.record import Record
+from crinoid.simulation.chunk import chunk_program, record
+from crinoid.simulation.loop import Loop, LoopState
+
+
+class SteppedRun:
+    """A closed loop that advances on request, by the program of a run.
+
+    ``stride`` time steps are between two instants to save, of which one call returns at most
+    ``capacity``. Who starts it sets the loop and its state, and may replace them later.
+    """
+
+    loop: Loop
+    """The closed loop with the present numbers."""
+    state: LoopState
+    """State of the closed loop."""
+    failed: Outcome | None = None
+    """Outcome of the time step that failed, if one did."""
+
+    def __init__(self, stride: int, capacity: int) -> None:
+        self._stride, self._capacity = stride, capacity
+
+    @property
+    def time(self) -> float:
+        """Simulated time (s)."""
+        return float(self.state.state.time)
+
+    @property
+    def steps(self) -> int:
+        """Number of time steps since the start."""
+        return int(self.state.steps)
+
+    def advance_to(self, end: int) -> Record | None:
+        """Advance to a time step, or until one fails; return the instants to save, if any."""
+        begin = self.steps
+        end = min(end, (begin // self._stride + self._capacity) * self._stride)
+        self.state, kept, new, outcome = self._chunk(end)
+        if end > begin and not outcome.converged:
+            self.failed = outcome
+        count = int(new)
+        return jax.tree.map(lambda x: np.asarray(x)[:count], kept) if count else None
+
+    def compile(self) -> None:
+        """Compile the program, so that a later call is fast."""
+        jax.block_until_ready(self._chunk(self.steps))
+
+    def record(self) -> Record:
+        """Return the record of the present instant: all quantities of a saved one."""
+        return _look(self.loop, self.state)
+
+    def _chunk(self, end: int) -> tuple[LoopState, Record, Array, Outcome]:
+        stride = jnp.asarray(self._stride, int)
+        return chunk_program(0)(
+            self.loop, self.state, jnp.asarray(end, int), stride, self._capacity
+        )
+
+
+_look = compiled(**OFTEN)(record)
