@@ -54,7 +54,9 @@ def _sections(prefix: str, schema: Schema, definitions: Schema) -> Iterator[str]
         elif (kinds := _kinds(entry)) is not None:
             for kind, found in kinds.items():
                 title = f'`[[{prefix}{name}]]` with `kind = "{kind}"`'
-                yield _section(title, _definition(found, definitions))
+                inner = _definition(found, definitions)
+                yield _section(title, inner)
+                yield from _sections(f"{prefix}{name}.", inner, definitions)
         elif name == "vary":
             yield f"### `[vary]`\n\n{entry['description']}"
         elif (found := _reference(entry)) in alike:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,8 @@ from crinoid.scenario import Vehicle as VehicleTable
 from crinoid.scenario import base as motions
 
 if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
+
     from crinoid.recording import Series
 
 
@@ -43,16 +45,15 @@ class BaseParameters(eqx.Module):
     @staticmethod
     def of(scenario: Scenario, series: Mapping[str, Series]) -> BaseParameters:
         """Return the numbers of a scenario's base; ``series`` by table, from its files."""
-        base, duration = scenario.base, scenario.simulation.duration
-        axes = scenario.arm.dimension
-        channels = CHANNELS[axes]
+        base, axes = scenario.base, scenario.arm.dimension
         return BaseParameters(
             position=array(base.position),
             angles=array(base.angles if axes == 3 else [np.deg2rad(base.tilt_deg)]),
             servo=_servo(scenario),
             motion=tuple(
-                _motion(motion, channels, series.get(f"base.motion.{index}"), duration)
+                each
                 for index, motion in enumerate(base.motion)
+                for each in _motions(motion, scenario, series.get(f"base.motion.{index}"))
             ),
             mount=base.mount,
         )
@@ -73,34 +74,44 @@ def _servo(scenario: Scenario) -> Servo:
     return Servo(*map(array, (lower, upper, speed, acceleration, bandwidth)))
 
 
-def _motion(
-    motion: motions.Motion, channels: tuple[str, ...], series: Series | None, duration: float
-) -> BaseMotion:
-    channel = channels.index(motion.channel)
-    if isinstance(motion, motions.SineMotion):
-        return SineMotion(
-            channel,
-            array(motion.amplitude_si),
-            array(motion.frequency_hz),
-            array(np.deg2rad(motion.phase_deg)),
-        )
-    if isinstance(motion, motions.VelocityMotion):
-        onset = Onset(*map(array, (motion.start, motion.ramp_time, np.inf)))
-        return VelocityMotion(channel, onset, array(motion.velocity_si))
-    if series is not None:
-        times, values = series.time, series.values[:, 0]
-    else:
-        assert isinstance(motion, motions.TableMotion)
-        times, values = np.asarray(motion.time), np.asarray(motion.value_si)
-    if motion.interpolation == "monotone":
-        curve = shape_preserving(times, values)
-    else:
-        from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+def _motions(
+    motion: motions.Motion, scenario: Scenario, series: Series | None
+) -> Iterator[BaseMotion]:
+    axes, duration = scenario.arm.dimension, scenario.simulation.duration
+    if isinstance(motion, motions.VesselMotion):
+        assert series is not None
+        for index, values in enumerate(series.values.T):
+            curve = _curve(series.time, values, motion.interpolation)
+            yield TableMotion(index, PiecewisePolynomial(between(curve, 0.0, duration)))
+        return
+    channel = CHANNELS[axes].index(motion.channel)
+    match motion:
+        case motions.SineMotion():
+            phase = array(np.deg2rad(motion.phase_deg))
+            yield SineMotion(channel, array(motion.amplitude_si), array(motion.frequency_hz), phase)
+        case motions.VelocityMotion():
+            onset = Onset(*map(array, (motion.start, motion.ramp_time, np.inf)))
+            yield VelocityMotion(channel, onset, array(motion.velocity_si))
+        case motions.TableMotion():
+            time, value = np.asarray(motion.time), np.asarray(motion.value_si)
+            yield TableMotion(
+                channel, PiecewisePolynomial(_curve(time, value, motion.interpolation))
+            )
+        case motions.FileMotion():
+            assert series is not None
+            curve = _curve(series.time, series.values[:, 0], motion.interpolation)
+            # of a long record
+            yield TableMotion(channel, PiecewisePolynomial(between(curve, 0.0, duration)))
 
-        curve = CubicSpline(times, values)
-    if series is not None:
-        curve = between(curve, 0.0, duration)  # of a long record
-    return TableMotion(channel, PiecewisePolynomial(curve))
+
+def _curve(
+    time: Float[np.ndarray, " point"], value: Float[np.ndarray, " point"], interpolation: str
+) -> PPoly:
+    if interpolation == "monotone":
+        return shape_preserving(time, value)
+    from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+
+    return CubicSpline(time, value)
 
 
 _ROUNDED = 1e-9

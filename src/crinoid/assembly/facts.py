@@ -21,7 +21,7 @@ from crinoid.scenario import (
     TurbulenceFlow,
     UniformFlow,
 )
-from crinoid.scenario.base import FileMotion
+from crinoid.scenario.base import FileMotion, VesselMotion
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.kinds import is_own
 
@@ -178,9 +178,11 @@ class Facts:
         duration = self.scenario.simulation.duration
         carried = [
             # the file is not read here
-            math.inf if isinstance(motion, FileMotion) else motion.farthest(duration)
+            math.inf
+            if isinstance(motion, (FileMotion, VesselMotion))
+            else motion.farthest(duration)
             for motion in base.motion
-            if motion.channel not in ANGLES
+            if isinstance(motion, VesselMotion) or motion.channel not in ANGLES
         ]
         return math.hypot(*driven) + math.hypot(*carried)
 

@@ -44,7 +44,7 @@ class Observables:
                 "none of the inputs can move. Give a channel a range, or add a chamber or a tendon."
             )
             raise ScenarioError([Mistake("base.channels", text)])
-        moved = {motion.channel for motion in scenario.base.motion}
+        moved = scenario.base.moved(scenario.arm.dimension)
         self.axes, self.driven = scenario.arm.dimension, driven
         self.observation = Observation(
             actuators=system.actuators,

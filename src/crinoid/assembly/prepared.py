@@ -84,7 +84,8 @@ class Prepared:
     def series(self) -> dict[str, Series]:
         """The series in the files of prescribed motions and of the target, by table."""
         scenario = self.scenario
-        if scenario.target.file is None and all(m.kind != "file" for m in scenario.base.motion):
+        in_file = any(motion.kind in ("file", "vessel") for motion in scenario.base.motion)
+        if scenario.target.file is None and not in_file:
             return {}
         _ = self.digests
         from crinoid.recording import series_readers  # xarray, slow to load; few need it

@@ -139,7 +139,7 @@ class Clock(eqx.Module):
     period: Float[Array, ""]
     """Time between two ticks (s)."""
 
-    def due(self, ticks: Int[Array, ""], time: Float[Array, ""]) -> Bool[Array, ""]:
+    def due(self, ticks: Int[Array, ""], time: Float[Array, "*many"]) -> Bool[Array, "*many"]:
         """Return whether the tick that follows ``ticks`` earlier ones has come.
 
         A tick that a rounded sum of time steps misses by a millionth of the period still counts.

@@ -13,6 +13,7 @@ from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.recording.selection import read_selection
 from crinoid.recording.series import Series
 from crinoid.scenario import FileMotion, Scenario
+from crinoid.scenario.base import VesselMotion
 from crinoid.scenario.errors import got, refusal
 from crinoid.scenario.flow import MeasuredFlow
 
@@ -44,9 +45,10 @@ class PlaybackWindow:
         for name, channel in base.channels.present.items():
             travel[name] += max(-channel.limits.low, channel.limits.high)
         for index, motion in enumerate(base.motion):
-            if isinstance(motion, FileMotion):
-                values = series[f"base.motion.{index}"].values
-                travel[motion.channel] += float(np.abs(values).max())
+            if isinstance(motion, (FileMotion, VesselMotion)):
+                ways = np.abs(series[f"base.motion.{index}"].values).max(axis=0)
+                for name, way in zip(motion.moved(dimension), ways, strict=True):
+                    travel[name] += float(way)
             else:
                 travel[motion.channel] += motion.farthest(scenario.simulation.duration)
         root = base.position[-1]

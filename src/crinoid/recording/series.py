@@ -17,7 +17,9 @@ from crinoid.recording.numbers import Column, check_count, labels_of, numbers_of
 from crinoid.recording.readers import read_dataset
 from crinoid.recording.texts import short
 from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
+from crinoid.recording.vessel import vessel_motion
 from crinoid.scenario import FileMotion, Scenario, Target
+from crinoid.scenario.base import VesselMotion
 from crinoid.scenario.errors import counted, refusal
 from crinoid.scenario.quantity import OPPOSITE
 
@@ -187,6 +189,9 @@ def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
         for index, motion in enumerate(scenario.base.motion)
         if isinstance(motion, FileMotion)
     }
+    for index, motion in enumerate(scenario.base.motion):
+        if isinstance(motion, VesselMotion):
+            readers[f"base.motion.{index}"] = lambda motion=motion: _vessel(motion, scenario)
     if scenario.target.path == "file":
         readers["target"] = lambda: _path(scenario.target, axes, duration)
     return readers
@@ -197,7 +202,11 @@ def _motion(motion: FileMotion, duration: float) -> Series:
     column = Column("value_column", name, length_factor, "m", _SHIFT)
     if motion.channel in ANGLES:
         column = Column("value_column", name, angle_factor, "degrees", _TURNS, wraps=True)
-    series = read_series(motion.file, motion.time_column, [column], motion.skip)
+    return _whole(read_series(motion.file, motion.time_column, [column], motion.skip), duration)
+
+
+def _whole(series: Series, duration: float) -> Series:
+    """Return a series that spans a run, or refuse it."""
     first, last = series.time[[0, -1]]
     if first > 0:
         text = f"begins at {first:.6g} s of the run"
@@ -206,6 +215,35 @@ def _motion(motion: FileMotion, duration: float) -> Series:
         text = f"ends at {last:.6g} s of the run"
         raise refusal("time_column", text, f"end at simulation.duration = {duration} or later")
     return series
+
+
+def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
+    """Return the motion of the channels of a base that a vessel carries."""
+    base, axes, columns, signs = scenario.base, scenario.arm.dimension, [], {}
+    for name, given in motion.columns.given(scenario.arm.dimension).items():
+        signs[name] = 0.0 if given == "0" else -1.0 if given.startswith("-") else 1.0
+        if not signs[name]:
+            continue
+        key, column = f"columns.{name}", given.removeprefix("-")
+        shift = name in ("surge", "sway", "heave")
+        columns.append(
+            Column(key, column, length_factor, "m", _SHIFT)
+            if shift
+            else Column(key, column, angle_factor, "degrees", _TURNS, wraps=True)
+        )
+    if not columns:
+        raise refusal("columns", "every motion is 0", "name a column")
+    series = read_series(motion.file, motion.time_column, columns, motion.skip)
+    series = _whole(series, scenario.simulation.duration)
+    read, still = iter(series.values.T), np.zeros(series.time.size)
+    moved = {name: sign * next(read) if sign else still for name, sign in signs.items()}
+    for name in moved.keys() & {"surge", "sway", "yaw"}:  # of which a log has positions, headings
+        moved[name] = moved[name] - np.interp(0.0, series.time, moved[name])
+    values = vessel_motion(moved, motion.offset, base.angles)
+    if axes == 3 and not np.isfinite(values).all():
+        text = f"the arm points {np.rad2deg(base.angles[1]):.0f} degrees up while the vessel turns"
+        raise refusal("columns", text, "point less steeply in space", 'Set roll and yaw to "0".')
+    return replace(series, values=values)
 
 
 def _path(target: Target, axes: tuple[str, ...], duration: float) -> Series:

@@ -144,12 +144,18 @@ Interpolation = Annotated[
 ]
 
 
-class _Motion(Model):
+class ChannelMotion(Model):
+    """A motion of one channel."""
+
     kind: str
     channel: ChannelName = Field(
         description="Channel that moves: slide (x), heave (z) or tilt; in space also sway "
         "(y), pan or roll."
     )
+
+    def moved(self, axes: int) -> tuple[str, ...]:
+        """Return the channels that it moves."""
+        return (self.channel,)
 
     def _unit_conflict(self, plain: str) -> Iterator[Mistake]:
         """Yield an angle without degrees, or a shift with them."""
@@ -164,7 +170,7 @@ class _Motion(Model):
             yield Mistake(right, missing(f"be given {where}"))
 
 
-class SineMotion(_Motion):
+class SineMotion(ChannelMotion):
     """A motion ``amplitude * sin(2 pi frequency_hz t + phase)``."""
 
     kind: Literal["sine"] = entry("sine", "A sine.")
@@ -188,7 +194,7 @@ class SineMotion(_Motion):
         return abs(self.amplitude_si)
 
 
-class VelocityMotion(_Motion):
+class VelocityMotion(ChannelMotion):
     """A constant velocity, reached along half a cosine from rest."""
 
     kind: Literal["velocity"] = entry("velocity", "A constant velocity.")
@@ -216,7 +222,7 @@ _Shifts = Annotated[tuple[Metres, ...], AsTuple, Quantity("m", "a list of number
 _Turns = Annotated[tuple[Degrees, ...], AsTuple, Quantity("degrees", "a list of numbers")]
 
 
-class TableMotion(_Motion):
+class TableMotion(ChannelMotion):
     """A motion through points in time."""
 
     kind: Literal["table"] = entry("table", "Points in time.")
@@ -244,28 +250,76 @@ class TableMotion(_Motion):
         return max(map(abs, self.value_si))
 
 
-class FileMotion(_Motion):
-    """A motion as in a file, such as a record of heave."""
-
-    kind: Literal["file"] = entry("file", "Points in time from a file.")
+class _InFile(Model):
+    kind: str
     file: RecordFile
     time_column: str = entry(
         "time",
         "Column of times, from 0 or earlier to the end of the run; dates count from the first.",
         min_length=1,
     )
+    skip: Seconds = entry(0.0, "Time of the file at which the run starts.", ge=0)
+    interpolation: Interpolation = "monotone"
+
+
+class FileMotion(ChannelMotion, _InFile):
+    """A motion as in a file, such as a record of heave."""
+
+    kind: Literal["file"] = entry("file", "Points in time from a file.")
     value_column: str | None = entry(
         None,
         "Column of shifts, or of turns (in degrees without a unit); by default the name of the "
         "channel.",
         min_length=1,
     )
-    skip: Seconds = entry(0.0, "Time of the file at which the run starts.", ge=0)
-    interpolation: Interpolation = "monotone"
+
+
+def _column(name: str, about: str) -> Any:
+    return entry(None, f'{about}; by default "{name}".', min_length=1)
+
+
+class VesselColumns(Model):
+    """Columns of a vessel's motion: "-heading" reverses one, "0" is no motion."""
+
+    surge: str | None = _column("surge", "Shift forward, along x; counts from the start")
+    sway: Annotated[str | None, Only(3)] = _column(
+        "sway", "Shift to port, along y; counts from the start"
+    )
+    heave: str | None = _column("heave", "Shift upward, along z")
+    roll: Annotated[str | None, Only(3)] = _column("roll", "Turn that lifts the port side")
+    pitch: str | None = _column("pitch", "Turn that lifts the bow")
+    yaw: Annotated[str | None, Only(3)] = _column(
+        "yaw", "Turn of the bow to port; counts from the start"
+    )
+
+    def given(self, axes: int) -> dict[str, str]:
+        """Return the column of each degree of freedom of a planar or spatial base."""
+        names = ("surge", "heave", "pitch") if axes == 2 else VESSEL
+        return {name: getattr(self, name) or name for name in names}
+
+
+VESSEL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+"""Degrees of freedom of a vessel."""
+
+
+class VesselMotion(_InFile):
+    """The motion of a vessel that carries the base, as in its log."""
+
+    kind: Literal["vessel"] = entry("vessel", "All motions of a vessel from a file.")
+    columns: VesselColumns = entry(VesselColumns(), "Columns of the motions, by their names.")
+    offset: Annotated[Position, InSpace((0.0, 0.0, 0.0))] = entry(
+        (0.0, 0.0),
+        "Place of the arm's root from the point whose motion the file has; x forward, z up.",
+    )
+
+    def moved(self, axes: int) -> tuple[str, ...]:
+        """Return the channels that it moves, of a planar or spatial base."""
+        return CHANNELS[axes]
 
 
 Motion = Annotated[
-    SineMotion | VelocityMotion | TableMotion | FileMotion, Field(discriminator="kind")
+    SineMotion | VelocityMotion | TableMotion | FileMotion | VesselMotion,
+    Field(discriminator="kind"),
 ]
 
 
@@ -293,3 +347,7 @@ class Base(Model):
         """Pan, tilt and roll of the set pose, in rad."""
         pan, tilt, roll = map(math.radians, (self.pan_deg, self.tilt_deg, self.roll_deg))
         return (pan, tilt, roll)
+
+    def moved(self, axes: int) -> set[str]:
+        """Return the channels that prescribed motions move, of a planar or spatial base."""
+        return {channel for motion in self.motion for channel in motion.moved(axes)}

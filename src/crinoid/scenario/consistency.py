@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 from crinoid.foundation.axes import AXES, CHANNELS, LARGEST_TURN, PARTNERS
 from crinoid.foundation.result_variables import large_names, of_dimension
 from crinoid.scenario.actuator import actuator_conflicts, thread_conflicts
-from crinoid.scenario.base import TableMotion
+from crinoid.scenario.base import ChannelMotion, TableMotion
 from crinoid.scenario.body import Capsule, Cylinder, tool_conflicts
 from crinoid.scenario.control import COORDINATES
 from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
@@ -46,7 +46,7 @@ def _joint_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     if "tilt" in base.channels.present:
         yield scenario.mistake("base.channels.tilt", f"be left out {pinned}", hint)
     for index, motion in enumerate(base.motion):
-        if motion.channel == "tilt":
+        if isinstance(motion, ChannelMotion) and motion.channel == "tilt":
             must = f'be "slide" or "heave" {pinned}'
             yield scenario.mistake(f"base.motion.{index}.channel", must, hint)
 
@@ -146,7 +146,7 @@ def _motion_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     duration, channels = scenario.simulation.duration, CHANNELS[scenario.arm.dimension]
     for index, motion in enumerate(scenario.base.motion):
         key = f"base.motion.{index}"
-        if motion.channel not in channels:
+        if isinstance(motion, ChannelMotion) and motion.channel not in channels:
             must, hint = f"be {one_of(channels)}", "Set arm.dimension = 3 to use it."
             yield scenario.mistake(f"{key}.channel", must, hint)
         if isinstance(motion, TableMotion):

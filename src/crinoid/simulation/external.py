@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.assembly.arrays import array
-from crinoid.base import BaseMotion
+from crinoid.base import Base, BaseMotion
 from crinoid.control import Controller, ControllerInput
 from crinoid.control.controller import Command
 from crinoid.flow.flow import Everywhere
@@ -162,21 +162,14 @@ class ExternalSignals:
 
     def fed(self, loop: Loop) -> Loop:
         """Return a loop with them."""
-        new = [*self.flows, *self.motions]
-        if not new:
-            return loop
-        flows, motions = len(self.flows), len(self.motions)
-
-        def places(of: Loop) -> list[Any]:
-            carrier = of.target.carrier
-            last = list(of.system.forces.water.flows[len(of.system.forces.water.flows) - flows :])
-            for base in [of.system.base] + ([] if carrier is None else [carrier.base]):
-                last += base.motions[len(base.motions) - motions :]
-            return last
-
-        if loop.target.carrier is not None:
-            new += self.motions
-        return eqx.tree_at(places, loop, new)
+        flows, motions = self.flows, self.motions
+        if flows:
+            loop = eqx.tree_at(lambda of: of.system.forces.water.flows[-1], loop, flows[0])
+        if motions:
+            loop = eqx.tree_at(lambda of: _last(of.system.base, motions), loop, motions)
+        if motions and loop.target.carrier is not None:
+            loop = eqx.tree_at(lambda of: _last(of.target.carrier.base, motions), loop, motions)
+        return loop
 
     def to_json(self) -> str:
         """Return the numbers as text, for `from_json` of signals of the same kinds."""
@@ -185,16 +178,22 @@ class ExternalSignals:
         return json.dumps({"kinds": self._kinds, **kept})
 
     def from_json(self, text: str) -> None:
-        """Set the numbers from text; raises ValueError if it is of others."""
-        found = json.loads(text)
-        if tuple(found.pop("kinds")) != self._kinds:
-            raise ValueError
-        for name in _NUMBERS:
-            value = np.asarray(found[name], float)
-            if value.shape != np.shape(getattr(self, name)):
-                raise ValueError
-            setattr(self, name, value)
-        self._begin = float(self._begin)
+        """Set the numbers from text of `to_json`.
+
+        Raises
+        ------
+        ValueError
+            If it is no such text, or of signals of other kinds.
+        """
+        try:
+            found = json.loads(text)
+            read = {name: np.asarray(found[name], float) for name in _NUMBERS}
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError("no signals from outside") from error
+        alike = all(read[name].shape == np.shape(getattr(self, name)) for name in _NUMBERS)
+        if not alike or found.get("kinds") != list(self._kinds):
+            raise ValueError("signals of other kinds")
+        vars(self).update(read)
 
     def _checked(
         self,
@@ -206,7 +205,7 @@ class ExternalSignals:
         sources: tuple[tuple[str, Any], ...] = (("current", current), ("base", base))
         for kind, source in sources:
             if source is not None and kind not in self._kinds:
-                raise ValueError(f'{kind}: got {source}; needs Session(external=["{kind}"])')
+                raise ValueError(f"{kind}: got {source}; must be named in external of the session")
         water = self._velocity + (begin - self._begin) * self._acceleration
         if current is not None:
             water = numbers("current", current, water.shape)
@@ -221,6 +220,10 @@ class ExternalSignals:
             straight = (value - values[index]) / (end - begin)
             values[index], rates[index] = value, float(found[1]) if pair else straight
         return water, values, rates
+
+
+def _last(base: Base, motions: Sequence[BaseMotion]) -> tuple[BaseMotion, ...]:
+    return base.motions[-len(motions) :]
 
 
 _NUMBERS = ("_begin", "_velocity", "_acceleration", "_moved", "_times", "_values", "_rates")

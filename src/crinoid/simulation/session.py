@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -37,7 +37,7 @@ from crinoid.simulation.setup import set_up
 from crinoid.simulation.sink import Sink, resume_state
 from crinoid.simulation.stepped_run import SteppedRun
 
-Command = ArrayLike | Mapping[str, float]
+Command = ArrayLike | Mapping[str, Any]
 """Commands in the order of the inputs, or by name."""
 _ATTRIBUTE = "external"
 """Attribute of a result with the last values from outside, to continue from."""
@@ -148,6 +148,11 @@ class Session(SteppedRun):
         return 1.0 / self.scenario.control_rate_hz
 
     @property
+    def next_time(self) -> float:
+        """Time to which the next step goes (s): a whole number of time steps."""
+        return min(self._next, self.scenario.simulation.steps) * self.scenario.simulation.time_step
+
+    @property
     def ended(self) -> str:
         """Reason for which the session has ended; empty while it runs."""
         if self.failed is not None:
@@ -164,7 +169,7 @@ class Session(SteppedRun):
         mean, largest = (float(np.mean(late)), max(late)) if late else (0.0, 0.0)
         return Lateness(len(delays), len(late), mean, largest, delays[-1] if delays else 0.0)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> Session:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -210,12 +215,10 @@ class Session(SteppedRun):
         given, started, before = self._checked(command), time.perf_counter(), self.time
         if self._origin is None:
             self._origin = started - before
-        end = min(self._next, self.scenario.simulation.steps)
-        until = end * self.scenario.simulation.time_step
-        self._signals.advance(before, until, current, base)
+        self._signals.advance(before, self.next_time, current, base)
         loop = replace(self.loop, controller=ExternalCommand(array(given)))
         self.loop = self._signals.fed(loop)
-        seen = self._go_to(end)
+        seen = self._go_to(min(self._next, self.scenario.simulation.steps))
         now = time.perf_counter()
         self._spent += now - started
         if self.failed is not None:
@@ -322,9 +325,9 @@ class Session(SteppedRun):
         self._sink.go_on(kept, self.state, self._spent)
         try:
             self._signals.from_json(str(earlier.dataset.attrs.get(_ATTRIBUTE)))
-        except (ValueError, KeyError, TypeError):
-            text = f"got a result without the signals {list(self._kinds)}"
-            raise refusal("resume", text, "be of a session with the same `external`") from None
+        except ValueError as error:
+            text = f"got a result with {error}"
+            raise refusal("resume", text, "be of a session with the same external") from None
         self.loop = self._signals.fed(self.loop)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from operator import attrgetter
 
 import numpy as np
+from jaxtyping import Float
 
 from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.rule import Rule, numbers, unusual
@@ -20,7 +21,14 @@ from crinoid.scenario import (
     TurbulenceFlow,
     shown,
 )
-from crinoid.scenario.base import FileMotion, Motion, SineMotion, TableMotion, VelocityMotion
+from crinoid.scenario.base import (
+    FileMotion,
+    Motion,
+    SineMotion,
+    TableMotion,
+    VelocityMotion,
+    VesselMotion,
+)
 from crinoid.scenario.body import Plane
 
 _BASE_SPEED, _BASE_ACCELERATION = 5.0, 20.0
@@ -90,44 +98,57 @@ def _base_height(facts: Facts) -> Iterator[str]:
 
 @check("base.motion.*", limit="up to 5 m/s and 20 m/s2, of the base or of the tip of a stiff arm")
 def _base_motion(facts: Facts) -> Iterator[str]:
+    hint = "Are lengths in m, angles in degrees and times in s?"
     for index, motion in enumerate(facts.scenario.base.motion):
-        turns = motion.channel in TURNING
         found = f"base.motion.{index}"
-        key, speed, acceleration = _fastest(facts, found, motion)
-        lever = facts.length if turns else 1.0
-        where = "tip of a stiff arm" if turns else "base"
-        hint = "Are lengths in m, angles in degrees and times in s?"
-        for name, size, most, unit in (
-            ("acceleration", lever * acceleration, _BASE_ACCELERATION, "m/s2"),
-            ("speed", lever * speed, _BASE_SPEED, "m/s"),
-        ):
-            if size > most:
-                value = f"{shown(getattr(motion, key))} ({name} of the {where} = {size:.3g} {unit})"
-                yield unusual(f"{found}.{key}", value, f"up to {most:g} {unit}", hint)
-                break
+        key, time, columns = _course(facts, found, motion)
+        for name, values in columns.items():
+            turns = name in TURNING
+            lever = facts.length if turns else 1.0
+            where = "tip of a stiff arm" if turns else "base"
+            speed, acceleration = _fastest(motion, time, values)
+            for quantity, size, most, unit in (
+                ("acceleration", lever * acceleration, _BASE_ACCELERATION, "m/s2"),
+                ("speed", lever * speed, _BASE_SPEED, "m/s"),
+            ):
+                if size > most:
+                    of = f"{quantity} of the {where} = {size:.3g} {unit}"
+                    value = f"{shown(getattr(motion, key))} ({of})"
+                    yield unusual(f"{found}.{key}", value, f"up to {most:g} {unit}", hint)
+                    break
 
 
-def _fastest(facts: Facts, found: str, motion: Motion) -> tuple[str, float, float]:
-    """Return the key of a motion to blame, and its largest speed and acceleration (SI)."""
-    suffix = "_deg" if motion.channel in TURNING else ""
-    match motion:
-        case SineMotion():
-            rate = 2 * math.pi * motion.frequency_hz
-            speed = abs(motion.amplitude_si) * rate
-            return "frequency_hz", speed, speed * rate
-        case VelocityMotion():
-            speed = abs(motion.velocity_si)
-            return f"velocity{suffix}", speed, math.pi / 2 * speed / motion.ramp_time
-        case TableMotion():
-            key, time, value = f"value{suffix}", np.array(motion.time), np.array(motion.value_si)
-        case FileMotion():
-            series = facts.prepared.series[found]
-            time, values = series.during(facts.scenario.simulation.duration)
-            key, value = "file", values[:, 0]
+def _course(
+    facts: Facts, found: str, motion: Motion
+) -> tuple[str, Float[np.ndarray, " point"], dict[str, Float[np.ndarray, " point"]]]:
+    """Return the key of a motion to blame, and its points in time (SI) by channel."""
+    if isinstance(motion, (FileMotion, VesselMotion)):
+        time, values = facts.prepared.series[found].during(facts.scenario.simulation.duration)
+        names = motion.moved(facts.scenario.arm.dimension)
+        return "file", time, dict(zip(names, values.T, strict=True))
+    suffix, none = "_deg" if motion.channel in TURNING else "", np.zeros(0)
+    if isinstance(motion, TableMotion):
+        value = {motion.channel: np.array(motion.value_si)}
+        return f"value{suffix}", np.array(motion.time), value
+    key = "frequency_hz" if isinstance(motion, SineMotion) else f"velocity{suffix}"
+    return key, none, {motion.channel: none}
+
+
+def _fastest(
+    motion: Motion, time: Float[np.ndarray, " point"], value: Float[np.ndarray, " point"]
+) -> tuple[float, float]:
+    """Return the largest speed and acceleration of a motion (SI)."""
+    if isinstance(motion, SineMotion):
+        rate = 2 * math.pi * motion.frequency_hz
+        speed = abs(motion.amplitude_si) * rate
+        return speed, speed * rate
+    if isinstance(motion, VelocityMotion):
+        speed = abs(motion.velocity_si)
+        return speed, math.pi / 2 * speed / motion.ramp_time
     speeds = np.diff(value) / np.diff(time)
     middles = (time[1:] + time[:-1]) / 2
     acceleration = np.abs(np.diff(speeds) / np.diff(middles)).max(initial=0.0)
-    return key, float(np.abs(speeds).max()), float(acceleration)
+    return float(np.abs(speeds).max()), float(acceleration)
 
 
 @check(
