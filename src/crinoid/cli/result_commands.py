@@ -36,7 +36,8 @@ def export(
         ),
     ],
     to: Annotated[
-        str, option("vtkhdf, csv, xlsx, gltf, mcap or usd; of a policy, onnx.", "FORMAT", default=False)
+        str,
+        option("vtkhdf, csv, xlsx, gltf, mcap or usd; of a policy, onnx.", "FORMAT", default=False),
     ],
     variables: Annotated[
         str | None,
@@ -65,7 +66,8 @@ def export(
 ) -> None:
     """Write a result for ParaView (vtkhdf), spreadsheets (csv, xlsx), Blender (gltf), ROS 2 (mcap).
 
-    USD is for Isaac Sim, Newton and others (usd). A policy that `crinoid train` wrote is written for a vehicle (onnx).
+    Isaac Sim and Newton read usd. A policy that `crinoid train` wrote is written for a
+    vehicle (onnx).
     """
     with Loading():
         from crinoid.cli.export import export_result

@@ -124,7 +124,9 @@ def _time(index: pd.Index) -> tuple[Any, dict[str, str]]:
     return index.to_numpy() / 1e9, {"units": "s"}
 
 
-def _table(topics: dict[str, pd.DataFrame], kinds: dict[str, str]) -> tuple[pd.DataFrame, list[str]]:
+def _table(
+    topics: dict[str, pd.DataFrame], kinds: dict[str, str]
+) -> tuple[pd.DataFrame, list[str]]:
     """Return the places of tip and markers with the commands over time (ns), and remarks."""
     remarks: list[str] = []
     markers = {found[1]: topic for topic in topics if (found := _MARKERS.fullmatch(topic))}
@@ -138,13 +140,13 @@ def _table(topics: dict[str, pd.DataFrame], kinds: dict[str, str]) -> tuple[pd.D
     if driven:
         commands = _track(topics[driven], clock).filter(regex=r"^position\.").ffill()
         commands.columns = commands.columns.str.removeprefix("position.")
-    parts = []
+    parts: list[pd.DataFrame] = []
     for label, topic in labelled.items():
         places = _places(_track(topics[topic], clock))
         # the first rows have each command at its own time too: none is lost at a lower rate
         times = places.index if parts else places.index.union(commands.index)
-        held = commands.reindex(times, method="ffill")
-        part = places.reindex(times).join(held, rsuffix=" (command)")
+        held = commands.reindex(times, method="ffill").drop(columns=places, errors="ignore")
+        part = pd.concat([places.reindex(times), held], axis=1)
         parts.append(part.assign(marker=label) if markers else part)
         if driven and not places.index.equals(times):
             text = f"time has the instants of {topic} and of {driven}"

@@ -24,8 +24,7 @@ def layout_of(source: Source, scene: Scene) -> dict[str, Any]:
         f"Plot!{title}": {
             "title": title,
             "paths": [
-                {"value": path, "enabled": True, "timestampMethod": "headerStamp"}
-                for path in paths
+                {"value": path, "enabled": True, "timestampMethod": "headerStamp"} for path in paths
             ],
             "xAxisVal": "timestamp",
             "showLegend": True,

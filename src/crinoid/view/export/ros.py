@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from mcap_ros2.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from crinoid.foundation.result_variables import LARGE
 from crinoid.view.export.source import Source, attitudes_at
 from crinoid.view.scene.bodies import COLOURS, RigidBody, rigid_bodies
 from crinoid.view.scene.data import in_space, read_scenario
@@ -61,9 +62,8 @@ def _small(data: xr.Dataset, run: Keyframes) -> xr.Dataset:
     if "flow_velocity" in data:
         ends = data["flow_velocity"].isel(node=[0, -1]).rename(node="end")
         data = data.drop_vars("flow_velocity").assign(flow_velocity=ends)
-    names = [name for name, each in data.data_vars.items() if not {"node", "edge"} & {*each.dims}]
-    over_time = [name for name in names if "time" in data[name].dims or name.startswith("channel_")]
-    return data[over_time].isel(time=run.at).load()
+    small = [name for name, each in data.data_vars.items() if not LARGE & {*each.dims}]
+    return data[small].isel(time=run.at).load()
 
 
 def _poses(data: xr.Dataset, run: Keyframes, stamps: Stamps, turn: Rotations) -> list[Messages]:

@@ -52,7 +52,7 @@ def stage_of(scene: Scene, turn: Rotations, extras: Mapping[str, str]) -> str:
 def _add_body(stage: Usd.Stage, codes: Float[np.ndarray, " time"], body: RigidBody) -> None:
     path = f"/World/{Tf.MakeValidIdentifier(body.name)}"
     shape, scale = _shape(stage, path, body.shape), body.scale
-    shown = scale.any(axis=1)
+    shown = np.asarray(scale.any(axis=1))
     if not shown.all():
         tokens = UsdGeom.Tokens
         _animate(
@@ -79,7 +79,7 @@ def _shape(stage: Usd.Stage, path: str, shape: BodyShape) -> Any:
         mesh.CreateFaceVertexIndicesAttr(faces.faces.ravel().tolist())
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
         mesh.CreateDoubleSidedAttr(True)
-        mesh.CreateExtentAttr(_points(np.stack([faces.points.min(axis=0), faces.points.max(axis=0)])))
+        mesh.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(mesh.GetPointsAttr().Get()))
         return mesh
     kinds = {"ellipsoid": UsdGeom.Sphere, "rod": UsdGeom.Cylinder, "capsule": UsdGeom.Capsule}
     round_one = kinds[shape.kind].Define(stage, path)
@@ -100,13 +100,13 @@ def _shape(stage: Usd.Stage, path: str, shape: BodyShape) -> Any:
 def _move(prim: Any, codes: Float[np.ndarray, " time"], place: Places, turn: Rotations) -> None:
     translate = prim.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
     _animate(translate.GetAttr(), codes, place, lambda at: Gf.Vec3d(*at.tolist()))
-    orient = prim.AddOrientOp()
+    orient = prim.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
     _animate(orient.GetAttr(), codes, quaternions(turn), _quaternion)
 
 
-def _quaternion(numbers: Float[np.ndarray, "4"]) -> Gf.Quatf:
+def _quaternion(numbers: Float[np.ndarray, "4"]) -> Gf.Quatd:
     x, y, z, w = numbers.tolist()
-    return Gf.Quatf(w, x, y, z)
+    return Gf.Quatd(w, x, y, z)
 
 
 def _animate(
