@@ -2,10 +2,12 @@
 
 import sys
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from crinoid.actuation import Input
+from crinoid.foundation.axes import ANGLES
 from crinoid.inverse.marker import Marker
 from crinoid.inverse.record import read_record
 from crinoid.recording import read_dataset
@@ -30,10 +32,8 @@ TWO, THREE = (get_typestore(each) for each in (Stores.ROS2_HUMBLE, Stores.ROS1_N
 
 
 def inputs(*names):
-    return [
-        Input(name, "rad" if name in ("pan", "tilt", "roll") else "m", "shift", 0.0, 1.0)
-        for name in names
-    ]
+    ends = jnp.array(-1.0), jnp.array(1.0)
+    return [Input(name, "rad" if name in ANGLES else "m", "shift", *ends) for name in names]
 
 
 def header(types, time):

@@ -121,9 +121,11 @@ def test_still_channels_and_commands_without_a_controller_are_left_out(tmp_path)
     path = save(data, tmp_path / "result.nc")
     topics = decoded(write_mcap(path, tmp_path).files[0])
     assert topics["/commands"][0][1].name == ["slide", "tilt"]
-    idle = data.assign_attrs(scenario='[control]\nkind = "none"\n')
-    topics = decoded(write_mcap(save(idle, tmp_path / "result.nc"), tmp_path).files[0])
-    assert "/commands" not in topics
+    idle = data.drop_vars("flow_velocity").assign_attrs(scenario='[control]\nkind = "none"\n')
+    log, layout = write_mcap(save(idle, tmp_path / "result.nc"), tmp_path).files
+    assert not {"/commands", "/tip/current"} & set(decoded(log))
+    assert "/commands" not in layout.read_text()
+    assert "/tip/current" not in layout.read_text()
 
 
 def test_markers_are_where_the_arm_and_the_bodies_are(tmp_path):

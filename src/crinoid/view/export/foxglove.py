@@ -18,7 +18,9 @@ def layout_of(source: Source, scene: Scene) -> dict[str, Any]:
             f"/commands.position[{k}]" for k in range(len(joints_of(source.data, "/commands")))
         ],
         "force on the base": [f"/base/wrench.wrench.force.{axis}" for axis in axes],
-        "current at the tip": [f"/tip/current.vector.{axis}" for axis in axes],
+        "current at the tip": [
+            f"/tip/current.vector.{axis}" for axis in axes if "flow_velocity" in source.data
+        ],
     }
     panels: dict[str, dict[str, Any]] = {
         f"Plot!{title}": {
@@ -30,6 +32,7 @@ def layout_of(source: Source, scene: Scene) -> dict[str, Any]:
             "showLegend": True,
         }
         for title, paths in plots.items()
+        if paths
     }
     layout: Any = None
     for name in reversed(panels):

@@ -271,4 +271,4 @@ def _header(time: int, frame: str) -> Message:
 
 
 def _nanoseconds(time: Float[np.ndarray, "*time"]) -> Int[np.ndarray, "*time"]:
-    return np.rint(_SECOND * time).astype(np.int64)
+    return np.asarray(np.rint(_SECOND * time), np.int64)
