@@ -104,6 +104,23 @@ def test_loads_on_the_base_are_in_its_frame(run, tmp_path):
         np.testing.assert_allclose(turned[:, 0], first, atol=1e-12)
 
 
+def test_a_floating_vehicle_has_a_frame_from_which_servos_move_the_root(tmp_path):
+    data = swaying_arm(**SMALL)
+    pitch = 0.0 * data["base_pose"]
+    pitch[:, 2] = np.linspace(0.0, 0.5, 5)
+    data = data.assign(base_servo=data["base_pose"], vehicle_pose=pitch)
+    data = data.assign_attrs(scenario=data.attrs["scenario"] + "[vehicle]\nmass = 30.0\n")
+    log = write_mcap(save(data, tmp_path / "result.nc"), tmp_path).files[0]
+    for record, (_, tree) in enumerate(decoded(log)["/tf"]):
+        frames = {each.child_frame_id: each.transform for each in tree.transforms}
+        turned = turn(frames["vehicle"].rotation)
+        angle = pitch.values[record, 2]
+        np.testing.assert_allclose(turned[:, 0], [np.cos(angle), 0, np.sin(angle)], atol=1e-12)
+        slide = data["base_servo"].values[record, 0]
+        root = vector(frames["vehicle"].translation) + slide * turned[:, 0]
+        np.testing.assert_allclose(root, in_space(data, "position")[record, 0], atol=1e-12)
+
+
 def test_commands_have_the_time_at_which_they_begin(run, tmp_path):
     path, data = run
     commands = decoded(write_mcap(path, tmp_path).files[0])["/commands"]
