@@ -186,6 +186,24 @@ def test_two_topics_that_fit_are_no_tip(tmp_path):
     assert line.endswith("must have time and some of x, z, angle")
 
 
+def test_joints_with_the_name_of_a_coordinate_are_no_place_of_the_tip(tmp_path):
+    messages = [(int(t), "/gantry", joints(int(t), x=0.1, slide=0.2)) for t in TIP]
+    found = read_dataset(str(bag(tmp_path / "a", messages, version=9)))
+    assert "x" not in found
+    assert found["/gantry.position.x"].values.tolist() == [0.1] * 5
+    assert found["slide"].values.tolist() == [0.2] * 5
+
+
+def test_an_angle_turns_on_over_a_gap(tmp_path):
+    halves = np.deg2rad([170.0, 178.0, np.nan, 186.0, 194.0]) / 2
+    messages = [
+        (int(t), "/tip/pose", pose(int(t), p, (0.0, -np.sin(h), 0.0, np.cos(h))))
+        for t, p, h in zip(TIP, PLACES, halves, strict=True)
+    ]
+    found = read_dataset(str(bag(tmp_path / "a", messages, version=9)))
+    np.testing.assert_allclose(found["angle"].values, 2 * halves)
+
+
 def test_markers_have_rows_with_their_name(tmp_path):
     late = TIP[1:] + SECOND // 50
     elbow = [
@@ -208,7 +226,10 @@ def test_without_times_of_measurement_those_of_the_log_count(tmp_path):
     for _, topic, (_, each) in messages:
         if topic == "/commands":
             each.header.stamp = TWO.types["builtin_interfaces/msg/Time"](0, 0)
-    found = read_dataset(str(bag(tmp_path / "a", messages, version=9)))
+    path = bag(tmp_path / "a", messages, version=9)
+    record = read_record(path, Scenario(arm={"dimension": 2}), inputs("slide"))
+    assert record.notes[0] == "times are those of the log: a topic has none of the measurement"
+    found = read_dataset(str(path))
     tip = found["time"].values[np.isfinite(found["x"].values)]
     assert found["time"].attrs["units"] == "nanoseconds since 1970-01-01"
     np.testing.assert_array_equal(tip, TIP + 3 * SECOND // 100)

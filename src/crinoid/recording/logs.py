@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from crinoid.foundation.axes import ANGLES, CHANNELS
+from crinoid.foundation.axes import ANGLES, CHANNELS, POSE
 from crinoid.recording.numbers import check_count
 from crinoid.recording.texts import REMARKS, listed, short
 from crinoid.scenario.errors import refusal
@@ -21,9 +21,12 @@ _TIP, _COMMANDS, _MARKERS = "/tip/pose", "/commands", re.compile(r"/markers/([^/
 _JOINTS = "sensor_msgs/msg/JointState"
 _NAMED = ["position", "velocity", "effort"]
 """Lists of numbers of `_JOINTS`, in the order of the names."""
+_LOGGED, _MEASURED = "time of log", "time of measurement"
 _WITHOUT = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 """Parts of messages that have no numbers of interest."""
 _PLACE = re.compile(r"(.*?)(position|translation|point)\.x")
+_OWN = {*POSE[2], *POSE[3], "time", "marker"}
+"""Columns that are no commands, though a joint may have such a name."""
 _DATED = 10**17
 """Times (ns) above this one count from 1970, not from the start of a run."""
 
@@ -66,7 +69,7 @@ def read(file: str) -> xr.Dataset:
             row = _row(message, str(connection.msgtype), columns[str(connection.msgtype)])
             stamp = getattr(getattr(message, "header", None), "stamp", None)
             measured = stamp.sec * 10**9 + stamp.nanosec if stamp else 0
-            rows[connection.topic].append({"logged": logged, "measured": measured, **row})
+            rows[connection.topic].append({_LOGGED: logged, _MEASURED: measured, **row})
     if not rows:
         there = listed([f"{topic} ({kind})" for topic, kind in kinds.items()]) or "no topic"
         text = f"{short(file)} contains {there}"
@@ -108,12 +111,12 @@ def _row(message: Any, kind: str, names: list[str]) -> dict[str, float]:
 
 def _clock(frames: list[pd.DataFrame]) -> str:
     """Return the column of times: of the measurement, or of the log where one has none."""
-    return "measured" if all(frame["measured"].any() for frame in frames) else "logged"
+    return _MEASURED if all(frame[_MEASURED].any() for frame in frames) else _LOGGED
 
 
 def _track(frame: pd.DataFrame, clock: str) -> pd.DataFrame:
     """Return the numbers of a topic over time (ns), the last ones of each instant."""
-    track = frame.set_index(clock).drop(columns={"measured", "logged"} - {clock}).sort_index()
+    track = frame.set_index(clock).drop(columns={_MEASURED, _LOGGED} - {clock}).sort_index()
     return track[~track.index.duplicated(keep="last")]
 
 
@@ -129,23 +132,27 @@ def _table(
 ) -> tuple[pd.DataFrame, list[str]]:
     """Return the places of tip and markers with the commands over time (ns), and remarks."""
     remarks: list[str] = []
-    markers = {found[1]: topic for topic in topics if (found := _MARKERS.fullmatch(topic))}
-    placed = [t for t in topics if t not in markers.values() and _place_of(topics[t])]
+    placed = [t for t in topics if kinds[t] != _JOINTS and _place_of(topics[t])]
+    markers = {found[1]: topic for topic in placed if (found := _MARKERS.fullmatch(topic))}
+    placed = [topic for topic in placed if topic not in markers.values()]
     tip = _only(_TIP, placed, "the tip", remarks)
     driven = _only(_COMMANDS, [t for t in topics if kinds[t] == _JOINTS], "commands", remarks)
     labelled = ({"tip": tip} if tip else {}) | markers
     used = [*labelled.values(), *([driven] if driven else [])]
     clock = _clock([topics[topic] for topic in used])
+    if clock == _LOGGED:
+        remarks.append("times are those of the log: a topic has none of the measurement")
     commands = pd.DataFrame(index=pd.Index([], dtype=np.int64))
     if driven:
         commands = _track(topics[driven], clock).filter(regex=r"^position\.").ffill()
         commands.columns = commands.columns.str.removeprefix("position.")
+        commands = commands.drop(columns=[*_OWN], errors="ignore")
     parts: list[pd.DataFrame] = []
     for label, topic in labelled.items():
         places = _places(_track(topics[topic], clock))
         # the first rows have each command at its own time too: none is lost at a lower rate
         times = places.index if parts else places.index.union(commands.index)
-        held = commands.reindex(times, method="ffill").drop(columns=places, errors="ignore")
+        held = commands.reindex(times, method="ffill")
         part = pd.concat([places.reindex(times), held], axis=1)
         parts.append(part.assign(marker=label) if markers else part)
         if driven and not places.index.equals(times):
@@ -176,12 +183,15 @@ def _places(track: pd.DataFrame) -> pd.DataFrame:
     found = track[[f"{place}{axis}" for axis in "xyz"]].set_axis([*"xyz"], axis="columns")
     turned = re.sub(r"translation\.$", "rotation.", re.sub(r"position\.$", "orientation.", place))
     names = [f"{turned}{part}" for part in "xyzw"]
-    if turned == place or not {*names} <= {*track} or not track[names].any(axis=1).all():
-        return found
+    if turned == place or not {*names} <= {*track} or (track[names] == 0).all(axis=1).any():
+        return found  # a message without an orientation has zeros
     i, j, k, w = (track[names].to_numpy() / np.linalg.norm(track[names], axis=1)[:, None]).T
     ahead = {"x": 1 - 2 * (j * j + k * k), "y": 2 * (i * j + k * w), "z": 2 * (i * k - j * w)}
     found = found.assign(**{f"direction_{axis}": part for axis, part in ahead.items()})
-    return found.assign(angle=np.unwrap(np.arctan2(ahead["z"], ahead["x"])))
+    angle = np.arctan2(ahead["z"], ahead["x"])
+    there = np.isfinite(angle)
+    angle[there] = np.unwrap(angle[there])  # a gap would spread to all that follows
+    return found.assign(angle=angle)
 
 
 def _dataset(table: pd.DataFrame, remarks: list[str]) -> xr.Dataset:
