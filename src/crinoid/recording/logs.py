@@ -27,6 +27,8 @@ _WITHOUT = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", "builtin_inter
 _PLACE = re.compile(r"(.*?)(position|translation|point)\.x")
 _OWN = {*POSE[2], *POSE[3], "time", "marker"}
 """Columns that are no commands, though a joint may have such a name."""
+_ALIKE = 10**4
+"""Difference of times (ns) that counts as none: records have larger steps."""
 _DATED = 10**17
 """Times (ns) above this one count from 1970, not from the start of a run."""
 
@@ -150,8 +152,12 @@ def _table(
     parts: list[pd.DataFrame] = []
     for label, topic in labelled.items():
         places = _places(_track(topics[topic], clock))
-        # the first rows have each command at its own time too: none is lost at a lower rate
-        times = places.index if parts else places.index.union(commands.index)
+        times = places.index
+        if not parts:  # with each command at its own time: none is lost at a lower rate
+            at = times.get_indexer(commands.index, method="nearest", tolerance=_ALIKE)
+            commands.index = pd.Index(np.where(at < 0, commands.index, times[at]))
+            commands = commands[~commands.index.duplicated(keep="last")]
+            times = times.union(commands.index)
         held = commands.reindex(times, method="ffill")
         part = pd.concat([places.reindex(times), held], axis=1)
         parts.append(part.assign(marker=label) if markers else part)
