@@ -8,7 +8,16 @@ from pathlib import Path
 from crinoid.cli.display import progress_bar, say_notes, say_written
 from crinoid.cli.folder import check_own, claimed
 from crinoid.scenario import Mistake, ScenarioError, got, one_of, refusal
-from crinoid.view.export import Written, write_csv, write_gltf, write_onnx, write_vtkhdf, write_xlsx
+from crinoid.view.export import (
+    Written,
+    write_csv,
+    write_gltf,
+    write_mcap,
+    write_onnx,
+    write_usd,
+    write_vtkhdf,
+    write_xlsx,
+)
 from crinoid.view.export.source import KINDS, files_of, find_policy, find_result
 
 
@@ -48,6 +57,8 @@ def export_result(
         "xlsx": partial(write_xlsx, variables=names, nodes=numbers),
         "vtkhdf": write_vtkhdf,
         "gltf": write_gltf,
+        "mcap": write_mcap,
+        "usd": write_usd,
         "onnx": lambda path, folder, **_: write_onnx(path, folder),
     }
     with claimed(folder):

@@ -36,7 +36,8 @@ def export(
         ),
     ],
     to: Annotated[
-        str, option("vtkhdf, csv, xlsx or gltf; of a policy, onnx.", "FORMAT", default=False)
+        str,
+        option("vtkhdf, csv, xlsx, gltf, mcap or usd; of a policy, onnx.", "FORMAT", default=False),
     ],
     variables: Annotated[
         str | None,
@@ -63,9 +64,10 @@ def export(
     out: Annotated[Path | None, out_option("next to the result")] = None,
     force: Force = False,
 ) -> None:
-    """Write a result for ParaView (vtkhdf), for spreadsheets (csv, xlsx) or for Blender (gltf).
+    """Write a result for ParaView (vtkhdf), spreadsheets (csv, xlsx), Blender (gltf), ROS 2 (mcap).
 
-    A policy that `crinoid train` wrote is written for a vehicle (onnx).
+    Isaac Sim and Newton read usd. A policy that `crinoid train` wrote is written for a
+    vehicle (onnx).
     """
     with Loading():
         from crinoid.cli.export import export_result

@@ -75,7 +75,7 @@ def identify(
             metavar="RECORD",
             show_default=False,
             help="What was measured: a CSV or netCDF file with times or holds and places of the "
-            "tip, a result, or a TOML file of markers and experiments.",
+            "tip, a log of ROS, a result, or a TOML file of markers and experiments.",
         ),
     ],
     of: Annotated[

@@ -15,6 +15,7 @@ from crinoid.actuation import Input
 from crinoid.foundation.axes import AXES, POSE
 from crinoid.inverse.marker import TIP, Marker
 from crinoid.recording.axes import find
+from crinoid.recording.logs import is_bag
 from crinoid.recording.numbers import Column, labels_of
 from crinoid.recording.readers import read_dataset
 from crinoid.recording.series import Series, read_series, values_in
@@ -103,7 +104,7 @@ def read_record(
     the tip or one of the ``markers``. A result is given by its folder or its ``result.nc``.
     """
     try:
-        if path.is_dir() or (path.name == RESULT and attributes(path)):
+        if (path.is_dir() and not is_bag(path)) or (path.name == RESULT and attributes(path)):
             folder = path if path.is_dir() else path.parent
             return _of_result(folder, scenario, inputs)
         return _of_table(str(path), scenario, inputs, markers)
@@ -133,6 +134,7 @@ def _of_table(
             text = f"has {listed(sorted(there))}; must have {along} and some of {some}"
             raise ScenarioError.of("file", text)
         first = dataset[HOLD if HOLD in there else find(dataset, TIME, "time_column", file)]
+        rows_of = [name for name in there if dataset[name].dims == first.dims]
         if labels is not None and dataset[MARKER].dims != first.dims:
             dims = ", ".join(map(str, dataset[MARKER].dims)) or "nothing"
             raise refusal(MARKER, f"marker has dimensions {dims}", f"have those of {first.name}")
@@ -168,7 +170,7 @@ def _of_table(
     names = tuple(column.name for column in measured)
     notes = tuple(dict.fromkeys(note for each in (*motions, *parts) for note in each.notes))
     read_ones = {MARKER, str(first.name), *names, *(column.name for column in played)}
-    if others := [name for name in there if name not in read_ones]:
+    if others := [name for name in rows_of if name not in read_ones]:
         notes += (f"not read: {listed(others)}",)
     return _after_start(
         ExperimentRecord(time[order], names, values, commands, notes, markers, of_row)

@@ -12,7 +12,7 @@ from typing import Any
 import netCDF4
 import xarray as xr
 
-from crinoid.recording import binaries, table
+from crinoid.recording import binaries, logs, table
 from crinoid.recording.numbers import check_count
 from crinoid.recording.texts import listed, reason_of
 from crinoid.scenario.errors import ScenarioError, refusal, shown
@@ -33,11 +33,14 @@ def read_dataset(file: str) -> xr.Dataset:
     """
     path = Path(file)
     try:
-        if path.exists() and not path.is_file():
+        bag = logs.is_bag(path)
+        if path.exists() and not path.is_file() and not bag:
             kind = "a folder" if path.is_dir() else "no regular file"
             raise refusal("file", f"{path.name} is {kind}", "be a CSV or netCDF file")
-        with path.open("rb") as stream:
-            head = stream.read(_HEAD)
+        head = b""
+        if not bag:
+            with path.open("rb") as stream:
+                head = stream.read(_HEAD)
     except ScenarioError:
         raise
     except FileNotFoundError:
@@ -71,7 +74,7 @@ def _chosen(file: str, head: bytes) -> tuple[Any, str]:
                 return reader.read, owner
         except Exception as error:  # any fault of the package
             raise refusal("file", f"{owner} fails: {reason_of(error)}") from error
-    own = (each.read for each in (binaries, table) if each.reads(file, head))
+    own = (each.read for each in (binaries, logs, table) if each.reads(file, head))
     return next(own, _read_netcdf), ""
 
 

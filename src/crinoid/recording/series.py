@@ -15,7 +15,7 @@ from crinoid.foundation.axes import ANGLES, AXES
 from crinoid.recording.axes import as_numbers, find, only_dimension, seconds
 from crinoid.recording.numbers import Column, check_count, labels_of, numbers_of, quantity
 from crinoid.recording.readers import read_dataset
-from crinoid.recording.texts import short
+from crinoid.recording.texts import REMARKS, short
 from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
 from crinoid.recording.vessel import vessel_motion
 from crinoid.scenario import FileMotion, Scenario, Target
@@ -144,7 +144,7 @@ def read_series(
     column and a label in it, other rows do not count.
     """
     with read_dataset(file) as dataset:
-        remarks: list[str] = []
+        remarks: list[str] = [*dataset.attrs.get(REMARKS, ())]
         name = find(dataset, time_column, "time_column", file)
         along = only_dimension(dataset[name], "time_column")
         check_count(dataset[name].size * len(columns), file, "this path")

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+REMARKS = "remarks of crinoid"
+"""Attribute of a dataset: what its reader assumes, a sentence each."""
 _NAMED = 12
 
 

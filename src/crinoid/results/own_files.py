@@ -37,6 +37,8 @@ _MARKS: dict[str, tuple[bytes, int | None]] = {
     **{ending: (mark, None) for ending, (mark, _) in FIGURES.items()},
     ".html": (b'name="generator" content="crinoid', 2000),
     ".glb": (b'"generator":"crinoid', None),
+    ".mcap": (b"crinoid_version", None),
+    ".usda": (b"crinoid_version", 2000),
     ".onnx": (_PRODUCED, 2 + len(_PRODUCED)),
     ".mp4": (MADE.encode(), None),
     ".gif": (MADE.encode(), None),

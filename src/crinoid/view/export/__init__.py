@@ -1,5 +1,6 @@
-"""Exports of results and policies for ParaView, spreadsheets, Blender and vehicles."""
+"""Exports of results and policies for ParaView, spreadsheets, Blender, ROS 2 and vehicles."""
 
+import json
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -8,13 +9,29 @@ from pathlib import Path
 from crinoid.assembly.neural import read_policy
 from crinoid.foundation.atomic_file import FilePath, atomic_write
 from crinoid.scenario import ScenarioError
-from crinoid.view.export.source import files_of, find_policy, find_result, open_shapes, open_table
+from crinoid.view.export.source import (
+    attitudes_at,
+    files_of,
+    find_policy,
+    find_result,
+    open_shapes,
+    open_table,
+)
 from crinoid.view.export.table import columns_of, variables_of, write_table
 from crinoid.view.export.vtkhdf import write_arm, write_bodies
 from crinoid.view.scene.bodies import rigid_bodies
 from crinoid.view.scene.data import ReportError
 
-__all__ = ["Written", "write_csv", "write_gltf", "write_onnx", "write_vtkhdf", "write_xlsx"]
+__all__ = [
+    "Written",
+    "write_csv",
+    "write_gltf",
+    "write_mcap",
+    "write_onnx",
+    "write_usd",
+    "write_vtkhdf",
+    "write_xlsx",
+]
 
 ROWS = 1_000_000
 """Most rows of a table, about the limit of spreadsheets."""
@@ -163,7 +180,7 @@ def write_gltf(
         Called with the numbers of written and of all instants.
     """
     try:
-        from crinoid.view.export.gltf import GltfDocument, attitudes_at, skin_of
+        from crinoid.view.export.gltf import GltfDocument, skin_of
     except ModuleNotFoundError as error:
         if error.name != "pygltflib":
             raise
@@ -178,6 +195,78 @@ def write_gltf(
     report(run.at.size, run.at.size)
     with atomic_write(file) as temporary:
         document.write(temporary)
+    return Written([file], list(source.notes))
+
+
+def write_mcap(
+    result: FilePath,
+    folder: FilePath,
+    *,
+    instants: int | None = None,
+    report: Report = lambda done, count: None,
+) -> Written:
+    """Write a log of ROS 2 in the format MCAP, and a layout of Foxglove for it.
+
+    Parameters
+    ----------
+    result
+        A result's folder or file.
+    folder
+        Folder to write into; both files have the name of the result.
+    instants
+        Largest number of instants, evenly chosen where there are more; 1501 by default.
+    report
+        Called with the numbers of written and of all instants.
+    """
+    try:
+        from crinoid.view.export.foxglove import layout_of
+        from crinoid.view.export.ros import write_log
+    except ModuleNotFoundError as error:
+        if error.name not in ("mcap_ros2", "mcap_ros2.writer", "rosbags", "rosbags.typesys"):
+            raise
+        text = 'MCAP is written by mcap-ros2-support and rosbags: pip install "crinoid[ros]"'
+        raise ReportError(text) from error
+    source, scene = open_shapes(find_result(Path(result)), instants or INSTANTS, _NODES)
+    files = files_of(Path(folder), source.path.stem, "mcap")
+    with ExitStack() as stack:
+        log, layout = (stack.enter_context(atomic_write(file)) for file in files)
+        write_log(source, scene, log, report)
+        layout.write_text(json.dumps(layout_of(source, scene), indent=1), "utf-8")
+    return Written(files, list(source.notes))
+
+
+def write_usd(
+    result: FilePath,
+    folder: FilePath,
+    *,
+    instants: int | None = None,
+    report: Report = lambda done, count: None,
+) -> Written:
+    """Write a stage of USD: the arm as a curve with widths, and rigid bodies around it.
+
+    Parameters
+    ----------
+    result
+        A result's folder or file.
+    folder
+        Folder to write into; the file has the name of the result.
+    instants
+        Largest number of instants, evenly chosen where there are more; 1501 by default.
+    report
+        Called with the numbers of written and of all instants.
+    """
+    try:
+        from crinoid.view.export.usd import stage_of
+    except ModuleNotFoundError as error:
+        if error.name != "pxr":
+            raise
+        raise ReportError('USD is written by usd-core: pip install "crinoid[usd]"') from error
+    source, scene = open_shapes(find_result(Path(result)), instants or INSTANTS, _NODES)
+    (file,), (run,) = files_of(Path(folder), source.path.stem, "usd"), scene.members
+    text = stage_of(scene, attitudes_at(source.data, run), source.attributes)
+    report(run.at.size, run.at.size)
+    with atomic_write(file) as temporary:
+        temporary.write_text(text, "utf-8")
     return Written([file], list(source.notes))
 
 

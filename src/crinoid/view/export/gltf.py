@@ -10,12 +10,10 @@ import numpy as np
 import pygltflib
 import xarray as xr
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
-from crinoid.results.chunks import chosen_pieces
-from crinoid.view.scene.bodies import RigidBody
+from crinoid.view.scene.bodies import COLOURS, RigidBody
 from crinoid.view.scene.data import Points, ReportError, even_indices
-from crinoid.view.scene.mesh import AROUND, Mesh, Rotations, arm_attitudes, revolve
+from crinoid.view.scene.mesh import AROUND, Mesh, Rotations, quaternions, revolve
 from crinoid.view.scene.mount import Path as Places
 from crinoid.view.scene.scene import Keyframes
 
@@ -60,24 +58,6 @@ def skin_of(data: xr.Dataset, run: Keyframes) -> Skin:
     return Skin(mesh, arc_length, nodes, np.stack([1.0 - second, second], axis=1)[point])
 
 
-def attitudes_at(data: xr.Dataset, run: Keyframes) -> Rotations:
-    """Return the attitude of the arm over time at the chosen nodes."""
-    director = None
-    if "director" in data:
-        pieces = chosen_pieces(data, ["director"], run.at)
-        director = np.concatenate([piece["director"].values for piece in pieces])
-    chosen = even_indices(data.sizes["node"], run.diameter.size)
-    return arm_attitudes(run.position, None if director is None else director[:, chosen[:-1]])
-
-
-_COLOURS = {
-    "arm": (0.0, 0.17, 0.45),
-    "base": (0.42, 0.47, 0.5),
-    "target": (0.67, 0.11, 0.0),
-    "obstacle": (0.35, 0.31, 0.26),
-    "tool": (0.6, 0.19, 0.39),
-}
-"""Linear red, green and blue of each material."""
 _UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Rotation from crinoid's axes, z up, to those of glTF, y up."""
 _KINDS = {"f4": 5126, "u1": 5121, "u4": 5125}  # codes of glTF for kinds of numbers
@@ -157,11 +137,7 @@ class GltfDocument:
 
     def _move(self, node: int, place: Places, turn: Rotations) -> None:
         self._channel(node, "translation", place @ _UP.T)
-        found = Rotation.from_matrix(_UP @ turn @ _UP.T).as_quat()
-        # without jumps in sign
-        same = np.where(np.sum(found[1:] * found[:-1], axis=1) < 0.0, -1.0, 1.0)
-        found[1:] *= np.cumprod(same)[:, None]
-        self._channel(node, "rotation", found)
+        self._channel(node, "rotation", quaternions(_UP @ turn @ _UP.T))
 
     def _channel(
         self, node: int, path: str, values: np.ndarray, interpolation: str = "LINEAR"
@@ -191,7 +167,7 @@ class GltfDocument:
         names = [each.name for each in self._gltf.materials]
         if kind not in names:
             finish = pygltflib.PbrMetallicRoughness(
-                baseColorFactor=[*_COLOURS[kind], 1.0], metallicFactor=0.0, roughnessFactor=0.6
+                baseColorFactor=[*COLOURS[kind], 1.0], metallicFactor=0.0, roughnessFactor=0.6
             )
             made = pygltflib.Material(name=kind, pbrMetallicRoughness=finish, doubleSided=True)
             return _append(self._gltf.materials, made)

@@ -9,16 +9,20 @@ from jaxtyping import Int
 
 from crinoid.assembly.description import POLICY, is_policy
 from crinoid.foundation.status import Status
+from crinoid.results.chunks import chosen_pieces
 from crinoid.results.result import Result
 from crinoid.view.figures.run import RESULT, UNCONTROLLED, checked_result, read_result
 from crinoid.view.scene.data import ReportError, even_indices
-from crinoid.view.scene.scene import Scene, build_scene, omission_notes
+from crinoid.view.scene.mesh import Rotations, arm_attitudes
+from crinoid.view.scene.scene import Keyframes, Scene, build_scene, omission_notes
 
 _ENDINGS = {
     "vtkhdf": (".vtkhdf", "-surroundings.vtkhdf"),
     "csv": (".csv",),
     "xlsx": (".xlsx",),
     "gltf": (".glb",),
+    "mcap": (".mcap", ".foxglove.json"),
+    "usd": (".usda",),
     "onnx": (".onnx",),
 }
 KINDS = tuple(_ENDINGS)  # formats to export to
@@ -105,6 +109,16 @@ def open_shapes(path: Path, most: int, nodes: int | None = None) -> tuple[Source
     if shown < scene.nodes:
         notes.append(f"the arm is shown by {shown} of its {scene.nodes} nodes")
     return Source(path, data, run.at, tuple(notes)), scene
+
+
+def attitudes_at(data: xr.Dataset, run: Keyframes) -> Rotations:
+    """Return the attitude of the arm over time at the chosen nodes."""
+    director = None
+    if "director" in data:
+        pieces = chosen_pieces(data, ["director"], run.at)
+        director = np.concatenate([piece["director"].values for piece in pieces])
+    chosen = even_indices(data.sizes["node"], run.diameter.size)
+    return arm_attitudes(run.position, None if director is None else director[:, chosen[:-1]])
 
 
 def _notes(data: xr.Dataset, saved: int, chosen: int) -> list[str]:

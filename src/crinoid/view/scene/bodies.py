@@ -25,6 +25,14 @@ _JOINT, _BOOM, _CLAMP, CLAMP_LENGTH = 1.35, 0.6, 1.18, 4.0
 _STOUT = 0.1  # largest radius of an arm that its joint and clamp are drawn for, of its length
 _STEM = 0.2  # radius of the stem of a tool, of that of its ball
 _UP = np.array([0.0, 0.0, 1.0])
+COLOURS = {
+    "arm": (0.0, 0.17, 0.45),
+    "base": (0.42, 0.47, 0.5),
+    "target": (0.67, 0.11, 0.0),
+    "obstacle": (0.35, 0.31, 0.26),
+    "tool": (0.6, 0.19, 0.39),
+}
+"""Linear red, green and blue of the arm and of each kind of body in exports."""
 
 Numbers = Float[np.ndarray, " time *shape"]
 Kind = Literal["base", "target", "obstacle", "tool"]

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
 
 AROUND = 24  # corners of a ring
 _MOST_RINGS = 200  # most rings along a rod or capsule: one may be far longer than the arm
@@ -162,6 +163,14 @@ def look_rotation(forward: Vectors, aside: Vectors) -> Rotations:
         across = np.where(parallel, np.cross(forward, other), across)
     across = unit_vectors(across)
     return np.stack([forward, across, np.cross(forward, across)], axis=-1)
+
+
+def quaternions(turn: Rotations) -> Float[np.ndarray, "time 4"]:
+    """Return quaternions x, y, z, w of rotations over time, without jumps in sign."""
+    found = Rotation.from_matrix(turn).as_quat()
+    same = np.where(np.sum(found[1:] * found[:-1], axis=1) < 0.0, -1.0, 1.0)
+    found[1:] *= np.cumprod(same)[:, None]
+    return np.asarray(found)
 
 
 def unit_vectors(vectors: Vectors) -> Vectors:

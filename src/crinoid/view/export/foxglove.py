@@ -1,0 +1,59 @@
+"""Layout of Foxglove for the log of a run: the arm in space, and plots of its topics."""
+
+from typing import Any
+
+from crinoid.view.export.ros import joints_of
+from crinoid.view.export.source import Source
+from crinoid.view.scene.scene import Scene
+
+_DISTANCE = 2.5  # distance of the camera, of the length of the arm
+
+
+def layout_of(source: Source, scene: Scene) -> dict[str, Any]:
+    """Return a layout; x points to the right and z up, as in the figures."""
+    axes = "xyz" if scene.spatial else "xz"
+    plots = {
+        "tip": [f"/tip/{of}.pose.position.{axis}" for axis in axes for of in ("pose", "target")],
+        "commands": [
+            f"/commands.position[{k}]" for k in range(len(joints_of(source.data, "/commands")))
+        ],
+        "force on the base": [f"/base/wrench.wrench.force.{axis}" for axis in axes],
+        "current at the tip": [
+            f"/tip/current.vector.{axis}" for axis in axes if "flow_velocity" in source.data
+        ],
+    }
+    panels: dict[str, dict[str, Any]] = {
+        f"Plot!{title}": {
+            "title": title,
+            "paths": [
+                {"value": path, "enabled": True, "timestampMethod": "headerStamp"} for path in paths
+            ],
+            "xAxisVal": "timestamp",
+            "showLegend": True,
+        }
+        for title, paths in plots.items()
+        if paths
+    }
+    layout: Any = None
+    for name in reversed(panels):
+        layout = {"first": name, "second": layout, "direction": "column"} if layout else name
+    panels["3D!arm"] = {
+        "followTf": "world",
+        "followMode": "follow-none",
+        "topics": {name: {"visible": True} for name in ("/arm/markers", "/tip/target")},
+        "cameraState": {
+            "perspective": True,
+            "targetOffset": scene.members[0].position[0].mean(axis=0).tolist(),
+            "distance": _DISTANCE * scene.length,
+            "phi": 80.0,
+            "thetaOffset": 0.0,
+            "fovy": 45.0,
+            "near": 1e-2 * scene.length,
+            "far": 1e3 * scene.length,
+        },
+    }
+    return {
+        "globalVariables": {"crinoid_version": source.attributes["crinoid_version"]},
+        "configById": panels,
+        "layout": {"first": "3D!arm", "second": layout, "direction": "row"},
+    }

@@ -1,0 +1,274 @@
+"""MCAP of a run for ROS 2 and Foxglove: poses, commands, loads and currents as messages."""
+
+from collections.abc import Callable, Iterator
+from heapq import merge
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float, Int
+from mcap_ros2.writer import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from crinoid.foundation.result_variables import LARGE
+from crinoid.view.export.source import Source, attitudes_at
+from crinoid.view.scene.bodies import COLOURS, RigidBody, rigid_bodies
+from crinoid.view.scene.data import in_space, read_scenario
+from crinoid.view.scene.mesh import Rotations, look_rotation, quaternions
+from crinoid.view.scene.mount import Path as Places
+from crinoid.view.scene.scene import Keyframes, Scene
+
+WORLD, BASE, TIP, VEHICLE = "world", "base", "tip", "vehicle"
+"""Frames of reference; z of the world is up."""
+_SECOND = 1_000_000_000  # ns
+_GAMMA = 1 / 2.2  # exponent from the light of a colour to its number on a screen
+_SHAPES = {"ellipsoid": 2, "capsule": 3, "rod": 3, "plate": 1}
+"""Types of markers: sphere, cylinder, cube."""
+_LINE_STRIP, _SPHERE, _DELETE = 4, 2, 2
+_THIN = 1e-3  # thickness of a plate (m)
+_TURNED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""From the axes of a marker, along z, to those of a body, along x."""
+
+Message = dict[str, Any]
+Stamps = Int[np.ndarray, " time"]
+"""Times (ns)."""
+Messages = Iterator[tuple[int, str, str, Message]]
+"""Times (ns), topics, types and messages."""
+
+
+def write_log(source: Source, scene: Scene, path: Path, report: Callable[[int, int], None]) -> None:
+    """Write the messages of a run in the order of their times, seconds since its start."""
+    (run,), data = scene.members, _small(source.data, scene.members[0])
+    stamps = _nanoseconds(run.time)
+    parts = [
+        *_poses(data, run, stamps, attitudes_at(source.data, run)),
+        *(_joints(data, name, stamps) for name in _JOINTS),
+        _markers(scene, run, stamps, report),
+    ]
+    types, schemas = get_typestore(Stores.ROS2_JAZZY), {}
+    with path.open("wb") as file, Writer(file) as writer:
+        writer.add_metadata("crinoid", source.attributes)
+        for time, topic, kind, message in merge(*parts, key=itemgetter(0)):
+            if kind not in schemas:
+                text, _ = types.generate_msgdef(kind, ros_version=2)
+                schemas[kind] = writer.register_msgdef(kind, text)
+            writer.write_message(topic, schemas[kind], message, time)
+
+
+def _small(data: xr.Dataset, run: Keyframes) -> xr.Dataset:
+    """Return the chosen instants, of the current along the arm its ends."""
+    if "flow_velocity" in data:
+        ends = data["flow_velocity"].isel(node=[0, -1]).rename(node="end")
+        data = data.drop_vars("flow_velocity").assign(flow_velocity=ends)
+    small = [name for name, each in data.data_vars.items() if not LARGE & {*each.dims}]
+    return data[small].isel(time=run.at).load()
+
+
+def _poses(data: xr.Dataset, run: Keyframes, stamps: Stamps, turn: Rotations) -> list[Messages]:
+    """Return frames, poses of the tip and of its target, loads on the base, and currents."""
+    aside, root, base = turn[:, -1, :, 1], run.position[:, 0], turn[:, 0]
+    tip, turn_of_tip = in_space(data, "tip_position"), _pointing(data, "", aside)
+    target = in_space(data, "tip_target"), _pointing(data, "_target", aside)
+    force, moment = in_space(data, "base_force"), _moment(data)
+    frames = {BASE: (root, base), TIP: (tip, turn_of_tip)}
+    if run.mount.floats:
+        frames = {VEHICLE: (run.mount.anchor, run.mount.attitude), **frames}
+    # a load is drawn at the origin of its frame and along the axes of that
+    loads = [np.einsum("tji,tj->ti", base, vector) for vector in (force, moment)]
+    found = [
+        _frames(stamps, frames),
+        _stamped(stamps, "/tip/pose", "Pose", WORLD, _pose_of(tip, turn_of_tip)),
+        _stamped(stamps, "/tip/target", "Pose", WORLD, _pose_of(*target)),
+        _stamped(
+            stamps,
+            "/base/wrench",
+            "Wrench",
+            BASE,
+            lambda row: {"force": _vector(loads[0][row]), "torque": _vector(loads[1][row])},
+        ),
+    ]
+    if "flow_velocity" in data:
+        current = in_space(data, "flow_velocity")
+        for end, name in enumerate((BASE, TIP)):
+            of_end = current[:, end]
+            found.append(
+                _stamped(
+                    stamps,
+                    f"/{name}/current",
+                    "Vector3",
+                    WORLD,
+                    lambda row, of_end=of_end: _vector(of_end[row]),
+                )
+            )
+    return found
+
+
+def _pointing(data: xr.Dataset, which: str, aside: Places) -> Rotations:
+    """Return the attitude of the tip or of its target, whose x axis is where it points."""
+    if f"tip_direction{which}" in data:
+        return look_rotation(in_space(data, f"tip_direction{which}"), aside)
+    angle = np.asarray(data[f"tip_angle{which}"].values, float)
+    return look_rotation(np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=-1), aside)
+
+
+def _moment(data: xr.Dataset) -> Places:
+    """Return the moment on the base; from x toward z is a negative turn about y."""
+    if "axis" in data["base_moment"].dims:
+        return in_space(data, "base_moment")
+    moment = np.zeros((data.sizes["time"], 3))
+    moment[:, 1] = -data["base_moment"].values
+    return moment
+
+
+_JOINTS = {
+    "/commands": {"base_command": "channel", "actuator_command": "input"},
+    "/actuators": {"base_servo": "channel", "actuator_state": "input"},
+    "/sensors": {"sensor_reading": "reading"},
+}
+"""Variables of each topic of numbers with names, and their dimension of names."""
+
+
+def joints_of(data: xr.Dataset, topic: str) -> list[tuple[str, str, int]]:
+    """Return the variable, name and place of each number of a topic.
+
+    Channels that stay put are left out, and commands where there is no controller.
+    """
+    if topic == "/commands" and read_scenario(data).get("control", {}).get("kind") == "none":
+        return []
+    found = []
+    for variable, dim in _JOINTS[topic].items():
+        if variable in data:
+            moves = np.ones(data.sizes[dim], bool)
+            if dim == "channel" and "channel_lower" in data:
+                moves = (data["channel_lower"] < data["channel_upper"]).values
+            names = map(str, data[dim].values)
+            found += [(variable, name, k) for k, name in enumerate(names) if moves[k]]
+    return found
+
+
+def _joints(data: xr.Dataset, topic: str, stamps: Stamps) -> Messages:
+    """Yield numbers of inputs or readings with their names."""
+    joints = joints_of(data, topic)
+    if not joints:
+        return
+    columns = [data[variable].transpose("time", ...).values[:, k] for variable, _, k in joints]
+    rows, names = np.stack(columns, axis=1).astype(float), [name for _, name, _ in joints]
+    if topic == "/commands":
+        # a result has the command of a time step at its end; before the start there is none
+        step = read_scenario(data).get("simulation", {}).get("time_step", 0.0)
+        stamps = np.maximum(stamps - _nanoseconds(np.array(step)), 0)
+        last = np.append(np.diff(stamps) > 0, True)
+        stamps, rows = stamps[last], rows[last]
+    for time, row in zip(stamps.tolist(), rows.tolist(), strict=True):
+        message = {"header": _header(time, ""), "name": names, "position": row}
+        yield time, topic, "sensor_msgs/msg/JointState", message
+
+
+def _markers(
+    scene: Scene, run: Keyframes, stamps: Stamps, report: Callable[[int, int], None]
+) -> Messages:
+    """Yield the arm, a line of its diameter, and the bodies around it, for the eye."""
+    edge = (run.diameter[1:] + run.diameter[:-1]) / 2
+    # a line has one width: an arm that tapers has a line on each edge
+    ends = np.flatnonzero(~np.isclose(np.diff(edge), 0.0, atol=1e-9)) + 1
+    strips = np.split(np.arange(edge.size), ends)
+    bodies = [part for body in rigid_bodies(scene, run) for part in _marked(body)]
+    for row, time in enumerate(stamps.tolist()):
+        header = _header(time, WORLD)
+        points = [_vector(place) for place in run.position[row]]
+        arm = [
+            {
+                "ns": "arm",
+                "id": number,
+                "type": _LINE_STRIP,
+                "pose": _pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
+                "scale": {"x": float(edge[strip[0]])},
+                "color": _colour("arm"),
+                "points": points[strip[0] : strip[-1] + 2],
+            }
+            for number, strip in enumerate(strips)
+        ]
+        found = [{"header": header, **marker} for marker in (*arm, *(each(row) for each in bodies))]
+        yield time, "/arm/markers", "visualization_msgs/msg/MarkerArray", {"markers": found}
+        report(row + 1, stamps.size)
+
+
+def _marked(body: RigidBody) -> Iterator[Callable[[int], Message]]:
+    """Yield functions of an instant that return the markers of a body; a capsule has three."""
+    shape, turn = body.shape, quaternions(body.attitude @ _TURNED)
+    across, along = 2 * shape.radius, 2 * shape.half or _THIN
+    parts = [(_SHAPES[shape.kind], 0.0, np.array([across, across, along]))]
+    if shape.kind == "capsule":
+        parts += [(_SPHERE, end, np.full(3, across)) for end in (-shape.half, shape.half)]
+    for number, (kind, shift, size) in enumerate(parts):
+        sizes = size * np.abs(body.scale[:, [1, 2, 0]])
+        place = body.position + shift * body.attitude[:, :, 0]
+
+        def marker(
+            row: int, number: int = number, kind: int = kind, sizes: Any = sizes, at: Any = place
+        ) -> Message:
+            found: Message = {"ns": body.name, "id": number, "type": kind}
+            if not sizes[row].any():  # it is hidden
+                return found | {"action": _DELETE, "pose": _pose(at[row], turn[row])}
+            look = {"scale": _vector(sizes[row]), "color": _colour(body.kind)}
+            return found | look | {"pose": _pose(at[row], turn[row])}
+
+        yield marker
+
+
+def _stamped(
+    stamps: Stamps, topic: str, kind: str, frame: str, message: Callable[[int], Message]
+) -> Messages:
+    """Yield stamped geometry, such as ``PoseStamped``, from a function of an instant."""
+    field = {"Vector3": "vector"}.get(kind, kind.lower())
+    for row, time in enumerate(stamps.tolist()):
+        whole = {"header": _header(time, frame), field: message(row)}
+        yield time, topic, f"geometry_msgs/msg/{kind}Stamped", whole
+
+
+def _frames(stamps: Stamps, frames: dict[str, tuple[Places, Rotations]]) -> Messages:
+    turns = {name: quaternions(turn) for name, (_, turn) in frames.items()}
+    for row, time in enumerate(stamps.tolist()):
+        moved = [
+            {
+                "header": _header(time, WORLD),
+                "child_frame_id": name,
+                "transform": {
+                    "translation": _vector(place[row]),
+                    "rotation": _quaternion(turns[name][row]),
+                },
+            }
+            for name, (place, _) in frames.items()
+        ]
+        yield time, "/tf", "tf2_msgs/msg/TFMessage", {"transforms": moved}
+
+
+def _pose_of(place: Places, turn: Rotations) -> Callable[[int], Message]:
+    turns = quaternions(turn)
+    return lambda row: _pose(place[row], turns[row])
+
+
+def _pose(place: Float[np.ndarray, "axis=3"], turn: Float[np.ndarray, "4"]) -> Message:
+    return {"position": _vector(place), "orientation": _quaternion(turn)}
+
+
+def _vector(numbers: Float[np.ndarray, "axis=3"]) -> Message:
+    return dict(zip("xyz", numbers.tolist(), strict=True))
+
+
+def _quaternion(numbers: Float[np.ndarray, "4"]) -> Message:
+    return dict(zip("xyzw", numbers.tolist(), strict=True))
+
+
+def _colour(kind: str) -> Message:
+    return dict(zip("rgba", (*(part**_GAMMA for part in COLOURS[kind]), 1.0), strict=True))
+
+
+def _header(time: int, frame: str) -> Message:
+    return {"stamp": {"sec": time // _SECOND, "nanosec": time % _SECOND}, "frame_id": frame}
+
+
+def _nanoseconds(time: Float[np.ndarray, "*time"]) -> Int[np.ndarray, "*time"]:
+    return np.asarray(np.rint(_SECOND * time), np.int64)
