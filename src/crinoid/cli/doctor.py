@@ -103,5 +103,6 @@ def _solve() -> str:
     spent = f"{1e3 * run:.0f} ms, and {whole - run:.1f} s to prepare and compile it"
     console.print(f"1 s of an arm: {spent}; tip {away:.1g} m from its known place", soft_wrap=True)
     if not away < _TOLERANCE:
-        return f"this installation computes another motion: tip at {tip.round(8).tolist()}, not {list(_TIP)}"
+        found = f"tip at {tip.round(8).tolist()}, not {list(_TIP)}"
+        return f"this installation computes another motion: {found}"
     return ""
