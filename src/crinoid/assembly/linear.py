@@ -177,6 +177,8 @@ def linearised(
     values = observe(system, state)
     system = in_steady_water(system, Uniform(Onset.of(), current))
     still = system.stand(state)
+    # a servo extrapolates from the step before: that of any step, not of the first of a run
+    still = eqx.tree_at(lambda s: s.servo.span, still, system.time_step)
     found = system.transition(still, jnp.zeros(len(system.inputs)), observe=observe)
     return found, values, numbers_of((state.servo, *state.actuators))[0]
 
