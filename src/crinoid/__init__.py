@@ -12,6 +12,7 @@ from crinoid.foundation.version import __version__
 if TYPE_CHECKING:
     from crinoid.actuation import Actuator, Input
     from crinoid.analysis.equilibria import equilibria
+    from crinoid.analysis.linearisation import linearise
     from crinoid.analysis.vibrations import modes
     from crinoid.assembly.arrays import flow_onset, load_onset
     from crinoid.assembly.plan import AssembledScenario
@@ -66,6 +67,7 @@ _HOMES = {
     "closed_loop": "crinoid.simulation",
     "equilibria": "crinoid.analysis.equilibria",
     "equilibrium": "crinoid.simulation",
+    "linearise": "crinoid.analysis.linearisation",
     "load": "crinoid.scenario",
     "modes": "crinoid.analysis.vibrations",
     "rollout": "crinoid.simulation",
@@ -108,6 +110,7 @@ __all__ = [
     "equilibria",
     "equilibrium",
     "flow_onset",
+    "linearise",
     "load",
     "load_onset",
     "make_env",

@@ -24,22 +24,20 @@ from crinoid.compilation import ONCE, compiled
 from crinoid.control import Sensor, WaterVelocity
 from crinoid.dynamics import State, System, Transition, numbers_of
 from crinoid.elements import Threads, Vortices
-from crinoid.flow import Uniform, Water
+from crinoid.flow import Flow, Uniform, Water
 from crinoid.numerics.ramp import Onset
-from crinoid.numerics.signals_and_systems import balanced
+from crinoid.numerics.signals_and_systems import balanced_by_reach
 
 Matrix = Float[np.ndarray, "_ _"]
 Velocity = Float[np.ndarray, " d"]
 
-_SHARE = 1e-5
+SHARE = 1e-5
 """Least Hankel singular value of a state that is kept, over the largest."""
 _MOST = 40
 _DISCOUNT = 0.9999
 """Share of a motion that a period leaves in the Gramians, so that undamped arms have some."""
 _USUAL = 0.1
 """Usual movement of an input over its range."""
-_UNMOVED = 1e-9
-"""Motion of a state over the largest below which it is round-off."""
 _CALM = 0.25
 """Share of the time in which the water is slower than in the linearisation."""
 _SETTLED = 100
@@ -103,11 +101,11 @@ def linear_model(
     kept = np.flatnonzero(_spread(actuators, commanded * usual))
     actuators, commanded = actuators[np.ix_(kept, kept)], commanded[kept]
     steps = max(1, round(plan.period / plan.scenario.simulation.time_step))
-    nodes = found.stirred.shape[1]  # the ghost's first
+    nodes = plan.state.position.shape[0]  # the ghost's first
     place = np.clip((np.arange(nodes) - 1) / (nodes - 2), 0.0, 1.0)
     along = legendre.legvander(2 * place - 1, shapes - 1)
     stirred, hastened = (
-        np.einsum("and,nj->ajd", each, along).reshape(each.shape[0], -1)
+        np.einsum("and,nj->ajd", each[:, :nodes], along).reshape(each.shape[0], -1)
         for each in (found.stirred, found.hastened)
     )
     arm, held, driving, water = _over(
@@ -117,23 +115,9 @@ def linear_model(
     # scaled by as much as each usually does
     moved, stir = _spread(actuators, commanded * usual), np.tile(deviation, shapes)
     inputs = np.hstack([driving * moved, stirred * stir, hastened * stir / plan.period])
-    seen, parts = found.observed_arm, [inputs]
-    for _ in range(_SETTLED):
-        parts.append(arm @ parts[-1])
-    reach = np.hstack(parts)  # the controllability matrix
-    scale, unit = (np.sqrt(np.sum(each**2, axis=1)) for each in (seen @ reach, reach))
-    scale[scale <= 0] = 1.0
-    # states by how far they move: round-off is as small for each, and alike in any units
-    unit[unit <= _UNMOVED * unit.max()] = 1.0
-    reduced = balanced(
-        arm * unit / unit[:, None],
-        inputs / unit[:, None],
-        seen * unit / scale[:, None],
-        share=_SHARE,
-        most=_MOST,
-        discount=_DISCOUNT,
-    )
-    left = reduced.left / unit
+    seen = found.observed_arm
+    reduced, _ = balanced_by_reach(arm, inputs, seen, share=SHARE, most=_MOST, discount=_DISCOUNT)
+    left = reduced.left
     return LinearModel(
         arm=reduced.A,
         held=left @ held,
@@ -145,7 +129,7 @@ def linear_model(
             (np.linalg.matrix_power(actuators, k) @ commanded for k in range(steps)),
             np.zeros_like(commanded),
         ),
-        observed=seen @ (unit[:, None] * reduced.right),
+        observed=seen @ reduced.right,
         observed_actuators=found.observed_actuators[:, kept],
         observed_water=_observed_water(plan, along),
         values=values,
@@ -191,21 +175,27 @@ def linearised(
         return jnp.concatenate([each.measurand.of(system, state) for each in sensors])
 
     values = observe(system, state)
-    steady = Water((Uniform(Onset.of(), current),))
+    system = in_steady_water(system, Uniform(Onset.of(), current))
+    still = system.stand(state)
+    # a servo extrapolates from the step before: that of any step, not of the first of a run
+    still = eqx.tree_at(lambda s: s.servo.span, still, system.time_step)
+    found = system.transition(still, jnp.zeros(len(system.inputs)), observe=observe)
+    return found, values, numbers_of((state.servo, *state.actuators))[0]
+
+
+def in_steady_water(system: System, *flows: Flow) -> System:
+    """Return a system for a linearisation, in the water of some flows."""
     # vortices and Coulomb friction are no linear laws: disturbances
     elements = tuple(
         each.without_friction() if isinstance(each, Threads) else each
         for each in system.forces.elements
         if not isinstance(each, Vortices)
     )
-    system = eqx.tree_at(
+    return eqx.tree_at(
         lambda s: (s.forces.elements, s.forces.water, s.base.servo, s.actuators),
         system,
-        (elements, steady, *for_small_commands((system.base.servo, system.actuators))),
+        (elements, Water(flows), *for_small_commands((system.base.servo, system.actuators))),
     )
-    still = system.stand(state)
-    found = system.transition(still, jnp.zeros(len(system.inputs)), observe=observe)
-    return found, values, numbers_of((state.servo, *state.actuators))[0]
 
 
 def _over(

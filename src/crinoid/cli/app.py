@@ -209,6 +209,27 @@ def margins(
 
 @app.command()
 @one_line_errors("interrupted")
+def linearise(
+    scenario: ScenarioName,
+    settings: Settings = None,
+    to: Annotated[str, option("Format of the model: npz, mat or json.", "FORMAT")] = "npz",
+    order: Annotated[
+        int | None, option("Reduce it to so many states.", "N", default="all states")
+    ] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-linearise")] = None,
+    force: Force = False,
+) -> None:
+    """Linearise arm, actuators and sensors: A, B, C, D over a control period, with names."""
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-linearise", settings)
+    with Loading():
+        from crinoid.cli.linearise import show_linearisation
+
+    show_linearisation(described, folder, to=to, order=order, force=force)
+
+
+@app.command()
+@one_line_errors("interrupted")
 def live(
     scenario: ScenarioName,
     settings: Settings = None,

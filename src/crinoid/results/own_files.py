@@ -42,6 +42,7 @@ _MARKS: dict[str, tuple[bytes, int | None]] = {
     ".onnx": (_PRODUCED, 2 + len(_PRODUCED)),
     ".mp4": (MADE.encode(), None),
     ".gif": (MADE.encode(), None),
+    **dict.fromkeys((".npz", ".mat"), (b"crinoid_version", None)),
 }
 """Mark of crinoid by ending, and the number of bytes that it is within; None: anywhere."""
 

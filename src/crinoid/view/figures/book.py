@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from crinoid.analysis.equilibria import CURVE
 from crinoid.analysis.record import RECORD
+from crinoid.analysis.state_space import RESPONSE
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
 from crinoid.inverse import IDENTIFICATION, OPTIMISATION, TUNING
@@ -30,6 +31,7 @@ from crinoid.view.figures.curve import draw_curve
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.record import draw_record
+from crinoid.view.figures.response import draw_response
 from crinoid.view.figures.run import RESULT, Run, load_as, open_run
 from crinoid.view.figures.searches import (
     draw_identification,
@@ -127,6 +129,11 @@ _FINDINGS = {
             **{f"{name}_margin": () for name in ("gain", "phase", "delay", "modulus")},
         },
         {"bode.png": draw_bode, "nyquist.png": draw_nyquist},
+    ),
+    RESPONSE: _Finding(
+        "a response",
+        {f"response_{part}": ("frequency", "output", "input") for part in ("real", "imaginary")},
+        {"response.png": draw_response},
     ),
     TUNING: _Finding(
         "a tuning",
