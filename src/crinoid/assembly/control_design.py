@@ -96,6 +96,7 @@ class ControlDesignModel(NamedTuple):
         edges = np.diff(np.asarray(plan.state.position), axis=0)
         tangent = edges.sum(axis=0) / np.linalg.norm(edges.sum(axis=0))
         shed = vortex_shedding(scenario, plan.recordings, tangent)
+        unshed = WaterProcess.of(expected, shapes, plan.period).move.shape[0]
         expected += () if shed is None else (shed,)
         water, most = WaterProcess.of(expected, shapes, plan.period), shapes * deviation.size
         observed = model._replace(
@@ -104,7 +105,7 @@ class ControlDesignModel(NamedTuple):
             observed_water=model.observed_water[:, :most],
         )
         arrivals = ReadingSchedule.of(plan.sensors, plan.period, float(plan.system.time_step))
-        parts = augmented(observed, water, arrivals, plan)
+        parts = augmented(observed, water, arrivals, plan, unshed)
         columns, scale = plan.controlled
         integrating = np.zeros((len(columns), plan.sensors[0].noise.shape[0]))
         integrating[np.arange(len(columns)), columns] = scale

@@ -14,15 +14,21 @@ from crinoid.assembly.arrays import array
 from crinoid.assembly.forecast import Fluctuation
 from crinoid.assembly.linear import LinearModel
 from crinoid.assembly.plan import AssembledScenario
-from crinoid.control import Inclination, Observer, Sensor, Shape, WaterVelocity
+from crinoid.control import (
+    Inclination,
+    LinearOutput,
+    Observer,
+    ObserverOutputs,
+    Sensor,
+    Shape,
+    WaterVelocity,
+)
+from crinoid.numerics.kalman import stationary_covariance, stationary_filter
 
 Matrix = Float[np.ndarray, "_ _"]
 
 _TICKS = 60
 """Number of commands over which the pattern of arrivals is sampled."""
-_ROUNDS = 100
-"""Largest number of passes through this pattern until the gains have settled."""
-_SETTLED = 1e-6
 _MODEL_ERROR = 2e-2
 """Error of the model in the effect of the inputs over a period, relative to the usual effect."""
 _LEAST_NOISE = 1e-3
@@ -114,6 +120,10 @@ class AugmentedModel(NamedTuple):
     follow: Float[np.ndarray, "y s"]
     tip: Float[np.ndarray, "pose estimated"]
     """How the tip's pose follows the states that are no readings under way, which come first."""
+    nodes: Float[np.ndarray, "coordinate estimated"]
+    """And the positions of the nodes; the offset of the tip grows linearly from the root on."""
+    current: Float[np.ndarray, "d estimated"]
+    """And the velocity of the water, its mean along the arm, without the lift of vortices."""
     usual: Float[np.ndarray, " y"]
     """By how much the readings vary."""
     arm: int
@@ -126,9 +136,13 @@ class AugmentedModel(NamedTuple):
 
 
 def augmented(
-    model: LinearModel, water: WaterProcess, arrivals: ReadingSchedule, plan: AssembledScenario
+    model: LinearModel,
+    water: WaterProcess,
+    arrivals: ReadingSchedule,
+    plan: AssembledScenario,
+    unshed: int,
 ) -> AugmentedModel:
-    """Augment the linear model.
+    """Augment the linear model. The first ``unshed`` states of the water are no shed vortices.
 
     The tip's pose has an offset that varies, for what a linear model does not have: a
     bent arm is shorter, by the square of its deflection.
@@ -178,89 +192,102 @@ def augmented(
         move[later, later - size] = 1.0
         expect[rows, first + size * (age - 1) : first + size * age] = np.eye(size)
         first += size * age
-    return AugmentedModel(move, held, driven, noise, expect, follow, seen[:pose], usual, arm)
+    tip = seen[:pose]
+    nodes = np.zeros((model.nodes.shape[0], estimated))
+    nodes[:, :arm] = model.nodes
+    share = np.linspace(0.0, 1.0, nodes.shape[0] // axes)
+    nodes[:, -pose : estimated - pose + axes] = np.kron(share[:, None], np.eye(axes))
+    current = np.zeros((axes, estimated))
+    # the other shapes along the arm have no mean
+    current[:, arm : arm + unshed] = water.velocity[:axes, :unshed]
+    return AugmentedModel(
+        move, held, driven, noise, expect, follow, tip, nodes, current, usual, arm
+    )
+
+
+class ReadingNoise(NamedTuple):
+    """Sizes and errors of the readings of all sensors, one behind the other."""
+
+    sizes: tuple[int, ...]
+    """Number of values of each sensor."""
+    variance: Float[np.ndarray, " y"]
+    values: Float[np.ndarray, " y"]
+    """Readings where the model is linear about, in the frame of the target."""
+
+    @staticmethod
+    def of(plan: AssembledScenario, model: LinearModel, parts: AugmentedModel) -> ReadingNoise:
+        """Return noise, rounding, and the motions that the model lacks."""
+        given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
+        grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
+        sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
+        meters = [isinstance(sensor.measurand, WaterVelocity) for sensor in plan.sensors]
+        least = np.repeat(np.where(meters, _ELSEWHERE, _LEAST_NOISE), sizes)
+        local = np.zeros_like(parts.usual)
+        for sensor, end in zip(plan.sensors, np.cumsum(sizes), strict=True):
+            if isinstance(sensor.measurand, (Shape, Inclination)):
+                rows = slice(end - sensor.noise.shape[0], end)
+                local[rows] = _LOCAL * parts.usual[rows].max()
+        noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + local**2
+        mean = np.resize(plan.current, model.values.size)  # of the current over the run
+        values = np.where(np.repeat(meters, sizes), mean, model.values)
+        assert plan.target is not None
+        values[: sizes[0]] = plan.target.to_frame(array(values[: sizes[0]]), plan.state.time)
+        return ReadingNoise(
+            tuple(sizes), np.maximum(noise, 1e-16 * max(noise.max(), 1e-300)), values
+        )
 
 
 def build_observer(
     plan: AssembledScenario, model: LinearModel, parts: AugmentedModel, arrivals: ReadingSchedule
 ) -> Observer:
     """Return the observer of least variance."""
-    given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
-    grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
-    sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
-    meters = [isinstance(sensor.measurand, WaterVelocity) for sensor in plan.sensors]
-    least = np.repeat(np.where(meters, _ELSEWHERE, _LEAST_NOISE), sizes)
-    # motions that the model lacks
-    local = np.zeros_like(parts.usual)
-    for sensor, end in zip(plan.sensors, np.cumsum(sizes), strict=True):
-        if isinstance(sensor.measurand, (Shape, Inclination)):
-            rows = slice(end - sensor.noise.shape[0], end)
-            local[rows] = _LOCAL * parts.usual[rows].max()
-    noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + local**2
-    noise = np.maximum(noise, 1e-16 * max(noise.max(), 1e-300))
+    sizes, variance, values = ReadingNoise.of(plan, model, parts)
     every = np.repeat(arrivals.fresh, sizes, axis=1)
-    sets, found = gains(parts.move, parts.noise, parts.expect, noise, every)
-    mean = np.resize(plan.current, model.values.size)  # of the current over the run
-    values = np.where(np.repeat(meters, sizes), mean, model.values)
-    size = plan.sensors[0].noise.shape[0]
-    assert plan.target is not None
-    values[:size] = plan.target.to_frame(array(values[:size]), plan.state.time)
+    found = stationary_filter(parts.move, parts.noise, parts.expect, variance, every)
     return Observer(
         move=array(parts.move),
         held=array(parts.held),
         driven=array(parts.driven),
         expect=array(parts.expect),
         follow=array(parts.follow),
-        gains=array(found),
-        fresh=jax.device_put(sets[:, np.cumsum([0, *sizes[:-1]])].astype(int)),
+        gains=array(found.gains),
+        fresh=jax.device_put(found.fresh[:, np.cumsum([0, *sizes[:-1]])].astype(int)),
         values=array(values),
         at_rest=array(model.at_rest),
         kept=model.kept,
         sensors=plan.readings,
+        outputs=observer_outputs(plan, model, parts, found.covariance),
     )
 
 
-def stationary_covariance(move: Matrix, noise: Matrix) -> Matrix:
-    """Return the stationary covariance of states without control.
+def observer_outputs(
+    plan: AssembledScenario, model: LinearModel, parts: AugmentedModel, covariance: Matrix
+) -> ObserverOutputs:
+    """Return tip, shape and current by the states, of which ``covariance`` is that of the errors.
 
-    A growing motion has none: it counts as one that neither grows nor decays.
+    In the frame of the target. The current is that of the start, at which the linear model is, plus
+    its change.
     """
-    fastest = np.abs(np.linalg.eigvals(move)).max()
-    total, power = noise, move * 0.9999 / max(1.0, fastest)
-    for _ in range(30):
-        total = total + power @ total @ power.T
-        power = power @ power
-    return total
+    target, time = plan.target, plan.state.time
+    assert target is not None
+    axes, size, states = plan.scenario.arm.dimension, parts.tip.shape[0], parts.move.shape[0]
+    followers = model.held.shape[1]
 
+    def output(by_state: Matrix, by_actuators: Matrix, at_rest: np.ndarray) -> LinearOutput:
+        by_state = np.pad(by_state, ((0, 0), (0, states - by_state.shape[1])))
+        std = np.sqrt(np.einsum("oz,zv,ov->o", by_state, covariance, by_state))
+        given = (by_state, by_actuators, at_rest, std.reshape(at_rest.shape))
+        return LinearOutput(*map(array, given))
 
-def gains(
-    move: Matrix,
-    noise: Matrix,
-    expect: Matrix,
-    of_readings: Float[np.ndarray, " y"],
-    fresh: Bool[np.ndarray, "tick y"],
-) -> tuple[Bool[np.ndarray, "set y"], Float[np.ndarray, "set z y"]]:
-    """Return the gains that the Riccati equation settles on, for each set of readings.
-
-    ``noise`` is the covariance of the states' noise, ``of_readings`` the variance of that of each
-    reading; ``fresh`` are the new readings of each call, a pattern that repeats.
-    """
-    from scipy.linalg import solve_discrete_are  # slow to load
-
-    ahead = solve_discrete_are(move.T, expect.T, noise, np.diag(of_readings))
-    found: dict[tuple[bool, ...], list[Matrix]] = {}
-    pattern = fresh[:1] if fresh.all() else fresh
-    for _ in range(_ROUNDS):
-        found, before = {}, ahead
-        for counted in pattern:
-            seen = expect[counted]
-            gain = np.zeros(expect.T.shape)
-            surprise = seen @ ahead @ seen.T + np.diag(of_readings[counted])
-            gain[:, counted] = np.linalg.solve(surprise, seen @ ahead).T
-            left = np.eye(ahead.shape[0]) - gain[:, counted] @ seen
-            by_noise = gain[:, counted] * np.sqrt(of_readings[counted])
-            ahead = move @ (left @ ahead @ left.T + by_noise @ by_noise.T) @ move.T + noise
-            found.setdefault(tuple(map(bool, counted)), []).append(gain)
-        if np.abs(ahead - before).max() <= _SETTLED * np.abs(ahead).max():
-            break
-    return np.array(list(found)), np.stack([np.mean(each, axis=0) for each in found.values()])
+    nodes = np.asarray(plan.state.position)[1:] + np.asarray(plan.system.forces.origin)
+    poses = np.concatenate([model.values[None, :size], np.pad(nodes, ((0, 0), (0, size - axes)))])
+    tip, *points = np.asarray(jax.jit(jax.vmap(target.to_frame, (0, None)))(array(poses), time))
+    current = np.zeros(axes)
+    if plan.scenario.simulation.start == "equilibrium":  # else the arm is that without any load
+        flow = np.asarray(plan.state.flow_velocity)[1:]
+        current = np.mean((flow[1:] + flow[:-1]) / 2, axis=0)
+    return ObserverOutputs(
+        output(parts.tip, model.observed_actuators[:size], tip),
+        output(parts.nodes, model.nodes_actuators, np.stack(points)[:, :axes]),
+        output(parts.current, np.zeros((axes, followers)), current),
+    )

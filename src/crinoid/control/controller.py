@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.control.estimate import Estimate
 from crinoid.control.target import Target
 from crinoid.foundation.moved import renamed
 
@@ -90,6 +91,13 @@ class Controller(eqx.Module):
     @abstractmethod
     def command(self, memory: Any, seen: ControllerInput) -> tuple[Command, Any]:
         """Return the command, a number for each input in its unit, and the memory for the next."""
+
+    def estimate(self, memory: Any) -> Estimate | None:
+        """Return the estimate that the memory after a command contains; None without an observer.
+
+        Results then have its variables.
+        """
+        return None
 
 
 class Idle(Controller):

@@ -18,6 +18,7 @@ from crinoid.control import (
     Clock,
     Controller,
     ControllerInput,
+    Estimate,
     FeedForward,
     Reading,
     Sensor,
@@ -152,6 +153,22 @@ class Loop(eqx.Module):
                 for sensor, reading in zip(self.sensors[1:], others, strict=True)
             },
         )
+
+    def estimate(self, carry: LoopState) -> tuple[Estimate | None, Float[Array, ""] | None]:
+        """Return the estimate of an observer in the world, and the time of its command (s).
+
+        None without an observer, nan before the first command.
+        """
+        found = self.controller.estimate(carry.memory)
+        if found is None:
+            return None, None
+        step, carrier = self.system.time_step, self.target.carrier
+        due = self.switched_on + (carry.ticks - 1 - 1e-6) * self.clock.period
+        time = jnp.ceil(due / step) * step
+        if carrier is not None:
+            found = found.in_world(carrier, time)
+        given = carry.ticks > 0
+        return jax.tree.map(lambda each: jnp.where(given, each, jnp.nan), (found, time))
 
     def tick(self, carry: LoopState) -> tuple[LoopState, Progress]:
         """Advance by one time step; sensors and controller act if their time has come."""
