@@ -16,6 +16,7 @@ from crinoid.assembly.observer import (
     WaterProcess,
     augmented,
     build_observer,
+    tangent,
 )
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Inclination, Observer, Shape, damped_inverse
@@ -93,9 +94,8 @@ class ControlDesignModel(NamedTuple):
         expected = fluctuations(scenario, plan.recordings, plan.first_period)
         deviation = np.sqrt(np.sum([each.deviation**2 for each in expected], axis=0))
         model = linear_model(plan, scenario.driven, max(shapes, foreseen), deviation)
-        edges = np.diff(np.asarray(plan.state.position), axis=0)
-        tangent = edges.sum(axis=0) / np.linalg.norm(edges.sum(axis=0))
-        shed = vortex_shedding(scenario, plan.recordings, tangent)
+        nodes = np.asarray(plan.state.position)
+        shed = vortex_shedding(scenario, plan.recordings, tangent(nodes))
         unshed = WaterProcess.of(expected, shapes, plan.period).move.shape[0]
         expected += () if shed is None else (shed,)
         water, most = WaterProcess.of(expected, shapes, plan.period), shapes * deviation.size

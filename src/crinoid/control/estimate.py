@@ -71,12 +71,60 @@ class LinearOutput(eqx.Module):
         return Estimated(self.at_rest + moved.reshape(self.at_rest.shape), self.std)
 
 
+Velocity = Float[Array, " d"]
+
+
+class CurrentOutput(eqx.Module):
+    """Current by the state of a linear observer: the velocity with the drag of the linear model.
+
+    Drag grows with ``|w| w`` of the velocity ``w`` across the arm, and a linear model has one
+    slope. So its drag is inverted, as that of `crinoid.control.Along` is made.
+    """
+
+    by_state: Float[Array, "d z"]
+    spread: Float[Array, "d d"]
+    """Square root of the stationary covariance of the errors in the linear model."""
+    begin: Velocity
+    """Velocity where the model is linear about (m/s)."""
+    tangent: Velocity
+    """Direction of the arm there."""
+    direction: Velocity
+    """Direction across the arm of the current in which the drag was linearised."""
+    slope: Float[Array, ""]
+    """Mean slope of ``|w| w`` across that direction (m/s), half of that along it."""
+
+    def of(self, state: Float[Array, " z"]) -> Estimated:
+        """Return it for a state. Standard deviations are those of the inverted drag, by differences
+        over one standard deviation, as its slope is infinite in still water.
+        """
+        change = product(self.by_state, state)
+        ends = [jax.vmap(self._velocity)(change + sign * self.spread.T) for sign in (1, -1)]
+        std = jnp.sqrt(jnp.sum((0.5 * (ends[0] - ends[1])) ** 2, axis=0))
+        return Estimated(self._velocity(change), std)
+
+    def _velocity(self, change: Velocity) -> Velocity:
+        inline, across = self._parts(change)
+        inline_begin, across_begin = self._parts(self.begin)
+        main = product(across, self.direction) * self.direction
+        drag = self.slope * (across + main) + _square(across_begin)
+        size = jnp.sqrt(jnp.sum(drag**2))
+        return inline_begin + inline + drag / jnp.sqrt(jnp.where(size > 0, size, 1.0))
+
+    def _parts(self, velocity: Velocity) -> tuple[Velocity, Velocity]:
+        inline = product(velocity, self.tangent) * self.tangent
+        return inline, velocity - inline
+
+
+def _square(velocity: Velocity) -> Velocity:
+    return jnp.sqrt(jnp.sum(velocity**2)) * velocity
+
+
 class ObserverOutputs(eqx.Module):
     """Outputs of a linear observer."""
 
     tip: LinearOutput
     position: LinearOutput
-    flow_velocity: LinearOutput | None
+    flow_velocity: CurrentOutput | None
     """None where a forecast has a part of the current."""
 
     def of(self, state: Float[Array, " z"], actuators: Float[Array, " s"]) -> Estimate:
@@ -85,5 +133,5 @@ class ObserverOutputs(eqx.Module):
         return Estimate(
             self.tip.of(state, actuators),
             self.position.of(state, actuators),
-            None if flow is None else flow.of(state, actuators),
+            None if flow is None else flow.of(state),
         )
