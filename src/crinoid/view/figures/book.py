@@ -20,6 +20,7 @@ from crinoid.scenario.errors import got, one_of
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_series, draw_spectrum
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, energy_chart
+from crinoid.view.figures.charts.estimate import estimate_chart, has_estimate
 from crinoid.view.figures.charts.spectra import has_loads, load_chart
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
@@ -199,6 +200,7 @@ def write_book(path: Path, out: Path | None, form: str) -> list[Path]:
 def _write_run(path: Path, out: Path, form: str) -> list[Path]:
     run = open_run(path)
     figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
+    figures |= {"estimate.png": _of(estimate_chart)} if has_estimate(run) else {}
     figures |= {"loads.png": _of(load_chart)} if has_loads(run) else {}
     figures |= {"cycles.png": draw_cycles} if has_cycles(run) else {}
     figures |= {"vehicle.png": _of(vehicle_chart)} if has_vehicle_motion(run) else {}
