@@ -83,7 +83,7 @@ class LinearModel(NamedTuple):
     """Hankel singular values, of which the largest were kept."""
 
 
-class NodePositions(Measurand):
+class _NodePositions(Measurand):
     """Positions of the nodes from the base's set position (m), an output of the linear model."""
 
     def of(self, system: System, state: State) -> Float[Array, " coordinate"]:
@@ -103,7 +103,7 @@ def linear_model(
     axis (m/s).
     """
     current, steeper = calm_current(np.array(plan.current, float), deviation)
-    outputs = (*plan.sensors, replace(plan.sensors[0], measurand=NodePositions()))
+    outputs = (*plan.sensors, replace(plan.sensors[0], measurand=_NodePositions()))
     found, values, at_rest = jax.tree.map(
         np.asarray, linearised(plan.system, plan.state, array(current), outputs)
     )

@@ -13,17 +13,9 @@ from jaxtyping import Bool, Float
 from crinoid.assembly.arrays import array
 from crinoid.assembly.forecast import Fluctuation
 from crinoid.assembly.linear import LinearModel
+from crinoid.assembly.observer_outputs import OutputMatrices, observer_outputs
 from crinoid.assembly.plan import AssembledScenario
-from crinoid.control import (
-    CurrentOutput,
-    Inclination,
-    LinearOutput,
-    Observer,
-    ObserverOutputs,
-    Sensor,
-    Shape,
-    WaterVelocity,
-)
+from crinoid.control import Inclination, Observer, Sensor, Shape, WaterVelocity
 from crinoid.numerics.kalman import stationary_covariance, stationary_filter
 
 Matrix = Float[np.ndarray, "_ _"]
@@ -42,8 +34,6 @@ _LOCAL = 0.03
 than the shapes of the model's water bend it, too."""
 _BENT = 0.05
 """Least displacement of the tip of an arm at work, over its length."""
-_DRAG_ERROR = 0.15
-"""Error of the estimated current by the linear model of drag and inertia, over its deviation."""
 _OFFSET_TIME = 0.75
 """Correlation time of the tip's offset from the linear model, over the arm's first period."""
 
@@ -121,23 +111,18 @@ class AugmentedModel(NamedTuple):
     noise: Float[np.ndarray, "z z"]
     expect: Float[np.ndarray, "y z"]
     follow: Float[np.ndarray, "y s"]
-    tip: Float[np.ndarray, "pose estimated"]
-    """How the tip's pose follows the states that are no readings under way, which come first."""
-    nodes: Float[np.ndarray, "coordinate estimated"]
-    """And the positions of the nodes; the offset of the tip grows linearly from the root on."""
-    current: Float[np.ndarray, "d estimated"]
-    """And the velocity of the water, its mean along the arm, without the lift of vortices."""
+    outputs: OutputMatrices
+    """How tip, shape and current follow the states that are no readings under way, which come
+    first."""
     usual: Float[np.ndarray, " y"]
     """By how much the readings vary."""
-    offset: Float[np.ndarray, " pose"]
-    """By how much the offset of the tip varies."""
     arm: int
     """Number of states of the arm, which come first."""
 
     @property
     def estimated(self) -> int:
         """Number of states that are not readings under way."""
-        return self.tip.shape[1]
+        return self.outputs.tip.shape[1]
 
 
 def augmented(
@@ -205,9 +190,8 @@ def augmented(
     current = np.zeros((axes, estimated))
     # the other shapes along the arm have no mean
     current[:, arm : arm + unshed] = water.velocity[:axes, :unshed]
-    return AugmentedModel(
-        move, held, driven, noise, expect, follow, tip, nodes, current, usual, offset, arm
-    )
+    outputs = OutputMatrices(tip, nodes, current, offset)
+    return AugmentedModel(move, held, driven, noise, expect, follow, outputs, usual, arm)
 
 
 class ReadingNoise(NamedTuple):
@@ -261,60 +245,5 @@ def build_observer(
         at_rest=array(model.at_rest),
         kept=model.kept,
         sensors=plan.readings,
-        outputs=observer_outputs(plan, model, parts, found.covariance),
-    )
-
-
-def tangent(nodes: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " d"]:
-    """Return the mean direction of an arm, a unit vector."""
-    total = np.diff(nodes, axis=0).sum(axis=0)
-    return total / np.linalg.norm(total)
-
-
-def observer_outputs(
-    plan: AssembledScenario, model: LinearModel, parts: AugmentedModel, covariance: Matrix
-) -> ObserverOutputs:
-    """Return tip, shape and current by the states, of which ``covariance`` is that of the errors.
-
-    In the frame of the target. The current is that of the start, at which the linear model is, plus
-    its change. Between root and tip the shape has an offset as well, that nothing observes.
-    """
-    target, time = plan.target, plan.state.time
-    assert target is not None
-    axes, size, states = plan.scenario.arm.dimension, parts.tip.shape[0], parts.move.shape[0]
-
-    def widened(by_state: Matrix) -> Matrix:
-        return np.pad(by_state, ((0, 0), (0, states - by_state.shape[1])))
-
-    def output(
-        by_state: Matrix, by_actuators: Matrix, at_rest: np.ndarray, apart: np.ndarray | float = 0.0
-    ) -> LinearOutput:
-        by_state = widened(by_state)
-        variance = np.einsum("oz,zv,ov->o", by_state, covariance, by_state)
-        std = np.sqrt(variance + np.ravel(apart) ** 2)
-        given = (by_state, by_actuators, at_rest, std.reshape(at_rest.shape))
-        return LinearOutput(*map(array, given))
-
-    nodes = np.asarray(plan.state.position)[1:] + np.asarray(plan.system.forces.origin)
-    poses = np.concatenate([model.values[None, :size], np.pad(nodes, ((0, 0), (0, size - axes)))])
-    tip, *points = np.asarray(jax.jit(jax.vmap(target.to_frame, (0, None)))(array(poses), time))
-    along, current = tangent(nodes), np.zeros(axes)
-    if plan.scenario.simulation.start == "equilibrium":  # else the arm is that without any load
-        flow = np.asarray(plan.state.flow_velocity)[1:]
-        current = np.mean((flow[1:] + flow[:-1]) / 2, axis=0)
-    # of what is along the arm, without drag, the mean is known alone
-    current += along @ (np.asarray(plan.current) - current) * along
-    place = np.linspace(0.0, 1.0, len(nodes))
-    apart = np.outer(4 * place * (1 - place), parts.offset[:axes])
-    across = model.current - along @ model.current * along
-    speed = np.linalg.norm(across)
-    by_state = widened(parts.current)
-    usual = np.diag(np.sum(by_state**2, axis=1))  # states of the water have a variance of 1
-    variance, ways = np.linalg.eigh(by_state @ covariance @ by_state.T + _DRAG_ERROR**2 * usual)
-    spread = ways * np.sqrt(np.maximum(variance, 0.0))
-    given = (by_state, spread, current, along, across / max(speed, 1e-300), model.steeper * speed)
-    return ObserverOutputs(
-        output(parts.tip, model.observed_actuators[:size], tip),
-        output(parts.nodes, model.nodes_actuators, np.stack(points)[:, :axes], apart),
-        CurrentOutput(*map(array, given)),
+        outputs=observer_outputs(plan, model, parts.outputs, found.covariance),
     )

@@ -150,5 +150,9 @@ class Playback(Controller):
         return None
 
     def command(self, memory: None, seen: ControllerInput) -> tuple[Command, None]:
-        row = jnp.searchsorted(self.time, seen.time + _SLACK, side="right") - 1
-        return jnp.where(row >= 0, self.values[jnp.maximum(row, 0)], 0.0), None
+        return self.at(seen.time), None
+
+    def at(self, time: Float[Array, ""]) -> Command:
+        """Return the command at ``time`` (s)."""
+        row = jnp.searchsorted(self.time, time + _SLACK, side="right") - 1
+        return jnp.where(row >= 0, self.values[jnp.maximum(row, 0)], 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.control.target import SubmarineFrame
@@ -64,6 +65,14 @@ class LinearOutput(eqx.Module):
     at_rest: Float[Array, "*any"]
     """Its value where the model is linear about; its ``o`` numbers in their shape."""
     std: Float[Array, "*any"]
+    apart: Float[Array, "*any"]
+    """Standard deviation of what no state contains."""
+
+    def std_of(self, covariance: Float[np.ndarray, "z z"]) -> Float[np.ndarray, "*any"]:
+        """Return the standard deviation for the covariance of the states."""
+        by_state, apart = np.asarray(self.by_state), np.asarray(self.apart)
+        variance = np.sum((by_state @ covariance) * by_state, axis=1)
+        return np.sqrt(variance.reshape(apart.shape) + apart**2)
 
     def of(self, state: Float[Array, " z"], actuators: Float[Array, " s"]) -> Estimated:
         """Return it for a state and states of the actuators, both as differences."""
@@ -84,6 +93,8 @@ class CurrentOutput(eqx.Module):
     by_state: Float[Array, "d z"]
     spread: Float[Array, "d d"]
     """Square root of the stationary covariance of the errors in the linear model."""
+    apart: Float[Array, "d d"]
+    """Covariance of the part of these errors that no state contains."""
     begin: Velocity
     """Velocity where the model is linear about (m/s)."""
     tangent: Velocity
@@ -93,9 +104,18 @@ class CurrentOutput(eqx.Module):
     slope: Float[Array, ""]
     """Mean slope of ``|w| w`` across that direction (m/s), half of that along it."""
 
+    def spread_of(self, covariance: Float[np.ndarray, "z z"]) -> Float[np.ndarray, "d d"]:
+        """Return the square root of the covariance of the errors, for that of the states."""
+        by_state = np.asarray(self.by_state)
+        total = by_state @ covariance @ by_state.T + np.asarray(self.apart)
+        variance, ways = np.linalg.eigh(total)
+        return np.asarray(ways * np.sqrt(np.maximum(variance, 0.0)))
+
     def of(self, state: Float[Array, " z"]) -> Estimated:
-        """Return it for a state. Standard deviations are those of the inverted drag, by differences
-        over one standard deviation, as its slope is infinite in still water.
+        """Return it for a state.
+
+        Standard deviations are differences of the inverted drag over one standard deviation, as its
+        slope is infinite in still water.
         """
         change = product(self.by_state, state)
         ends = [jax.vmap(self._velocity)(change + sign * self.spread.T) for sign in (1, -1)]

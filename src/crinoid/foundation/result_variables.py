@@ -72,10 +72,22 @@ def _estimated(
     name: str, dims: str, unit: str, meaning: str, of: Callable[[Any, str], Any], where: str
 ) -> tuple[Variable, Variable]:
     """Return an estimate and its standard deviation."""
-    value = _row(f"estimated_{name}", dims, unit, f"estimated {meaning}",
-                 lambda run: of(run, "value"), where=where)
-    std = _row(f"estimated_{name}_std", dims, unit, f"standard deviation of estimated_{name}",
-               lambda run: of(run, "std"), where=where)
+    value = _row(
+        f"estimated_{name}",
+        dims,
+        unit,
+        f"estimated {meaning}",
+        lambda run: of(run, "value"),
+        where=where,
+    )
+    std = _row(
+        f"estimated_{name}_std",
+        dims,
+        unit,
+        f"standard deviation of estimated_{name}",
+        lambda run: of(run, "std"),
+        where=where,
+    )
     return value, std
 
 
