@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -91,7 +90,10 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     model, parts = observer_model(plan, scenario.control.lqg.inputs or every, schedule)
     noise = ReadingNoise.of(plan, model, parts)
     measured = np.hstack(
-        [each.values(sensor.noise.size) for each, sensor in zip(arrivals, plan.sensors, strict=True)]
+        [
+            each.values(sensor.noise.size)
+            for each, sensor in zip(arrivals, plan.sensors, strict=True)
+        ]
     )
     numbers = actuator_motion(plan, record, time)[:, list(model.kept)] - model.at_rest
     changes = _less_values(plan, measured, arrivals[0].taken, noise)
@@ -136,7 +138,9 @@ class _Arrival(NamedTuple):
         newest = np.searchsorted(readings.time, known, side="right") - 1
         fresh = np.diff(newest, prepend=-1) > 0
         age = time[fresh] - readings.time[newest[fresh]]
-        return _Arrival(readings, newest, fresh, round(float(age.mean()) / period) if age.size else 0)
+        return _Arrival(
+            readings, newest, fresh, round(float(age.mean()) / period) if age.size else 0
+        )
 
     @property
     def taken(self) -> Ticks:
@@ -188,7 +192,10 @@ def _filtered(
     readings: Values,
 ) -> _Filtered:
     """Run the filter from an arm that the current moves; a missing reading changes nothing."""
-    state, covariance = np.zeros(parts.move.shape[0]), stationary_covariance(parts.move, parts.noise)
+    state, covariance = (
+        np.zeros(parts.move.shape[0]),
+        stationary_covariance(parts.move, parts.noise),
+    )
     innovation, spread = np.full_like(readings, np.nan), np.full_like(readings, np.nan)
     squared, states, deviations = np.zeros(len(readings)), [], []
     current = outputs.flow_velocity

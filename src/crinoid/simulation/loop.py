@@ -164,7 +164,7 @@ class Loop(eqx.Module):
             return None, None
         step, carrier = self.system.time_step, self.target.carrier
         due = self.switched_on + (carry.ticks - 1 - 1e-6) * self.clock.period
-        time = jnp.ceil(due / step) * step
+        time = jnp.maximum(jnp.ceil(due / step), 0.0) * step  # not -0
         if carrier is not None:
             found = found.in_world(carrier, time)
         given = carry.ticks > 0

@@ -12,7 +12,7 @@ from crinoid.analysis.equilibria import CURVE
 from crinoid.analysis.record import RECORD
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
-from crinoid.inverse import IDENTIFICATION, OPTIMISATION, TUNING
+from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES, is_table
 from crinoid.results.own_files import FIGURES
 from crinoid.results.result import TRAINING
@@ -29,6 +29,7 @@ from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
 from crinoid.view.figures.curve import draw_curve
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
+from crinoid.view.figures.estimate import draw_estimate
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.record import draw_record
 from crinoid.view.figures.run import RESULT, Run, load_as, open_run
@@ -146,6 +147,17 @@ _FINDINGS = {
             "set_aside": ("time",),
         },
         {"identify.png": draw_identification},
+    ),
+    ESTIMATE: _Finding(
+        "an estimate",
+        {
+            **{f"estimated_tip_position{end}": ("time", "axis") for end in ("", "_std")},
+            **{f"estimated_flow_velocity{end}": ("time", "axis") for end in ("", "_std")},
+            **dict.fromkeys(
+                ("sensor_reading", "innovation", "innovation_std"), ("time", "reading")
+            ),
+        },
+        {"log_estimate.png": draw_estimate},
     ),
     OPTIMISATION: _Finding(
         "an optimisation",
