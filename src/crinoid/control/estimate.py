@@ -36,7 +36,8 @@ class Estimate(eqx.Module):
     def in_world(self, carrier: SubmarineFrame, time: Float[Array, ""]) -> Estimate:
         """Return it in the world, from the frame of a submarine at ``time`` (s).
 
-        Standard deviations turn as those of independent errors along the axes of the frame.
+        The velocity of the water is that in the frame plus that of the frame. Standard deviations
+        turn as those of independent errors along the axes of the frame.
         """
         axes = carrier.origin.size
         turn = carrier.rotation(time)
@@ -50,10 +51,12 @@ class Estimate(eqx.Module):
         position, flow = self.position, self.flow_velocity
         if position is not None:
             poses = jnp.pad(position.value, ((0, 0), (0, pose.size - axes)))
-            poses = jax.vmap(lambda each: carrier.to_world(each, time))(poses)
-            position = Estimated(poses[:, :axes], jax.vmap(turned)(position.std))
+            points = jax.vmap(lambda each: carrier.to_world(each, time))(poses)[:, :axes]
+            position = Estimated(points, jax.vmap(turned)(position.std))
         if flow is not None:
-            flow = Estimated(product(turn, flow.value), turned(flow.std))
+            place = self.tip.value if self.position is None else jnp.mean(poses, axis=0)
+            drift = jax.jvp(lambda at: carrier.to_world(place, at), (time,), (jnp.ones(()),))[1]
+            flow = Estimated(product(turn, flow.value) + drift[:axes], turned(flow.std))
         return Estimate(tip, position, flow)
 
 

@@ -25,6 +25,7 @@ from crinoid.foundation.result_variables import quantity
 from crinoid.inverse.actuator_motion import actuator_motion
 from crinoid.inverse.readings import Readings, read_readings
 from crinoid.numerics.kalman import Correction, stationary_covariance
+from crinoid.recording.texts import listed
 from crinoid.results.dataset import describe, described
 from crinoid.scenario import ScenarioError, got, refusal
 from crinoid.scenario.library import Source
@@ -84,25 +85,26 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
         np.stack([each.fresh for each in arrivals], axis=1), tuple(each.age for each in arrivals)
     )
     if not schedule.fresh.any():
-        raise refusal("RECORD", "got readings that arrive after its end", "last longer", "")
+        raise refusal("RECORD", "got readings that arrive after its end", "last longer")
     scenario = prepared.scenario
-    every = (*scenario.base.channels.present, *scenario.thread_names)
-    model, parts = observer_model(plan, scenario.control.lqg.inputs or every, schedule)
+    inputs = (*scenario.base.channels.present, *scenario.thread_names)
+    inputs = scenario.control.lqg.inputs or inputs
+    model, parts = observer_model(plan, inputs, schedule)
     noise = ReadingNoise.of(plan, model, parts)
-    measured = np.hstack(
-        [
-            each.values(sensor.noise.size)
-            for each, sensor in zip(arrivals, plan.sensors, strict=True)
-        ]
-    )
+    pairs = zip(arrivals, noise.sizes, strict=True)
+    measured = np.hstack([each.values(size) for each, size in pairs])
     numbers = actuator_motion(plan, record, time)[:, list(model.kept)] - model.at_rest
     changes = _less_values(plan, measured, arrivals[0].taken, noise)
     outputs = observer_outputs(plan, model, parts.outputs, np.zeros_like(parts.move))
     filtered = _filtered(parts, noise.variance, outputs, numbers, changes)
     found = _outputs(plan, outputs, filtered, numbers, time)
     data = _dataset(plan, scenario.arm.dimension, time, found, filtered, measured)
-    notes = "\n".join([*prepared.notes(), *record.notes])
-    data.attrs = describe(scenario) | {"status": "ok", "notes": notes} | _consistency(filtered)
+    notes = [*prepared.notes(), *record.notes]
+    if record.commands is None and (still := [one for one in inputs if one not in record.states]):
+        notes.append(f"no commands or states of {listed(still)}, which count as at rest")
+    data.attrs = (
+        describe(scenario) | {"status": "ok", "notes": "\n".join(notes)} | _consistency(filtered)
+    )
     return data
 
 
@@ -138,9 +140,8 @@ class _Arrival(NamedTuple):
         newest = np.searchsorted(readings.time, known, side="right") - 1
         fresh = np.diff(newest, prepend=-1) > 0
         age = time[fresh] - readings.time[newest[fresh]]
-        return _Arrival(
-            readings, newest, fresh, round(float(age.mean()) / period) if age.size else 0
-        )
+        usual = float(age.mean()) if age.size else 0.0
+        return _Arrival(readings, newest, fresh, round(usual / period))
 
     @property
     def taken(self) -> Ticks:
@@ -192,10 +193,8 @@ def _filtered(
     readings: Values,
 ) -> _Filtered:
     """Run the filter from an arm that the current moves; a missing reading changes nothing."""
-    state, covariance = (
-        np.zeros(parts.move.shape[0]),
-        stationary_covariance(parts.move, parts.noise),
-    )
+    covariance = stationary_covariance(parts.move, parts.noise)
+    state = np.zeros(covariance.shape[0])
     innovation, spread = np.full_like(readings, np.nan), np.full_like(readings, np.nan)
     squared, states, deviations = np.zeros(len(readings)), [], []
     current = outputs.flow_velocity

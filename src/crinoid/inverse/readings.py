@@ -103,8 +103,8 @@ def _of_table(
         there = [str(name) for name in dataset.variables]
     measured = [column for column in every if column.name in there]
     if not measured:
-        some = ", ".join(column.name for column in every)
-        raise refusal("file", f"has {listed(sorted(there))}", f"have {TIME} and some of {some}")
+        names = ", ".join(column.name for column in every)
+        raise refusal("file", f"has {listed(sorted(there))}", f"have {TIME} and some of {names}")
     series = read_series(file, TIME, measured, 0.0, gaps=True)
     values = dict(zip((column.name for column in measured), series.values.T, strict=True))
     nothing = np.full(series.time.size, np.nan)

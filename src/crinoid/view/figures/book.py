@@ -153,9 +153,8 @@ _FINDINGS = {
         {
             **{f"estimated_tip_position{end}": ("time", "axis") for end in ("", "_std")},
             **{f"estimated_flow_velocity{end}": ("time", "axis") for end in ("", "_std")},
-            **dict.fromkeys(
-                ("sensor_reading", "innovation", "innovation_std"), ("time", "reading")
-            ),
+            **dict.fromkeys(("innovation", "innovation_std"), ("time", "reading")),
+            "sensor_reading": ("time", "reading"),
         },
         {"log_estimate.png": draw_estimate},
     ),

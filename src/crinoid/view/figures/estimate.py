@@ -5,7 +5,6 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from crinoid.view.figures.style import (
-    AXIS_COLOURS,
     BLUE,
     DEGREES,
     GREY,
@@ -38,9 +37,9 @@ def draw_estimate(data: xr.Dataset) -> Figure:
             data[each].sel(axis=axis).values if axis else data[each].values
             for each in (name, f"{name}_std")
         )
-        swing = largest(value - np.mean(value))
-        unit = DEGREES if name.endswith("angle") else length_unit(swing)
-        unit = si_unit(largest(value), "m/s") if name.endswith("velocity") else unit
+        size = largest(value, std)
+        unit = DEGREES if name.endswith("angle") else length_unit(size)
+        unit = si_unit(size, "m/s") if name.endswith("velocity") else unit
         low, high = (unit.factor * (value + sign * _WIDE * std) for sign in (-1, 1))
         if reading in data["reading"].values:
             measured = unit.factor * data["sensor_reading"].sel(reading=reading).values
@@ -62,7 +61,7 @@ def draw_estimate(data: xr.Dataset) -> Figure:
     last = panels[-1]
     for index, name in enumerate(map(str, data["reading"].values)):
         over = (data["innovation"] / data["innovation_std"]).isel(reading=index).values
-        colour = AXIS_COLOURS.get(name.removeprefix("tip."), SERIES[index % len(SERIES)])
+        colour = SERIES[index % len(SERIES)]
         last.plot(time, over, ".", color=colour, markersize=2.0, label=name)
     for level in (-_WIDE, _WIDE):
         last.axhline(level, color=INK, linewidth=0.8)
