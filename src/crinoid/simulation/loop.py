@@ -97,7 +97,7 @@ class Loop(eqx.Module):
         )
         command = jnp.zeros(len(self.system.inputs))
         seen = self.seen(state, sensors, command)
-        check_controller(self.controller, seen, self.system.inputs)
+        check_controller(self.controller, seen, self.system.inputs, self.system.reference.nodes)
         return LoopState(
             state,
             EnergyAccount.of(self.system.forces, state),
