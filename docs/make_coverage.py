@@ -1,6 +1,6 @@
 """Print the coverage table of `docs/estimate.md`: runs of 20 seeds, estimates next to the truth.
 
-    python docs/make_coverage.py [SCENARIO ...]
+python docs/make_coverage.py [SCENARIO ...]
 """
 
 from __future__ import annotations

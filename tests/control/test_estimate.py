@@ -1,5 +1,7 @@
 """Estimates of an observer: their covariance, their place in results, and their frames."""
 
+from pathlib import Path
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,7 +16,9 @@ from crinoid.control import Estimate, Estimated, SubmarineFrame
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation.setup import set_up
 from helpers.figures import assert_shows_something
+from helpers.scripts import load_script
 
+DOCS = Path(__file__).parents[2] / "docs"
 NOISE = 1e-3
 HELD = Scenario(
     seed=4,
@@ -190,3 +194,13 @@ def test_the_report_draws_the_estimate(held, tmp_path):
     assert "estimate.png" in [path.name for path in figures]
     assert_shows_something(tmp_path / "estimate.png")
     assert "within the band" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["station-keeping", "wave-zone"])
+def test_over_20_seeds_the_bands_have_the_truth_as_often_as_the_page_says(name):
+    shares = load_script(DOCS / "make_coverage.py").coverage(name)
+    assert len(shares) == 6
+    # a right model has 0.95; the observer allows for more errors than most runs have
+    assert min(shares.values()) > 0.9
+    assert shares["tip_position x"] < 0.995
