@@ -83,9 +83,6 @@ class LinearOutput(eqx.Module):
         return Estimated(self.at_rest + moved.reshape(self.at_rest.shape), self.std)
 
 
-Velocity = Float[Array, " d"]
-
-
 class CurrentOutput(eqx.Module):
     """Current by the state of a linear observer: the velocity with the drag of the linear model.
 
@@ -98,11 +95,11 @@ class CurrentOutput(eqx.Module):
     """Square root of the stationary covariance of the errors in the linear model."""
     apart: Float[Array, "d d"]
     """Covariance of the part of these errors that no state contains."""
-    begin: Velocity
+    begin: Float[Array, " d"]
     """Velocity where the model is linear about (m/s)."""
-    tangent: Velocity
+    tangent: Float[Array, " d"]
     """Direction of the arm there."""
-    direction: Velocity
+    direction: Float[Array, " d"]
     """Direction across the arm of the current in which the drag was linearised."""
     slope: Float[Array, ""]
     """Mean slope of ``|w| w`` across that direction (m/s), half of that along it."""
@@ -125,7 +122,7 @@ class CurrentOutput(eqx.Module):
         std = jnp.sqrt(jnp.sum((0.5 * (ends[0] - ends[1])) ** 2, axis=0))
         return Estimated(self._velocity(change), std)
 
-    def _velocity(self, change: Velocity) -> Velocity:
+    def _velocity(self, change: Float[Array, " d"]) -> Float[Array, " d"]:
         inline, across = self._parts(change)
         inline_begin, across_begin = self._parts(self.begin)
         main = product(across, self.direction) * self.direction
@@ -133,12 +130,12 @@ class CurrentOutput(eqx.Module):
         size = jnp.sqrt(jnp.sum(drag**2))
         return inline_begin + inline + drag / jnp.sqrt(jnp.where(size > 0, size, 1.0))
 
-    def _parts(self, velocity: Velocity) -> tuple[Velocity, Velocity]:
+    def _parts(self, velocity: Float[Array, " d"]) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
         inline = product(velocity, self.tangent) * self.tangent
         return inline, velocity - inline
 
 
-def _square(velocity: Velocity) -> Velocity:
+def _square(velocity: Float[Array, " d"]) -> Float[Array, " d"]:
     return jnp.sqrt(jnp.sum(velocity**2)) * velocity
 
 

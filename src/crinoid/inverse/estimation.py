@@ -314,7 +314,7 @@ def _dataset(
     return xr.Dataset(variables, coordinates)
 
 
-def _consistency(filtered: _Filtered) -> dict[str, float]:
+def _consistency(filtered: _Filtered) -> dict[str, Any]:
     """Return how the innovations compare with their covariance (Bar-Shalom et al. 2001).
 
     The sum of their normalised squares follows a chi-squared law with as many degrees of freedom as
