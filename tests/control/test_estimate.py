@@ -204,3 +204,22 @@ def test_over_20_seeds_the_bands_have_the_truth_as_often_as_the_page_says(name):
     # a right model has 0.95; the observer allows for more errors than most runs have
     assert min(shares.values()) > 0.9
     assert shares["tip_position x"] < 0.995
+
+
+@pytest.mark.slow
+def test_estimates_on_a_moving_submarine_are_in_the_world():
+    motions = [
+        {"kind": "sine", "channel": "heave", "amplitude": 0.05, "frequency_hz": 0.2},
+        {"kind": "sine", "channel": "tilt", "amplitude_deg": 8.0, "frequency_hz": 0.15},
+    ]
+    carried = {"base.motion": motions, "target.frame": "base", "control.compare": False}
+    data = crinoid.simulate(HELD.with_values(carried)).dataset
+    moved = np.ptp(data["tip_position"].values, axis=0)
+    assert moved.min() > 0.005
+    assert moved.max() > 0.05
+    (tip, _), (current, _) = errors_of(data)
+    assert np.sqrt(np.mean(tip**2)) < 1.5 * NOISE
+    nodes = data["estimated_position"].values[51:] - data["position"].values[50:-1]
+    assert np.abs(nodes).max() < 0.01
+    # the base heaves at 0.06 m/s
+    assert np.std(current[:, 1]) < 0.04
