@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from crinoid.dynamics import Outcome, State, System
     from crinoid.elements import Element, Motion
     from crinoid.flow import Flow
+    from crinoid.inverse.estimation import estimate
     from crinoid.learning.environment.env import make_env
     from crinoid.learning.environment.vector import make_vec_env
     from crinoid.numerics.ramp import Onset
@@ -68,6 +69,7 @@ _HOMES = {
     "equilibria": "crinoid.analysis.equilibria",
     "equilibrium": "crinoid.simulation",
     "linearise": "crinoid.analysis.linearisation",
+    "estimate": "crinoid.inverse.estimation",
     "load": "crinoid.scenario",
     "modes": "crinoid.analysis.vibrations",
     "rollout": "crinoid.simulation",
@@ -109,6 +111,7 @@ __all__ = [
     "closed_loop",
     "equilibria",
     "equilibrium",
+    "estimate",
     "flow_onset",
     "linearise",
     "load",

@@ -8,6 +8,7 @@ actuators ``s`` at both ends of the period are known, the water's velocity ``w``
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -21,7 +22,7 @@ from crinoid.actuation import for_small_commands
 from crinoid.assembly.arrays import array
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.compilation import ONCE, compiled
-from crinoid.control import Sensor, WaterVelocity
+from crinoid.control import Measurand, Sensor, WaterVelocity
 from crinoid.dynamics import State, System, Transition, numbers_of
 from crinoid.elements import Threads, Vortices
 from crinoid.flow import Flow, Uniform, Water
@@ -59,6 +60,9 @@ class LinearModel(NamedTuple):
     """Values of the sensors by the arm: the tip's pose first."""
     observed_actuators: Float[np.ndarray, "y s"]
     observed_water: Float[np.ndarray, "y w"]
+    nodes: Float[np.ndarray, "coordinate x"]
+    """Positions of the nodes by the arm."""
+    nodes_actuators: Float[np.ndarray, "coordinate s"]
     values: Float[np.ndarray, " y"]
     """Values of the sensors at the state that it is linear about."""
     at_rest: Float[np.ndarray, " s"]
@@ -77,6 +81,16 @@ class LinearModel(NamedTuple):
     """Hankel singular values, of which the largest were kept."""
 
 
+class _NodePositions(Measurand):
+    """Positions of the nodes from the base's set position (m), an output of the linear model."""
+
+    def of(self, system: System, state: State) -> Float[Array, " coordinate"]:
+        return state.position[1:].reshape(-1)
+
+    def names(self, axes: int) -> tuple[tuple[str, str], ...]:
+        return ()
+
+
 def linear_model(
     plan: AssembledScenario, driven: tuple[str, ...], shapes: int, deviation: Velocity
 ) -> LinearModel:
@@ -87,9 +101,12 @@ def linear_model(
     axis (m/s).
     """
     current, steeper = calm_current(np.array(plan.current, float), deviation)
+    outputs = (*plan.sensors, replace(plan.sensors[0], measurand=_NodePositions()))
     found, values, at_rest = jax.tree.map(
-        np.asarray, linearised(plan.system, plan.state, array(current), plan.sensors)
+        np.asarray, linearised(plan.system, plan.state, array(current), outputs)
     )
+    readings = sum(sensor.noise.shape[0] for sensor in plan.sensors)
+    seen, positions = np.split(found.observed_arm, [readings])
     rows = plan.rows(driven)
     lower, upper = (
         np.array([float(getattr(plan.inputs[row], end)) for row in rows])
@@ -100,6 +117,7 @@ def linear_model(
     # without clocks and inputs that are not driven
     kept = np.flatnonzero(_spread(actuators, commanded * usual))
     actuators, commanded = actuators[np.ix_(kept, kept)], commanded[kept]
+    observed_actuators, nodes_actuators = np.split(found.observed_actuators[:, kept], [readings])
     steps = max(1, round(plan.period / plan.scenario.simulation.time_step))
     nodes = plan.state.position.shape[0]  # the ghost's first
     place = np.clip((np.arange(nodes) - 1) / (nodes - 2), 0.0, 1.0)
@@ -115,7 +133,6 @@ def linear_model(
     # scaled by as much as each usually does
     moved, stir = _spread(actuators, commanded * usual), np.tile(deviation, shapes)
     inputs = np.hstack([driving * moved, stirred * stir, hastened * stir / plan.period])
-    seen = found.observed_arm
     reduced, _ = balanced_by_reach(arm, inputs, seen, share=SHARE, most=_MOST, discount=_DISCOUNT)
     left = reduced.left
     return LinearModel(
@@ -130,9 +147,11 @@ def linear_model(
             np.zeros_like(commanded),
         ),
         observed=seen @ reduced.right,
-        observed_actuators=found.observed_actuators[:, kept],
+        observed_actuators=observed_actuators,
         observed_water=_observed_water(plan, along),
-        values=values,
+        nodes=positions @ reduced.right,
+        nodes_actuators=nodes_actuators,
+        values=values[:readings],
         at_rest=at_rest[kept],
         kept=tuple(map(int, kept)),
         rows=tuple(rows),

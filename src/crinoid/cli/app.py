@@ -28,6 +28,7 @@ from crinoid.cli.interruption import Loading
 from crinoid.cli.result_commands import export, film, report
 from crinoid.cli.study_commands import (
     compare,
+    estimate,
     identify,
     optimise,
     sweep,
@@ -323,5 +324,7 @@ def scenarios(
             console.print(f"{name:{width}}{load(name).title}", soft_wrap=True)
 
 
-for command in (compare, tune, identify, optimise, report, export, film, sweep, train, validate):
+for command in (
+    compare, tune, identify, estimate, optimise, report, export, film, sweep, train, validate
+):  # fmt: skip
     app.command()(command)

@@ -136,12 +136,15 @@ def read_series(
     columns: list[Column],
     skip: float,
     only: tuple[str, str] | None = None,
+    *,
+    gaps: bool = False,
 ) -> Series:
     """Read columns of a CSV or netCDF file.
 
     Times that are numbers are those of the run, dates count from the first one; ``skip`` is the
-    time of the file when the run begins. Rows with a missing value are omitted. With ``only``, a
-    column and a label in it, other rows do not count.
+    time of the file when the run begins. Rows with a missing value are omitted, or only those
+    without any value where ``gaps`` may stay. With ``only``, a column and a label in it, other rows
+    do not count.
     """
     with read_dataset(file) as dataset:
         remarks: list[str] = [*dataset.attrs.get(REMARKS, ())]
@@ -159,7 +162,7 @@ def read_series(
         start = numbers_of(clock, "time_column", "times")[0]
         time += float(start - since) * (time_factor(units) or 1)
         values = values_in(dataset, columns, clock, file, remarks)
-    there = np.isfinite(values).all(axis=1)
+    there = (np.any if gaps else np.all)(np.isfinite(values), axis=1)
     if there.sum() < 2:
         text = f"{short(file)} has {counted(int(there.sum()), 'row')} without a missing value"
         raise refusal("file", text, "have at least 2")

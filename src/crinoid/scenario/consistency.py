@@ -293,7 +293,8 @@ def _output_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     """Yield variables that do not exist, and an interval that does not fit the time steps."""
     simulation, dimension = scenario.simulation, scenario.arm.dimension
     for index, name in enumerate(scenario.output.variables or ()):
-        without = ("vortices",) if scenario.water.vortices is None else ()
+        without = {"vortices"} if scenario.water.vortices is None else set()
+        without |= set() if scenario.control.observes else {"estimate"}
         if name not in of_dimension(dimension, without=without):
             must = f"be {one_of(large_names(dimension, without=without))}"
             yield scenario.mistake(f"output.variables.{index}", must)
