@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from crinoid.cli.command import Force, one_line_errors, option, out_option
+from crinoid.cli.command import Force, Settings, one_line_errors, option, out_option, stop
 from crinoid.cli.interruption import Interrupted, Interruption, Loading
 
 
@@ -30,14 +30,21 @@ def report(
 @one_line_errors("interrupted")
 def export(
     result: Annotated[
-        Path,
+        str,
         typer.Argument(
-            metavar="RESULT", help="A folder that `crinoid run` wrote, or a result in it."
+            metavar="RESULT",
+            help="A folder that `crinoid run` wrote, or a result in it; with fmu a scenario.",
         ),
     ],
     to: Annotated[
-        str, option("vtkhdf, csv, xlsx or gltf; of a policy, onnx.", "FORMAT", default=False)
+        str,
+        option(
+            "vtkhdf, csv, xlsx or gltf; of a policy, onnx; of a scenario, fmu.",
+            "FORMAT",
+            default=False,
+        ),
     ],
+    settings: Settings = None,
     variables: Annotated[
         str | None,
         option(
@@ -65,12 +72,19 @@ def export(
 ) -> None:
     """Write a result for ParaView (vtkhdf), for spreadsheets (csv, xlsx) or for Blender (gltf).
 
-    A policy that `crinoid train` wrote is written for a vehicle (onnx).
+    A policy that `crinoid train` wrote is written for a vehicle (onnx), and a scenario for programs
+    of co-simulation (fmu).
     """
     with Loading():
-        from crinoid.cli.export import export_result
+        from crinoid.cli.export import export_result, export_scenario
 
-    export_result(result, to, out, variables=variables, nodes=nodes, instants=instants, force=force)
+    tables = {"variables": variables, "nodes": nodes, "instants": instants}
+    if to == "fmu":
+        export_scenario(result, settings, out, tables, force=force)
+    elif settings:
+        stop(f"--set: needs --to fmu. Leave it out with --to {to}.")
+    else:
+        export_result(Path(result), to, out, **tables, force=force)
 
 
 @one_line_errors("interrupted: no film is written")

@@ -38,6 +38,7 @@ _MARKS: dict[str, tuple[bytes, int | None]] = {
     ".html": (b'name="generator" content="crinoid', 2000),
     ".glb": (b'"generator":"crinoid', None),
     ".onnx": (_PRODUCED, 2 + len(_PRODUCED)),
+    ".fmu": (b'author="crinoid"', None),
     ".mp4": (MADE.encode(), None),
     ".gif": (MADE.encode(), None),
 }
