@@ -75,14 +75,14 @@ def export_scenario(
     name: str,
     settings: list[str] | None,
     out: Path | None,
-    tables: Mapping[str, object],
+    unused: Mapping[str, object],
     *,
     force: bool,
 ) -> None:
-    """Export a scenario as an FMU; options of ``tables`` must be unset."""
-    for option, value in tables.items():
+    """Export a scenario as an FMU; options of results must be ``unused``."""
+    for option, value in unused.items():
         if value is not None:
-            raise refusal(f"--{option}", "needs a result. Leave it out with --to fmu.")
+            raise refusal(option, "needs a result. Leave it out with --to fmu.")
     scenario, folder = load_scenario(name, settings), folder_for(out, name, settings=settings)
     stem = Path(name).stem
     with claimed(folder):

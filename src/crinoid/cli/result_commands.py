@@ -78,13 +78,14 @@ def export(
     with Loading():
         from crinoid.cli.export import export_result, export_scenario
 
-    tables = {"variables": variables, "nodes": nodes, "instants": instants}
     if to == "fmu":
-        export_scenario(result, settings, out, tables, force=force)
-    elif settings:
+        unused = {"--variables": variables, "--nodes": nodes, "--instants": instants}
+        export_scenario(result, settings, out, unused, force=force)
+        return
+    if settings:
         stop(f"--set: needs --to fmu. Leave it out with --to {to}.")
-    else:
-        export_result(Path(result), to, out, **tables, force=force)
+    path = Path(result)
+    export_result(path, to, out, variables=variables, nodes=nodes, instants=instants, force=force)
 
 
 @one_line_errors("interrupted: no film is written")

@@ -58,7 +58,7 @@ class CoSimulation:
         self.outputs = [each for some in self._quantities for each in some.variables]
         """Outputs: numbers, and the array ``shape`` (node, axis)."""
         self._given = {each.name: each.start for each in self.parameters}
-        self._values = self._given | {each.name: each.start for each in self.inputs}
+        self._values: dict[str, Any] = self._given | {each.name: each.start for each in self.inputs}
         self._axes = AXES[given.arm.dimension]
         self._channels = [] if given.vehicle else [name for name, _ in channels_of(given)]
         self._session: Session | None = None

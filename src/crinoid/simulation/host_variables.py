@@ -20,6 +20,10 @@ _NO_PARAMETERS = ("simulation", "output", "control")
 """Tables whose numbers belong to the computation, or to the controller that the host replaces."""
 
 
+Values = Callable[[Session, Record], ArrayLike]
+"""From a session and the record of its present instant to numbers."""
+
+
 class Variable(NamedTuple):
     """A variable of a co-simulation."""
 
@@ -37,8 +41,8 @@ class Outputs(NamedTuple):
     """Numbers that one quantity has, in its order; or a single array."""
 
     variables: tuple[Variable, ...]
-    of: Callable[[Session, Record], ArrayLike]
-    """Their values at the present instant, from a session and its record."""
+    of: Values
+    """Their values."""
 
     def values(self, session: Session, record: Record) -> dict[str, Any]:
         """Return the value of each variable, by name."""
@@ -93,81 +97,60 @@ def parameters_of(scenario: Scenario) -> list[Variable]:
 def outputs_of(prepared: Prepared) -> list[Outputs]:
     """Return the outputs by quantity; the shape of the arm is the last one."""
     scenario = prepared.scenario
-    count, channels = scenario.arm.dimension, channels_of(scenario)
-    axes = AXES[count]
+    count, nodes, channels = scenario.arm.dimension, scenario.arm.nodes, channels_of(scenario)
     tip, *others = prepared.sensors
-    pose, forces = tip.measurand.names(count), [(axis, "N") for axis in axes]
-    moments = [(f"_{axis}", "N m") for axis in axes] if count == 3 else [("", "N m")]
-
-    def numbers(
-        prefix: str,
-        parts: Iterable[tuple[str, str]],
-        meaning: str,
-        of: Callable[[Session, Record], ArrayLike],
-    ) -> Outputs:
-        labels = [(name, unit, name.removeprefix("_")) for name, unit in parts]
-        return Outputs(
+    pose, forces = tip.measurand.names(count), [(axis, "N") for axis in AXES[count]]
+    moments = ("_", [(axis, "N m") for axis in AXES[3]]) if count == 3 else ("", [("", "N m")])
+    own = "in the frame of the target"
+    rows: list[tuple[str, Iterable[tuple[str, str]], str, Values]] = [
+        ("tip_", pose, "pose of the tip in the world", lambda _, now: now.tip),
+        ("target_", pose, f"pose for the tip, {own}", lambda session, _: session.seen.reference),
+        ("measured_", pose, f"newest known pose of the tip, {own}", _measured),
+        ("base_force_", forces, "force of the arm on its base", lambda _, now: now.base_force),
+        (f"base_moment{moments[0]}", moments[1], "moment of the arm on its base", _base_moment),
+        ("base_pose_", channels, "displacement of the base", lambda _, now: now.pose),
+        ("max_curvature", [("", "m-1")], "largest curvature", _largest_curvature),
+    ]
+    if scenario.vehicle is not None:
+        rows.append(("vehicle_pose_", channels, "displacement of the vehicle", _vehicle_pose))
+    for each in others:
+        text = f"newest known reading of {each.name}"
+        rows.append((f"{each.name}.", each.measurand.names(count), text, _reading(each.name)))
+    found = [
+        Outputs(
             tuple(
-                Variable(f"{prefix}{name}", unit, f"{meaning}: {label}" if label else meaning)
-                for name, unit, label in labels
+                Variable(f"{prefix}{name}", unit, f"{meaning}: {name}" if name else meaning)
+                for name, unit in parts
             ),
             of,
         )
-
-    found = [
-        numbers("tip_", pose, "pose of the tip in the world", lambda _, now: now.tip),
-        numbers(
-            "target_",
-            pose,
-            "pose that the tip should have, in the frame of the target",
-            lambda session, _: session.seen.reference,
-        ),
-        numbers(
-            "measured_",
-            pose,
-            "newest known pose of the tip, in the frame of the target",
-            lambda session, _: session.seen.measured,
-        ),
-        numbers(
-            "base_force_", forces, "force of the arm on its base", lambda _, now: now.base_force
-        ),
-        numbers(
-            "base_moment",
-            moments,
-            "moment of the arm on its base about the root",
-            lambda _, now: now.base_moment,
-        ),
-        numbers(
-            "base_pose_",
-            channels,
-            "displacement of the base from its set pose",
-            lambda _, now: now.pose,
-        ),
-        numbers(
-            "max_curvature",
-            [("", "m-1")],
-            "largest curvature along the arm",
-            lambda _, now: np.max(
-                np.linalg.norm(np.reshape(now.curvature, (scenario.arm.nodes, -1)), axis=1)
-            ),
-        ),
+        for prefix, parts, meaning, of in rows
     ]
-    if scenario.vehicle is not None:
-        text = "displacement of the vehicle from where it started"
-        found.append(numbers("vehicle_pose_", channels, text, lambda _, now: now.vehicle.pose))
+    shape = Variable("shape", "m", "position of each node in the world", None, (nodes, count))
+    return [*found, Outputs((shape,), _shape)]
 
-    def reading(name: str) -> Callable[[Session, Record], ArrayLike]:
-        return lambda session, _: session.seen.readings[name].value
 
-    for each in others:
-        text = f"newest known reading of {each.name}"
-        found.append(
-            numbers(f"{each.name}.", each.measurand.names(count), text, reading(each.name))
-        )
-    shape = Variable(
-        "shape", "m", "position of each node in the world", None, (scenario.arm.nodes, count)
-    )
-    return [
-        *found,
-        Outputs((shape,), lambda session, now: now.position + session.loop.system.forces.origin),
-    ]
+def _measured(session: Session, _: Record) -> ArrayLike:
+    return session.seen.measured
+
+
+def _base_moment(_: Session, now: Record) -> ArrayLike:
+    return now.base_moment
+
+
+def _largest_curvature(_: Session, now: Record) -> ArrayLike:
+    bent = np.asarray(now.curvature)
+    return np.max(np.linalg.norm(bent.reshape(bent.shape[0], -1), axis=1))
+
+
+def _vehicle_pose(_: Session, now: Record) -> ArrayLike:
+    assert now.vehicle is not None
+    return now.vehicle.pose
+
+
+def _reading(name: str) -> Values:
+    return lambda session, _: session.seen.readings[name].value
+
+
+def _shape(session: Session, now: Record) -> ArrayLike:
+    return now.position + session.loop.system.forces.origin

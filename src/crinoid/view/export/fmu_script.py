@@ -22,7 +22,6 @@ from pythonfmu3 import (
     Unit,
 )
 
-_HERE = Path(__file__).parent
 _RADIANS = 0.017453292519943295
 _BASE: dict[str, dict[str, int]] = {
     **{name: {name: 1} for name in ("m", "s", "kg", "rad")},
@@ -39,7 +38,9 @@ class Arm(Fmi3Slave):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        needed = (_HERE / "requirements.txt").read_text().strip()
+        # not next to this module, which may be loaded from another copy of the archive
+        here = Path(options["resources"])
+        needed = (here / "requirements.txt").read_text().strip()
         try:
             from crinoid.foundation.version import __version__
             from crinoid.scenario import load
@@ -48,9 +49,9 @@ class Arm(Fmi3Slave):
             raise self._lacking(needed, str(error)) from None
         if needed != f"crinoid=={__version__}":
             raise self._lacking(needed, f"it has {__version__}")
-        scenario = load(_HERE / "scenario.toml")
+        scenario = load(here / "scenario.toml")
         self._arm = arm = CoSimulation(scenario)
-        self.modelName, self.guid = (_HERE / "identity.txt").read_text().split()
+        self.modelName, self.guid = (here / "identity.txt").read_text().split()
         self.author, self.version = "crinoid", __version__
         self.description = f"{scenario.title or self.modelName}. Needs Python with {needed}."
         self.default_experiment = DefaultExperiment(0.0, scenario.simulation.duration, arm.period)
