@@ -122,3 +122,13 @@ def test_scenarios_that_no_host_can_step_are_refused(scenario):
     rate = scenario.with_values({"control.rate_hz": 70.0})
     with pytest.raises(ScenarioError, match=r"control.rate_hz: got 70.0; must have a period that"):
         CoSimulation(rate)
+
+
+def test_a_submarine_that_floats_has_no_motion_from_outside():
+    settings = ["sensors.0.kind=shape", "sensors.0.stations=[0.5]", "sensors.0.name=gauge"]
+    arm = CoSimulation(load("floating-3d", settings))
+    inputs, outputs = ({each.name for each in some} for some in (arm.inputs, arm.outputs))
+    assert {"command_sway", "current_y"} <= inputs
+    assert not {"command_slide", "base_slide"} & inputs
+    assert {"tip_direction_y", "gauge.twist_0", "vehicle_pose_roll", "base_moment_y"} <= outputs
+    assert "tip_angle" not in outputs

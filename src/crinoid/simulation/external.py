@@ -169,9 +169,7 @@ class ExternalSignals:
 
         def places(of: Loop) -> list[Any]:
             carrier = of.target.carrier
-            last: list[Any] = list(
-                of.system.forces.water.flows[len(of.system.forces.water.flows) - flows :]
-            )
+            last = list(of.system.forces.water.flows[len(of.system.forces.water.flows) - flows :])
             for base in [of.system.base] + ([] if carrier is None else [carrier.base]):
                 last += base.motions[len(base.motions) - motions :]
             return last

@@ -33,7 +33,7 @@ _BASE: dict[str, dict[str, int]] = {
 """Exponents of SI base units by symbol."""
 
 
-class Arm(Fmi3Slave):
+class ArmSlave(Fmi3Slave):
     """An arm as a slave of FMI 3.0."""
 
     def __init__(self, **options: Any) -> None:
