@@ -413,7 +413,8 @@ def test_a_note_says_that_a_long_run_is_thinned(tmp_path):
 
 
 KINDS_OF_FILES = (
-    '--to: got "vtkhd"; must be "vtkhdf", "csv", "xlsx", "gltf" or "onnx"; did you mean vtkhdf?'
+    '--to: got "vtkhd"; must be "vtkhdf", "csv", "xlsx", "gltf", "onnx" or "fmu"; '
+    "did you mean vtkhdf?"
 )
 MISTAKES = [
     (["--to", "vtkhd"], '--to: got "vtkhd"'),
