@@ -79,7 +79,7 @@ class CoSimulation:
             self._found = self._observed()
         return self._found[name]
 
-    def set(self, name: str, value: float) -> None:
+    def set(self, name: str, value: float | int) -> None:
         """Set an input, or a parameter before the first step.
 
         Raises

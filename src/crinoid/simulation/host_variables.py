@@ -24,7 +24,7 @@ Values = Callable[[Session, Record], ArrayLike]
 """From a session and the record of its present instant to numbers."""
 
 
-class Variable(NamedTuple):
+class HostVariable(NamedTuple):
     """A variable of a co-simulation."""
 
     name: str
@@ -40,7 +40,7 @@ class Variable(NamedTuple):
 class Outputs(NamedTuple):
     """Numbers that one quantity has, in its order; or a single array."""
 
-    variables: tuple[Variable, ...]
+    variables: tuple[HostVariable, ...]
     of: Values
     """Their values."""
 
@@ -59,11 +59,11 @@ def channels_of(scenario: Scenario) -> list[tuple[str, str]]:
     return [(name, "rad" if name in ANGLES else "m") for name in names]
 
 
-def inputs_of(prepared: Prepared) -> list[Variable]:
+def inputs_of(prepared: Prepared) -> list[HostVariable]:
     """Return the inputs: commands, the external current, and the motion of a base that is held."""
     scenario = prepared.scenario
     found = [
-        Variable(
+        HostVariable(
             f"command_{each.name}",
             each.unit,
             f"command of {each.name}, limited to {float(each.lower):g} and {float(each.upper):g}",
@@ -74,21 +74,21 @@ def inputs_of(prepared: Prepared) -> list[Variable]:
     ]
     for axis in AXES[scenario.arm.dimension]:
         text = f"external current along {axis}, which is added to the scenario's"
-        found.append(Variable(f"current_{axis}", "m s-1", text, 0.0))
+        found.append(HostVariable(f"current_{axis}", "m s-1", text, 0.0))
     for name, unit in channels_of(scenario) if scenario.vehicle is None else ():
         text = f"external displacement of the base in {name}, which is added to the scenario's"
-        found.append(Variable(f"base_{name}", unit, text, 0.0))
+        found.append(HostVariable(f"base_{name}", unit, text, 0.0))
     return found
 
 
-def parameters_of(scenario: Scenario) -> list[Variable]:
+def parameters_of(scenario: Scenario) -> list[HostVariable]:
     """Return the parameters: the seed, the duration, and real numbers of the scenario by key."""
     found = [
-        Variable("seed", "", "Seed of everything random.", scenario.seed),
-        Variable(DURATION, "s", "Latest time.", scenario.simulation.duration),
+        HostVariable("seed", "", "Seed of everything random.", scenario.seed),
+        HostVariable(DURATION, "s", "Latest time.", scenario.simulation.duration),
     ]
     return found + [
-        Variable(each.key, each.unit, each.meaning, each.value)
+        HostVariable(each.key, each.unit, each.meaning, each.value)
         for each in real_numbers(scenario)
         if each.key.partition(".")[0] not in _NO_PARAMETERS
     ]
@@ -119,14 +119,14 @@ def outputs_of(prepared: Prepared) -> list[Outputs]:
     found = [
         Outputs(
             tuple(
-                Variable(f"{prefix}{name}", unit, f"{meaning}: {name}" if name else meaning)
+                HostVariable(f"{prefix}{name}", unit, f"{meaning}: {name}" if name else meaning)
                 for name, unit in parts
             ),
             of,
         )
         for prefix, parts, meaning, of in rows
     ]
-    shape = Variable("shape", "m", "position of each node in the world", None, (nodes, count))
+    shape = HostVariable("shape", "m", "position of each node in the world", None, (nodes, count))
     return [*found, Outputs((shape,), _shape)]
 
 
