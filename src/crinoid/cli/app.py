@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from crinoid.cli.command import (
+    MISSED,
     Force,
     ScenarioName,
     Settings,
@@ -48,12 +49,15 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def _version(
-    version: Annotated[bool, option("Print the version.", name="--version")] = False,
+    version: Annotated[
+        bool, option("Print the version, and those that matter.", name="--version")
+    ] = False,
 ) -> None:
     if version:
-        from crinoid.foundation.version import __version__
+        from crinoid.foundation.version import versions
 
-        typer.echo(__version__)
+        own, *others = (f"{name} {number}" for name, number in versions().items())
+        typer.echo(f"{own}\n{', '.join(others)}")
         raise typer.Exit
 
 
@@ -251,6 +255,16 @@ def bench(
         list_benchmarks()
     else:
         end(run_benchmarks(chosen(names or ()), folder, peers=peers, force=force))
+
+
+@app.command()
+@one_line_errors("interrupted")
+def doctor() -> None:
+    """Examine the installation: versions, devices, optional parts, folders, a known solve."""
+    with Loading():
+        from crinoid.cli.doctor import examine
+
+    end(examine(), code=MISSED)
 
 
 @app.command()

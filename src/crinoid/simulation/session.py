@@ -34,7 +34,7 @@ from crinoid.simulation.external import ExternalCommand, ExternalSignals, number
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.run import SimulationError, begin, with_loop_notes
 from crinoid.simulation.setup import set_up
-from crinoid.simulation.sink import Sink, resume_state
+from crinoid.simulation.sink import Sink, require_space, resume_state
 from crinoid.simulation.stepped_run import SteppedRun
 
 Command = ArrayLike | Mapping[str, Any]
@@ -107,6 +107,7 @@ class Session(SteppedRun):
         given = scenario_of(scenario)
         if seed is not None:
             given = given.with_values({"seed": seed})
+        require_space(given, None)
         self.paced = paced
         self._origin: float | None = None
         """Wall-clock time of the start of the simulation (s); None while it pauses."""
