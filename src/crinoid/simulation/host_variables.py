@@ -66,7 +66,7 @@ def inputs_of(prepared: Prepared) -> list[HostVariable]:
         HostVariable(
             f"command_{each.name}",
             each.unit,
-            f"command of {each.name}, limited to {float(each.lower):g} and {float(each.upper):g}",
+            f"command of {each.name}, from {float(each.lower):g} to {float(each.upper):g}",
             0.0,
         )
         for each in prepared.system.inputs

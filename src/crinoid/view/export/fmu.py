@@ -14,21 +14,23 @@ from crinoid.foundation.atomic_file import FilePath, atomic_write
 from crinoid.foundation.version import __version__
 from crinoid.scenario import Scenario
 from crinoid.scenario.document import digests, rename_files
+from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.co_simulation import CoSimulation
 from crinoid.view.scene.data import ReportError
 
 _SCRIPT = Path(__file__).with_name("fmu_script.py")
 
 
-def write_fmu(scenario: Scenario, folder: FilePath, name: str) -> Path:
+def write_fmu(source: Source, folder: FilePath, name: str) -> Path:
     """Write an FMU of FMI 3.0 for co-simulation, and return its path.
 
     It contains the scenario and its files, but neither Python nor crinoid.
 
     Parameters
     ----------
-    scenario
-        One case; its controller is left out, as the host controls the arm.
+    source
+        One case, the name of a built-in scenario, or a file. Its controller is left out, as the
+        host controls the arm.
     folder
         Folder to write into.
     name
@@ -48,6 +50,7 @@ def write_fmu(scenario: Scenario, folder: FilePath, name: str) -> Path:
             raise
         text = 'an FMU is built by pythonfmu3: pip install "crinoid[fmu]"'
         raise ReportError(text) from error
+    scenario = scenario_of(source)
     arm = CoSimulation(scenario)
     model = re.sub(r"^(?=\d)|\W", "_", name, flags=re.ASCII)
     with tempfile.TemporaryDirectory() as place:
