@@ -188,6 +188,8 @@ def test_the_log_has_the_reason_of_a_failure(planar, tmp_path):
     with pytest.raises(FMICallException):
         refusing.start()
     assert "RuntimeError('arm.length: got -1.0; must be a number above 0 (m)')" in log[2]
+    for each in slave, refusing:
+        each.unit.freeInstance()
 
 
 def test_a_host_without_crinoid_gets_one_line(planar, tmp_path, monkeypatch):
@@ -231,6 +233,7 @@ def test_records_travel_inside_and_a_controller_does_not(tmp_path):
     log = []
     slave = Slave(path, tmp_path / "one", log)
     assert slave.get("flow.2.velocity_scale") == [1.0]
+    slave.unit.freeInstance()
     assert log == []
 
 

@@ -3,8 +3,11 @@
 The rest of crinoid does not import it. pythonfmu3 is next to it in the archive.
 """
 
+import ctypes
 import re
+import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -71,10 +74,7 @@ class ArmSlave(Fmi3Slave):
 
     def exit_initialization_mode(self) -> None:
         """Find the equilibrium and compile, with the parameters."""
-        try:
-            self._arm.start()
-        except Exception as error:
-            raise RuntimeError("; ".join(str(error).splitlines())) from None
+        self._called(self._arm.start)
 
     def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
         """Advance by a communication step; log the reason where that fails."""
@@ -96,27 +96,35 @@ class ArmSlave(Fmi3Slave):
         return root
 
     def _lacking(self, needed: str, reason: str) -> RuntimeError:
-        import sys
-
         where = f"Python {sys.version.split()[0]} of {sys.prefix}"
         return RuntimeError(f'the FMU needs {needed} in {where}: pip install "{needed}" ({reason})')
+
+    def _called(self, method: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the result of a method; an exception has one line."""
+        try:
+            return method(*arguments)
+        except Exception as error:
+            # the library drops its references at an exception, and again when the host frees it
+            for each in (type(self), self, self.log_queue):
+                ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
+            raise RuntimeError("; ".join(str(error).splitlines())) from None
 
     def _register(self, variable: Any, causality: Fmi3Causality) -> None:
         name, arm = variable.name, self._arm
         about = {
             "causality": causality,
             "description": variable.meaning,
-            "getter": lambda: arm.get(name),
+            "getter": lambda: self._called(arm.get, name),
         }
         if causality is not Fmi3Causality.output:
-            about["setter"] = lambda value: arm.set(name, value)
+            about["setter"] = lambda value: self._called(arm.set, name, value)
         if causality is Fmi3Causality.parameter:
             about["variability"] = Fmi3Variability.fixed
         if isinstance(variable.start, int):
             self.register_variable(Int64(name, **about))
             return
         if variable.shape:
-            about["getter"] = lambda: arm.get(name).ravel().tolist()
+            about["getter"] = lambda: self._called(arm.get, name).ravel().tolist()
             about["dimensions"] = [Dimension(str(size)) for size in variable.shape]
         self.register_variable(Float64(name, unit=self._unit(variable.unit), **about))
 
