@@ -11,9 +11,9 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.foundation.axes import AXES
 from crinoid.results.chunks import unwrap_from
 from crinoid.scenario import Scenario, got, refusal
+from crinoid.simulation.external import moved_channels
 from crinoid.simulation.host_variables import (
     DURATION,
-    channels_of,
     inputs_of,
     outputs_of,
     parameters_of,
@@ -21,7 +21,9 @@ from crinoid.simulation.host_variables import (
 from crinoid.simulation.session import Session
 
 _NEAR = 1e-6
-"""Share of a control period by which times may differ, as hosts sum them up."""
+"""Share of a control period by which times may differ."""
+_ROUND_OFF = 1e-9
+"""Share of the time by which they may differ, as hosts sum them up."""
 
 
 class CoSimulation:
@@ -41,13 +43,15 @@ class CoSimulation:
         if scenario.vary:
             raise refusal("vary", "is of several cases. Choose one with --set and leave out vary.")
         # the host is the controller, from the start on
-        self._scenario = given = scenario.with_values({"control.start": 0.0})
+        given = scenario.with_values({"control.start": 0.0})
         rate, step = given.control_rate_hz, given.simulation.time_step
         self.period = round(1 / (rate * step)) * step
         """Time between two commands (s): the shortest communication step."""
         if abs(self.period * rate - 1) > _NEAR:
             must = f"have a period that is a multiple of simulation.time_step, {step:g} s"
             raise refusal("control.rate_hz", got(rate, must))
+        # exactly, as a difference adds up over many periods
+        self._scenario = given = given.with_values({"control.rate_hz": 1 / self.period})
         prepared = Prepared(given)
         prepared.check()
         self.inputs = inputs_of(prepared)
@@ -60,7 +64,7 @@ class CoSimulation:
         self._given = {each.name: each.start for each in self.parameters}
         self._values: dict[str, Any] = self._given | {each.name: each.start for each in self.inputs}
         self._axes = AXES[given.arm.dimension]
-        self._channels = [] if given.vehicle else [name for name, _ in channels_of(given)]
+        self._channels = () if given.vehicle else moved_channels(given)
         self._session: Session | None = None
         self._found: dict[str, Any] | None = None
         self._angle: float | None = None
@@ -126,7 +130,7 @@ class CoSimulation:
         if count < 1 or abs(ratio - count) > _NEAR * count:
             must = f"be a multiple of the control period, {self.period:g} s"
             raise ValueError(f"communication step: {got(step, must)}")
-        if not abs(time - self.time) <= _NEAR * max(self.period, self.time):
+        if not abs(time - self.time) <= _NEAR * self.period + _ROUND_OFF * self.time:
             must = f"be {self.time:.10g} s, the time of the arm, which starts at 0"
             raise ValueError(f"communication point: {got(time, must)}")
         duration = session.scenario.simulation.duration
@@ -136,7 +140,11 @@ class CoSimulation:
         given = self._values
         command = {each.name: given.get(f"command_{each.name}", 0.0) for each in session.inputs}
         current = [given[f"current_{axis}"] for axis in self._axes]
-        base = {name: given[f"base_{name}"] for name in self._channels}
+        # at rest after the first of several periods, in which it holds
+        base = {
+            name: (given[f"base_{name}"], 0.0) if count > 1 else given[f"base_{name}"]
+            for name in self._channels
+        }
         self._found = None
         for _ in range(count):
             session.step(command, current=current, base=base or None)

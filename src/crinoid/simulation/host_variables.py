@@ -13,6 +13,7 @@ from crinoid.foundation.axes import ANGLES, AXES, CHANNELS
 from crinoid.results.record import Record
 from crinoid.scenario import Scenario
 from crinoid.scenario.real_numbers import real_numbers
+from crinoid.simulation.external import moved_channels
 from crinoid.simulation.session import Session
 
 DURATION = "simulation.duration"
@@ -75,7 +76,8 @@ def inputs_of(prepared: Prepared) -> list[HostVariable]:
     for axis in AXES[scenario.arm.dimension]:
         text = f"external current along {axis}, which is added to the scenario's"
         found.append(HostVariable(f"current_{axis}", "m s-1", text, 0.0))
-    for name, unit in channels_of(scenario) if scenario.vehicle is None else ():
+    felt = moved_channels(scenario) if scenario.vehicle is None else ()
+    for name, unit in (each for each in channels_of(scenario) if each[0] in felt):
         text = f"external displacement of the base in {name}, which is added to the scenario's"
         found.append(HostVariable(f"base_{name}", unit, text, 0.0))
     return found

@@ -92,6 +92,8 @@ def _without_controller(scenario: Scenario) -> dict[str, Any]:
     """Return the tables of a scenario without those of its controller, whose files may be large."""
     document = scenario.to_dict()
     kept = {key: each for key, each in document["control"].items() if not isinstance(each, dict)}
+    if "target" in document:  # nothing feeds its motion forward
+        document["target"].pop("feed_forward", None)
     return document | {"control": kept | {"kind": "none", "start": 0.0}}
 
 
@@ -110,9 +112,9 @@ def _documentation(title: str, arm: CoSimulation) -> str:
 <p>The Python that the host runs, 3.11 or newer, needs <code>crinoid=={__version__}</code>, and
 packages that the scenario names. Python and crinoid are not in this archive.
 <p>The communication step is a multiple of the control period, {arm.period:g} s, from 0 on.
-Commands hold over it; <code>current_*</code> and <code>base_*</code> reach their values linearly
-in its first control period. The host sets parameters before the start. It cannot save or
-restore the state.
+Commands hold over it. In its first control period <code>current_*</code> reach their values
+linearly, and <code>base_*</code> by a cubic. The host sets parameters before the start. It cannot
+save or restore the state.
 <table><tr><th>Kind<th>Name<th>Unit<th>Meaning
 {chr(10).join(rows)}
 </table></html>
