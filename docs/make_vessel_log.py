@@ -46,7 +46,9 @@ def log() -> str:
         "heading (deg)": 243.0 + np.rad2deg((0.2 * along * elevation).sum(axis=1)),
     }
     rows = [",".join(columns)]
-    rows += [",".join(f"{value:.4f}" for value in row) for row in zip(*columns.values(), strict=True)]
+    rows += [
+        ",".join(f"{value:.4f}" for value in row) for row in zip(*columns.values(), strict=True)
+    ]
     return "\n".join(rows) + "\n"
 
 

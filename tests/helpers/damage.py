@@ -1,4 +1,4 @@
-"""Damaged files: some bytes or fields of a small valid file are others (strategies of Hypothesis)."""
+"""Damaged files: a small valid file with other bytes or fields (strategies of Hypothesis)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,18 @@ _ODD = (
     *(datetime.date(2024, 2, 29), datetime.time(12)),
 )
 """Values that a field hardly ever has."""
-_PIECES = (b"", b"\x00", b"\xff" * 4, b"\x7f\xff\xff\xff", b"\n", b"nan", b"1e999", b"-", b",", b"]")
+_PIECES = (
+    b"",
+    b"\x00",
+    b"\xff" * 4,
+    b"\x7f\xff\xff\xff",
+    b"\n",
+    b"nan",
+    b"1e999",
+    b"-",
+    b",",
+    b"]",
+)
 _ATTRIBUTES = ("units", "scale_factor", "flag_values", "valid_range", "_FillValue", "calendar")
 
 
@@ -103,7 +114,7 @@ def _other_variable(draw: st.DrawFn, variable: xr.Variable, kind: int) -> xr.Var
                 reject()
     if kind == 4 and variable.size:
         first = slice(0, 1) if draw(st.booleans()) else 0
-        return variable.isel({each: first for each in dims[:1]})
+        return variable.isel(dict.fromkeys(dims[:1], first))
     if kind == 5 and dims:
         return xr.Variable((f"other_{dims[0]}", *dims[1:]), values)
     key = draw(st.sampled_from(_ATTRIBUTES))
