@@ -108,7 +108,7 @@ class SweepStore:
         except ScenarioError as error:
             text = error.lines[0]
         except (UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
-            text = f"not the plan of a sweep ({error})"
+            text = f"not the plan of a sweep ({' '.join(str(error).split())})"
         raise refusal(str(path), text)
 
     def start(self, plan: SweepDesign) -> None:
