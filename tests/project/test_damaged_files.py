@@ -32,7 +32,7 @@ from helpers.made_results import made_result
 from helpers.measured import measured as playing
 from helpers.measured import swell, wave, write
 
-FEW = 12
+FEW = 25
 """Examples of each reader in a quick run."""
 MOST_BYTES = 2_000_000_000
 """Memory that reading a small file may ask for."""

@@ -187,8 +187,9 @@ def open_lazily(path: Path) -> xr.Dataset:
             return np.asarray(file[name][key])
 
     # indexes would be read before their sizes are known
-    options = {"decode_times": False, "create_default_indexes": False}
-    with xr.open_dataset(path, engine="netcdf4", **options) as stored:
+    with xr.open_dataset(
+        path, engine="netcdf4", decode_times=False, create_default_indexes=False
+    ) as stored:
         check_size(stored, path)
         found: dict[str, Any] = {}
         for name, variable in stored.variables.items():
