@@ -41,7 +41,7 @@ def test_outputs_are_those_of_a_session_with_the_same_inputs(scenario):
         arm.advance(2 * number * arm.period, 2 * arm.period)
         for _ in range(2):
             command = {"slide": slide, "tilt": 0.0}
-            session.step(command, current=[current, 0.0], base={"heave": heave})
+            session.step(command, current=[current, 0.0], base={"heave": (heave, 0.0)})
         found = values(arm)
         assert arm.time == pytest.approx(session.time, rel=1e-12)
         now, seen = session.record(), session.seen

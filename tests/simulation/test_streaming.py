@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -23,13 +24,14 @@ from crinoid.cli.folder import claimed
 from crinoid.foundation.result_variables import large_names, numbers
 from crinoid.results.result import Result, ResultError
 from crinoid.results.stream import is_stream, open_lazily, read_checkpoint
-from crinoid.scenario import ScenarioError
+from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import play
 from crinoid.simulation import run as running
 from crinoid.simulation import sink as sinking
 from crinoid.simulation.sink import require_space
 from helpers.command import succeeded
 from helpers.loops import assert_listed, of_loop
+from helpers.made_results import made_result
 from helpers.streams import grown, instants, state
 
 
@@ -73,6 +75,15 @@ def test_an_instant_that_is_half_written_does_not_count(tmp_path):
     assert open_lazily(path).sizes["time"] == 209  # nor does it before it is on the disk
     stream.keep(state(212), 1.0)
     np.testing.assert_array_equal(open_lazily(path)["position"], instants(0, 212)["position"])
+
+
+def test_a_file_that_claims_more_than_it_can_hold_is_refused(tmp_path):
+    path = made_result(Scenario(arm={"nodes": 5})).save(tmp_path)[0]
+    with netCDF4.Dataset(path, "a") as file:
+        file.createDimension("large", 10**9)
+        file.createVariable("claimed", "f8", ("large",), chunksizes=(100,))
+    with pytest.raises(ResultError, match=r"have 80000\d+ bytes, more than it can hold"):
+        Result.load(tmp_path)
 
 
 def test_numbers_of_a_replaced_file_are_not_read(tmp_path):
