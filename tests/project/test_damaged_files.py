@@ -217,9 +217,20 @@ def test_damaged_files_are_refused_in_one_line(reader, tmp_path, bounded):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("number", range(1, 4))
 @readers
-def test_more_damaged_files_are_refused_in_one_line(reader, tmp_path, bounded, pytestconfig):
-    until = time.monotonic() + pytestconfig.getoption("fuzz")
+def test_more_damaged_files_are_refused_in_one_line(reader, number, tmp_path, bounded):
+    bounded(LONGEST)
+    check(reader, tmp_path, 100, number)
+
+
+@pytest.mark.slow
+@readers
+def test_files_damaged_anew_are_refused_in_one_line(reader, tmp_path, bounded, pytestconfig):
+    seconds = pytestconfig.getoption("fuzz")
+    if not seconds:
+        pytest.skip("needs --fuzz SECONDS: each time other files")
+    until = time.monotonic() + seconds
     number = time.time_ns() % 10**9
     while time.monotonic() < until:
         number += 1

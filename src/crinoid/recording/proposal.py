@@ -159,6 +159,6 @@ def _signed(dataset: xr.Dataset, name: str) -> str:
 def _middle(dataset: xr.Dataset, dimension: str) -> float:
     """Return the place in the middle of a dimension: its coordinate, or its index."""
     middle = dataset.sizes[dimension] // 2
-    if dimension in dataset.coords:
+    if dimension in dataset.coords and dataset[dimension].dims == (dimension,):
         return float(dataset[dimension].values[middle])
     return float(middle)
