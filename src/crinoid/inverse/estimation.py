@@ -13,17 +13,17 @@ import xarray as xr
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.assembly.arrays import array
-from crinoid.assembly.control_design import observer_model
+from crinoid.assembly.control_design import inputs_of, observer_model
 from crinoid.assembly.observer import AugmentedModel, ReadingNoise, ReadingSchedule
 from crinoid.assembly.observer_outputs import observer_outputs
 from crinoid.assembly.plan import AssembledScenario
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.prepared import Prepared, require_one_case
 from crinoid.control import Estimate, ObserverOutputs, pose_error
 from crinoid.foundation.atomic_file import FilePath
 from crinoid.foundation.axes import AXES
 from crinoid.foundation.result_variables import quantity
 from crinoid.inverse.actuator_motion import actuator_motion
-from crinoid.inverse.readings import Readings, read_readings
+from crinoid.inverse.readings import ReadingRecord, Readings, read_readings
 from crinoid.numerics.kalman import Correction, stationary_covariance
 from crinoid.recording.texts import listed
 from crinoid.results.dataset import describe, described
@@ -61,14 +61,20 @@ def estimate(scenario: Source, record: FilePath) -> xr.Dataset:
     ------
     ScenarioError
         If the scenario or the record is not valid.
+    ValueError
+        If the scenario describes several cases.
     """
     return estimated(Prepared(scenario), Path(record))
 
 
 def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     """Return the estimate of a prepared scenario from the record at a path."""
+    require_one_case(prepared.scenario)
+    scenario = prepared.scenario
+    inputs = inputs_of(scenario, scenario.control.lqg, "lqg")
     plan = _plan(prepared)
     record = read_readings(path, plan.scenario, plan.sensors, plan.inputs)
+    _require_whole(plan, record.readings[0])
     begin, end = record.ends
     if end - begin < 2 * plan.period * (1 - 1e-9):
         must = f"last at least two control periods, {2 * plan.period:.6g} s"
@@ -86,9 +92,6 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     )
     if not schedule.fresh.any():
         raise refusal("RECORD", "got readings that arrive after its end", "last longer")
-    scenario = prepared.scenario
-    inputs = (*scenario.base.channels.present, *scenario.thread_names)
-    inputs = scenario.control.lqg.inputs or inputs
     model, parts = observer_model(plan, inputs, schedule)
     noise = ReadingNoise.of(plan, model, parts)
     pairs = zip(arrivals, noise.sizes, strict=True)
@@ -99,13 +102,41 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     filtered = _filtered(parts, noise.variance, outputs, numbers, changes)
     found = _outputs(plan, outputs, filtered, numbers, time)
     data = _dataset(plan, scenario.arm.dimension, time, found, filtered, measured)
-    notes = [*prepared.notes(), *record.notes]
-    if record.commands is None and (still := [one for one in inputs if one not in record.states]):
-        notes.append(f"no commands or states of {listed(still)}, which count as at rest")
+    notes = [*prepared.notes(), *record.notes, *_notes_on_inputs(plan, record, inputs)]
     data.attrs = (
         describe(scenario) | {"status": "ok", "notes": "\n".join(notes)} | _consistency(filtered)
     )
     return data
+
+
+def _notes_on_inputs(
+    plan: AssembledScenario, record: ReadingRecord, inputs: tuple[str, ...]
+) -> list[str]:
+    """Return notes on inputs that the record lacks, and on those that the observer lacks."""
+    notes, known = [], {*record.commanded, *record.states}
+    if still := [name for name in inputs if name not in known]:
+        notes.append(f"no commands or states of {listed(still)}, which count as at rest")
+    moved = {*record.states}
+    if record.commands is not None:
+        every = [each.name for each in plan.inputs]
+        moved |= {every[k] for k in np.flatnonzero(record.commands.values.any(axis=0))}
+    if left := sorted(moved - {*inputs}):
+        text = f"commands and states of {listed(left)} are left out: control.lqg.inputs has"
+        notes.append(f"{text} {listed([*inputs])}")
+    return notes
+
+
+def _require_whole(plan: AssembledScenario, tip: Readings | None) -> None:
+    """Refuse vectors with missing coordinates where the frame of the target turns them."""
+    if tip is None or plan.target is None or plan.target.carrier is None:
+        return
+    axes = plan.scenario.arm.dimension
+    for vectors in (tip.values[:, :axes], tip.values[:, axes:]):
+        there = np.isfinite(vectors)
+        if (there.any(axis=1) & ~there.all(axis=1)).any():
+            text = "got readings of the tip with some of its coordinates only"
+            must = 'have all of them with target.frame = "base"'
+            raise refusal("RECORD", text, must, 'Or set target.frame to "world".')
 
 
 def _plan(prepared: Prepared) -> AssembledScenario:
