@@ -15,6 +15,7 @@ import crinoid
 from crinoid.analysis.linear_loop import linear_loop
 from crinoid.analysis.linearisation import find_state_space
 from crinoid.assembly.prepared import Prepared
+from crinoid.cli.linearise import _poles_table
 from crinoid.control import Controller
 from crinoid.dynamics import LocalCoordinates
 from crinoid.dynamics.coordinate_names import actuator_names, arm_names
@@ -317,17 +318,28 @@ def test_files_give_back_what_they_were_given(model, ending, tmp_path):
 
 def test_what_cannot_be_is_refused_in_one_line(model, tmp_path):
     most = model.order - 1
-    assert mistake(model.reduced, 0).startswith("--order: got 0; must be 1 to ")
+    assert mistake(model.reduced, 0).startswith("order: got 0; must be 1 to ")
     assert "the other states are round-off" in mistake(model.reduced, model.order)
-    assert mistake(model.reduced, most + 100).startswith(f"--order: got {most + 100}; must be 1 to")
+    assert mistake(model.reduced, most + 100).startswith(f"order: got {most + 100}; must be 1 to")
     least = model.reduced(4)
-    assert mistake(least.reduced, 2) == "--order: got 2; must be left out of a reduced model"
+    assert mistake(least.reduced, 2) == "order: got 2; must be left out of a reduced model"
     text = 'got "model.csv"; must end with ".npz", ".mat" or ".json"'
     assert mistake(model.save, tmp_path / "model.csv") == f"path: {text}"
+    several = LOOP.with_values({"vary": {"arm.nodes": [5, 6]}})
+    with pytest.raises(ValueError, match="describes several cases"):
+        crinoid.linearise(several)
     hasty = LOOP.with_values({"simulation.max_iterations": 1})
     assert mistake(crinoid.linearise, hasty) == (
         'simulation.start: got "equilibrium"; must be "rest" where the arm has no equilibrium'
     )
+
+
+def test_a_pole_on_the_unit_circle_lasts(model):
+    eigenvalues = np.zeros(model.order)
+    eigenvalues[:4] = 1.0 + 1e-8, 1.0 - 1e-8, 1.01, np.exp(-0.02)
+    A = np.diag(eigenvalues)
+    table = _poles_table(replace(model, A=A))
+    assert [*table.columns[3].cells] == ["lasts", "grows", "0.5"]
 
 
 def test_crinoid_linearise_prints_saves_and_draws(model, tmp_path, monkeypatch):
@@ -339,7 +351,9 @@ def test_crinoid_linearise_prints_saves_and_draws(model, tmp_path, monkeypatch):
     assert "command_tilt (rad)" in output
     assert f"--order {model.usual_order} keeps" in output
     assert_shows_something(tmp_path / "response.png")
+    assert (tmp_path / "linear-model.npz").exists()
     output = succeeded(*arguments, "--to", "mat", "--order", "8")
+    assert not (tmp_path / "linear-model.npz").exists()
     assert "8 states over 0.01 s, stable, in water of 0.05, 0 m/s" in output
     assert loadmat(tmp_path / "linear-model.mat")["A"].shape == (8, 8)
     assert "wrote" in succeeded("report", tmp_path / "response.nc")

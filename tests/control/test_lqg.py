@@ -11,9 +11,9 @@ import crinoid
 from crinoid.analysis.margins import find_margins
 from crinoid.assembly.forecast import Fluctuation, fluctuations, vortex_shedding
 from crinoid.assembly.linear import calm_current
-from crinoid.assembly.observer import ReadingSchedule
+from crinoid.assembly.observer import ReadingSchedule, values_in_current
 from crinoid.assembly.prepared import Prepared
-from crinoid.control import Braking, Clock, Sensor, TipPose
+from crinoid.control import Braking, Clock, Sensor, TipPose, WaterVelocity
 from crinoid.control.lqg import nearest
 from crinoid.diagnostics.control_loop import limit_shares
 from crinoid.numerics.kalman import stationary_covariance, stationary_filter
@@ -210,6 +210,17 @@ def test_a_meter_of_the_current_does_no_harm(alone):
     """It measures other water than that at the arm, in which drag is not linear."""
     meter = {"kind": "current", "points": [[0.0, 0.25]], "noise": 0.005}
     assert rms("lqg", sensors=[meter]) < 1.1 * alone
+
+
+def test_the_mean_current_is_at_the_axes_of_a_meter():
+    def sensor(measurand, size):
+        none, clock = jnp.zeros(size), Clock(jnp.asarray(0.01))
+        return Sensor("any", measurand, clock, jnp.asarray(0.0), none, none, jax.random.key(0), 1)
+
+    meter = sensor(WaterVelocity(jnp.zeros((2, 2))), 4)
+    values = np.arange(1.0, 12.0)
+    found = values_in_current((sensor(TipPose(), 3), meter, meter), values, np.array([0.3, -0.1]))
+    assert found.tolist() == [1.0, 2.0, 3.0, *4 * [0.3, -0.1]]
 
 
 @pytest.mark.slow

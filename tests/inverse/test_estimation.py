@@ -6,9 +6,13 @@ import pytest
 import xarray as xr
 
 import crinoid
+from crinoid.assembly.prepared import Prepared
+from crinoid.inverse.readings import read_readings
+from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from helpers.command import refused, succeeded
 from helpers.figures import assert_shows_something
+from helpers.refusals import mistake
 
 STEP, NOISE = 0.02, 1e-3
 HELD = Scenario(
@@ -124,7 +128,10 @@ MISTAKES = {
     "no time": ({"time": None}, 'got "time", no such column'),
     "backwards": ({"time": lambda t: np.where(t == 1.0, 0.5, t)}, "time goes back at entry 50"),
     "too short": ({"time": lambda t: 1e-4 * t}, "must last at least two control periods, 0.04 s"),
-    "no number": ({"x (mm)": lambda x: np.full(x.shape, np.nan)}, "0 rows without a missing value"),
+    "no number": (
+        {"x (mm)": lambda x: np.full(x.shape, np.nan)},
+        "0 rows with a value; must have at least 2",
+    ),
 }
 
 
@@ -176,3 +183,57 @@ def test_the_command_writes_the_estimate_its_figure_and_its_consistency(run, tmp
     line = refused("estimate", run / "held.toml", tmp_path / "none.csv", "--out", out)
     assert "RECORD" in line
     assert "no such file" in line
+
+
+def noted(data):
+    return data.attrs["notes"].splitlines()
+
+
+def test_rows_of_the_tip_count_where_a_log_has_markers(table, tmp_path):
+    tip = table[["time", "x (mm)", "z (m)"]].iloc[:50].assign(marker="tip")
+    elbow = tip.assign(marker="elbow", **{"x (mm)": 0.5 * tip["x (mm)"]})
+    for name, log in {"tip": tip, "both": pd.concat([tip, elbow]).sort_values("time")}.items():
+        log.to_csv(tmp_path / f"{name}.csv", index=False)
+    alone, both = (crinoid.estimate(HELD, tmp_path / f"{name}.csv") for name in ("tip", "both"))
+    xr.testing.assert_equal(alone, both)
+    assert "rows of markers other than tip are not read: elbow" in noted(both)
+    assert not any("marker" in note for note in noted(alone))
+    elbow.to_csv(tmp_path / "elbow.csv", index=False)
+    line = mistake(crinoid.estimate, HELD, tmp_path / "elbow.csv")
+    assert line == "RECORD: marker has elbow; must have rows of tip"
+
+
+def test_notes_name_inputs_without_commands_and_those_that_the_observer_lacks(table, tmp_path):
+    log = table[["time", "x (mm)", "slide.state (m)"]].iloc[:50].assign(tilt=5.0)
+    log.drop(columns="tilt").to_csv(tmp_path / "part.csv", index=False)
+    notes = noted(crinoid.estimate(HELD, tmp_path / "part.csv"))
+    assert "no commands or states of tilt, which count as at rest" in notes
+    log.to_csv(tmp_path / "all.csv", index=False)
+    sliding = HELD.with_values({"control.lqg": {"inputs": ["slide"]}})
+    notes = noted(crinoid.estimate(sliding, tmp_path / "all.csv"))
+    assert notes[-1] == "commands and states of tilt are left out: control.lqg.inputs has slide"
+
+
+def test_a_result_that_lacks_commands_has_a_note(run, tmp_path):
+    prepared = Prepared(HELD)
+    given = HELD, prepared.sensors, prepared.system.inputs
+    assert read_readings(run, *given).notes == ()
+    coarse = HELD.with_values({"output.interval": 2 * STEP})
+    data = xr.load_dataset(run / "result.nc").isel(time=slice(None, None, 2))
+    Result(data.assign_attrs(scenario=coarse.to_toml())).save(tmp_path)
+    (note,) = read_readings(tmp_path, *given).notes
+    assert note.endswith("output.interval of 0.04 s exceeds the control period of 0.02 s")
+
+
+def test_settings_that_do_not_fit_are_refused(table, tmp_path):
+    file = tmp_path / "log.csv"
+    table[["time", "x (mm)", "angle (rad)"]].to_csv(file, index=False)
+    carried = HELD.with_values({"target.frame": "base"})
+    line = mistake(crinoid.estimate, carried, file)
+    assert line.startswith("RECORD: got readings of the tip with some of its coordinates only")
+    unknown = HELD.with_values({"control.lqg": {"inputs": ["tlit"]}})
+    line = mistake(crinoid.estimate, unknown, file)
+    assert line.startswith('control.lqg.inputs: got "tlit"; must be among "slide" and "tilt"')
+    several = HELD.with_values({"vary": {"arm.density": [1050.0, 1060.0]}})
+    with pytest.raises(ValueError, match="describes several cases"):
+        crinoid.estimate(several, file)

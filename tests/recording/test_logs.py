@@ -1,5 +1,6 @@
 """Logs of ROS: MCAP, bags of ROS 2 and ROS 1, and a run's own log read back."""
 
+import sqlite3
 import sys
 
 import jax.numpy as jnp
@@ -22,7 +23,7 @@ from helpers.studies import save
 pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed")
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 from rosbags import rosbag1, rosbag2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 SECOND = 10**9
 STAMP = 1_760_000_000 * SECOND
@@ -173,9 +174,29 @@ def test_the_only_topic_that_fits_is_named(tmp_path):
     record = read_record(path, Scenario(arm={"dimension": 2}), inputs("slide"))
     np.testing.assert_array_equal(record.values[:, 0], PLACES[:, 0])
     assert record.notes[:2] == (
-        "/mocap/ball is taken as the tip, as no other topic fits",
-        "/rail is taken as commands, as no other topic fits",
+        "/mocap/ball counts as the tip, as no other topic fits",
+        "/rail counts as commands, as no other topic fits",
     )
+
+
+def test_a_type_without_definition_costs_its_topic_alone(tmp_path):
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    types.register(get_types_from_msg("float64 depth", "sea_msgs/msg/Depth"))
+    depth = "sea_msgs/msg/Depth", types.types["sea_msgs/msg/Depth"](3.0)
+    path = bag(tmp_path / "a", [*motion(), (STAMP, "/depth", depth)], types=types, version=9)
+    assert "/depth.depth" in read_dataset(str(path))
+    with sqlite3.connect(path / "a.db3") as file:
+        file.execute("delete from message_definitions")
+    record = read_record(path, Scenario(arm={"dimension": 2}), inputs("slide"))
+    np.testing.assert_array_equal(record.values[:, 0], PLACES[:, 0])
+    assert "/depth is not read: the log has no definition of sea_msgs/msg/Depth" in record.notes
+
+
+def test_remarks_survive_a_netcdf_file(tmp_path):
+    path = bag(tmp_path / "a", motion(tip="/mocap/ball"), version=9)
+    read_dataset(str(path))[["x", "z", "slide"]].to_netcdf(tmp_path / "log.nc")
+    record = read_record(tmp_path / "log.nc", Scenario(arm={"dimension": 2}), inputs("slide"))
+    assert record.notes[0] == "/mocap/ball counts as the tip, as no other topic fits"
 
 
 def test_two_topics_that_fit_are_no_tip(tmp_path):

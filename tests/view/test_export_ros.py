@@ -145,6 +145,27 @@ def test_still_channels_and_commands_without_a_controller_are_left_out(tmp_path)
     assert "/tip/current" not in layout.read_text()
 
 
+MISSING = {
+    "base_force": {"/base/wrench"},
+    "base_moment": {"/base/wrench"},
+    "tip_angle": {"/tip/pose"},
+    "tip_angle_target": {"/tip/target"},
+}
+
+
+@pytest.mark.parametrize("name", MISSING)
+def test_topics_of_variables_that_a_result_lacks_are_left_out(name, tmp_path):
+    data = swaying_arm(**SMALL)
+    whole = set(decoded(write_mcap(save(data, tmp_path / "result.nc"), tmp_path).files[0]))
+    path = save(data.drop_vars(name), tmp_path / "result.nc")
+    log, layout = write_mcap(path, tmp_path).files
+    topics = decoded(log)
+    assert set(topics) == whole - MISSING[name]
+    frames = {each.child_frame_id for each in topics["/tf"][0][1].transforms}
+    assert ("tip" in frames) == ("/tip/pose" in topics)
+    assert not any(topic in layout.read_text() for topic in MISSING[name])
+
+
 def test_markers_are_where_the_arm_and_the_bodies_are(tmp_path):
     data = among_obstacles(**SMALL)
     held = 1.0 * (np.arange(data.sizes["time"]) >= 2)

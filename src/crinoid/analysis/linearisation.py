@@ -14,7 +14,7 @@ from crinoid.analysis.sampled_plant import System as LinearSystem
 from crinoid.analysis.state_space import StateSpaceModel
 from crinoid.assembly.arrays import array
 from crinoid.assembly.linear import in_steady_water
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.prepared import Prepared, require_one_case
 from crinoid.compilation import ONCE, compiled
 from crinoid.control import Sensor
 from crinoid.dynamics import LocalCoordinates, State, System
@@ -62,6 +62,7 @@ def linearise(scenario: Source, *, order: int | None = None) -> StateSpaceModel:
 
 def find_state_space(prepared: Prepared) -> StateSpaceModel:
     """Return the full model of a scenario."""
+    require_one_case(prepared.scenario)
     idle: dict[str, object] = {"control.kind": "none"}
     if prepared.scenario.target.feed_forward:
         idle["target.feed_forward"] = False

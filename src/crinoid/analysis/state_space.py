@@ -120,12 +120,12 @@ class StateSpaceModel:
             If the model cannot have this order.
         """
         if self.order < self.lasting + self.hankel.size:
-            raise refusal("--order", got(order, "be left out of a reduced model"))
+            raise refusal("order", got(order, "be left out of a reduced model"))
         least = max(1, self.lasting)
         most = self.lasting + int(np.sum(self.hankel > _ROUND_OFF * self.hankel.max(initial=0.0)))
         if not least <= order <= most:
             why = ", as the other states are round-off" if most < self.order else ""
-            raise refusal("--order", got(order, f"be {least} to {most}{why}"))
+            raise refusal("order", got(order, f"be {least} to {most}{why}"))
         found, _ = _balanced(self._system, self.input_scales, order - self.lasting)
         return replace(
             self,

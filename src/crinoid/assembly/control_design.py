@@ -20,7 +20,7 @@ from crinoid.assembly.observer import (
 from crinoid.assembly.observer_outputs import tangent
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Inclination, Observer, Shape, damped_inverse
-from crinoid.scenario import Mistake, ScenarioError, one_of
+from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
 from crinoid.scenario.control import ModelBased
 from crinoid.scenario.errors import shown
 
@@ -70,6 +70,15 @@ def observer_model(
     return model, augmented(observed, water, arrivals, plan, unshed)
 
 
+def inputs_of(scenario: Scenario, settings: ModelBased, kind: str) -> tuple[str, ...]:
+    """Return the inputs of a controller of a kind, or refuse one that the arm does not have."""
+    there = (*scenario.base.channels.present, *scenario.thread_names)
+    if missing := [name for name in settings.inputs or () if name not in there]:
+        text = f"got {shown(missing[0])}; must be among {one_of(there, 'and')}"
+        raise ScenarioError([Mistake(f"control.{kind}.inputs", text)])
+    return settings.inputs or there
+
+
 class ControlDesignModel(NamedTuple):
     """Linear model, observer and limits from which LQG and MPC are designed."""
 
@@ -116,10 +125,7 @@ class ControlDesignModel(NamedTuple):
         The model is of water with at least ``foreseen`` shapes along the arm.
         """
         scenario = plan.scenario
-        there = (*scenario.base.channels.present, *scenario.thread_names)
-        if missing := [name for name in settings.inputs or () if name not in there]:
-            text = f"got {shown(missing[0])}; must be among {one_of(there, 'and')}"
-            raise ScenarioError([Mistake(f"control.{scenario.control.kind}.inputs", text)])
+        inputs_of(scenario, settings, scenario.control.kind)
         arrivals = ReadingSchedule.of(plan.sensors, plan.period, float(plan.system.time_step))
         model, parts = observer_model(plan, scenario.driven, arrivals, foreseen=foreseen)
         columns, scale = plan.controlled

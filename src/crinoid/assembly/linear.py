@@ -187,7 +187,7 @@ def linearised(
     """Return the model of a time step in a steady current, and where it is linear about.
 
     It observes the values of the sensors; last come these and the states of the actuators. The
-    arm is taken as still in the shape that it has, and answers to the smallest commands.
+    arm counts as still in the shape that it has, and answers to the smallest commands.
     """
 
     def observe(system: System, state: State) -> Float[Array, " y"]:

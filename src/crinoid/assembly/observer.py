@@ -217,13 +217,26 @@ class ReadingNoise(NamedTuple):
                 rows = slice(end - sensor.noise.shape[0], end)
                 local[rows] = _LOCAL * parts.usual[rows].max()
         noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + local**2
-        mean = np.resize(plan.current, model.values.size)  # of the current over the run
-        values = np.where(np.repeat(meters, sizes), mean, model.values)
+        values = values_in_current(plan.sensors, model.values, np.array(plan.current, float))
         assert plan.target is not None
         values[: sizes[0]] = plan.target.to_frame(array(values[: sizes[0]]), plan.state.time)
         return ReadingNoise(
             tuple(sizes), np.maximum(noise, 1e-16 * max(noise.max(), 1e-300)), values
         )
+
+
+def values_in_current(
+    sensors: Sequence[Sensor], values: Float[np.ndarray, " y"], current: Float[np.ndarray, " d"]
+) -> Float[np.ndarray, " y"]:
+    """Return readings, those of current meters with the mean current over the run (m/s)."""
+    sizes = [sensor.noise.shape[0] for sensor in sensors]
+    found = [
+        np.tile(current, part.size // current.size)
+        if isinstance(sensor.measurand, WaterVelocity)
+        else part
+        for sensor, part in zip(sensors, np.split(values, np.cumsum(sizes)[:-1]), strict=True)
+    ]
+    return np.concatenate(found)
 
 
 def build_observer(

@@ -24,12 +24,13 @@ class OutputMatrices(NamedTuple):
     """How tip, shape and current follow the states of an observer."""
 
     tip: Float[np.ndarray, "pose estimated"]
+    """The pose of the tip (m; rad in the plane, components of a unit vector in space)."""
     nodes: Float[np.ndarray, "coordinate estimated"]
-    """The positions of the nodes; the offset of the tip grows linearly from the root on."""
+    """The positions of the nodes (m); the offset of the tip grows linearly from the root on."""
     current: Float[np.ndarray, "d estimated"]
-    """The velocity of the water, its mean along the arm, without the lift of vortices."""
+    """The velocity of the water (m/s), its mean along the arm, without the lift of vortices."""
     offset: Float[np.ndarray, " pose"]
-    """By how much the offset of the tip varies."""
+    """By how much the offset of the tip varies, in the units of the pose."""
 
 
 def tangent(nodes: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " d"]:

@@ -6,12 +6,13 @@ import numpy as np
 from rich.table import Table
 
 from crinoid.analysis.linearisation import find_state_space
+from crinoid.analysis.sampled_plant import GROWS
 from crinoid.analysis.state_space import FORMATS, RESPONSE, StateSpaceModel
 from crinoid.cli.command import console
 from crinoid.cli.display import new_table, show
 from crinoid.cli.finding import finding
-from crinoid.cli.folder import check_own
-from crinoid.scenario import Scenario, one_of, refusal
+from crinoid.cli.folder import check_own, clear_own
+from crinoid.scenario import Scenario, ScenarioError, one_of, refusal
 from crinoid.scenario.errors import got
 
 _MOST_POLES = 8
@@ -31,10 +32,19 @@ def show_linearisation(
             check_own(path)
         with console.status("linearising"):
             full = find_state_space(found.prepared)
-            model = full if order is None else full.reduced(order)
+            model = full if order is None else _reduced(full, order)
             model.save(path)
+            others = [f"linear-model{ending}" for ending in FORMATS if ending != path.suffix]
+            clear_own(folder, others)  # another model
             files = [path, *found.save(model.tip_response())]
         show(_poles_table(model), model.notes, files, _lines(model, full))
+
+
+def _reduced(full: StateSpaceModel, order: int) -> StateSpaceModel:
+    try:
+        return full.reduced(order)
+    except ScenarioError as error:
+        raise ScenarioError.of("--order", error.mistakes[0].text) from error
 
 
 def _lines(model: StateSpaceModel, full: StateSpaceModel) -> list[str]:
@@ -63,7 +73,9 @@ def _poles_table(model: StateSpaceModel) -> Table:
         swings = pole.imag > _SWINGS * abs(pole)
         frequency = f"{pole.imag / (2 * np.pi):.4g}" if swings else "-"
         damping = f"{-pole.real / abs(pole):.3g}" if swings else "-"
-        lasts = f"{-1 / pole.real:.3g}" if pole.real < 0 else "grows" if pole.real > 0 else "lasts"
+        lasts = f"{-1 / pole.real:.3g}" if pole.real < 0 else "grows"
+        if abs(pole.real) * model.period <= GROWS:
+            lasts = "lasts"
         found[frequency, damping, lasts] = None
     rows = [(str(number), *each) for number, each in enumerate([*found][:_MOST_POLES], 1)]
     heads = ("slowest\npole", "frequency\n(Hz)", "damping\nratio", "time\nconstant (s)")

@@ -109,7 +109,7 @@ def estimate(
             metavar="RECORD",
             show_default=False,
             help="What was measured: a CSV or netCDF file with times, readings of the sensors and "
-            "commands, or a result.",
+            "commands, a log of ROS, or a result.",
         ),
     ],
     settings: Settings = None,

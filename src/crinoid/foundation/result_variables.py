@@ -239,7 +239,7 @@ VARIABLES = (
                 lambda run, part: run.estimated_tip(part)[:, :run.dimension], "estimate"),
     *_estimated("tip_angle", "time", "rad", "direction of the tip",
                 lambda run, part: run.estimated_tip(part)[:, 2], "estimate plane"),
-    *_estimated("tip_direction", "time axis", "1", "where the tip points",
+    *_estimated("tip_direction", "time axis", "1", "direction of the tip; of nearly unit length",
                 lambda run, part: run.estimated_tip(part)[:, 3:], "estimate space"),
     *_estimated("position", "time node axis", "m", "position of the nodes",
                 lambda run, part: getattr(run.kept.estimate.position, part), "estimate shape"),

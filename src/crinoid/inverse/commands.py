@@ -18,7 +18,9 @@ class Commands(NamedTuple):
     """Recorded commands, each valid until the time of the next."""
 
     time: Float[np.ndarray, " row"]
+    """Times of the run (s), increasing."""
     values: Float[np.ndarray, "row input"]
+    """Commands of all inputs, each in its unit (m, rad, 1)."""
 
     @staticmethod
     def of(parts: Sequence[Series], at: Sequence[int], inputs: int) -> Commands | None:

@@ -13,31 +13,22 @@ import xarray as xr
 from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.assembly.arrays import array
-from crinoid.assembly.control_design import observer_model
+from crinoid.assembly.control_design import inputs_of, observer_model
 from crinoid.assembly.observer import AugmentedModel, ReadingNoise, ReadingSchedule
 from crinoid.assembly.observer_outputs import observer_outputs
 from crinoid.assembly.plan import AssembledScenario
-from crinoid.assembly.prepared import Prepared
+from crinoid.assembly.prepared import Prepared, require_one_case
 from crinoid.control import Estimate, ObserverOutputs, pose_error
 from crinoid.foundation.atomic_file import FilePath
-from crinoid.foundation.axes import AXES
-from crinoid.foundation.result_variables import quantity
 from crinoid.inverse.actuator_motion import actuator_motion
-from crinoid.inverse.readings import Readings, read_readings
+from crinoid.inverse.estimate_dataset import Filtered, Ticks, Values, consistency, estimate_dataset
+from crinoid.inverse.readings import ReadingRecord, Readings, read_readings
 from crinoid.numerics.kalman import Correction, stationary_covariance
 from crinoid.recording.texts import listed
-from crinoid.results.dataset import describe, described
+from crinoid.results.dataset import describe
 from crinoid.scenario import ScenarioError, got, refusal
 from crinoid.scenario.library import Source
 from crinoid.simulation.setup import set_up
-
-_SIGMAS = 2.0
-"""Standard deviations within which innovations are counted."""
-_TAIL = 0.025
-"""Probability beyond each end of the interval of the mean square."""
-
-Ticks = Float[np.ndarray, " tick"]
-Values = Float[np.ndarray, "tick y"]
 
 
 def estimate(scenario: Source, record: FilePath) -> xr.Dataset:
@@ -49,7 +40,7 @@ def estimate(scenario: Source, record: FilePath) -> xr.Dataset:
         The experiment: a scenario, the name of a built-in one, or a file. Its controller does not
         matter.
     record
-        A table with a column ``time`` and readings, or the folder of a result.
+        A table with a column ``time`` and readings, a log of ROS, or the folder of a result.
 
     Returns
     -------
@@ -61,14 +52,20 @@ def estimate(scenario: Source, record: FilePath) -> xr.Dataset:
     ------
     ScenarioError
         If the scenario or the record is not valid.
+    ValueError
+        If the scenario describes several cases.
     """
     return estimated(Prepared(scenario), Path(record))
 
 
 def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     """Return the estimate of a prepared scenario from the record at a path."""
+    require_one_case(prepared.scenario)
+    scenario = prepared.scenario
+    inputs = inputs_of(scenario, scenario.control.lqg, "lqg")
     plan = _plan(prepared)
     record = read_readings(path, plan.scenario, plan.sensors, plan.inputs)
+    _require_whole(plan, record.readings[0])
     begin, end = record.ends
     if end - begin < 2 * plan.period * (1 - 1e-9):
         must = f"last at least two control periods, {2 * plan.period:.6g} s"
@@ -86,9 +83,6 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     )
     if not schedule.fresh.any():
         raise refusal("RECORD", "got readings that arrive after its end", "last longer")
-    scenario = prepared.scenario
-    inputs = (*scenario.base.channels.present, *scenario.thread_names)
-    inputs = scenario.control.lqg.inputs or inputs
     model, parts = observer_model(plan, inputs, schedule)
     noise = ReadingNoise.of(plan, model, parts)
     pairs = zip(arrivals, noise.sizes, strict=True)
@@ -98,14 +92,42 @@ def estimated(prepared: Prepared, path: Path) -> xr.Dataset:
     outputs = observer_outputs(plan, model, parts.outputs, np.zeros_like(parts.move))
     filtered = _filtered(parts, noise.variance, outputs, numbers, changes)
     found = _outputs(plan, outputs, filtered, numbers, time)
-    data = _dataset(plan, scenario.arm.dimension, time, found, filtered, measured)
-    notes = [*prepared.notes(), *record.notes]
-    if record.commands is None and (still := [one for one in inputs if one not in record.states]):
-        notes.append(f"no commands or states of {listed(still)}, which count as at rest")
+    data = estimate_dataset(plan, scenario.arm.dimension, time, found, filtered, measured)
+    notes = [*prepared.notes(), *record.notes, *_notes_on_inputs(plan, record, inputs)]
     data.attrs = (
-        describe(scenario) | {"status": "ok", "notes": "\n".join(notes)} | _consistency(filtered)
+        describe(scenario) | {"status": "ok", "notes": "\n".join(notes)} | consistency(filtered)
     )
     return data
+
+
+def _notes_on_inputs(
+    plan: AssembledScenario, record: ReadingRecord, inputs: tuple[str, ...]
+) -> list[str]:
+    """Return notes on inputs that the record lacks, and on those that the observer lacks."""
+    notes, known = [], {*record.commanded, *record.states}
+    if still := [name for name in inputs if name not in known]:
+        notes.append(f"no commands or states of {listed(still)}, which count as at rest")
+    moved = {*record.states}
+    if record.commands is not None:
+        every = [each.name for each in plan.inputs]
+        moved |= {every[k] for k in np.flatnonzero(record.commands.values.any(axis=0))}
+    if left := sorted(moved - {*inputs}):
+        text = f"commands and states of {listed(left)} are left out: control.lqg.inputs has"
+        notes.append(f"{text} {listed([*inputs])}")
+    return notes
+
+
+def _require_whole(plan: AssembledScenario, tip: Readings | None) -> None:
+    """Refuse vectors with missing coordinates where the frame of the target turns them."""
+    if tip is None or plan.target is None or plan.target.carrier is None:
+        return
+    axes = plan.scenario.arm.dimension
+    for vectors in (tip.values[:, :axes], tip.values[:, axes:]):
+        there = np.isfinite(vectors)
+        if (there.any(axis=1) & ~there.all(axis=1)).any():
+            text = "got readings of the tip with some of its coordinates only"
+            must = 'have all of them with target.frame = "base"'
+            raise refusal("RECORD", text, must, 'Or set target.frame to "world".')
 
 
 def _plan(prepared: Prepared) -> AssembledScenario:
@@ -172,26 +194,13 @@ def _less_values(
     return np.hstack([np.asarray(tip), measured[:, size:] - noise.values[size:]])
 
 
-class _Filtered(NamedTuple):
-    """Filtered states, their deviations, and innovations, of each call."""
-
-    states: Float[np.ndarray, "tick z"]
-    deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
-    """Standard deviations of tip and nodes, square root of the covariance of the current."""
-    innovation: Values
-    """New readings less those expected; nan without a new one."""
-    innovation_std: Values
-    squared: Ticks
-    """Squares of the innovations, normalised by their covariance and summed up."""
-
-
 def _filtered(
     parts: AugmentedModel,
     variance: Float[np.ndarray, " y"],
     outputs: ObserverOutputs,
     actuators: Float[np.ndarray, "tick s"],
     readings: Values,
-) -> _Filtered:
+) -> Filtered:
     """Run the filter from an arm that the current moves; a missing reading changes nothing."""
     covariance = stationary_covariance(parts.move, parts.noise)
     state = np.zeros(covariance.shape[0])
@@ -220,13 +229,13 @@ def _filtered(
             )
         )
     tip, position, flow = (np.stack(each) for each in zip(*deviations, strict=True))
-    return _Filtered(np.stack(states), (tip, position, flow), innovation, spread, squared)
+    return Filtered(np.stack(states), (tip, position, flow), innovation, spread, squared)
 
 
 def _outputs(
     plan: AssembledScenario,
     outputs: ObserverOutputs,
-    filtered: _Filtered,
+    filtered: Filtered,
     actuators: Float[np.ndarray, "tick s"],
     time: Ticks,
 ) -> Estimate:
@@ -242,93 +251,3 @@ def _outputs(
 
     given = filtered.states, actuators, filtered.deviations, time
     return jax.jit(jax.vmap(at))(*jax.tree.map(array, given))
-
-
-def _dataset(
-    plan: AssembledScenario,
-    axes: int,
-    time: Ticks,
-    found: Estimate,
-    filtered: _Filtered,
-    measured: Values,
-) -> xr.Dataset:
-    assert found.position is not None
-    assert found.flow_velocity is not None
-    tip = {"value": np.array(found.tip.value), "std": np.asarray(found.tip.std)}
-    if axes == 2:
-        tip["value"][:, 2] = np.unwrap(tip["value"][:, 2])
-    variables: dict[str, Any] = {}
-    for ending, part in (("", "value"), ("_std", "std")):
-        pointing = ("angle", tip[part][:, 2]) if axes == 2 else ("direction", tip[part][:, 3:])
-        for name, values in (
-            ("tip_position", tip[part][:, :axes]),
-            (f"tip_{pointing[0]}", pointing[1]),
-            ("position", getattr(found.position, part)),
-            ("flow_velocity", getattr(found.flow_velocity, part)),
-        ):
-            full = f"estimated_{name}{ending}"
-            variables[full] = quantity(full, np.asarray(values), axes)
-    by_reading = "time reading"
-    variables |= described(
-        [
-            ("sensor_reading", by_reading, "", measured, "new readings; nan without one"),
-            (
-                "innovation",
-                by_reading,
-                "",
-                filtered.innovation,
-                "new readings less those expected; nan without a new one",
-            ),
-            (
-                "innovation_std",
-                by_reading,
-                "",
-                filtered.innovation_std,
-                "standard deviation of innovation",
-            ),
-            (
-                "normalised_innovation_squared",
-                "time",
-                "1",
-                filtered.squared,
-                "squares of the innovations over their covariance, summed over the new readings",
-            ),
-        ]
-    )
-    names = [
-        (f"{sensor.name}.{name}", unit)
-        for sensor in plan.sensors
-        for name, unit in sensor.measurand.names(axes)
-    ]
-    lengths = np.concatenate([np.zeros(1), np.cumsum(plan.system.reference.rest_length)])
-    along = "distance from the root along the arm at rest"
-    coordinates = described(
-        [
-            ("time", "time", "s", time, "time"),
-            ("axis", "axis", "", list(AXES[axes]), ""),
-            ("arc_length", "node", "m", lengths, along),
-            ("reading", "reading", "", [name for name, _ in names], "sensor and value"),
-            ("reading_unit", "reading", "", [unit for _, unit in names], "unit of readings"),
-        ]
-    )
-    return xr.Dataset(variables, coordinates)
-
-
-def _consistency(filtered: _Filtered) -> dict[str, Any]:
-    """Return how the innovations compare with their covariance (Bar-Shalom et al. 2001).
-
-    The sum of their normalised squares follows a chi-squared law with as many degrees of freedom as
-    readings, where the model is right.
-    """
-    from scipy.special import chdtri  # slow to load
-
-    new = np.isfinite(filtered.innovation)
-    count = int(new.sum())
-    near = np.abs(filtered.innovation[new]) <= _SIGMAS * filtered.innovation_std[new]
-    return {
-        "readings_used": count,
-        "mean_square": float(filtered.squared.sum() / count),
-        "mean_square_low": float(chdtri(count, 1 - _TAIL) / count),
-        "mean_square_high": float(chdtri(count, _TAIL) / count),
-        "within_two_std": float(near.mean()),
-    }

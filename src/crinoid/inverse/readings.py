@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -14,8 +14,10 @@ from jaxtyping import Float, Int
 from crinoid.actuation import Input
 from crinoid.control import Sensor
 from crinoid.inverse.commands import Commands, commands_of
+from crinoid.inverse.marker import TIP
+from crinoid.recording.axes import find
 from crinoid.recording.logs import is_bag
-from crinoid.recording.numbers import Column
+from crinoid.recording.numbers import Column, labels_of
 from crinoid.recording.readers import read_dataset
 from crinoid.recording.series import read_series
 from crinoid.recording.texts import listed
@@ -24,11 +26,11 @@ from crinoid.results.result import RESULT, Result, ResultError, attributes
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal
 from crinoid.scenario.sensor import Sampling
 
-TIME = "time"
-"""Column of a record."""
+TIME, MARKER = "time", "marker"
+"""Columns of a record."""
 _STATE = "state"
 """Ending of the columns with measured states of actuators."""
-_LARGEST = 1e12
+LARGEST = 1e12
 """Larger numbers mark missing values."""
 
 
@@ -55,6 +57,8 @@ class ReadingRecord(NamedTuple):
     commands: Commands | None
     states: dict[str, Readings]
     """Measured drives of actuators by the names of their inputs, those of the base included."""
+    commanded: tuple[str, ...]
+    """Inputs that have commands; the others are at rest."""
     notes: tuple[str, ...]
 
     @property
@@ -71,7 +75,8 @@ def read_readings(
 
     A table has a column ``time``. The values of the tip are `crinoid.foundation.axes.POSE`, those
     of another sensor its name, a dot and the name of the value. Commands have the names of their
-    inputs, measured states of actuators that name and ``.state``.
+    inputs, measured states of actuators that name and ``.state``. With a column ``marker`` the
+    rows of the tip count.
 
     Raises
     ------
@@ -106,7 +111,21 @@ def _of_table(
     if not measured:
         names = ", ".join(column.name for column in every)
         raise refusal("file", f"has {listed(sorted(there))}", f"have {TIME} and some of {names}")
-    series = read_series(file, TIME, measured, 0.0, gaps=True)
+    driven = [column_of(each.name, each.unit) for each in inputs]
+    played = [column for column in driven if column.name in there]
+    followed = [(each, column_of(f"{each.name}.{_STATE}", each.unit)) for each in inputs]
+    followed = [(each, column) for each, column in followed if column.name in there]
+    known = {column.name for column in (*measured, *played, *(column for _, column in followed))}
+    with read_dataset(file) as dataset:
+        clock = dataset[find(dataset, TIME, "time_column", file)]
+        labels = markers_in(dataset, clock)
+        notes = not_read(dataset, clock, {MARKER, *known})
+    if labels is not None and TIP not in labels:
+        raise refusal(MARKER, f"marker has {listed(sorted({*labels}))}", f"have rows of {TIP}")
+    if others := sorted({*(labels or ())} - {TIP}):
+        notes.append(f"rows of markers other than {TIP} are not read: {listed(others)}")
+    only = None if labels is None else (MARKER, TIP)
+    series = read_series(file, TIME, measured, 0.0, only, gaps=True)
     values = dict(zip((column.name for column in measured), series.values.T, strict=True))
     nothing = np.full(series.time.size, np.nan)
     readings = []
@@ -114,23 +133,17 @@ def _of_table(
         of_sensor = np.stack([values.get(column.name, nothing) for column in some], axis=1)
         found = Readings.of(series.time, of_sensor)
         readings.append(found if found.time.size else None)
-    driven = [column_of(each.name, each.unit) for each in inputs]
-    played = [column for column in driven if column.name in there]
-    parts = [read_series(file, TIME, played, 0.0)] if played else []
-    notes = [*series.notes, *(note for part in parts for note in part.notes)]
-    states = {}
-    for each in inputs:
-        column = column_of(f"{each.name}.{_STATE}", each.unit)
-        if column.name in there:
-            state = read_series(file, TIME, [column], 0.0)
-            states[each.name] = Readings(state.time, state.values)
-            notes += state.notes
-    known = {TIME, *(column.name for column in (*measured, *played))}
-    known |= {f"{name}.{_STATE}" for name in states}
-    if others := [name for name in there if name not in known]:
-        notes.append(f"not read: {listed(others)}")
+    parts = [read_series(file, TIME, played, 0.0, only)] if played else []
+    drives = [read_series(file, TIME, [column], 0.0, only) for _, column in followed]
+    states = {
+        each.name: Readings(drive.time, drive.values)
+        for (each, _), drive in zip(followed, drives, strict=True)
+    }
     commands = Commands.of(parts, [driven.index(column) for column in played], len(inputs))
-    return ReadingRecord(tuple(readings), commands, states, tuple(dict.fromkeys(notes)))
+    commanded = tuple(column.name for column in played)
+    remarks = dict.fromkeys(note for each in (series, *parts, *drives) for note in each.notes)
+    notes = [*remarks, *notes]
+    return ReadingRecord(tuple(readings), commands, states, commanded, tuple(notes))
 
 
 def _of_result(
@@ -154,7 +167,17 @@ def _of_result(
         readings.append(Readings.of(time, values))
     if not any(each is not None and each.time.size for each in readings):
         raise ScenarioError.of("file", "the run has no reading of a sensor of the scenario")
-    return ReadingRecord(tuple(readings), commands_of(result, inputs), {}, ())
+    commands = commands_of(result, inputs)
+    if commands is None:
+        return ReadingRecord(tuple(readings), None, {}, (), ())
+    every = [*data["channel"].values, *(data["input"].values if "input" in data else ())]
+    notes, period = [], 1 / ran.control_rate_hz
+    if ran.output_interval > period * (1 + 1e-9):
+        notes.append(
+            f"the result lacks commands: its output.interval of {ran.output_interval:g} s exceeds "
+            f"the control period of {period:g} s"
+        )
+    return ReadingRecord(tuple(readings), commands, {}, tuple(map(str, every)), tuple(notes))
 
 
 @contextmanager
@@ -191,8 +214,25 @@ def sampled(
     return times, rows[first]
 
 
+def markers_in(dataset: xr.Dataset, clock: xr.DataArray) -> list[str] | None:
+    """Return the marker of each row of a record; None without a column of them."""
+    if MARKER not in dataset.variables:
+        return None
+    if dataset[MARKER].dims != clock.dims:
+        dims = ", ".join(map(str, dataset[MARKER].dims)) or "nothing"
+        raise refusal(MARKER, f"marker has dimensions {dims}", f"have those of {clock.name}")
+    return labels_of(dataset[MARKER])
+
+
+def not_read(dataset: xr.Dataset, clock: xr.DataArray, known: Container[str]) -> list[str]:
+    """Return a note on the columns of a record that are not ``known``, if there are any."""
+    rows = [str(name) for name, each in dataset.variables.items() if each.dims == clock.dims]
+    others = [name for name in rows if name != clock.name and name not in known]
+    return [f"not read: {listed(others)}"] if others else []
+
+
 def column_of(name: str, unit: str) -> Column:
     """Return the column of a quantity; without a unit in the file angles are in degrees."""
     known = {"m": (length_factor, "m"), "rad": (angle_factor, "degrees")}
     factor, written = known.get(unit, ({unit: 1.0}.get, unit))
-    return Column(name, name, factor, written, _LARGEST)
+    return Column(name, name, factor, written, LARGEST)

@@ -15,7 +15,17 @@ from crinoid.actuation import Input
 from crinoid.foundation.axes import AXES, POSE
 from crinoid.inverse.commands import Commands, commands_of
 from crinoid.inverse.marker import TIP, Marker
-from crinoid.inverse.readings import TIME, column_of, record_errors, result_folder, sampled
+from crinoid.inverse.readings import (
+    LARGEST,
+    MARKER,
+    TIME,
+    column_of,
+    markers_in,
+    not_read,
+    record_errors,
+    result_folder,
+    sampled,
+)
 from crinoid.recording.axes import find
 from crinoid.recording.numbers import Column, labels_of
 from crinoid.recording.readers import read_dataset
@@ -25,10 +35,8 @@ from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError, counted, got, one_of, refusal
 from crinoid.scenario.actuator import Tendon, keyed_threads
 
-HOLD, MARKER = "hold", "marker"
-"""Columns of a record."""
-_LARGEST = 1e12
-"""Larger numbers mark missing values."""
+HOLD = "hold"
+"""Column of a record."""
 LOST = 0.25
 """Largest share of the rows that may be set aside as lost markers."""
 _REACH = 1.25
@@ -108,11 +116,9 @@ def _of_table(
     axes = scenario.arm.dimension
     columns = [column_of(name, "rad" if name == "angle" else "m") for name in POSE[axes][:axes]]
     columns += [column_of(name, "rad" if axes == 2 else "1") for name in POSE[axes][axes:]]
-    labels = None
     with read_dataset(file) as dataset:
         there = [str(name) for name in dataset.variables]
         if MARKER in there:
-            labels = labels_of(dataset[MARKER])
             columns = columns[: len(AXES[axes])]
         measured = [column for column in columns if column.name in there]
         if not measured:
@@ -121,10 +127,7 @@ def _of_table(
             text = f"has {listed(sorted(there))}; must have {along} and some of {some}"
             raise ScenarioError.of("file", text)
         first = dataset[HOLD if HOLD in there else find(dataset, TIME, "time_column", file)]
-        rows_of = [name for name in there if dataset[name].dims == first.dims]
-        if labels is not None and dataset[MARKER].dims != first.dims:
-            dims = ", ".join(map(str, dataset[MARKER].dims)) or "nothing"
-            raise refusal(MARKER, f"marker has dimensions {dims}", f"have those of {first.name}")
+        labels = markers_in(dataset, first)
         places = {TIP: 0} | {marker.name: k for k, marker in enumerate(markers, start=1)}
         for label in labels or ():
             if label not in places:
@@ -134,6 +137,10 @@ def _of_table(
             rows = [0] * first.size if labels is None else [places[label] for label in labels]
             record = _of_holds(dataset, file, scenario, measured, np.array(rows))
             return replace(record, markers=markers)
+        names = tuple(column.name for column in measured)
+        driven = [column_of(each.name, each.unit) for each in inputs]
+        played = [column for column in driven if column.name in there]
+        others = not_read(dataset, first, {MARKER, *names, *(column.name for column in played)})
     tracks = {None: 0} if labels is None else {label: places[label] for label in labels}
 
     def read(some: list[Column]) -> list[Series]:
@@ -145,15 +152,10 @@ def _of_table(
     order = np.argsort(time, kind="stable")
     values = np.concatenate([motion.values for motion in motions])[order]
     of_row = np.repeat(list(tracks.values()), [motion.time.size for motion in motions])[order]
-    driven = [column_of(each.name, each.unit) for each in inputs]
-    played = [column for column in driven if column.name in there]
     parts = read(played) if played else []
     commands = Commands.of(parts, [driven.index(column) for column in played], len(inputs))
-    names = tuple(column.name for column in measured)
     notes = tuple(dict.fromkeys(note for each in (*motions, *parts) for note in each.notes))
-    read_ones = {MARKER, str(first.name), *names, *(column.name for column in played)}
-    if others := [name for name in rows_of if name not in read_ones]:
-        notes += (f"not read: {listed(others)}",)
+    notes += tuple(others)
     return _after_start(
         ExperimentRecord(time[order], names, values, commands, notes, markers, of_row)
     )
@@ -172,7 +174,7 @@ def _of_holds(
     for name, thread in zip(scenario.thread_names, threads, strict=True):
         unit = "N" if isinstance(thread, Tendon) else "Pa"
         factors = {"1": 1.0} if thread.lined else {"1": 1.0, unit: 1 / thread.largest}
-        driven[name] = Column(name, name, factors.get, "1", _LARGEST)
+        driven[name] = Column(name, name, factors.get, "1", LARGEST)
     known = (HOLD, MARKER, *(column.name for column in measured), *driven)
     for name in map(str, dataset.variables):
         if name not in known and name not in dataset.dims:

@@ -60,8 +60,13 @@ def read(file: str) -> xr.Dataset:
     usual = get_typestore(Stores.ROS2_HUMBLE)
     with AnyReader([Path(file)], default_typestore=usual) as reader:
         kinds = {each.topic: str(each.msgtype) for each in reader.connections}
-        columns = {kind: _numbers(reader.typestore, kind) for kind in {*kinds.values()} - {_JOINTS}}
-        columns[_JOINTS] = _NAMED
+        columns: dict[str, list[str]] = {_JOINTS: _NAMED}
+        unknown: dict[str, str] = {}
+        for topic, kind in kinds.items():
+            try:
+                columns[kind] = columns.get(kind) or _numbers(reader.typestore, kind)
+            except KeyError as error:  # rosbags does not know it, or a part of it
+                columns[kind], unknown[topic] = [], error.args[0]
         chosen = [each for each in reader.connections if columns[str(each.msgtype)]]
         count = sum(each.msgcount * len(columns[str(each.msgtype)]) for each in chosen)
         check_count(count, file, "its topics")
@@ -77,7 +82,10 @@ def read(file: str) -> xr.Dataset:
         text = f"{short(file)} contains {there}"
         raise refusal("file", text, "have a topic of stamped geometry or of JointState")
     topics = {topic: pd.DataFrame(each) for topic, each in rows.items()}
-    found = _dataset(*_table(topics, kinds))
+    table, remarks = _table(topics, kinds)
+    for topic, kind in unknown.items():
+        remarks.append(f"{topic} is not read: the log has no definition of {kind}")
+    found = _dataset(table, remarks)
     for topic, frame in topics.items():
         clock, track = f"{topic}.time", _track(frame, _clock([frame]))
         found = found.assign_coords({clock: (clock, *_time(track.index))})
@@ -173,7 +181,7 @@ def _only(usual: str, topics: list[str], role: str, remarks: list[str]) -> str |
         return usual
     if len(topics) != 1:
         return None
-    remarks.append(f"{topics[0]} is taken as {role}, as no other topic fits")
+    remarks.append(f"{topics[0]} counts as {role}, as no other topic fits")
     return topics[0]
 
 
@@ -204,7 +212,7 @@ def _dataset(table: pd.DataFrame, remarks: list[str]) -> xr.Dataset:
     """Return the columns of a table over time, with their units as far as these are known."""
     units = dict.fromkeys(("x", "y", "z", *CHANNELS[3]), "m")
     units |= dict.fromkeys(("angle", *ANGLES), "rad")
-    found = xr.Dataset(attrs={REMARKS: remarks})
+    found = xr.Dataset(attrs={REMARKS: "\n".join(remarks)})
     if table.columns.size:
         found = found.assign_coords(time=("time", *_time(table.index)))
     for name in table:

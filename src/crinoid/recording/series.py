@@ -147,7 +147,7 @@ def read_series(
     do not count.
     """
     with read_dataset(file) as dataset:
-        remarks: list[str] = [*dataset.attrs.get(REMARKS, ())]
+        remarks: list[str] = dataset.attrs.get(REMARKS, "").splitlines()
         name = find(dataset, time_column, "time_column", file)
         along = only_dimension(dataset[name], "time_column")
         check_count(dataset[name].size * len(columns), file, "this path")

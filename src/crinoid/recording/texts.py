@@ -3,7 +3,7 @@
 from pathlib import Path
 
 REMARKS = "remarks of crinoid"
-"""Attribute of a dataset: what its reader assumes, a sentence each."""
+"""Attribute of a dataset: what its reader assumes, a line each."""
 _NAMED = 12
 
 

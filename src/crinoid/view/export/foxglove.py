@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from crinoid.view.export.ros import joints_of
+from crinoid.view.export.ros import joints_of, topics_of
 from crinoid.view.export.source import Source
 from crinoid.view.scene.scene import Scene
 
@@ -11,15 +11,18 @@ _DISTANCE = 2.5  # distance of the camera, of the length of the arm
 
 def layout_of(source: Source, scene: Scene) -> dict[str, Any]:
     """Return a layout; x points to the right and z up, as in the figures."""
-    axes = "xyz" if scene.spatial else "xz"
+    axes, there = "xyz" if scene.spatial else "xz", topics_of(source.data)
+    tip = [topic for topic in ("/tip/pose", "/tip/target") if topic in there]
     plots = {
-        "tip": [f"/tip/{of}.pose.position.{axis}" for axis in axes for of in ("pose", "target")],
+        "tip": [f"{topic}.pose.position.{axis}" for axis in axes for topic in tip],
         "commands": [
             f"/commands.position[{k}]" for k in range(len(joints_of(source.data, "/commands")))
         ],
-        "force on the base": [f"/base/wrench.wrench.force.{axis}" for axis in axes],
+        "force on the base": [
+            f"/base/wrench.wrench.force.{axis}" for axis in axes if "/base/wrench" in there
+        ],
         "current at the tip": [
-            f"/tip/current.vector.{axis}" for axis in axes if "flow_velocity" in source.data
+            f"/tip/current.vector.{axis}" for axis in axes if "/tip/current" in there
         ],
     }
     panels: dict[str, dict[str, Any]] = {
@@ -40,7 +43,9 @@ def layout_of(source: Source, scene: Scene) -> dict[str, Any]:
     panels["3D!arm"] = {
         "followTf": "world",
         "followMode": "follow-none",
-        "topics": {name: {"visible": True} for name in ("/arm/markers", "/tip/target")},
+        "topics": {
+            name: {"visible": True} for name in ("/arm/markers", *({"/tip/target"} & there))
+        },
         "cameraState": {
             "perspective": True,
             "targetOffset": scene.members[0].position[0].mean(axis=0).tolist(),

@@ -69,27 +69,31 @@ def _small(data: xr.Dataset, run: Keyframes) -> xr.Dataset:
 def _poses(data: xr.Dataset, run: Keyframes, stamps: Stamps, turn: Rotations) -> list[Messages]:
     """Return frames, poses of the tip and of its target, loads on the base, and currents."""
     aside, root, base = turn[:, -1, :, 1], run.position[:, 0], turn[:, 0]
-    tip, turn_of_tip = in_space(data, "tip_position"), _pointing(data, "", aside)
-    target = in_space(data, "tip_target"), _pointing(data, "_target", aside)
-    force, moment = in_space(data, "base_force"), _moment(data)
-    frames = {BASE: (root, base), TIP: (tip, turn_of_tip)}
+    there, found = topics_of(data), []
+    frames = {BASE: (root, base)}
+    if "/tip/pose" in there:
+        frames[TIP] = in_space(data, "tip_position"), _pointing(data, "", aside)
+        found.append(_stamped(stamps, "/tip/pose", "Pose", WORLD, _pose_of(*frames[TIP])))
     if run.mount.floats:
         frames = {VEHICLE: (run.mount.anchor, run.mount.attitude), **frames}
-    # a load is drawn at the origin of its frame and along the axes of that
-    loads = [np.einsum("tji,tj->ti", base, vector) for vector in (force, moment)]
-    found = [
-        _frames(stamps, frames),
-        _stamped(stamps, "/tip/pose", "Pose", WORLD, _pose_of(tip, turn_of_tip)),
-        _stamped(stamps, "/tip/target", "Pose", WORLD, _pose_of(*target)),
-        _stamped(
-            stamps,
-            "/base/wrench",
-            "Wrench",
-            BASE,
-            lambda row: {"force": _vector(loads[0][row]), "torque": _vector(loads[1][row])},
-        ),
-    ]
-    if "flow_velocity" in data:
+    found.insert(0, _frames(stamps, frames))
+    if "/tip/target" in there:
+        target = in_space(data, "tip_target"), _pointing(data, "_target", aside)
+        found.append(_stamped(stamps, "/tip/target", "Pose", WORLD, _pose_of(*target)))
+    if "/base/wrench" in there:
+        # a load is drawn at the origin of its frame and along the axes of that
+        given = in_space(data, "base_force"), _moment(data)
+        force, moment = (np.einsum("tji,tj->ti", base, vector) for vector in given)
+        found.append(
+            _stamped(
+                stamps,
+                "/base/wrench",
+                "Wrench",
+                BASE,
+                lambda row: {"force": _vector(force[row]), "torque": _vector(moment[row])},
+            )
+        )
+    if "/tip/current" in there:
         current = in_space(data, "flow_velocity")
         for end, name in enumerate((BASE, TIP)):
             of_end = current[:, end]
@@ -103,6 +107,24 @@ def _poses(data: xr.Dataset, run: Keyframes, stamps: Stamps, turn: Rotations) ->
                 )
             )
     return found
+
+
+_GEOMETRY = {
+    "/tip/pose": ("tip_position", "tip_angle"),
+    "/tip/target": ("tip_target", "tip_angle_target"),
+    "/base/wrench": ("base_force", "base_moment"),
+    "/tip/current": ("flow_velocity",),
+}
+"""Variables of each topic of geometry; in space directions replace angles."""
+
+
+def topics_of(data: xr.Dataset) -> set[str]:
+    """Return the topics of geometry whose variables a result has."""
+
+    def has(name: str) -> bool:
+        return name in data or name.replace("angle", "direction") in data
+
+    return {topic for topic, names in _GEOMETRY.items() if all(map(has, names))}
 
 
 def _pointing(data: xr.Dataset, which: str, aside: Places) -> Rotations:

@@ -18,8 +18,9 @@ def write_report(
     folder with ``cases.csv``) gives those of each case, in the folder of that case, the means over
     its seeds, and a page of all. Each file of another command gives its figures: that of a current
     (``flow.nc``), a record (``record.nc``), modes (``modes.nc``), equilibria (``curve.nc``), a
-    comparison (``compare.nc``), margins (``margins.nc``), a search (``tune.nc``, ``identify.nc``,
-    ``optimise.nc``), an estimate (``estimate.nc``) or a training (``training.nc``).
+    comparison (``compare.nc``), margins (``margins.nc``), the response of a linear model
+    (``response.nc``), a search (``tune.nc``, ``identify.nc``, ``optimise.nc``), an estimate
+    (``estimate.nc``) or a training (``training.nc``).
 
     Parameters
     ----------
