@@ -1,8 +1,7 @@
 """All forces on the arm: residual, tangent matrix and energies.
 
-Arrays have a row for each node, then for each obstacle, then two for a vehicle
-(`crinoid.dynamics.vehicle`). A row has ``b`` entries: ``d`` coordinates and, in space, the spin of
-the edge that ends at the node.
+Arrays have a row for each node, obstacle and vehicle (`crinoid.dynamics.rows`). A row has ``b``
+entries: ``d`` coordinates and, in space, the spin of the edge that ends at the node.
 """
 
 from dataclasses import replace
@@ -13,15 +12,22 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from crinoid.dynamics import windows
 from crinoid.dynamics.arm import Arm, Memory
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.obstacles import Obstacles
-from crinoid.dynamics.tangent import BOUNDARY_NODES, LineStiffness, Tangent
+from crinoid.dynamics.rows import (
+    BOUNDARY_NODES,
+    CENTRE,
+    ROTATION,
+    VEHICLE_ROWS,
+    RowLayout,
+)
+from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.dynamics.threads import LengthControlledThreads
-from crinoid.dynamics.vehicle import ROWS, Mount, Vehicle, unknowns, vehicle_rows
+from crinoid.dynamics.vehicle import Mount, Vehicle, unknowns, vehicle_rows
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion
 from crinoid.flow import Current, Water
@@ -76,23 +82,23 @@ class Forces(Arm):
         )
         return replace(self, elements=elements)
 
+    @property
+    def rows(self) -> RowLayout:
+        """Rows of nodes, obstacles and vehicle."""
+        count = 0 if self.obstacles is None else self.obstacles.count
+        return RowLayout.of(count, vehicle=self.vehicle is not None)
+
     def nodes(self, rows: Rows) -> Float[Array, "n b"]:
         """Return the rows of the nodes."""
-        rows = self.without_vehicle(rows)
-        return rows if self.obstacles is None else rows[: -self.obstacles.count]
-
-    def without_vehicle(self, rows: Rows) -> Float[Array, "fewer b"]:
-        """Return the rows of nodes and obstacles."""
-        return rows if self.vehicle is None else rows[:-ROWS]
+        return rows[self.rows.nodes]
 
     def unknown(self, rows: Rows, turn: Array | float = 1.0) -> Float[Array, "unknown b"]:
         """Return the rows of unknowns: free nodes, free obstacles, a vehicle (its turn scaled)."""
-        nodes = self.nodes(rows)
-        parts = [nodes[BOUNDARY_NODES:]]
+        parts = [self.nodes(rows)[BOUNDARY_NODES:]]
         if self.free:
-            parts.append(rows[nodes.shape[0] + jnp.asarray(self.free)])
+            parts.append(rows[self.free_rows])
         if self.mount is not None:
-            parts += [rows[-2:-1], turn * rows[-1:]]
+            parts.append(jnp.stack([rows[CENTRE], turn * rows[ROTATION]]))
         return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
     @property
@@ -104,6 +110,11 @@ class Forces(Arm):
     def free(self) -> tuple[int, ...]:
         """Indices of the free obstacles."""
         return () if self.obstacles is None else self.obstacles.free
+
+    @property
+    def free_rows(self) -> Int[np.ndarray, " f"]:
+        """Rows of the free obstacles."""
+        return self.rows.obstacle(np.array(self.free, int))
 
     def extra(self, size: int) -> tuple[int, ...]:
         """Return the indices of unknowns of free bodies, in rows of ``size`` after the nodes."""
@@ -196,12 +207,11 @@ class Forces(Arm):
             if self.free:
                 own = jax.vmap(lambda e, m: windows.residuals((e,), m, None)[0])
                 bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]
-                free = num_nodes + jnp.asarray(self.free)
-                rows = rows.at[free].add(bodies, unique_indices=True)
+                rows = rows.at[self.free_rows].add(bodies, unique_indices=True)
                 largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies), axis=0))
         if self.vehicle is None:
             return rows, largest
-        pushed = jnp.zeros((ROWS, size))
+        pushed = jnp.zeros((VEHICLE_ROWS, size))
         if self.mount is not None:
             pushed = self._on_vehicle(motion, rows[:BOUNDARY_NODES])
         return jnp.concatenate([rows, pushed]), largest
@@ -252,8 +262,7 @@ class Forces(Arm):
         )
         border = None
         if obstacles is not None and self.free:
-            free = jnp.asarray(self.free)
-            of_free = jax.tree.map(lambda slope: slope[num_nodes + free][:, None], slopes)
+            of_free = jax.tree.map(lambda slope: slope[self.free_rows][:, None], slopes)
             own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
             border = obstacles.border(touch, own, num_nodes)
         extra = self.extra(size)
@@ -292,7 +301,7 @@ class Forces(Arm):
             return self._on_vehicle(motion, held, alone=False).reshape(-1)[own]
 
         ways = np.zeros((own.size, rows * size))
-        ways[np.arange(own.size), (rows - ROWS) * size + own] = 1.0
+        ways[np.arange(own.size), (rows - VEHICLE_ROWS) * size + own] = 1.0
         columns = jax.vmap(along, out_axes=-1)(jnp.asarray(ways.reshape(-1, rows, size)))
         return tangent.bordered(columns, push, self.extra(size)[len(tangent.extra) :])
 
@@ -310,7 +319,7 @@ class Forces(Arm):
         force, moment = kinematics.resultant(mount.held, held)
         if alone:
             own = vehicle.residual(
-                kinematics, motion.flow_velocity[-2], motion.flow_acceleration[-2]
+                kinematics, motion.flow_velocity[CENTRE], motion.flow_acceleration[CENTRE]
             )
             force, moment = force + own[0], moment + own[1]
         return vehicle_rows(force, moment, held.shape[1])
@@ -318,7 +327,7 @@ class Forces(Arm):
     def _points(self, rows: Rows) -> Points:
         """Return the position of each row; a vehicle's turn has that of its centre of mass."""
         points = rows[:, : self.axes]
-        return points if self.vehicle is None else points.at[-1].set(points[-2])
+        return points if self.vehicle is None else points.at[ROTATION].set(points[CENTRE])
 
     def attitude(self, motion: Motion) -> Float[Array, "d d"] | None:
         """Return the attitude of a moving vehicle, if there is one."""
@@ -326,7 +335,9 @@ class Forces(Arm):
 
     def gaps(self, rows: Rows) -> Float[Array, "m e"] | None:
         """Return the distance of each obstacle from each edge (m)."""
-        return None if self.obstacles is None else self.obstacles.gaps(self.without_vehicle(rows))
+        if self.obstacles is None:
+            return None
+        return self.obstacles.gaps(rows[self.rows.arm_and_obstacles])
 
     def obstacle_motion(self, motion: Motion) -> Motion:
         """Return the motion of nodes and obstacles."""
@@ -336,14 +347,13 @@ class Forces(Arm):
         return eqx.tree_at(
             lambda m: (*_rows(m), m.flow_velocity, m.flow_acceleration),
             motion,
-            tuple(map(self.without_vehicle, parts)),
+            tuple(part[self.rows.arm_and_obstacles] for part in parts),
         )
 
     def _bodies(self, motion: Motion) -> Motion:
         """Return the motion of the free obstacles, one window each."""
-        free = self.nodes(motion.position).shape[0] + jnp.asarray(self.free)
-        width = motion.position.shape[1]
-        return motion.windows(lambda rows: rows[free][:, None], (len(self.free),), width)
+        free, width = self.free_rows, motion.position.shape[1]
+        return motion.windows(lambda rows: rows[free][:, None], free.shape, width)
 
 
 def _rows(motion: Motion) -> tuple[Any, Any, Any]:

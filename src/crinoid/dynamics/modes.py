@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.dynamics.tangent import BOUNDARY_NODES, LineStiffness
+from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.tangent import LineStiffness
 from crinoid.numerics import banded
 
 COUNT = 8

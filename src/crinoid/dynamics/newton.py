@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.outcome import Outcome
-from crinoid.dynamics.tangent import BOUNDARY_NODES, Tangent, TangentFactors
+from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.tangent import Tangent, TangentFactors
 from crinoid.dynamics.windows import Surroundings
 from crinoid.rod import Rod
 

@@ -11,8 +11,9 @@ from crinoid.base import Base
 from crinoid.dynamics import statics
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.state import State, tip_pose
-from crinoid.dynamics.tangent import BOUNDARY_NODES, LineStiffness, Tangent
+from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.numerics import banded
 from crinoid.numerics.frames import Frames
 from crinoid.numerics.small_matrices import product

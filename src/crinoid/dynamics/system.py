@@ -26,10 +26,10 @@ from crinoid.dynamics.outcome import (
     halve,
     warn_of_round_off,
 )
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.small_motions import Influence, SmallMotions, influence, linearise
 from crinoid.dynamics.start import expected_acceleration, first_guess, with_prescribed_motion
 from crinoid.dynamics.state import EnergyAccount, State, tip_pose
-from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.dynamics.transition import Transition, transition
 from crinoid.dynamics.vehicle import VehicleOutput
 from crinoid.dynamics.windows import FlowPerturbation
@@ -91,7 +91,7 @@ class System(eqx.Module):
         if self.forces.obstacles is None:
             return jnp.zeros(0)
         _, _, rows, _ = self.undeformed(time)
-        return jnp.min(self.forces.obstacles.gaps(self.forces.without_vehicle(rows)), axis=1)
+        return jnp.min(self.forces.gaps(rows), axis=1)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
@@ -135,7 +135,7 @@ class System(eqx.Module):
         forces, _, base_after, _ = self.undeformed(state.time)
         shape, frames = state.motion.position, state.frames
         nodes = forces.nodes(shape).shape[0]
-        free = np.r_[BOUNDARY_NODES:nodes, nodes + np.asarray(forces.free, int)]
+        free = np.r_[BOUNDARY_NODES:nodes, forces.free_rows]
 
         def placed(base: Base, rows: Rows) -> Rows:
             rows = start.with_clamp_spin(base, time, rows, frames)
@@ -377,7 +377,7 @@ class System(eqx.Module):
         if forces.obstacles is not None:
             assert state.gap is not None
             assert after.gap is not None
-            moved = forces.without_vehicle(now.position) - forces.without_vehicle(before.position)
+            moved = (now.position - before.position)[forces.rows.arm_and_obstacles]
             resolved = ~good | forces.obstacles.resolved(moved, state.gap, after.gap, step)
         return eqx.tree_at(
             lambda o: (o.converged, o.resolved, o.folded, o.error),

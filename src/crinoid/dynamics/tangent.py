@@ -8,11 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.numerics import banded
 from crinoid.numerics.small_matrices import product, solve
-
-BOUNDARY_NODES = 2
-"""Number of nodes with a prescribed motion: the ghost node and the root."""
 
 Rows = Float[Array, "_ b"]
 Extra = Float[Array, " p"]
