@@ -25,11 +25,12 @@ from crinoid.dynamics.rows import (
     VEHICLE_ROWS,
     RowLayout,
 )
+from crinoid.dynamics.self_contact import FarEdges, SelfTouch
 from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.dynamics.threads import LengthControlledThreads
 from crinoid.dynamics.vehicle import Mount, Vehicle, unknowns, vehicle_rows
 from crinoid.dynamics.windows import Surroundings
-from crinoid.elements import Motion
+from crinoid.elements import Motion, SelfContact
 from crinoid.flow import Current, Water
 from crinoid.numerics import banded
 
@@ -57,6 +58,8 @@ class Forces(Arm):
     """Tendons of given length and chambers of given content among the elements."""
     mount: Mount | None = None
     """Clamp of the arm on a vehicle; None while the vehicle is held still."""
+    far_edges: FarEdges | None = None
+    """Contact of the arm with itself, if it counts."""
 
     def frozen(self, time: Float[Array, ""]) -> "Forces":
         """Return the forces in the flow frozen at ``time``, obstacles and vehicle held still."""
@@ -199,6 +202,10 @@ class Forces(Arm):
             total += banded.pad_columns(nodal, size)
             most = jnp.max(jnp.abs(forces), axis=(0, 1, 2))
             largest = jnp.maximum(largest, jnp.pad(most, (0, size - width)))
+        if self.far_edges is not None:
+            pushed = self.far_edges.push(motion)[:num_nodes]
+            largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed), axis=0))
+            total -= pushed
         rows = total
         if self.obstacles is not None:
             _, pushed = self.obstacles.push(self.obstacle_motion(motion))
@@ -265,8 +272,16 @@ class Forces(Arm):
             of_free = jax.tree.map(lambda slope: slope[self.free_rows][:, None], slopes)
             own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
             border = obstacles.border(touch, own, num_nodes)
+        far = None
+        if self.far_edges is not None:
+
+            def of_pair(contact: SelfContact, pair: Motion) -> Array:
+                still = jnp.zeros((*pair.flow_velocity.shape, self.axes))
+                return jacobian((contact,), pair, (still, None))
+
+            far = self.far_edges.stiffness(motion, of_pair, num_nodes)
         extra = self.extra(size)
-        tangent = Tangent(bands, border, extra[: size * len(self.free)])
+        tangent = Tangent(bands, border, extra[: size * len(self.free)], far=far)
         if self.mount is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
@@ -338,6 +353,16 @@ class Forces(Arm):
         if self.obstacles is None:
             return None
         return self.obstacles.gaps(rows[self.rows.arm_and_obstacles])
+
+    def self_gaps(self, rows: Rows) -> Float[Array, " pair"] | None:
+        """Return the gap of each pair of far edges (m), if the arm can touch itself."""
+        return None if self.far_edges is None else self.far_edges.gaps(rows, self.axes)
+
+    def self_touch(self, motion: Motion, gaps: Float[Array, " pair"] | None) -> SelfTouch | None:
+        """Return the contact of each edge with far edges, if the arm can touch itself."""
+        if self.far_edges is None or gaps is None:
+            return None
+        return self.far_edges.touch(motion, gaps)
 
     def obstacle_motion(self, motion: Motion) -> Motion:
         """Return the motion of nodes and obstacles."""

@@ -114,7 +114,9 @@ class ReusedTangent(eqx.Module):
         """Return the tangent before the first solve: none."""
         nodes, size = forces.nodes(rows).shape
         lines = 0 if forces.lines is None else forces.lines.rest.size
-        tangent = TangentFactors.blank(nodes, size, forces.extra(size), lines)
+        tangent = TangentFactors.blank(
+            nodes, size, forces.extra(size), lines, dense=forces.far_edges is not None
+        )
         return ReusedTangent(tangent, jnp.ones(()), jnp.zeros(()))
 
 

@@ -280,6 +280,7 @@ def steady_state(
         actuators=tuple(actuators),
         reaction=reaction,
         gap=forces.gaps(motion.position),
+        self_gap=forces.self_gaps(motion.position),
         acceleration_history=jnp.stack([motion.acceleration] * 5),
         predictor_accepted=jnp.asarray(False),
         reused_tangent=ReusedTangent.none(forces, motion.position),

@@ -50,6 +50,8 @@ class State(eqx.Module):
     """Matrix from the axes of a floating vehicle to those of the world."""
     grip: GripState | None = None
     """Grip of a tool, if touches take it up or let it go."""
+    self_gap: Float[Array, " pair"] | None = None
+    """Distance of the surfaces of each pair of far edges (m)."""
     memory: Memory = ()
     """Memory of each element (`crinoid.Element`); None for those without."""
 
@@ -178,6 +180,9 @@ class EnergyAccount(eqx.Module):
         if forces.obstacles is not None:
             motion = forces.obstacle_motion(state.motion)
             contact, known["contact"] = forces.obstacles.touch(motion)
+        if forces.far_edges is not None:
+            pushed = forces.far_edges.push(state.motion)[:nodes]
+            known["contact"] = known.get("contact", 0.0) + pushed
         held = remembered.memory_energy(state.motion)
         return EnergyAccount(known, jnp.zeros(len(WORKS)), contact, held)
 

@@ -93,6 +93,12 @@ class System(eqx.Module):
         _, _, rows, _ = self.undeformed(time)
         return jnp.min(self.forces.gaps(rows), axis=1)
 
+    def self_clearance(self, time: float | Array = 0.0) -> Float[Array, ""]:
+        """Return the smallest distance of the undeformed arm from itself (m)."""
+        _, _, rows, _ = self.undeformed(time)
+        gaps = self.forces.self_gaps(rows)
+        return jnp.asarray(jnp.inf) if gaps is None else jnp.min(gaps)
+
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
 
@@ -233,6 +239,7 @@ class System(eqx.Module):
             actuators=tuple(actuators),
             reaction=reaction,
             gap=forces.gaps(motion.position),
+            self_gap=forces.self_gaps(motion.position),
             acceleration_history=jnp.concatenate(
                 [before.acceleration[None], state.acceleration_history[:-1]]
             ),
@@ -333,7 +340,7 @@ class System(eqx.Module):
         method and the shapes.
         """
         bands, lines = eqx.filter_jit(System.linearise)(self, state), None
-        if self.forces.lines is not None:
+        if self.forces.lines is not None or self.forces.far_edges is not None:
             lines = eqx.filter_jit(System.influence)(self, state).lines
         return modes.find_modes(*bands, count, lines).frequency
 
@@ -379,6 +386,12 @@ class System(eqx.Module):
             assert after.gap is not None
             moved = (now.position - before.position)[forces.rows.arm_and_obstacles]
             resolved = ~good | forces.obstacles.resolved(moved, state.gap, after.gap, step)
+        if forces.far_edges is not None:
+            assert state.self_gap is not None
+            assert after.self_gap is not None
+            moved = (now.position - before.position)[:, : forces.axes]
+            apart = forces.far_edges.resolved(moved, state.self_gap, after.self_gap, step)
+            resolved &= ~good | apart
         return eqx.tree_at(
             lambda o: (o.converged, o.resolved, o.folded, o.error),
             outcome,

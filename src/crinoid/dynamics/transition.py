@@ -168,6 +168,7 @@ class LocalCoordinates:
             actuators=tuple(others),
             reaction=forces.residual(moved)[0][:BOUNDARY_NODES],
             gap=forces.gaps(moved.position),
+            self_gap=forces.self_gaps(moved.position),
             acceleration_history=state.acceleration_history,
             predictor_accepted=state.predictor_accepted,
             reused_tangent=state.reused_tangent,

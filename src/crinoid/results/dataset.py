@@ -139,6 +139,7 @@ def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> 
         "obstacles": kept.touch,
         "tool": kept.held,
         "vortices": kept.vortices,
+        "self": kept.self_touch,
         "vehicle": kept.vehicle,
     }
     without = [name for name, found in missing.items() if found is None]

@@ -62,6 +62,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         branch_tension=remembered.branch_tension(),
         line=state.motion.line,
         vortices=remembered.vortex_forces(state.motion),
+        self_touch=system.forces.self_touch(state.motion, state.self_gap),
         vehicle=system.vehicle_output(state),
         held=tool_factor(system.forces, state.grip, state.time),
     )

@@ -1,0 +1,200 @@
+"""An arm that touches itself: two halves, a coil, its tangent, its energy and its gradient."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import crinoid
+from crinoid.dynamics import FarEdges, far_edges
+from crinoid.dynamics.newton import Balance
+from crinoid.dynamics.statics import static_stage
+from crinoid.rod import Rod
+from helpers.touching import moving
+
+RADIUS = 0.01
+NODES = 21
+
+
+def halves(gap, edges=10, length=0.1):
+    """Return the nodes of a hairpin (m): two straight halves, with a gap between their surfaces."""
+    along, apart = length * np.arange(edges + 1), 2 * RADIUS + gap
+    there = np.stack([along, 0 * along], axis=1)
+    back = there[::-1] + np.array([0.0, apart])
+    turn = [there[-1] + [length, -length], back[0] + [length, length]]
+    return np.concatenate([[[-length, 0.0]], there, turn, back])
+
+
+@eqx.filter_jit
+def push(far, motion):
+    """Return the forces on all rows."""
+    return far.push(motion)
+
+
+@pytest.mark.parametrize("load", [0.01, 0.3, 0.9])
+def test_two_halves_are_as_close_as_the_law_of_the_skin_says(load):
+    nodes = halves(0.0)
+    edges = np.diff(nodes[1:], axis=0)
+    lengths = np.linalg.norm(edges, axis=1)
+    rod = Rod.round(
+        length=lengths.sum(),
+        nodes=len(nodes) - 1,
+        radius=RADIUS,
+        density=1000.0,
+        youngs_modulus=1e6,
+        axes=2,
+    )
+    far = FarEdges.of(rod, far_edges(lengths, np.full(len(lengths), RADIUS)), jnp.zeros(()))
+    strength = 32.0 * 1e6 * RADIUS**2
+    # each edge rests on the one opposite to it: load = strength (1 - gap / skin)^4
+    gap = 0.05 * RADIUS * (1.0 - load**0.25)
+    place = halves(gap)
+    pushed = np.asarray(push(far, moving(place, 0.0 * place)))
+    assert pushed[14:, 1].sum() == pytest.approx(10 * load * strength, rel=1e-9)
+    assert pushed[:12, 1].sum() == pytest.approx(-10 * load * strength, rel=1e-9)
+
+
+def test_edges_are_far_where_the_arm_can_turn_back():
+    radii = np.full(30, RADIUS)
+    assert far_edges(np.full(30, 0.01), radii)[5] == 5 + 1 + 4  # pi r is 3.1 edges
+    assert far_edges(np.full(30, 0.1), radii)[5] == 5 + 2  # never an edge and its neighbour
+    assert far_edges(np.full(30, 0.001), radii) == (30,) * 30
+
+
+def coil(dimension=2, friction=0.3, **simulation):
+    """Return the scenario of an arm that a chamber coils up until it touches itself."""
+    return crinoid.Scenario.from_dict(
+        {
+            "arm": {
+                "dimension": dimension,
+                "length": 0.5,
+                "nodes": NODES,
+                "radius": [0.02, 0.012],
+                "density": 1080.0,
+                "youngs_modulus": 1e5,
+                "damping_time": 0.05,
+            },
+            "contact": {"self": True, "friction": friction},
+            "chamber": [
+                {
+                    "name": "curl",
+                    "offset": [0.01, 0.006],
+                    "area": 1.2e-4,
+                    "angle_deg": 180.0,
+                    "max_pressure": 2e5,
+                    "time_constant": 0.1,
+                    "schedule": {"time": [0.0, 0.5], "share": [0.0, 1.0]},
+                }
+            ],
+            "simulation": {"duration": 1.2, "time_step": 0.01} | simulation,
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def coiled():
+    """Return the run of a coil."""
+    return crinoid.simulate(coil())
+
+
+def test_a_coil_presses_on_itself_without_going_through(coiled):
+    data = coiled.dataset
+    assert data["self_gap"].values.min() > -0.01 * 0.012
+    assert data["self_pairs"].values.max() > 5
+    force = data["self_force"].values
+    assert np.abs(force).max() > 0.5
+    # forces of the arm on itself
+    assert np.abs(force.sum(axis=1)).max() < 1e-12
+
+
+def test_the_energy_of_a_coil_is_accounted_for(coiled):
+    energy = coiled.dataset["energy"]
+    stored = energy.sel(kind=["kinetic", "elastic", "potential"]).sum("kind").values
+    works = [k for k in energy["kind"].values if k not in ("kinetic", "elastic", "potential")]
+    done = energy.sel(kind=works).sum("kind").values
+    contact = energy.sel(kind="contact").values[-1]
+    assert contact < 0.0
+    error = np.abs(stored - stored[0] - done).max()
+    assert error < 2e-3 * stored.max()
+
+
+def spiral(dimension):
+    """Return a system and rows of an arm that crosses over itself, all skins pressed."""
+    system = crinoid.system(coil(dimension))
+    state = eqx.filter_jit(lambda s: s.rest())(system)
+    turn = np.linspace(0.0, 2.6 * np.pi, NODES)
+    reach = 0.5 / (2.6 * np.pi) * (1.0 - 0.02 * turn)
+    rows = np.array(state.motion.position)
+    rows[1:, 0], rows[1:, dimension - 1] = reach * np.sin(turn), reach * (1.0 - np.cos(turn))
+    if dimension == 3:
+        rows[1:, 1] = 0.0045 * turn
+    return system, state, jnp.asarray(rows)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_tangent_is_the_slope_of_the_residual(dimension):
+    system, state, rows = spiral(dimension)
+    forces, random = system.forces, np.random.default_rng(0)
+    forces = forces.driven(jnp.zeros(1))
+    stage = static_stage(jnp.zeros(()), rows, state.frames)
+    stage = eqx.tree_at(
+        lambda s: (s.velocity, s.by_velocity, s.fixed_fields),
+        stage,
+        (jnp.asarray(0.1 * random.normal(size=rows.shape)), jnp.asarray(20.0), ()),
+    )
+    zero = jnp.zeros_like(rows)
+    balance = Balance(forces, forces.surroundings(stage, zero), stage)
+    way = jnp.asarray(random.normal(size=rows.shape)).at[:2].set(0.0)
+
+    @eqx.filter_jit
+    def both(balance):
+        tangent = balance.tangent(zero)
+        exact = jax.jvp(lambda c: balance.residual(c)[0], (zero,), (way,))[1]
+        alone = forces.far_edges.push(forces.motion(stage, zero, balance.around))
+        return exact, tangent.solve(exact), tangent.factorise().solve(exact), alone
+
+    _, solved, factored, alone = both(balance)
+    assert np.abs(alone).max() > 0.1  # it touches itself
+    assert np.asarray(solved) == pytest.approx(np.asarray(way), abs=1e-6)
+    assert np.asarray(factored) == pytest.approx(np.asarray(solved), abs=1e-9)
+
+
+def test_gradient_of_a_coil_is_that_of_differences():
+    system = crinoid.system(coil())
+    command = jnp.ones(len(system.inputs))
+
+    @eqx.filter_jit
+    def march(system):
+        return jax.lax.fori_loop(
+            0, 80, lambda _, state: system.advance(state, command)[0], system.rest()
+        )
+
+    state = march(system)
+
+    @eqx.filter_jit
+    def tip(friction, system, state):
+        rough = friction + 0.0 * system.forces.far_edges.contact.friction
+        changed = eqx.tree_at(lambda s: s.forces.far_edges.contact.friction, system, rough)
+        for _ in range(2):
+            state, outcome = changed.step(state, command)
+        return system.tip(state)[0], outcome.converged
+
+    slope = jax.grad(lambda f: tip(f, system, state)[0])(0.3)
+    (high, good), (low, _) = (tip(jnp.asarray(0.3 + h), system, state) for h in (1e-4, -1e-4))
+    assert good
+    assert slope == pytest.approx((high - low) / 2e-4, rel=1e-4)
+    assert slope != 0.0
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({"contact": {"friction": 0.3}}, "contact.friction: got 0.3; must be 0 unless self = true"),
+        ({"contact": {"self": True}, "arm": {"length": 0.05}}, "contact.self: got true"),
+        ({"contact": {"self": True}, "arm": {"rest_curvature": 20.0}}, "overlaps itself by"),
+    ],
+)
+def test_contact_that_cannot_be_is_refused(tables, message):
+    with pytest.raises(crinoid.ScenarioError, match=message):
+        crinoid.simulate(crinoid.Scenario.from_dict(tables))
