@@ -22,6 +22,7 @@ _GROUPS = {
     "`tip_angle_target`, and these variables are new or of another shape.",
     ("vehicle", "vehicle plane", "vehicle space"): "With `[vehicle]` there are also",
     ("obstacles",): "With `[[obstacle]]` there are also",
+    ("self",): "With `contact.self = true` there are also",
     ("tool",): "With `[tool]` there is also",
     ("actuators",): "With actuators in addition to the base's channels there are also",
     (

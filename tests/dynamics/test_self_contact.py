@@ -1,5 +1,7 @@
 """An arm that touches itself: two halves, a coil, its tangent, its energy and its gradient."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -108,15 +110,20 @@ def test_a_coil_presses_on_itself_without_going_through(coiled):
     assert np.abs(force.sum(axis=1)).max() < 1e-12
 
 
-def test_the_energy_of_a_coil_is_accounted_for(coiled):
-    energy = coiled.dataset["energy"]
-    stored = energy.sel(kind=["kinetic", "elastic", "potential"]).sum("kind").values
-    works = [k for k in energy["kind"].values if k not in ("kinetic", "elastic", "potential")]
-    done = energy.sel(kind=works).sum("kind").values
-    contact = energy.sel(kind="contact").values[-1]
-    assert contact < 0.0
-    error = np.abs(stored - stored[0] - done).max()
-    assert error < 2e-3 * stored.max()
+def balance_error(data):
+    """Return the largest error of the balance over the largest stored energy."""
+    energy = data["energy"]
+    kept = ["kinetic", "elastic", "potential"]
+    stored = energy.sel(kind=kept).sum("kind").values
+    done = energy.sel(kind=[k for k in energy["kind"].values if k not in kept]).sum("kind").values
+    return np.abs(stored - stored[0] - done).max() / np.abs(stored).max()
+
+
+def test_the_energy_of_a_coil_is_accounted_for_at_order_two(coiled):
+    assert coiled.dataset["energy"].sel(kind="contact").values[-1] < -1e-3
+    fine = crinoid.simulate(coil(time_step=0.005)).dataset
+    assert balance_error(fine) < 1e-3
+    assert balance_error(coiled.dataset) > 3.0 * balance_error(fine)
 
 
 def spiral(dimension):
@@ -138,10 +145,11 @@ def test_tangent_is_the_slope_of_the_residual(dimension):
     forces, random = system.forces, np.random.default_rng(0)
     forces = forces.driven(jnp.zeros(1))
     stage = static_stage(jnp.zeros(()), rows, state.frames)
-    stage = eqx.tree_at(
-        lambda s: (s.velocity, s.by_velocity, s.fixed_fields),
+    stage = replace(
         stage,
-        (jnp.asarray(0.1 * random.normal(size=rows.shape)), jnp.asarray(20.0), ()),
+        velocity=jnp.asarray(0.1 * random.normal(size=rows.shape)),
+        by_velocity=jnp.asarray(20.0),
+        fixed_fields=(),
     )
     zero = jnp.zeros_like(rows)
     balance = Balance(forces, forces.surroundings(stage, zero), stage)
@@ -183,7 +191,7 @@ def test_gradient_of_a_coil_is_that_of_differences():
     slope = jax.grad(lambda f: tip(f, system, state)[0])(0.3)
     (high, good), (low, _) = (tip(jnp.asarray(0.3 + h), system, state) for h in (1e-4, -1e-4))
     assert good
-    assert slope == pytest.approx((high - low) / 2e-4, rel=1e-4)
+    assert float(slope) == pytest.approx(float(high - low) / 2e-4, rel=1e-4)
     assert slope != 0.0
 
 

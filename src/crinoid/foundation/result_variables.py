@@ -194,7 +194,7 @@ VARIABLES = (
          more="turns on and on; in the plane that of the part along the flow"),
     _row("self_gap", "time edge", "m", "distance of the edges' surfaces from the nearest far edge",
          lambda run: run.kept.self_touch.gap, where="self",
-         more="negative where they overlap; edges next to each other do not count"),
+         more="negative where they overlap, infinite of an edge without a far one"),
     _row("self_force", "time edge axis", "N", "force of far edges on the edges of the arm",
          lambda run: run.kept.self_touch.force, where="self", more="friction included"),
     _row("self_pairs", "time", "1", "number of pairs of far edges that press on each other",
