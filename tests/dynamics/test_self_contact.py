@@ -11,6 +11,7 @@ import pytest
 import crinoid
 from crinoid.dynamics import FarEdges, far_edges
 from crinoid.dynamics.newton import Balance
+from crinoid.dynamics.start import with_mount
 from crinoid.dynamics.statics import static_stage
 from crinoid.rod import Rod
 from helpers.touching import moving
@@ -126,24 +127,36 @@ def test_the_energy_of_a_coil_is_accounted_for_at_order_two(coiled):
     assert balance_error(coiled.dataset) > 3.0 * balance_error(fine)
 
 
-def spiral(dimension):
+VEHICLE = {
+    "mass": 20.0,
+    "inertia": 0.9,
+    "offset": [-0.3, 0.0],
+    "metacentric_height": 0.04,
+    "hold": "thrusters",
+    "bandwidth_hz": 0.4,
+}
+
+
+def spiral(dimension, **tables):
     """Return a system and rows of an arm that crosses over itself, all skins pressed."""
-    system = crinoid.system(coil(dimension))
+    system = crinoid.system(crinoid.Scenario.from_dict(coil(dimension).to_dict() | tables))
     state = eqx.filter_jit(lambda s: s.rest())(system)
     turn = np.linspace(0.0, 2.6 * np.pi, NODES)
     reach = 0.5 / (2.6 * np.pi) * (1.0 - 0.02 * turn)
-    rows = np.array(state.motion.position)
-    rows[1:, 0], rows[1:, dimension - 1] = reach * np.sin(turn), reach * (1.0 - np.cos(turn))
+    rows, nodes = np.array(state.motion.position), slice(1, NODES + 1)
+    rows[nodes, 0], rows[nodes, dimension - 1] = reach * np.sin(turn), reach * (1.0 - np.cos(turn))
     if dimension == 3:
-        rows[1:, 1] = 0.0045 * turn
+        rows[nodes, 1] = 0.0045 * turn
     return system, state, jnp.asarray(rows)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_tangent_is_the_slope_of_the_residual(dimension):
-    system, state, rows = spiral(dimension)
-    forces, random = system.forces, np.random.default_rng(0)
-    forces = forces.driven(jnp.zeros(1))
+@pytest.mark.parametrize(
+    ("dimension", "tables"), [(2, {}), (3, {}), (2, {"vehicle": VEHICLE})], ids=str
+)
+def test_tangent_is_the_slope_of_the_residual(dimension, tables):
+    system, state, rows = spiral(dimension, **tables)
+    random = np.random.default_rng(0)
+    forces = with_mount(system.forces.driven(jnp.zeros(1)), system.base, state.time, state.servo)
     stage = static_stage(jnp.zeros(()), rows, state.frames)
     stage = replace(
         stage,
@@ -153,19 +166,24 @@ def test_tangent_is_the_slope_of_the_residual(dimension):
     )
     zero = jnp.zeros_like(rows)
     balance = Balance(forces, forces.surroundings(stage, zero), stage)
-    way = jnp.asarray(random.normal(size=rows.shape)).at[:2].set(0.0)
+    way = random.normal(size=rows.shape)
+    way[:2] = 0.0
+    if tables:
+        way[-1, 1] = 0.0  # of the rotation one entry counts
 
     @eqx.filter_jit
-    def both(balance):
+    def both(balance, way):
         tangent = balance.tangent(zero)
         exact = jax.jvp(lambda c: balance.residual(c)[0], (zero,), (way,))[1]
         alone = forces.far_edges.push(forces.motion(stage, zero, balance.around))
-        return exact, tangent.solve(exact), tangent.factorise().solve(exact), alone
+        solutions = tangent.solve(exact), tangent.factorise().solve(exact)
+        return solutions, tangent.on_held(way) - exact[:2], alone
 
-    _, solved, factored, alone = both(balance)
+    (solved, factored), held, alone = both(balance, jnp.asarray(way))
     assert np.abs(alone).max() > 0.1  # it touches itself
-    assert np.asarray(solved) == pytest.approx(np.asarray(way), abs=1e-6)
+    assert np.asarray(solved) == pytest.approx(way, abs=1e-6)
     assert np.asarray(factored) == pytest.approx(np.asarray(solved), abs=1e-9)
+    assert np.asarray(held) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_gradient_of_a_coil_is_that_of_differences():

@@ -14,7 +14,7 @@ from crinoid.rod import Rod
 
 Rows = Float[Array, "rows b"]
 
-CANDIDATES = 4
+CANDIDATES = 2
 """Number of pairs that may press at the same time, for each edge."""
 
 
@@ -74,26 +74,36 @@ class FarEdges(eqx.Module):
 
     def push(self, motion: Motion) -> Rows:
         """Return the forces on all rows (N)."""
-        contact, nodes, window = self._nearest(motion)
-        forces = jax.vmap(lambda one, there: one.forces(there))(contact, window)
-        return jnp.zeros_like(motion.position).at[nodes].add(forces)
+
+        def pushed() -> Rows:
+            contact, nodes, window = self._nearest(motion, gaps)
+            forces = jax.vmap(lambda one, there: one.forces(there))(contact, window)
+            return jnp.zeros_like(motion.position).at[nodes].add(forces)
+
+        gaps = self._still_gaps(motion)
+        return self._where_pressing(gaps, pushed)
 
     def stiffness(
         self, motion: Motion, jacobian: Callable[[SelfContact, Motion], Array], num_nodes: int
     ) -> Float[Array, "n b n b"]:
         """Return the derivative of the residuals, from the Jacobian of a pair."""
-        contact, nodes, window = self._nearest(motion)
         size = motion.position.shape[1]
-        blocks = jnp.moveaxis(jax.vmap(jacobian)(contact, window), 3, 2)
-        none = jnp.zeros((num_nodes, size, num_nodes, size))
-        return none.at[nodes[:, :, None], :, nodes[:, None, :]].add(blocks)
+
+        def stiff() -> Float[Array, "n b n b"]:
+            contact, nodes, window = self._nearest(motion, gaps)
+            blocks = jnp.moveaxis(jax.vmap(jacobian)(contact, window), 3, 2)
+            none = jnp.zeros((num_nodes, size, num_nodes, size))
+            return none.at[nodes[:, :, None], :, nodes[:, None, :]].add(blocks)
+
+        gaps = self._still_gaps(motion)
+        return self._where_pressing(gaps, stiff)
 
     def touch(self, motion: Motion, gaps: Float[Array, " pair"]) -> SelfTouch:
         """Return gap and force of each edge, given the ``gaps`` of the pairs (m)."""
         axes, count = motion.flow_velocity.shape[-1], len(self.beyond)
         edges = jnp.asarray(self.edges)
         gap = jnp.full(count, jnp.inf).at[edges].min(gaps[:, None])
-        contact, nodes, window = self._nearest(motion)
+        contact, nodes, window = self._nearest(motion, gaps)
         forces = jax.vmap(lambda one, there: one.forces(there))(contact, window)
         on_edges = jnp.sum(forces[..., :axes].reshape(-1, 2, 2, axes), axis=2)
         force = jnp.zeros((count, axes)).at[nodes[:, ::2] - ROOT].add(on_edges)
@@ -112,12 +122,23 @@ class FarEdges(eqx.Module):
         room = jnp.maximum(before, 0.0) + 0.5 * jnp.sum(self.contact.radii, axis=1)
         return jnp.all(self.contact.accounted(before, after, step)) & jnp.all(travel <= room**2)
 
-    def _nearest(self, motion: Motion) -> tuple[SelfContact, Int[Array, "k 4"], Motion]:
+    def _still_gaps(self, motion: Motion) -> Float[Array, " pair"]:
+        """Return the gaps by which pairs are chosen, without derivative."""
+        axes = motion.flow_velocity.shape[-1]
+        return self.gaps(jax.lax.stop_gradient(motion.position), axes)
+
+    def _where_pressing(self, gaps: Float[Array, " pair"], of: Callable[[], Array]) -> Array:
+        """Return an array of the pairs in contact; zero, at no cost, while there are none."""
+        pressing = jnp.any(gaps < self.contact.skin)
+        return jax.lax.cond(pressing, of, lambda: jax.tree.map(jnp.zeros_like, jax.eval_shape(of)))
+
+    def _nearest(
+        self, motion: Motion, gaps: Float[Array, " pair"]
+    ) -> tuple[SelfContact, Int[Array, "k 4"], Motion]:
         """Return the nearest pairs: their contacts, the rows of their nodes, and their motion."""
         contact, nodes = self.contact, jnp.asarray(self.nodes)
         if self.most < len(nodes):
-            rows = jax.lax.stop_gradient(motion.position)
-            _, at = jax.lax.top_k(-self.gaps(rows, motion.flow_velocity.shape[-1]), self.most)
+            _, at = jax.lax.top_k(-gaps, self.most)
             contact, nodes = jax.tree.map(lambda values: values[at], (contact, nodes))
         window = motion.windows(lambda rows: rows[nodes], nodes.shape[:1], motion.position.shape[1])
         return contact, nodes, window

@@ -88,10 +88,9 @@ class System(eqx.Module):
 
     def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
         """Return the distance of each obstacle from the undeformed arm (m)."""
-        if self.forces.obstacles is None:
-            return jnp.zeros(0)
         _, _, rows, _ = self.undeformed(time)
-        return jnp.min(self.forces.gaps(rows), axis=1)
+        gaps = self.forces.gaps(rows)
+        return jnp.zeros(0) if gaps is None else jnp.min(gaps, axis=1)
 
     def self_clearance(self, time: float | Array = 0.0) -> Float[Array, ""]:
         """Return the smallest distance of the undeformed arm from itself (m)."""

@@ -33,7 +33,8 @@ class _Body(NamedTuple):
     """Name in the rows of times."""
     short: str
     """Name of its curves."""
-    index: int
+    order: int
+    """Number of its colour."""
     behind: bool
     """Whether it belongs to the run without control."""
     time: Series
@@ -56,7 +57,7 @@ def has_contact(run: Run) -> bool:
 def contact_chart(run: Run) -> Chart:
     """Return the times of contact, forces and distances of each obstacle and of the arm itself."""
     bodies = [body for label, data in run.members for body in _bodies(label, data)]
-    bodies.sort(key=lambda body: body.index)
+    bodies.sort(key=lambda body: body.order)
     return Chart("contact", "Contact", (_when(bodies), _force(bodies), _gap(bodies)))
 
 
@@ -115,7 +116,7 @@ def _when(bodies: list[_Body]) -> Panel:
             begins, ends = spans[np.append(0, apart + 1), 0], spans[np.append(apart, -1), 1]
             spans = np.stack([begins, ends], axis=1)
         name = f"{body.name}: {lasted}"
-        rows.append(IntervalRow(name, spans, f"series {body.index}", body.behind))
+        rows.append(IntervalRow(name, spans, f"series {body.order}", body.behind))
     tall = 0.55 + 0.17 * len(rows)
     return Panel("contact_when", "in contact", rows=tuple(rows), tall=tall)
 
@@ -126,7 +127,7 @@ def _force(bodies: list[_Body]) -> Panel:
     for body in bodies:
         if not largest(body.force, body.mean):
             continue
-        role = f"series {body.index}"
+        role = f"series {body.order}"
         if len(body.mean):
             level, words = (
                 np.append(body.mean, body.mean[-1]),
@@ -159,7 +160,7 @@ def _gap(bodies: list[_Body]) -> Panel:
     traces = []
     for body in bodies:
         summary = f"\u2265 {length_unit(abs(body.closest)).text(body.closest)}"
-        role = f"series {body.index}"
+        role = f"series {body.order}"
         traces.append(
             Trace(body.short, body.time, body.gap, role, behind=body.behind, summary=summary)
         )
