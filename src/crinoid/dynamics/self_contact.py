@@ -130,7 +130,7 @@ class FarEdges(eqx.Module):
     def _where_pressing(self, gaps: Float[Array, " pair"], of: Callable[[], Array]) -> Array:
         """Return an array of the pairs in contact; zero, at no cost, while there are none."""
         pressing = jnp.any(gaps < self.contact.skin)
-        return jax.lax.cond(pressing, of, lambda: jax.tree.map(jnp.zeros_like, jax.eval_shape(of)))
+        return jax.lax.cond(pressing, of, lambda: jnp.zeros_like(jax.eval_shape(of)))
 
     def _nearest(
         self, motion: Motion, gaps: Float[Array, " pair"]

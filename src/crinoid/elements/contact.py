@@ -28,7 +28,7 @@ _NEGLIGIBLE = 5e-7
 """Negligible error in that work, over the energy of the fully compressed skin."""
 
 
-class Skin(Element):
+class SoftSkin(Element):
     """Soft skin between two surfaces: its force by their gap, a dashpot, and friction."""
 
     strength: eqx.AbstractVar[Float[Array, "*count"]]
@@ -75,7 +75,7 @@ class Skin(Element):
         return jnp.abs(missed) <= _MISSED * hit + negligible
 
 
-class Contact(Skin):
+class Contact(SoftSkin):
     """Contact of an edge, a capsule as thick as the arm, with one obstacle.
 
     A window has the two nodes of the edge and the obstacle's position. The obstacle is a sphere, a

@@ -7,14 +7,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from crinoid.elements.contact import EASE, SKIN, Skin, closest_of_cores, surfaces
+from crinoid.elements.contact import EASE, SKIN, SoftSkin, closest_of_cores, surfaces
 from crinoid.elements.element import Motion
 from crinoid.numerics.frames import cross, unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
 
 
-class SelfContact(Skin):
+class SelfContact(SoftSkin):
     """Contact of two edges of the arm, each a capsule as thick as the arm.
 
     A window has the two nodes of the first edge, then those of the second. The force law is that of
