@@ -7,13 +7,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 import crinoid
-from crinoid.dynamics import FarEdges, far_edges
+from crinoid.dynamics import FarEdges, far_edges, find_modes
 from crinoid.dynamics.newton import Balance
 from crinoid.dynamics.start import with_mount
 from crinoid.dynamics.statics import static_stage
+from crinoid.dynamics.tangent import LineStiffness
 from crinoid.rod import Rod
+from helpers.arms import dense
 from helpers.touching import moving
 
 RADIUS = 0.01
@@ -184,6 +187,20 @@ def test_tangent_is_the_slope_of_the_residual(dimension, tables):
     assert np.asarray(solved) == pytest.approx(way, abs=1e-6)
     assert np.asarray(factored) == pytest.approx(np.asarray(solved), abs=1e-9)
     assert np.asarray(held) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_modes_are_those_of_bands_and_far_edges_together():
+    system, state, _ = spiral(2)
+    bands = eqx.filter_jit(lambda s, x: s.linearise(x))(system, state)
+    K, M = (dense(each).reshape(2 * NODES + 2, -1) for each in bands)
+    pressed = np.random.default_rng(1).normal(size=(len(K), 3))
+    far = 10.0 * pressed @ pressed.T
+    every = np.eye(len(K)).reshape(-1, NODES + 1, 2)
+    lines = LineStiffness(far.reshape(NODES + 1, 2, -1), every)
+    free = slice(4, None)  # without ghost and root
+    rates = eigh((K + far)[free, free], M[free, free], eigvals_only=True)[:3]
+    found = find_modes(*bands, 3, lines).frequency
+    assert found == pytest.approx(np.sqrt(rates) / (2 * np.pi), rel=1e-6)
 
 
 def test_gradient_of_a_coil_is_that_of_differences():
