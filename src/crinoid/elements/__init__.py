@@ -6,6 +6,7 @@ May import ``rod`` and ``compilation`` and ``actuation`` and lower folders.
 from crinoid.elements.bodies import Body as Body
 from crinoid.elements.bodies import Tool as Tool
 from crinoid.elements.contact import Contact as Contact
+from crinoid.elements.contact import SoftSkin as SoftSkin
 from crinoid.elements.elastic import Bend as Bend
 from crinoid.elements.elastic import Inertia as Inertia
 from crinoid.elements.elastic import Stretch as Stretch
