@@ -218,7 +218,7 @@ def test_modes_are_those_of_bands_and_far_edges_together():
 
 
 def test_gradient_of_a_coil_is_that_of_differences():
-    system = crinoid.system(coil())
+    system = crinoid.system(coil(tolerance=1e-11))
     command = jnp.ones(len(system.inputs))
 
     @eqx.filter_jit
@@ -238,9 +238,9 @@ def test_gradient_of_a_coil_is_that_of_differences():
         return system.tip(state)[0], outcome.converged
 
     slope = jax.grad(lambda f: tip(f, system, state)[0])(0.3)
-    (high, good), (low, _) = (tip(jnp.asarray(0.3 + h), system, state) for h in (1e-4, -1e-4))
+    (high, good), (low, _) = (tip(jnp.asarray(0.3 + h), system, state) for h in (3e-3, -3e-3))
     assert good
-    assert float(slope) == pytest.approx(float(high - low) / 2e-4, rel=1e-4)
+    assert float(slope) == pytest.approx(float(high - low) / 6e-3, rel=1e-4)
     assert slope != 0.0
 
 
