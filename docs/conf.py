@@ -43,7 +43,7 @@ nitpick_ignore_regex = [
     # other projects: links to them take their indexes, which each build would have to fetch
     (
         r"py:.*",
-        r"(collections|enum|equinox|gymnasium|jax|jaxlib|jaxtyping|matplotlib|numpy|os|pathlib|pydantic"
+        r"(collections|control|enum|equinox|gymnasium|jax|jaxlib|jaxtyping|matplotlib|numpy|os|pathlib|pydantic"
         r"|xarray)\..*",
     ),
     (r"py:.*", r"(types|typing)\..*|(np\.)?ndarray|Array|Axes|Bool|Float|Int|PPoly|NoneType"),
@@ -80,6 +80,8 @@ PAGES = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
+    "CODE_OF_CONDUCT.md": "conduct.md",
+    "SECURITY.md": "security.md",
 }
 """Pages of these files, which lie outside of this folder."""
 

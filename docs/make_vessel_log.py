@@ -45,9 +45,9 @@ def log() -> str:
         "pitch (deg)": np.rad2deg((along * slope).sum(axis=1)),
         "heading (deg)": 243.0 + np.rad2deg((0.2 * along * elevation).sum(axis=1)),
     }
-    rows = [",".join(columns)]
-    rows += [",".join(f"{value:.4f}" for value in row) for row in zip(*columns.values(), strict=True)]
-    return "\n".join(rows) + "\n"
+    rows = np.stack([*columns.values()], axis=1).tolist()
+    lines = [",".join(columns), *(",".join(f"{value:.4f}" for value in row) for row in rows)]
+    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

@@ -55,6 +55,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help=f"fail a test without the mark slow that needs more CPU time than {SLOW:g} s times "
         "how slow the machine is (.ci/speed.py)",
     )
+    parser.addoption(
+        "--fuzz",
+        metavar="SECONDS",
+        type=float,
+        default=60.0,
+        help="time for which each reader gets damaged files in a slow test (default 60)",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:

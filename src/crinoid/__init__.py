@@ -12,6 +12,7 @@ from crinoid.foundation.version import __version__
 if TYPE_CHECKING:
     from crinoid.actuation import Actuator, Input
     from crinoid.analysis.equilibria import equilibria
+    from crinoid.analysis.linearisation import linearise
     from crinoid.analysis.vibrations import modes
     from crinoid.assembly.arrays import flow_onset, load_onset
     from crinoid.assembly.plan import AssembledScenario
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from crinoid.dynamics import Outcome, State, System
     from crinoid.elements import Element, Motion
     from crinoid.flow import Flow
+    from crinoid.inverse.estimation import estimate
     from crinoid.learning.environment.env import make_env
     from crinoid.learning.environment.vector import make_vec_env
     from crinoid.numerics.ramp import Onset
@@ -66,6 +68,8 @@ _HOMES = {
     "closed_loop": "crinoid.simulation",
     "equilibria": "crinoid.analysis.equilibria",
     "equilibrium": "crinoid.simulation",
+    "linearise": "crinoid.analysis.linearisation",
+    "estimate": "crinoid.inverse.estimation",
     "load": "crinoid.scenario",
     "modes": "crinoid.analysis.vibrations",
     "rollout": "crinoid.simulation",
@@ -107,7 +111,9 @@ __all__ = [
     "closed_loop",
     "equilibria",
     "equilibrium",
+    "estimate",
     "flow_onset",
+    "linearise",
     "load",
     "load_onset",
     "make_env",

@@ -52,7 +52,7 @@ def test_a_command_writes_rows_conditions_and_a_figure(tmp_path):
         *("command", "status", "date", "machine", "versions", "peers", "benchmarks")
     }
     assert found["machine"]["cores"] >= 1
-    assert found["versions"].keys() >= {"crinoid", "python", "jax", "numpy"}
+    assert found["versions"].keys() >= {"crinoid", "Python", "jax", "numpy"}
     rows = found["benchmarks"]["start"]["rows"]
     assert {each["name"] for each in rows} >= NAMES["start"]
     assert rows[0].keys() == set(Row._fields)

@@ -11,11 +11,12 @@ import crinoid
 from crinoid.analysis.margins import find_margins
 from crinoid.assembly.forecast import Fluctuation, fluctuations, vortex_shedding
 from crinoid.assembly.linear import calm_current
-from crinoid.assembly.observer import ReadingSchedule, gains, stationary_covariance
+from crinoid.assembly.observer import ReadingSchedule
 from crinoid.assembly.prepared import Prepared
 from crinoid.control import Braking, Clock, Sensor, TipPose
 from crinoid.control.lqg import nearest
 from crinoid.diagnostics.control_loop import limit_shares
+from crinoid.numerics.kalman import stationary_covariance, stationary_filter
 from crinoid.numerics.signals_and_systems import balanced
 from crinoid.results.errors import tip_error
 from crinoid.scenario import Scenario
@@ -145,7 +146,7 @@ def test_readings_arrive_as_often_and_as_late_as_sensors_say():
 def test_the_observer_gain_is_that_of_the_riccati_equation():
     A, B, C = random_model(6, 2, 3, 4)
     noise = np.array([0.1, 0.2, 0.3])
-    sets, gain = gains(A, B @ B.T, C, noise, np.ones((5, 3), bool))
+    sets, gain, _ = stationary_filter(A, B @ B.T, C, noise, np.ones((5, 3), bool))
     assert sets.tolist() == [[True] * 3]
     # by going on until nothing changes
     spread = B @ B.T
@@ -156,7 +157,7 @@ def test_the_observer_gain_is_that_of_the_riccati_equation():
     np.testing.assert_allclose(gain[0], settled, atol=1e-8)
     # where readings of the last are rare, there are two gains
     fresh = np.array([[True, True, True], [True, True, False], [True, True, False]])
-    sets, gain = gains(A, B @ B.T, C, noise, fresh)
+    sets, gain, _ = stationary_filter(A, B @ B.T, C, noise, fresh)
     both, alone = (gain[sets.tolist().index([True, True, rare])] for rare in (True, False))
     assert (alone[:, 2] == 0).all()
     assert (both[:, 2] != 0).all()

@@ -209,6 +209,7 @@ def test_policy_survives_its_file(finished, file):
         (lambda data: data[:-100], "is damaged"),
         (lambda data: data + b"x", "is damaged"),
         (lambda data: data.replace(b'"averages": 6', b'"averages": 5', 1), "is damaged"),
+        (lambda data: re.sub(rb'"layers": \[\d+', b'"layers": [9000000000', data), "is damaged"),
         (lambda data: data.replace(b'"rate_hz"', b'"rate_xx"', 1), "is damaged"),
     ],
 )

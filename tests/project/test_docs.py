@@ -84,7 +84,11 @@ def test_every_page_is_in_the_site():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", ["README.md", *(f"docs/{name}.md" for name in ("actuators", "extending", "parameters"))]
+    "page",
+    [
+        "README.md",
+        *(f"docs/{name}.md" for name in ("actuators", "extending", "linearise", "parameters")),
+    ],
 )
 def test_examples_run(page):
     # under a name of their own: the shapes of their classes are not checked, as a user's are not

@@ -126,7 +126,7 @@ def test_an_arm_that_hangs_from_a_joint_feels_the_shift_of_its_root(log):
             3,
             {"columns": {"yaw": "-heading"}},
             {"base.tilt_deg": -85.0},
-            "columns: the arm points -85 degrees up while the vessel turns; must point less",
+            "columns: the arm has a tilt of -85 degrees while the vessel rolls or pitches; must",
         ),
     ],
 )

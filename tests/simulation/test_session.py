@@ -264,6 +264,16 @@ def test_in_space_with_a_target_that_the_base_carries():
     assert session.seen.measured[:2] == pytest.approx(there, abs=1e-9)
 
 
+def test_a_pinned_root_feels_no_turn_from_outside():
+    values = {"base.mount": "pinned", "base.channels": {"slide": {}}}
+    signals = ExternalSignals(
+        ["base"], SCENARIO.with_values(values | {"control": {"rate_hz": 40.0}})
+    )
+    with pytest.raises(ValueError, match='base: got "tilt"; must be "slide" or "heave"'):
+        signals.advance(0.0, 0.1, None, {"tilt": 0.1})
+    assert len(signals.motions) == 2
+
+
 class TestSignals:
     """Values from outside, between two instants and before them."""
 
@@ -292,6 +302,15 @@ class TestSignals:
         assert slide.derivatives(jnp.asarray(0.1)) == (0.0, 0.0, 0.0)
         # of the time of the oldest reading as well, which counts from where the base was then
         assert heave.displacement(jnp.asarray(0.045)) == pytest.approx(0.045**3)
+
+    def test_the_base_rests_before_the_first_command(self):
+        signals = ExternalSignals(["base"], SCENARIO)
+        signals.advance(5.0, 5.02, None, {"heave": 0.02})
+        _, heave, _ = signals.motions
+        for when in (0.0, 4.9, 5.0):
+            assert heave.displacement(jnp.asarray(when)) == pytest.approx(0.0, abs=1e-15)
+        assert heave.derivatives(jnp.asarray(5.0))[1] == pytest.approx(0.0, abs=1e-12)
+        assert heave.displacement(jnp.asarray(5.02)) == pytest.approx(0.02)
 
     def test_signals_that_were_saved_are_the_same(self):
         signals = ExternalSignals(EXTERNAL, SCENARIO)

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -23,13 +24,14 @@ from crinoid.cli.folder import claimed
 from crinoid.foundation.result_variables import large_names, numbers
 from crinoid.results.result import Result, ResultError
 from crinoid.results.stream import is_stream, open_lazily, read_checkpoint
-from crinoid.scenario import ScenarioError
+from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import play
 from crinoid.simulation import run as running
 from crinoid.simulation import sink as sinking
 from crinoid.simulation.sink import require_space
 from helpers.command import succeeded
 from helpers.loops import assert_listed, of_loop
+from helpers.made_results import made_result
 from helpers.streams import grown, instants, state
 
 
@@ -73,6 +75,15 @@ def test_an_instant_that_is_half_written_does_not_count(tmp_path):
     assert open_lazily(path).sizes["time"] == 209  # nor does it before it is on the disk
     stream.keep(state(212), 1.0)
     np.testing.assert_array_equal(open_lazily(path)["position"], instants(0, 212)["position"])
+
+
+def test_a_file_that_claims_more_than_it_can_hold_is_refused(tmp_path):
+    path = made_result(Scenario(arm={"nodes": 5})).save(tmp_path)[0]
+    with netCDF4.Dataset(path, "a") as file:
+        file.createDimension("large", 10**9)
+        file.createVariable("claimed", "f8", ("large",), chunksizes=(100,))
+    with pytest.raises(ResultError, match=r"have 80000\d+ bytes, more than it can hold"):
+        Result.load(tmp_path)
 
 
 def test_numbers_of_a_replaced_file_are_not_read(tmp_path):
@@ -248,7 +259,7 @@ def test_a_disk_that_fills_up_stops_a_run_and_loses_nothing_written(whole, tmp_p
 
 
 def test_a_result_has_the_listed_variables(whole):
-    without = ("obstacles", "actuators", "lines", "tool", "vehicle")
+    without = ("obstacles", "actuators", "lines", "tool", "vehicle", "estimate")
     there, sizes = assert_listed(whole.dataset, without), whole.dataset.sizes
     kept = sum(v.nbytes for v in whole.dataset.data_vars.values() if "time" in v.dims)
     assert kept == 8 * sizes["time"] * numbers(there.values(), sizes)
@@ -260,7 +271,7 @@ def test_a_finished_run_leaves_out_unwanted_variables(whole, tmp_path):
     found = Result.load(tmp_path)
     for one, all_ in ((found, whole), (found.uncontrolled, whole.uncontrolled)):
         left = set(all_.dataset.data_vars) - set(one.dataset.data_vars)
-        assert left == set(large_names(2)) - {"curvature"}
+        assert left == set(large_names(2, without=["estimate"])) - {"curvature"}
         for name in one.dataset.data_vars:
             np.testing.assert_array_equal(one.dataset[name], all_.dataset[name], str(name))
     assert found.notes == whole.notes
@@ -277,9 +288,9 @@ def test_a_run_that_is_interrupted_keeps_all_variables(whole):
     with written_at_each_step():
         part = play(Prepared(BARE), stop=lambda: next(wishes))
     assert part.interrupted
-    assert set(part.dataset.data_vars) >= set(large_names(2))
+    assert set(part.dataset.data_vars) >= set(large_names(2, without=["estimate"]))
     rest = play(Prepared(BARE), resume=part)
-    assert set(rest.dataset.data_vars) & set(large_names(2)) == {"curvature"}
+    assert set(rest.dataset.data_vars) & set(large_names(2, without=["estimate"])) == {"curvature"}
     np.testing.assert_array_equal(rest.dataset["curvature"], whole.dataset["curvature"])
 
 

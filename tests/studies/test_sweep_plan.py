@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomli_w
 import xarray as xr
 
 from crinoid.cli.sweep import notes_of, shares_of_time, sweep_table
@@ -243,3 +244,27 @@ def test_the_table_has_the_mean_of_time_and_the_time_that_ends_well():
     assert last[0] == "1.33"  # (0.6 + 0.6) / 0.9
     assert last[-1] == "90.00%"
     assert len(sweep_table(data).columns) == len(table.columns) - 1
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "line"),
+    [
+        ("count", "1", 'count: got "1"; must be of type int'),
+        ("seeds", [2], "seeds: got [2]; must be of type int"),
+        ("seeds", 10**9, "--vary: makes 3000000000 runs; must make at most 10000000"),
+        ("batch", 0, "--batch: got 0; must be at least 1"),
+        ("sampling", "", 'got ""; must be "grid", "lhs", "sobol" or "saltelli"'),
+        ("varied", {"arm.length": 3}, "varied.arm.length: got 3; must be a list of values"),
+        ("varied", {"arm.length": []}, "varied.arm.length: got []; must be a list of values"),
+    ],
+)
+def test_a_plan_with_a_broken_value_is_refused(key, value, line):
+    plan = SweepDesign.of(ARM, ["arm.length=0.3:0.6:3"]).to_dict() | {key: value}
+    assert line in mistake(SweepDesign.from_toml, tomli_w.dumps(plan))
+
+
+def test_a_plan_reads_back():
+    for options in ({}, {"sampling": "lhs", "count": 4}):
+        span = "0.3:0.6" if options else "0.3:0.6:3"
+        plan = SweepDesign.of(ARM, [f"arm.length={span}", "arm.nodes=4,5"], seeds=2, **options)
+        assert SweepDesign.from_toml(plan.to_toml()) == plan

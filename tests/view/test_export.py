@@ -413,7 +413,7 @@ def test_a_note_says_that_a_long_run_is_thinned(tmp_path):
 
 
 KINDS_OF_FILES = (
-    '--to: got "vtkhd"; must be "vtkhdf", "csv", "xlsx", "gltf", "mcap", "usd" or "onnx"; '
+    '--to: got "vtkhd"; must be "vtkhdf", "csv", "xlsx", "gltf", "mcap", "usd", "onnx" or "fmu"; '
     "did you mean vtkhdf?"
 )
 MISTAKES = [

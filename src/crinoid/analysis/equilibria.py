@@ -157,7 +157,8 @@ def find_equilibria(
             status[1, place] = status[branch, place]
             found |= {(1, place): found[0, place]} if (0, place) in found else {}
         report(done + 1, len(way))
-    return _dataset(curve, found, status if alike else status[:1], alike)
+    begun = any(each != Status.INTERRUPTED.value for each in status[1, :-1])
+    return _dataset(curve, found, status if begun else status[:1], alike)
 
 
 def _form(system: System) -> tuple[Any, ...]:

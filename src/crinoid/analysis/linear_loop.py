@@ -19,11 +19,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Complex, Float, Int
-from scipy.linalg import block_diag, schur, solve_triangular
+from jaxtyping import Array, Complex, Float, Int
 
-from crinoid.assembly.arrays import array
-from crinoid.assembly.linear import linearised
+from crinoid.analysis.sampled_plant import GROWS, SampledPlant, System
 from crinoid.assembly.prepared import Prepared
 from crinoid.compilation import ONCE, compiled
 from crinoid.control import Reading, Target
@@ -31,12 +29,10 @@ from crinoid.dynamics import State
 from crinoid.scenario import ScenarioError
 from crinoid.scenario.errors import got
 from crinoid.simulation.loop import Loop
-from crinoid.simulation.loop_margin import INDENTED, OpenLoop, age, around
+from crinoid.simulation.loop_margin import INDENTED, OpenLoop, around
 from crinoid.simulation.setup import Setup, set_up
 
 __all__ = ["LinearLoop", "LinearPlant", "linear_controller", "linear_loop"]
-
-Matrix = Float[np.ndarray, "m n"]
 
 _GRID = 1500
 _LOWEST = 1e-5
@@ -47,33 +43,6 @@ _SETTLED = 2.0
 """How long a controller has run when it is linearised (s)."""
 _FAR = 1e6
 """By how much limits are moved away, over themselves and 1."""
-_GROWS = 1e-6
-"""By how much a pole may lie outside of the unit circle, by round-off."""
-
-
-class System(NamedTuple):
-    """``x' = A x + B u``, ``y = C x + D u``."""
-
-    A: Matrix
-    B: Matrix
-    C: Matrix
-    D: Matrix
-
-    def response(self, z: Complex[np.ndarray, " f"]) -> Complex[np.ndarray, "f output input"]:
-        """Return ``C (z - A)^-1 B + D``, by one Schur decomposition (Laub 1981)."""
-        upper, basis = schur(self.A, output="complex")
-        entering, leaving = basis.conj().T @ self.B, self.C @ basis
-        eye, found = np.eye(upper.shape[0]), np.empty((z.size, *self.D.shape), complex)
-        for index, each in enumerate(z):
-            found[index] = leaving @ solve_triangular(each * eye - upper, entering) + self.D
-        return found
-
-    def minimal(self) -> System:
-        """Leave out states that no input reaches or no output observes, by their zeros."""
-        moves = self.A != 0
-        kept = _reached(moves, (self.B != 0).any(axis=1))
-        kept &= _reached(moves.T, (self.C != 0).any(axis=0))
-        return System(self.A[np.ix_(kept, kept)], self.B[kept], self.C[:, kept], self.D)
 
 
 class LinearLoop(NamedTuple):
@@ -103,13 +72,10 @@ class LinearPlant(NamedTuple):
     @staticmethod
     def of(setup: Setup) -> LinearPlant:
         """Return that of a scenario about the state in which its arm starts."""
-        if not setup.outcome.converged:
-            text = got("equilibrium", 'be "rest" where the arm has no equilibrium')
-            raise ScenarioError.of("simulation.start", text)
-        systems = {}
-        for water, current in setup.prepared.facts.waters.items():
-            system, period = _plant(setup, current)
-            systems[water] = system.minimal()
+        waters, systems, period = setup.prepared.facts.waters, {}, 0.0
+        for water, current in waters.items():
+            plant = SampledPlant.of(setup, current)
+            systems[water], period = plant.from_commands().minimal(), plant.period
         poles = np.concatenate([np.linalg.eigvals(each.A) for each in systems.values()])
         frequency = _frequencies(poles, 1 / period)
         names = tuple(each.name for each in setup.loop.system.inputs)
@@ -160,7 +126,7 @@ class LinearPlant(NamedTuple):
         """Close the loop by a controller."""
         poles, loop = self.poles(controller), self.transfer(controller)
         water = max(poles, key=lambda each: poles[each][0].real)
-        stable = bool(poles[water][0].real * self.period <= _GROWS)
+        stable = bool(poles[water][0].real * self.period <= GROWS)
         water = loop.weakest if stable else water
         names = tuple(self.inputs[index] for index in _driven(controller.minimal()))
         return LinearLoop(loop._replace(stable=stable), names, poles[water], water)
@@ -182,58 +148,6 @@ def linear_loop(prepared: Prepared) -> LinearLoop:
 
 def _driven(controller: System) -> Int[np.ndarray, " driven"]:
     return np.flatnonzero((controller.C != 0).any(axis=1) | (controller.D != 0).any(axis=1))
-
-
-def _plant(setup: Setup, current: tuple[float, ...]) -> tuple[System, float]:
-    """Return arm, actuators and sensors over a control period in a current, and the period (s).
-
-    From commands to readings, as late as they are known, and to the states of the actuators.
-    """
-    loop, state = setup.loop, setup.state
-    step = float(loop.system.time_step)
-    count = max(1, round(float(loop.clock.period) / step))
-    period = count * step
-    found, _, _ = linearised(loop.system, state, array(current), loop.sensors)
-    A, B, C = (np.asarray(part) for part in (found.A, found.B, found.C))
-    powers, sums = [np.eye(A.shape[0])], [np.zeros_like(B)]
-    for _ in range(count):
-        powers.append(A @ powers[-1])
-        sums.append(A @ sums[-1] + B)
-    total = System(powers[-1], sums[-1], np.zeros((0, A.shape[0])), np.zeros((0, B.shape[1])))
-    row = 0
-    for sensor in loop.sensors:
-        size = sensor.noise.shape[0]
-        seen, row = C[row : row + size], row + size
-        periods, part = divmod(round(age(sensor, period, step) / step), count)
-        into = (count - part) % count  # of the period in which it was taken
-        read = System(A, B, seen @ powers[into], seen @ sums[into])
-        total = _with_late(total, read, A.shape[0], periods + (part > 0))
-    followers = found.actuators.shape[0]
-    last = np.zeros((followers, total.A.shape[0]))
-    last[:, A.shape[0] - followers : A.shape[0]] = np.eye(followers)
-    none = np.zeros((followers, B.shape[1]))
-    return (
-        System(total.A, total.B, np.concatenate([total.C, last]), np.concatenate([total.D, none])),
-        period,
-    )
-
-
-def _with_late(total: System, read: System, arm: int, periods: int) -> System:
-    """Add an output of the arm's states, the first ones, that comes some periods late."""
-    states, size = total.A.shape[0], read.C.shape[0]
-    reading = np.pad(read.C, ((0, 0), (0, states - arm)))
-    if not periods:
-        return total._replace(
-            C=np.concatenate([total.C, reading]), D=np.concatenate([total.D, 0 * read.D])
-        )
-    under_way = size * periods
-    A = block_diag(total.A, np.eye(under_way, k=-size))
-    A[states : states + size, :states] = reading
-    B = np.concatenate([total.B, np.zeros((under_way, total.B.shape[1]))])
-    B[states : states + size] = read.D
-    C = np.pad(total.C, ((0, size), (0, under_way)))
-    C[-size:, -size:] = np.eye(size)
-    return System(A, B, C, np.concatenate([total.D, 0 * read.D]))
 
 
 def linear_controller(loop: Loop, state: State, period: float) -> System:
@@ -311,15 +225,6 @@ def _slopes(loop: Loop, state: State, calls: Int[Array, ""]) -> tuple[tuple[Arra
 
     both = jnp.concatenate([values, followers])
     return jax.jacfwd(change, argnums=(0, 1, 2))(remembered, both, last)
-
-
-def _reached(moves: Bool[np.ndarray, "x x"], begin: Bool[np.ndarray, " x"]) -> np.ndarray:
-    """Return which states some others lead to, step by step."""
-    found, count = begin.copy(), -1
-    while count != found.sum():
-        count = int(found.sum())
-        found |= moves[:, found].any(axis=1)
-    return found
 
 
 def _frequencies(poles: Complex[np.ndarray, " pole"], rate: float) -> Float[np.ndarray, " f"]:

@@ -17,6 +17,7 @@ from crinoid.assembly.observer import (
     augmented,
     build_observer,
 )
+from crinoid.assembly.observer_outputs import tangent
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Inclination, Observer, Shape, damped_inverse
 from crinoid.scenario import Mistake, ScenarioError, one_of
@@ -32,6 +33,41 @@ _RANK = 1e-2
 _RANGE_TIME, _SPEED_TIME = 0.6, 0.06
 """Times over the arm's first period in which inputs without such limits pass their range, and in
 which they reach their greatest speed."""
+
+
+def observer_model(
+    plan: AssembledScenario,
+    driven: tuple[str, ...],
+    arrivals: ReadingSchedule,
+    *,
+    foreseen: int = 0,
+) -> tuple[LinearModel, AugmentedModel]:
+    """Linearise the arm of a plan, and add the states of water and readings for an observer.
+
+    ``driven`` are the inputs that move, ``arrivals`` when readings are known. The linear model is
+    of water with at least ``foreseen`` shapes along the arm.
+    """
+    scenario = plan.scenario
+    stations = [
+        each.measurand.stations.shape[0]
+        for each in plan.sensors
+        if isinstance(each.measurand, (Shape, Inclination))
+    ]
+    shapes = min(1 + sum(stations), _MAX_SHAPES)
+    expected = fluctuations(scenario, plan.recordings, plan.first_period)
+    deviation = np.sqrt(np.sum([each.deviation**2 for each in expected], axis=0))
+    model = linear_model(plan, driven, max(shapes, foreseen), deviation)
+    nodes = np.asarray(plan.state.position)
+    shed = vortex_shedding(scenario, plan.recordings, tangent(nodes))
+    unshed = WaterProcess.of(expected, shapes, plan.period).move.shape[0]
+    expected += () if shed is None else (shed,)
+    water, most = WaterProcess.of(expected, shapes, plan.period), shapes * deviation.size
+    observed = model._replace(
+        stirred=model.steeper * model.stirred[:, :most],
+        hastened=model.hastened[:, :most],
+        observed_water=model.observed_water[:, :most],
+    )
+    return model, augmented(observed, water, arrivals, plan, unshed)
 
 
 class ControlDesignModel(NamedTuple):
@@ -58,7 +94,7 @@ class ControlDesignModel(NamedTuple):
     @property
     def tip(self) -> Float[np.ndarray, "controlled estimated"]:
         """Controlled coordinates by the estimate (m)."""
-        return self.integrating @ self.parts.tip
+        return self.integrating @ self.parts.outputs.tip
 
     def fields(self, plan: AssembledScenario, looks: Int[np.ndarray, " look"]) -> dict[str, Any]:
         """Return the fields of `crinoid.control.lqg.ModelBased`; ``looks`` in control periods."""
@@ -84,27 +120,8 @@ class ControlDesignModel(NamedTuple):
         if missing := [name for name in settings.inputs or () if name not in there]:
             text = f"got {shown(missing[0])}; must be among {one_of(there, 'and')}"
             raise ScenarioError([Mistake(f"control.{scenario.control.kind}.inputs", text)])
-        stations = [
-            each.measurand.stations.shape[0]
-            for each in plan.sensors
-            if isinstance(each.measurand, (Shape, Inclination))
-        ]
-        shapes = min(1 + sum(stations), _MAX_SHAPES)
-        expected = fluctuations(scenario, plan.recordings, plan.first_period)
-        deviation = np.sqrt(np.sum([each.deviation**2 for each in expected], axis=0))
-        model = linear_model(plan, scenario.driven, max(shapes, foreseen), deviation)
-        edges = np.diff(np.asarray(plan.state.position), axis=0)
-        tangent = edges.sum(axis=0) / np.linalg.norm(edges.sum(axis=0))
-        shed = vortex_shedding(scenario, plan.recordings, tangent)
-        expected += () if shed is None else (shed,)
-        water, most = WaterProcess.of(expected, shapes, plan.period), shapes * deviation.size
-        observed = model._replace(
-            stirred=model.steeper * model.stirred[:, :most],
-            hastened=model.hastened[:, :most],
-            observed_water=model.observed_water[:, :most],
-        )
         arrivals = ReadingSchedule.of(plan.sensors, plan.period, float(plan.system.time_step))
-        parts = augmented(observed, water, arrivals, plan)
+        model, parts = observer_model(plan, scenario.driven, arrivals, foreseen=foreseen)
         columns, scale = plan.controlled
         integrating = np.zeros((len(columns), plan.sensors[0].noise.shape[0]))
         integrating[np.arange(len(columns)), columns] = scale

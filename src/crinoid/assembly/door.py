@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 
 from crinoid.actuation import Actuator, Input
-from crinoid.control import Controller, ControllerInput, Sensor
+from crinoid.control import Controller, ControllerInput, Estimate, Sensor
 from crinoid.dynamics import State, System
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import count, motion_windows
@@ -20,6 +20,7 @@ from crinoid.elements import Element
 from crinoid.elements.element import ENERGIES, WORKS
 from crinoid.flow import Flow
 from crinoid.flow.flow import Jet
+from crinoid.foundation.axes import POSE
 from crinoid.scenario import Mistake, ScenarioError
 from crinoid.scenario.kinds import is_own
 
@@ -116,15 +117,33 @@ def check_sensor(sensor: Sensor, place: str, system: System, state: State) -> No
 
 
 def check_controller(
-    controller: Controller, seen: ControllerInput, inputs: Sequence[Input]
+    controller: Controller, seen: ControllerInput, inputs: Sequence[Input], nodes: int
 ) -> None:
-    """Refuse a controller that gives no command for each input, or changes its memory's form."""
+    """Refuse a controller that gives no command for each input, or changes its memory's form.
+
+    Likewise one whose estimate does not fit the tip or the nodes of the arm.
+    """
     if is_own(controller):
         return
     name, every = part_name(controller, "controller"), ", ".join(one.name for one in inputs)
     memory = _trace(name, controller, "start", (seen,))
     form, hint = (_shape(len(inputs)), memory), f", with a command for each of {every}"
     _trace(name, controller, "command", (memory, seen), form, hint=hint)
+    found = _trace(name, controller, "estimate", (memory,))
+    if found is None:
+        return
+    axes, name = (
+        next(n for n, pose in POSE.items() if len(pose) == seen.measured.size),
+        f"{name} estimate",
+    )
+    text = f"returned {type(found).__name__}; must return a crinoid.control.Estimate or None"
+    require(isinstance(found, Estimate), name, text)
+    shapes = {"tip": seen.measured.shape, "position": (nodes, axes), "flow_velocity": (axes,)}
+    for part, shape in shapes.items():
+        if (each := getattr(found, part)) is not None:
+            forms = [list(each.value.shape), list(each.std.shape)]
+            text = f"returned {part} with value and std of shapes {forms}; must be {list(shape)}"
+            require(forms == [list(shape)] * 2, name, text)
 
 
 def _shape(*shape: int) -> jax.ShapeDtypeStruct:

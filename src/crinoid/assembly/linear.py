@@ -8,6 +8,7 @@ actuators ``s`` at both ends of the period are known, the water's velocity ``w``
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -21,25 +22,23 @@ from crinoid.actuation import for_small_commands
 from crinoid.assembly.arrays import array
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.compilation import ONCE, compiled
-from crinoid.control import Sensor, WaterVelocity
+from crinoid.control import Measurand, Sensor, WaterVelocity
 from crinoid.dynamics import State, System, Transition, numbers_of
 from crinoid.elements import Threads, Vortices
-from crinoid.flow import Uniform, Water
+from crinoid.flow import Flow, Uniform, Water
 from crinoid.numerics.ramp import Onset
-from crinoid.numerics.signals_and_systems import balanced
+from crinoid.numerics.signals_and_systems import balanced_by_reach
 
 Matrix = Float[np.ndarray, "_ _"]
 Velocity = Float[np.ndarray, " d"]
 
-_SHARE = 1e-5
+SHARE = 1e-5
 """Least Hankel singular value of a state that is kept, over the largest."""
 _MOST = 40
 _DISCOUNT = 0.9999
 """Share of a motion that a period leaves in the Gramians, so that undamped arms have some."""
 _USUAL = 0.1
 """Usual movement of an input over its range."""
-_UNMOVED = 1e-9
-"""Motion of a state over the largest below which it is round-off."""
 _CALM = 0.25
 """Share of the time in which the water is slower than in the linearisation."""
 _SETTLED = 100
@@ -61,6 +60,9 @@ class LinearModel(NamedTuple):
     """Values of the sensors by the arm: the tip's pose first."""
     observed_actuators: Float[np.ndarray, "y s"]
     observed_water: Float[np.ndarray, "y w"]
+    nodes: Float[np.ndarray, "coordinate x"]
+    """Positions of the nodes by the arm."""
+    nodes_actuators: Float[np.ndarray, "coordinate s"]
     values: Float[np.ndarray, " y"]
     """Values of the sensors at the state that it is linear about."""
     at_rest: Float[np.ndarray, " s"]
@@ -79,6 +81,16 @@ class LinearModel(NamedTuple):
     """Hankel singular values, of which the largest were kept."""
 
 
+class _NodePositions(Measurand):
+    """Positions of the nodes from the base's set position (m), an output of the linear model."""
+
+    def of(self, system: System, state: State) -> Float[Array, " coordinate"]:
+        return state.position[1:].reshape(-1)
+
+    def names(self, axes: int) -> tuple[tuple[str, str], ...]:
+        return ()
+
+
 def linear_model(
     plan: AssembledScenario, driven: tuple[str, ...], shapes: int, deviation: Velocity
 ) -> LinearModel:
@@ -89,9 +101,12 @@ def linear_model(
     axis (m/s).
     """
     current, steeper = calm_current(np.array(plan.current, float), deviation)
+    outputs = (*plan.sensors, replace(plan.sensors[0], measurand=_NodePositions()))
     found, values, at_rest = jax.tree.map(
-        np.asarray, linearised(plan.system, plan.state, array(current), plan.sensors)
+        np.asarray, linearised(plan.system, plan.state, array(current), outputs)
     )
+    readings = sum(sensor.noise.shape[0] for sensor in plan.sensors)
+    seen, positions = np.split(found.observed_arm, [readings])
     rows = plan.rows(driven)
     lower, upper = (
         np.array([float(getattr(plan.inputs[row], end)) for row in rows])
@@ -102,12 +117,13 @@ def linear_model(
     # without clocks and inputs that are not driven
     kept = np.flatnonzero(_spread(actuators, commanded * usual))
     actuators, commanded = actuators[np.ix_(kept, kept)], commanded[kept]
+    observed_actuators, nodes_actuators = np.split(found.observed_actuators[:, kept], [readings])
     steps = max(1, round(plan.period / plan.scenario.simulation.time_step))
-    nodes = found.stirred.shape[1]  # the ghost's first
+    nodes = plan.state.position.shape[0]  # the ghost's first
     place = np.clip((np.arange(nodes) - 1) / (nodes - 2), 0.0, 1.0)
     along = legendre.legvander(2 * place - 1, shapes - 1)
     stirred, hastened = (
-        np.einsum("and,nj->ajd", each, along).reshape(each.shape[0], -1)
+        np.einsum("and,nj->ajd", each[:, :nodes], along).reshape(each.shape[0], -1)
         for each in (found.stirred, found.hastened)
     )
     arm, held, driving, water = _over(
@@ -117,23 +133,8 @@ def linear_model(
     # scaled by as much as each usually does
     moved, stir = _spread(actuators, commanded * usual), np.tile(deviation, shapes)
     inputs = np.hstack([driving * moved, stirred * stir, hastened * stir / plan.period])
-    seen, parts = found.observed_arm, [inputs]
-    for _ in range(_SETTLED):
-        parts.append(arm @ parts[-1])
-    reach = np.hstack(parts)  # the controllability matrix
-    scale, unit = (np.sqrt(np.sum(each**2, axis=1)) for each in (seen @ reach, reach))
-    scale[scale <= 0] = 1.0
-    # states by how far they move: round-off is as small for each, and alike in any units
-    unit[unit <= _UNMOVED * unit.max()] = 1.0
-    reduced = balanced(
-        arm * unit / unit[:, None],
-        inputs / unit[:, None],
-        seen * unit / scale[:, None],
-        share=_SHARE,
-        most=_MOST,
-        discount=_DISCOUNT,
-    )
-    left = reduced.left / unit
+    reduced, _ = balanced_by_reach(arm, inputs, seen, share=SHARE, most=_MOST, discount=_DISCOUNT)
+    left = reduced.left
     return LinearModel(
         arm=reduced.A,
         held=left @ held,
@@ -145,10 +146,12 @@ def linear_model(
             (np.linalg.matrix_power(actuators, k) @ commanded for k in range(steps)),
             np.zeros_like(commanded),
         ),
-        observed=seen @ (unit[:, None] * reduced.right),
-        observed_actuators=found.observed_actuators[:, kept],
+        observed=seen @ reduced.right,
+        observed_actuators=observed_actuators,
         observed_water=_observed_water(plan, along),
-        values=values,
+        nodes=positions @ reduced.right,
+        nodes_actuators=nodes_actuators,
+        values=values[:readings],
         at_rest=at_rest[kept],
         kept=tuple(map(int, kept)),
         rows=tuple(rows),
@@ -191,21 +194,27 @@ def linearised(
         return jnp.concatenate([each.measurand.of(system, state) for each in sensors])
 
     values = observe(system, state)
-    steady = Water((Uniform(Onset.of(), current),))
+    system = in_steady_water(system, Uniform(Onset.of(), current))
+    still = system.stand(state)
+    # a servo extrapolates from the step before: that of any step, not of the first of a run
+    still = eqx.tree_at(lambda s: s.servo.span, still, system.time_step)
+    found = system.transition(still, jnp.zeros(len(system.inputs)), observe=observe)
+    return found, values, numbers_of((state.servo, *state.actuators))[0]
+
+
+def in_steady_water(system: System, *flows: Flow) -> System:
+    """Return a system for a linearisation, in the water of some flows."""
     # vortices and Coulomb friction are no linear laws: disturbances
     elements = tuple(
         each.without_friction() if isinstance(each, Threads) else each
         for each in system.forces.elements
         if not isinstance(each, Vortices)
     )
-    system = eqx.tree_at(
+    return eqx.tree_at(
         lambda s: (s.forces.elements, s.forces.water, s.base.servo, s.actuators),
         system,
-        (elements, steady, *for_small_commands((system.base.servo, system.actuators))),
+        (elements, Water(flows), *for_small_commands((system.base.servo, system.actuators))),
     )
-    still = system.stand(state)
-    found = system.transition(still, jnp.zeros(len(system.inputs)), observe=observe)
-    return found, values, numbers_of((state.servo, *state.actuators))[0]
 
 
 def _over(

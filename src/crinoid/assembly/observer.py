@@ -13,16 +13,15 @@ from jaxtyping import Bool, Float
 from crinoid.assembly.arrays import array
 from crinoid.assembly.forecast import Fluctuation
 from crinoid.assembly.linear import LinearModel
+from crinoid.assembly.observer_outputs import OutputMatrices, observer_outputs
 from crinoid.assembly.plan import AssembledScenario
 from crinoid.control import Inclination, Observer, Sensor, Shape, WaterVelocity
+from crinoid.numerics.kalman import stationary_covariance, stationary_filter
 
 Matrix = Float[np.ndarray, "_ _"]
 
 _TICKS = 60
 """Number of commands over which the pattern of arrivals is sampled."""
-_ROUNDS = 100
-"""Largest number of passes through this pattern until the gains have settled."""
-_SETTLED = 1e-6
 _MODEL_ERROR = 2e-2
 """Error of the model in the effect of the inputs over a period, relative to the usual effect."""
 _LEAST_NOISE = 1e-3
@@ -112,8 +111,9 @@ class AugmentedModel(NamedTuple):
     noise: Float[np.ndarray, "z z"]
     expect: Float[np.ndarray, "y z"]
     follow: Float[np.ndarray, "y s"]
-    tip: Float[np.ndarray, "pose estimated"]
-    """How the tip's pose follows the states that are no readings under way, which come first."""
+    outputs: OutputMatrices
+    """How tip, shape and current follow the states that are no readings under way, which come
+    first."""
     usual: Float[np.ndarray, " y"]
     """By how much the readings vary."""
     arm: int
@@ -122,13 +122,17 @@ class AugmentedModel(NamedTuple):
     @property
     def estimated(self) -> int:
         """Number of states that are not readings under way."""
-        return self.tip.shape[1]
+        return self.outputs.tip.shape[1]
 
 
 def augmented(
-    model: LinearModel, water: WaterProcess, arrivals: ReadingSchedule, plan: AssembledScenario
+    model: LinearModel,
+    water: WaterProcess,
+    arrivals: ReadingSchedule,
+    plan: AssembledScenario,
+    unshed: int,
 ) -> AugmentedModel:
-    """Augment the linear model.
+    """Augment the linear model. The first ``unshed`` states of the water are no shed vortices.
 
     The tip's pose has an offset that varies, for what a linear model does not have: a
     bent arm is shorter, by the square of its deflection.
@@ -178,89 +182,68 @@ def augmented(
         move[later, later - size] = 1.0
         expect[rows, first + size * (age - 1) : first + size * age] = np.eye(size)
         first += size * age
-    return AugmentedModel(move, held, driven, noise, expect, follow, seen[:pose], usual, arm)
+    tip = seen[:pose]
+    nodes = np.zeros((model.nodes.shape[0], estimated))
+    nodes[:, :arm] = model.nodes
+    share = np.linspace(0.0, 1.0, nodes.shape[0] // axes)
+    nodes[:, -pose : estimated - pose + axes] = np.kron(share[:, None], np.eye(axes))
+    current = np.zeros((axes, estimated))
+    # the other shapes along the arm have no mean
+    current[:, arm : arm + unshed] = water.velocity[:axes, :unshed]
+    outputs = OutputMatrices(tip, nodes, current, offset)
+    return AugmentedModel(move, held, driven, noise, expect, follow, outputs, usual, arm)
+
+
+class ReadingNoise(NamedTuple):
+    """Sizes and errors of the readings of all sensors, one behind the other."""
+
+    sizes: tuple[int, ...]
+    """Number of values of each sensor."""
+    variance: Float[np.ndarray, " y"]
+    values: Float[np.ndarray, " y"]
+    """Readings where the model is linear about, in the frame of the target."""
+
+    @staticmethod
+    def of(plan: AssembledScenario, model: LinearModel, parts: AugmentedModel) -> ReadingNoise:
+        """Return noise, rounding, and the motions that the model lacks."""
+        given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
+        grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
+        sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
+        meters = [isinstance(sensor.measurand, WaterVelocity) for sensor in plan.sensors]
+        least = np.repeat(np.where(meters, _ELSEWHERE, _LEAST_NOISE), sizes)
+        local = np.zeros_like(parts.usual)
+        for sensor, end in zip(plan.sensors, np.cumsum(sizes), strict=True):
+            if isinstance(sensor.measurand, (Shape, Inclination)):
+                rows = slice(end - sensor.noise.shape[0], end)
+                local[rows] = _LOCAL * parts.usual[rows].max()
+        noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + local**2
+        mean = np.resize(plan.current, model.values.size)  # of the current over the run
+        values = np.where(np.repeat(meters, sizes), mean, model.values)
+        assert plan.target is not None
+        values[: sizes[0]] = plan.target.to_frame(array(values[: sizes[0]]), plan.state.time)
+        return ReadingNoise(
+            tuple(sizes), np.maximum(noise, 1e-16 * max(noise.max(), 1e-300)), values
+        )
 
 
 def build_observer(
     plan: AssembledScenario, model: LinearModel, parts: AugmentedModel, arrivals: ReadingSchedule
 ) -> Observer:
     """Return the observer of least variance."""
-    given = np.concatenate([np.asarray(sensor.noise) for sensor in plan.sensors])
-    grain = np.concatenate([np.asarray(sensor.resolution) for sensor in plan.sensors])
-    sizes = [sensor.noise.shape[0] for sensor in plan.sensors]
-    meters = [isinstance(sensor.measurand, WaterVelocity) for sensor in plan.sensors]
-    least = np.repeat(np.where(meters, _ELSEWHERE, _LEAST_NOISE), sizes)
-    # motions that the model lacks
-    local = np.zeros_like(parts.usual)
-    for sensor, end in zip(plan.sensors, np.cumsum(sizes), strict=True):
-        if isinstance(sensor.measurand, (Shape, Inclination)):
-            rows = slice(end - sensor.noise.shape[0], end)
-            local[rows] = _LOCAL * parts.usual[rows].max()
-    noise = given**2 + grain**2 / 12 + (least * parts.usual) ** 2 + local**2
-    noise = np.maximum(noise, 1e-16 * max(noise.max(), 1e-300))
+    sizes, variance, values = ReadingNoise.of(plan, model, parts)
     every = np.repeat(arrivals.fresh, sizes, axis=1)
-    sets, found = gains(parts.move, parts.noise, parts.expect, noise, every)
-    mean = np.resize(plan.current, model.values.size)  # of the current over the run
-    values = np.where(np.repeat(meters, sizes), mean, model.values)
-    size = plan.sensors[0].noise.shape[0]
-    assert plan.target is not None
-    values[:size] = plan.target.to_frame(array(values[:size]), plan.state.time)
+    found = stationary_filter(parts.move, parts.noise, parts.expect, variance, every)
     return Observer(
         move=array(parts.move),
         held=array(parts.held),
         driven=array(parts.driven),
         expect=array(parts.expect),
         follow=array(parts.follow),
-        gains=array(found),
-        fresh=jax.device_put(sets[:, np.cumsum([0, *sizes[:-1]])].astype(int)),
+        gains=array(found.gains),
+        fresh=jax.device_put(found.fresh[:, np.cumsum([0, *sizes[:-1]])].astype(int)),
         values=array(values),
         at_rest=array(model.at_rest),
         kept=model.kept,
         sensors=plan.readings,
+        outputs=observer_outputs(plan, model, parts.outputs, found.covariance),
     )
-
-
-def stationary_covariance(move: Matrix, noise: Matrix) -> Matrix:
-    """Return the stationary covariance of states without control.
-
-    A growing motion has none: it counts as one that neither grows nor decays.
-    """
-    fastest = np.abs(np.linalg.eigvals(move)).max()
-    total, power = noise, move * 0.9999 / max(1.0, fastest)
-    for _ in range(30):
-        total = total + power @ total @ power.T
-        power = power @ power
-    return total
-
-
-def gains(
-    move: Matrix,
-    noise: Matrix,
-    expect: Matrix,
-    of_readings: Float[np.ndarray, " y"],
-    fresh: Bool[np.ndarray, "tick y"],
-) -> tuple[Bool[np.ndarray, "set y"], Float[np.ndarray, "set z y"]]:
-    """Return the gains that the Riccati equation settles on, for each set of readings.
-
-    ``noise`` is the covariance of the states' noise, ``of_readings`` the variance of that of each
-    reading; ``fresh`` are the new readings of each call, a pattern that repeats.
-    """
-    from scipy.linalg import solve_discrete_are  # slow to load
-
-    ahead = solve_discrete_are(move.T, expect.T, noise, np.diag(of_readings))
-    found: dict[tuple[bool, ...], list[Matrix]] = {}
-    pattern = fresh[:1] if fresh.all() else fresh
-    for _ in range(_ROUNDS):
-        found, before = {}, ahead
-        for counted in pattern:
-            seen = expect[counted]
-            gain = np.zeros(expect.T.shape)
-            surprise = seen @ ahead @ seen.T + np.diag(of_readings[counted])
-            gain[:, counted] = np.linalg.solve(surprise, seen @ ahead).T
-            left = np.eye(ahead.shape[0]) - gain[:, counted] @ seen
-            by_noise = gain[:, counted] * np.sqrt(of_readings[counted])
-            ahead = move @ (left @ ahead @ left.T + by_noise @ by_noise.T) @ move.T + noise
-            found.setdefault(tuple(map(bool, counted)), []).append(gain)
-        if np.abs(ahead - before).max() <= _SETTLED * np.abs(ahead).max():
-            break
-    return np.array(list(found)), np.stack([np.mean(each, axis=0) for each in found.values()])

@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -202,10 +203,15 @@ def design_mpc(plan: AssembledScenario) -> tuple[Mpc, ControlDesignModel]:
             text += '[[sensors]], kind = "current"'
             raise ScenarioError([Mistake("control.mpc.current", text)])
         forecast = carried_water(plan, design.model.current, looks * plan.period, meters[0])
+    fields = design.fields(plan, aimed)
+    if forecast is not None:  # the states of the water are what it leaves out
+        fields["observer"] = eqx.tree_at(
+            lambda observer: observer.outputs.flow_velocity, fields["observer"], None
+        )
     size = design.parts.move.shape[0]
     under_way = size - design.parts.estimated
     controller = Mpc(
-        **design.fields(plan, aimed),
+        **fields,
         qp=HorizonQp.of(
             program.hessian,
             rate=design.speed * plan.period,

@@ -42,7 +42,7 @@ class Parts:
     """Of the base."""
 
     def added(self, system: System) -> System:
-        """Return a system with the elements, flows and motions, if they pass the door."""
+        """Return a system with the motions, and the elements and flows if they pass the door."""
         forces = system.forces
         for index, flow in enumerate(self.flows, len(forces.water.flows)):
             check_flow(flow, f"flow {index}", forces.axes)

@@ -132,7 +132,9 @@ def _local(plan: AssembledScenario, turn: Turn) -> _LocalController:
     )
     shifted = numbers_of((servo, *plan.state.actuators))[0]
     at_rest = array(np.asarray(shifted)[list(controller.observer.kept)])
-    controller = eqx.tree_at(lambda each: each.observer.at_rest, controller, at_rest)
+    controller = eqx.tree_at(
+        lambda each: (each.observer.at_rest, each.observer.outputs), controller, (at_rest, None)
+    )
     parts = design.parts
     # water and offset of the tip do not answer to actuators
     moving = np.r_[np.arange(parts.arm), np.arange(parts.estimated, parts.move.shape[0])]

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from crinoid.cli.command import (
+    MISSED,
     Force,
     ScenarioName,
     Settings,
@@ -27,6 +28,7 @@ from crinoid.cli.interruption import Loading
 from crinoid.cli.result_commands import export, film, report
 from crinoid.cli.study_commands import (
     compare,
+    estimate,
     identify,
     optimise,
     sweep,
@@ -48,12 +50,15 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def _version(
-    version: Annotated[bool, option("Print the version.", name="--version")] = False,
+    version: Annotated[
+        bool, option("Print the version, and those that matter.", name="--version")
+    ] = False,
 ) -> None:
     if version:
-        from crinoid.foundation.version import __version__
+        from crinoid.foundation.version import versions
 
-        typer.echo(__version__)
+        own, *others = (f"{name} {number}" for name, number in versions().items())
+        typer.echo(f"{own}\n{', '.join(others)}")
         raise typer.Exit
 
 
@@ -205,6 +210,27 @@ def margins(
 
 @app.command()
 @one_line_errors("interrupted")
+def linearise(
+    scenario: ScenarioName,
+    settings: Settings = None,
+    to: Annotated[str, option("Format of the model: npz, mat or json.", "FORMAT")] = "npz",
+    order: Annotated[
+        int | None, option("Reduce it to so many states.", "N", default="all states")
+    ] = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-linearise")] = None,
+    force: Force = False,
+) -> None:
+    """Linearise arm, actuators and sensors: A, B, C, D over a control period, with names."""
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-linearise", settings)
+    with Loading():
+        from crinoid.cli.linearise import show_linearisation
+
+    show_linearisation(described, folder, to=to, order=order, force=force)
+
+
+@app.command()
+@one_line_errors("interrupted")
 def live(
     scenario: ScenarioName,
     settings: Settings = None,
@@ -255,6 +281,16 @@ def bench(
 
 @app.command()
 @one_line_errors("interrupted")
+def doctor() -> None:
+    """Examine the installation: versions, devices, optional parts, folders, a known solve."""
+    with Loading():
+        from crinoid.cli.doctor import examine
+
+    end(examine(), code=MISSED)
+
+
+@app.command()
+@one_line_errors("interrupted")
 def scenarios(
     copy: Annotated[
         str | None,
@@ -288,5 +324,7 @@ def scenarios(
             console.print(f"{name:{width}}{load(name).title}", soft_wrap=True)
 
 
-for command in (compare, tune, identify, optimise, report, export, film, sweep, train, validate):
+for command in (
+    compare, tune, identify, estimate, optimise, report, export, film, sweep, train, validate
+):  # fmt: skip
     app.command()(command)

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +23,13 @@ from crinoid.cli.interruption import Interrupted
 from crinoid.compilation import free_memory, keep_programs
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.status import Status
-from crinoid.foundation.version import __version__
+from crinoid.foundation.version import __version__, versions
 from crinoid.scenario.errors import got, one_of, refusal
 from crinoid.simulation.batch import cores
 from crinoid.view.figures import style
 from crinoid.view.figures.benchmarks import draw_benchmark
 
 BENCH = "bench.json"
-_VERSIONS = ("jax", "jaxlib", "equinox", "numpy")
 
 
 def chosen(names: Sequence[str]) -> list[str]:
@@ -99,11 +97,7 @@ def _save(
         "status": status,
         "date": datetime.now(UTC).date().isoformat(),
         "machine": {"processor": _processor(), "cores": cores(), "system": platform.system()},
-        "versions": {
-            "crinoid": __version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in _VERSIONS},
-        },
+        "versions": versions(),
         "peers": [{"name": engine.name, "leaves out": engine.omits} for engine in engines],
         "benchmarks": measured,
     }

@@ -1,10 +1,11 @@
 """Export of a result or a policy: options of each format, and progress."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 
+from crinoid.cli.command import folder_for, load_scenario
 from crinoid.cli.display import progress_bar, say_notes, say_written
 from crinoid.cli.folder import check_own, claimed
 from crinoid.scenario import Mistake, ScenarioError, got, one_of, refusal
@@ -18,6 +19,7 @@ from crinoid.view.export import (
     write_vtkhdf,
     write_xlsx,
 )
+from crinoid.view.export.fmu import write_fmu
 from crinoid.view.export.source import KINDS, files_of, find_policy, find_result
 
 
@@ -33,8 +35,9 @@ def export_result(
 ) -> None:
     """Export a result or a policy, and report omissions."""
     if kind not in KINDS:
-        near = get_close_matches(kind.lower(), KINDS, n=1)
-        raise ScenarioError([Mistake("--to", got(kind, f"be {one_of(KINDS)}"), *near)])
+        kinds = (*KINDS, "fmu")
+        near = get_close_matches(kind.lower(), kinds, n=1)
+        raise ScenarioError([Mistake("--to", got(kind, f"be {one_of(kinds)}"), *near)])
     if instants is not None and instants < 1:
         raise refusal("--instants", got(instants, "be at least 1"))
     if instants is not None and kind == "onnx":
@@ -77,3 +80,24 @@ def export_result(
             written = writers[kind](path, folder, instants=instants, report=report)
     say_notes(written.notes)
     say_written(written.files)
+
+
+def export_scenario(
+    name: str,
+    settings: list[str] | None,
+    out: Path | None,
+    unused: Mapping[str, object],
+    *,
+    force: bool,
+) -> None:
+    """Export a scenario as an FMU; options of results must be ``unused``."""
+    for option, value in unused.items():
+        if value is not None:
+            raise refusal(option, "needs a result. Leave it out with --to fmu.")
+    scenario, folder = load_scenario(name, settings), folder_for(out, name, settings=settings)
+    stem = Path(name).stem
+    with claimed(folder):
+        if not force:
+            check_own(folder / f"{stem}.fmu")
+        written = write_fmu(scenario, folder, stem)
+    say_written([written])

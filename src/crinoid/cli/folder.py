@@ -15,10 +15,11 @@ from crinoid.analysis.current import FLOW
 from crinoid.analysis.equilibria import CURVE
 from crinoid.analysis.margins import MARGINS
 from crinoid.analysis.record import RECORD
+from crinoid.analysis.state_space import RESPONSE
 from crinoid.analysis.vibrations import MODES
 from crinoid.foundation.atomic_file import remove_unfinished
 from crinoid.foundation.status import Status
-from crinoid.inverse import IDENTIFICATION, OPTIMISATION, TUNING
+from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES
 from crinoid.results.own_files import FIGURES, is_own
 from crinoid.results.result import RESULT, TRAINING, UNCONTROLLED, Result, attributes
@@ -35,7 +36,8 @@ from crinoid.view.page.parts import PAGE
 _CASE = re.compile(r"case-\d+")
 _LOCK = ".crinoid.lock"
 _APART = (
-    FLOW, RECORD, MODES, CURVE, COMPARISON, MARGINS, TUNING, IDENTIFICATION, OPTIMISATION, TRAINING
+    FLOW, RECORD, MODES, CURVE, COMPARISON, MARGINS, RESPONSE, TUNING, IDENTIFICATION, ESTIMATE,
+    OPTIMISATION, TRAINING,
 )  # fmt: skip
 """Files of commands that run no scenario by itself, which may be next to a result."""
 _SUMMARY = (SUMMARY_JSON, SUMMARY_CSV)

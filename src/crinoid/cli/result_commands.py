@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from crinoid.cli.command import Force, one_line_errors, option, out_option
+from crinoid.cli.command import Force, Settings, one_line_errors, option, out_option, stop
 from crinoid.cli.interruption import Interrupted, Interruption, Loading
 
 
@@ -30,15 +30,21 @@ def report(
 @one_line_errors("interrupted")
 def export(
     result: Annotated[
-        Path,
+        str,
         typer.Argument(
-            metavar="RESULT", help="A folder that `crinoid run` wrote, or a result in it."
+            metavar="RESULT",
+            help="A folder that `crinoid run` wrote, or a result in it; with fmu a scenario.",
         ),
     ],
     to: Annotated[
         str,
-        option("vtkhdf, csv, xlsx, gltf, mcap or usd; of a policy, onnx.", "FORMAT", default=False),
+        option(
+            "vtkhdf, csv, xlsx, gltf, mcap or usd; of a policy, onnx; of a scenario, fmu.",
+            "FORMAT",
+            default=False,
+        ),
     ],
+    settings: Settings = None,
     variables: Annotated[
         str | None,
         option(
@@ -67,12 +73,19 @@ def export(
     """Write a result for ParaView (vtkhdf), spreadsheets (csv, xlsx), Blender (gltf), ROS 2 (mcap).
 
     Isaac Sim and Newton read usd. A policy that `crinoid train` wrote is written for a
-    vehicle (onnx).
+    vehicle (onnx), a scenario for programs of co-simulation (fmu).
     """
     with Loading():
-        from crinoid.cli.export import export_result
+        from crinoid.cli.export import export_result, export_scenario
 
-    export_result(result, to, out, variables=variables, nodes=nodes, instants=instants, force=force)
+    if to == "fmu":
+        unused = {"--variables": variables, "--nodes": nodes, "--instants": instants}
+        export_scenario(result, settings, out, unused, force=force)
+        return
+    if settings:
+        stop(f"--set: needs --to fmu. Leave it out with --to {to}.")
+    path = Path(result)
+    export_result(path, to, out, variables=variables, nodes=nodes, instants=instants, force=force)
 
 
 @one_line_errors("interrupted: no film is written")

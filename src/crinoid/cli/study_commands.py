@@ -101,6 +101,31 @@ def identify(
 
 
 @one_line_errors()
+def estimate(
+    scenario: ScenarioName,
+    record: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECORD",
+            show_default=False,
+            help="What was measured: a CSV or netCDF file with times, readings of the sensors and "
+            "commands, or a result.",
+        ),
+    ],
+    settings: Settings = None,
+    out: Annotated[Path | None, out_option("results/SCENARIO-estimate")] = None,
+    force: Force = False,
+) -> None:
+    """Estimate tip, shape and current from a log, with their standard deviations."""
+    described = load_scenario(scenario, settings)
+    folder = folder_for(out, scenario, "-estimate", settings)
+    with Loading():
+        from crinoid.cli.estimate import estimate_states
+
+    estimate_states(described, record, folder, force=force)
+
+
+@one_line_errors()
 def optimise(
     scenario: ScenarioName,
     over: Annotated[

@@ -10,6 +10,11 @@ from crinoid.control.controller import FeedForward as FeedForward
 from crinoid.control.controller import Idle as Idle
 from crinoid.control.controller import Playback as Playback
 from crinoid.control.controller import Reading as Reading
+from crinoid.control.estimate import CurrentOutput as CurrentOutput
+from crinoid.control.estimate import Estimate as Estimate
+from crinoid.control.estimate import Estimated as Estimated
+from crinoid.control.estimate import LinearOutput as LinearOutput
+from crinoid.control.estimate import ObserverOutputs as ObserverOutputs
 from crinoid.control.forecast import Along as Along
 from crinoid.control.forecast import Forecast as Forecast
 from crinoid.control.forecast import FrozenTurbulenceForecast as FrozenTurbulenceForecast

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.control.estimate import Estimate
 from crinoid.control.target import Target
 from crinoid.foundation.moved import renamed
 
@@ -91,6 +92,13 @@ class Controller(eqx.Module):
     def command(self, memory: Any, seen: ControllerInput) -> tuple[Command, Any]:
         """Return the command, a number for each input in its unit, and the memory for the next."""
 
+    def estimate(self, memory: Any) -> Estimate | None:
+        """Return the estimate that the memory after a command contains; None without an observer.
+
+        Results then have its variables.
+        """
+        return None
+
 
 class Idle(Controller):
     """No control: the base stays where it is."""
@@ -142,5 +150,9 @@ class Playback(Controller):
         return None
 
     def command(self, memory: None, seen: ControllerInput) -> tuple[Command, None]:
-        row = jnp.searchsorted(self.time, seen.time + _SLACK, side="right") - 1
-        return jnp.where(row >= 0, self.values[jnp.maximum(row, 0)], 0.0), None
+        return self.at(seen.time), None
+
+    def at(self, time: Float[Array, ""]) -> Command:
+        """Return the command at ``time`` (s)."""
+        row = jnp.searchsorted(self.time, time + _SLACK, side="right") - 1
+        return jnp.where(row >= 0, self.values[jnp.maximum(row, 0)], 0.0)

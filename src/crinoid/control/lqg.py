@@ -1,5 +1,7 @@
 """LQG control: a Kalman filter and state feedback within the limits of the inputs."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,18 +9,19 @@ from jaxtyping import Array, Float, Int
 
 from crinoid.control.braking import Braking
 from crinoid.control.controller import Command, Controller, ControllerInput
+from crinoid.control.estimate import Estimate, ObserverOutputs
 from crinoid.control.target import pose_error
 from crinoid.dynamics import numbers_of
 from crinoid.numerics.small_matrices import product
 
-Estimate = Float[Array, " z"]
+Numbers = Float[Array, " z"]
 Following = Float[Array, " s"]
 
 
 class ObserverState(eqx.Module):
     """State of an observer: the estimate and its last data."""
 
-    estimate: Estimate
+    estimate: Numbers
     """Arm, water and readings under way, all as differences."""
     actuators: Following
     """States of the actuators, less those at rest."""
@@ -58,6 +61,8 @@ class Observer(eqx.Module):
     """Indices of the modelled numbers in the states of all actuators."""
     sensors: tuple[str, ...] = eqx.field(static=True)
     """Names of the sensors other than that of the tip."""
+    outputs: ObserverOutputs | None
+    """Tip, shape and current by the estimate; None where several observers share a run."""
 
     def start(self, seen: ControllerInput) -> ObserverState:
         """Begin with the arm that the model is linear about."""
@@ -65,7 +70,7 @@ class Observer(eqx.Module):
         return ObserverState(jnp.zeros(self.move.shape[0]), self._actuators(seen), none)
 
     def update(
-        self, before: ObserverState, seen: ControllerInput, pushed: Estimate | None = None
+        self, before: ObserverState, seen: ControllerInput, pushed: Numbers | None = None
     ) -> ObserverState:
         """Return the estimate at the next call, a period later.
 
@@ -95,6 +100,12 @@ class Observer(eqx.Module):
         surprise = read - product(self.expect, estimate) - product(self.follow, actuators)
         gain = jnp.sum(jnp.where(chosen[:, None, None], self.gains, 0.0), axis=0)
         return ObserverState(estimate + product(gain, surprise), actuators, taken)
+
+    def output(self, observed: ObserverState) -> Estimate | None:
+        """Return tip, shape and current at the last call, filtered."""
+        if self.outputs is None:
+            return None
+        return self.outputs.of(observed.estimate, observed.actuators)
 
     def _actuators(self, seen: ControllerInput) -> Following:
         numbers, _ = numbers_of(seen.actuators)
@@ -129,6 +140,9 @@ class ModelBased(Controller):
     """Time between two commands (s)."""
     rows: tuple[int, ...] = eqx.field(static=True)
     """Indices of the driven inputs."""
+
+    def estimate(self, memory: Any) -> Estimate | None:
+        return self.observer.output(memory.observed)
 
 
 class Lqg(ModelBased):

@@ -73,6 +73,10 @@ class SubmarineFrame(eqx.Module):
         pointing = pose[axes:] - angle if axes == 2 else product(turn.T, pose[axes:])
         return jnp.concatenate([product(turn.T, pose[:axes] - self.origin - shift), pointing])
 
+    def rotation(self, time: Time) -> Float[Array, "d d"]:
+        """Return the matrix that turns vectors of the frame into the world at ``time`` (s)."""
+        return self._displacement(time)[1]
+
     def _displacement(
         self, time: Time
     ) -> tuple[Float[Array, " d"], Float[Array, "d d"], Float[Array, "..."]]:

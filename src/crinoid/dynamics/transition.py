@@ -71,7 +71,7 @@ class Transition(NamedTuple):
 
     The arm: ``a' = arm a + held s + driven s' + stirred w + hastened w_t``, where ``s`` and ``s'``
     are those of the actuators at both ends of the step, and ``w`` and ``w_t`` the changes of the
-    velocity and the material acceleration of the water at the nodes at its end. The actuators:
+    velocity and the material acceleration of the water at all rows at its end. The actuators:
     ``s' = actuators s + commanded u``.
     """
 
@@ -79,8 +79,10 @@ class Transition(NamedTuple):
     held: Float[Array, "a s"]
     """By the actuators at the start of the step; zero unless the base turns meanwhile."""
     driven: Float[Array, "a s"]
-    stirred: Float[Array, "a n d"]
-    hastened: Float[Array, "a n d"]
+    stirred: Float[Array, "a rows d"]
+    """By the velocity of the water at the nodes, then at obstacles and at a vehicle."""
+    hastened: Float[Array, "a rows d"]
+    """By its material acceleration."""
     actuators: Float[Array, "s s"]
     commanded: Float[Array, "s input"]
     observed_arm: Float[Array, "y a"]
@@ -137,7 +139,7 @@ class LocalCoordinates:
             turn = turn_of(product(before.T, attitude))
             turn = self.state.motion.position[ROTATION, : turn.size] + turn
             rows = rows.at[ROTATION, : turn.size].set(turn)
-        motion, at = state.motion, self._entries
+        motion, at = state.motion, self.entries
         parts = (rows, motion.velocity, motion.acceleration, state.auxiliary_offset)
         moving = [part.reshape(-1)[at] for part in parts]
         arm = jnp.concatenate([*moving, numbers_of(state.memory)[0]])
@@ -148,7 +150,7 @@ class LocalCoordinates:
         system, state, motion = self.system, self.state, self.state.motion
         servo, *others = self._shaped(actuators)
         known = (motion.position, motion.velocity, motion.acceleration, state.auxiliary_offset)
-        at, shape = self._entries, motion.position.shape
+        at, shape = self.entries, motion.position.shape
         moving, memory = jnp.split(arm, [len(known) * at.size])
         position, velocity, acceleration, auxiliary_offset = (
             rows.reshape(-1).at[at].set(part, unique_indices=True).reshape(shape)
@@ -182,7 +184,7 @@ class LocalCoordinates:
         return list(self._shaped(actuators))
 
     @property
-    def _entries(self) -> Int[np.ndarray, " entry"]:
+    def entries(self) -> Int[np.ndarray, " entry"]:
         """Indices of the unknowns of a step among the flattened rows."""
         forces, rows = self.system.forces, self.state.motion.position
         moves = np.zeros(rows.shape, bool)
@@ -215,8 +217,7 @@ def transition(
     at_start = before.driven(before.actuators)
     ends = followed(followers, at_start, command, step)
     after = LocalCoordinates(system, system.step_with(state, ends, step)[0])
-    nodes = system.forces.nodes(state.motion.position).shape[0]
-    water = jnp.zeros((2, nodes, system.forces.axes))
+    water = jnp.zeros((2, state.motion.position.shape[0], system.forces.axes))
 
     def move(arm: Array, held: Array, driven: Array, water: Array) -> Array:
         start, ends = before.at(arm, held), after.driven(driven)

@@ -45,6 +45,11 @@ class Variable(NamedTuple):
         "vehicle",
         "vehicle plane",
         "vehicle space",
+        "estimate",
+        "estimate plane",
+        "estimate space",
+        "estimate shape",
+        "estimate current",
     ] = ""
     """Results that have it; empty for all."""
     more: str = ""
@@ -62,6 +67,29 @@ def _row(
     name: str, dims: str, unit: str, meaning: str, of: Of | None = None, **more: Any
 ) -> Variable:
     return Variable(name, tuple(dims.split()), unit, meaning, of, **more)
+
+
+def _estimated(
+    name: str, dims: str, unit: str, meaning: str, of: Callable[[Any, str], Any], where: str
+) -> tuple[Variable, Variable]:
+    """Return an estimate and its standard deviation."""
+    value = _row(
+        f"estimated_{name}",
+        dims,
+        unit,
+        f"estimated {meaning}",
+        lambda run: of(run, "value"),
+        where=where,
+    )
+    std = _row(
+        f"estimated_{name}_std",
+        dims,
+        unit,
+        f"standard deviation of estimated_{name}",
+        lambda run: of(run, "std"),
+        where=where,
+    )
+    return value, std
 
 
 # fmt: off
@@ -212,6 +240,21 @@ VARIABLES = (
     _row("thruster_moment", "time axis", "N m",
          "moment of the thrusters about the axes of the vehicle, right-handed",
          lambda run: run.kept.vehicle.moment, where="vehicle space"),
+    _row("estimate_time", "time", "s", "time of the newest command, which the estimate is of",
+         lambda run: run.kept.estimate_time, where="estimate",
+         more="nan before the first command, as all estimates"),
+    *_estimated("tip_position", "time axis", "m", "position of the tip",
+                lambda run, part: run.estimated_tip(part)[:, :run.dimension], "estimate"),
+    *_estimated("tip_angle", "time", "rad", "direction of the tip",
+                lambda run, part: run.estimated_tip(part)[:, 2], "estimate plane"),
+    *_estimated("tip_direction", "time axis", "1", "where the tip points",
+                lambda run, part: run.estimated_tip(part)[:, 3:], "estimate space"),
+    *_estimated("position", "time node axis", "m", "position of the nodes",
+                lambda run, part: getattr(run.kept.estimate.position, part), "estimate shape"),
+    *_estimated("flow_velocity", "time axis", "m s-1",
+                "velocity of the undisturbed water, its mean along the arm",
+                lambda run, part: getattr(run.kept.estimate.flow_velocity, part),
+                "estimate current"),
     _row("actuator_command", "time input", "", "commands of the actuators", where="actuators"),
     _row("actuator_state", "time input", "", "what the actuators drive the arm with",
          where="actuators", more="their limits are the coordinates `input_lower`, `input_upper`"),

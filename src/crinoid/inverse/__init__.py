@@ -10,6 +10,9 @@ IDENTIFICATION = "identify.nc"
 OPTIMISATION = "optimise.nc"
 """Name of the file of an optimisation."""
 
+ESTIMATE = "estimate.nc"
+"""Name of the file of an estimate."""
+
 
 class StoppedError(Exception):
     """The user stopped a search."""

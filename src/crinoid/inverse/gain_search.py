@@ -9,7 +9,8 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from crinoid.analysis.linear_loop import LinearLoop, LinearPlant, System, linear_controller
+from crinoid.analysis.linear_loop import LinearLoop, LinearPlant, linear_controller
+from crinoid.analysis.sampled_plant import System
 from crinoid.control import Controller
 from crinoid.inverse.constrained_search import FAILED, STEP, SearchTrial, constrain
 from crinoid.inverse.gain_design import GainPerturbations, Logs, central_difference

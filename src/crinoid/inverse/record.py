@@ -13,19 +13,19 @@ from jaxtyping import Bool, Float, Int
 
 from crinoid.actuation import Input
 from crinoid.foundation.axes import AXES, POSE
+from crinoid.inverse.commands import Commands, commands_of
 from crinoid.inverse.marker import TIP, Marker
+from crinoid.inverse.readings import TIME, column_of, record_errors, result_folder, sampled
 from crinoid.recording.axes import find
-from crinoid.recording.logs import is_bag
 from crinoid.recording.numbers import Column, labels_of
 from crinoid.recording.readers import read_dataset
 from crinoid.recording.series import Series, read_series, values_in
 from crinoid.recording.texts import listed
-from crinoid.recording.units import angle_factor, length_factor
-from crinoid.results.result import RESULT, Result, ResultError, attributes
-from crinoid.scenario import Mistake, Scenario, ScenarioError, counted, got, one_of, refusal
+from crinoid.results.result import Result
+from crinoid.scenario import Scenario, ScenarioError, counted, got, one_of, refusal
 from crinoid.scenario.actuator import Tendon, keyed_threads
 
-TIME, HOLD, MARKER = "time", "hold", "marker"
+HOLD, MARKER = "hold", "marker"
 """Columns of a record."""
 _LARGEST = 1e12
 """Larger numbers mark missing values."""
@@ -39,13 +39,6 @@ _CLEARLY = 0.2
 """Largest distance of another reading from the run, over that of the record and the length."""
 
 Places = Float[np.ndarray, "time axis"]
-
-
-class Commands(NamedTuple):
-    """Recorded commands, each valid until the time of the next."""
-
-    time: Float[np.ndarray, " row"]
-    values: Float[np.ndarray, "row input"]
 
 
 class Holds(NamedTuple):
@@ -103,24 +96,18 @@ def read_record(
     `crinoid.foundation.axes.POSE`, and some of the names of the inputs. A column ``marker`` names
     the tip or one of the ``markers``. A result is given by its folder or its ``result.nc``.
     """
-    try:
-        if (path.is_dir() and not is_bag(path)) or (path.name == RESULT and attributes(path)):
-            folder = path if path.is_dir() else path.parent
+    with record_errors():
+        if folder := result_folder(path):
             return _of_result(folder, scenario, inputs)
         return _of_table(str(path), scenario, inputs, markers)
-    except ResultError as error:
-        raise ScenarioError.of("RECORD", str(error)) from error
-    except ScenarioError as error:
-        mistakes = [Mistake("RECORD", mistake.text) for mistake in error.mistakes]
-        raise ScenarioError(mistakes) from error
 
 
 def _of_table(
     file: str, scenario: Scenario, inputs: Sequence[Input], markers: tuple[Marker, ...]
 ) -> ExperimentRecord:
     axes = scenario.arm.dimension
-    columns = [_column(name, "rad" if name == "angle" else "m") for name in POSE[axes][:axes]]
-    columns += [_column(name, "rad" if axes == 2 else "1") for name in POSE[axes][axes:]]
+    columns = [column_of(name, "rad" if name == "angle" else "m") for name in POSE[axes][:axes]]
+    columns += [column_of(name, "rad" if axes == 2 else "1") for name in POSE[axes][axes:]]
     labels = None
     with read_dataset(file) as dataset:
         there = [str(name) for name in dataset.variables]
@@ -158,15 +145,10 @@ def _of_table(
     order = np.argsort(time, kind="stable")
     values = np.concatenate([motion.values for motion in motions])[order]
     of_row = np.repeat(list(tracks.values()), [motion.time.size for motion in motions])[order]
-    driven = [_column(each.name, each.unit) for each in inputs]
+    driven = [column_of(each.name, each.unit) for each in inputs]
     played = [column for column in driven if column.name in there]
-    commands, parts = None, read(played) if played else []
-    if played:
-        times, first_row = np.unique(np.concatenate([p.time for p in parts]), return_index=True)
-        of_inputs = np.zeros((times.size, len(inputs)))
-        at = [driven.index(column) for column in played]
-        of_inputs[:, at] = np.concatenate([part.values for part in parts])[first_row]
-        commands = Commands(times, of_inputs)
+    parts = read(played) if played else []
+    commands = Commands.of(parts, [driven.index(column) for column in played], len(inputs))
     names = tuple(column.name for column in measured)
     notes = tuple(dict.fromkeys(note for each in (*motions, *parts) for note in each.notes))
     read_ones = {MARKER, str(first.name), *names, *(column.name for column in played)}
@@ -237,12 +219,6 @@ def _after_start(record: ExperimentRecord) -> ExperimentRecord:
     return replace(record.rows(after), notes=(*record.notes, note))
 
 
-def _column(name: str, unit: str) -> Column:
-    known = {"m": (length_factor, "m"), "rad": (angle_factor, "degrees")}
-    factor, written = known.get(unit, ({unit: 1.0}.get, unit))
-    return Column(name, name, factor, written, _LARGEST)
-
-
 def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> ExperimentRecord:
     """Return the readings of the tip in a result, at the times of their measurement."""
     result = Result.load(folder)
@@ -253,37 +229,13 @@ def _of_result(folder: Path, scenario: Scenario, inputs: Sequence[Input]) -> Exp
     scenario = result.scenario
     columns = {str(name): row for row, name in enumerate(data["reading"].values)}
     names = tuple(name for name in POSE[axes] if f"tip.{name}" in columns)
-    time, step = data["time"].values, scenario.simulation.time_step
-    period = 1 / scenario.sensor_rate_hz
-    # a sample is taken at the first time step at or after a tick
-    ticks = np.arange(int(time[-1] / period + 2)) * period
-    samples = step * np.ceil(ticks / step - 1e-6)
-    newest = np.searchsorted(samples, time - max(step, scenario.sensor.delay) + 1e-6 * step) - 1
-    rows = np.flatnonzero(newest >= 0)
-    times, first = np.unique(samples[newest[rows]], return_index=True)
+    times, rows = sampled(data, scenario, scenario.sensor)
     if times.size < 2:
         text = f"{folder}: the run has {times.size} readings of the tip; must have at least 2"
         raise ScenarioError.of("file", text)
-    readings = data["sensor_reading"].values[rows[first]]
+    readings = data["sensor_reading"].values[rows]
     values = readings[:, [columns[f"tip.{name}"] for name in names]]
-    return ExperimentRecord(times, names, values, _commands(result, step, inputs))
-
-
-def _commands(result: Result, step: float, inputs: Sequence[Input]) -> Commands | None:
-    data = result.dataset
-    if result.scenario.control.kind == "none":
-        return None
-    rows = _by_name(data, "base_command", "channel")
-    if "actuator_command" in data:
-        rows |= _by_name(data, "actuator_command", "input")
-    none = np.zeros(data.sizes["time"])
-    values = np.stack([rows.get(each.name, none) for each in inputs], axis=1)
-    # a result has the command of a time step at its end
-    return Commands(data["time"].values - step, values)
-
-
-def _by_name(data: xr.Dataset, variable: str, dim: str) -> dict[str, np.ndarray]:
-    return dict(zip(map(str, data[dim].values), data[variable].values.T, strict=True))
+    return ExperimentRecord(times, names, values, commands_of(result, inputs))
 
 
 def within_reach(

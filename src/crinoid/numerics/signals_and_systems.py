@@ -192,6 +192,42 @@ def balanced(
     return Reduced(left @ A @ right, left @ B, C @ right, left, right, values)
 
 
+_SETTLED = 100
+"""Steps over which the response to inputs is summed."""
+_GROWN = 1e12
+"""Response of an unstable system that is not followed further."""
+_UNMOVED = 1e-9
+"""Motion of a state over the largest below which it is round-off."""
+
+
+def balanced_by_reach(
+    A: Matrix, B: Matrix, C: Matrix, *, share: float, most: int, discount: float = 1.0
+) -> tuple[Reduced, Float[np.ndarray, " y"]]:
+    """Reduce a model in any units by `balanced`; return it with the scale of each output.
+
+    Outputs are scaled by the root sum of squares of their response to the inputs, states by theirs:
+    round-off is as small for each. Scale the inputs so that their largest values are 1. The reduced
+    model is in the units of the given one.
+    """
+    parts = [B]
+    while len(parts) <= _SETTLED and np.abs(parts[-1]).max(initial=0.0) < _GROWN:
+        parts.append(A @ parts[-1])
+    reach = np.hstack(parts)  # the controllability matrix
+    scale, unit = (np.sqrt(np.sum(each**2, axis=1)) for each in (C @ reach, reach))
+    scale[scale <= 0] = 1.0
+    unit[unit <= _UNMOVED * unit.max()] = 1.0
+    found = balanced(
+        A * unit / unit[:, None],
+        B / unit[:, None],
+        C * unit / scale[:, None],
+        share=share,
+        most=most,
+        discount=discount,
+    )
+    left, right = found.left / unit, unit[:, None] * found.right
+    return found._replace(C=scale[:, None] * found.C, left=left, right=right), scale
+
+
 def _gramian(A: Matrix, B: Matrix) -> Matrix:
     """Return the sum of ``A^k B B^T A^kT`` by doubling the number of terms (Smith 1968)."""
     total = B @ B.T

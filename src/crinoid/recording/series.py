@@ -136,12 +136,15 @@ def read_series(
     columns: list[Column],
     skip: float,
     only: tuple[str, str] | None = None,
+    *,
+    gaps: bool = False,
 ) -> Series:
     """Read columns of a CSV or netCDF file.
 
     Times that are numbers are those of the run, dates count from the first one; ``skip`` is the
-    time of the file when the run begins. Rows with a missing value are omitted. With ``only``, a
-    column and a label in it, other rows do not count.
+    time of the file when the run begins. Rows with a missing value are omitted, or only those
+    without any value where ``gaps`` may stay. With ``only``, a column and a label in it, other rows
+    do not count.
     """
     with read_dataset(file) as dataset:
         remarks: list[str] = [*dataset.attrs.get(REMARKS, ())]
@@ -159,9 +162,10 @@ def read_series(
         start = numbers_of(clock, "time_column", "times")[0]
         time += float(start - since) * (time_factor(units) or 1)
         values = values_in(dataset, columns, clock, file, remarks)
-    there = np.isfinite(values).all(axis=1)
+    there = (np.any if gaps else np.all)(np.isfinite(values), axis=1)
     if there.sum() < 2:
-        text = f"{short(file)} has {counted(int(there.sum()), 'row')} without a missing value"
+        which = "with a value" if gaps else "without a missing value"
+        text = f"{short(file)} has {counted(int(there.sum()), 'row')} {which}"
         raise refusal("file", text, "have at least 2")
     time, values, lacking = time[there], values[there], int((~there).sum())
     if lacking:
@@ -184,25 +188,29 @@ def read_series(
 def series_readers(scenario: Scenario) -> dict[str, Callable[[], Series]]:
     """Return a reader of each series that a scenario names, by the key of its table."""
     duration, axes = scenario.simulation.duration, AXES[scenario.arm.dimension]
-    readers: dict[str, Callable[[], Series]] = {
-        f"base.motion.{index}": lambda motion=motion: _motion(motion, duration)
-        for index, motion in enumerate(scenario.base.motion)
-        if isinstance(motion, FileMotion)
-    }
+    readers: dict[str, Callable[[], Series]] = {}
     for index, motion in enumerate(scenario.base.motion):
-        if isinstance(motion, VesselMotion):
-            readers[f"base.motion.{index}"] = lambda motion=motion: _vessel(motion, scenario)
+        match motion:
+            case FileMotion():
+                readers[f"base.motion.{index}"] = lambda motion=motion: _motion(motion, duration)
+            case VesselMotion():
+                readers[f"base.motion.{index}"] = lambda motion=motion: _vessel(motion, scenario)
     if scenario.target.path == "file":
         readers["target"] = lambda: _path(scenario.target, axes, duration)
     return readers
 
 
 def _motion(motion: FileMotion, duration: float) -> Series:
-    name = motion.value_column or motion.channel
-    column = Column("value_column", name, length_factor, "m", _SHIFT)
-    if motion.channel in ANGLES:
-        column = Column("value_column", name, angle_factor, "degrees", _TURNS, wraps=True)
+    name, turns = motion.value_column or motion.channel, motion.channel in ANGLES
+    column = _displacement("value_column", name, turns=turns)
     return _whole(read_series(motion.file, motion.time_column, [column], motion.skip), duration)
+
+
+def _displacement(key: str, name: str, *, turns: bool) -> Column:
+    """Return a column of turns or of shifts."""
+    if turns:
+        return Column(key, name, angle_factor, "degrees", _TURNS, wraps=True)
+    return Column(key, name, length_factor, "m", _SHIFT)
 
 
 def _whole(series: Series, duration: float) -> Series:
@@ -224,13 +232,8 @@ def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
         signs[name] = 0.0 if given == "0" else -1.0 if given.startswith("-") else 1.0
         if not signs[name]:
             continue
-        key, column = f"columns.{name}", given.removeprefix("-")
-        shift = name in ("surge", "sway", "heave")
-        columns.append(
-            Column(key, column, length_factor, "m", _SHIFT)
-            if shift
-            else Column(key, column, angle_factor, "degrees", _TURNS, wraps=True)
-        )
+        turns = name not in ("surge", "sway", "heave")
+        columns.append(_displacement(f"columns.{name}", given.removeprefix("-"), turns=turns))
     if not columns:
         raise refusal("columns", "every motion is 0", "name a column")
     series = read_series(motion.file, motion.time_column, columns, motion.skip)
@@ -241,8 +244,9 @@ def _vessel(motion: VesselMotion, scenario: Scenario) -> Series:
         moved[name] = moved[name] - np.interp(0.0, series.time, moved[name])
     values = vessel_motion(moved, motion.offset, base.angles)
     if axes == 3 and not np.isfinite(values).all():
-        text = f"the arm points {np.rad2deg(base.angles[1]):.0f} degrees up while the vessel turns"
-        raise refusal("columns", text, "point less steeply in space", 'Set roll and yaw to "0".')
+        text = f"the arm has a tilt of {np.rad2deg(base.angles[1]):.0f} degrees while the vessel "
+        hint = 'Or set roll to "0", and yaw to "0" or base.pan_deg to 0.'
+        raise refusal("columns", f"{text}rolls or pitches", "point less steeply in space", hint)
     return replace(series, values=values)
 
 

@@ -1,5 +1,6 @@
 """Motion of the arm's root on a vessel that shifts and turns."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -31,7 +32,7 @@ def vessel_motion(
     -------
     array
         NaN where the root points so steeply that pan and roll are not defined, while the vessel
-        turns about more than one axis.
+        rolls, or pitches about another axis than that of the arm's tilt.
     """
     pitch = moved["pitch"]
     if len(offset) == 2:
@@ -54,7 +55,9 @@ def _turned(
         return turns  # about the axis of pan, or that of tilt, alone
     signs = np.array([1.0, -1.0, 1.0])
     whole = vessel * Rotation.from_euler("ZYX", angles * signs)
-    first = whole.as_euler("ZYX") * signs
+    with warnings.catch_warnings():  # of angles that are not defined, which are nan below
+        warnings.simplefilter("ignore")
+        first = whole.as_euler("ZYX") * signs
     # of the two triples of angles for one attitude, the one that the set pose belongs to
     if np.cos(angles[1]) < 0:
         first = np.stack([first[:, 0] + np.pi, np.pi - first[:, 1], first[:, 2] + np.pi], axis=1)

@@ -110,6 +110,18 @@ class Instants:
         direction = self.kept.tip[:, 3:]
         return np.arctan2(direction[:, 2], np.hypot(direction[:, 0], direction[:, 1]))
 
+    def estimated_tip(self, part: str) -> Float[np.ndarray, "time pose"]:
+        """Return the estimated pose of the tip (m, rad, 1), or its ``"std"``.
+
+        The angle of a planar one is in the turn of the true one.
+        """
+        assert self.kept.estimate is not None
+        found = np.array(getattr(self.kept.estimate.tip, part))
+        if part == "value" and self.dimension == 2:
+            off = found[:, 2] - self.angle
+            found[:, 2] -= 2 * np.pi * np.round(off / (2 * np.pi))
+        return found
+
     @property
     def tip_error(self) -> Series:
         """Distance of the tip from where it should be (m)."""
@@ -141,6 +153,9 @@ def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> 
         "vortices": kept.vortices,
         "self": kept.self_touch,
         "vehicle": kept.vehicle,
+        "estimate": kept.estimate,
+        "shape": kept.estimate and kept.estimate.position,
+        "current": kept.estimate and kept.estimate.flow_velocity,
     }
     without = [name for name, found in missing.items() if found is None]
     there = of_dimension(count, without=without)

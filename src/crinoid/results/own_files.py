@@ -40,8 +40,10 @@ _MARKS: dict[str, tuple[bytes, int | None]] = {
     ".mcap": (b"crinoid_version", None),
     ".usda": (b"crinoid_version", 2000),
     ".onnx": (_PRODUCED, 2 + len(_PRODUCED)),
+    ".fmu": (b'author="crinoid"', None),
     ".mp4": (MADE.encode(), None),
     ".gif": (MADE.encode(), None),
+    **dict.fromkeys((".npz", ".mat"), (b"crinoid_version", None)),
 }
 """Mark of crinoid by ending, and the number of bytes that it is within; None: anywhere."""
 

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
 
 from crinoid.actuation import Input
+from crinoid.control import Estimate
 from crinoid.dynamics import LengthControlledThreads, SelfTouch, Touch, VehicleOutput
 from crinoid.elements import VortexForces
 from crinoid.foundation.result_variables import Content, quantity
@@ -65,6 +66,10 @@ class Record(eqx.Module):
     """Contact of the arm with itself."""
     vehicle: VehicleOutput | None = None
     """Pose and thrusters of a submarine that floats."""
+    estimate: Estimate | None = None
+    """Estimate of an observer at the newest command, in the world; nan before the first one."""
+    estimate_time: Float[Array, "*t"] | None = None
+    """Time of that command (s)."""
     held: Float[Array, "*t"] | None = None
     """1 where the tip has its tool, 0 where not."""
 

@@ -21,7 +21,13 @@ from crinoid.foundation.result_variables import of_dimension
 from crinoid.foundation.status import Status
 from crinoid.foundation.version import __version__
 from crinoid.results.chunks import piece_length, pieces
-from crinoid.results.stream import is_stream, open_lazily, read_checkpoint, remove_checkpoints
+from crinoid.results.stream import (
+    check_size,
+    is_stream,
+    open_lazily,
+    read_checkpoint,
+    remove_checkpoints,
+)
 from crinoid.scenario import Scenario
 
 RESULT = "result.nc"
@@ -251,6 +257,7 @@ def _read(path: Path, lazily: bool) -> Result:
             checkpoint = read_checkpoint(path, dataset)
         else:
             with xr.open_dataset(path, engine="netcdf4", group=_CHECKPOINT) as leaves:
+                check_size(leaves, path)
                 checkpoint = {str(name): leaf.values for name, leaf in leaves.data_vars.items()}
     except FileNotFoundError:
         raise ResultError(f"{path}: no such result") from None

@@ -30,6 +30,8 @@ _BLOCK = 1 << 22
 """Bytes that are read at once."""
 _LARGE = {"node", "edge"}
 """Dimensions that make a variable over time stay in the file until it is used."""
+_DEFLATED = 1032
+"""Largest ratio of the bytes of a variable to those in its file (zlib, "Maximum Compression")."""
 
 
 class Stream:
@@ -184,7 +186,11 @@ def open_lazily(path: Path) -> xr.Dataset:
             file.set_auto_mask(False)
             return np.asarray(file[name][key])
 
-    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+    # indexes would be read before their sizes are known
+    with xr.open_dataset(
+        path, engine="netcdf4", decode_times=False, create_default_indexes=False
+    ) as stored:
+        check_size(stored, path)
         found: dict[str, Any] = {}
         for name, variable in stored.variables.items():
             if "time" in variable.dims and _LARGE & set(variable.dims):
@@ -194,6 +200,12 @@ def open_lazily(path: Path) -> xr.Dataset:
             else:
                 found[str(name)] = variable.load()
         return _with_coordinates(stored, found)
+
+
+def check_size(stored: xr.Dataset, path: Path) -> None:
+    """Refuse a file whose variables are larger than it can hold, before any is read."""
+    if stored.nbytes > _DEFLATED * path.stat().st_size:
+        raise ValueError(f"its variables have {stored.nbytes} bytes, more than it can hold")
 
 
 def is_stream(path: Path) -> bool:

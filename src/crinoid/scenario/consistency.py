@@ -293,8 +293,9 @@ def _output_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     """Yield variables that do not exist, and an interval that does not fit the time steps."""
     simulation, dimension = scenario.simulation, scenario.arm.dimension
     for index, name in enumerate(scenario.output.variables or ()):
-        lacks = {"vortices": not scenario.water.vortices, "self": not scenario.contact.self_}
-        without = [name for name, lacking in lacks.items() if lacking]
+        without = {"vortices"} if scenario.water.vortices is None else set()
+        without |= set() if scenario.control.observes else {"estimate"}
+        without |= set() if scenario.contact.self_ else {"self"}
         if name not in of_dimension(dimension, without=without):
             must = f"be {one_of(large_names(dimension, without=without))}"
             yield scenario.mistake(f"output.variables.{index}", must)

@@ -237,6 +237,12 @@ class Control(Model):
         """The table of the chosen kind."""
         return getattr(self, self.kind)
 
+    @property
+    def observes(self) -> bool:
+        """Whether results can have the estimate of an observer, as those of a package's kind."""
+        scheduled = self.kind == "mpc" and self.mpc.model == "scheduled"
+        return self.kind not in ("none", "pid", "hybrid", "neural") and not scheduled
+
     def _conflicts(self) -> Iterator[Mistake]:
         if len(set(self.controlled)) < len(self.controlled):
             yield self.mistake("controlled", "have each coordinate once")

@@ -49,6 +49,12 @@ def named_files(document: dict[str, Any]) -> list[str]:
     return list(dict.fromkeys(holder[key] for holder, key in _places(document)))
 
 
+def rename_files(document: dict[str, Any], names: Mapping[str, str]) -> None:
+    """Replace the names of files in a document, in place."""
+    for holder, key in _places(document):
+        holder[key] = names[holder[key]]
+
+
 def digests(document: dict[str, Any]) -> dict[str, str]:
     """Return the SHA-256 digest of each file that a document names, if it can be read."""
     found = {}

@@ -32,7 +32,7 @@ class Model(BaseModel):
         try:
             super().__init__(**data)
         except ValidationError as error:
-            properties = _properties(type(self))
+            properties = properties_of(type(self))
             found = (
                 mistake
                 for detail in error.errors(include_url=False)
@@ -55,7 +55,7 @@ class Model(BaseModel):
         say = partial(got, value, hint=hint)
         if must:
             return Mistake(name, say(must))
-        return _refused(name, _properties(type(self))[name], say)
+        return _refused(name, properties_of(type(self))[name], say)
 
     def _conflicts(self) -> Iterator[Mistake]:
         """Yield the mistakes between keys that are valid alone."""
@@ -70,11 +70,11 @@ def entry(default: _Value, description: str, **rules: Any) -> _Value:
 
 def unknown_key(table: type[Model], name: str) -> Mistake:
     """Return the mistake for a key that a table does not have."""
-    return _unknown(name, _properties(table))
+    return _unknown(name, properties_of(table))
 
 
 @cache
-def _properties(table: type[Model]) -> Schema:
+def properties_of(table: type[Model]) -> Schema:
     """Return the JSON schema of each key; it needs far more time than the table."""
     return dict(table.model_json_schema()["properties"])
 

@@ -109,7 +109,7 @@ class Scenario(Model):
         except ScenarioError as error:
             arm = data.get("arm")
             given = arm if isinstance(arm, Mapping) else dict(arm) if isinstance(arm, Arm) else {}
-            dimension = given.get("dimension", 2)
+            dimension = 3 if given.get("dimension") == 3 else 2  # it may be the mistake
             worded = (mistake.in_dimension(dimension) for mistake in error.mistakes)
             raise ScenarioError(
                 with_places(mistake, scenario_schema()) for mistake in worded

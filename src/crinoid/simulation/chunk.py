@@ -31,6 +31,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         for sensor, samples in zip(loop.sensors, carry.sensors, strict=True)
     ]
     spatial = state.frames is not None
+    estimate, estimate_time = loop.estimate(carry)
     return Record(
         time=state.time,
         position=state.position[1:],
@@ -64,6 +65,8 @@ def record(loop: Loop, carry: LoopState) -> Record:
         vortices=remembered.vortex_forces(state.motion),
         self_touch=system.forces.self_touch(state.motion, state.self_gap),
         vehicle=system.vehicle_output(state),
+        estimate=estimate,
+        estimate_time=estimate_time,
         held=tool_factor(system.forces, state.grip, state.time),
     )
 

@@ -23,7 +23,7 @@ from crinoid.scenario import Mistake, Scenario, ScenarioError, one_of
 from crinoid.scenario.errors import got
 from crinoid.simulation.loop import Loop
 
-__all__ = ["ExternalCommand", "ExternalSignals"]
+__all__ = ["ExternalCommand", "ExternalSignals", "moved_channels"]
 
 Time = Float[Array, ""]
 
@@ -87,6 +87,12 @@ class ExternalMotion(BaseMotion):
         return self.values[before] + share * rise + share * (1 - share) * bend
 
 
+def moved_channels(scenario: Scenario) -> tuple[str, ...]:
+    """Return the channels of the base that the arm feels: a pinned root turns freely."""
+    names = CHANNELS[scenario.arm.dimension]
+    return names[:-1] if len(names) == 3 and scenario.base.mount == "pinned" else names
+
+
 _KINDS = ("current", "base")
 Displacement = float | tuple[float, float]
 
@@ -102,12 +108,13 @@ class ExternalSignals:
         for kind in given:
             if kind not in _KINDS:
                 raise ScenarioError([Mistake("external", got(kind, f"be {one_of(_KINDS)}"))])
-        self._kinds = tuple(kind for kind in _KINDS if kind in given)
+        self.kinds = tuple(kind for kind in _KINDS if kind in given)
+        """What comes from outside."""
         if "base" in given and scenario.vehicle is not None:
             text = got("base", "be left out with a table vehicle", "A vehicle floats.")
             raise ScenarioError([Mistake("external", text)])
         axes, period = scenario.arm.dimension, 1 / scenario.control_rate_hz
-        self._channels = CHANNELS[axes]
+        self._channels = moved_channels(scenario)
         # readings of the past count from where the base was then
         sensors = (scenario.sensor, *scenario.sensors)
         oldest = max(each.delay + 1 / scenario.rate_hz(each.rate_hz) for each in sensors)
@@ -120,7 +127,7 @@ class ExternalSignals:
     @property
     def flows(self) -> tuple[ExternalCurrent, ...]:
         """The current, if it comes from outside."""
-        if "current" not in self._kinds:
+        if "current" not in self.kinds:
             return ()
         numbers = self._begin, self._velocity, self._acceleration, self._moved
         return (ExternalCurrent(Onset.of(), *map(array, numbers)),)
@@ -128,7 +135,7 @@ class ExternalSignals:
     @property
     def motions(self) -> tuple[ExternalMotion, ...]:
         """The motion of each channel of the base, if they come from outside."""
-        if "base" not in self._kinds:
+        if "base" not in self.kinds:
             return ()
         columns = zip(self._values.T, self._rates.T, strict=True)
         return tuple(
@@ -151,6 +158,8 @@ class ExternalSignals:
             If a value is not finite, has another shape, or does not come from outside.
         """
         moved, values, rates = self._checked(begin, end, current, base)
+        # before the first command all are still
+        self._times = self._times + max(0.0, begin - self._times[-1])
         since = begin - self._begin
         self._moved = self._moved + since * (self._velocity + 0.5 * since * self._acceleration)
         self._velocity = self._velocity + since * self._acceleration
@@ -175,7 +184,7 @@ class ExternalSignals:
         """Return the numbers as text, for `from_json` of signals of the same kinds."""
         numbers = {name: value for name, value in vars(self).items() if name in _NUMBERS}
         kept = {name: np.asarray(value).tolist() for name, value in numbers.items()}
-        return json.dumps({"kinds": self._kinds, **kept})
+        return json.dumps({"kinds": self.kinds, **kept})
 
     def from_json(self, text: str) -> None:
         """Set the numbers from text of `to_json`.
@@ -191,7 +200,7 @@ class ExternalSignals:
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError("no signals from outside") from error
         alike = all(read[name].shape == np.shape(getattr(self, name)) for name in _NUMBERS)
-        if not alike or found.get("kinds") != list(self._kinds):
+        if not alike or found.get("kinds") != list(self.kinds):
             raise ValueError("signals of other kinds")
         vars(self).update(read)
 
@@ -204,7 +213,7 @@ class ExternalSignals:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         sources: tuple[tuple[str, Any], ...] = (("current", current), ("base", base))
         for kind, source in sources:
-            if source is not None and kind not in self._kinds:
+            if source is not None and kind not in self.kinds:
                 raise ValueError(f"{kind}: got {source}; must be named in external of the session")
         water = self._velocity + (begin - self._begin) * self._acceleration
         if current is not None:

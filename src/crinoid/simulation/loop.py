@@ -18,6 +18,7 @@ from crinoid.control import (
     Clock,
     Controller,
     ControllerInput,
+    Estimate,
     FeedForward,
     Reading,
     Sensor,
@@ -96,7 +97,7 @@ class Loop(eqx.Module):
         )
         command = jnp.zeros(len(self.system.inputs))
         seen = self.seen(state, sensors, command)
-        check_controller(self.controller, seen, self.system.inputs)
+        check_controller(self.controller, seen, self.system.inputs, self.system.reference.nodes)
         return LoopState(
             state,
             EnergyAccount.of(self.system.forces, state),
@@ -152,6 +153,21 @@ class Loop(eqx.Module):
                 for sensor, reading in zip(self.sensors[1:], others, strict=True)
             },
         )
+
+    def estimate(self, carry: LoopState) -> tuple[Estimate | None, Float[Array, ""] | None]:
+        """Return the estimate of an observer in the world, and the time of its command (s).
+
+        None without an observer, nan before the first command.
+        """
+        found = self.controller.estimate(carry.memory)
+        if found is None:
+            return None, None
+        step, carrier = self.system.time_step, self.target.carrier
+        time = self.command_step(carry.ticks - 1) * step
+        if carrier is not None:
+            found = found.in_world(carrier, time)
+        given = carry.ticks > 0
+        return jax.tree.map(lambda each: jnp.where(given, each, jnp.nan), (found, time))
 
     def command_step(self, earlier: Int[Array, ""]) -> Int[Array, ""]:
         """Return the time step before which the command after ``earlier`` ones is given."""

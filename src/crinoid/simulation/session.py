@@ -20,10 +20,12 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.assembly.threads import ActuatorParameters
 from crinoid.compilation import OFTEN, compiled
 from crinoid.control import ControllerInput, Sensor
+from crinoid.diagnostics.control_loop import loop_notes
 from crinoid.elements import Element
 from crinoid.flow import Flow
 from crinoid.foundation.atomic_file import FilePath
 from crinoid.results.chunks import join
+from crinoid.results.dataset import chosen
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError, counted, one_of
 from crinoid.scenario.errors import got, refusal
@@ -32,12 +34,12 @@ from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
 from crinoid.simulation.external import ExternalCommand, ExternalSignals, numbers
 from crinoid.simulation.loop import Loop, LoopState
-from crinoid.simulation.run import SimulationError, begin, with_loop_notes
+from crinoid.simulation.run import SimulationError, begin
 from crinoid.simulation.setup import set_up
-from crinoid.simulation.sink import Sink, resume_state
+from crinoid.simulation.sink import Sink, require_space, resume_state
 from crinoid.simulation.stepped_run import SteppedRun
 
-Command = ArrayLike | Mapping[str, Any]
+CommandLike = ArrayLike | Mapping[str, Any]
 """Commands in the order of the inputs, or by name."""
 _ATTRIBUTE = "external"
 """Attribute of a result with the last values from outside, to continue from."""
@@ -88,7 +90,10 @@ class Session(SteppedRun):
     ResultError
         If the result cannot be read, or has no state to continue from.
     SimulationError
-        If the arm has no equilibrium to start from.
+        If the arm has no equilibrium to start from, or a time step before the first command could
+        not be solved.
+    ValueError
+        If the scenario describes several cases.
     """
 
     def __init__(
@@ -107,13 +112,13 @@ class Session(SteppedRun):
         given = scenario_of(scenario)
         if seed is not None:
             given = given.with_values({"seed": seed})
+        require_space(given, None)
         self.paced = paced
         self._origin: float | None = None
         """Wall-clock time of the start of the simulation (s); None while it pauses."""
         self._delays: list[float] = []
         self._spent = 0.0
-        self._kinds = tuple(external) if not isinstance(external, str) else (external,)
-        signals = ExternalSignals(self._kinds, given)
+        self._signals = signals = ExternalSignals(external, given)
         parts = Parts(
             lambda plan: ExternalCommand(array(np.zeros(len(plan.inputs)))),
             tuple(elements),
@@ -176,13 +181,19 @@ class Session(SteppedRun):
         self.pause()
 
     def reset(self) -> ControllerInput:
-        """Return to the start; return what a controller sees at its first command."""
+        """Return to the start; return what a controller sees at its first command.
+
+        Raises
+        ------
+        SimulationError
+            If a time step before the first command could not be solved.
+        """
         self._start()
         return self._go_to_command()
 
     def step(
         self,
-        command: Command,
+        command: CommandLike,
         *,
         current: Sequence[float] | None = None,
         base: Mapping[str, float | tuple[float, float]] | None = None,
@@ -212,19 +223,15 @@ class Session(SteppedRun):
         """
         if self.ended:
             raise RuntimeError(f"the session has ended: {self.ended}. Call reset().")
-        given, started, before = self._checked(command), time.perf_counter(), self.time
+        given, before = self._checked(command), self.time
         if self._origin is None:
-            self._origin = started - before
+            self._origin = time.perf_counter() - before
         self._signals.advance(before, self.next_time, current, base)
         loop = replace(self.loop, controller=ExternalCommand(array(given)))
         self.loop = self._signals.fed(loop)
         seen = self._go_to(min(self._next, self.scenario.simulation.steps))
-        now = time.perf_counter()
-        self._spent += now - started
-        if self.failed is not None:
-            raise SimulationError(self.result())
         if self.paced:
-            self._delays.append(now - self._origin - self.time)
+            self._delays.append(time.perf_counter() - self._origin - self.time)
             time.sleep(max(0.0, -self._delays[-1]))
         return seen
 
@@ -249,11 +256,13 @@ class Session(SteppedRun):
             last = dataset_builder(setup)(one_instant(self.record()), angle)
             dataset = join([dataset, last])
         found = conclude(setup, self.state, dataset, trouble, self.failed, self._spent)
-        found = with_loop_notes(found)
+        notes = [*found.notes, *loop_notes(found)]
         if late := self.late.late:
             text = f"{late} of {counted(self.late.steps, 'paced step')} ended late"
-            notes = [*found.notes, f"{text}, by at most {1e3 * self.late.largest:.3g} ms"]
-            found.dataset.attrs["notes"] = "\n".join(notes)
+            notes.append(f"{text}, by at most {1e3 * self.late.largest:.3g} ms")
+        found.dataset.attrs["notes"] = "\n".join(notes)
+        if self.ended:  # else it may be continued, which needs all variables
+            found.dataset = chosen(found.dataset, self.scenario.output.variables)
         found.dataset.attrs[_ATTRIBUTE] = self._signals.to_json()
         return found
 
@@ -262,7 +271,7 @@ class Session(SteppedRun):
         self.state, first = begin(self.loop, self._setup.state)
         build = dataset_builder(self._setup)
         self._sink = Sink(one_instant(first), build, None)
-        self._signals = ExternalSignals(self._kinds, self.scenario)
+        self._signals = ExternalSignals(self._signals.kinds, self.scenario)
         self._origin, self._delays, self._spent = None, [], 0.0
 
     def _go_to_command(self) -> ControllerInput:
@@ -272,15 +281,19 @@ class Session(SteppedRun):
 
     def _go_to(self, end: int) -> ControllerInput:
         """Advance to a time step; return what a controller sees."""
+        started = time.perf_counter()
         while self.steps < end and self.failed is None:
             if (some := self.advance_to(end)) is not None:
                 self._sink.append(some)
         found, _, following = _see(self.loop, self.state)
         self._next = int(following)
         self.seen = jax.tree.map(np.asarray, found)
+        self._spent += time.perf_counter() - started
+        if self.failed is not None:
+            raise SimulationError(self.result())
         return self.seen
 
-    def _checked(self, command: Command) -> Float[np.ndarray, " input"]:
+    def _checked(self, command: CommandLike) -> Float[np.ndarray, " input"]:
         """Return a command as numbers, or refuse it."""
         names = [each.name for each in self.inputs]
         if isinstance(command, Mapping):

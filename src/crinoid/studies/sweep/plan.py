@@ -25,6 +25,9 @@ _SAMPLE = "\0sample"
 """Key that represents all keys that are sampled together."""
 _FIXED = ("simulation", "output")
 """Tables whose numbers change the compiled programs."""
+_NUMBERS = dict.fromkeys(("count", "seeds", "batch"), int)
+_KINDS = {"sampling": str, **_NUMBERS, **dict.fromkeys(("files", "varied", "scenario"), dict)}
+"""Keys of the file of a plan, and the types of their values."""
 
 
 class Batch(NamedTuple):
@@ -83,8 +86,7 @@ class SweepDesign:
         _check(found, sampling, count, seeds, batch)
         read = digests({**alone.to_dict(), "vary": found})
         plan = SweepDesign(alone, found, sampling, count or 1, seeds, files=read)
-        if plan.runs > MOST_RUNS:
-            raise refusal("--vary", f"makes {plan.runs} runs; must make at most {MOST_RUNS}")
+        plan._check_runs()
         size = min(_MOST_IN_A_BATCH, -(-plan.runs // _MOST_BATCHES))
         return replace(plan, batch=batch or size)
 
@@ -204,11 +206,25 @@ class SweepDesign:
         version = found.pop("version", None)
         if version != __version__:
             raise refusal("version", got(version, f"be {shown(__version__)}"))
+        for name, kind in _KINDS.items():
+            if type(found.get(name)) is not kind:
+                raise refusal(name, got(found.get(name), f"be of type {kind.__name__}"))
         varied = {
             key: read_variation(f"{key}={values}")[1] if isinstance(values, str) else values
             for key, values in found.pop("varied").items()
         }
-        return SweepDesign(Scenario.from_dict(found.pop("scenario")), varied, **found)
+        for key, values in varied.items():
+            if not values or not isinstance(values, (Span, list)):
+                raise refusal(f"varied.{key}", got(values, "be a list of values"))
+        plan = SweepDesign(Scenario.from_dict(found.pop("scenario")), varied, **found)
+        count = None if plan.sampling == "grid" else plan.count
+        _check(varied, plan.sampling, count, plan.seeds, plan.batch)
+        plan._check_runs()
+        return plan
+
+    def _check_runs(self) -> None:
+        if self.runs > MOST_RUNS:
+            raise refusal("--vary", f"makes {self.runs} runs; must make at most {MOST_RUNS}")
 
     @cached_property
     def _spans(self) -> dict[str, Span]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-import netCDF4
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -38,14 +37,19 @@ def _numbered(runs: Int[np.ndarray, " run"]) -> tuple[str, np.ndarray, dict[str,
     return "run", runs, {"long_name": "number of the run"}
 
 
+def _tables(
+    part: xr.Dataset, registry: Iterable[str]
+) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, str]]:
+    """Return measures and status of each run of a batch, its effort, and the units of inputs."""
+    units = dict(zip(part["input"].values, part["input_unit"].values, strict=True))
+    return part[[*registry, "status"]].to_dataframe(), part["effort"].to_pandas(), units
+
+
 def _assemble(plan: SweepDesign, parts: Iterator[xr.Dataset]) -> xr.Dataset:
     """Return all runs of a plan in order, with their values, from the datasets of its batches."""
-    tables, speeds, registry = [], [], measures_of(plan.scenario)
-    units: dict[str, str] = {}
-    for part in parts:
-        tables.append(part[[*registry, "status"]].to_dataframe())
-        speeds.append(part["effort"].to_pandas())
-        units |= dict(zip(part["input"].values, part["input_unit"].values, strict=True))
+    registry = measures_of(plan.scenario)
+    tables, speeds, of_inputs = zip(*(_tables(part, registry) for part in parts), strict=True)
+    units = {name: unit for found in of_inputs for name, unit in found.items()}
     table, speed = pd.concat(tables).sort_index(), pd.concat(speeds).sort_index()
     inputs = sorted(units, key=lambda name: (speed[name].first_valid_index(), name))
     data = measures_dataset(
@@ -104,7 +108,7 @@ class SweepStore:
         except ScenarioError as error:
             text = error.lines[0]
         except (UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
-            text = f"not the plan of a sweep ({error})"
+            text = f"not the plan of a sweep ({' '.join(str(error).split())})"
         raise refusal(str(path), text)
 
     def start(self, plan: SweepDesign) -> None:
@@ -126,10 +130,13 @@ class SweepStore:
 
     def finished(self, plan: SweepDesign) -> set[int]:
         """Return the numbers of the batches whose files are complete and of these runs."""
-        found = set()
+        found, registry = set(), measures_of(plan.scenario)
         for number, batch in enumerate(plan.batches):
-            with suppress(OSError, IndexError), netCDF4.Dataset(self._path(number)) as file:
-                if np.array_equal(file["run"][:], batch.runs):
+            with suppress(Exception):  # a file that is damaged makes its readers raise anything
+                part = xr.load_dataset(self._path(number), engine="netcdf4")
+                table, effort, _ = _tables(part, registry)
+                kinds = {each.kind for each in (*table[[*registry]].dtypes, *effort.dtypes)}
+                if np.array_equal(table.index, batch.runs) and kinds <= {"f"}:
                     found.add(number)
         return found
 

@@ -19,7 +19,7 @@ def write_report(
     its seeds, and a page of all. Each file of another command gives its figures: that of a current
     (``flow.nc``), a record (``record.nc``), modes (``modes.nc``), equilibria (``curve.nc``), a
     comparison (``compare.nc``), margins (``margins.nc``), a search (``tune.nc``, ``identify.nc``,
-    ``optimise.nc``) or a training (``training.nc``).
+    ``optimise.nc``), an estimate (``estimate.nc``) or a training (``training.nc``).
 
     Parameters
     ----------

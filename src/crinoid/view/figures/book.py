@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from crinoid.analysis.equilibria import CURVE
 from crinoid.analysis.record import RECORD
+from crinoid.analysis.state_space import RESPONSE
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.version import __version__
-from crinoid.inverse import IDENTIFICATION, OPTIMISATION, TUNING
+from crinoid.inverse import ESTIMATE, IDENTIFICATION, OPTIMISATION, TUNING
 from crinoid.results.metrics import CASES, is_table
 from crinoid.results.own_files import FIGURES
 from crinoid.results.result import TRAINING
@@ -20,6 +21,7 @@ from crinoid.scenario.errors import got, one_of
 from crinoid.view.figures.analyses import draw_modes, draw_profile, draw_series, draw_spectrum
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, energy_chart
+from crinoid.view.figures.charts.estimate import estimate_chart, has_estimate
 from crinoid.view.figures.charts.spectra import has_loads, load_chart
 from crinoid.view.figures.charts.tip import tip_chart
 from crinoid.view.figures.charts.touch import contact_chart, has_contact
@@ -28,8 +30,10 @@ from crinoid.view.figures.charts.vortices import has_vortices, vortex_chart
 from crinoid.view.figures.controllers import draw_bode, draw_comparison, draw_nyquist
 from crinoid.view.figures.curve import draw_curve
 from crinoid.view.figures.cycles import draw_cycles, has_cycles
+from crinoid.view.figures.estimate import draw_estimate
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.record import draw_record
+from crinoid.view.figures.response import draw_response
 from crinoid.view.figures.run import RESULT, Run, load_as, open_run
 from crinoid.view.figures.searches import (
     draw_identification,
@@ -128,6 +132,11 @@ _FINDINGS = {
         },
         {"bode.png": draw_bode, "nyquist.png": draw_nyquist},
     ),
+    RESPONSE: _Finding(
+        "a response",
+        {f"response_{part}": ("frequency", "output", "input") for part in ("real", "imaginary")},
+        {"response.png": draw_response},
+    ),
     TUNING: _Finding(
         "a tuning",
         {
@@ -145,6 +154,16 @@ _FINDINGS = {
             "set_aside": ("time",),
         },
         {"identify.png": draw_identification},
+    ),
+    ESTIMATE: _Finding(
+        "an estimate",
+        {
+            **{f"estimated_tip_position{end}": ("time", "axis") for end in ("", "_std")},
+            **{f"estimated_flow_velocity{end}": ("time", "axis") for end in ("", "_std")},
+            **dict.fromkeys(("innovation", "innovation_std"), ("time", "reading")),
+            "sensor_reading": ("time", "reading"),
+        },
+        {"log_estimate.png": draw_estimate},
     ),
     OPTIMISATION: _Finding(
         "an optimisation",
@@ -199,6 +218,7 @@ def write_book(path: Path, out: Path | None, form: str) -> list[Path]:
 def _write_run(path: Path, out: Path, form: str) -> list[Path]:
     run = open_run(path)
     figures = _FIGURES | (_SPACE if is_spatial(run.result) else {})
+    figures |= {"estimate.png": _of(estimate_chart)} if has_estimate(run) else {}
     figures |= {"loads.png": _of(load_chart)} if has_loads(run) else {}
     figures |= {"cycles.png": draw_cycles} if has_cycles(run) else {}
     figures |= {"vehicle.png": _of(vehicle_chart)} if has_vehicle_motion(run) else {}

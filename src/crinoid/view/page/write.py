@@ -11,6 +11,7 @@ from crinoid.results.result import Result
 from crinoid.scenario import ScenarioError
 from crinoid.view.figures.charts.chart import Chart
 from crinoid.view.figures.charts.drive import drive_chart, effort_chart, energy_chart
+from crinoid.view.figures.charts.estimate import estimate_chart, has_estimate
 from crinoid.view.figures.charts.spectra import has_loads, load_chart, spectrum_chart
 from crinoid.view.figures.charts.summary import equilibrium_summary, summary
 from crinoid.view.figures.charts.tip import tip_chart
@@ -110,6 +111,7 @@ def page_of(run: Run) -> str:
 
 def _charts(run: Run) -> list[Chart]:
     found = [tip_chart(run), spectrum_chart(run), drive_chart(run)]
+    found += [estimate_chart(run)] if has_estimate(run) else []
     found += [load_chart(run)] if has_loads(run) else []
     found += [vehicle_chart(run)] if has_vehicle_motion(run) else []
     found += [contact_chart(run)] if has_contact(run) else []

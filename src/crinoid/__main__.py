@@ -1,0 +1,5 @@
+"""``python -m crinoid`` is the command ``crinoid``."""
+
+from crinoid.cli import main
+
+main()

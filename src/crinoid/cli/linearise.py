@@ -1,0 +1,70 @@
+"""The linear model of a scenario: its file, the response of the tip, and a summary."""
+
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from crinoid.analysis.linearisation import find_state_space
+from crinoid.analysis.state_space import FORMATS, RESPONSE, StateSpaceModel
+from crinoid.cli.command import console
+from crinoid.cli.display import new_table, show
+from crinoid.cli.finding import finding
+from crinoid.cli.folder import check_own
+from crinoid.scenario import Scenario, one_of, refusal
+from crinoid.scenario.errors import got
+
+_MOST_POLES = 8
+_SWINGS = 1e-2
+"""Share of the imaginary part of a pole above which a motion swings."""
+
+
+def show_linearisation(
+    scenario: Scenario, folder: Path, *, to: str, order: int | None, force: bool
+) -> None:
+    """Linearise a scenario, save and draw the model, and sum it up."""
+    if f".{to}" not in FORMATS:
+        raise refusal("--to", got(to, f"be {one_of(ending[1:] for ending in FORMATS)}"))
+    path = folder / f"linear-model.{to}"
+    with finding(scenario, folder / RESPONSE, "a linear model", force=force) as found:
+        if not force:
+            check_own(path)
+        with console.status("linearising"):
+            full = find_state_space(found.prepared)
+            model = full if order is None else full.reduced(order)
+            model.save(path)
+            files = [path, *found.save(model.tip_response())]
+        show(_poles_table(model), model.notes, files, _lines(model, full))
+
+
+def _lines(model: StateSpaceModel, full: StateSpaceModel) -> list[str]:
+    current = ", ".join(f"{part + 0.0:.3g}" for part in model.current)
+    stable = "stable" if model.stable else "unstable"
+    lines = [
+        f"{model.order} states over {model.period:g} s, {stable}, in water of {current} m/s",
+        f"inputs: {_named(model.inputs, model.input_units)}",
+        f"outputs: {_named(model.outputs, model.output_units)}",
+    ]
+    if model is not full:
+        lines.append(f"error bound {model.error_bound:.3g} of {full.order} states, scaled")
+    elif full.usual_order < full.order:
+        lines.append(f"--order {full.usual_order} keeps all that matters to 1e-5, as LQG does")
+    return lines
+
+
+def _named(names: tuple[str, ...], units: tuple[str, ...]) -> str:
+    each = zip(names, units, strict=True)
+    return ", ".join(name if unit == "1" else f"{name} ({unit})" for name, unit in each)
+
+
+def _poles_table(model: StateSpaceModel) -> Table:
+    found: dict[tuple[str, str, str], None] = {}  # equal ones once
+    for pole in model.poles[model.poles.imag >= 0]:
+        swings = pole.imag > _SWINGS * abs(pole)
+        frequency = f"{pole.imag / (2 * np.pi):.4g}" if swings else "-"
+        damping = f"{-pole.real / abs(pole):.3g}" if swings else "-"
+        lasts = f"{-1 / pole.real:.3g}" if pole.real < 0 else "grows" if pole.real > 0 else "lasts"
+        found[frequency, damping, lasts] = None
+    rows = [(str(number), *each) for number, each in enumerate([*found][:_MOST_POLES], 1)]
+    heads = ("slowest\npole", "frequency\n(Hz)", "damping\nratio", "time\nconstant (s)")
+    return new_table(model.title, heads, rows)

@@ -1,0 +1,93 @@
+"""Kalman filter: corrections, and the stationary filter of readings in a repeating pattern."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+Matrix = Float[np.ndarray, "_ _"]
+
+_ROUNDS = 100
+"""Largest number of passes through a pattern until the gains have settled."""
+_SETTLED = 1e-6
+
+
+def stationary_covariance(move: Matrix, noise: Matrix) -> Matrix:
+    """Return the stationary covariance of states without control.
+
+    A growing motion has none: it counts as one that neither grows nor decays.
+    """
+    fastest = np.abs(np.linalg.eigvals(move)).max()
+    total, power = noise, move * 0.9999 / max(1.0, fastest)
+    for _ in range(30):
+        total = total + power @ total @ power.T
+        power = power @ power
+    return total
+
+
+class Correction(NamedTuple):
+    """Correction of a Kalman filter by new readings."""
+
+    gain: Matrix
+    innovation: Matrix
+    """Covariance of the readings less those expected."""
+    covariance: Matrix
+    """Covariance of the corrected states."""
+
+    @staticmethod
+    def of(ahead: Matrix, seen: Matrix, of_readings: Float[np.ndarray, " y"]) -> Correction:
+        """Return it for the covariance of predicted states, by readings ``seen`` of them.
+
+        ``of_readings`` is the variance of the noise of each reading.
+        """
+        innovation = seen @ ahead @ seen.T + np.diag(of_readings)
+        gain = np.linalg.solve(innovation, seen @ ahead).T
+        left = np.eye(ahead.shape[0]) - gain @ seen
+        by_noise = gain * np.sqrt(of_readings)
+        return Correction(gain, innovation, left @ ahead @ left.T + by_noise @ by_noise.T)
+
+
+class StationaryFilter(NamedTuple):
+    """Kalman filter for readings that arrive in a pattern that repeats."""
+
+    fresh: Bool[np.ndarray, "set y"]
+    """Sets of new readings."""
+    gains: Float[np.ndarray, "set z y"]
+    """Gain for each of them."""
+    covariance: Matrix
+    """Covariance of the corrected states, its mean over the pattern."""
+
+
+def stationary_filter(
+    move: Matrix,
+    noise: Matrix,
+    expect: Matrix,
+    of_readings: Float[np.ndarray, " y"],
+    fresh: Bool[np.ndarray, "tick y"],
+) -> StationaryFilter:
+    """Return the filter that the Riccati equation settles on.
+
+    ``noise`` is the covariance of the states' noise, ``of_readings`` the variance of that of each
+    reading; ``fresh`` are the new readings of each call, a pattern that repeats.
+    """
+    from scipy.linalg import solve_discrete_are  # slow to load
+
+    ahead = solve_discrete_are(move.T, expect.T, noise, np.diag(of_readings))
+    found: dict[tuple[bool, ...], list[Matrix]] = {}
+    pattern = fresh[:1] if fresh.all() else fresh
+    total = np.zeros_like(ahead)
+    for _ in range(_ROUNDS):
+        found, before, total = {}, ahead, np.zeros_like(ahead)
+        for counted in pattern:
+            step = Correction.of(ahead, expect[counted], of_readings[counted])
+            gain = np.zeros(expect.T.shape)
+            gain[:, counted] = step.gain
+            total += step.covariance
+            ahead = move @ step.covariance @ move.T + noise
+            found.setdefault(tuple(map(bool, counted)), []).append(gain)
+        if np.abs(ahead - before).max() <= _SETTLED * np.abs(ahead).max():
+            break
+    means = np.stack([np.mean(each, axis=0) for each in found.values()])
+    return StationaryFilter(np.array(list(found)), means, total / len(pattern))

@@ -1,0 +1,51 @@
+"""What `crinoid doctor` and `crinoid --version` say of the installation."""
+
+import shutil
+
+import pytest
+
+import crinoid
+from crinoid.cli import doctor
+from crinoid.foundation import version
+from helpers.command import call, succeeded
+
+
+def test_the_versions_that_matter_are_printed():
+    own, others = succeeded("--version").splitlines()
+    assert own == f"crinoid {crinoid.__version__}"
+    for name in ("Python 3.", "jax ", "jaxlib ", "numpy ", "equinox "):
+        assert name in others
+
+
+def test_a_sound_installation_solves_the_known_case():
+    text = succeeded("doctor")
+    for words in ("Optional parts", "compiled programs", "GB free", "m from its known place"):
+        assert words in text
+
+
+def test_what_is_wrong_is_said_with_its_remedy(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    lacks = {"viser", "optax"}
+    installed = version.version_of
+    monkeypatch.setattr(doctor, "version_of", lambda name: "" if name in lacks else installed(name))
+    full = shutil.disk_usage(tmp_path)._replace(free=3_000_000)
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda folder: full)
+    monkeypatch.setattr(doctor, "_TIP", (0.4, -10.2))
+    ended = call("doctor")
+    assert ended.exit_code == 1
+    assert ended.stderr.startswith(
+        "crinoid: this installation computes another motion: tip at [0.4"
+    )
+    assert 'note: viser: pip install "crinoid[live]"' in ended.stdout
+    assert 'note: optax: pip install "crinoid[learn]"' in ended.stdout
+    assert "note: only 3 MB are free where results are written" in ended.stdout
+
+
+def test_a_package_that_is_not_there_has_no_version():
+    assert version.version_of("no-such-package-of-anybody") == ""
+    assert version.version_of("numpy").count(".") >= 1
+
+
+@pytest.mark.parametrize("name", version.versions())
+def test_each_version_that_matters_is_known(name):
+    assert version.versions()[name]
