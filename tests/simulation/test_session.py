@@ -266,9 +266,7 @@ def test_in_space_with_a_target_that_the_base_carries():
 
 def test_a_pinned_root_feels_no_turn_from_outside():
     values = {"base.mount": "pinned", "base.channels": {"slide": {}}}
-    signals = ExternalSignals(
-        ["base"], SCENARIO.with_values(values | {"control": {"rate_hz": 40.0}})
-    )
+    signals = ExternalSignals(["base"], SCENARIO.with_values(values | {"control": {"rate_hz": 40.0}}))
     with pytest.raises(ValueError, match='base: got "tilt"; must be "slide" or "heave"'):
         signals.advance(0.0, 0.1, None, {"tilt": 0.1})
     assert len(signals.motions) == 2
