@@ -8,7 +8,7 @@ from jaxtyping import Array
 from scipy.linalg import eigh
 
 from crinoid.dynamics import ModesError, State, System, find_modes
-from crinoid.dynamics.tangent import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.flow import Uniform
 from helpers.arms import QUICKLY, always, arm, dense
 

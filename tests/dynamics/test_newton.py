@@ -8,7 +8,7 @@ import pytest
 
 from crinoid.dynamics import System
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.tangent import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.elements import (
     AddedMass,
     Bend,

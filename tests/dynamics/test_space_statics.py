@@ -15,7 +15,7 @@ from scipy.optimize import brentq, root
 
 from crinoid.dynamics import Forces, System
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.tangent import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.flow import Water
 from crinoid.numerics.frames import Frames, Orientation, spun, tangents, transport
 from crinoid.validation.elastica import elastica

@@ -11,8 +11,8 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.statics import static_stage
-from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.validation.elastica import PlanarEnd, elastica
 from helpers.arms import QUICKLY, dense, facing, order
 from helpers.elastica import CRITICAL, LIMP, UPRIGHT

@@ -10,8 +10,8 @@ from scipy.interpolate import CubicSpline
 
 import crinoid
 from crinoid import Scenario
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.statics import static_stage
-from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.flow import MeasuredPoint
 from crinoid.numerics.piecewise import PiecewisePolynomial
 from crinoid.numerics.ramp import Onset

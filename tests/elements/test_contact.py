@@ -10,7 +10,7 @@ from crinoid.base import VelocityMotion
 from crinoid.dynamics import Integrator, Obstacles
 from crinoid.dynamics.integrator import StepMap
 from crinoid.elements import DistributedLoad, TipLoad
-from crinoid.elements.contact import _EASE, SKIN
+from crinoid.elements.contact import EASE, SKIN
 from crinoid.flow import PowerShear
 from crinoid.numerics.ramp import Onset
 from helpers.arms import Kept, always, arm, obstacles, order
@@ -54,7 +54,7 @@ def distances(shape, places):
     """Return the gap by brute force: the least over the edge, and that eased toward its middle."""
     near, far, place = places
     share = np.linspace(0, 1, 4001)[:, None]
-    ease = _EASE * (share[:, 0] - 0.5) ** 2
+    ease = EASE * (share[:, 0] - 0.5) ** 2
     points = near + share * (far - near)
     if "normal" in shape:
         heights = (points - place) @ np.asarray(shape["normal"]) - THICK
@@ -81,8 +81,8 @@ def test_gap_is_the_distance_of_the_surfaces(kind, axes):
         # steps of 1/4000 of the edge: within h^2 / (2 * 20 mm)
         assert 0.0 <= eased - gap + 1e-12 < 2e-8
         # drawing the point of contact to the middle of the edge can only widen the gap, by less
-        # than e^2 _EASE / (8 distance)
-        assert -1e-6 < gap - exact < _EASE * 0.1**2 / (8 * 0.02) + 1e-6
+        # than e^2 EASE / (8 distance)
+        assert -1e-6 < gap - exact < EASE * 0.1**2 / (8 * 0.02) + 1e-6
 
 
 @eqx.filter_jit

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.tangent import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.elements import (
     AddedMass,
     BendTwist,

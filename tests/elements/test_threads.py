@@ -13,8 +13,8 @@ import crinoid
 from crinoid.actuation import Follower
 from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics.modes import find_modes
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.statics import static_stage
-from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.elements import WORKS, Motion, Threads
 from crinoid.numerics.frames import Frames
 from crinoid.simulation import play

@@ -16,7 +16,7 @@ from crinoid.assembly.plan import find_state
 from crinoid.assembly.prepared import Prepared, require_one_case
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import Outcome, State, System
-from crinoid.dynamics.tangent import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.foundation.status import Status
 from crinoid.results.dataset import coordinates, describe, described
 from crinoid.results.errors import angle_between

@@ -20,7 +20,8 @@ from crinoid.dynamics import (
     System,
     find_relaxing_modes,
 )
-from crinoid.dynamics.tangent import BOUNDARY_NODES, LineStiffness
+from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.tangent import LineStiffness
 from crinoid.foundation.status import Status
 from crinoid.results.dataset import coordinates, describe, described
 from crinoid.scenario import Scenario, ScenarioError

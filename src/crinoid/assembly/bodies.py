@@ -14,13 +14,13 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.assembly.arrays import array, from_table
 from crinoid.base import BaseMotion, Servo, SineMotion, TableMotion, VelocityMotion
-from crinoid.dynamics import GripTriggers, Obstacles, Thrusters, Vehicle
+from crinoid.dynamics import FarEdges, GripTriggers, Obstacles, Thrusters, Vehicle, far_edges
 from crinoid.elements import Body, Contact, Tool
 from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_preserving
 from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod
-from crinoid.scenario import Obstacle, Scenario, Sphere
+from crinoid.scenario import Mistake, Obstacle, Scenario, ScenarioError, Sphere, got
 from crinoid.scenario import Tool as ToolTable
 from crinoid.scenario import Vehicle as VehicleTable
 from crinoid.scenario import base as motions
@@ -177,6 +177,32 @@ class ObstacleParameters(eqx.Module):
             free=self.free,
             carried=self.carried,
         )
+
+
+class SelfContactParameters(eqx.Module):
+    """The numbers of ``[contact]``."""
+
+    friction: Float[Array, ""]
+    beyond: tuple[int, ...] = eqx.field(static=True)
+    """First edge ahead of each edge that it can touch."""
+
+    @staticmethod
+    def of(scenario: Scenario) -> SelfContactParameters | None:
+        """Return the numbers of an arm that can touch itself."""
+        arm = scenario.arm
+        if not scenario.contact.self_:
+            return None
+        diameters, edges = np.asarray(arm.diameters), arm.nodes - 1
+        radii = (diameters[1:] + diameters[:-1]) / 4
+        beyond = far_edges(np.full(edges, arm.length / edges), radii)
+        if min(beyond) == edges:
+            hint = "The arm is too short for its radius to turn back and touch itself."
+            raise ScenarioError([Mistake("contact.self", got(True, "be false", hint))])
+        return SelfContactParameters(array(scenario.contact.friction), beyond)
+
+    def far_edges(self, rod: Rod) -> FarEdges:
+        """Build the contact of a rod with itself; traceable."""
+        return FarEdges.of(rod, self.beyond, self.friction)
 
 
 def edges_within(span: tuple[float, float], nodes: int) -> Bool[Array, " edge"]:

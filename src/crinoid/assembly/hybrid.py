@@ -17,7 +17,7 @@ from crinoid.compilation import ONCE, compiled
 from crinoid.control import Balance, Filter, Hybrid, Pendulum
 from crinoid.dynamics import SmallMotions, System
 from crinoid.dynamics.modes import of_free
-from crinoid.dynamics.tangent import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.elements import Weight
 from crinoid.scenario import Mistake, ScenarioError
 from crinoid.scenario.base import ChannelLimits

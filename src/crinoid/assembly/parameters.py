@@ -21,6 +21,7 @@ from crinoid.assembly.arrays import Builder, Numbers, array, build_flow, from_ta
 from crinoid.assembly.bodies import (
     BaseParameters,
     ObstacleParameters,
+    SelfContactParameters,
     ToolParameters,
     VehicleParameters,
 )
@@ -275,6 +276,7 @@ class Parameters(eqx.Module):
     load: tuple[Numbers, ...]
     """Arguments of each load's element, by name."""
     obstacle: ObstacleParameters | None
+    contact: SelfContactParameters | None
     tool: ToolParameters | None
     actuator: tuple[ActuatorParameters, ...]
     vehicle: VehicleParameters | None
@@ -308,6 +310,7 @@ class Parameters(eqx.Module):
             ),
             load=tuple(numbers for _, numbers in loads),
             obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
+            contact=SelfContactParameters.of(scenario),
             tool=ToolParameters.of(tool, scenario.arm.nodes) if tool else None,
             actuator=tuple(actuators),
             vehicle=VehicleParameters.of(vehicle) if vehicle else None,

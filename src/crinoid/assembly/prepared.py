@@ -163,6 +163,10 @@ class Prepared:
         self.notes()
         if self.scenario.obstacle:
             _ = self.room
+        if self.scenario.contact.self_:
+            from crinoid.assembly.system import check_self_clearance
+
+            check_self_clearance(self.system)
 
 
 _READ = ("digests", "recordings", "series")

@@ -95,6 +95,7 @@ def assemble(parameters: Parameters) -> System:
             obstacles,
             vehicle=vehicle,
             lines=lines,
+            far_edges=None if parameters.contact is None else parameters.contact.far_edges(rod),
         ),
         base=Base(base.angles, rod.rest_length[0], base.servo, base.motion),
         integrator=simulation.integrator,
@@ -210,6 +211,18 @@ def _velocities_at(
 
 
 _clearance = compiled(**ONCE)(System.clearance)
+
+
+_self_clearance = compiled(**ONCE)(System.self_clearance)
+
+
+def check_self_clearance(system: System) -> None:
+    """Refuse an arm that overlaps itself without load."""
+    gap = float(_self_clearance(system))
+    if gap < 0:
+        text = f"got true for an arm that overlaps itself by {-1e3 * gap:.3g} mm without load"
+        hint = "Lower arm.rest_curvature or arm.radius"
+        raise ScenarioError([Mistake("contact.self", f"{text}; must be clear of itself. {hint}.")])
 
 
 def clearance(system: System) -> Float[np.ndarray, " m"]:

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from crinoid.assembly.facts import Facts
 from crinoid.dynamics import GripState, round_off_note
+from crinoid.dynamics.self_contact import CANDIDATES
 from crinoid.elements.water import cylinder_drag
 from crinoid.results.chunks import pieces
 from crinoid.results.dimensionless import MOTION, across, normal_velocity, spinning
@@ -57,7 +58,7 @@ def notes(dataset: xr.Dataset, facts: Facts) -> list[str]:
         _drag(dataset, scenario),
         _accumulated(dataset, facts),
     ]
-    return [*_pressed(dataset), *(note for note in found if note)]
+    return [*_pressed(dataset), *_pressed_on_itself(dataset), *(note for note in found if note)]
 
 
 def tool_notes(tool: Tool | None, grip: GripState | None) -> list[str]:
@@ -122,6 +123,25 @@ def _pressed(dataset: xr.Dataset) -> list[str]:
         for index, gap in enumerate(closest)
         if gap < -_PRESSED * radius
     ]
+
+
+def _pressed_on_itself(dataset: xr.Dataset) -> list[str]:
+    if "self_gap" not in dataset:
+        return []
+    found, edges = [], dataset.sizes["edge"]
+    gap, radius = float(dataset["self_gap"].min()), float(dataset["diameter"].min()) / 2
+    if gap < -_PRESSED * radius:
+        found.append(
+            f"the arm penetrated itself by {-1e3 * gap:.2g} mm, beyond the valid range of the "
+            "contact model. Use more arm.nodes or weaker actuators."
+        )
+    most, pairs = CANDIDATES * edges, int(dataset["self_pairs"].max())
+    if pairs > most:
+        found.append(
+            f"{pairs} pairs of edges pressed on each other at once. The solver counts the nearest "
+            f"{most}, so forces are missing. Use fewer arm.nodes."
+        )
+    return found
 
 
 def _unread(dataset: xr.Dataset) -> str:

@@ -25,6 +25,9 @@ from crinoid.dynamics.outcome import Outcome as Outcome
 from crinoid.dynamics.outcome import Progress as Progress
 from crinoid.dynamics.outcome import Reason as Reason
 from crinoid.dynamics.outcome import round_off_note as round_off_note
+from crinoid.dynamics.self_contact import FarEdges as FarEdges
+from crinoid.dynamics.self_contact import SelfTouch as SelfTouch
+from crinoid.dynamics.self_contact import far_edges as far_edges
 from crinoid.dynamics.small_motions import Influence as Influence
 from crinoid.dynamics.small_motions import SmallMotions as SmallMotions
 from crinoid.dynamics.state import EnergyAccount as EnergyAccount

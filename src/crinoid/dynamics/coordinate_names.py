@@ -3,8 +3,8 @@
 import equinox as eqx
 import jax
 
+from crinoid.dynamics.rows import ROTATION, VEHICLE_ROWS
 from crinoid.dynamics.transition import LocalCoordinates
-from crinoid.dynamics.vehicle import ROWS
 from crinoid.foundation.axes import AXES
 
 Names = list[tuple[str, str]]
@@ -33,7 +33,7 @@ def arm_names(coordinates: LocalCoordinates) -> Names:
     shifts = [(axis, "m") for axis in AXES[forces.axes]]
     bodies = [f"obstacle_{index}" for index in range(count - nodes)]
     if forces.vehicle is not None:
-        bodies[-ROWS:] = ["vehicle"] * ROWS
+        bodies[-VEHICLE_ROWS:] = ["vehicle"] * VEHICLE_ROWS
     # the ghost behind the root is the first row
     places = [
         [
@@ -45,7 +45,7 @@ def arm_names(coordinates: LocalCoordinates) -> Names:
     places += [[*((name, unit, body) for name, unit in shifts), ("", "", "")] for body in bodies]
     if forces.vehicle is not None:
         turns = ["turn"] if forces.axes == 2 else [f"turn_{axis}" for axis in AXES[3]]
-        places[-1] = [*((turn, "rad", "vehicle") for turn in turns), ("", "", "")]
+        places[ROTATION] = [*((turn, "rad", "vehicle") for turn in turns), ("", "", "")]
     flat = [each for row in places for each in row[:width]]
     moving = [flat[entry] for entry in coordinates.entries]
     memory = sum(

@@ -1,8 +1,7 @@
 """All forces on the arm: residual, tangent matrix and energies.
 
-Arrays have a row for each node, then for each obstacle, then two for a vehicle
-(`crinoid.dynamics.vehicle`). A row has ``b`` entries: ``d`` coordinates and, in space, the spin of
-the edge that ends at the node.
+Arrays have a row for each node, obstacle and vehicle (`crinoid.dynamics.rows`). A row has ``b``
+entries: ``d`` coordinates and, in space, the spin of the edge that ends at the node.
 """
 
 from dataclasses import replace
@@ -13,17 +12,25 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from crinoid.dynamics import windows
 from crinoid.dynamics.arm import Arm, Memory
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.obstacles import Obstacles
-from crinoid.dynamics.tangent import BOUNDARY_NODES, LineStiffness, Tangent
+from crinoid.dynamics.rows import (
+    BOUNDARY_NODES,
+    CENTRE,
+    ROTATION,
+    VEHICLE_ROWS,
+    RowLayout,
+)
+from crinoid.dynamics.self_contact import FarEdges, SelfTouch
+from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.dynamics.threads import LengthControlledThreads
-from crinoid.dynamics.vehicle import ROWS, Mount, Vehicle, unknowns, vehicle_rows
+from crinoid.dynamics.vehicle import Mount, Vehicle, unknowns, vehicle_rows
 from crinoid.dynamics.windows import Surroundings
-from crinoid.elements import Motion
+from crinoid.elements import Motion, SelfContact
 from crinoid.flow import Current, Water
 from crinoid.numerics import banded
 
@@ -51,6 +58,8 @@ class Forces(Arm):
     """Tendons of given length and chambers of given content among the elements."""
     mount: Mount | None = None
     """Clamp of the arm on a vehicle; None while the vehicle is held still."""
+    far_edges: FarEdges | None = None
+    """Contact of the arm with itself, if it counts."""
 
     def frozen(self, time: Float[Array, ""]) -> "Forces":
         """Return the forces in the flow frozen at ``time``, obstacles and vehicle held still."""
@@ -76,23 +85,23 @@ class Forces(Arm):
         )
         return replace(self, elements=elements)
 
+    @property
+    def rows(self) -> RowLayout:
+        """Rows of nodes, obstacles and vehicle."""
+        count = 0 if self.obstacles is None else self.obstacles.count
+        return RowLayout.of(count, vehicle=self.vehicle is not None)
+
     def nodes(self, rows: Rows) -> Float[Array, "n b"]:
         """Return the rows of the nodes."""
-        rows = self.without_vehicle(rows)
-        return rows if self.obstacles is None else rows[: -self.obstacles.count]
-
-    def without_vehicle(self, rows: Rows) -> Float[Array, "fewer b"]:
-        """Return the rows of nodes and obstacles."""
-        return rows if self.vehicle is None else rows[:-ROWS]
+        return rows[self.rows.nodes]
 
     def unknown(self, rows: Rows, turn: Array | float = 1.0) -> Float[Array, "unknown b"]:
         """Return the rows of unknowns: free nodes, free obstacles, a vehicle (its turn scaled)."""
-        nodes = self.nodes(rows)
-        parts = [nodes[BOUNDARY_NODES:]]
+        parts = [self.nodes(rows)[BOUNDARY_NODES:]]
         if self.free:
-            parts.append(rows[nodes.shape[0] + jnp.asarray(self.free)])
+            parts.append(rows[self.free_rows])
         if self.mount is not None:
-            parts += [rows[-2:-1], turn * rows[-1:]]
+            parts.append(jnp.stack([rows[CENTRE], turn * rows[ROTATION]]))
         return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
     @property
@@ -104,6 +113,11 @@ class Forces(Arm):
     def free(self) -> tuple[int, ...]:
         """Indices of the free obstacles."""
         return () if self.obstacles is None else self.obstacles.free
+
+    @property
+    def free_rows(self) -> Int[np.ndarray, " f"]:
+        """Rows of the free obstacles."""
+        return self.rows.obstacle(np.array(self.free, int))
 
     def extra(self, size: int) -> tuple[int, ...]:
         """Return the indices of unknowns of free bodies, in rows of ``size`` after the nodes."""
@@ -188,6 +202,10 @@ class Forces(Arm):
             total += banded.pad_columns(nodal, size)
             most = jnp.max(jnp.abs(forces), axis=(0, 1, 2))
             largest = jnp.maximum(largest, jnp.pad(most, (0, size - width)))
+        if self.far_edges is not None:
+            pushed = self.far_edges.push(motion)[:num_nodes]
+            largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed), axis=0))
+            total -= pushed
         rows = total
         if self.obstacles is not None:
             _, pushed = self.obstacles.push(self.obstacle_motion(motion))
@@ -196,12 +214,11 @@ class Forces(Arm):
             if self.free:
                 own = jax.vmap(lambda e, m: windows.residuals((e,), m, None)[0])
                 bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]
-                free = num_nodes + jnp.asarray(self.free)
-                rows = rows.at[free].add(bodies, unique_indices=True)
+                rows = rows.at[self.free_rows].add(bodies, unique_indices=True)
                 largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies), axis=0))
         if self.vehicle is None:
             return rows, largest
-        pushed = jnp.zeros((ROWS, size))
+        pushed = jnp.zeros((VEHICLE_ROWS, size))
         if self.mount is not None:
             pushed = self._on_vehicle(motion, rows[:BOUNDARY_NODES])
         return jnp.concatenate([rows, pushed]), largest
@@ -252,12 +269,19 @@ class Forces(Arm):
         )
         border = None
         if obstacles is not None and self.free:
-            free = jnp.asarray(self.free)
-            of_free = jax.tree.map(lambda slope: slope[num_nodes + free][:, None], slopes)
+            of_free = jax.tree.map(lambda slope: slope[self.free_rows][:, None], slopes)
             own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
             border = obstacles.border(touch, own, num_nodes)
+        far = None
+        if self.far_edges is not None:
+
+            def of_pair(contact: SelfContact, pair: Motion) -> Array:
+                still = jnp.zeros((*pair.flow_velocity.shape, self.axes))
+                return jacobian((contact,), pair, (still, None))
+
+            far = self.far_edges.stiffness(motion, of_pair, num_nodes)
         extra = self.extra(size)
-        tangent = Tangent(bands, border, extra[: size * len(self.free)])
+        tangent = Tangent(bands, border, extra[: size * len(self.free)], far=far)
         if self.mount is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
@@ -292,7 +316,7 @@ class Forces(Arm):
             return self._on_vehicle(motion, held, alone=False).reshape(-1)[own]
 
         ways = np.zeros((own.size, rows * size))
-        ways[np.arange(own.size), (rows - ROWS) * size + own] = 1.0
+        ways[np.arange(own.size), (rows - VEHICLE_ROWS) * size + own] = 1.0
         columns = jax.vmap(along, out_axes=-1)(jnp.asarray(ways.reshape(-1, rows, size)))
         return tangent.bordered(columns, push, self.extra(size)[len(tangent.extra) :])
 
@@ -310,7 +334,7 @@ class Forces(Arm):
         force, moment = kinematics.resultant(mount.held, held)
         if alone:
             own = vehicle.residual(
-                kinematics, motion.flow_velocity[-2], motion.flow_acceleration[-2]
+                kinematics, motion.flow_velocity[CENTRE], motion.flow_acceleration[CENTRE]
             )
             force, moment = force + own[0], moment + own[1]
         return vehicle_rows(force, moment, held.shape[1])
@@ -318,7 +342,7 @@ class Forces(Arm):
     def _points(self, rows: Rows) -> Points:
         """Return the position of each row; a vehicle's turn has that of its centre of mass."""
         points = rows[:, : self.axes]
-        return points if self.vehicle is None else points.at[-1].set(points[-2])
+        return points if self.vehicle is None else points.at[ROTATION].set(points[CENTRE])
 
     def attitude(self, motion: Motion) -> Float[Array, "d d"] | None:
         """Return the attitude of a moving vehicle, if there is one."""
@@ -326,7 +350,19 @@ class Forces(Arm):
 
     def gaps(self, rows: Rows) -> Float[Array, "m e"] | None:
         """Return the distance of each obstacle from each edge (m)."""
-        return None if self.obstacles is None else self.obstacles.gaps(self.without_vehicle(rows))
+        if self.obstacles is None:
+            return None
+        return self.obstacles.gaps(rows[self.rows.arm_and_obstacles])
+
+    def self_gaps(self, rows: Rows) -> Float[Array, " pair"] | None:
+        """Return the gap of each pair of far edges (m), if the arm can touch itself."""
+        return None if self.far_edges is None else self.far_edges.gaps(rows, self.axes)
+
+    def self_touch(self, motion: Motion, gaps: Float[Array, " pair"] | None) -> SelfTouch | None:
+        """Return the contact of each edge with far edges, if the arm can touch itself."""
+        if self.far_edges is None or gaps is None:
+            return None
+        return self.far_edges.touch(motion, gaps)
 
     def obstacle_motion(self, motion: Motion) -> Motion:
         """Return the motion of nodes and obstacles."""
@@ -336,14 +372,13 @@ class Forces(Arm):
         return eqx.tree_at(
             lambda m: (*_rows(m), m.flow_velocity, m.flow_acceleration),
             motion,
-            tuple(map(self.without_vehicle, parts)),
+            tuple(part[self.rows.arm_and_obstacles] for part in parts),
         )
 
     def _bodies(self, motion: Motion) -> Motion:
         """Return the motion of the free obstacles, one window each."""
-        free = self.nodes(motion.position).shape[0] + jnp.asarray(self.free)
-        width = motion.position.shape[1]
-        return motion.windows(lambda rows: rows[free][:, None], (len(self.free),), width)
+        free, width = self.free_rows, motion.position.shape[1]
+        return motion.windows(lambda rows: rows[free][:, None], free.shape, width)
 
 
 def _rows(motion: Motion) -> tuple[Any, Any, Any]:

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from crinoid.dynamics.tangent import BOUNDARY_NODES, LineStiffness
+from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.tangent import LineStiffness
 from crinoid.numerics import banded
 
 COUNT = 8
@@ -58,11 +59,15 @@ def find_modes(
     """
     # slow to load, and many commands do without
     from scipy.linalg import eigh
+    from scipy.sparse import csc_array
     from scipy.sparse.linalg import LinearOperator, eigsh
 
     K, M = (0.5 * (A + A.T) for A in map(of_free, (stiffness, mass)))
     unknowns, size = K.shape[0], stiffness.shape[-1]
     pull, follow = of_lines(lines, unknowns)
+    if pull.shape[1] > unknowns:  # contact of the arm with itself: not a low rank
+        far = csc_array(0.5 * (pull @ follow + (pull @ follow).T))
+        K, pull, follow = K + far, pull[:, :0], follow[:0]
     # the stiffness of lines is U U^T: the nodes that they pull at are those that they follow
     held = pull * np.sqrt(np.linalg.norm(follow, axis=1) / np.linalg.norm(pull, axis=0))
     nothing = round_off(K, M, held, held.T)

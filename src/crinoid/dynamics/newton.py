@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.outcome import Outcome
-from crinoid.dynamics.tangent import BOUNDARY_NODES, Tangent, TangentFactors
+from crinoid.dynamics.rows import BOUNDARY_NODES
+from crinoid.dynamics.tangent import Tangent, TangentFactors
 from crinoid.dynamics.windows import Surroundings
 from crinoid.rod import Rod
 
@@ -113,7 +114,9 @@ class ReusedTangent(eqx.Module):
         """Return the tangent before the first solve: none."""
         nodes, size = forces.nodes(rows).shape
         lines = 0 if forces.lines is None else forces.lines.rest.size
-        tangent = TangentFactors.blank(nodes, size, forces.extra(size), lines)
+        tangent = TangentFactors.blank(
+            nodes, size, forces.extra(size), lines, dense=forces.far_edges is not None
+        )
         return ReusedTangent(tangent, jnp.ones(()), jnp.zeros(()))
 
 
@@ -134,6 +137,8 @@ class _Iteration(eqx.Module):
     refresh: Bool[Array, ""]
     """Whether the tangent must be, or is, one of this step."""
     done: Bool[Array, ""]
+    change: Rows | None
+    """Change that led to the next correction, for a line search; None without one."""
 
 
 Solution = tuple[Rows, Float[Array, "held b"], Outcome, ReusedTangent]
@@ -167,6 +172,8 @@ def solve(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTange
 
 def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
     forces, stage = balance.forces, balance.stage
+    # friction of the arm on itself, where it sticks, lets whole steps alternate between two shapes
+    searches = forces.far_edges is not None
 
     def unfinished(carry: _Iteration) -> Bool[Array, ""]:
         return ~carry.done
@@ -190,6 +197,9 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
         left = (carry.count < settings.max_iterations) & sound
         done = (outcome.residual <= allowed) | stalled | ~left
 
+        # back by half of the last change, while it gains nothing
+        worse = searches & (carry.count > 0) & carry.refresh & ~done & ~(contraction < 1.0)
+
         def correct(one: tuple[Rows, TangentFactors, Array]) -> tuple[Rows, TangentFactors, Array]:
             correction, tangent, _ = one
             tangent = jax.lax.cond(
@@ -208,17 +218,25 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
 
         # a loop of one pass or none: `cond` in a batch would compute both branches
         following, tangent, _ = jax.lax.while_loop(
-            lambda one: one[2], correct, (correction, carry.tangent, ~(done | astray))
+            lambda one: one[2], correct, (correction, carry.tangent, ~(done | astray | worse))
         )
         back = astray & ~done
         following = jnp.where(back, guess, following)
+        change = None
+        if carry.change is not None:
+            following = jnp.where(worse, correction - 0.5 * carry.change, following)
+            change = jnp.where(worse, 0.5 * carry.change, following - correction)
+            outcome = jax.tree.map(lambda x, y: jnp.where(worse, x, y), before, outcome)
+            contraction = jnp.where(worse, carry.contraction, contraction)
         # without a known contraction then
         outcome = eqx.tree_at(
             lambda o: o.residual, outcome, jnp.where(back, jnp.nan, outcome.residual)
         )
         refresh = carry.refresh | astray | ~suffices
         count = carry.count + ~done
-        return _Iteration(following, residual, outcome, count, tangent, contraction, refresh, done)
+        return _Iteration(
+            following, residual, outcome, count, tangent, contraction, refresh, done, change
+        )
 
     none = Outcome.of_nothing(converged=False)
     start = _Iteration(
@@ -230,6 +248,7 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
         jnp.where(reused.by_acceleration == stage.by_acceleration, reused.contraction, 1.0),
         jnp.asarray(False),
         jnp.asarray(False),
+        jnp.zeros_like(guess) if searches else None,
     )
     end = jax.lax.while_loop(unfinished, iterate, start)
     outcome = eqx.tree_at(lambda o: o.iterations, end.outcome, end.count)

@@ -15,11 +15,6 @@ from crinoid.numerics import banded
 Rows = Float[Array, "rows b"]
 Points = Float[Array, "m d"]
 
-_MISSED = 0.01
-"""Largest error of a step in the work of a contact, over the energy of the hit."""
-_NEGLIGIBLE = 5e-7
-"""Negligible error in that work, over the energy of the fully compressed skin."""
-
 
 class Touch(eqx.Module):
     """Contact of ``m`` obstacles with the arm, now and since the start. SI units."""
@@ -208,18 +203,12 @@ class Obstacles(eqx.Module):
     ) -> Bool[Array, ""]:
         """Return whether a step resolves its contacts, from the displacements and both gaps (m).
 
-        It does if the forces at its two ends account for the energy that the skin stores in
-        between, so that a hit returns the energy that it took; and if no obstacle moves further
-        relative to an edge than halfway to the arm's axis, so that none passes through unnoticed.
+        It does if the forces at its ends account for the energy of hits, and if no obstacle moves
+        further relative to an edge than halfway to the arm's axis: none passes through unnoticed.
         """
         contact = self.contact
         gap, gap_before = after.reshape(-1), before.reshape(-1)
-        (stored, force), (stored_before, force_before) = map(contact.press, (gap, gap_before))
-        closed = gap_before - gap
-        missed = 0.5 * (force + force_before) * closed - (stored - stored_before)
-        hit = stored + stored_before + 0.5 * contact.mass * (closed / step) ** 2
-        negligible = _NEGLIGIBLE * contact.press(jnp.zeros_like(gap))[0]
-        accounted = jnp.abs(missed) <= _MISSED * hit + negligible
+        accounted = contact.accounted(gap_before, gap, step)
 
         windows = self.windows(moved[:, : contact.axes])
         travel = jnp.max(jnp.sum((windows[:, :2] - windows[:, 2:]) ** 2, axis=-1), axis=1)

@@ -11,8 +11,9 @@ from crinoid.base import Base
 from crinoid.dynamics import statics
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.state import State, tip_pose
-from crinoid.dynamics.tangent import BOUNDARY_NODES, LineStiffness, Tangent
+from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.numerics import banded
 from crinoid.numerics.frames import Frames
 from crinoid.numerics.small_matrices import product
@@ -70,7 +71,7 @@ def influence(base: Base, forces: Forces, state: State) -> Influence:
     if forces.drive is not None:
         loads = jax.jacfwd(balance)(forces.drive)
     lines = None
-    if forces.lines is not None:
+    if forces.lines is not None or forces.far_edges is not None:
         lines = forces.tangent(stage, forces.motion(stage, none, around), around).of_lines
     return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]), lines)
 

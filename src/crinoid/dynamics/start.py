@@ -13,8 +13,9 @@ from crinoid.base import Base, Prescribed, ServoState
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.newton import Balance, ReusedTangent, implicit_derivative
+from crinoid.dynamics.rows import BOUNDARY_NODES, GHOST, ROOT, ROTATION, SPIN
 from crinoid.dynamics.state import State
-from crinoid.dynamics.tangent import BOUNDARY_NODES, Tangent
+from crinoid.dynamics.tangent import Tangent
 from crinoid.elements import Motion
 from crinoid.numerics.banded import pad_columns, with_first_rows
 from crinoid.numerics.frames import Frames, Orientation, cross, dot, tangents
@@ -37,14 +38,13 @@ def with_prescribed_motion(
         if held.frame is not None:
             frames = stage.frames
             assert frames is not None
-            spin = frames.spin_to(1, held.frame[0], held.frame[1])
+            spin = frames.spin_to(ROOT, held.frame[0], held.frame[1])
             position = jnp.c_[position, jnp.stack([jnp.zeros(()), spin])]
         values = (position, held.velocity, held.acceleration)
         rows = tuple(with_first_rows(value, row) for row, value in zip(rows, values, strict=True))
     obstacles = forces.obstacles
     if obstacles is not None:
-        first = forces.nodes(stage.position).shape[0]
-        water = state.motion.flow_velocity[first : first + obstacles.count]
+        water = state.motion.flow_velocity[forces.rows.obstacles]
         positions, velocity = obstacles.prescribed_motion(
             state.obstacle_position,
             water,
@@ -52,7 +52,7 @@ def with_prescribed_motion(
             step,
         )
         values = (positions, velocity, jnp.zeros_like(positions))
-        at = first + obstacles.prescribed
+        at = forces.rows.obstacle(obstacles.prescribed)
         rows = tuple(
             row.at[at].set(pad_columns(value[obstacles.prescribed], width), unique_indices=True)
             for row, value in zip(rows, values, strict=True)
@@ -168,22 +168,22 @@ def with_clamp_spin(base: Base, time: Float[Array, ""], rows: Rows, frames: Fram
         return rows
     pose, _, _ = base.pose(time, base.servo.at_rest())
     frame = base.frame(pose)
-    spin = jax.lax.stop_gradient(frames).spin_to(1, frame[0], frame[1])
-    return rows.at[1, 3].set(spin)
+    spin = jax.lax.stop_gradient(frames).spin_to(ROOT, frame[0], frame[1])
+    return rows.at[ROOT, SPIN].set(spin)
 
 
 def rigid_body_velocity(held: Prescribed, nodes: Float[Array, "n b"]) -> Float[Array, "n b"]:
     """Return the velocities of nodes that move rigidly with the base (m/s, spins rad/s)."""
     axes = held.position.shape[1]
-    lever = held.position[0] - held.position[1]
-    swing = (held.velocity[0] - held.velocity[1])[:axes]
-    arm = nodes[:, :axes] - held.position[1]
+    lever = held.position[GHOST] - held.position[ROOT]
+    swing = (held.velocity[GHOST] - held.velocity[ROOT])[:axes]
+    arm = nodes[:, :axes] - held.position[ROOT]
     reach = jnp.sum(lever**2)
     if held.frame is None:
         spin = (lever[0] * swing[1] - lever[1] * swing[0]) / reach
-        return held.velocity[1] + spin * jnp.stack([-arm[:, 1], arm[:, 0]], axis=1)
-    turning = cross(lever, swing) / reach + held.velocity[1, 3] * held.frame[0]
-    velocity = held.velocity[1, :3] + cross(turning, arm)
+        return held.velocity[ROOT] + spin * jnp.stack([-arm[:, 1], arm[:, 0]], axis=1)
+    turning = cross(lever, swing) / reach + held.velocity[ROOT, SPIN] * held.frame[0]
+    velocity = held.velocity[ROOT, :3] + cross(turning, arm)
     return jnp.concatenate([velocity, dot(tangents(nodes), turning)[:, None]], axis=1)
 
 
@@ -198,7 +198,7 @@ def with_mount(
     attitude, turn = jnp.eye(axes), jnp.zeros(turns)
     if before is not None:
         assert before.attitude is not None
-        attitude, turn = before.attitude, before.motion.position[-1, :turns]
+        attitude, turn = before.attitude, before.motion.position[ROTATION, :turns]
     return forces.mounted(vehicle.mount(base.prescribe(time, servo), attitude, turn))
 
 
@@ -220,7 +220,7 @@ def begin(
     moving = [with_first_rows(held.velocity, rigid_body_velocity(held, nodes))]
     obstacles = forces.obstacles
     if obstacles is not None:
-        points = position[nodes.shape[0] :][: obstacles.count, : forces.axes]
+        points = position[forces.rows.obstacles, : forces.axes]
         started = obstacles.begin(points, lambda p: forces.flow_velocity(p, time))
         moving.append(pad_columns(started, position.shape[1]))
     velocity = jnp.concatenate(moving)
@@ -280,6 +280,7 @@ def steady_state(
         actuators=tuple(actuators),
         reaction=reaction,
         gap=forces.gaps(motion.position),
+        self_gap=forces.self_gaps(motion.position),
         acceleration_history=jnp.stack([motion.acceleration] * 5),
         predictor_accepted=jnp.asarray(False),
         reused_tangent=ReusedTangent.none(forces, motion.position),

@@ -13,8 +13,7 @@ from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import GripState, with_grip
 from crinoid.dynamics.newton import ReusedTangent
 from crinoid.dynamics.obstacles import Touch
-from crinoid.dynamics.tangent import BOUNDARY_NODES
-from crinoid.dynamics.vehicle import ROWS
+from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, RowLayout
 from crinoid.elements import WORKS, Motion
 from crinoid.foundation.moved import renamed
 from crinoid.numerics.frames import Frames, beyond, unit
@@ -51,6 +50,8 @@ class State(eqx.Module):
     """Matrix from the axes of a floating vehicle to those of the world."""
     grip: GripState | None = None
     """Grip of a tool, if touches take it up or let it go."""
+    self_gap: Float[Array, " pair"] | None = None
+    """Distance of the surfaces of each pair of far edges (m)."""
     memory: Memory = ()
     """Memory of each element (`crinoid.Element`); None for those without."""
 
@@ -92,12 +93,12 @@ class State(eqx.Module):
     @property
     def base_force(self) -> Float[Array, "*many d"]:
         """Force of the arm on the submarine (N)."""
-        return Base.wrench(self.position[..., :2, :], self.reaction)[0]
+        return Base.wrench(self.position[..., :BOUNDARY_NODES, :], self.reaction)[0]
 
     @property
     def base_moment(self) -> Float[Array, "..."]:
         """Moment of the arm on the submarine about the root (N m); one number in the plane."""
-        return Base.wrench(self.position[..., :2, :], self.reaction)[1]
+        return Base.wrench(self.position[..., :BOUNDARY_NODES, :], self.reaction)[1]
 
     @property
     def obstacle_position(self) -> Any:
@@ -112,12 +113,12 @@ class State(eqx.Module):
     @property
     def vehicle_position(self) -> Any:
         """Position of the centre of mass of a floating vehicle (m), if there is one."""
-        return None if self.attitude is None else self.motion.position[..., -2, : self._axes]
+        return None if self.attitude is None else self.motion.position[..., CENTRE, : self._axes]
 
     @property
     def vehicle_velocity(self) -> Any:
         """Velocity of the centre of mass of a floating vehicle (m/s), if there is one."""
-        return None if self.attitude is None else self.motion.velocity[..., -2, : self._axes]
+        return None if self.attitude is None else self.motion.velocity[..., CENTRE, : self._axes]
 
     def remembered(self, forces: Forces) -> Forces:
         """Return a copy of the forces with the grip and the elements' memory of this state."""
@@ -128,16 +129,15 @@ class State(eqx.Module):
         return int(self.motion.flow_velocity.shape[-1])
 
     def _obstacles(self, rows: Any) -> Any:
-        if self.gap is None:
-            return None
-        return self._others(rows)[..., -self.gap.shape[-2] :, : self._axes]
+        return None if self.gap is None else rows[..., self._rows.obstacles, : self._axes]
 
     def _nodes(self, rows: Nodes) -> Nodes:
-        rows = self._others(rows)
-        return rows if self.gap is None else rows[..., : -self.gap.shape[-2], :]
+        return rows[..., self._rows.nodes, :]
 
-    def _others(self, rows: Any) -> Any:
-        return rows if self.attitude is None else rows[..., :-ROWS, :]
+    @property
+    def _rows(self) -> RowLayout:
+        count = 0 if self.gap is None else self.gap.shape[-2]
+        return RowLayout.of(count, vehicle=self.attitude is not None)
 
 
 def tip_pose(position: Float[Array, "n d"]) -> Float[Array, " pose"]:
@@ -180,6 +180,9 @@ class EnergyAccount(eqx.Module):
         if forces.obstacles is not None:
             motion = forces.obstacle_motion(state.motion)
             contact, known["contact"] = forces.obstacles.touch(motion)
+        if forces.far_edges is not None:
+            pushed = forces.far_edges.push(state.motion)[:nodes]
+            known["contact"] = known.get("contact", 0.0) + pushed
         held = remembered.memory_energy(state.motion)
         return EnergyAccount(known, jnp.zeros(len(WORKS)), contact, held)
 

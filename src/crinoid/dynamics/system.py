@@ -26,10 +26,10 @@ from crinoid.dynamics.outcome import (
     halve,
     warn_of_round_off,
 )
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.small_motions import Influence, SmallMotions, influence, linearise
 from crinoid.dynamics.start import expected_acceleration, first_guess, with_prescribed_motion
 from crinoid.dynamics.state import EnergyAccount, State, tip_pose
-from crinoid.dynamics.tangent import BOUNDARY_NODES
 from crinoid.dynamics.transition import Transition, transition
 from crinoid.dynamics.vehicle import VehicleOutput
 from crinoid.dynamics.windows import FlowPerturbation
@@ -88,10 +88,15 @@ class System(eqx.Module):
 
     def clearance(self, time: float | Array = 0.0) -> Float[Array, " m"]:
         """Return the distance of each obstacle from the undeformed arm (m)."""
-        if self.forces.obstacles is None:
-            return jnp.zeros(0)
         _, _, rows, _ = self.undeformed(time)
-        return jnp.min(self.forces.obstacles.gaps(self.forces.without_vehicle(rows)), axis=1)
+        gaps = self.forces.gaps(rows)
+        return jnp.zeros(0) if gaps is None else jnp.min(gaps, axis=1)
+
+    def self_clearance(self, time: float | Array = 0.0) -> Float[Array, ""]:
+        """Return the smallest distance of the undeformed arm from itself (m)."""
+        _, _, rows, _ = self.undeformed(time)
+        gaps = self.forces.self_gaps(rows)
+        return jnp.asarray(jnp.inf) if gaps is None else jnp.min(gaps)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
@@ -135,7 +140,7 @@ class System(eqx.Module):
         forces, _, base_after, _ = self.undeformed(state.time)
         shape, frames = state.motion.position, state.frames
         nodes = forces.nodes(shape).shape[0]
-        free = np.r_[BOUNDARY_NODES:nodes, nodes + np.asarray(forces.free, int)]
+        free = np.r_[BOUNDARY_NODES:nodes, forces.free_rows]
 
         def placed(base: Base, rows: Rows) -> Rows:
             rows = start.with_clamp_spin(base, time, rows, frames)
@@ -233,6 +238,7 @@ class System(eqx.Module):
             actuators=tuple(actuators),
             reaction=reaction,
             gap=forces.gaps(motion.position),
+            self_gap=forces.self_gaps(motion.position),
             acceleration_history=jnp.concatenate(
                 [before.acceleration[None], state.acceleration_history[:-1]]
             ),
@@ -333,7 +339,7 @@ class System(eqx.Module):
         method and the shapes.
         """
         bands, lines = eqx.filter_jit(System.linearise)(self, state), None
-        if self.forces.lines is not None:
+        if self.forces.lines is not None or self.forces.far_edges is not None:
             lines = eqx.filter_jit(System.influence)(self, state).lines
         return modes.find_modes(*bands, count, lines).frequency
 
@@ -377,8 +383,14 @@ class System(eqx.Module):
         if forces.obstacles is not None:
             assert state.gap is not None
             assert after.gap is not None
-            moved = forces.without_vehicle(now.position) - forces.without_vehicle(before.position)
+            moved = (now.position - before.position)[forces.rows.arm_and_obstacles]
             resolved = ~good | forces.obstacles.resolved(moved, state.gap, after.gap, step)
+        if forces.far_edges is not None:
+            assert state.self_gap is not None
+            assert after.self_gap is not None
+            moved = (now.position - before.position)[:, : forces.axes]
+            apart = forces.far_edges.resolved(moved, state.self_gap, after.self_gap, step)
+            resolved &= ~good | apart
         return eqx.tree_at(
             lambda o: (o.converged, o.resolved, o.folded, o.error),
             outcome,

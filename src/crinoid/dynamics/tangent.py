@@ -1,18 +1,18 @@
 """Tangent matrix: the banded matrix of the nodes, bordered by the other unknowns."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jax.scipy.linalg import lu_factor, lu_solve
+from jaxtyping import Array, Float, Int
 
+from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.numerics import banded
 from crinoid.numerics.small_matrices import product, solve
-
-BOUNDARY_NODES = 2
-"""Number of nodes with a prescribed motion: the ghost node and the root."""
 
 Rows = Float[Array, "_ b"]
 Extra = Float[Array, " p"]
@@ -102,22 +102,52 @@ class BlockElimination(eqx.Module):
         return alone - product(self.followed, moved), moved
 
 
+class DenseFactors(eqx.Module):
+    """LU factors of a tangent without bands: that of an arm in contact with itself."""
+
+    lu: Float[Array, "m m"]
+    pivots: Int[Array, " m"]
+
+    @staticmethod
+    def of(matrix: Float[Array, "m m"]) -> "DenseFactors":
+        """Factorise a matrix."""
+        return DenseFactors(*lu_factor(matrix))
+
+    def solve(self, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
+        """Solve for the nodes and the other unknowns."""
+        return _split(lu_solve((self.lu, self.pivots), _joined(nodes, extra)), nodes.shape)
+
+
+def _joined(nodes: Rows, extra: Extra) -> Float[Array, " m"]:
+    return jnp.concatenate([nodes.reshape(-1), extra])
+
+
+def _split(both: Float[Array, " m"], shape: tuple[int, ...]) -> tuple[Rows, Extra]:
+    size = shape[0] * shape[1]
+    return both[:size].reshape(shape), both[size:]
+
+
 class TangentFactors(eqx.Module):
     """Factorised tangent."""
 
-    matrix: BlockElimination
+    matrix: BlockElimination | DenseFactors
     layout: UnknownLayout
 
     @staticmethod
-    def blank(nodes: int, size: int, extra: tuple[int, ...], lines: int) -> "TangentFactors":
+    def blank(
+        nodes: int, size: int, extra: tuple[int, ...], lines: int, *, dense: bool
+    ) -> "TangentFactors":
         """Return factors of zeros in the shape of a tangent."""
         free, p = nodes - BOUNDARY_NODES, len(extra) + lines
+        layout = UnknownLayout(nodes, extra, lines)
+        if dense:
+            count = free * size + p
+            factors = DenseFactors(jnp.zeros((count, count)), jnp.zeros(count, jnp.int32))
+            return TangentFactors(factors, layout)
         parts: tuple[Array | None, ...] = (None, None, None)
         if p:
             parts = tuple(map(jnp.zeros, ((p, free * size), (free, size, p), (p, p))))
-        return TangentFactors(
-            BlockElimination(banded.blank(free, size), *parts), UnknownLayout(nodes, extra, lines)
-        )
+        return TangentFactors(BlockElimination(banded.blank(free, size), *parts), layout)
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for the unknowns; the other rows are zero."""
@@ -144,11 +174,16 @@ class Tangent(eqx.Module):
     extra: tuple[int, ...] = eqx.field(static=True)
     lines: int = eqx.field(static=True, default=0)
     """Number of loads of lines, the last unknowns of the border, without a row."""
+    far: Float[Array, "n b n b"] | None = None
+    """Contact of the arm with itself, which couples far nodes and adds to the bands."""
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for the unknowns; the other rows are zero."""
         bands, layout = self.bands[BOUNDARY_NODES:], self._layout
         nodes, extra = layout.gather(rhs)
+        if self.far is not None:
+            both = jnp.linalg.solve(self._dense(self.far), _joined(nodes, extra))
+            return layout.scatter(*_split(both, nodes.shape), rhs.shape)
         if self.border is None:
             return layout.scatter(banded.solve(bands, nodes), extra, rhs.shape)
         border = self.border.of_free()
@@ -164,9 +199,32 @@ class Tangent(eqx.Module):
 
     def factorise(self) -> TangentFactors:
         """Return the factors of the tangent."""
+        if self.far is not None:
+            return TangentFactors(DenseFactors.of(self._dense(self.far)), self._layout)
         border = None if self.border is None else self.border.of_free()
         return TangentFactors(
             BlockElimination.of(self.bands[BOUNDARY_NODES:], border), self._layout
+        )
+
+    def _dense(self, far: Float[Array, "n b n b"]) -> Float[Array, "m m"]:
+        """Return the matrix of the unknowns.
+
+        The pairs of far edges in contact are about as many as the nodes: to eliminate the bands
+        first, and then a border of several unknowns a pair, is more work.
+        """
+        bands = self.bands[BOUNDARY_NODES:]
+        count, _, size, _ = bands.shape
+        nodes = far[BOUNDARY_NODES:, :, BOUNDARY_NODES:] + banded.dense(bands)
+        nodes = nodes.reshape(count * size, -1)
+        if self.border is None:
+            return nodes
+        border = self.border.of_free()
+        p = border.corner.shape[0]
+        return jnp.block(
+            [
+                [nodes, border.of_nodes.reshape(-1, p)],
+                [border.of_extra.reshape(p, -1), border.corner],
+            ]
         )
 
     @property
@@ -189,14 +247,17 @@ class Tangent(eqx.Module):
         at = (*self.extra, *extra)
         own = columns[num_nodes:].reshape(-1, len(extra))[jnp.asarray(at)]
         each = jax.vmap(push, -1, -1)
-        of_extra = jax.vmap(each, -1, -1)(_of_held(self.bands))
+        held = _of_held(self.bands)
+        if self.far is not None:
+            held += self.far[:BOUNDARY_NODES]
+        of_extra = jax.vmap(each, -1, -1)(held)
         back = each(before.of_nodes[:BOUNDARY_NODES])
         border = Border(
             jnp.concatenate([before.of_nodes, columns[:num_nodes]], axis=2),
             jnp.concatenate([before.of_extra, of_extra]),
             jnp.concatenate([jnp.concatenate([before.corner, back]), own], axis=1),
         )
-        return Tangent(self.bands, border, at)
+        return replace(self, border=border, extra=at)
 
     def coupled(self, lines: LineStiffness) -> "Tangent":
         """Add the loads of lines as unknowns, because they depend on all nodes.
@@ -215,20 +276,32 @@ class Tangent(eqx.Module):
             jnp.concatenate([before.of_extra, follows]),
             jnp.block(corner),
         )
-        return Tangent(self.bands, border, self.extra, columns.shape[-1])
+        return replace(self, border=border, lines=columns.shape[-1])
 
     @property
     def of_lines(self) -> LineStiffness | None:
-        """Stiffness that lines add to that of the nodes."""
-        if self.border is None or not self.lines:
+        """Stiffness that lines and contact of far edges add to that of the nodes."""
+        found = []
+        if self.far is not None:
+            n, size = self.far.shape[:2]
+            every = jnp.eye(n * size).reshape(-1, n, size)
+            found.append((self.far.reshape(n, size, -1), every))
+        if self.border is not None and self.lines:
+            moved = len(self.extra)
+            found.append((self.border.of_nodes[..., moved:], self.border.of_extra[moved:]))
+        if not found:
             return None
-        moved = len(self.extra)
-        return LineStiffness(self.border.of_nodes[..., moved:], self.border.of_extra[moved:])
+        pulls, follows = zip(*found, strict=True)
+        return LineStiffness(jnp.concatenate(pulls, axis=-1), jnp.concatenate(follows))
 
     def on_held(self, change: Rows) -> Float[Array, "held b"]:
         """Return the change of the forces on the boundary nodes for a change of the rows."""
         near = 2 * BOUNDARY_NODES  # as far as elements reach
         forces = banded.matvec(self.bands[:near], change[:near])[:BOUNDARY_NODES]
+        if self.far is not None:
+            forces += jnp.einsum(
+                "hbnc,nc->hb", self.far[:BOUNDARY_NODES], change[: self.far.shape[0]]
+            )
         if self.border is None:
             return forces
         num_nodes, moved = self.bands.shape[0], len(self.extra)

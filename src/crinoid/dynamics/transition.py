@@ -23,10 +23,10 @@ from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import with_grip
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.outcome import Outcome
+from crinoid.dynamics.rows import BOUNDARY_NODES, ROTATION, SPIN
 from crinoid.dynamics.start import with_prescribed_motion
 from crinoid.dynamics.state import State
-from crinoid.dynamics.tangent import BOUNDARY_NODES
-from crinoid.dynamics.vehicle import ROWS, turn_of, unknowns
+from crinoid.dynamics.vehicle import turn_of, unknowns
 from crinoid.dynamics.windows import FlowPerturbation
 from crinoid.numerics.frames import angle_between, tangents, transport
 from crinoid.numerics.small_matrices import product
@@ -132,13 +132,13 @@ class LocalCoordinates:
             transported = transport(frames.director, frames.tangent, now)
             director = state.motion.orientation.director
             spin = frames.spin + angle_between(transported, director, now)
-            rows = rows.at[: nodes.shape[0], 3].set(spin)
+            rows = rows.at[: nodes.shape[0], SPIN].set(spin)
         before, attitude = self.state.attitude, state.attitude
         if before is not None:  # likewise by attitudes, not turns
             assert attitude is not None
             turn = turn_of(product(before.T, attitude))
-            turn = self.state.motion.position[-1, : turn.size] + turn
-            rows = rows.at[-1, : turn.size].set(turn)
+            turn = self.state.motion.position[ROTATION, : turn.size] + turn
+            rows = rows.at[ROTATION, : turn.size].set(turn)
         motion, at = state.motion, self.entries
         parts = (rows, motion.velocity, motion.acceleration, state.auxiliary_offset)
         moving = [part.reshape(-1)[at] for part in parts]
@@ -170,6 +170,7 @@ class LocalCoordinates:
             actuators=tuple(others),
             reaction=forces.residual(moved)[0][:BOUNDARY_NODES],
             gap=forces.gaps(moved.position),
+            self_gap=forces.self_gaps(moved.position),
             acceleration_history=state.acceleration_history,
             predictor_accepted=state.predictor_accepted,
             reused_tangent=state.reused_tangent,
@@ -186,11 +187,14 @@ class LocalCoordinates:
     def entries(self) -> Int[np.ndarray, " entry"]:
         """Indices of the unknowns of a step among the flattened rows."""
         forces, rows = self.system.forces, self.state.motion.position
-        moves, nodes = np.zeros(rows.shape, bool), forces.nodes(rows).shape[0]
-        moves[BOUNDARY_NODES:nodes] = True
-        moves[nodes + np.array(forces.free, int), : forces.axes] = True
+        moves = np.zeros(rows.shape, bool)
+        moves[forces.rows.nodes] = True
+        moves[:BOUNDARY_NODES] = False
+        moves[forces.free_rows, : forces.axes] = True
         if forces.vehicle is not None:
-            moves[-ROWS:].reshape(-1)[list(unknowns(forces.axes, rows.shape[1]))] = True
+            moves[forces.rows.vehicle].reshape(-1)[list(unknowns(forces.axes, rows.shape[1]))] = (
+                True
+            )
         return np.flatnonzero(moves)
 
     def _forces(self, servo: Any, actuators: Sequence[Any]) -> Forces:

@@ -11,13 +11,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from crinoid.base import Prescribed
+from crinoid.dynamics.rows import CENTRE, GHOST, ROOT, ROTATION, SPIN
 from crinoid.elements import Motion
 from crinoid.elements.water import smooth_speed
 from crinoid.numerics.frames import Frames, cross, dot, rotate_90, rotated
 from crinoid.numerics.small_matrices import product
-
-ROWS = 2
-"""Rows of a vehicle: centre of mass and rotation."""
 
 Vector = Float[Array, " d"]
 Turns = Float[Array, " turns"]
@@ -36,9 +34,9 @@ class Mount(eqx.Module):
     """Rotation in the vehicle's row at the start of the step (rad)."""
 
     def kinematics(self, position: Rows, velocity: Rows, acceleration: Rows) -> "VehicleKinematics":
-        """Return the motion of the vehicle from its rows, the last ones."""
+        """Return the motion of the vehicle from its rows."""
         turns, axes = self.turn.size, self.attitude.shape[0]
-        step = position[-1, :turns] - self.turn
+        step = position[ROTATION, :turns] - self.turn
         if axes == 2:
             cosine, sine = jnp.cos(step[0]), jnp.sin(step[0])
             turn = jnp.stack([jnp.stack([cosine, -sine]), jnp.stack([sine, cosine])])
@@ -68,15 +66,15 @@ class VehicleKinematics(eqx.Module):
         velocity: Rows,
         acceleration: Rows,
     ) -> "VehicleKinematics":
-        """Read the last two rows; of the last one the first ``turns`` entries count."""
+        """Read the rows of a vehicle; of its rotation the first ``turns`` entries count."""
         axes = attitude.shape[0]
         return VehicleKinematics(
             attitude,
-            position[-2, :axes],
-            velocity[-2, :axes],
-            acceleration[-2, :axes],
-            velocity[-1, :turns],
-            acceleration[-1, :turns],
+            position[CENTRE, :axes],
+            velocity[CENTRE, :axes],
+            acceleration[CENTRE, :axes],
+            velocity[ROTATION, :turns],
+            acceleration[ROTATION, :turns],
         )
 
     def to_world(self, held: Prescribed, frames: Frames | None) -> tuple[Held, Held, Held]:
@@ -102,17 +100,17 @@ class VehicleKinematics(eqx.Module):
             return rows[0], rows[1], rows[2]
         assert frames is not None
         tangent, director = held.frame[:2]
-        lever = place[1] - place[0]
-        swept = (speed[1] - speed[0]) / jnp.sqrt(dot(lever, lever))
+        lever = place[ROOT] - place[GHOST]
+        swept = (speed[ROOT] - speed[GHOST]) / jnp.sqrt(dot(lever, lever))
         spins = (
-            frames.spin_to(1, product(self.attitude, tangent), product(self.attitude, director)),
-            held.velocity[1, 3] + dot(self.rate, tangent),
-            held.acceleration[1, 3]
+            frames.spin_to(ROOT, product(self.attitude, tangent), product(self.attitude, director)),
+            held.velocity[ROOT, SPIN] + dot(self.rate, tangent),
+            held.acceleration[ROOT, SPIN]
             + dot(self.angular_acceleration, tangent)
             + dot(self.rate, swept),
         )
         position, velocity, acceleration = (
-            jnp.pad(row, ((0, 0), (0, 1))).at[1, 3].set(spin)
+            jnp.pad(row, ((0, 0), (0, 1))).at[ROOT, SPIN].set(spin)
             for row, spin in zip(rows, spins, strict=True)
         )
         return position, velocity, acceleration
@@ -123,7 +121,7 @@ class VehicleKinematics(eqx.Module):
         on_nodes = forces[:, :axes]
         moment = jnp.sum(moments(held.position, product(on_nodes, self.attitude)), axis=0)
         if held.frame is not None:
-            moment = moment + forces[1, 3] * held.frame[0]
+            moment = moment + forces[ROOT, SPIN] * held.frame[0]
         return jnp.sum(on_nodes, axis=0), moment
 
 
@@ -245,7 +243,7 @@ class Vehicle(eqx.Module):
         """Return pose and thrust of the vehicle."""
         rows = motion.position, motion.velocity, motion.acceleration
         kinematics = VehicleKinematics.of(attitude, self.inertia.size, *rows)
-        angles = motion.position[-1, :1] if self.offset.size == 2 else _angles(attitude)
+        angles = motion.position[ROTATION, :1] if self.offset.size == 2 else _angles(attitude)
         pose = jnp.concatenate([kinematics.position - self.offset, angles])
         return VehicleOutput(pose, *self.thrusters(kinematics, self.offset))
 

@@ -6,6 +6,7 @@ May import ``rod`` and ``compilation`` and ``actuation`` and lower folders.
 from crinoid.elements.bodies import Body as Body
 from crinoid.elements.bodies import Tool as Tool
 from crinoid.elements.contact import Contact as Contact
+from crinoid.elements.contact import SoftSkin as SoftSkin
 from crinoid.elements.elastic import Bend as Bend
 from crinoid.elements.elastic import Inertia as Inertia
 from crinoid.elements.elastic import Stretch as Stretch
@@ -19,6 +20,7 @@ from crinoid.elements.loads import DistributedLoad as DistributedLoad
 from crinoid.elements.loads import TipLoad as TipLoad
 from crinoid.elements.material import Material as Material
 from crinoid.elements.planar_threads import PlanarThreads as PlanarThreads
+from crinoid.elements.self_contact import SelfContact as SelfContact
 from crinoid.elements.spatial import BendTwist as BendTwist
 from crinoid.elements.threads import Threads as Threads
 from crinoid.elements.vortices import Oscillator as Oscillator

@@ -1,10 +1,11 @@
-"""Contact of the arm with rigid bodies: a penalty force in a soft skin, and friction."""
+"""Contact of the arm with rigid bodies and itself: a penalty force in a soft skin, friction."""
 
+from abc import abstractmethod
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from crinoid.elements.element import Element, Motion
 from crinoid.numerics.frames import cross, unit
@@ -15,15 +16,66 @@ SKIN = 0.05
 """Thickness of the skin over the radius of the arm."""
 _STRENGTH = 32.0
 """Force where the surfaces meet, over the modulus and the squared radius of the arm."""
-_EASE = 0.01
+EASE = 0.01
 """Weight that draws the point of contact to the middle of an edge."""
 _DAMPING = 0.2
 """Damping ratio of the skin of a rough surface: a hit returns about half of its speed."""
 _CREEP = 1e-3
 """Sliding speed at which friction is fully developed (m/s)."""
+_MISSED = 0.01
+"""Largest error of a step in the work of a contact, over the energy of the hit."""
+_NEGLIGIBLE = 5e-7
+"""Negligible error in that work, over the energy of the fully compressed skin."""
 
 
-class Contact(Element):
+class SoftSkin(Element):
+    """Soft skin between two surfaces: its force by their gap, a dashpot, and friction."""
+
+    strength: eqx.AbstractVar[Float[Array, "*count"]]
+    """Force where the surfaces meet (N)."""
+    friction: eqx.AbstractVar[Float[Array, "*count"]]
+    mass: eqx.AbstractVar[Float[Array, "*count"]]
+    """Reduced mass of the two (kg)."""
+
+    @property
+    @abstractmethod
+    def skin(self) -> Float[Array, "*count"]:
+        """Gap at which contact begins (m)."""
+
+    def press(self, gap: Float[Array, "*count"]) -> tuple[Array, Array]:
+        """Return the potential (J) and the force (N) of the skin at a gap (m)."""
+        depth = jnp.maximum(1.0 - gap / self.skin, 0.0)
+        return self.strength * self.skin * depth**5 / 5, self.strength * depth**4
+
+    def damped(self, gap: Float[Array, ""], rate: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the force of skin and dashpot (N), by the gap (m) and its rate (m/s)."""
+        _, force = self.press(gap)
+        rubs = (force > 0) & (self.friction > 0)
+        depth = jnp.where(rubs, 1.0 - gap / self.skin, 1.0)  # a root with a finite slope
+        dashpot = 4.0 * _DAMPING * jnp.sqrt(self.mass * self.strength * depth**3 / self.skin)
+        return jnp.where(rubs, jnp.maximum(force - dashpot * rate, 0.0), force)
+
+    def rubbing(self, pressing: Float[Array, ""], sliding: Float[Array, " d"]) -> Array:
+        """Return the friction (N) under a pressing force (N), by the velocity of sliding (m/s)."""
+        return -self.friction * pressing * sliding / jnp.sqrt(product(sliding, sliding) + _CREEP**2)
+
+    def accounted(
+        self, before: Float[Array, "*count"], after: Float[Array, "*count"], step: Array
+    ) -> Bool[Array, "*count"]:
+        """Return whether a step resolves a hit, by the gaps at its ends (m) and its length (s).
+
+        It does if the forces at its two ends account for the energy that the skin stores in
+        between, so that a hit returns the energy that it took.
+        """
+        (stored, force), (stored_before, force_before) = map(self.press, (after, before))
+        closed = before - after
+        missed = 0.5 * (force + force_before) * closed - (stored - stored_before)
+        hit = stored + stored_before + 0.5 * self.mass * (closed / step) ** 2
+        negligible = _NEGLIGIBLE * self.press(jnp.zeros_like(after))[0]
+        return jnp.abs(missed) <= _MISSED * hit + negligible
+
+
+class Contact(SoftSkin):
     """Contact of an edge, a capsule as thick as the arm, with one obstacle.
 
     A window has the two nodes of the edge and the obstacle's position. The obstacle is a sphere, a
@@ -37,7 +89,7 @@ class Contact(Element):
 
     Where the point of least distance would jump from end to end of the edge, as for an arm that
     lies flat on a plane, it is drawn to the middle: the distance is the root of
-    ``min_s |x(s) - c|^2 + _EASE |e|^2 (s - 1/2)^2``. So its gradient is continuous, and the force
+    ``min_s |x(s) - c|^2 + EASE |e|^2 (s - 1/2)^2``. So its gradient is continuous, and the force
     does not change the momentum or the angular momentum of the two.
 
     A rough surface also damps: a dashpot ``2 _DAMPING sqrt(k m)``, by the skin's stiffness
@@ -79,10 +131,7 @@ class Contact(Element):
 
         ``radius`` and ``half_axis`` in m, ``mass`` in kg, infinite for an immovable obstacle.
         """
-        arm_radius = _at_edges(rod.diameter) / 2
-        # in space that of the stiffer direction
-        stiffness = jnp.max(rod.EI.reshape(rod.nodes, -1), axis=1)
-        modulus = _at_edges(stiffness) / (jnp.pi / 4 * arm_radius**4)
+        arm_radius, strength = surfaces(rod)
         edges, obstacles = arm_radius.shape[0], radius.shape[0]
 
         def per_edge(values: Array) -> Array:
@@ -95,7 +144,7 @@ class Contact(Element):
             1,
             per_edge(rod.rest_length),
             per_edge(arm_radius),
-            per_edge(_STRENGTH * modulus * arm_radius**2),
+            per_edge(strength),
             *map(per_obstacle, (radius, half_axis, normal, friction)),
             mass=1 / (1 / per_edge(rod.edge_mass[:, 1]) + 1 / per_obstacle(mass)),
         )
@@ -114,19 +163,6 @@ class Contact(Element):
         """Return the distance of the surfaces (m)."""
         return self._closest(position[:, : self.axes])[0]
 
-    def press(self, gap: Float[Array, "*count"]) -> tuple[Array, Array]:
-        """Return the potential (J) and the force (N) of the skin at a gap (m)."""
-        depth = jnp.maximum(1.0 - gap / self.skin, 0.0)
-        return self.strength * self.skin * depth**5 / 5, self.strength * depth**4
-
-    def _damped(self, gap: Float[Array, ""], rate: Float[Array, ""]) -> Float[Array, ""]:
-        """Return the force of skin and dashpot (N), by the gap (m) and its rate (m/s)."""
-        _, force = self.press(gap)
-        rubs = (force > 0) & (self.friction > 0)
-        depth = jnp.where(rubs, 1.0 - gap / self.skin, 1.0)  # a root with a finite slope
-        dashpot = 4.0 * _DAMPING * jnp.sqrt(self.mass * self.strength * depth**3 / self.skin)
-        return jnp.where(rubs, jnp.maximum(force - dashpot * rate, 0.0), force)
-
     def residual(self, motion: Motion) -> Float[Array, "3 b"]:
         return -self.push(motion)[1]
 
@@ -137,7 +173,7 @@ class Contact(Element):
         """
         places, velocity = motion.position[:, : self.axes], motion.velocity[:, : self.axes]
         gap, slopes, share = self._closest(places)
-        pressing = self._damped(gap, jnp.sum(slopes * velocity))
+        pressing = self.damped(gap, jnp.sum(slopes * velocity))
         edge, length = unit(places[1] - places[0])
         outward, _ = unit(-slopes[2])
         lever = -self.arm_radius * outward
@@ -151,9 +187,7 @@ class Contact(Element):
             around = cross(edge, lever)
             sliding = sliding + motion.velocity[1, -1] * around
         sliding = sliding - product(sliding, outward) * outward
-        rubbing = (
-            -self.friction * pressing * sliding / jnp.sqrt(product(sliding, sliding) + _CREEP**2)
-        )
+        rubbing = self.rubbing(pressing, sliding)
         # likewise the moment lever x rubbing, without its part about the edge
         couple = (rubbing * product(edge, lever) - lever * product(edge, rubbing)) / length
         rubbed = jnp.stack([at_axis[0] * rubbing - couple, at_axis[1] * rubbing + couple, -rubbing])
@@ -170,7 +204,7 @@ class Contact(Element):
         flat = jnp.any(self.normal != 0)
 
         rise = product(self.normal, edge)
-        pull = _EASE * self.rest_length
+        pull = EASE * self.rest_length
         share_flat = jnp.clip(0.5 - rise / pull, 0.0, 1.0)
         height = (
             product(self.normal, apart) + share_flat * rise + 0.5 * pull * (share_flat - 0.5) ** 2
@@ -178,10 +212,10 @@ class Contact(Element):
         weights = jnp.stack([1 - share_flat, share_flat, -jnp.ones_like(share_flat)])
         slopes_flat = weights[:, None] * self.normal
 
-        share, along = self._closest_of_cores(edge, apart)
+        share, along = closest_of_cores(edge, self.half_axis, apart)
         off = share - 0.5
         between = apart + share * edge - along * self.half_axis
-        eased = _EASE * off**2 * edge
+        eased = EASE * off**2 * edge
         # a plane has no distance from its position: keep the unused branch finite
         distance = jnp.sqrt(
             product(between, between) + product(eased, edge) + jnp.finfo(float).tiny
@@ -194,21 +228,34 @@ class Contact(Element):
             jnp.where(flat, share_flat, share),
         )
 
-    def _closest_of_cores(self, edge: Array, apart: Array) -> tuple[Array, Array]:
-        """Return the nearest points of the edge (0 to 1) and of the capsule's core (-1 to 1).
 
-        The minimum of a convex quadratic in a box of two (Ericson, Real-Time Collision Detection,
-        2005, section 5.1.9).
-        """
-        core = self.half_axis
-        squared, of_core, mixed = product(edge, edge), product(core, core), product(edge, core)
-        of_edge = (1 + _EASE) * squared
-        on_edge, on_core = product(edge, apart) - 0.5 * _EASE * squared, product(core, apart)
-        long = of_core > 0
-        whole = jnp.where(long, of_edge * of_core - mixed**2, 1.0)
-        share = jnp.clip((mixed * on_core - of_core * on_edge) / whole, 0.0, 1.0)
-        along = jnp.clip((on_core + mixed * share) / jnp.where(long, of_core, 1.0), -1.0, 1.0)
-        return jnp.clip((mixed * along - on_edge) / of_edge, 0.0, 1.0), along
+def closest_of_cores(
+    edge: Array, core: Array, apart: Array, *, core_ease: float = 0.0
+) -> tuple[Array, Array]:
+    """Return the nearest points of an edge (0 to 1) and of the core of a capsule (-1 to 1).
+
+    The minimum of a convex quadratic in a box of two (Ericson, Real-Time Collision Detection,
+    2005, section 5.1.9). ``core`` is half of the core, ``apart`` the start of the edge less the
+    middle of the core, ``core_ease`` the weight that draws the point to that middle.
+    """
+    squared, mixed = product(edge, edge), product(edge, core)
+    of_core = (1 + core_ease) * product(core, core)
+    of_edge = (1 + EASE) * squared
+    on_edge, on_core = product(edge, apart) - 0.5 * EASE * squared, product(core, apart)
+    long = of_core > 0
+    whole = jnp.where(long, of_edge * of_core - mixed**2, 1.0)
+    share = jnp.clip((mixed * on_core - of_core * on_edge) / whole, 0.0, 1.0)
+    along = jnp.clip((on_core + mixed * share) / jnp.where(long, of_core, 1.0), -1.0, 1.0)
+    return jnp.clip((mixed * along - on_edge) / of_edge, 0.0, 1.0), along
+
+
+def surfaces(rod: Rod) -> tuple[Float[Array, " e"], Float[Array, " e"]]:
+    """Return the radius of each edge (m), and its force where surfaces meet (N)."""
+    radius = _at_edges(rod.diameter) / 2
+    # in space that of the stiffer direction
+    stiffness = jnp.max(rod.EI.reshape(rod.nodes, -1), axis=1)
+    modulus = _at_edges(stiffness) / (jnp.pi / 4 * radius**4)
+    return radius, _STRENGTH * modulus * radius**2
 
 
 def _at_edges(nodal: Float[Array, " n"]) -> Float[Array, " n-1"]:

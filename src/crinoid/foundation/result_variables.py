@@ -41,6 +41,7 @@ class Variable(NamedTuple):
         "tool",
         "lines",
         "vortices",
+        "self",
         "vehicle",
         "vehicle plane",
         "vehicle space",
@@ -219,6 +220,13 @@ VARIABLES = (
     _row("vortex_phase", "time edge", "rad", "phase of the lift of shed vortices",
          lambda run: run.kept.vortices.phase, where="vortices",
          more="turns on and on; in the plane that of the part along the flow"),
+    _row("self_gap", "time edge", "m", "distance of the edges' surfaces from the nearest far edge",
+         lambda run: run.kept.self_touch.gap, where="self",
+         more="negative where they overlap, infinite of an edge without a far one"),
+    _row("self_force", "time edge axis", "N", "force of far edges on the edges of the arm",
+         lambda run: run.kept.self_touch.force, where="self", more="friction included"),
+    _row("self_pairs", "time", "1", "number of pairs of far edges that press on each other",
+         lambda run: run.kept.self_touch.pairs, where="self"),
     _row("vehicle_pose", "time channel", "",
          "displacement of the vehicle from where it started, of its centre of mass",
          lambda run: run.kept.vehicle.pose, where="vehicle",
@@ -261,8 +269,8 @@ VARIABLES = (
 def of_dimension(dimension: int, *, without: Iterable[str] = ()) -> dict[str, Variable]:
     """Return the variables of a planar (2) or spatial (3) arm by name.
 
-    Those of "obstacles", "actuators", "tool", "lines", "vortices" or "vehicle" in ``without`` are
-    omitted.
+    Those of "obstacles", "actuators", "tool", "lines", "vortices", "self" or "vehicle" in
+    ``without`` are omitted.
     """
     left = {"space" if dimension == 2 else "plane", *without}
     return {each.name: each for each in VARIABLES if left.isdisjoint(each.where.split())}

@@ -66,6 +66,14 @@ def matvec(bands: Bands, nodes: Float[Array, "n b *columns"]) -> Float[Array, "n
     )
 
 
+def dense(bands: Bands) -> Float[Array, "n b n b"]:
+    """Return the whole matrix."""
+    num_nodes, _, size, _ = bands.shape
+    node = jnp.arange(num_nodes)[:, None]
+    whole = jnp.zeros((num_nodes, size, num_nodes + 4, size))
+    return whole.at[node, :, node + jnp.arange(5)].set(bands)[:, :, 2:-2]
+
+
 def transpose(bands: Bands) -> Bands:
     """Return the bands of the transposed matrix."""
     num_nodes = bands.shape[0]

@@ -151,6 +151,7 @@ def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> 
         "obstacles": kept.touch,
         "tool": kept.held,
         "vortices": kept.vortices,
+        "self": kept.self_touch,
         "vehicle": kept.vehicle,
         "estimate": kept.estimate,
         "shape": kept.estimate and kept.estimate.position,

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from crinoid.actuation import Input
 from crinoid.control import Estimate
-from crinoid.dynamics import LengthControlledThreads, Touch, VehicleOutput
+from crinoid.dynamics import LengthControlledThreads, SelfTouch, Touch, VehicleOutput
 from crinoid.elements import VortexForces
 from crinoid.foundation.result_variables import Content, quantity
 
@@ -62,6 +62,8 @@ class Record(eqx.Module):
     """Tensions (N) and pressures (Pa) of lines (``crinoid.dynamics.threads``)."""
     vortices: VortexForces | None = None
     """Forces of shed vortices per length, and their phase."""
+    self_touch: SelfTouch | None = None
+    """Contact of the arm with itself."""
     vehicle: VehicleOutput | None = None
     """Pose and thrusters of a submarine that floats."""
     estimate: Estimate | None = None

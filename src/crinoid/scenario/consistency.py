@@ -284,8 +284,8 @@ def _contact_conflicts(scenario: Scenario) -> Iterator[Mistake]:
             hint = "An oblique axis has an ellipse as its cut with the plane of the arm."
             must = "be [0, 1, 0] or a vector with y = 0"
             yield scenario.mistake(f"obstacle.{index}.axis", must, hint)
-    if obstacles and arm.section.diameter == 0:
-        must = "be above 0 (m), the surface that obstacles touch"
+    if (obstacles or scenario.contact.self_) and arm.section.diameter == 0:
+        must = "be above 0 (m), the surface of contact"
         yield scenario.mistake("arm.section.diameter", must)
 
 
@@ -295,6 +295,7 @@ def _output_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     for index, name in enumerate(scenario.output.variables or ()):
         without = {"vortices"} if scenario.water.vortices is None else set()
         without |= set() if scenario.control.observes else {"estimate"}
+        without |= set() if scenario.contact.self_ else {"self"}
         if name not in of_dimension(dimension, without=without):
             must = f"be {one_of(large_names(dimension, without=without))}"
             yield scenario.mistake(f"output.variables.{index}", must)

@@ -15,6 +15,7 @@ from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base, VelocityMotion
 from crinoid.scenario.body import Obstacle, Tool, Vehicle
 from crinoid.scenario.consistency import RULES
+from crinoid.scenario.contact import SelfContact
 from crinoid.scenario.control import Control, ControllerTable
 from crinoid.scenario.document import assign, parse, plain, without_empty
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
@@ -39,7 +40,18 @@ from crinoid.scenario.water import Water
 _DEFAULT_RATE_HZ = 100.0
 _DEFAULT_INTERVAL = 0.02
 _MAX_CASES = 10_000
-AT_REST = ("arm", "base", "water", "flow", "load", "tool", "chamber", "tendon", "obstacle")
+AT_REST = (
+    "arm",
+    "base",
+    "water",
+    "flow",
+    "load",
+    "tool",
+    "chamber",
+    "tendon",
+    "obstacle",
+    "contact",
+)
 """Tables that an equilibrium depends on."""
 _DIMENSION = {"arm", "arm.dimension"}
 """Keys that set the dimension."""
@@ -75,6 +87,7 @@ class Scenario(Model):
     flow: ListOf[Flow] = entry((), "How the water moves; flows add up.")
     load: ListOf[Load] = entry((), "Other forces on the arm.")
     obstacle: ListOf[Obstacle] = entry((), "Rigid bodies that the arm meets.")
+    contact: SelfContact = entry(SelfContact(), "Contact of the arm with itself.")
     tool: Tool | None = entry(None, "Body at the tip.")
     chamber: ListOf[Chamber] = entry((), "Chambers of fluid along the arm.")
     tendon: ListOf[Tendon] = entry((), "Tendons along the arm.")

@@ -63,6 +63,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         branch_tension=remembered.branch_tension(),
         line=state.motion.line,
         vortices=remembered.vortex_forces(state.motion),
+        self_touch=system.forces.self_touch(state.motion, state.self_gap),
         vehicle=system.vehicle_output(state),
         estimate=estimate,
         estimate_time=estimate_time,

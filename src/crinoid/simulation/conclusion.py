@@ -113,13 +113,10 @@ def _trouble(scenario: Scenario, system: System, state: State, outcome: Outcome)
     if found := nonfinite(scenario, system, state, outcome):
         return found, "numbers with which it is finite"
     if not outcome.resolved:
-        assert state.gap is not None
-        gaps = np.min(np.asarray(state.gap), axis=1)
-        near = int(np.argmin(gaps))
+        slower = ", or slower obstacles" * (state.gap is not None)
         return (
-            f"a hit is too hard or too fast for a time step {halvings}, "
-            f"{describe_gap(near, float(gaps[near]))}",
-            f"{smaller}, more simulation.max_halvings, or slower obstacles",
+            f"a hit is too hard or too fast for a time step {halvings}, {_nearest(state)}",
+            f"{smaller}, more simulation.max_halvings{slower}",
         )
     if outcome.folded:
         cosine = np.asarray(cos_turn_angle(system.forces, state.motion.position))
@@ -190,6 +187,18 @@ def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array
         jax.vmap(lambda e, m: e.residual(m))(e, motion_windows(e, motion)) for e in forces.elements
     ]
     return [jnp.isfinite(ravel_pytree(each)[0]).all() for each in given]
+
+
+def _nearest(state: State) -> str:
+    """Describe the smallest distance of the arm from obstacles and itself."""
+    gaps = np.zeros(0) if state.gap is None else np.min(np.asarray(state.gap), axis=1)
+    itself = np.inf if state.self_gap is None else float(np.min(state.self_gap))
+    if itself < gaps.min(initial=np.inf):
+        if itself < 0:
+            return f"the arm is pressed {-1e3 * itself:.3g} mm into itself"
+        return f"the arm is nearest to itself with {1e3 * itself:.3g} mm between its edges"
+    near = int(np.argmin(gaps))
+    return describe_gap(near, float(gaps[near]))
 
 
 def describe_gap(obstacle: int, gap: float) -> str:

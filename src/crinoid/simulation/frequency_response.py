@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float, Inexact
 from scipy.linalg import solve_banded
 
 from crinoid.dynamics import Influence
-from crinoid.dynamics.tangent import BOUNDARY_NODES
+from crinoid.dynamics.rows import BOUNDARY_NODES
 
 Bands = Float[np.ndarray, "n 5 b b"]
 

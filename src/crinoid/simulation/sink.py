@@ -73,6 +73,7 @@ def _bytes(scenario: Scenario, *, large: bool) -> float:
         "obstacles": scenario.obstacle,
         "tool": scenario.tool,
         "vortices": scenario.water.vortices,
+        "self": scenario.contact.self_,
         "estimate": scenario.control.observes,
     }
     without = [name for name, found in parts.items() if not found]

@@ -138,7 +138,7 @@ def launch(
     """Return a state with another position (m) and velocity (m/s) of its last obstacle."""
     forces, motion = system.forces, state.motion
     assert forces.obstacles is not None
-    row = forces.nodes(motion.position).shape[0] + forces.obstacles.count - 1
+    row = forces.rows.obstacle(forces.obstacles.count - 1)
     axes = forces.axes
     moved = motion.position.at[row, :axes].set(position)
     faster = motion.velocity.at[row, :axes].set(velocity)

@@ -141,15 +141,15 @@ class Plots:
         return self._panel(effort_chart, "newton_iterations", ax)
 
     def contact(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
-        """Plot contact with obstacles, its forces, and the distances: three panels.
+        """Plot contact with obstacles and of the arm with itself: times, forces and distances.
 
         Raises
         ------
         ValueError
-            If the run has no obstacles.
+            If the run has neither obstacles nor ``contact.self``.
         """
         if not has_contact(self._run):
-            raise ValueError("the result has no obstacles, so there is no contact to plot")
+            raise ValueError("the result has no obstacles and no contact.self. Add one of them.")
         return self._chart(contact_chart, ax)
 
     def vortices(self, ax: Iterable[Axes] | None = None) -> list[Axes]:

@@ -1,10 +1,12 @@
-"""Chart of contact: times, forces and distances of obstacles."""
+"""Chart of contact with obstacles, and of the arm with itself: times, forces and distances."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crinoid.view.figures.charts.chart import ZERO, Chart, IntervalRow, Panel, Trace
 from crinoid.view.figures.run import Run
@@ -15,73 +17,132 @@ _VARIABLES = (
     *("obstacle_position", "contact_force", "contact_impulse"),
     *("contact_time", "contact_gap", "contact_closest"),
 )
+_ITSELF = ("self_gap", "self_force")
 
 _FORCE = Panel("contact_force", "contact\nforce", low=0.0, tall=2.2, columns=3)
 _GAP = Panel("contact_gap", "distance from\nthe arm", levels=ZERO, tall=2.0, columns=3)
 _FEW = 50  # saved forces below which peaks are not cut off
 
+Series = Float[np.ndarray, " time"]
+
+
+class _Body(NamedTuple):
+    """An obstacle that the arm may touch, or the arm itself."""
+
+    name: str
+    """Name in the rows of times."""
+    short: str
+    """Name of its curves."""
+    order: int
+    """Number of its colour."""
+    behind: bool
+    """Whether it belongs to the run without control."""
+    time: Series
+    held: Bool[np.ndarray, " interval"]
+    """Whether it was in contact from one instant to the next."""
+    lasted: float
+    """Time in contact (s)."""
+    force: Series
+    mean: Series
+    """Mean force between instants (N); none of the arm itself."""
+    gap: Series
+    closest: float
+
 
 def has_contact(run: Run) -> bool:
     """Whether the result contains contacts."""
-    return all(name in run.result for name in _VARIABLES)
+    return any(all(name in run.result for name in names) for names in (_VARIABLES, _ITSELF))
 
 
 def contact_chart(run: Run) -> Chart:
-    """Return the times of contact, forces and distances of each obstacle."""
-    members = [(label, data) for label, data in run.members if "contact_force" in data]
-    return Chart("contact", "Contact", (_when(members), _force(members), _gap(members)))
+    """Return the times of contact, forces and distances of each obstacle and of the arm itself."""
+    bodies = [body for label, data in run.members for body in _bodies(label, data)]
+    bodies.sort(key=lambda body: body.order)
+    return Chart("contact", "Contact", (_when(bodies), _force(bodies), _gap(bodies)))
 
 
-def _without(label: str) -> bool:
-    return label == "without control"
+def _bodies(label: str, data: xr.Dataset) -> Iterator[_Body]:
+    behind, count, time = label == "without control", 0, data["time"].values
+    if "contact_force" in data:
+        count, steps = data.sizes["obstacle"], np.diff(time)
+        names = [each.label for each in find_obstacles(data)]
+        for index in range(count):
+            found = data.isel(obstacle=index)
+            total, pushed = found["contact_time"].values, found["contact_impulse"].values
+            # of the mean force between records no hit is too short
+            mean = np.linalg.norm(np.diff(pushed, axis=0), axis=1) / steps
+            yield _Body(
+                "without control" if behind else names[index],
+                f"{index} without" if behind else f"{index}",
+                index,
+                behind,
+                time,
+                np.diff(total) > 0.0,
+                float(total[-1]),
+                np.linalg.norm(found["contact_force"].values, axis=1),
+                mean,
+                found["contact_gap"].values,
+                float(found["contact_closest"].values[-1]),
+            )
+    if "self_force" in data:
+        # what edges press on each other appears at both
+        force = np.linalg.norm(data["self_force"].values, axis=2).sum(axis=1) / 2
+        gap, held = data["self_gap"].values.min(axis=1), (force[1:] > 0.0) & (force[:-1] > 0.0)
+        yield _Body(
+            "without control" if behind else "the arm itself",
+            "itself without" if behind else "itself",
+            count,
+            behind,
+            time,
+            held,
+            float(np.diff(time)[held].sum()),
+            force,
+            np.zeros(0),
+            gap,
+            float(gap.min()),
+        )
 
 
-def _when(members: list[tuple[str, xr.Dataset]]) -> Panel:
+def _when(bodies: list[_Body]) -> Panel:
     rows = []
-    for index in range(members[0][1].sizes["obstacle"]):
-        for label, data in members:
-            time, total = data["time"].values, data["contact_time"].values[:, index]
-            held = np.diff(total) > 0.0
-            name = "without control" if _without(label) else find_obstacles(data)[index].label
-            lasted = f"{total[-1]:.3g} s" if total[-1] else "never"
-            if time.size == 1:  # an equilibrium lasts no time
-                lasted = "yes" if np.any(data["contact_force"].values[0, index]) else "no"
-            spans = np.stack([time[:-1][held], time[1:][held]], axis=1)
-            if len(spans):  # intervals that follow each other are joined
-                apart = np.flatnonzero(spans[1:, 0] > spans[:-1, 1])
-                begins, ends = spans[np.append(0, apart + 1), 0], spans[np.append(apart, -1), 1]
-                spans = np.stack([begins, ends], axis=1)
-            row = IntervalRow(f"{name}: {lasted}", spans, f"series {index}", _without(label))
-            rows.append(row)
+    for body in bodies:
+        time, held = body.time, body.held
+        lasted = f"{body.lasted:.3g} s" if body.lasted else "never"
+        if time.size == 1:  # an equilibrium lasts no time
+            lasted = "yes" if body.force[0] else "no"
+        spans = np.stack([time[:-1][held], time[1:][held]], axis=1)
+        if len(spans):  # intervals that follow each other are joined
+            apart = np.flatnonzero(spans[1:, 0] > spans[:-1, 1])
+            begins, ends = spans[np.append(0, apart + 1), 0], spans[np.append(apart, -1), 1]
+            spans = np.stack([begins, ends], axis=1)
+        name = f"{body.name}: {lasted}"
+        rows.append(IntervalRow(name, spans, f"series {body.order}", body.behind))
     tall = 0.55 + 0.17 * len(rows)
     return Panel("contact_when", "in contact", rows=tuple(rows), tall=tall)
 
 
-def _force(members: list[tuple[str, xr.Dataset]]) -> Panel:
-    pressing = [np.linalg.norm(data["contact_force"].values, axis=2) for _, data in members]
-    # of the mean force between records no hit is too short
-    pushes = [np.diff(data["contact_impulse"].values, axis=0) for _, data in members]
-    steps = [np.diff(data["time"].values)[:, None] for _, data in members]
-    means = [np.linalg.norm(p, axis=2) / step for p, step in zip(pushes, steps, strict=True)]
-    top = largest(*pressing, *means)
+def _force(bodies: list[_Body]) -> Panel:
+    top = largest(*(values for body in bodies for values in (body.force, body.mean)))
     unit, traces, filled = si_unit(top, "N"), [], False
-    for (label, data), values, mean in zip(members, pressing, means, strict=True):
-        time, behind = data["time"].values, _without(label)
-        for index in range(values.shape[1]):
-            if not largest(values[:, index], mean[:, index]):
-                continue
-            role, name = f"series {index}", _short(index, label)
-            if len(mean):
-                level = np.append(mean[:, index], mean[-1, index])
-                words = f"{name}, mean between records"
-                traces.append(Trace(words, time, level, role, "filled", behind, quiet=True))
-                filled = True
-            summary = f"\u2264 {unit.text(largest(values[:, index]))}"
-            traces.append(Trace(name, time, values[:, index], role, behind=behind, summary=summary))
-    limit = spike_limit(pressing)
+    for body in bodies:
+        if not largest(body.force, body.mean):
+            continue
+        role = f"series {body.order}"
+        if len(body.mean):
+            level, words = (
+                np.append(body.mean, body.mean[-1]),
+                f"{body.short}, mean between records",
+            )
+            traces.append(Trace(words, body.time, level, role, "filled", body.behind, quiet=True))
+            filled = True
+        summary = f"\u2264 {unit.text(largest(body.force))}"
+        traces.append(
+            Trace(body.short, body.time, body.force, role, behind=body.behind, summary=summary)
+        )
+    limit = spike_limit([body.force[:, None] for body in bodies])
     panel = replace(_FORCE, unit=unit, traces=tuple(traces), high=limit if top else 1.0)
     left_out = "" if limit is None else f"peaks of up to {unit.text(top)} are cut off"
-    panel = replace(panel, nothing="" if top else "no obstacle presses", left_out=left_out)
+    panel = replace(panel, nothing="" if top else "nothing presses", left_out=left_out)
     return replace(panel, also=(("mean between records", "filled"),) if filled else ())
 
 
@@ -95,17 +156,13 @@ def spike_limit(pressing: list[Float[np.ndarray, "time obstacle"]]) -> float | N
     return usual if float(held.max()) > 2 * usual else None
 
 
-def _gap(members: list[tuple[str, xr.Dataset]]) -> Panel:
+def _gap(bodies: list[_Body]) -> Panel:
     traces = []
-    for label, data in members:
-        for index, values in enumerate(data["contact_gap"].values.T):
-            closest = float(data["contact_closest"].values[-1, index])
-            time, summary = data["time"].values, f"\u2265 {length_unit(abs(closest)).text(closest)}"
-            name, role, behind = _short(index, label), f"series {index}", _without(label)
-            traces.append(Trace(name, time, values, role, behind=behind, summary=summary))
-    unit = length_unit(largest(*(data["contact_gap"].values for _, data in members)))
+    for body in bodies:
+        summary = f"\u2265 {length_unit(abs(body.closest)).text(body.closest)}"
+        role = f"series {body.order}"
+        traces.append(
+            Trace(body.short, body.time, body.gap, role, behind=body.behind, summary=summary)
+        )
+    unit = length_unit(largest(*(body.gap for body in bodies)))
     return replace(_GAP, unit=unit, traces=tuple(traces))
-
-
-def _short(index: int, label: str) -> str:
-    return f"{index} without" if _without(label) else f"{index}"

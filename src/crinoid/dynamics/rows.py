@@ -1,0 +1,39 @@
+"""Rows of the arrays of a state, by name: nodes of the arm, then obstacles, then a vehicle."""
+
+from typing import Any, NamedTuple
+
+GHOST, ROOT = 0, 1
+"""Rows of the nodes that the base holds: the ghost behind the root, and the root."""
+BOUNDARY_NODES = 2
+"""Number of nodes with a prescribed motion: the ghost node and the root."""
+CENTRE, ROTATION = -2, -1
+"""Rows of a vehicle: its centre of mass, and its rotation since the start of the step."""
+VEHICLE_ROWS = 2
+SPIN = 3
+"""Column of the spin of the edge that ends at a node, in space."""
+
+
+class RowLayout(NamedTuple):
+    """Rows of nodes, obstacles and a vehicle; empty where there are none."""
+
+    nodes: slice
+    obstacles: slice
+    vehicle: slice
+    arm_and_obstacles: slice
+    """All rows except those of a vehicle."""
+
+    @staticmethod
+    def of(obstacles: int, *, vehicle: bool) -> "RowLayout":
+        """Return the layout for a number of obstacles, and perhaps a vehicle."""
+        last = VEHICLE_ROWS if vehicle else 0
+        end, none = -last or None, slice(0, 0)
+        return RowLayout(
+            slice(-(obstacles + last) or None),
+            slice(-(obstacles + last), end) if obstacles else none,
+            slice(-last, None) if vehicle else none,
+            slice(end),
+        )
+
+    def obstacle(self, index: Any) -> Any:
+        """Return the row of an obstacle, or the rows of several."""
+        return self.obstacles.start + index

@@ -1,0 +1,17 @@
+"""Contact of the arm with itself."""
+
+from collections.abc import Iterator
+
+from crinoid.scenario.errors import Mistake, got
+from crinoid.scenario.model import Model, entry
+
+
+class SelfContact(Model):
+    """Contact between parts of the arm that are far from each other along it."""
+
+    self_: bool = entry(False, "Whether the arm can touch itself.", alias="self")
+    friction: float = entry(0.0, "Coulomb's coefficient of friction, of arm on arm.", ge=0)
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if self.friction and not self.self_:
+            yield Mistake("friction", got(self.friction, "be 0 unless self = true"))

@@ -1,0 +1,34 @@
+"""Chart of contact of the arm with itself."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from crinoid.view.figures.charts.touch import contact_chart, has_contact
+from crinoid.view.figures.run import Run
+
+TIME = np.linspace(0.0, 2.0, 21)
+
+
+def touching():
+    """Return a run whose first and last edge press on each other from the middle on."""
+    pressing = np.arange(TIME.size) >= 10
+    force, gap = np.zeros((TIME.size, 5, 2)), np.full((TIME.size, 5), np.inf)
+    force[pressing, 0], force[pressing, -1] = (0.0, 3.0), (0.0, -3.0)
+    gap[:, 0] = gap[:, -1] = np.where(pressing, 4e-4, 0.02)
+    return xr.Dataset(
+        {"self_force": (("time", "edge", "axis"), force), "self_gap": (("time", "edge"), gap)},
+        {"time": TIME, "axis": ["x", "z"]},
+    )
+
+
+def test_contact_with_itself_has_its_times_force_and_gap():
+    run = Run(touching())
+    assert has_contact(run)
+    assert not has_contact(Run(touching().drop_vars("self_gap")))
+    when, pressed, apart = contact_chart(run).panels
+    (row,) = when.rows
+    assert row.name == "the arm itself: 1 s"
+    assert row.spans == pytest.approx(np.array([[1.0, 2.0]]))
+    assert pressed.traces[0].values[-1] == pytest.approx(3.0)  # the two press once
+    assert apart.traces[0].values.min() == pytest.approx(4e-4)
