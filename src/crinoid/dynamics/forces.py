@@ -214,7 +214,8 @@ class Forces(Arm):
             if self.free:
                 own = jax.vmap(lambda e, m: windows.residuals((e,), m, None)[0])
                 bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]
-                rows = rows.at[self.free_rows].add(bodies, unique_indices=True)
+                free = total.shape[0] + np.array(self.free, int)  # rows without those of a vehicle
+                rows = rows.at[free].add(bodies, unique_indices=True)
                 largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies), axis=0))
         if self.vehicle is None:
             return rows, largest
@@ -269,7 +270,8 @@ class Forces(Arm):
         )
         border = None
         if obstacles is not None and self.free:
-            of_free = jax.tree.map(lambda slope: slope[self.free_rows][:, None], slopes)
+            free = num_nodes + np.array(self.free, int)
+            of_free = jax.tree.map(lambda slope: slope[free][:, None], slopes)
             own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
             border = obstacles.border(touch, own, num_nodes)
         far = None
