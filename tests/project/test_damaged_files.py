@@ -217,14 +217,6 @@ def test_damaged_files_are_refused_in_one_line(reader, tmp_path, bounded):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(1, 4))
-@readers
-def test_more_damaged_files_are_refused_in_one_line(reader, number, tmp_path, bounded):
-    bounded(LONGEST)
-    check(reader, tmp_path, 100, number)
-
-
-@pytest.mark.slow
 @readers
 def test_files_damaged_anew_are_refused_in_one_line(reader, tmp_path, bounded, pytestconfig):
     seconds = pytestconfig.getoption("fuzz")
