@@ -68,7 +68,7 @@ def observer_outputs(
     if plan.scenario.simulation.start == "equilibrium":  # else the arm is that without any load
         flow = np.asarray(plan.state.flow_velocity)[1:]
         current = np.mean((flow[1:] + flow[:-1]) / 2, axis=0)
-    # of what is along the arm, without drag, the mean is known alone
+    # the velocity along the arm causes no drag: only its mean is known
     current += along @ (np.asarray(plan.current) - current) * along
     place = np.linspace(0.0, 1.0, len(nodes))
     apart = np.outer(4 * place * (1 - place), parts.offset[:axes])

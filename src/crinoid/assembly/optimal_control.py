@@ -204,7 +204,7 @@ def design_mpc(plan: AssembledScenario) -> tuple[Mpc, ControlDesignModel]:
             raise ScenarioError([Mistake("control.mpc.current", text)])
         forecast = carried_water(plan, design.model.current, looks * plan.period, meters[0])
     fields = design.fields(plan, aimed)
-    if forecast is not None:  # the states of the water are what it leaves out
+    if forecast is not None:  # the states of the water are its errors
         fields["observer"] = eqx.tree_at(
             lambda observer: observer.outputs.flow_velocity, fields["observer"], None
         )

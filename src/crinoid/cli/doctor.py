@@ -39,7 +39,7 @@ _CASE = Scenario(
 
 
 def examine() -> str:
-    """Print what is installed and whether it computes; return what is wrong."""
+    """Print the state of the installation; return its fault, empty if there is none."""
     keep_programs()
     notes: list[str] = []
     console.print(_about())
@@ -57,7 +57,7 @@ def _about() -> Table:
 
 
 def _parts(notes: list[str]) -> Table:
-    """Return the packages of optional parts, and note how to install what is lacking."""
+    """Return the packages of optional parts, and note commands that install missing ones."""
     parts: dict[str, list[str]] = defaultdict(list)
     for each in requires("crinoid") or ():
         found = _EXTRA.match(each)
@@ -74,7 +74,7 @@ def _parts(notes: list[str]) -> Table:
 
 
 def _places(notes: list[str]) -> Table:
-    """Return folders of caches and results, and note what is wrong with them."""
+    """Return folders of caches and results, and note faults of these."""
     programs = cache_folder(os.environ.get("JAX_COMPILATION_CACHE_DIR"))
     size = sum(file.stat().st_size for file in programs.rglob("*") if file.is_file())
     if not jax.config.values["jax_enable_compilation_cache"]:
@@ -100,10 +100,10 @@ def _solve() -> str:
         data = simulate(_CASE).dataset
     except SimulationError as error:
         return f"this installation cannot solve an arm: {error}"
-    whole, run = time.perf_counter() - begun, data.attrs["wall_time"]
+    elapsed, running = time.perf_counter() - begun, data.attrs["wall_time"]
     tip = data["tip_position"].values[-1]
     away = float(np.abs(tip - _TIP).max())
-    spent = f"{1e3 * run:.0f} ms, and {whole - run:.1f} s to prepare and compile it"
+    spent = f"{1e3 * running:.0f} ms, and {elapsed - running:.1f} s to prepare and compile it"
     console.print(f"1 s of an arm: {spent}; tip {away:.1g} m from its known place", soft_wrap=True)
     if not away < _TOLERANCE:
         found = f"tip at {tip.round(8).tolist()}, not {list(_TIP)}"

@@ -9,6 +9,7 @@ from crinoid.simulation.differentiable_run import closed_loop as closed_loop
 from crinoid.simulation.differentiable_run import glance as glance
 from crinoid.simulation.differentiable_run import rollout as rollout
 from crinoid.simulation.differentiable_run import with_parameters as with_parameters
+from crinoid.simulation.lateness import Lateness as Lateness
 from crinoid.simulation.loop import Loop as Loop
 from crinoid.simulation.loop import LoopState as LoopState
 from crinoid.simulation.run import Progress as Progress
@@ -19,5 +20,4 @@ from crinoid.simulation.run import equilibrium as equilibrium
 from crinoid.simulation.run import play as play
 from crinoid.simulation.run import settle as settle
 from crinoid.simulation.run import simulate as simulate
-from crinoid.simulation.session import Lateness as Lateness
 from crinoid.simulation.session import Session as Session

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -34,6 +34,7 @@ from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
 from crinoid.simulation.external import ExternalCommand, ExternalSignals, numbers
+from crinoid.simulation.lateness import Lateness
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.run import SimulationError, begin
 from crinoid.simulation.setup import set_up
@@ -44,21 +45,6 @@ CommandLike = ArrayLike | Mapping[str, Any]
 """Commands in the order of the inputs, or by name."""
 _ATTRIBUTE = "external"
 """Attribute of a result with the last values from outside, to continue from."""
-
-
-class Lateness(NamedTuple):
-    """Delay of a paced session behind the wall clock."""
-
-    steps: int
-    """Number of paced steps."""
-    late: int
-    """Number of those that ended after their time."""
-    mean: float
-    """Mean delay of late steps (s); 0 without any."""
-    largest: float
-    """Largest delay (s); 0 without any."""
-    last: float
-    """Delay of the last step (s), negative if it was in time."""
 
 
 class Session(SteppedRun):
