@@ -59,6 +59,6 @@ def test_a_check_holds_within_its_tolerance_only():
             Check("x", 2.0, 2.0, wrong)
     with pytest.raises(ValueError, match="no relative error"):
         Check("x", 0.0, 0.0, 0.1, relative=True)
-    assert Check("x", np.array(2.0), np.float64(2.0), np.float64(0.0)).holds is True
+    assert Check("x", np.float64(2.0), np.float64(2.0), np.float64(0.0)).holds is True
     with pytest.raises(ValueError, match="at least one check"):
         Evidence([])
