@@ -21,11 +21,12 @@ project_copyright = author = "The crinoid developers"
 version = release = __version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
+    "sphinx_design",
 ]
 exclude_patterns = ["_build"]
 html_theme = "furo"
@@ -34,7 +35,7 @@ html_show_sphinx = False
 highlight_language = "none"
 toc_object_entries_show_parents = "hide"
 
-myst_enable_extensions = ["dollarmath"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 4  # as GitHub makes them
 
@@ -78,36 +79,39 @@ napoleon_use_rtype = False
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
     "README.md": "index.md",
-    "CONTRIBUTING.md": "contributing.md",
-    "CHANGELOG.md": "changelog.md",
-    "CODE_OF_CONDUCT.md": "conduct.md",
-    "SECURITY.md": "security.md",
+    "CONTRIBUTING.md": "develop/contributing.md",
+    "CHANGELOG.md": "develop/changelog.md",
+    "CODE_OF_CONDUCT.md": "develop/conduct.md",
+    "SECURITY.md": "develop/security.md",
 }
 """Pages of these files, which lie outside of this folder."""
 
 
-def linked(text: str, folder: Path) -> str:
-    """Return the text of a file in ``folder`` with its links as they are seen from this folder."""
+def linked(text: str, folder: Path, page: Path) -> str:
+    """Return the text of a file in ``folder`` with its links as they are seen from a page."""
 
     def seen(found: re.Match[str]) -> str:
         path = (folder / found[1]).resolve()
         if not path.is_relative_to(ROOT) or not path.exists():
             return found[0]
-        page = PAGES.get(path.relative_to(ROOT).as_posix())
-        return f"]({page or Path(os.path.relpath(path, ROOT / 'docs')).as_posix()}"
+        name = PAGES.get(path.relative_to(ROOT).as_posix())
+        to = ROOT / "docs" / name if name else path
+        return f"]({Path(os.path.relpath(to, page.parent)).as_posix()}"
 
     return re.sub(r"\]\(([\w./-]+)", seen, text)
 
 
 def read(app: Any, docname: str, source: list[str]) -> None:
     """Mend the links of a page of this folder."""
-    if app.env.doc2path(docname).suffix == ".md":
-        source[0] = linked(source[0], ROOT / "docs")
+    page = Path(app.env.doc2path(docname))
+    if page.suffix == ".md":
+        source[0] = linked(source[0], page.parent, page)
 
 
 def included(app: Any, path: Path, docname: str, source: list[str]) -> None:
     """Mend the links of a file that a page includes."""
-    source[0] = linked(source[0], (ROOT / "docs" / path).parent)
+    page = Path(app.env.doc2path(app.env.docname))  # MyST gives the page without its folder
+    source[0] = linked(source[0], (ROOT / "docs" / path).parent, page)
 
 
 def plain(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:

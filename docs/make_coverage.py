@@ -1,4 +1,4 @@
-"""Print the coverage table of `docs/estimate.md`: runs of 20 seeds, estimates next to the truth.
+"""Print the coverage table of `docs/how-to/estimate.md`: 20 seeds, estimates next to the truth.
 
 python docs/make_coverage.py [SCENARIO ...]
 """

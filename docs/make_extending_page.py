@@ -1,4 +1,4 @@
-"""Put the files of the example package into `docs/extending.md`.
+"""Put the files of the example package into `docs/how-to/extending.md`.
 
     python docs/make_extending_page.py
 
@@ -10,8 +10,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-PAGE = Path(__file__).with_name("extending.md")
-ROOT = PAGE.parents[1]
+PAGE = Path(__file__).with_name("how-to") / "extending.md"
+ROOT = PAGE.parents[2]
 _INCLUDED = re.compile(r"(`(examples/[\w/.-]+)`:\n\n```(?:python|toml)\n).*?(^```$)", re.M | re.S)
 
 

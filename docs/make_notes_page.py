@@ -1,4 +1,4 @@
-"""Write the tables of `docs/notes.md` from the rules themselves.
+"""Write the tables of `docs/reference/notes.md` from the rules themselves.
 
     python docs/make_notes_page.py
 
@@ -14,7 +14,7 @@ from crinoid.diagnostics import run_notes as notes
 from crinoid.diagnostics.plausibility import RULES
 from crinoid.simulation import loop_margin as margin
 
-PAGE = Path(__file__).with_name("notes.md")
+PAGE = Path(__file__).with_name("reference") / "notes.md"
 BEFORE, AFTER = "scenario", "run"
 
 

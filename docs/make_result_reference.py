@@ -1,4 +1,4 @@
-"""Write the tables of variables of `docs/result.md` from the list of them.
+"""Write the tables of variables of `docs/reference/result.md` from the list of them.
 
     python docs/make_result_reference.py
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from crinoid.foundation.result_variables import VARIABLES, Variable
 
-PAGE = Path(__file__).with_name("result.md")
+PAGE = Path(__file__).with_name("reference") / "result.md"
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
 
 _GROUPS = {
@@ -23,7 +23,7 @@ _GROUPS = {
     ("vehicle", "vehicle plane", "vehicle space"): "With `[vehicle]` there are also",
     ("estimate", "estimate plane", "estimate space", "estimate shape", "estimate current"): "With "
     '`control.kind = "lqg"` or `"mpc"` there are also the estimates of the observer '
-    "([estimate.md](estimate.md)).",
+    "([Estimate the state from a log](../how-to/estimate.md)).",
     ("obstacles",): "With `[[obstacle]]` there are also",
     ("self",): "With `contact.self = true` there are also",
     ("tool",): "With `[tool]` there is also",

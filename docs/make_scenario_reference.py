@@ -1,4 +1,4 @@
-"""Write the tables of `docs/scenario.md` from the schema of a scenario.
+"""Write the tables of `docs/reference/scenario.md` from the schema of a scenario.
 
     python docs/make_scenario_reference.py
 
@@ -16,7 +16,7 @@ from crinoid.scenario import Scenario
 from crinoid.scenario.model import allowed
 from crinoid.scenario.quantity import unit_of
 
-PAGE = Path(__file__).with_name("scenario.md")
+PAGE = Path(__file__).with_name("reference") / "scenario.md"
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
 
 _WHERE = {None: "", 2: " In the plane only.", 3: " In space only."}

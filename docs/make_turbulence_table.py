@@ -1,4 +1,4 @@
-"""Write the tables of `docs/turbulence.md`: how well station-keeping holds in swell and turbulence.
+"""Write the tables of `docs/explanation/turbulence.md`: how well the tip is held.
 
     python docs/make_turbulence_table.py [alone | plane | space]
 
@@ -19,7 +19,7 @@ import crinoid
 from crinoid.results.effort import input_use
 from crinoid.results.errors import angle_error, tip_error
 
-PAGE = Path(__file__).with_name("turbulence.md")
+PAGE = Path(__file__).with_name("explanation") / "turbulence.md"
 
 SEEDS = range(5)
 DRIFT = (0.06, 0.8, 1.0)

@@ -18,9 +18,20 @@ from helpers.paths import ROOT
 from helpers.scripts import load_script
 
 DOCS = ROOT / "docs"
-PAGES = sorted([*ROOT.glob("*.md"), *DOCS.glob("*.md")])
 
-pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+
+def source_pages() -> list[Path]:
+    """Return the pages of the site, without what is built there."""
+    return sorted(
+        page
+        for page in DOCS.rglob("*")
+        if page.suffix in (".md", ".rst") and "_build" not in page.parts
+    )
+
+
+PAGES = sorted([*ROOT.glob("*.md"), *(page for page in source_pages() if page.suffix == ".md")])
+
+pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -76,9 +87,13 @@ def test_every_public_name_is_in_the_reference(module):
 
 
 def test_every_page_is_in_the_site():
-    written = {page.stem for page in DOCS.glob("*.md")} - {"index"}
-    written |= {f"api/{page.stem}" for page in (DOCS / "api").glob("*.rst")}
-    listed = re.findall(r"^[\w/]+$", (DOCS / "index.md").read_text("utf-8"), re.M)
+    written = {page.relative_to(DOCS).with_suffix("") for page in source_pages()}
+    listed = {Path("index")}
+    for page in source_pages():
+        text = page.read_text("utf-8")
+        for names in re.findall(r"^```\{toctree\}\n(?::[^\n]*\n)*\n?(.*?)^```", text, re.M | re.S):
+            for name in names.split():
+                listed.add((page.parent / name).resolve().relative_to(DOCS))
     assert sorted(listed) == sorted(written)
 
 
@@ -87,7 +102,10 @@ def test_every_page_is_in_the_site():
     "page",
     [
         "README.md",
-        *(f"docs/{name}.md" for name in ("actuators", "extending", "linearise", "parameters")),
+        *(
+            f"docs/how-to/{name}.md"
+            for name in ("actuators", "extending", "linearise", "parameters")
+        ),
     ],
 )
 def test_examples_run(page):

@@ -7,7 +7,7 @@ from collections import defaultdict
 from helpers.paths import ROOT
 
 SOURCE = sorted((ROOT / "src" / "crinoid").rglob("*.py"))
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FINE = re.compile(
     r'takes(=| up| over| off|_in)|"(takes|told|begun|beside)"|told\.|of its own (type|kind)'
 )

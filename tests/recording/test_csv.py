@@ -119,7 +119,7 @@ def test_a_profile_has_a_row_for_each_time_and_level_in_any_order(csv):
 
 
 def test_the_record_of_the_page_is_played_as_the_page_says(tmp_path, csv):
-    page = ROOT.joinpath("docs", "currents.md").read_text("utf-8")
+    page = ROOT.joinpath("docs", "how-to", "currents.md").read_text("utf-8")
     record, levels = re.findall(r"^```csv\n(.*?)^```", page, re.M | re.S)
     (tmp_path / "my-current.csv").write_text(record)
     (text,) = (

@@ -2,7 +2,10 @@
 
 import html
 import json
+import os
 import re
+import subprocess
+import sys
 from itertools import pairwise
 
 import matplotlib as mpl
@@ -131,6 +134,28 @@ def test_plots_show_the_numbers_of_the_result():
     bent = plot.bending()
     assert bent.get_ylabel() == "curvature (1/m)"
     np.testing.assert_allclose(bent.collections[0].get_segments()[-1][:, 1], data["curvature"][-1])
+
+
+def test_a_plot_keeps_what_its_backend_sets_when_it_is_loaded(tmp_path):
+    # the backend of notebooks shows figures only while this setting is on
+    (tmp_path / "shows.py").write_text(
+        "import matplotlib\n"
+        "from matplotlib.backends.backend_agg import *\n"
+        "matplotlib.interactive(True)\n"
+    )
+    code = "import matplotlib, crinoid.view.notebook as n\nwith n._axes([1.0], None): pass\n"
+    ended = subprocess.run(
+        [sys.executable, "-c", f"{code}print(matplotlib.is_interactive())"],
+        env=os.environ
+        | {
+            "MPLBACKEND": "module://shows",
+            "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path]),
+        },
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ended.stdout.split() == ["True"]
 
 
 def test_plots_go_into_axes_that_are_given():

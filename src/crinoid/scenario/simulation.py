@@ -123,13 +123,13 @@ class Output(Model):
     )
     variables: _Variables | None = entry(
         None,
-        "Variables along the arm to save ([result.md](result.md#variables)), all by default. "
+        "Variables along the arm to save ([Result files and variables](result.md#variables)), all by default. "
         "Others are always saved.",
     )
     measures: _Functions = entry(
         (),
         "Further measures of a run: functions of installed packages, as module:function "
-        "([extending.md](extending.md#a-measure)).",
+        "([Extend crinoid](../how-to/extending.md#a-measure)).",
     )
 
     def own_measures(self, known: Iterable[str]) -> dict[str, OwnMeasure]:

@@ -49,6 +49,7 @@ def _axes(heights: list[float], given: Sequence[Axes] | None) -> Iterator[list[A
     """Yield the given axes, or new ones of some heights (inches), in the style of reports."""
     if given is not None and len(given) != len(heights):
         raise ValueError(f"ax: got {len(given)} axes; must be {len(heights)}, one for each panel")
+    plt.draw_if_interactive()  # loads the backend, whose setting "interactive" has to stay
     with mpl.rc_context(style.STYLE):
         if given is not None:
             yield list(given)
