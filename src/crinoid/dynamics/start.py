@@ -280,10 +280,10 @@ def steady_state(
         actuators=tuple(actuators),
         reaction=reaction,
         gap=forces.gaps(motion.position),
-        self_gap=forces.self_gaps(motion.position),
+        far_gaps=forces.far_gaps(motion.position),
         acceleration_history=jnp.stack([motion.acceleration] * 5),
         predictor_accepted=jnp.asarray(False),
         reused_tangent=ReusedTangent.none(forces, motion.position),
-        attitude=forces.attitude(motion),
+        attitude=forces.attitude(motion.position),
         memory=forces.memory_at_start(motion),
     )

@@ -50,8 +50,8 @@ class State(eqx.Module):
     """Matrix from the axes of a floating vehicle to those of the world."""
     grip: GripState | None = None
     """Grip of a tool, if touches take it up or let it go."""
-    self_gap: Float[Array, " pair"] | None = None
-    """Distance of the surfaces of each pair of far edges (m)."""
+    far_gaps: tuple[Float[Array, " w"], ...] = ()
+    """Distances of the surfaces in each contact of far parts (m; `crinoid.dynamics.FarContact`)."""
     memory: Memory = ()
     """Memory of each element (`crinoid.Element`); None for those without."""
 
@@ -121,8 +121,9 @@ class State(eqx.Module):
         return None if self.attitude is None else self.motion.velocity[..., CENTRE, : self._axes]
 
     def remembered(self, forces: Forces) -> Forces:
-        """Return a copy of the forces with the grip and the elements' memory of this state."""
-        return with_grip(forces.remembering(self.memory, 0.0), self.grip)
+        """Return a copy of the forces with grip, memory of elements and attitude of this state."""
+        forces = forces.remembering(self.memory, 0.0).turned(self.attitude)
+        return with_grip(forces, self.grip)
 
     @property
     def _axes(self) -> int:
@@ -180,8 +181,8 @@ class EnergyAccount(eqx.Module):
         if forces.obstacles is not None:
             motion = forces.obstacle_motion(state.motion)
             contact, known["contact"] = forces.obstacles.touch(motion)
-        if forces.far_edges is not None:
-            pushed = forces.far_edges.push(state.motion)[:nodes]
+        for far in remembered.far_contacts:
+            pushed = far.push(state.motion)[:nodes]
             known["contact"] = known.get("contact", 0.0) + pushed
         held = remembered.memory_energy(state.motion)
         return EnergyAccount(known, jnp.zeros(len(WORKS)), contact, held)

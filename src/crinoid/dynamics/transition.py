@@ -170,11 +170,11 @@ class LocalCoordinates:
             actuators=tuple(others),
             reaction=forces.residual(moved)[0][:BOUNDARY_NODES],
             gap=forces.gaps(moved.position),
-            self_gap=forces.self_gaps(moved.position),
+            far_gaps=forces.far_gaps(moved.position),
             acceleration_history=state.acceleration_history,
             predictor_accepted=state.predictor_accepted,
             reused_tangent=state.reused_tangent,
-            attitude=forces.attitude(moved),
+            attitude=forces.attitude(moved.position),
             grip=state.grip,
             memory=remembered,
         )

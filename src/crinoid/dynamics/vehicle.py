@@ -35,6 +35,11 @@ class Mount(eqx.Module):
 
     def kinematics(self, position: Rows, velocity: Rows, acceleration: Rows) -> "VehicleKinematics":
         """Return the motion of the vehicle from its rows."""
+        attitude, turns = self.attitude_at(position), self.turn.size
+        return VehicleKinematics.of(attitude, turns, position, velocity, acceleration)
+
+    def attitude_at(self, position: Rows) -> Float[Array, "d d"]:
+        """Return the attitude of the vehicle from the positions of all rows."""
         turns, axes = self.turn.size, self.attitude.shape[0]
         step = position[ROTATION, :turns] - self.turn
         if axes == 2:
@@ -42,8 +47,7 @@ class Mount(eqx.Module):
             turn = jnp.stack([jnp.stack([cosine, -sine]), jnp.stack([sine, cosine])])
         else:
             turn = rotated(jnp.eye(3), step).T
-        attitude = product(self.attitude, turn)
-        return VehicleKinematics.of(attitude, turns, position, velocity, acceleration)
+        return product(self.attitude, turn)
 
 
 class VehicleKinematics(eqx.Module):
