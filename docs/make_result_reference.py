@@ -20,12 +20,13 @@ _GROUPS = {
     ("", "plane"): "",
     ("space",): "With `arm.dimension = 3` every `axis` has three labels. There is no "
     "`tip_angle_target`, and these variables are new or of another shape.",
-    ("vehicle", "vehicle plane", "vehicle space"): "With `[vehicle]` there are also",
+    ("vehicle", "vehicle plane", "vehicle space"): "With `vehicle.mass` there are also",
     ("estimate", "estimate plane", "estimate space", "estimate shape", "estimate current"): "With "
     '`control.kind = "lqg"` or `"mpc"` there are also the estimates of the observer '
     "([Estimate the state from a log](../how-to/estimate.md)).",
     ("obstacles",): "With `[[obstacle]]` there are also",
     ("self",): "With `contact.self = true` there are also",
+    ("hull",): "With `vehicle.hull` there are also",
     ("tool",): "With `[tool]` there is also",
     ("actuators",): "With actuators in addition to the base's channels there are also",
     (

@@ -186,7 +186,7 @@ def test_tangent_is_the_slope_of_the_residual(dimension, tables):
     def both(balance, way):
         def pushed(correction):
             moved = forces.motion(stage, correction, balance.around)
-            return forces.nodes(forces.far_edges.push(moved))
+            return forces.nodes(forces.far_contacts[0].push(moved))
 
         tangent = balance.tangent(zero)
         exact = jax.jvp(lambda c: balance.residual(c)[0], (zero,), (way,))[1]
@@ -231,8 +231,8 @@ def test_gradient_of_a_coil_is_that_of_differences():
 
     @eqx.filter_jit
     def tip(friction, system, state):
-        rough = friction + 0.0 * system.forces.far_edges.contact.friction
-        changed = eqx.tree_at(lambda s: s.forces.far_edges.contact.friction, system, rough)
+        rough = friction + 0.0 * system.forces.far_contacts[0].contact.friction
+        changed = eqx.tree_at(lambda s: s.forces.far_contacts[0].contact.friction, system, rough)
         for _ in range(2):
             state, outcome = changed.step(state, command)
         return system.tip(state)[0], outcome.converged

@@ -521,10 +521,10 @@ HEAVE = {"kind": "sine", "channel": "heave", "amplitude": 0.1, "frequency_hz": 0
         (BODY | {"hold": "anchor"}, {},
          'vehicle.hold: got "anchor"; must be "free" or "thrusters"'),
         (BODY, {"base": {"motion": [HEAVE]}},
-         "base.motion: got [a table]; must be left out with a table vehicle. A vehicle floats and "
+         "base.motion: got [a table]; must be left out with vehicle.mass. A vehicle floats and "
          "has no prescribed motion."),
         (BODY, {"target": {"frame": "base"}},
-         'target.frame: got "base"; must be "world" with a table vehicle'),
+         'target.frame: got "base"; must be "world" with vehicle.mass'),
     ],
 )  # fmt: skip
 def test_mistakes_are_told_in_one_line(vehicle, tables, line):

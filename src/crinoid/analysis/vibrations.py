@@ -123,7 +123,8 @@ def _in(medium: str) -> str:
 def _media(scenario: Scenario, current: tuple[float, ...], in_air: bool) -> dict[str, Scenario]:
     """Return the same arm in each medium: with one uniform current, which is 0 but in the last."""
     still = [{"kind": "uniform", "velocity": [0.0] * len(current)}]
-    case = at_rest(scenario).with_values({"vehicle": None, "flow": still})
+    hull = None if scenario.hull is None else {"hull": scenario.hull.model_dump()}
+    case = at_rest(scenario).with_values({"vehicle": hull, "flow": still})
     found = {"air": case.with_values({"water.density": 0.0, "water.linear_drag": 0.0})}
     if in_air or scenario.water.density == 0:
         return found
@@ -229,7 +230,7 @@ def _dataset(prepared: Prepared, found: dict[str, Vibration]) -> xr.Dataset:
 def _notes(scenario: Scenario, dataset: xr.Dataset) -> list[str]:
     """Return what there is to know of modes, a sentence each."""
     found = []
-    if scenario.vehicle is not None:
+    if scenario.floats:
         found.append("the submarine floats; these are modes of its arm while the base is held")
     media = [str(medium) for medium in dataset["medium"].values]
     if "still water" in media and scenario.flow and "mean current" not in media:

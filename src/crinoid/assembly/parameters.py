@@ -21,6 +21,7 @@ from crinoid.assembly.arrays import Builder, Numbers, array, build_flow, from_ta
 from crinoid.assembly.bodies import (
     BaseParameters,
     ObstacleParameters,
+    HullParameters,
     SelfContactParameters,
     ToolParameters,
     VehicleParameters,
@@ -277,6 +278,7 @@ class Parameters(eqx.Module):
     """Arguments of each load's element, by name."""
     obstacle: ObstacleParameters | None
     contact: SelfContactParameters | None
+    hull: HullParameters | None
     tool: ToolParameters | None
     actuator: tuple[ActuatorParameters, ...]
     vehicle: VehicleParameters | None
@@ -311,9 +313,10 @@ class Parameters(eqx.Module):
             load=tuple(numbers for _, numbers in loads),
             obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
             contact=SelfContactParameters.of(scenario),
+            hull=HullParameters.of(scenario),
             tool=ToolParameters.of(tool, scenario.arm.nodes) if tool else None,
             actuator=tuple(actuators),
-            vehicle=VehicleParameters.of(vehicle) if vehicle else None,
+            vehicle=VehicleParameters.of(vehicle) if vehicle and vehicle.floats else None,
             pid=PidParameters.of(scenario),
             simulation=SimulationParameters.of(scenario.simulation),
             load_builders=tuple(builder for builder, _ in loads),

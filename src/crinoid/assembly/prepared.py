@@ -164,9 +164,9 @@ class Prepared:
         if self.scenario.obstacle:
             _ = self.room
         if self.scenario.contact.self_:
-            from crinoid.assembly.system import check_self_clearance
+            from crinoid.assembly.system import check_far_clearances
 
-            check_self_clearance(self.system)
+            check_far_clearances(self.system)
 
 
 _READ = ("digests", "recordings", "series")

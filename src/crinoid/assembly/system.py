@@ -16,7 +16,7 @@ from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.threads import assemble_actuators
 from crinoid.base import Base
 from crinoid.compilation import ONCE, compiled
-from crinoid.dynamics import Forces, Settings, System
+from crinoid.dynamics import Forces, Hull, Settings, System
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
@@ -86,6 +86,10 @@ def assemble(parameters: Parameters) -> System:
     vehicle = None
     if parameters.vehicle is not None:
         vehicle = parameters.vehicle.vehicle(water.density, water.gravity)
+    held = Base(base.angles, rod.rest_length[0], base.servo, base.motion)
+    contact, hull = parameters.contact, parameters.hull
+    far = () if contact is None else (contact.far_edges(rod),)
+    far += () if hull is None else (hull.hull(rod, held, vehicle),)
     system = System(
         reference=rod.reference,
         forces=Forces(
@@ -95,9 +99,9 @@ def assemble(parameters: Parameters) -> System:
             obstacles,
             vehicle=vehicle,
             lines=lines,
-            far_edges=None if parameters.contact is None else parameters.contact.far_edges(rod),
+            far_contacts=far,
         ),
-        base=Base(base.angles, rod.rest_length[0], base.servo, base.motion),
+        base=held,
         integrator=simulation.integrator,
         settings=Settings.for_rod(
             rod,
@@ -213,16 +217,23 @@ def _velocities_at(
 _clearance = compiled(**ONCE)(System.clearance)
 
 
-_self_clearance = compiled(**ONCE)(System.self_clearance)
+_far_clearances = compiled(**ONCE)(System.far_clearances)
 
 
-def check_self_clearance(system: System) -> None:
-    """Refuse an arm that overlaps itself without load."""
-    gap = float(_self_clearance(system))
-    if gap < 0:
-        text = f"got true for an arm that overlaps itself by {-1e3 * gap:.3g} mm without load"
-        hint = "Lower arm.rest_curvature or arm.radius"
-        raise ScenarioError([Mistake("contact.self", f"{text}; must be clear of itself. {hint}.")])
+def check_far_clearances(system: System) -> None:
+    """Refuse an arm that overlaps itself or the hull without load."""
+    gaps, mistakes = _far_clearances(system), []
+    for far, gap in zip(system.forces.far_contacts, map(float, gaps), strict=True):
+        if gap < 0 and isinstance(far, Hull):
+            text = f"overlaps the arm without load by {-1e3 * gap:.3g} mm; must be clear of it"
+            hint = "Lower its diameter or arm.rest_curvature"
+            mistakes.append(Mistake("vehicle.hull", f"{text}. {hint}."))
+        elif gap < 0:
+            text = f"got true for an arm that overlaps itself by {-1e3 * gap:.3g} mm without load"
+            hint = "Lower arm.rest_curvature or arm.radius"
+            mistakes.append(Mistake("contact.self", f"{text}; must be clear of itself. {hint}."))
+    if mistakes:
+        raise ScenarioError(mistakes)
 
 
 def clearance(system: System) -> Float[np.ndarray, " m"]:

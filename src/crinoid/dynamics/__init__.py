@@ -9,11 +9,15 @@ from crinoid.dynamics.damped_modes import DampedModes as DampedModes
 from crinoid.dynamics.damped_modes import Relaxing as Relaxing
 from crinoid.dynamics.damped_modes import find_damped_modes as find_damped_modes
 from crinoid.dynamics.damped_modes import find_relaxing_modes as find_relaxing_modes
+from crinoid.dynamics.far_contact import FarContact as FarContact
 from crinoid.dynamics.forces import Forces as Forces
 from crinoid.dynamics.free_bodies import FreeBodies as FreeBodies
 from crinoid.dynamics.gripper import GripState as GripState
 from crinoid.dynamics.gripper import GripTriggers as GripTriggers
 from crinoid.dynamics.gripper import tool_factor as tool_factor
+from crinoid.dynamics.hull import Hull as Hull
+from crinoid.dynamics.hull import HullTouch as HullTouch
+from crinoid.dynamics.hull import first_far_edge as first_far_edge
 from crinoid.dynamics.integrator import Integrator as Integrator
 from crinoid.dynamics.modes import Modes as Modes
 from crinoid.dynamics.modes import ModesError as ModesError

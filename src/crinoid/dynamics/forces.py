@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from crinoid.dynamics import windows
 from crinoid.dynamics.arm import Arm, Memory
+from crinoid.dynamics.far_contact import FarContact
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.obstacles import Obstacles
 from crinoid.dynamics.rows import (
@@ -25,13 +26,11 @@ from crinoid.dynamics.rows import (
     VEHICLE_ROWS,
     RowLayout,
 )
-from crinoid.dynamics.self_contact import FarEdges, SelfTouch
 from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.dynamics.threads import LengthControlledThreads
 from crinoid.dynamics.vehicle import Mount, Vehicle, unknowns, vehicle_rows
 from crinoid.dynamics.windows import Surroundings
-from crinoid.elements import Motion, Pose, SelfContact
-from crinoid.elements.element import Element
+from crinoid.elements import Element, Motion, Pose
 from crinoid.flow import Current, Water
 from crinoid.numerics import banded
 
@@ -59,8 +58,8 @@ class Forces(Arm):
     """Tendons of given length and chambers of given content among the elements."""
     mount: Mount | None = None
     """Clamp of the arm on a vehicle; None while the vehicle is held still."""
-    far_edges: FarEdges | None = None
-    """Contact of the arm with itself, if it counts."""
+    far_contacts: tuple[FarContact, ...] = ()
+    """Contact of the arm with itself and with the hull, where it counts."""
 
     def frozen(self, time: Float[Array, ""]) -> "Forces":
         """Return the forces in the flow frozen at ``time``, obstacles and vehicle held still."""
@@ -97,14 +96,24 @@ class Forces(Arm):
         """Whether some obstacles are free, so that all have a row for their rotation."""
         return self.obstacles is not None and self.obstacles.bodies is not None
 
-    def turned(self, attitude: Float[Array, "m d d"] | None, position: Rows) -> "Forces":
-        """Return the forces for a step that starts with an attitude of the obstacles."""
-        if attitude is None or self.obstacles is None or self.obstacles.bodies is None:
-            return self
-        obstacles, bodies = self.obstacles, self.obstacles.bodies
-        turn = position[self.rows.rotations, : bodies.spin.shape[1]]
-        pose = Pose(attitude, turn)
-        return replace(self, obstacles=replace(obstacles, bodies=replace(bodies, pose=pose)))
+    def turned(
+        self,
+        attitude: Float[Array, "d d"] | None,
+        of_obstacles: Float[Array, "m d d"] | None,
+        position: Rows,
+    ) -> "Forces":
+        """Return the forces with a vehicle held still at an attitude, and that of the obstacles.
+
+        A step starts with the latter.
+        """
+        far = tuple(each.turned(attitude) for each in self.far_contacts)
+        obstacles = self.obstacles
+        if of_obstacles is not None and obstacles is not None and obstacles.bodies is not None:
+            bodies = obstacles.bodies
+            turn = position[self.rows.rotations, : bodies.spin.shape[1]]
+            pose = Pose(of_obstacles, turn)
+            obstacles = replace(obstacles, bodies=replace(bodies, pose=pose))
+        return replace(self, far_contacts=far, obstacles=obstacles)
 
     def nodes(self, rows: Rows) -> Float[Array, "n b"]:
         """Return the rows of the nodes."""
@@ -230,9 +239,9 @@ class Forces(Arm):
             total += banded.pad_columns(nodal, size)
             most = jnp.max(jnp.abs(forces), axis=(0, 1, 2))
             largest = jnp.maximum(largest, jnp.pad(most, (0, size - width)))
-        if self.far_edges is not None:
-            pushed = self.far_edges.push(motion)[:num_nodes]
-            largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed), axis=0))
+        for far in self.far_contacts_at(motion.position):
+            pushed = far.push(motion)[:num_nodes]
+            largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed[far.first_row :]), axis=0))
             total -= pushed
         rows = total
         if self.obstacles is not None:
@@ -305,17 +314,16 @@ class Forces(Arm):
 
             own = obstacles.bodies.stiffness(self.obstacle_motion(motion), of_rows)
             border = obstacles.border(touch, own, num_nodes)
-        far = None
-        if self.far_edges is not None:
+        far_contacts = self.far_contacts_at(motion.position)
 
-            def of_pair(contact: SelfContact, pair: Motion) -> Array:
-                still = jnp.zeros((*pair.flow_velocity.shape, self.axes))
-                return jacobian((contact,), pair, (still, None))
+        def of_window(contact: Element, window: Motion) -> Array:
+            still = jnp.zeros((*window.flow_velocity.shape, self.axes))
+            return jacobian((contact,), window, (still, None))
 
-            far = self.far_edges.stiffness(motion, of_pair, num_nodes)
+        far = [each.stiffness(motion, of_window, num_nodes) for each in far_contacts]
         extra = self.extra(size)
         own_unknowns = 0 if border is None else border.corner.shape[0]
-        tangent = Tangent(bands, border, extra[:own_unknowns], far=far)
+        tangent = Tangent(bands, border, extra[:own_unknowns], far=sum(far) if far else None)
         if self.mount is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
@@ -380,9 +388,9 @@ class Forces(Arm):
             points = points.at[self.rows.rotations].set(points[self.rows.obstacles])
         return points if self.vehicle is None else points.at[ROTATION].set(points[CENTRE])
 
-    def attitude(self, motion: Motion) -> Float[Array, "d d"] | None:
-        """Return the attitude of a moving vehicle, if there is one."""
-        return None if self.mount is None else self.mount.kinematics(*_rows(motion)).attitude
+    def attitude(self, rows: Rows) -> Float[Array, "d d"] | None:
+        """Return the attitude of a moving vehicle, if there is one, from the positions of all rows."""
+        return None if self.mount is None else self.mount.attitude_at(rows)
 
     def obstacle_attitude(self, motion: Motion) -> Float[Array, "m d d"] | None:
         """Return the attitude of the obstacles, if some are free."""
@@ -402,15 +410,14 @@ class Forces(Arm):
             return None
         return self.obstacles.gaps(rows[self.rows.arm_and_obstacles])
 
-    def self_gaps(self, rows: Rows) -> Float[Array, " pair"] | None:
-        """Return the gap of each pair of far edges (m), if the arm can touch itself."""
-        return None if self.far_edges is None else self.far_edges.gaps(rows, self.axes)
+    def far_contacts_at(self, rows: Rows) -> tuple[FarContact, ...]:
+        """Return the contacts of far parts for the positions of all rows."""
+        attitude = self.attitude(rows) if self.far_contacts else None
+        return tuple(each.turned(attitude) for each in self.far_contacts)
 
-    def self_touch(self, motion: Motion, gaps: Float[Array, " pair"] | None) -> SelfTouch | None:
-        """Return the contact of each edge with far edges, if the arm can touch itself."""
-        if self.far_edges is None or gaps is None:
-            return None
-        return self.far_edges.touch(motion, gaps)
+    def far_gaps(self, rows: Rows) -> tuple[Array, ...]:
+        """Return the gaps of the contacts of far parts (m)."""
+        return tuple(each.gaps(rows, self.axes) for each in self.far_contacts_at(rows))
 
     def obstacle_motion(self, motion: Motion) -> Motion:
         """Return the motion of nodes and obstacles."""

@@ -115,7 +115,7 @@ class ReusedTangent(eqx.Module):
         nodes, size = forces.nodes(rows).shape
         lines = 0 if forces.lines is None else forces.lines.rest.size
         tangent = TangentFactors.blank(
-            nodes, size, forces.extra(size), lines, dense=forces.far_edges is not None
+            nodes, size, forces.extra(size), lines, dense=bool(forces.far_contacts)
         )
         return ReusedTangent(tangent, jnp.ones(()), jnp.zeros(()))
 
@@ -173,7 +173,7 @@ def solve(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTange
 def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
     forces, stage = balance.forces, balance.stage
     # friction of the arm on itself, where it sticks, lets whole steps alternate between two shapes
-    searches = forces.far_edges is not None
+    searches = bool(forces.far_contacts)
 
     def unfinished(carry: _Iteration) -> Bool[Array, ""]:
         return ~carry.done

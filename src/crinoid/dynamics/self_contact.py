@@ -1,18 +1,15 @@
-"""Contact of the arm with itself: its forces and its part of the tangent."""
-
-from collections.abc import Callable
+"""Contact of the arm with itself: pairs of edges that are far from each other along it."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
+from crinoid.dynamics.far_contact import FarContact, Rows, Windows
 from crinoid.dynamics.rows import ROOT
 from crinoid.elements import Motion, SelfContact
 from crinoid.rod import Rod
-
-Rows = Float[Array, "rows b"]
 
 CANDIDATES = 2
 """Number of pairs that may press at the same time, for each edge."""
@@ -29,11 +26,11 @@ class SelfTouch(eqx.Module):
     """Number of pairs that press on each other."""
 
 
-class FarEdges(eqx.Module):
+class FarEdges(FarContact):
     """Pairs of edges that can touch, because the arm between them is long enough to turn back.
 
-    All gaps are known at any time. Forces and their derivatives are those of the nearest pairs,
-    a fixed number, so that the program has static shapes.
+    Forces and their derivatives are those of the nearest pairs, a fixed number, so that the program
+    has static shapes.
     """
 
     contact: SelfContact
@@ -59,7 +56,6 @@ class FarEdges(eqx.Module):
 
     @property
     def finest(self) -> Float[Array, ""]:
-        """Smallest distance between two axes in contact (m)."""
         return jnp.min(jnp.sum(self.contact.radii, axis=1))
 
     @property
@@ -67,81 +63,29 @@ class FarEdges(eqx.Module):
         """Largest number of pairs with a force."""
         return min(len(self.nodes), CANDIDATES * len(self.beyond))
 
-    def gaps(self, rows: Rows, axes: int) -> Float[Array, " pair"]:
-        """Return the gap of each pair (m)."""
-        places = rows[self.nodes, :axes]
-        return jax.vmap(lambda contact, place: contact.gap(place))(self.contact, places)
-
-    def push(self, motion: Motion) -> Rows:
-        """Return the forces on all rows (N)."""
-
-        def pushed() -> Rows:
-            contact, nodes, window = self._nearest(motion, gaps)
-            forces = jax.vmap(lambda one, there: one.forces(there))(contact, window)
-            return jnp.zeros_like(motion.position).at[nodes].add(forces)
-
-        gaps = self._still_gaps(motion)
-        return self._where_pressing(gaps, pushed)
-
-    def stiffness(
-        self, motion: Motion, jacobian: Callable[[SelfContact, Motion], Array], num_nodes: int
-    ) -> Float[Array, "n b n b"]:
-        """Return the derivative of the residuals, from the Jacobian of a pair."""
-        size = motion.position.shape[1]
-
-        def stiff() -> Float[Array, "n b n b"]:
-            contact, nodes, window = self._nearest(motion, gaps)
-            blocks = jnp.moveaxis(jax.vmap(jacobian)(contact, window), 3, 2)
-            none = jnp.zeros((num_nodes, size, num_nodes, size))
-            return none.at[nodes[:, :, None], :, nodes[:, None, :]].add(blocks)
-
-        gaps = self._still_gaps(motion)
-        return self._where_pressing(gaps, stiff)
-
     def touch(self, motion: Motion, gaps: Float[Array, " pair"]) -> SelfTouch:
         """Return gap and force of each edge, given the ``gaps`` of the pairs (m)."""
         axes, count = motion.flow_velocity.shape[-1], len(self.beyond)
         edges = jnp.asarray(self.edges)
         gap = jnp.full(count, jnp.inf).at[edges].min(gaps[:, None])
-        contact, nodes, window = self._nearest(motion, gaps)
+        contact, nodes, window = self.nearest(motion, gaps)
         forces = jax.vmap(lambda one, there: one.forces(there))(contact, window)
         on_edges = jnp.sum(forces[..., :axes].reshape(-1, 2, 2, axes), axis=2)
         force = jnp.zeros((count, axes)).at[nodes[:, ::2] - ROOT].add(on_edges)
         return SelfTouch(gap, force, jnp.sum(gaps < self.contact.skin))
 
-    def resolved(
-        self, moved: Rows, before: Float[Array, " pair"], after: Float[Array, " pair"], step: Array
-    ) -> Bool[Array, ""]:
-        """Return whether a step resolves its contacts, from the displacements and both gaps (m).
-
-        As `crinoid.dynamics.Obstacles.resolved`.
-        """
+    def travel(self, moved: Rows) -> tuple[Array, Array]:
         ends = moved[self.nodes]
         apart = ends[:, :2, None] - ends[:, None, 2:]
         travel = jnp.max(jnp.sum(apart**2, axis=-1), axis=(1, 2))
-        room = jnp.maximum(before, 0.0) + 0.5 * jnp.sum(self.contact.radii, axis=1)
-        return jnp.all(self.contact.accounted(before, after, step)) & jnp.all(travel <= room**2)
+        return travel, jnp.sum(self.contact.radii, axis=1)
 
-    def _still_gaps(self, motion: Motion) -> Float[Array, " pair"]:
-        """Return the gaps by which pairs are chosen, without derivative."""
-        axes = motion.flow_velocity.shape[-1]
-        return self.gaps(jax.lax.stop_gradient(motion.position), axes)
-
-    def _where_pressing(self, gaps: Float[Array, " pair"], of: Callable[[], Array]) -> Array:
-        """Return an array of the pairs in contact; zero, at no cost, while there are none."""
-        pressing = jnp.any(gaps < self.contact.skin)
-        return jax.lax.cond(pressing, of, lambda: jnp.zeros_like(jax.eval_shape(of)))
-
-    def _nearest(
-        self, motion: Motion, gaps: Float[Array, " pair"]
-    ) -> tuple[SelfContact, Int[Array, "k 4"], Motion]:
-        """Return the nearest pairs: their contacts, the rows of their nodes, and their motion."""
+    def nearest(self, motion: Motion, gaps: Float[Array, " pair"]) -> Windows:
         contact, nodes = self.contact, jnp.asarray(self.nodes)
         if self.most < len(nodes):
             _, at = jax.lax.top_k(-gaps, self.most)
             contact, nodes = jax.tree.map(lambda values: values[at], (contact, nodes))
-        window = motion.windows(lambda rows: rows[nodes], nodes.shape[:1], motion.position.shape[1])
-        return contact, nodes, window
+        return self.windows(motion, contact, nodes)
 
 
 def _pairs(beyond: tuple[int, ...]) -> Int[np.ndarray, "pair 2"]:

@@ -71,7 +71,7 @@ def influence(base: Base, forces: Forces, state: State) -> Influence:
     if forces.drive is not None:
         loads = jax.jacfwd(balance)(forces.drive)
     lines = None
-    if forces.lines is not None or forces.far_edges is not None:
+    if forces.lines is not None or forces.far_contacts:
         lines = forces.tangent(stage, forces.motion(stage, none, around), around).of_lines
     return Influence(held, loads, jax.jacfwd(tip_pose)(state.position[-3:]), lines)
 

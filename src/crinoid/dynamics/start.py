@@ -197,7 +197,7 @@ def with_mount(
     The obstacles have the attitude at the start of the step.
     """
     if before is not None:
-        forces = forces.turned(before.obstacle_attitude, before.motion.position)
+        forces = forces.turned(before.attitude, before.obstacle_attitude, before.motion.position)
     vehicle, axes = forces.vehicle, forces.axes
     if vehicle is None:
         return forces
@@ -289,11 +289,11 @@ def steady_state(
         actuators=tuple(actuators),
         reaction=reaction,
         gap=forces.gaps(motion.position),
-        self_gap=forces.self_gaps(motion.position),
+        far_gaps=forces.far_gaps(motion.position),
         acceleration_history=jnp.stack([motion.acceleration] * 5),
         predictor_accepted=jnp.asarray(False),
         reused_tangent=ReusedTangent.none(forces, motion.position),
-        attitude=forces.attitude(motion),
+        attitude=forces.attitude(motion.position),
         obstacle_attitude=forces.obstacle_attitude(motion),
         body_gap=forces.body_gaps(motion.position),
         memory=forces.memory_at_start(motion),

@@ -50,8 +50,8 @@ class State(eqx.Module):
     """Matrix from the axes of a floating vehicle to those of the world."""
     grip: GripState | None = None
     """Grip of a tool, if touches take it up or let it go."""
-    self_gap: Float[Array, " pair"] | None = None
-    """Distance of the surfaces of each pair of far edges (m)."""
+    far_gaps: tuple[Float[Array, " w"], ...] = ()
+    """Distances of the surfaces in each contact of far parts (m; `crinoid.dynamics.FarContact`)."""
     obstacle_attitude: Float[Array, "m d d"] | None = None
     """Matrix from the axes of each obstacle to those of the world, where some are free."""
     body_gap: Float[Array, " pair"] | None = None
@@ -126,8 +126,9 @@ class State(eqx.Module):
 
     def remembered(self, forces: Forces) -> Forces:
         """Return a copy of the forces with grip, memory of elements, and attitudes of this state."""
-        forces = forces.turned(self.obstacle_attitude, self.motion.position)
-        return with_grip(forces.remembering(self.memory, 0.0), self.grip)
+        forces = forces.remembering(self.memory, 0.0)
+        forces = forces.turned(self.attitude, self.obstacle_attitude, self.motion.position)
+        return with_grip(forces, self.grip)
 
     @property
     def _axes(self) -> int:
@@ -187,8 +188,8 @@ class EnergyAccount(eqx.Module):
             motion = forces.obstacle_motion(state.motion)
             assert remembered.obstacles is not None
             contact, known["contact"] = remembered.obstacles.touch(motion)
-        if forces.far_edges is not None:
-            pushed = forces.far_edges.push(state.motion)[:nodes]
+        for far in remembered.far_contacts:
+            pushed = far.push(state.motion)[:nodes]
             known["contact"] = known.get("contact", 0.0) + pushed
         held = remembered.memory_energy(state.motion)
         return EnergyAccount(known, jnp.zeros(len(WORKS)), contact, held)

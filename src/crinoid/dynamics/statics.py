@@ -69,7 +69,8 @@ def static_motion(forces: Forces, time: Array, position: Rows, frames: Frames | 
 
 def careful(forces: Forces, settings: Settings) -> Settings:
     """Return the settings of a static solve from those of a time step."""
-    bodies = [each for each in (forces.obstacles, forces.far_edges) if each is not None]
+    bodies = [*forces.far_contacts]
+    bodies += [] if forces.obstacles is None else [forces.obstacles]
     room = jnp.min(jnp.stack([each.finest for each in bodies])) / 2 if bodies else None
     return eqx.tree_at(
         lambda s: (s.tolerance, s.max_turn, s.max_move),

@@ -92,11 +92,10 @@ class System(eqx.Module):
         gaps = self.forces.gaps(rows)
         return jnp.zeros(0) if gaps is None else jnp.min(gaps, axis=1)
 
-    def self_clearance(self, time: float | Array = 0.0) -> Float[Array, ""]:
-        """Return the smallest distance of the undeformed arm from itself (m)."""
+    def far_clearances(self, time: float | Array = 0.0) -> tuple[Float[Array, ""], ...]:
+        """Return the smallest distance of the undeformed arm in each contact of far parts (m)."""
         _, _, rows, _ = self.undeformed(time)
-        gaps = self.forces.self_gaps(rows)
-        return jnp.asarray(jnp.inf) if gaps is None else jnp.min(gaps)
+        return tuple(jnp.min(gaps) for gaps in self.forces.far_gaps(rows))
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium at ``time``, moving along with its base.
@@ -239,13 +238,13 @@ class System(eqx.Module):
             actuators=tuple(actuators),
             reaction=reaction,
             gap=forces.gaps(motion.position),
-            self_gap=forces.self_gaps(motion.position),
+            far_gaps=forces.far_gaps(motion.position),
             acceleration_history=jnp.concatenate(
                 [before.acceleration[None], state.acceleration_history[:-1]]
             ),
             predictor_accepted=outcome.iterations == 0,
             reused_tangent=jax.lax.stop_gradient(reused_tangent),
-            attitude=forces.attitude(motion),
+            attitude=forces.attitude(motion.position),
             obstacle_attitude=forces.obstacle_attitude(motion),
             body_gap=forces.body_gaps(motion.position),
             grip=grip,
@@ -342,7 +341,7 @@ class System(eqx.Module):
         method and the shapes.
         """
         bands, lines = eqx.filter_jit(System.linearise)(self, state), None
-        if self.forces.lines is not None or self.forces.far_edges is not None:
+        if self.forces.lines is not None or self.forces.far_contacts:
             lines = eqx.filter_jit(System.influence)(self, state).lines
         return modes.find_modes(*bands, count, lines).frequency
 
@@ -393,12 +392,10 @@ class System(eqx.Module):
                 moved = moved[-2 * bodies.count :]
                 apart = bodies.resolved(moved, state.body_gap, after.body_gap, step)
                 resolved &= ~good | apart
-        if forces.far_edges is not None:
-            assert state.self_gap is not None
-            assert after.self_gap is not None
+        gaps = zip(forces.far_contacts, state.far_gaps, after.far_gaps, strict=True)
+        for far, gap, gap_after in gaps:
             moved = (now.position - before.position)[:, : forces.axes]
-            apart = forces.far_edges.resolved(moved, state.self_gap, after.self_gap, step)
-            resolved &= ~good | apart
+            resolved &= ~good | far.resolved(moved, gap, gap_after, step)
         return eqx.tree_at(
             lambda o: (o.converged, o.resolved, o.folded, o.error),
             outcome,
@@ -415,6 +412,7 @@ class System(eqx.Module):
         )
 
     def _driven(self, state: State) -> Forces:
-        """Return the forces with the actuators and the grip of a state."""
-        forces = self.forces.turned(state.obstacle_attitude, state.motion.position)
-        return with_grip(forces.driven(drives(self.actuators, state.actuators)), state.grip)
+        """Return the forces with the actuators, the grip and the attitudes of a state."""
+        forces = self.forces.driven(drives(self.actuators, state.actuators))
+        forces = forces.turned(state.attitude, state.obstacle_attitude, state.motion.position)
+        return with_grip(forces, state.grip)

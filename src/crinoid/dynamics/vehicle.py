@@ -35,10 +35,12 @@ class Mount(eqx.Module):
 
     def kinematics(self, position: Rows, velocity: Rows, acceleration: Rows) -> "VehicleKinematics":
         """Return the motion of the vehicle from its rows."""
-        turns = self.turn.size
-        step = position[ROTATION, :turns] - self.turn
-        attitude = turned(self.attitude, step)
+        attitude, turns = self.attitude_at(position), self.turn.size
         return VehicleKinematics.of(attitude, turns, position, velocity, acceleration)
+
+    def attitude_at(self, position: Rows) -> Float[Array, "d d"]:
+        """Return the attitude of the vehicle from the positions of all rows."""
+        return turned(self.attitude, position[ROTATION, : self.turn.size] - self.turn)
 
 
 class VehicleKinematics(eqx.Module):

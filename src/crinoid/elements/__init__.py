@@ -17,6 +17,7 @@ from crinoid.elements.element import Element as Element
 from crinoid.elements.element import Linearised as Linearised
 from crinoid.elements.element import Motion as Motion
 from crinoid.elements.element import TangentDirection as TangentDirection
+from crinoid.elements.hull_contact import HullContact as HullContact
 from crinoid.elements.loads import DistributedLoad as DistributedLoad
 from crinoid.elements.loads import TipLoad as TipLoad
 from crinoid.elements.material import Material as Material

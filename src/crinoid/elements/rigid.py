@@ -51,9 +51,7 @@ class Pose(eqx.Module):
         """Return the attitude for a second row."""
         return turned(self.attitude, rotation[: self.turn.size] - self.turn)
 
-    def motion(
-        self, position: Float[Array, "2 b"], velocity: Float[Array, "2 b"]
-    ) -> RigidMotion:
+    def motion(self, position: Float[Array, "2 b"], velocity: Float[Array, "2 b"]) -> RigidMotion:
         """Return the motion of the body with these rows."""
         axes, turns = self.attitude.shape[0], self.turn.size
         attitude, rate = self.attitude_at(position[1]), velocity[1, :turns]

@@ -71,8 +71,8 @@ class SelfContact(SoftSkin):
         inward = between / jnp.sum(self.radii)
 
         def slide(velocity: Float[Array, "4 b"]) -> Float[Array, " d"]:
-            one = _carried(places[:2], shares[0], -self.radii[0] * inward, velocity[:2])
-            other = _carried(places[2:], shares[1], self.radii[1] * inward, velocity[2:])
+            one = carried(places[:2], shares[0], -self.radii[0] * inward, velocity[:2])
+            other = carried(places[2:], shares[1], self.radii[1] * inward, velocity[2:])
             return one - other
 
         # the forces that do the work of friction, by the transpose of the sliding
@@ -111,7 +111,7 @@ def _closest(position: Float[Array, "4 d"]) -> tuple[Array, Array, Array, Array]
     return distance, slopes / distance, shares, between
 
 
-def _carried(
+def carried(
     ends: Float[Array, "2 d"], share: Array, lever: Float[Array, " d"], velocity: Array
 ) -> Float[Array, " d"]:
     """Return the velocity of a point of an edge (m/s), at a lever from a place on its axis."""

@@ -42,6 +42,7 @@ class Variable(NamedTuple):
         "lines",
         "vortices",
         "self",
+        "hull",
         "vehicle",
         "vehicle plane",
         "vehicle space",
@@ -229,6 +230,11 @@ VARIABLES = (
          lambda run: run.kept.self_touch.force, where="self", more="friction included"),
     _row("self_pairs", "time", "1", "number of pairs of far edges that press on each other",
          lambda run: run.kept.self_touch.pairs, where="self"),
+    _row("hull_gap", "time edge", "m", "distance of the edges' surfaces from the hull",
+         lambda run: run.kept.hull_touch.gap, where="hull",
+         more="negative where they overlap, infinite of an edge too near to the root to touch it"),
+    _row("hull_force", "time edge axis", "N", "force of the hull on the edges of the arm",
+         lambda run: run.kept.hull_touch.force, where="hull", more="friction included"),
     _row("vehicle_pose", "time channel", "",
          "displacement of the vehicle from where it started, of its centre of mass",
          lambda run: run.kept.vehicle.pose, where="vehicle",
@@ -271,7 +277,7 @@ VARIABLES = (
 def of_dimension(dimension: int, *, without: Iterable[str] = ()) -> dict[str, Variable]:
     """Return the variables of a planar (2) or spatial (3) arm by name.
 
-    Those of "obstacles", "actuators", "tool", "lines", "vortices", "self" or "vehicle" in
+    Those of "obstacles", "actuators", "tool", "lines", "vortices", "self", "hull" or "vehicle" in
     ``without`` are omitted.
     """
     left = {"space" if dimension == 2 else "plane", *without}

@@ -137,7 +137,7 @@ class Experiment:
     def within_reach(self, found: ArmMotion) -> tuple[Bool[np.ndarray, " time"], list[str]]:
         """Return the rows within reach of the arm, and notes."""
         axes, names = self.scenario.arm.dimension, self._axes
-        if not names or self.scenario.vehicle is not None:  # a vehicle may drift
+        if not names or self.scenario.floats:  # a vehicle may drift
             return np.ones(self.time.size, bool), []
         columns = np.array([AXES[axes].index(name) for name in names])
         measured, computed = self.measured[:, : len(names)], self._sample(found.places.marker)

@@ -152,6 +152,7 @@ def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> 
         "tool": kept.held,
         "vortices": kept.vortices,
         "self": kept.self_touch,
+        "hull": kept.hull_touch,
         "vehicle": kept.vehicle,
         "estimate": kept.estimate,
         "shape": kept.estimate and kept.estimate.position,

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from crinoid.actuation import Input
 from crinoid.control import Estimate
-from crinoid.dynamics import LengthControlledThreads, SelfTouch, Touch, VehicleOutput
+from crinoid.dynamics import HullTouch, LengthControlledThreads, SelfTouch, Touch, VehicleOutput
 from crinoid.elements import VortexForces
 from crinoid.foundation.result_variables import Content, quantity
 
@@ -64,6 +64,8 @@ class Record(eqx.Module):
     """Forces of shed vortices per length, and their phase."""
     self_touch: SelfTouch | None = None
     """Contact of the arm with itself."""
+    hull_touch: HullTouch | None = None
+    """Contact of the arm with the hull."""
     vehicle: VehicleOutput | None = None
     """Pose and thrusters of a submarine that floats."""
     estimate: Estimate | None = None

@@ -302,18 +302,37 @@ _BY_AXIS = (
 _ALONG = Count(plane=(1, 2), space=(1, 3))
 
 
+class Hull(Model):
+    """The vehicle's hull: a capsule that the arm can touch.
+
+    Its nose is at the arm's root, and it extends from there against the arm's direction there, both
+    while all channels are at zero.
+    """
+
+    length: Metres = Field(gt=0, description="From end to end.")
+    diameter: Metres = Field(gt=0, description="Diameter, at most the length.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        if self.length < self.diameter:
+            must = f"be at least diameter = {self.diameter} (m), which is a sphere"
+            yield self.mistake("length", must)
+
+
 class Vehicle(Model):
     """The submarine as a floating body that the arm pushes; the channels move relative to it.
 
-    Without this table channels and prescribed motion alone set the pose of the base. Its axes are
+    Without mass and inertia it does not float: channels and prescribed motion alone set the pose of
+    the base, as without this table, and the hull follows the base. The axes of a floating one are
     those of the world while it is not turned. It starts at rest.
     """
 
-    mass: Kilograms = Field(gt=0, description="Its mass, without the arm.")
-    inertia: Annotated[float | Triple, _about("kg m2", "above 0"), _TURNS] = Field(
-        description="Moment of inertia about its centre of mass: in the plane across it, in "
-        "space one for all axes or one for each."
+    mass: Kilograms | None = entry(None, "Its mass, without the arm; without it only hull.", gt=0)
+    inertia: Annotated[float | Triple, _about("kg m2", "above 0"), _TURNS] | None = entry(
+        None,
+        "Moment of inertia about its centre of mass: in the plane across it, in space one for all "
+        "axes or one for each. Belongs to mass.",
     )
+    hull: Hull | None = entry(None, "The hull that the arm can touch.")
     offset: Annotated[Position, InSpace((0.0, 0.0, 0.0))] = entry(
         (0.0, 0.0), "Centre of mass, from the arm's root at the start."
     )
@@ -357,9 +376,26 @@ class Vehicle(Model):
         None, "Largest moment about each axis; unlimited by default.", gt=0
     )
 
+    @property
+    def floats(self) -> bool:
+        """Whether it is a free body; else it is a hull on the base."""
+        return self.mass is not None
+
     def _conflicts(self) -> Iterator[Mistake]:
+        if self.mass is None and self.inertia is None and self.hull is not None:
+            hint = "A hull alone follows the base. Add mass and inertia to let it float."
+            for name, field in type(self).model_fields.items():
+                value = getattr(self, name)
+                # the default of a place has as many zeros as the arm has dimensions
+                given = any(value) if name == "offset" else value != field.default
+                if given and name != "hull":
+                    yield self.mistake(name, "be left out without mass", hint)
+            return
+        for name in ("mass", "inertia"):
+            if getattr(self, name) is None:
+                yield self.mistake(name)
         for name in (*_BY_AXIS, "inertia"):
             value = getattr(self, name)
             least = min(value) if isinstance(value, tuple) else value
-            if least < 0 or (least == 0 and name == "inertia"):
+            if least is not None and (least < 0 or (least == 0 and name == "inertia")):
                 yield self.mistake(name)

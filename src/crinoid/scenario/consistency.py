@@ -159,12 +159,12 @@ def _motion_conflicts(scenario: Scenario) -> Iterator[Mistake]:
 
 def _vehicle_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     """Yield keys that exist only for a base that does not float."""
-    floats, motion = scenario.vehicle is not None, scenario.base.motion
+    floats, motion = scenario.floats, scenario.base.motion
     if floats and motion:
         hint = "A vehicle floats and has no prescribed motion."
-        yield scenario.mistake("base.motion", "be left out with a table vehicle", hint)
+        yield scenario.mistake("base.motion", "be left out with vehicle.mass", hint)
     if floats and scenario.target.frame == "base":
-        yield scenario.mistake("target.frame", 'be "world" with a table vehicle')
+        yield scenario.mistake("target.frame", 'be "world" with vehicle.mass')
 
 
 def _channel_conflicts(scenario: Scenario) -> Iterator[Mistake]:
@@ -277,7 +277,7 @@ def _rate_conflicts(scenario: Scenario) -> Iterator[Mistake]:
 
 
 def _contact_conflicts(scenario: Scenario) -> Iterator[Mistake]:
-    """Yield an arm without a surface to touch, and obstacles oblique to the plane of the arm."""
+    """Yield what has no surface to touch, and obstacles oblique to the plane of the arm."""
     arm, obstacles = scenario.arm, scenario.obstacle
     for index, obstacle in enumerate(obstacles):
         if arm.dimension == 2 and isinstance(obstacle, Cylinder | Capsule) and obstacle.oblique:
@@ -287,6 +287,9 @@ def _contact_conflicts(scenario: Scenario) -> Iterator[Mistake]:
     if (obstacles or scenario.contact.self_) and arm.section.diameter == 0:
         must = "be above 0 (m), the surface of contact"
         yield scenario.mistake("arm.section.diameter", must)
+    if scenario.hull is not None and not scenario.contact.self_:
+        must = "be left out with contact.self = false"
+        yield scenario.mistake("vehicle.hull", must, "Set contact.self = true for its contact.")
 
 
 def _output_conflicts(scenario: Scenario) -> Iterator[Mistake]:
@@ -296,6 +299,7 @@ def _output_conflicts(scenario: Scenario) -> Iterator[Mistake]:
         without = {"vortices"} if scenario.water.vortices is None else set()
         without |= set() if scenario.control.observes else {"estimate"}
         without |= set() if scenario.contact.self_ else {"self"}
+        without |= {"hull"} if scenario.hull is None else set()
         if name not in of_dimension(dimension, without=without):
             must = f"be {one_of(large_names(dimension, without=without))}"
             yield scenario.mistake(f"output.variables.{index}", must)

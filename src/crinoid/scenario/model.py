@@ -48,11 +48,14 @@ class Model(BaseModel):
             raise ScenarioError(mistakes)
 
     def mistake(self, name: str, must: str = "", hint: str = "") -> Mistake:
-        """Return the mistake of the value at a dotted key; by default it breaks the schema."""
+        """Return the mistake of the value at a dotted key; by default it breaks the schema.
+
+        None is a missing value.
+        """
         value: Any = self
         for part in name.split("."):
             value = value[int(part)] if isinstance(value, tuple) else getattr(value, part)
-        say = partial(got, value, hint=hint)
+        say = partial(missing, hint=hint) if value is None else partial(got, value, hint=hint)
         if must:
             return Mistake(name, say(must))
         return _refused(name, properties_of(type(self))[name], say)

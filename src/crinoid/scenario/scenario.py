@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 from crinoid.scenario.actuator import Actuator, ActuatorTable, Chamber, Tendon, thread_names
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base, VelocityMotion
-from crinoid.scenario.body import Obstacle, Tool, Vehicle
+from crinoid.scenario.body import Hull, Obstacle, Tool, Vehicle
 from crinoid.scenario.consistency import RULES
 from crinoid.scenario.contact import SelfContact
 from crinoid.scenario.control import Control, ControllerTable
@@ -82,7 +82,7 @@ class Scenario(Model):
     seed: int = entry(0, "Seed of everything random.", ge=0, lt=2**63)
     arm: Arm = entry(Arm(), "The arm.")
     base: Base = entry(Base(), "The base of the arm.")
-    vehicle: Vehicle | None = entry(None, "The submarine, if it floats.")
+    vehicle: Vehicle | None = entry(None, "The submarine, if it floats or the arm can touch it.")
     water: Water = entry(Water(), "The water.")
     flow: ListOf[Flow] = entry((), "How the water moves; flows add up.")
     load: ListOf[Load] = entry((), "Other forces on the arm.")
@@ -185,6 +185,16 @@ class Scenario(Model):
         return without_empty(
             self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=excluded)
         )
+
+    @property
+    def floats(self) -> bool:
+        """Whether the base is a submarine that floats, rather than one with a prescribed motion."""
+        return self.vehicle is not None and self.vehicle.floats
+
+    @property
+    def hull(self) -> Hull | None:
+        """The hull that the arm can touch."""
+        return None if self.vehicle is None else self.vehicle.hull
 
     @property
     def sensor_rate_hz(self) -> float:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Int
 
 from crinoid.actuation import drives
 from crinoid.compilation import OFTEN, SOMETIMES, Program, compiled
-from crinoid.dynamics import Outcome, State, tool_factor
+from crinoid.dynamics import FarEdges, Hull, Outcome, State, tool_factor
 from crinoid.results.record import Record
 from crinoid.simulation.loop import Loop, LoopState, StepStatistics
 
@@ -31,6 +31,8 @@ def record(loop: Loop, carry: LoopState) -> Record:
         for sensor, samples in zip(loop.sensors, carry.sensors, strict=True)
     ]
     spatial = state.frames is not None
+    far = zip(remembered.far_contacts, state.far_gaps, strict=True)
+    touches = {type(each): each.touch(state.motion, gaps) for each, gaps in far}
     estimate, estimate_time = loop.estimate(carry)
     return Record(
         time=state.time,
@@ -63,7 +65,8 @@ def record(loop: Loop, carry: LoopState) -> Record:
         branch_tension=remembered.branch_tension(),
         line=state.motion.line,
         vortices=remembered.vortex_forces(state.motion),
-        self_touch=system.forces.self_touch(state.motion, state.self_gap),
+        self_touch=touches.get(FarEdges),
+        hull_touch=touches.get(Hull),
         vehicle=system.vehicle_output(state),
         estimate=estimate,
         estimate_time=estimate_time,

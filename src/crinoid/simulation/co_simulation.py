@@ -64,7 +64,7 @@ class CoSimulation:
         self._given = {each.name: each.start for each in self.parameters}
         self._values: dict[str, Any] = self._given | {each.name: each.start for each in self.inputs}
         self._axes = AXES[given.arm.dimension]
-        self._channels = () if given.vehicle else moved_channels(given)
+        self._channels = () if given.floats else moved_channels(given)
         self._session: Session | None = None
         self._found: dict[str, Any] | None = None
         self._angle: float | None = None

@@ -19,7 +19,7 @@ from crinoid.assembly.system import place_of
 from crinoid.diagnostics.control_loop import unresolved_vibrations
 from crinoid.diagnostics.energy_balance import Defect, find_defect, shorter_step, vibration_angle
 from crinoid.diagnostics.run_notes import notes, tear_failure, tool_notes
-from crinoid.dynamics import Outcome, State, System
+from crinoid.dynamics import Hull, Outcome, State, System
 from crinoid.dynamics.outcome import cos_turn_angle
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
@@ -115,7 +115,7 @@ def _trouble(scenario: Scenario, system: System, state: State, outcome: Outcome)
     if not outcome.resolved:
         slower = ", or slower obstacles" * (state.gap is not None)
         return (
-            f"a hit is too hard or too fast for a time step {halvings}, {_nearest(state)}",
+            f"a hit is too hard or too fast for a time step {halvings}, {_nearest(system, state)}",
             f"{smaller}, more simulation.max_halvings{slower}",
         )
     if outcome.folded:
@@ -189,14 +189,18 @@ def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array
     return [jnp.isfinite(ravel_pytree(each)[0]).all() for each in given]
 
 
-def _nearest(state: State) -> str:
-    """Describe the smallest distance of the arm from obstacles and itself."""
+def _nearest(system: System, state: State) -> str:
+    """Describe the smallest distance of the arm from obstacles, itself and the hull."""
     gaps = np.zeros(0) if state.gap is None else np.min(np.asarray(state.gap), axis=1)
-    itself = np.inf if state.self_gap is None else float(np.min(state.self_gap))
-    if itself < gaps.min(initial=np.inf):
-        if itself < 0:
-            return f"the arm is pressed {-1e3 * itself:.3g} mm into itself"
-        return f"the arm is nearest to itself with {1e3 * itself:.3g} mm between its edges"
+    far = [
+        (float(np.min(gap)), "the hull" if isinstance(each, Hull) else "itself")
+        for each, gap in zip(system.forces.far_contacts, state.far_gaps, strict=True)
+    ]
+    near, word = min(far, default=(np.inf, ""))
+    if near < gaps.min(initial=np.inf):
+        if near < 0:
+            return f"the arm is pressed {-1e3 * near:.3g} mm into {word}"
+        return f"the arm is nearest to {word} with {1e3 * near:.3g} mm between them"
     near = int(np.argmin(gaps))
     return describe_gap(near, float(gaps[near]))
 

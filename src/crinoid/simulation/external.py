@@ -110,8 +110,8 @@ class ExternalSignals:
                 raise ScenarioError([Mistake("external", got(kind, f"be {one_of(_KINDS)}"))])
         self.kinds = tuple(kind for kind in _KINDS if kind in given)
         """What comes from outside."""
-        if "base" in given and scenario.vehicle is not None:
-            text = got("base", "be left out with a table vehicle", "A vehicle floats.")
+        if "base" in given and scenario.floats:
+            text = got("base", "be left out with vehicle.mass", "A vehicle floats.")
             raise ScenarioError([Mistake("external", text)])
         axes, period = scenario.arm.dimension, 1 / scenario.control_rate_hz
         self._channels = moved_channels(scenario)

@@ -76,7 +76,7 @@ def inputs_of(prepared: Prepared) -> list[HostVariable]:
     for axis in AXES[scenario.arm.dimension]:
         text = f"external current along {axis}, which is added to the scenario's"
         found.append(HostVariable(f"current_{axis}", "m s-1", text, 0.0))
-    felt = moved_channels(scenario) if scenario.vehicle is None else ()
+    felt = moved_channels(scenario) if not scenario.floats else ()
     for name, unit in (each for each in channels_of(scenario) if each[0] in felt):
         text = f"external displacement of the base in {name}, which is added to the scenario's"
         found.append(HostVariable(f"base_{name}", unit, text, 0.0))
@@ -113,7 +113,7 @@ def outputs_of(prepared: Prepared) -> list[Outputs]:
         ("base_pose_", channels, "displacement of the base", lambda _, now: now.pose),
         ("max_curvature", [("", "m-1")], "largest curvature", _largest_curvature),
     ]
-    if scenario.vehicle is not None:
+    if scenario.floats:
         rows.append(("vehicle_pose_", channels, "displacement of the vehicle", _vehicle_pose))
     for each in others:
         text = f"newest known reading of {each.name}"

@@ -74,6 +74,7 @@ def _bytes(scenario: Scenario, *, large: bool) -> float:
         "tool": scenario.tool,
         "vortices": scenario.water.vortices,
         "self": scenario.contact.self_,
+        "hull": scenario.hull,
         "estimate": scenario.control.observes,
     }
     without = [name for name, found in parts.items() if not found]

@@ -61,7 +61,7 @@ def base_word(data: xr.Dataset) -> str:
 
 def has_vehicle(data: xr.Dataset) -> bool:
     """Return whether a submarine carries the arm of a result."""
-    return "vehicle" in read_scenario(data)
+    return "mass" in read_scenario(data).get("vehicle", {})
 
 
 def base_directions(data: xr.Dataset) -> Path:
