@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,12 +15,13 @@ from jaxtyping import Array, Bool, Float
 from crinoid.assembly.arrays import array, from_table
 from crinoid.base import BaseMotion, Servo, SineMotion, TableMotion, VelocityMotion
 from crinoid.dynamics import FarEdges, GripTriggers, Obstacles, Thrusters, Vehicle, far_edges
-from crinoid.elements import Body, Contact, Tool
+from crinoid.elements import Bed, Body, Contact, SignedDistance, Surface, Tool
 from crinoid.foundation.axes import CHANNELS
+from crinoid.numerics.grid_spline import GridSpline
 from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_preserving
 from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod
-from crinoid.scenario import Mistake, Obstacle, Scenario, ScenarioError, Sphere, got
+from crinoid.scenario import Mistake, Scenario, ScenarioError, Sphere, got
 from crinoid.scenario import Tool as ToolTable
 from crinoid.scenario import Vehicle as VehicleTable
 from crinoid.scenario import base as motions
@@ -28,7 +29,7 @@ from crinoid.scenario import base as motions
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-    from crinoid.recording import Series
+    from crinoid.recording import Series, SolidSurface
 
 
 class BaseParameters(eqx.Module):
@@ -131,12 +132,17 @@ class ObstacleParameters(eqx.Module):
     friction: Float[Array, " m"]
     mass: Float[Array, " m"]
     """Infinite for one that the arm cannot push away (kg)."""
+    surfaces: tuple[Surface | None, ...]
+    """Surfaces of meshes and beds, None of others; empty without any."""
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
 
     @staticmethod
-    def of(obstacles: Sequence[Obstacle]) -> ObstacleParameters:
-        """Return the numbers of obstacles, one or more."""
+    def of(scenario: Scenario, read: Mapping[str, SolidSurface]) -> ObstacleParameters:
+        """Return the numbers of obstacles, one or more; ``read`` has their surfaces, by table."""
+        obstacles, arm = scenario.obstacle, scenario.arm
+        found = [read.get(f"obstacle.{index}") for index in range(len(obstacles))]
+        edge = arm.length / (arm.nodes - 1)
         still = np.zeros(len(obstacles[0].position))
         drifts = [obstacle.velocity for obstacle in obstacles]
         return ObstacleParameters(
@@ -147,6 +153,7 @@ class ObstacleParameters(eqx.Module):
             normal=array([o.out for o in obstacles]),
             friction=array([o.friction for o in obstacles]),
             mass=array([getattr(o, "mass", None) or np.inf for o in obstacles]),
+            surfaces=tuple(each and _surface(each, edge) for each in found) if any(found) else (),
             free=tuple(
                 index
                 for index, obstacle in enumerate(obstacles)
@@ -176,7 +183,20 @@ class ObstacleParameters(eqx.Module):
             drift=self.velocity,
             free=self.free,
             carried=self.carried,
+            surfaces=self.surfaces,
         )
+
+
+def _surface(read: SolidSurface, edge: float) -> Surface:
+    """Return a surface in contact with edges of a length (m)."""
+    spline = GridSpline(*map(array, (read.coefficients, read.origin, read.spacing)))
+    # two points in each cell that an edge crosses
+    samples = int(np.clip(2 * np.ceil(edge / read.spacing.min()) + 1, 5, _MOST_SAMPLES))
+    return (Bed if read.heights else SignedDistance)(spline, samples)
+
+
+_MOST_SAMPLES = 33
+"""Largest number of points on an edge among which the search for the nearest one begins."""
 
 
 class SelfContactParameters(eqx.Module):

@@ -36,7 +36,7 @@ from crinoid.rod import Rod
 from crinoid.scenario import Scenario, Simulation, SineFlow, SurfaceWaves
 
 if TYPE_CHECKING:
-    from crinoid.recording import Recording, Series  # xarray, slow to load
+    from crinoid.recording import Recording, Series, SolidSurface  # xarray, slow to load
 
 _INTEGRATORS: dict[str, Callable[..., Integrator]] = {
     "newmark": Integrator.newmark,
@@ -286,7 +286,10 @@ class Parameters(eqx.Module):
 
     @staticmethod
     def of(
-        scenario: Scenario, recordings: Mapping[int, Recording], series: Mapping[str, Series]
+        scenario: Scenario,
+        recordings: Mapping[int, Recording],
+        series: Mapping[str, Series],
+        surfaces: Mapping[str, SolidSurface],
     ) -> Parameters:
         """Return the numbers of a scenario, with what was read from its files."""
         tool, vehicle, threads = scenario.tool, scenario.vehicle, ThreadParameters.of(scenario)
@@ -309,7 +312,7 @@ class Parameters(eqx.Module):
                 for index, flow in enumerate(scenario.flow)
             ),
             load=tuple(numbers for _, numbers in loads),
-            obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
+            obstacle=ObstacleParameters.of(scenario, surfaces) if scenario.obstacle else None,
             contact=SelfContactParameters.of(scenario),
             tool=ToolParameters.of(tool, scenario.arm.nodes) if tool else None,
             actuator=tuple(actuators),

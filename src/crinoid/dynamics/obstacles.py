@@ -1,6 +1,8 @@
 """Obstacles: rigid bodies near the arm, their motion and their contact with it."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from crinoid.dynamics.tangent import Border
-from crinoid.elements import Body, Contact, Motion
+from crinoid.elements import Body, Contact, Motion, Surface, SurfaceContact
 from crinoid.numerics import banded
 
 Rows = Float[Array, "rows b"]
@@ -59,6 +61,8 @@ class Obstacles(eqx.Module):
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
     """Obstacles that start with the water's velocity, and keep it unless they are free."""
+    surfaces: tuple[Surface | None, ...] = ()
+    """Surfaces about the positions of obstacles, None of a round one or a plane; may be empty."""
 
     @property
     def count(self) -> int:
@@ -78,7 +82,7 @@ class Obstacles(eqx.Module):
     def held(self) -> "Obstacles":
         """Return the same obstacles, none of them free, for statics."""
         none = jax.tree.map(lambda x: x[:0], self.bodies)
-        return Obstacles(self.contact, none, self.position, self.drift, (), self.carried)
+        return replace(self, bodies=none, free=())
 
     def begin(self, points: Points, velocity: Callable[[Points], Points]) -> Points:
         """Return the initial velocities of the obstacles; ``velocity`` is the water's."""
@@ -112,8 +116,7 @@ class Obstacles(eqx.Module):
 
     def push(self, motion: Motion) -> tuple[Float[Array, "m e"], Rows]:
         """Return the distance of obstacles from edges (m), and the forces on all rows (N)."""
-        push = jax.vmap(lambda contact, pair: contact.push(pair))
-        gap, forces = push(self.contact, self.motions(motion))
+        gap, forces = self.each(Contact.push, self.motions(motion))
         rows = self.scatter(forces, motion.position.shape[0])
         return gap.reshape(self.count, -1), rows
 
@@ -136,9 +139,7 @@ class Obstacles(eqx.Module):
 
     def edge_force(self, motion: Motion, inside: Bool[Array, " e"]) -> Float[Array, " d"]:
         """Return the total force of all obstacles on some of the edges (N)."""
-        _, forces = jax.vmap(lambda contact, pair: contact.push(pair))(
-            self.contact, self.motions(motion)
-        )
+        _, forces = self.each(Contact.push, self.motions(motion))
         on_edges = -forces[:, 2, : self.contact.axes].reshape(self.count, -1, self.contact.axes)
         return jnp.sum(jnp.where(inside[:, None], on_edges, 0.0), axis=(0, 1))
 
@@ -158,10 +159,35 @@ class Obstacles(eqx.Module):
 
     def gaps(self, rows: Rows) -> Float[Array, "m e"]:
         """Return the distance of each obstacle from each edge (m)."""
-        gaps = jax.vmap(lambda contact, window: contact.gap(window))(
-            self.contact, self.windows(rows)
+        return self.each(Contact.gap, self.windows(rows)).reshape(self.count, -1)
+
+    def each(self, of: Callable[..., Any], *pairs: Any) -> Any:
+        """Return a function of the contact and of arrays of each pair, obstacle by obstacle."""
+        if not self.surfaces:
+            return jax.vmap(of)(self.contact, *pairs)
+        whole = jax.tree.map(
+            lambda x: x.reshape(self.count, -1, *x.shape[1:]), (self.contact, *pairs)
         )
-        return gaps.reshape(self.count, -1)
+        # each surface alone, as their grids differ in size; all others together
+        alone = [index for index, surface in enumerate(self.surfaces) if surface is not None]
+        others = [index for index, surface in enumerate(self.surfaces) if surface is None]
+        groups = [*([others] if others else []), *([index] for index in alone)]
+
+        def of_group(group: list[int]) -> Any:
+            surface = self.surfaces[group[0]]
+
+            def one(contact: Contact, *pair: Any) -> Any:
+                if surface is not None:
+                    contact = SurfaceContact(**vars(contact), surface=surface)
+                return of(contact, *pair)
+
+            return jax.vmap(jax.vmap(one))(*jax.tree.map(lambda x: x[np.array(group)], whole))
+
+        order = np.argsort(np.array([*others, *alone]))
+        return jax.tree.map(
+            lambda *x: jnp.concatenate(x)[order].reshape(-1, *x[0].shape[2:]),
+            *map(of_group, groups),
+        )
 
     def scatter(self, windows: Float[Array, "pairs 3 b"], num_rows: int) -> Rows:
         """Sum forces on edges and obstacles into their rows."""

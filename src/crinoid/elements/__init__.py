@@ -22,6 +22,10 @@ from crinoid.elements.material import Material as Material
 from crinoid.elements.planar_threads import PlanarThreads as PlanarThreads
 from crinoid.elements.self_contact import SelfContact as SelfContact
 from crinoid.elements.spatial import BendTwist as BendTwist
+from crinoid.elements.surface_contact import Bed as Bed
+from crinoid.elements.surface_contact import SignedDistance as SignedDistance
+from crinoid.elements.surface_contact import Surface as Surface
+from crinoid.elements.surface_contact import SurfaceContact as SurfaceContact
 from crinoid.elements.threads import Threads as Threads
 from crinoid.elements.vortices import Oscillator as Oscillator
 from crinoid.elements.vortices import Synchronisation as Synchronisation
