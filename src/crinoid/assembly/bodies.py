@@ -26,10 +26,22 @@ from crinoid.dynamics import (
     far_edges,
     first_far_edge,
 )
-from crinoid.elements import Body, BodyContact, Contact, HullContact, Pair, Pose, Tool
+from crinoid.elements import (
+    Bed,
+    Body,
+    BodyContact,
+    Contact,
+    HullContact,
+    Pair,
+    Pose,
+    SignedDistance,
+    Surface,
+    Tool,
+)
 from crinoid.elements.bodies import capsule_inertia
 from crinoid.elements.contact import surfaces
 from crinoid.foundation.axes import CHANNEL_TABLE, CHANNELS
+from crinoid.numerics.grid_spline import GridSpline
 from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_preserving
 from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod
@@ -42,7 +54,7 @@ from crinoid.scenario.quantity import unit_vector
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-    from crinoid.recording import Series
+    from crinoid.recording import Series, SolidSurface
 
 
 class BaseParameters(eqx.Module):
@@ -151,14 +163,19 @@ class ObstacleParameters(eqx.Module):
     """Moments of inertia at the start, about the axes of the world (kg m2)."""
     spin: Float[Array, "m turns"]
     """Angular velocity at the start (rad/s)."""
+    surfaces: tuple[Surface | None, ...]
+    """Surfaces of meshes and beds, None of others; empty without any."""
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
     pairs: tuple[Pair, ...] = eqx.field(static=True)
     """Free obstacles with the obstacles that they can touch."""
 
     @staticmethod
-    def of(obstacles: Sequence[Obstacle]) -> ObstacleParameters:
-        """Return the numbers of obstacles, one or more."""
+    def of(scenario: Scenario, read: Mapping[str, SolidSurface]) -> ObstacleParameters:
+        """Return the numbers of obstacles, one or more; ``read`` has their surfaces, by table."""
+        obstacles, arm = scenario.obstacle, scenario.arm
+        found = [read.get(f"obstacle.{index}") for index in range(len(obstacles))]
+        edge = arm.length / (arm.nodes - 1)
         still = np.zeros(len(obstacles[0].position))
         drifts = [obstacle.velocity for obstacle in obstacles]
         turns = 1 if still.size == 2 else 3
@@ -174,6 +191,7 @@ class ObstacleParameters(eqx.Module):
             length=array([getattr(o, "length", 0.0) for o in obstacles]),
             inertia=array([_inertia(o, turns) for o in obstacles]),
             spin=array([np.broadcast_to(getattr(o, "spin", 0.0), turns) for o in obstacles]),
+            surfaces=tuple(each and _surface(each, edge) for each in found) if any(found) else (),
             free=free,
             carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
             pairs=_pairs(obstacles, free),
@@ -196,6 +214,7 @@ class ObstacleParameters(eqx.Module):
             position=self.position - origin,
             drift=self.velocity,
             carried=self.carried,
+            surfaces=self.surfaces,
         )
 
     def _bodies(self, rod: Rod, density: Array, gravity: Array) -> FreeBodies:
@@ -267,6 +286,18 @@ def _pairs(obstacles: Sequence[Obstacle], free: tuple[int, ...]) -> tuple[Pair, 
         ends = (1.0, -1.0) if any(obstacles[first].half_axis) else (0.0,)
         found += [Pair(first, second, end) for end in ends]
     return tuple(found)
+
+
+def _surface(read: SolidSurface, edge: float) -> Surface:
+    """Return a surface in contact with edges of a length (m)."""
+    spline = GridSpline(*map(array, (read.coefficients, read.origin, read.spacing)))
+    # two points in each cell that an edge crosses
+    samples = int(np.clip(2 * np.ceil(edge / read.spacing.min()) + 1, 5, _MOST_SAMPLES))
+    return (Bed if read.heights else SignedDistance)(spline, samples)
+
+
+_MOST_SAMPLES = 33
+"""Largest number of points on an edge among which the search for the nearest one begins."""
 
 
 class SelfContactParameters(eqx.Module):

@@ -20,8 +20,8 @@ from crinoid.actuation import Input
 from crinoid.assembly.arrays import Builder, Numbers, array, build_flow, from_table, load_numbers
 from crinoid.assembly.bodies import (
     BaseParameters,
-    ObstacleParameters,
     HullParameters,
+    ObstacleParameters,
     SelfContactParameters,
     ToolParameters,
     VehicleParameters,
@@ -37,7 +37,7 @@ from crinoid.rod import Rod
 from crinoid.scenario import Scenario, Simulation, SineFlow, SurfaceWaves
 
 if TYPE_CHECKING:
-    from crinoid.recording import Recording, Series  # xarray, slow to load
+    from crinoid.recording import Recording, Series, SolidSurface  # xarray, slow to load
 
 _INTEGRATORS: dict[str, Callable[..., Integrator]] = {
     "newmark": Integrator.newmark,
@@ -288,7 +288,10 @@ class Parameters(eqx.Module):
 
     @staticmethod
     def of(
-        scenario: Scenario, recordings: Mapping[int, Recording], series: Mapping[str, Series]
+        scenario: Scenario,
+        recordings: Mapping[int, Recording],
+        series: Mapping[str, Series],
+        surfaces: Mapping[str, SolidSurface],
     ) -> Parameters:
         """Return the numbers of a scenario, with what was read from its files."""
         tool, vehicle, threads = scenario.tool, scenario.vehicle, ThreadParameters.of(scenario)
@@ -311,7 +314,7 @@ class Parameters(eqx.Module):
                 for index, flow in enumerate(scenario.flow)
             ),
             load=tuple(numbers for _, numbers in loads),
-            obstacle=ObstacleParameters.of(scenario.obstacle) if scenario.obstacle else None,
+            obstacle=ObstacleParameters.of(scenario, surfaces) if scenario.obstacle else None,
             contact=SelfContactParameters.of(scenario),
             hull=HullParameters.of(scenario),
             tool=ToolParameters.of(tool, scenario.arm.nodes) if tool else None,

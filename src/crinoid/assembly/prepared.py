@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from crinoid.scenario import MeasuredFlow, Mistake, Scenario, ScenarioError
+from crinoid.scenario import MeasuredFlow, Mesh, Mistake, Scenario, ScenarioError, Seabed
 from crinoid.scenario.document import digests
 from crinoid.scenario.errors import gathered
 from crinoid.scenario.library import Source, scenario_of
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from crinoid.assembly.plan import Parts
     from crinoid.control import Sensor, Target
     from crinoid.dynamics import System
-    from crinoid.recording import Recording, Series
+    from crinoid.recording import Recording, Series, SolidSurface
 
 
 class Prepared:
@@ -92,18 +92,31 @@ class Prepared:
 
         return gathered(series_readers(scenario))
 
+    @cached_property
+    def surfaces(self) -> dict[str, SolidSurface]:
+        """The solids in the files of obstacles, by table."""
+        if not any(isinstance(each, Mesh | Seabed) for each in self.scenario.obstacle):
+            return {}
+        _ = self.digests
+        from crinoid.recording import surface_readers  # xarray, slow to load; few need it
+
+        return gathered(surface_readers(self.scenario))
+
     @property
     def count(self) -> int:
         """Number of numbers in its files."""
         series = [values for each in self.series.values() for values in (each.time, each.values)]
         records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
-        return sum(values.size for values in (*series, *records))
+        grids = [each.coefficients for each in self.surfaces.values()]
+        return sum(values.size for values in (*series, *records, *grids))
 
     def notes(self) -> list[str]:
         """Return notes on the files of the scenario, a sentence each."""
         read = {f"flow.{index}": recording for index, recording in self.recordings.items()}
         return [
-            f"{key}: {note}" for key, found in (read | self.series).items() for note in found.notes
+            f"{key}: {note}"
+            for key, found in (read | self.series | self.surfaces).items()
+            for note in found.notes
         ]
 
     @cached_property
@@ -111,7 +124,7 @@ class Prepared:
         """The numbers of the scenario by name, as arrays."""
         from crinoid.assembly.parameters import Parameters  # JAX: slow to load, not for reading
 
-        found = Parameters.of(self.scenario, self.recordings, self.series)
+        found = Parameters.of(self.scenario, self.recordings, self.series, self.surfaces)
         if self.parts is None:
             return found
         return replace(found, actuator=(*found.actuator, *self.parts.actuators))

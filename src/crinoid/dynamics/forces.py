@@ -294,7 +294,7 @@ class Forces(Arm):
             pairs = obstacles.motions(self.obstacle_motion(motion))
             # contact does not depend on the water
             still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
-            touch = jacobians((obstacles.posed_contact,), pairs, (still, None))
+            touch = obstacles.each(lambda c, m, s: jacobian((c,), m, (s, None)), pairs, still)
             touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
             blocks[size].append((obstacles.contact.first, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
         bands = sum(

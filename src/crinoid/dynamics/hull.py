@@ -11,8 +11,8 @@ from jaxtyping import Array, Float, Int
 
 from crinoid.dynamics.far_contact import FarContact, Rows
 from crinoid.dynamics.rows import BOUNDARY_NODES, CENTRE, GHOST, ROOT, ROTATION, SPIN
-from crinoid.dynamics.vehicle import rotation_velocity
 from crinoid.elements import HullContact, Motion
+from crinoid.numerics.frames import rotation_velocity
 from crinoid.numerics.small_matrices import product
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.dynamics.free_bodies import FreeBodies
 from crinoid.dynamics.tangent import Border
-from crinoid.elements import Contact, Motion
+from crinoid.elements import Contact, Motion, Surface, SurfaceContact
 from crinoid.numerics import banded
 
 Rows = Float[Array, "rows b"]
@@ -62,6 +63,8 @@ class Obstacles(eqx.Module):
     """Obstacles that start with the water's velocity, and keep it unless they are free."""
     still: bool = eqx.field(static=True, default=False)
     """Whether the free ones are held, for statics."""
+    surfaces: tuple[Surface | None, ...] = ()
+    """Surfaces about the positions of obstacles, None of a round one or a plane; may be empty."""
 
     @property
     def count(self) -> int:
@@ -124,8 +127,7 @@ class Obstacles(eqx.Module):
 
     def push(self, motion: Motion) -> tuple[Float[Array, "m e"], Rows]:
         """Return the distance of obstacles from edges (m), and the forces on all rows (N)."""
-        push = jax.vmap(lambda contact, pair: contact.push(pair))
-        gap, forces = push(self.posed_contact, self.motions(motion))
+        gap, forces = self.each(Contact.push, self.motions(motion))
         rows = self.scatter(forces, motion.position.shape[0])
         return gap.reshape(self.count, -1), rows
 
@@ -148,9 +150,7 @@ class Obstacles(eqx.Module):
 
     def edge_force(self, motion: Motion, inside: Bool[Array, " e"]) -> Float[Array, " d"]:
         """Return the total force of all obstacles on some of the edges (N)."""
-        _, forces = jax.vmap(lambda contact, pair: contact.push(pair))(
-            self.posed_contact, self.motions(motion)
-        )
+        _, forces = self.each(Contact.push, self.motions(motion))
         on_edges = -forces[:, 2, : self.contact.axes].reshape(self.count, -1, self.contact.axes)
         return jnp.sum(jnp.where(inside[:, None], on_edges, 0.0), axis=(0, 1))
 
@@ -180,10 +180,35 @@ class Obstacles(eqx.Module):
 
     def gaps(self, rows: Rows) -> Float[Array, "m e"]:
         """Return the distance of each obstacle from each edge (m)."""
-        gaps = jax.vmap(lambda contact, window: contact.gap(window))(
-            self.posed_contact, self.windows(rows)
+        return self.each(Contact.gap, self.windows(rows)).reshape(self.count, -1)
+
+    def each(self, of: Callable[..., Any], *pairs: Any) -> Any:
+        """Return a function of the contact and of arrays of each pair, obstacle by obstacle."""
+        if not self.surfaces:
+            return jax.vmap(of)(self.posed_contact, *pairs)
+        whole = jax.tree.map(
+            lambda x: x.reshape(self.count, -1, *x.shape[1:]), (self.posed_contact, *pairs)
         )
-        return gaps.reshape(self.count, -1)
+        # each surface alone, as their grids differ in size; all others together
+        alone = [index for index, surface in enumerate(self.surfaces) if surface is not None]
+        others = [index for index, surface in enumerate(self.surfaces) if surface is None]
+        groups = [*([others] if others else []), *([index] for index in alone)]
+
+        def of_group(group: list[int]) -> Any:
+            surface = self.surfaces[group[0]]
+
+            def one(contact: Contact, *pair: Any) -> Any:
+                if surface is not None:
+                    contact = SurfaceContact(**vars(contact), surface=surface)
+                return of(contact, *pair)
+
+            return jax.vmap(jax.vmap(one))(*jax.tree.map(lambda x: x[np.array(group)], whole))
+
+        order = np.argsort(np.array([*others, *alone]))
+        return jax.tree.map(
+            lambda *x: jnp.concatenate(x)[order].reshape(-1, *x[0].shape[2:]),
+            *map(of_group, groups),
+        )
 
     def scatter(self, windows: Float[Array, "pairs k b"], num_rows: int) -> Rows:
         """Sum forces on edges and obstacles into their rows."""

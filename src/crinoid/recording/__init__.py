@@ -1,4 +1,4 @@
-"""Readers of measured time series: files as currents, motions and paths.
+"""Readers of files: measured time series as currents, motions and paths; solids.
 
 May import ``scenario`` and lower folders.
 
@@ -12,3 +12,5 @@ from crinoid.recording.recording import Recording as Recording
 from crinoid.recording.recording import read_recording as read_recording
 from crinoid.recording.series import Series as Series
 from crinoid.recording.series import series_readers as series_readers
+from crinoid.recording.surfaces import SolidSurface as SolidSurface
+from crinoid.recording.surfaces import surface_readers as surface_readers

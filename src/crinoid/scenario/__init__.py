@@ -15,8 +15,10 @@ from crinoid.scenario.base import Channels as Channels
 from crinoid.scenario.base import FileMotion as FileMotion
 from crinoid.scenario.base import TableMotion as TableMotion
 from crinoid.scenario.body import Capsule as Capsule
+from crinoid.scenario.body import Mesh as Mesh
 from crinoid.scenario.body import Obstacle as Obstacle
 from crinoid.scenario.body import Plane as Plane
+from crinoid.scenario.body import Seabed as Seabed
 from crinoid.scenario.body import Sphere as Sphere
 from crinoid.scenario.body import Tool as Tool
 from crinoid.scenario.body import Vehicle as Vehicle

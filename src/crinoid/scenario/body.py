@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from crinoid.scenario.document import FileName, RecordFile
 from crinoid.scenario.errors import Mistake, got
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import (
@@ -15,6 +16,7 @@ from crinoid.scenario.quantity import (
     Components,
     Count,
     CubicMetres,
+    Degrees,
     Hertz,
     InSpace,
     Kilograms,
@@ -195,7 +197,57 @@ class Plane(_Obstacle):
         return unit_vector(self.normal)
 
 
-Obstacle = Annotated[Sphere | Cylinder | Capsule | Plane, Field(discriminator="kind")]
+class Mesh(_Obstacle):
+    """A solid of any shape, as a closed mesh of triangles in a file.
+
+    Signed distances from its surface, sampled once on a grid, are interpolated by cubic splines.
+    Features finer than the grid are rounded; a note says by how much. Where an edge of the arm
+    touches it at several places, the nearest one counts. It has no mass: it moves at its velocity
+    through any contact. A planar arm meets its cut at y = 0.
+    """
+
+    kind: Literal["mesh"] = entry("mesh", "A solid from a mesh.")
+    file: Annotated[FileName, Quantity(expects="the path of an STL, OBJ, PLY or GLB file")] = Field(
+        description="STL, OBJ, PLY, GLB or another file that the library trimesh reads. Axes are "
+        "those of the world, z up; y is up in GLB and glTF files. Paths are as in [[flow]]."
+    )
+    position: Position = Field(description="Place of the origin of its axes at the start.")
+    scale: float = entry(1.0, "Length of its unit in m; 0.001 for a file in mm.", gt=0)
+    pan_deg: Degrees = entry(0.0, "Turn of the mesh from x towards y, after tilt and roll.")
+    tilt_deg: Degrees = entry(0.0, "Turn from x towards z, after roll.")
+    roll_deg: Degrees = entry(0.0, "Turn from y towards z.")
+    spacing: Metres | None = entry(
+        None,
+        "Spacing of the grid of distances; by default half of the arm's smallest radius, or more "
+        "for a large mesh.",
+        gt=0,
+    )
+
+
+class Seabed(_Obstacle):
+    """A bed as heights in a file; all below is solid.
+
+    A cubic spline is the surface between the heights. Outside of them the height is that of the
+    nearest edge. Surface waves count with ``water.depth`` still. A planar arm meets the profile at
+    y = 0, of heights over x and y or over x alone.
+    """
+
+    kind: Literal["seabed"] = entry("seabed", "A bed from heights.")
+    file: RecordFile
+    height: str = Field(
+        min_length=1,
+        description="Variable of heights over x and y, or its CF standard name; depths count down.",
+    )
+    x: str = entry("x", "Coordinate forward, in m, at even steps.", min_length=1)
+    y: str = entry("y", "Coordinate to port, in m, at even steps.", min_length=1)
+    position: Annotated[Position, InSpace((0.0, 0.0, 0.0))] = entry(
+        (0.0, 0.0), "Place of the origin of the file's axes."
+    )
+
+
+Obstacle = Annotated[
+    Sphere | Cylinder | Capsule | Plane | Mesh | Seabed, Field(discriminator="kind")
+]
 
 
 _TIP = (0.9, 1.0)

@@ -29,7 +29,7 @@ from crinoid.scenario.base import (
     VelocityMotion,
     VesselMotion,
 )
-from crinoid.scenario.body import Plane
+from crinoid.scenario.body import Plane, Seabed
 
 _BASE_SPEED, _BASE_ACCELERATION = 5.0, 20.0
 """Largest usual speed (m/s) and acceleration (m/s2, two g) of the base, or of the tip of a stiff
@@ -88,11 +88,11 @@ def _base_height(facts: Facts) -> Iterator[str]:
             f"{got}; the arm leaves the water, up to z = {tip:.3g} m (its surface is at z = 0). "
             "The part above is computed as if it were in water."
         )
-    bed = any(isinstance(obstacle, Plane) for obstacle in facts.scenario.obstacle)
+    bed = any(isinstance(obstacle, Plane | Seabed) for obstacle in facts.scenario.obstacle)
     if depth is not None and tip < -depth <= height and not bed:
         yield (
             f"{got}; the arm reaches z = {tip:.3g} m, through the bed at z = {-depth:g} m "
-            "(water.depth). Add an [[obstacle]] of kind plane."
+            "(water.depth). Add an [[obstacle]] of kind plane or seabed."
         )
 
 
@@ -235,7 +235,7 @@ def _time_scales(facts: Facts) -> Iterator[tuple[str, float, float]]:
             if ramp := getattr(each, "ramp_time", 0.0):
                 yield f"the ramp of {table}.{index}", ramp, 4
     for index, obstacle in enumerate(scenario.obstacle):
-        if not isinstance(obstacle, Plane) and obstacle.velocity != "flow":
+        if hasattr(obstacle, "radius") and obstacle.velocity != "flow":
             speed = math.hypot(*obstacle.velocity)
             size = 2 * obstacle.radius + facts.diameter
             if speed:

@@ -15,7 +15,7 @@ from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.checks import check
 from crinoid.scenario import Chamber, ScenarioError, Vehicle, shown
 from crinoid.scenario.actuator import keyed_threads
-from crinoid.scenario.body import Plane
+from crinoid.scenario.body import Mesh, Plane, Seabed
 from crinoid.scenario.quantity import unit_vector
 
 Vector = Float[np.ndarray, " axis"]
@@ -130,6 +130,8 @@ def _meeting(facts: Facts) -> Iterator[str]:
     for index, obstacle in enumerate(scenario.obstacle):
         if obstacle.velocity == "flow" or obstacle.free:
             continue  # water and weight move it
+        if isinstance(obstacle, Mesh | Seabed):
+            continue  # their files know where they are
         far = np.array(obstacle.position) - base
         path = np.array(obstacle.velocity) * scenario.simulation.duration
         if isinstance(obstacle, Plane):
