@@ -23,26 +23,33 @@ def build_sequence(plan: AssembledScenario) -> Sequence:
     turns = [each.unit == "rad" for each in plan.inputs]
     scale = np.where(turns, np.pi / 180, 1.0)
     inputs = [each.name + "_deg" * turn for each, turn in zip(plan.inputs, turns, strict=True)]
+    low, high = (
+        np.array([float(getattr(each, end)) for each in plan.inputs]) / scale
+        for end in ("lower", "upper")
+    )
+    moving = [name for name, least, most in zip(inputs, low, high, strict=True) if least < most]
     sensors = [each.called for each in scenario.sensors if isinstance(each, ContactSensor)]
 
     value = np.full((len(phases), len(inputs)), np.nan)
     force = np.zeros((len(phases), len(sensors)))
     for row, phase in enumerate(phases):
-        for key, given, names, table in (
-            ("inputs", phase.inputs, inputs, value),
-            ("until", phase.until, sensors, force),
+        for key, given, names in (
+            ("inputs", phase.inputs, moving),
+            ("until", phase.until, sensors),
         ):
             for name, number in given.items():
-                if name in names:
-                    table[row, names.index(name)] = number
-                    continue
-                must = f"be of {one_of(names)}" if names else "be left out without a contact sensor"
-                mistakes.append(Mistake(f"control.sequence.{row}.{key}.{name}", got(number, must)))
-        for name, number, unit, each in zip(inputs, value[row], scale, plan.inputs, strict=True):
-            low, high = float(each.lower) / unit, float(each.upper) / unit
-            if number < low or number > high:
-                text = got(number, f"be from {low:.6g} to {high:.6g}, the range of this input")
-                mistakes.append(Mistake(f"control.sequence.{row}.inputs.{name}", text))
+                place, must = f"control.sequence.{row}.{key}.{name}", ""
+                if name not in names:
+                    must = f"be of {one_of(names)}" if names else "be left out: there is none"
+                elif key == "until":
+                    force[row, sensors.index(name)] = number
+                else:
+                    at = inputs.index(name)
+                    value[row, at] = number
+                    if not low[at] <= number <= high[at]:
+                        must = f"be from {low[at]:.6g} to {high[at]:.6g}, the range of this input"
+                if must:
+                    mistakes.append(Mistake(place, got(number, must)))
     if mistakes:
         raise ScenarioError(mistakes)
     return Sequence(

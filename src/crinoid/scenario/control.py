@@ -122,7 +122,7 @@ class Phase(Model):
         "Values that inputs move to, along half a cosine: shifts in m, turns in degrees (NAME_deg),"
         " chambers and tendons in shares; others keep their command.",
     )
-    duration: Seconds = entry(..., "Time in which they move there.", gt=0)
+    duration: Seconds = Field(gt=0, description="Time in which they move there.")
     until: Annotated[
         dict[str, Annotated[float, Field(gt=0)]],
         Quantity(expects="a table of positive numbers, such as {fingertip = 0.2}"),
