@@ -15,11 +15,11 @@ from crinoid.base import Prescribed
 from crinoid.dynamics import EnergyAccount, start
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.newton import Balance
-from crinoid.dynamics.vehicle import Mount, moments
+from crinoid.dynamics.vehicle import Mount
 from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import WORKS, Inertia, Tool
 from crinoid.flow import Uniform
-from crinoid.numerics.frames import cross
+from crinoid.numerics.frames import cross, moments
 from helpers.arms import QUICKLY, always, arm, obstacles, order, vehicle
 from helpers.newton_steps import solve_afloat
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from crinoid.base import VelocityMotion
-from crinoid.dynamics import Integrator, Obstacles
+from crinoid.dynamics import Integrator
 from crinoid.dynamics.integrator import StepMap
 from crinoid.elements import DistributedLoad, TipLoad
 from crinoid.elements.contact import EASE, SKIN
@@ -131,18 +131,16 @@ def crowd(**changes):
     places = [(0.22, -0.0395), (0.31, 0.0394), (0.43, -0.0393), (0.3, -0.0195)]
 
     def of(rod):
-        whole = obstacles(
+        return obstacles(
             places,
             radius=RADIUS,
             normal=[(0, 0), (0, 0), (0, 0), (0, 1)],
             friction=0.4,
             velocity=[(0.1, 0.2), (-0.1, -0.2), (0.05, 0.1), (0.0, 0.0)],
-            mass=0.05,
+            mass=[0.05, 0.05, np.inf, np.inf],
             density=1000.0,
             gravity=9.81,
         )(rod)
-        bodies = jax.tree.map(lambda x: x[:2], whole.bodies)
-        return Obstacles(whole.contact, bodies, whole.position, whole.drift, (0, 1), ())
 
     wet = {"nodes": 8, "damping_time": 0.02, "water_density": 1000.0, "gravity": 9.81}
     return arm(

@@ -14,6 +14,7 @@ from crinoid.base import Base, BaseMotion, Servo
 from crinoid.dynamics import (
     EnergyAccount,
     Forces,
+    FreeBodies,
     Integrator,
     Obstacles,
     Outcome,
@@ -29,13 +30,17 @@ from crinoid.elements import (
     Bend,
     BendTwist,
     Body,
+    BodyContact,
     Contact,
     Drag,
     Element,
     Inertia,
+    Pair,
+    Pose,
     Stretch,
     Weight,
 )
+from crinoid.elements.contact import surfaces
 from crinoid.flow import Flow, Water
 from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.ramp import Onset
@@ -169,42 +174,65 @@ def obstacles(
     positions: ArrayLike,
     *,
     radius: ArrayLike = 0.02,
-    half_axis: ArrayLike = (0.0, 0.0),
-    normal: ArrayLike = (0.0, 0.0),
-    friction: float = 0.0,
-    velocity: ArrayLike = (0.0, 0.0),
+    half_axis: ArrayLike = 0.0,
+    normal: ArrayLike = 0.0,
+    friction: ArrayLike = 0.0,
+    velocity: ArrayLike = 0.0,
     mass: ArrayLike | None = None,
+    inertia: ArrayLike | None = None,
+    length: float = 0.0,
+    spin: ArrayLike = 0.0,
+    pairs: Sequence[Pair] = (),
     carried: tuple[int, ...] = (),
     density: float = 0.0,
     gravity: float = 0.0,
 ) -> Callable[[Rod], Obstacles]:
-    """Say which obstacles an arm has: all of them free if they have a mass (kg)."""
+    """Say which obstacles an arm has: free, and homogeneous, are those of finite mass (kg)."""
     position = jnp.asarray(positions, float)
-    count = position.shape[0]
+    count, axes = position.shape
     radii = jnp.broadcast_to(jnp.asarray(radius, float), count)
-    free = tuple(range(count)) if mass is not None else ()
-    masses = jnp.broadcast_to(jnp.asarray(0.0 if mass is None else mass, float), count)
+    masses = np.broadcast_to(np.asarray(np.inf if mass is None else mass, float), count)
+    free = tuple(int(index) for index in np.flatnonzero(np.isfinite(masses)))
+    turns, cores = 1 if axes == 2 else 3, jnp.broadcast_to(jnp.asarray(half_axis), position.shape)
+    normals = jnp.broadcast_to(jnp.asarray(normal, float), position.shape)
+    numbers = {"radius": radii, "half_axis": cores, "normal": normals, "mass": jnp.asarray(masses)}
+    rough = jnp.broadcast_to(jnp.asarray(friction, float), count)
 
     def of(rod: Rod) -> Obstacles:
         return Obstacles(
-            Contact.of(
-                rod,
-                radius=radii,
-                half_axis=jnp.broadcast_to(jnp.asarray(half_axis, float), position.shape),
-                normal=jnp.broadcast_to(jnp.asarray(normal, float), position.shape),
-                friction=jnp.full(count, friction),
-                mass=masses if free else jnp.full(count, jnp.inf),
-            ),
+            Contact.of(rod, friction=rough, **numbers),
+            bodies(rod) if free else None,
+            position,
+            jnp.broadcast_to(jnp.asarray(velocity, float), position.shape),
+            carried,
+        )
+
+    def bodies(rod: Rod) -> FreeBodies:
+        at = np.array(free)
+        own = jnp.asarray(masses[at])
+        moments = 0.4 * own * radii[at] ** 2 if inertia is None else jnp.asarray(inertia)
+        moments = jnp.broadcast_to(moments.T, (turns, at.size)).T
+        touching = None
+        if pairs:
+            strength = jnp.max(surfaces(rod)[1])
+            touching = BodyContact.between(
+                pairs, friction=rough, strength=strength, gravity=gravity, **numbers
+            )
+        return FreeBodies(
+            free,
             Body.of(
-                mass=masses[: len(free)],
-                radius=radii[: len(free)],
+                mass=own,
+                radius=radii[at],
+                inertia=jax.vmap(jnp.diag)(moments),
+                half_axis=cores[at],
+                length=length,
                 density=density,
                 gravity=gravity,
             ),
-            position,
-            jnp.broadcast_to(jnp.asarray(velocity, float), position.shape),
-            free,
-            carried,
+            Pose.unturned(count, axes),
+            jnp.broadcast_to(jnp.asarray(spin, float), (count, turns)),
+            touching,
+            tuple((pair.first, pair.second) for pair in pairs),
         )
 
     return of

@@ -59,7 +59,7 @@ def push(contact, position, velocity=None):
 
 @eqx.filter_jit
 def _closest(contact, places):
-    return contact._closest(places[:, : contact.axes])
+    return contact._closest(places[:, : contact.axes], contact.half_axis)[:3]
 
 
 def closest(contact, position):

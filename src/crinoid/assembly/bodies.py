@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import equinox as eqx
@@ -14,16 +15,27 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.assembly.arrays import array, from_table
 from crinoid.base import BaseMotion, Servo, SineMotion, TableMotion, VelocityMotion
-from crinoid.dynamics import FarEdges, GripTriggers, Obstacles, Thrusters, Vehicle, far_edges
-from crinoid.elements import Body, Contact, Tool
+from crinoid.dynamics import (
+    FarEdges,
+    FreeBodies,
+    GripTriggers,
+    Obstacles,
+    Thrusters,
+    Vehicle,
+    far_edges,
+)
+from crinoid.elements import Body, BodyContact, Contact, Pair, Pose, Tool
+from crinoid.elements.bodies import capsule_inertia
+from crinoid.elements.contact import surfaces
 from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_preserving
 from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod
-from crinoid.scenario import Mistake, Obstacle, Scenario, ScenarioError, Sphere, got
+from crinoid.scenario import Capsule, Mistake, Obstacle, Plane, Scenario, ScenarioError, Sphere, got
 from crinoid.scenario import Tool as ToolTable
 from crinoid.scenario import Vehicle as VehicleTable
 from crinoid.scenario import base as motions
+from crinoid.scenario.quantity import unit_vector
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -131,14 +143,28 @@ class ObstacleParameters(eqx.Module):
     friction: Float[Array, " m"]
     mass: Float[Array, " m"]
     """Infinite for one that the arm cannot push away (kg)."""
+    length: Float[Array, " m"]
+    """Distance of the middles of a capsule's ends (m)."""
+    inertia: Float[Array, "m turns turns"]
+    """Moments of inertia at the start, about the axes of the world (kg m2)."""
+    spin: Float[Array, "m turns"]
+    """Angular velocity at the start (rad/s)."""
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
+    pairs: tuple[Pair, ...] = eqx.field(static=True)
+    """Free obstacles with the obstacles that they can touch."""
 
     @staticmethod
     def of(obstacles: Sequence[Obstacle]) -> ObstacleParameters:
         """Return the numbers of obstacles, one or more."""
         still = np.zeros(len(obstacles[0].position))
         drifts = [obstacle.velocity for obstacle in obstacles]
+        turns = 1 if still.size == 2 else 3
+        free = tuple(
+            index
+            for index, obstacle in enumerate(obstacles)
+            if obstacle.free
+        )
         return ObstacleParameters(
             position=array([o.position for o in obstacles]),
             velocity=array([still if drift == "flow" else drift for drift in drifts]),
@@ -147,19 +173,18 @@ class ObstacleParameters(eqx.Module):
             normal=array([o.out for o in obstacles]),
             friction=array([o.friction for o in obstacles]),
             mass=array([getattr(o, "mass", None) or np.inf for o in obstacles]),
-            free=tuple(
-                index
-                for index, obstacle in enumerate(obstacles)
-                if isinstance(obstacle, Sphere) and obstacle.mass is not None
-            ),
+            length=array([getattr(o, "length", 0.0) for o in obstacles]),
+            inertia=array([_inertia(o, turns) for o in obstacles]),
+            spin=array([np.broadcast_to(getattr(o, "spin", 0.0), turns) for o in obstacles]),
+            free=free,
             carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
+            pairs=_pairs(obstacles, free),
         )
 
     def obstacles(
         self, rod: Rod, origin: Float[Array, " d"], density: Array, gravity: Array
     ) -> Obstacles:
         """Build the obstacles near a rod whose root is set at ``origin`` (m); traceable."""
-        free = np.asarray(self.free, int)
         return Obstacles(
             contact=Contact.of(
                 rod,
@@ -169,14 +194,81 @@ class ObstacleParameters(eqx.Module):
                 friction=self.friction,
                 mass=self.mass,
             ),
-            bodies=Body.of(
-                mass=self.mass[free], radius=self.radius[free], density=density, gravity=gravity
-            ),
+            bodies=self._bodies(rod, density, gravity) if self.free else None,
             position=self.position - origin,
             drift=self.velocity,
-            free=self.free,
             carried=self.carried,
         )
+
+    def _bodies(self, rod: Rod, density: Array, gravity: Array) -> FreeBodies:
+        """Build the free bodies among the obstacles."""
+        count, axes = self.position.shape
+        at = np.asarray(self.free, int)
+        contact = None
+        if self.pairs:
+            contact = BodyContact.between(
+                self.pairs,
+                radius=self.radius,
+                half_axis=self.half_axis,
+                normal=self.normal,
+                friction=self.friction,
+                mass=self.mass,
+                strength=jnp.max(surfaces(rod)[1]),
+                gravity=gravity,
+            )
+        return FreeBodies(
+            index=self.free,
+            body=Body.of(
+                mass=self.mass[at],
+                radius=self.radius[at],
+                inertia=self.inertia[at],
+                half_axis=self.half_axis[at],
+                length=self.length[at],
+                density=density,
+                gravity=gravity,
+            ),
+            pose=Pose.unturned(count, axes),
+            spin=self.spin,
+            contact=contact,
+            pairs=tuple((pair.first, pair.second) for pair in self.pairs),
+        )
+
+
+def _inertia(obstacle: Obstacle, turns: int) -> Float[np.ndarray, "turns turns"]:
+    """Return the inertia of a free obstacle, by default that of a homogeneous solid (kg m2)."""
+    moments = np.zeros((3, 3))
+    if isinstance(obstacle, Sphere | Capsule) and obstacle.mass is not None:
+        if obstacle.inertia is not None:
+            moments = np.diag(np.broadcast_to(obstacle.inertia, 3))
+        else:
+            length = obstacle.length if isinstance(obstacle, Capsule) else 0.0
+            axis = unit_vector(obstacle.axis) if isinstance(obstacle, Capsule) else (1.0, 0.0, 0.0)
+            along, across = capsule_inertia(obstacle.mass, obstacle.radius, length)
+            moments = across * np.eye(3) + (along - across) * np.outer(axis, axis)
+    return moments if turns == 3 else moments[1:2, 1:2]
+
+
+def _pairs(obstacles: Sequence[Obstacle], free: tuple[int, ...]) -> tuple[Pair, ...]:
+    """Return the pairs of obstacles that can touch, of which one or both are free.
+
+    First is a sphere where one is, and never a plane, so that points of contact are few: two of a
+    capsule on a plane or another long body, otherwise one.
+    """
+    found: list[Pair] = []
+    for one, other in combinations(range(len(obstacles)), 2):
+        if one not in free and other not in free:
+            continue
+        first, second = one, other
+        long = [any(obstacles[index].half_axis) for index in (one, other)]
+        if long[0] != long[1]:
+            first, second = (one, other) if long[1] else (other, one)
+        elif one not in free:
+            first, second = other, one
+        if isinstance(obstacles[first], Plane):
+            first, second = second, first
+        ends = (1.0, -1.0) if any(obstacles[first].half_axis) else (0.0,)
+        found += [Pair(first, second, end) for end in ends]
+    return tuple(found)
 
 
 class SelfContactParameters(eqx.Module):

@@ -18,10 +18,10 @@ from crinoid.base import Base
 from crinoid.compilation import ONCE, compiled
 from crinoid.dynamics import Forces, Settings, System
 from crinoid.dynamics.statics import static_motion
-from crinoid.dynamics.vehicle import moments
 from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
 from crinoid.flow import Flow, Water
+from crinoid.numerics.frames import moments
 from crinoid.scenario import Mistake, Scenario, ScenarioError
 from crinoid.scenario.kinds import is_own
 

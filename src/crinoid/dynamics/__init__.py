@@ -10,6 +10,7 @@ from crinoid.dynamics.damped_modes import Relaxing as Relaxing
 from crinoid.dynamics.damped_modes import find_damped_modes as find_damped_modes
 from crinoid.dynamics.damped_modes import find_relaxing_modes as find_relaxing_modes
 from crinoid.dynamics.forces import Forces as Forces
+from crinoid.dynamics.free_bodies import FreeBodies as FreeBodies
 from crinoid.dynamics.gripper import GripState as GripState
 from crinoid.dynamics.gripper import GripTriggers as GripTriggers
 from crinoid.dynamics.gripper import tool_factor as tool_factor

@@ -3,7 +3,6 @@
 import equinox as eqx
 import jax
 
-from crinoid.dynamics.rows import ROTATION, VEHICLE_ROWS
 from crinoid.dynamics.transition import LocalCoordinates
 from crinoid.foundation.axes import AXES
 
@@ -29,11 +28,17 @@ def arm_names(coordinates: LocalCoordinates) -> Names:
     The root is node 0; an edge has the number of the node at its start.
     """
     forces, rows = coordinates.system.forces, coordinates.state.motion.position
-    nodes, (count, width) = forces.nodes(rows).shape[0], rows.shape
+    nodes, width = forces.nodes(rows).shape[0], rows.shape[1]
     shifts = [(axis, "m") for axis in AXES[forces.axes]]
-    bodies = [f"obstacle_{index}" for index in range(count - nodes)]
+    turns = ["turn"] if forces.axes == 2 else [f"turn_{axis}" for axis in AXES[3]]
+    rotations = [(turn, "rad") for turn in turns]
+    count = 0 if forces.obstacles is None else forces.obstacles.count
+    bodies = [f"obstacle_{index}" for index in range(count)]
+    others = [(shifts, body) for body in bodies]
+    if forces.turns:
+        others += [(rotations, body) for body in bodies]
     if forces.vehicle is not None:
-        bodies[-VEHICLE_ROWS:] = ["vehicle"] * VEHICLE_ROWS
+        others += [(shifts, "vehicle"), (rotations, "vehicle")]
     # the ghost behind the root is the first row
     places = [
         [
@@ -42,10 +47,9 @@ def arm_names(coordinates: LocalCoordinates) -> Names:
         ]
         for row in range(nodes)
     ]
-    places += [[*((name, unit, body) for name, unit in shifts), ("", "", "")] for body in bodies]
-    if forces.vehicle is not None:
-        turns = ["turn"] if forces.axes == 2 else [f"turn_{axis}" for axis in AXES[3]]
-        places[ROTATION] = [*((turn, "rad", "vehicle") for turn in turns), ("", "", "")]
+    places += [
+        [*((name, unit, body) for name, unit in each), ("", "", "")] for each, body in others
+    ]
     flat = [each for row in places for each in row[:width]]
     moving = [flat[entry] for entry in coordinates.entries]
     memory = sum(

@@ -30,7 +30,8 @@ from crinoid.dynamics.tangent import LineStiffness, Tangent
 from crinoid.dynamics.threads import LengthControlledThreads
 from crinoid.dynamics.vehicle import Mount, Vehicle, unknowns, vehicle_rows
 from crinoid.dynamics.windows import Surroundings
-from crinoid.elements import Motion, SelfContact
+from crinoid.elements import Motion, Pose, SelfContact
+from crinoid.elements.element import Element
 from crinoid.flow import Current, Water
 from crinoid.numerics import banded
 
@@ -89,25 +90,50 @@ class Forces(Arm):
     def rows(self) -> RowLayout:
         """Rows of nodes, obstacles and vehicle."""
         count = 0 if self.obstacles is None else self.obstacles.count
-        return RowLayout.of(count, vehicle=self.vehicle is not None)
+        return RowLayout.of(count, turning=self.turns, vehicle=self.vehicle is not None)
+
+    @property
+    def turns(self) -> bool:
+        """Whether some obstacles are free, so that all have a row for their rotation."""
+        return self.obstacles is not None and self.obstacles.bodies is not None
+
+    def turned(self, attitude: Float[Array, "m d d"] | None, position: Rows) -> "Forces":
+        """Return the forces for a step that starts with an attitude of the obstacles."""
+        if attitude is None or self.obstacles is None or self.obstacles.bodies is None:
+            return self
+        obstacles, bodies = self.obstacles, self.obstacles.bodies
+        turn = position[self.rows.rotations, : bodies.spin.shape[1]]
+        pose = Pose(attitude, turn)
+        return replace(self, obstacles=replace(obstacles, bodies=replace(bodies, pose=pose)))
 
     def nodes(self, rows: Rows) -> Float[Array, "n b"]:
         """Return the rows of the nodes."""
         return rows[self.rows.nodes]
 
     def unknown(self, rows: Rows, turn: Array | float = 1.0) -> Float[Array, "unknown b"]:
-        """Return the rows of unknowns: free nodes, free obstacles, a vehicle (its turn scaled)."""
+        """Return the rows of unknowns: free nodes, free obstacles, a vehicle.
+
+        Rotations are scaled by ``turn``, one number for each as in ``reach``, or one for all.
+        """
         parts = [self.nodes(rows)[BOUNDARY_NODES:]]
+        factors = jnp.broadcast_to(turn, self.reach.shape)
         if self.free:
             parts.append(rows[self.free_rows])
+            rotations = rows[self.rows.rotations][np.array(self.free, int)]
+            parts.append(factors[: len(self.free), None] * rotations)
         if self.mount is not None:
-            parts.append(jnp.stack([rows[CENTRE], turn * rows[ROTATION]]))
+            parts.append(jnp.stack([rows[CENTRE], factors[-1] * rows[ROTATION]]))
         return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
     @property
-    def reach(self) -> Float[Array, ""]:
-        """Radius of gyration of the vehicle (m); 1 without one."""
-        return jnp.ones(()) if self.vehicle is None else self.vehicle.reach
+    def reach(self) -> Float[Array, " body"]:
+        """Radii of gyration of the free obstacles and of the vehicle (m)."""
+        found = []
+        if self.free and self.obstacles is not None and self.obstacles.bodies is not None:
+            found.append(self.obstacles.bodies.body.reach)
+        if self.vehicle is not None:
+            found.append(self.vehicle.reach[None])
+        return jnp.concatenate(found) if found else jnp.zeros(0)
 
     @property
     def free(self) -> tuple[int, ...]:
@@ -121,10 +147,12 @@ class Forces(Arm):
 
     def extra(self, size: int) -> tuple[int, ...]:
         """Return the indices of unknowns of free bodies, in rows of ``size`` after the nodes."""
-        free = tuple(size * body + i for body in self.free for i in range(size))
+        free: tuple[int, ...] = ()
+        if self.free and self.obstacles is not None and self.obstacles.bodies is not None:
+            free = self.obstacles.bodies.unknowns(size)
         if self.mount is None:
             return free
-        first = 0 if self.obstacles is None else self.obstacles.count
+        first = 0 if self.obstacles is None else self.obstacles.rows
         return (*free, *(first * size + i for i in unknowns(self.axes, size)))
 
     @property
@@ -208,15 +236,15 @@ class Forces(Arm):
             total -= pushed
         rows = total
         if self.obstacles is not None:
-            _, pushed = self.obstacles.push(self.obstacle_motion(motion))
-            largest = jnp.maximum(largest, jnp.max(jnp.abs(pushed), axis=0))
-            rows = jnp.pad(total, ((0, self.obstacles.count), (0, 0))) - pushed
-            if self.free:
-                own = jax.vmap(lambda e, m: windows.residuals((e,), m, None)[0])
-                bodies = own(self.obstacles.bodies, self._bodies(motion))[:, 0]
-                free = total.shape[0] + np.array(self.free, int)  # rows without those of a vehicle
-                rows = rows.at[free].add(bodies, unique_indices=True)
-                largest = jnp.maximum(largest, jnp.max(jnp.abs(bodies), axis=0))
+            near = self.obstacle_motion(motion)
+            _, pushed = self.obstacles.push(near)
+            forces = pushed[: num_nodes + self.obstacles.count]  # without moments
+            largest = jnp.maximum(largest, jnp.max(jnp.abs(forces), axis=0))
+            rows = jnp.pad(total, ((0, self.obstacles.rows), (0, 0))) - pushed
+            if self.free and self.obstacles.bodies is not None:
+                bodies, most = self.obstacles.bodies.residual(near)
+                rows = rows.at[num_nodes:].add(bodies)
+                largest = jnp.maximum(largest, most)
         if self.vehicle is None:
             return rows, largest
         pushed = jnp.zeros((VEHICLE_ROWS, size))
@@ -257,7 +285,7 @@ class Forces(Arm):
             pairs = obstacles.motions(self.obstacle_motion(motion))
             # contact does not depend on the water
             still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
-            touch = jacobians((obstacles.contact,), pairs, (still, None))
+            touch = jacobians((obstacles.posed_contact,), pairs, (still, None))
             touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
             blocks[size].append((obstacles.contact.first, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
         bands = sum(
@@ -269,10 +297,13 @@ class Forces(Arm):
             start=jnp.zeros((num_nodes, 5, size, size)),
         )
         border = None
-        if obstacles is not None and self.free:
-            free = num_nodes + np.array(self.free, int)
-            of_free = jax.tree.map(lambda slope: slope[free][:, None], slopes)
-            own = jacobians((obstacles.bodies,), self._bodies(motion), of_free)[:, 0, :, 0]
+        if obstacles is not None and obstacles.bodies is not None and self.free:
+
+            def of_rows(element: Element, window: Motion, rows: Int[np.ndarray, "w k"]) -> Array:
+                along = jax.tree.map(lambda slope: slope[num_nodes + rows], slopes)
+                return jacobians((element,), window, along)
+
+            own = obstacles.bodies.stiffness(self.obstacle_motion(motion), of_rows)
             border = obstacles.border(touch, own, num_nodes)
         far = None
         if self.far_edges is not None:
@@ -283,7 +314,8 @@ class Forces(Arm):
 
             far = self.far_edges.stiffness(motion, of_pair, num_nodes)
         extra = self.extra(size)
-        tangent = Tangent(bands, border, extra[: size * len(self.free)], far=far)
+        own_unknowns = 0 if border is None else border.corner.shape[0]
+        tangent = Tangent(bands, border, extra[:own_unknowns], far=far)
         if self.mount is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
@@ -342,13 +374,27 @@ class Forces(Arm):
         return vehicle_rows(force, moment, held.shape[1])
 
     def _points(self, rows: Rows) -> Points:
-        """Return the position of each row; a vehicle's turn has that of its centre of mass."""
+        """Return the position of each row; that of a rotation is the centre of mass."""
         points = rows[:, : self.axes]
+        if self.turns:
+            points = points.at[self.rows.rotations].set(points[self.rows.obstacles])
         return points if self.vehicle is None else points.at[ROTATION].set(points[CENTRE])
 
     def attitude(self, motion: Motion) -> Float[Array, "d d"] | None:
         """Return the attitude of a moving vehicle, if there is one."""
         return None if self.mount is None else self.mount.kinematics(*_rows(motion)).attitude
+
+    def obstacle_attitude(self, motion: Motion) -> Float[Array, "m d d"] | None:
+        """Return the attitude of the obstacles, if some are free."""
+        if self.obstacles is None or self.obstacles.bodies is None:
+            return None
+        return self.obstacles.bodies.attitude(motion.position[self.rows.obstacle_rows])
+
+    def body_gaps(self, rows: Rows) -> Float[Array, " pair"] | None:
+        """Return the gap of each pair of a free obstacle with another one (m)."""
+        if self.obstacles is None or self.obstacles.bodies is None:
+            return None
+        return self.obstacles.bodies.gaps(rows[self.rows.obstacle_rows])
 
     def gaps(self, rows: Rows) -> Float[Array, "m e"] | None:
         """Return the distance of each obstacle from each edge (m)."""
@@ -376,11 +422,6 @@ class Forces(Arm):
             motion,
             tuple(part[self.rows.arm_and_obstacles] for part in parts),
         )
-
-    def _bodies(self, motion: Motion) -> Motion:
-        """Return the motion of the free obstacles, one window each."""
-        free, width = self.free_rows, motion.position.shape[1]
-        return motion.windows(lambda rows: rows[free][:, None], free.shape, width)
 
 
 def _rows(motion: Motion) -> tuple[Any, Any, Any]:

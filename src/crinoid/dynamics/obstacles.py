@@ -1,6 +1,7 @@
 """Obstacles: rigid bodies near the arm, their motion and their contact with it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -8,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from crinoid.dynamics.free_bodies import FreeBodies
 from crinoid.dynamics.tangent import Border
-from crinoid.elements import Body, Contact, Motion
+from crinoid.elements import Contact, Motion
 from crinoid.numerics import banded
 
 Rows = Float[Array, "rows b"]
@@ -44,26 +46,37 @@ class Obstacles(eqx.Module):
     """``m`` obstacles, the rows after the nodes.
 
     Most have a prescribed motion: a steady velocity, which may be zero, or that of the water. Those
-    with a mass are free: the arm, the water and their weight move them. In space their rows have a
-    column for the spin, which is zero: obstacles do not spin.
+    with a mass are free: the arm, other obstacles, the water and their weight move and turn them.
+    Then a row for the rotation of each obstacle follows.
     """
 
     contact: Contact
     """Contact of every obstacle with every edge, obstacle by obstacle."""
-    bodies: Body
-    """Inertia, weight and drag of the free obstacles."""
+    bodies: FreeBodies | None
+    """The free obstacles, if there are any."""
     position: Float[Array, "m d"]
     """Position at the start (m)."""
     drift: Float[Array, "m d"]
     """Steady velocity, of free obstacles the initial one (m/s)."""
-    free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
     """Obstacles that start with the water's velocity, and keep it unless they are free."""
+    still: bool = eqx.field(static=True, default=False)
+    """Whether the free ones are held, for statics."""
 
     @property
     def count(self) -> int:
         """Number of obstacles."""
         return self.position.shape[0]
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Indices of the obstacles that are free, and not held."""
+        return () if self.bodies is None or self.still else self.bodies.index
+
+    @property
+    def rows(self) -> int:
+        """Number of their rows."""
+        return self.count if self.bodies is None else 2 * self.count
 
     @property
     def finest(self) -> Float[Array, ""]:
@@ -77,8 +90,7 @@ class Obstacles(eqx.Module):
 
     def held(self) -> "Obstacles":
         """Return the same obstacles, none of them free, for statics."""
-        none = jax.tree.map(lambda x: x[:0], self.bodies)
-        return Obstacles(self.contact, none, self.position, self.drift, (), self.carried)
+        return replace(self, still=True)
 
     def begin(self, points: Points, velocity: Callable[[Points], Points]) -> Points:
         """Return the initial velocities of the obstacles; ``velocity`` is the water's."""
@@ -113,7 +125,7 @@ class Obstacles(eqx.Module):
     def push(self, motion: Motion) -> tuple[Float[Array, "m e"], Rows]:
         """Return the distance of obstacles from edges (m), and the forces on all rows (N)."""
         push = jax.vmap(lambda contact, pair: contact.push(pair))
-        gap, forces = push(self.contact, self.motions(motion))
+        gap, forces = push(self.posed_contact, self.motions(motion))
         rows = self.scatter(forces, motion.position.shape[0])
         return gap.reshape(self.count, -1), rows
 
@@ -123,11 +135,11 @@ class Obstacles(eqx.Module):
         In space the last column has the torques about the edges that end there (N m).
         """
         gap, rows = self.push(motion)
-        force = -rows[-self.count :, : self.contact.axes]
+        force = -rows[-self.rows :][: self.count, : self.contact.axes]
         none = jnp.zeros(self.count)
         closest = jnp.min(gap, axis=1)
         touching = jnp.any(self.touching(gap), axis=1)
-        return Touch(force, touching, 0.0 * force, none, closest), rows[: -self.count]
+        return Touch(force, touching, 0.0 * force, none, closest), rows[: -self.rows]
 
     def touching(self, gap: Float[Array, "m e"]) -> Bool[Array, "m e"]:
         """Return which obstacles press on which edges, from the gaps (m)."""
@@ -137,19 +149,29 @@ class Obstacles(eqx.Module):
     def edge_force(self, motion: Motion, inside: Bool[Array, " e"]) -> Float[Array, " d"]:
         """Return the total force of all obstacles on some of the edges (N)."""
         _, forces = jax.vmap(lambda contact, pair: contact.push(pair))(
-            self.contact, self.motions(motion)
+            self.posed_contact, self.motions(motion)
         )
         on_edges = -forces[:, 2, : self.contact.axes].reshape(self.count, -1, self.contact.axes)
         return jnp.sum(jnp.where(inside[:, None], on_edges, 0.0), axis=(0, 1))
 
-    def windows(self, rows: Rows) -> Float[Array, "pairs 3 b"]:
+    @property
+    def posed_contact(self) -> Contact:
+        """Contact with the attitude of each obstacle."""
+        if self.bodies is None:
+            return self.contact
+        edges = self.contact.radius.shape[0] // self.count
+        pose = jax.tree.map(lambda x: jnp.repeat(x, edges, axis=0), self.bodies.pose)
+        return replace(self.contact, pose=pose)
+
+    def windows(self, rows: Rows) -> Float[Array, "pairs k b"]:
         """Return the windows of each edge with each obstacle, obstacle by obstacle."""
-        nodes, points = rows[: -self.count], rows[-self.count :]
+        nodes, points = rows[: -self.rows], rows[-self.rows :]
         edges = banded.gather(nodes, 1, nodes.shape[0] - 2, 2)
         shape = (self.count, *edges.shape)
-        each = jnp.broadcast_to(points[:, None, None], (*shape[:2], 1, shape[-1]))
+        own = points.reshape(-1, self.count, 1, shape[-1]).swapaxes(0, 1).swapaxes(1, 2)
+        each = jnp.broadcast_to(own, (*shape[:2], *own.shape[2:]))
         pairs = jnp.concatenate([jnp.broadcast_to(edges, shape), each], axis=2)
-        return pairs.reshape(-1, 3, shape[-1])
+        return pairs.reshape(-1, *pairs.shape[2:])
 
     def motions(self, motion: Motion) -> Motion:
         """Return the motion of each edge with each obstacle."""
@@ -159,44 +181,47 @@ class Obstacles(eqx.Module):
     def gaps(self, rows: Rows) -> Float[Array, "m e"]:
         """Return the distance of each obstacle from each edge (m)."""
         gaps = jax.vmap(lambda contact, window: contact.gap(window))(
-            self.contact, self.windows(rows)
+            self.posed_contact, self.windows(rows)
         )
         return gaps.reshape(self.count, -1)
 
-    def scatter(self, windows: Float[Array, "pairs 3 b"], num_rows: int) -> Rows:
+    def scatter(self, windows: Float[Array, "pairs k b"], num_rows: int) -> Rows:
         """Sum forces on edges and obstacles into their rows."""
         each = windows.reshape(self.count, -1, *windows.shape[1:])
-        nodes = banded.scatter(jnp.sum(each, axis=0)[:, :2], 1, num_rows - self.count)
-        return jnp.concatenate([nodes, jnp.sum(each[:, :, 2], axis=1)])
+        nodes = banded.scatter(jnp.sum(each, axis=0)[:, :2], 1, num_rows - self.rows)
+        own = [jnp.sum(each[:, :, row], axis=1) for row in range(2, each.shape[2])]
+        return jnp.concatenate([nodes, *own])
 
     def border(
         self,
-        touch: Float[Array, "m edges 3 b 3 b"],
-        own: Float[Array, "f b b"],
+        touch: Float[Array, "m edges 4 b 4 b"],
+        own: Float[Array, "rows b rows b"],
         num_nodes: int,
     ) -> Border:
         """Return the blocks of the tangent that couple nodes and free obstacles.
 
-        ``touch`` has the derivatives of the contacts, ``own`` those of other forces on the free
-        obstacles.
+        ``touch`` has the derivatives of the contacts with the arm, ``own`` those of all other
+        forces on the rows of the obstacles.
         """
-        touch = touch[jnp.asarray(self.free)]
-        own = own + jnp.sum(touch[:, :, 2, :, 2], axis=1)
-        count, size = own.shape[:2]
+        assert self.bodies is not None
+        size, at = own.shape[1], jnp.asarray(self.bodies.unknowns(own.shape[1]))
+        free = jnp.asarray(self.free)
+        touch = touch[free]
+        rows = jnp.stack([free, free + self.count], axis=1)
+        blocks = jnp.moveaxis(jnp.sum(touch[:, :, 2:, :, 2:], axis=1), 3, 2)
+        own = own.at[rows[:, :, None], :, rows[:, None, :], :].add(blocks)
+        corner = own.reshape(-1, own.shape[2] * size)[at][:, at]
 
-        def scatter(edges: Float[Array, "edges 2 b"]) -> Float[Array, "n b"]:
-            return banded.scatter(edges, self.contact.first, num_nodes)
+        def of_bodies(edges: Float[Array, "f e 2 b 2 b"]) -> Float[Array, "p n b"]:
+            """Sum derivatives, by the bodies in the last two axes, over the edges."""
+            each = jnp.moveaxis(edges, (4, 5), (1, 2))
+            every = jnp.zeros((2 * self.count, *each.shape[2:])).at[rows].set(each)
+            kept = every.reshape(-1, *each.shape[3:])[at]
+            return jax.vmap(lambda e: banded.scatter(e, self.contact.first, num_nodes))(kept)
 
-        by_column, by_row = jax.vmap(scatter, -1, -1), jax.vmap(scatter, 1, 0)
-        of_nodes = jax.vmap(by_column, 0, 2)(touch[:, :, :2, :, 2])
-        of_bodies = jax.vmap(by_row)(touch[:, :, 2, :, :2])
-        corner = jnp.einsum("fij,fg->figj", own, jnp.eye(count))
-        total = count * size
-        return Border(
-            of_nodes.reshape(num_nodes, size, total),
-            of_bodies.reshape(total, num_nodes, size),
-            corner.reshape(total, total),
-        )
+        of_nodes = of_bodies(touch[:, :, :2, :, 2:])
+        of_extra = of_bodies(jnp.moveaxis(touch[:, :, 2:, :, :2], (2, 3), (4, 5)))
+        return Border(jnp.moveaxis(of_nodes, 0, -1), of_extra, corner)
 
     def resolved(
         self, moved: Rows, before: Float[Array, "m e"], after: Float[Array, "m e"], step: Array
@@ -211,6 +236,9 @@ class Obstacles(eqx.Module):
         accounted = contact.accounted(gap_before, gap, step)
 
         windows = self.windows(moved[:, : contact.axes])
-        travel = jnp.max(jnp.sum((windows[:, :2] - windows[:, 2:]) ** 2, axis=-1), axis=1)
+        travel = jnp.max(jnp.sum((windows[:, :2] - windows[:, 2:3]) ** 2, axis=-1), axis=1)
         room = jnp.maximum(gap_before, 0.0) + 0.5 * (contact.arm_radius + contact.radius)
+        if self.bodies is not None:
+            swept = jnp.sum(windows[:, 3] ** 2, axis=-1) * jnp.sum(contact.half_axis**2, axis=-1)
+            travel = (jnp.sqrt(travel) + jnp.sqrt(swept)) ** 2
         return jnp.all(accounted) & jnp.all(travel <= room**2)

@@ -99,13 +99,13 @@ class Outcome(eqx.Module):
     residual: Float[Array, ""]
     """Largest imbalance of a node, a free obstacle or a vehicle (N).
 
-    A torque counts as a couple on an edge, that of a vehicle over its radius of gyration.
+    A torque counts as a couple on an edge, that of a body over its radius of gyration.
     """
     scale: Float[Array, ""]
     """Largest single force in the balance (N)."""
     worst_node: Int[Array, ""]
-    """Node with the largest imbalance; the root is 0, the free obstacles come after the tip,
-    then a vehicle."""
+    """Node with the largest imbalance; the root is 0, the free obstacles come after the tip, then
+    their rotations, then a vehicle."""
     resolved: Bool[Array, ""]
     """Whether a balanced step was short enough for its contacts; if not it has not converged."""
     folded: Bool[Array, ""]
@@ -134,7 +134,9 @@ class Outcome(eqx.Module):
         worst = int(self.worst_node)
         name, body = f"node {worst}", worst - nodes
         if body >= 0:
-            name = f"obstacle {free[body]}" if body < len(free) else "the vehicle"
+            # the positions of the free obstacles, then their rotations
+            many = 2 * len(free)
+            name = f"obstacle {free[body % len(free)]}" if body < many else "the vehicle"
         return (
             f"{name} is out of balance by {float(self.residual):.3g} N "
             f"among forces of up to {float(self.scale):.3g} N"

@@ -1,4 +1,7 @@
-"""Rows of the arrays of a state, by name: nodes of the arm, then obstacles, then a vehicle."""
+"""Rows of the arrays of a state, by name: nodes of the arm, then obstacles, then a vehicle.
+
+Where some obstacles are free, the rotations of all of them follow on their positions.
+"""
 
 from typing import Any, NamedTuple
 
@@ -18,21 +21,30 @@ class RowLayout(NamedTuple):
 
     nodes: slice
     obstacles: slice
+    rotations: slice
+    """Rotation of each obstacle since the start, where some are free."""
     vehicle: slice
     arm_and_obstacles: slice
     """All rows except those of a vehicle."""
 
     @staticmethod
-    def of(obstacles: int, *, vehicle: bool) -> "RowLayout":
-        """Return the layout for a number of obstacles, and perhaps a vehicle."""
+    def of(obstacles: int, *, turning: bool, vehicle: bool) -> "RowLayout":
+        """Return the layout for a number of obstacles, some ``turning``, and perhaps a vehicle."""
         last = VEHICLE_ROWS if vehicle else 0
         end, none = -last or None, slice(0, 0)
+        middle = obstacles + last if turning else last
         return RowLayout(
-            slice(-(obstacles + last) or None),
-            slice(-(obstacles + last), end) if obstacles else none,
+            slice(-(obstacles + middle) or None),
+            slice(-(obstacles + middle), -middle or None) if obstacles else none,
+            slice(-middle, end) if turning else none,
             slice(-last, None) if vehicle else none,
             slice(end),
         )
+
+    @property
+    def obstacle_rows(self) -> slice:
+        """All rows of the obstacles."""
+        return slice(self.obstacles.start, self.arm_and_obstacles.stop)
 
     def obstacle(self, index: Any) -> Any:
         """Return the row of an obstacle, or the rows of several."""

@@ -153,6 +153,8 @@ def undeformed(
     parts, width = [rows], rows.shape[1]
     if (obstacles := forces.obstacles) is not None:
         parts.append(pad_columns(obstacles.position + time * obstacles.drift, width))
+        if obstacles.bodies is not None:
+            parts.append(jnp.zeros_like(parts[-1]))
     if forces.vehicle is not None:
         middle = pad_columns(forces.vehicle.offset[None], width)
         parts += [middle, jnp.zeros_like(middle)]
@@ -190,7 +192,12 @@ def rigid_body_velocity(held: Prescribed, nodes: Float[Array, "n b"]) -> Float[A
 def with_mount(
     forces: Forces, base: Base, time: Array, servo: ServoState, before: State | None = None
 ) -> Forces:
-    """Return the forces on a vehicle, if any, at the end of a step from a state or at the start."""
+    """Return the forces on a vehicle, if any, at the end of a step from a state or at the start.
+
+    The obstacles have the attitude at the start of the step.
+    """
+    if before is not None:
+        forces = forces.turned(before.obstacle_attitude, before.motion.position)
     vehicle, axes = forces.vehicle, forces.axes
     if vehicle is None:
         return forces
@@ -223,6 +230,8 @@ def begin(
         points = position[forces.rows.obstacles, : forces.axes]
         started = obstacles.begin(points, lambda p: forces.flow_velocity(p, time))
         moving.append(pad_columns(started, position.shape[1]))
+        if obstacles.bodies is not None:
+            moving.append(pad_columns(obstacles.bodies.spin, position.shape[1]))
     velocity = jnp.concatenate(moving)
     velocity = jnp.pad(velocity, ((0, position.shape[0] - velocity.shape[0]), (0, 0)))
     none, zero = jnp.zeros_like(position), jnp.zeros(())
@@ -285,5 +294,7 @@ def steady_state(
         predictor_accepted=jnp.asarray(False),
         reused_tangent=ReusedTangent.none(forces, motion.position),
         attitude=forces.attitude(motion),
+        obstacle_attitude=forces.obstacle_attitude(motion),
+        body_gap=forces.body_gaps(motion.position),
         memory=forces.memory_at_start(motion),
     )

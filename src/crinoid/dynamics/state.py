@@ -52,6 +52,10 @@ class State(eqx.Module):
     """Grip of a tool, if touches take it up or let it go."""
     self_gap: Float[Array, " pair"] | None = None
     """Distance of the surfaces of each pair of far edges (m)."""
+    obstacle_attitude: Float[Array, "m d d"] | None = None
+    """Matrix from the axes of each obstacle to those of the world, where some are free."""
+    body_gap: Float[Array, " pair"] | None = None
+    """Distance of the surfaces of each pair of a free obstacle with another one (m)."""
     memory: Memory = ()
     """Memory of each element (`crinoid.Element`); None for those without."""
 
@@ -121,7 +125,8 @@ class State(eqx.Module):
         return None if self.attitude is None else self.motion.velocity[..., CENTRE, : self._axes]
 
     def remembered(self, forces: Forces) -> Forces:
-        """Return a copy of the forces with the grip and the elements' memory of this state."""
+        """Return a copy of the forces with grip, memory of elements, and attitudes of this state."""
+        forces = forces.turned(self.obstacle_attitude, self.motion.position)
         return with_grip(forces.remembering(self.memory, 0.0), self.grip)
 
     @property
@@ -137,7 +142,8 @@ class State(eqx.Module):
     @property
     def _rows(self) -> RowLayout:
         count = 0 if self.gap is None else self.gap.shape[-2]
-        return RowLayout.of(count, vehicle=self.attitude is not None)
+        turning = self.obstacle_attitude is not None
+        return RowLayout.of(count, turning=turning, vehicle=self.attitude is not None)
 
 
 def tip_pose(position: Float[Array, "n d"]) -> Float[Array, " pose"]:
@@ -179,7 +185,8 @@ class EnergyAccount(eqx.Module):
         contact = None
         if forces.obstacles is not None:
             motion = forces.obstacle_motion(state.motion)
-            contact, known["contact"] = forces.obstacles.touch(motion)
+            assert remembered.obstacles is not None
+            contact, known["contact"] = remembered.obstacles.touch(motion)
         if forces.far_edges is not None:
             pushed = forces.far_edges.push(state.motion)[:nodes]
             known["contact"] = known.get("contact", 0.0) + pushed

@@ -166,6 +166,7 @@ class System(eqx.Module):
         return replace(
             start.steady_state(forces, motion, reaction, (state.servo, *state.actuators)),
             attitude=state.attitude,
+            obstacle_attitude=state.obstacle_attitude,
             grip=state.grip,
             reused_tangent=state.reused_tangent,
         )
@@ -245,6 +246,8 @@ class System(eqx.Module):
             predictor_accepted=outcome.iterations == 0,
             reused_tangent=jax.lax.stop_gradient(reused_tangent),
             attitude=forces.attitude(motion),
+            obstacle_attitude=forces.obstacle_attitude(motion),
+            body_gap=forces.body_gaps(motion.position),
             grip=grip,
             memory=forces.memory_after(motion),
         )
@@ -385,6 +388,11 @@ class System(eqx.Module):
             assert after.gap is not None
             moved = (now.position - before.position)[forces.rows.arm_and_obstacles]
             resolved = ~good | forces.obstacles.resolved(moved, state.gap, after.gap, step)
+            bodies = forces.obstacles.bodies
+            if bodies is not None and state.body_gap is not None and after.body_gap is not None:
+                moved = moved[-2 * bodies.count :]
+                apart = bodies.resolved(moved, state.body_gap, after.body_gap, step)
+                resolved &= ~good | apart
         if forces.far_edges is not None:
             assert state.self_gap is not None
             assert after.self_gap is not None
@@ -408,4 +416,5 @@ class System(eqx.Module):
 
     def _driven(self, state: State) -> Forces:
         """Return the forces with the actuators and the grip of a state."""
-        return with_grip(self.forces.driven(drives(self.actuators, state.actuators)), state.grip)
+        forces = self.forces.turned(state.obstacle_attitude, state.motion.position)
+        return with_grip(forces.driven(drives(self.actuators, state.actuators)), state.grip)

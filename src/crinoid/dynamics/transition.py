@@ -139,6 +139,14 @@ class LocalCoordinates:
             turn = turn_of(product(before.T, attitude))
             turn = self.state.motion.position[ROTATION, : turn.size] + turn
             rows = rows.at[ROTATION, : turn.size].set(turn)
+        if self.state.obstacle_attitude is not None:
+            assert state.obstacle_attitude is not None
+            turns = jax.vmap(lambda a, b: turn_of(product(a.T, b)))(
+                self.state.obstacle_attitude, state.obstacle_attitude
+            )
+            at_rotations, size = forces.rows.rotations, turns.shape[1]
+            turns += self.state.motion.position[at_rotations, :size]
+            rows = rows.at[at_rotations, :size].set(turns)
         motion, at = state.motion, self.entries
         parts = (rows, motion.velocity, motion.acceleration, state.auxiliary_offset)
         moving = [part.reshape(-1)[at] for part in parts]
@@ -175,6 +183,8 @@ class LocalCoordinates:
             predictor_accepted=state.predictor_accepted,
             reused_tangent=state.reused_tangent,
             attitude=forces.attitude(moved),
+            obstacle_attitude=forces.obstacle_attitude(moved),
+            body_gap=forces.body_gaps(moved.position),
             grip=state.grip,
             memory=remembered,
         )
@@ -190,7 +200,9 @@ class LocalCoordinates:
         moves = np.zeros(rows.shape, bool)
         moves[forces.rows.nodes] = True
         moves[:BOUNDARY_NODES] = False
-        moves[forces.free_rows, : forces.axes] = True
+        if forces.free and forces.obstacles is not None and forces.obstacles.bodies is not None:
+            flat = moves[forces.rows.obstacle_rows].reshape(-1)
+            flat[list(forces.obstacles.bodies.unknowns(rows.shape[1]))] = True
         if forces.vehicle is not None:
             moves[forces.rows.vehicle].reshape(-1)[list(unknowns(forces.axes, rows.shape[1]))] = (
                 True

@@ -14,7 +14,7 @@ from crinoid.base import Prescribed
 from crinoid.dynamics.rows import CENTRE, GHOST, ROOT, ROTATION, SPIN
 from crinoid.elements import Motion
 from crinoid.elements.water import smooth_speed
-from crinoid.numerics.frames import Frames, cross, dot, rotate_90, rotated
+from crinoid.numerics.frames import Frames, cross, dot, moments, rotation_velocity, turned
 from crinoid.numerics.small_matrices import product
 
 Vector = Float[Array, " d"]
@@ -35,14 +35,9 @@ class Mount(eqx.Module):
 
     def kinematics(self, position: Rows, velocity: Rows, acceleration: Rows) -> "VehicleKinematics":
         """Return the motion of the vehicle from its rows."""
-        turns, axes = self.turn.size, self.attitude.shape[0]
+        turns = self.turn.size
         step = position[ROTATION, :turns] - self.turn
-        if axes == 2:
-            cosine, sine = jnp.cos(step[0]), jnp.sin(step[0])
-            turn = jnp.stack([jnp.stack([cosine, -sine]), jnp.stack([sine, cosine])])
-        else:
-            turn = rotated(jnp.eye(3), step).T
-        attitude = product(self.attitude, turn)
+        attitude = turned(self.attitude, step)
         return VehicleKinematics.of(attitude, turns, position, velocity, acceleration)
 
 
@@ -262,20 +257,6 @@ def turn_of(rotation: Float[Array, "d d"]) -> Turns:
         return rotation[1, :1]
     difference = rotation - rotation.T
     return 0.5 * jnp.stack([difference[2, 1], difference[0, 2], difference[1, 0]])
-
-
-def rotation_velocity(rate: Turns, points: Float[Array, "*many d"]) -> Float[Array, "*many d"]:
-    """Return the velocities of points of a body that rotates about the origin."""
-    return rate[0] * rotate_90(points) if rate.size == 1 else cross(rate, points)
-
-
-def moments(
-    levers: Float[Array, "*many d"], forces: Float[Array, "*many d"]
-) -> Float[Array, "*many turns"]:
-    """Return the moments of forces on levers about the origin."""
-    if levers.shape[-1] == 3:
-        return cross(levers, forces)
-    return (levers[..., 0] * forces[..., 1] - levers[..., 1] * forces[..., 0])[..., None]
 
 
 def _angles(attitude: Float[Array, "3 3"]) -> Float[Array, "3"]:

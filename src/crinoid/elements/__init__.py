@@ -4,7 +4,8 @@ May import ``rod`` and ``compilation`` and ``actuation`` and lower folders.
 """
 
 from crinoid.elements.bodies import Body as Body
-from crinoid.elements.bodies import Tool as Tool
+from crinoid.elements.body_contact import BodyContact as BodyContact
+from crinoid.elements.body_contact import Pair as Pair
 from crinoid.elements.contact import Contact as Contact
 from crinoid.elements.contact import SoftSkin as SoftSkin
 from crinoid.elements.elastic import Bend as Bend
@@ -22,7 +23,9 @@ from crinoid.elements.material import Material as Material
 from crinoid.elements.planar_threads import PlanarThreads as PlanarThreads
 from crinoid.elements.self_contact import SelfContact as SelfContact
 from crinoid.elements.spatial import BendTwist as BendTwist
+from crinoid.elements.rigid import Pose as Pose
 from crinoid.elements.threads import Threads as Threads
+from crinoid.elements.tool import Tool as Tool
 from crinoid.elements.vortices import Oscillator as Oscillator
 from crinoid.elements.vortices import Synchronisation as Synchronisation
 from crinoid.elements.vortices import VortexForces as VortexForces

@@ -1,171 +1,43 @@
-"""Rigid bodies in the water: a tool at the tip, and free spheres."""
+"""Free bodies: rigid spheres and capsules in the water."""
 
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from crinoid.elements.contact import rows_of
 from crinoid.elements.element import Element, Motion
+from crinoid.elements.rigid import Pose
 from crinoid.elements.water import smooth_speed
-from crinoid.numerics.frames import cross, dot, rotate_90, unit
-from crinoid.numerics.ramp import Onset
-from crinoid.rod import Rod
-
-_Points = Float[Array, "2 d"]
-
-
-class Tool(Element):
-    """Rigid body clamped to the last edge: inertia, weight, buoyancy, drag and added mass.
-
-    Its centre of mass lies beyond the tip, ``c = x_tip + offset t``, with the direction ``t`` of
-    the last edge. So ``dc/dt`` and ``d2c/dt2`` follow from the nodes without approximation, and
-    the forces on the nodes are those of a rigid body (Kane and Levinson 1985, section 6.1): the
-    force at the centre of mass and the moment about it, each times its partial velocity by a node,
-
-    ``F = (m + m_a) d2c/dt2 - (rho V + m_a) Du/Dt - 1/2 rho C_d A |w| w + (m - rho V) g``,
-    ``M = J dw/dt + w x J w``.
-
-    The water is that at the tip. Its work counts as external, as stored energies are those of the
-    arm alone. So the balance of energy closes when the body is taken up or let go, without a jump
-    of velocity: it moves with the tip before and after.
-    """
-
-    stencil: ClassVar[int] = 2
-    spins: ClassVar[bool] = True
-    external: ClassVar[bool] = True
-    worked: ClassVar[str] = "tool"
-    first: int = eqx.field(static=True)
-    mass: Float[Array, "*count"]
-    inertia: Float[Array, "*count turns"]
-    """Moments of inertia about the centre of mass (kg m2): in the plane one, in space three, about
-    the edge and about its directors m_1 and m_2."""
-    displaced: Float[Array, "*count"]
-    """Mass of the water that it displaces (kg)."""
-    added_mass: Float[Array, "*count"]
-    """Added mass, equal in all directions (kg)."""
-    drag: Float[Array, "*count"]
-    """Drag over ``|w| w`` (kg/m)."""
-    weight: Float[Array, "*count"]
-    """Weight less buoyancy (N)."""
-    offset: Float[Array, "*count"]
-    """Distance of the centre of mass beyond the tip (m)."""
-    held: Onset
-
-    @staticmethod
-    def of(
-        rod: Rod,
-        *,
-        mass: float | Array,
-        density: float | Array = 0.0,
-        gravity: float | Array = 0.0,
-        inertia: float | Array = 0.0,
-        volume: float | Array = 0.0,
-        added_mass: float | Array = 0.0,
-        drag_area: float | Array = 0.0,
-        offset: float | Array = 0.0,
-        held: Onset | None = None,
-    ) -> "Tool":
-        """Build a tool of given mass (kg) at the tip of a rod, by default always held.
-
-        ``density`` (kg/m3) is that of the water, ``drag_area`` (m2) counts times its coefficient.
-        In space a single ``inertia`` (kg m2) counts for all axes.
-        """
-
-        def one(value: float | Array) -> Float[Array, "1"]:
-            return jnp.asarray(value, float).reshape(1)
-
-        displaced = jnp.asarray(density) * volume
-        turns = 1 if rod.axes == 2 else 3
-        held = held or Onset.of()
-        return Tool(
-            rod.nodes - 1,
-            mass=one(mass),
-            inertia=jnp.broadcast_to(jnp.asarray(inertia, float), (1, turns)),
-            displaced=one(displaced),
-            added_mass=one(added_mass),
-            drag=one(0.5 * jnp.asarray(density) * drag_area),
-            weight=one((mass - displaced) * gravity),
-            offset=one(offset),
-            held=Onset.of(held.start, held.ramp_time, held.stop, shape=(1,)),
-        )
-
-    def residual(self, motion: Motion) -> Float[Array, "2 b"]:
-        axes = motion.flow_velocity.shape[-1]
-        rows = (motion.position, motion.velocity, motion.acceleration)
-        place, velocity, acceleration = (row[:, :axes] for row in rows)
-
-        def rates(place: _Points, velocity: _Points) -> tuple[Array, Array]:
-            return jax.jvp(self._stance, (place,), (velocity,))
-
-        (stance, rate), (_, second) = jax.jvp(rates, (place, velocity), (velocity, acceleration))
-        tangent, (_, length) = stance[1], unit(place[1] - place[0])
-        force = self._force(motion, rate[0], second[0])
-        if motion.orientation is None:
-            about = jnp.sum(rotate_90(tangent) * second[1])
-            couple, torque = self.inertia[0] * about / length * rotate_90(tangent), None
-        else:
-            moment = self._moment(motion, stance[1], rate[1], second[1])
-            couple, torque = cross(moment, tangent) / length, dot(moment, tangent)
-        couple += self.offset / length * (force - jnp.sum(force * tangent) * tangent)
-        total = jnp.stack([-couple, force + couple])
-        if torque is not None:
-            total = jnp.c_[total, jnp.stack([jnp.zeros(()), torque])]
-        return self.held.whole(motion.time) * total
-
-    def centre(self, place: _Points) -> Float[Array, " d"]:
-        """Return the position of the centre of mass for the ends of the last edge (m)."""
-        return self._stance(place)[0]
-
-    def _stance(self, place: _Points) -> _Points:
-        """Return the centre of mass (m) and the direction of the edge."""
-        tangent, _ = unit(place[1] - place[0])
-        return jnp.stack([place[1] + self.offset * tangent, tangent])
-
-    def _force(self, motion: Motion, velocity: Array, acceleration: Array) -> Float[Array, " d"]:
-        """Return minus the force at the centre of mass (N)."""
-        relative = motion.flow_velocity[1] - velocity
-        drag = self.drag * smooth_speed(jnp.sum(relative**2)) * relative
-        froude_krylov = (self.displaced + self.added_mass) * motion.flow_acceleration[1]
-        inertia = (self.mass + self.added_mass) * acceleration
-        return inertia - froude_krylov - drag + self.weight * np.eye(drag.size)[-1]
-
-    def _moment(
-        self, motion: Motion, tangent: Array, rate: Array, second: Array
-    ) -> Float[Array, "3"]:
-        """Return the rate of change of the angular momentum about the centre of mass (N m)."""
-        assert motion.orientation is not None
-        director = motion.orientation.director[1]
-        axes = jnp.stack([tangent, director, cross(tangent, director)])
-        spin, spin_up = motion.velocity[1, 3], motion.acceleration[1, 3]
-        turning = cross(tangent, rate) + spin * tangent
-        angular_acceleration = cross(tangent, second) + spin_up * tangent + spin * rate
-
-        def momentum(rate: Array) -> Array:
-            along = self.inertia * jnp.sum(axes * rate, axis=1)
-            return jnp.sum(along[:, None] * axes, axis=0)
-
-        return momentum(angular_acceleration) + cross(turning, momentum(turning))
-
+from crinoid.numerics.frames import moments, rotation_velocity
+from crinoid.numerics.small_matrices import product
 
 DRAG = 0.47
 """Drag coefficient of a sphere between Reynolds numbers of 1e3 and 1e5 (Hoerner 1965, 3-8)."""
-
-
-_ADDED_MASS = 0.5
-"""Added mass of a sphere over the mass of the water that it displaces (Batchelor 1967, 6.4)."""
+CROSS_FLOW_DRAG = 1.1
+"""Drag coefficient of a cylinder across its axis (Hoerner 1965, 3-9)."""
+_STATIONS, _SHARES = np.polynomial.legendre.leggauss(4)
 
 
 class Body(Element):
-    """Inertia, weight, buoyancy, drag, added mass and Froude-Krylov force of a free sphere.
+    """Inertia, weight, buoyancy, drag, added mass and Froude-Krylov force of a free body.
 
-    ``m a = rho V Du/Dt + rho V / 2 (Du/Dt - a) + 1/2 rho C_d pi r^2 |w| w - (m - rho V) g``.
-    It does not spin: in space the last coordinate of a row has an inertia, but no force.
+    A sphere, or a capsule: a cylinder of length ``l`` with half a sphere at each end. With the slip
+    ``s = v - u``, the added mass ``M_a`` and the inertia ``J`` (Fossen 2011, chapter 6):
+
+    ``m a + M_a (a - Du/Dt) + w x M_a s - M_a (w x s) = rho V Du/Dt - drag - (m - rho V) g``,
+    ``J dw/dt + w x J w + s x M_a s = -(moment of the drag)``.
+
+    Added mass and inertia are those of the spheroid with the capsule's length and diameter, over
+    the water that each displaces (Lamb 1932, sections 114 and 115). The ends have the drag of a
+    sphere; the cylinder between them has drag across its axis only, as if each piece were alone
+    (cross-flow principle, Hoerner 1965, 3-11). So the water does not resist a turn about the axis
+    of a capsule, nor that of a sphere. The water is that at the centre.
     """
 
-    stencil: ClassVar[int] = 1
+    stencil: ClassVar[int] = 2
     spins: ClassVar[bool] = True
     first: int = eqx.field(static=True)
     mass: Float[Array, "*count"]
@@ -173,32 +45,134 @@ class Body(Element):
     displaced: Float[Array, "*count"]
     """Mass of the water that it displaces (kg)."""
     drag: Float[Array, "*count"]
-    """Drag over ``|w| w`` (kg/m)."""
+    """Drag of its ends over ``|s| s`` (kg/m)."""
     weight: Float[Array, "*count"]
     """Weight less buoyancy (N)."""
+    inertia: Float[Array, "*count turns turns"]
+    """Moments of inertia in its axes, with that of the water (kg m2)."""
+    axis: Float[Array, "*count d"]
+    """Axis of a capsule, in its axes; zero of a sphere, or across the plane."""
+    half_length: Float[Array, "*count"]
+    """Half of ``l`` (m)."""
+    side_drag: Float[Array, "*count"]
+    """Drag of its cylinder over ``|s_n| s_n``, ``s_n`` across its axis (kg/m)."""
+    added_mass: Float[Array, "*count 2"]
+    """Added mass along its axis and across (kg)."""
+    pose: Pose | None = None
 
     @staticmethod
     def of(
         *,
         mass: Float[Array, " m"],
         radius: Float[Array, " m"],
+        inertia: Float[Array, "m turns turns"],
+        half_axis: Float[Array, "m d"] | None = None,
+        length: Float[Array, " m"] | float = 0.0,
         density: float | Array,
         gravity: float | Array,
     ) -> "Body":
-        """Build spheres of given mass (kg) and radius (m) in water of a density (kg/m3)."""
-        displaced = density * 4 / 3 * jnp.pi * radius**3
-        drag = 0.5 * density * DRAG * jnp.pi * radius**2
-        return Body(0, mass, displaced, drag, (mass - displaced) * gravity)
+        """Build bodies in water of a density (kg/m3).
 
-    def residual(self, motion: Motion) -> Float[Array, "1 b"]:
-        axes = motion.flow_velocity.shape[1]
-        relative = motion.flow_velocity - motion.velocity[:, :axes]
-        water = self.displaced * (
-            motion.flow_acceleration
-            + _ADDED_MASS * (motion.flow_acceleration - motion.acceleration[:, :axes])
+        ``mass`` in kg, ``radius`` in m, ``inertia`` in their axes in kg m2; ``length`` (m) is
+        that of the cylinder, ``half_axis`` (m) half of its part in the plane of the arm.
+        """
+        turns = inertia.shape[-1]
+        axes = 2 if turns == 1 else 3
+        half = jnp.zeros((mass.size, axes)) if half_axis is None else half_axis
+        length = jnp.broadcast_to(jnp.asarray(length, float), mass.shape)
+        size = jnp.sqrt(jnp.sum(half**2, axis=1, keepdims=True))
+        axis = half / jnp.where(size > 0, size, 1.0)
+        displaced = density * (4 / 3 * jnp.pi * radius**3 + jnp.pi * radius**2 * length)
+        along, across, turned = spheroid_coefficients(1 + 0.5 * length / radius)
+        water = turned * capsule_inertia(displaced, radius, length)[1]
+        if turns == 1:  # about y: none of a capsule across the plane
+            swept = jnp.sum(axis**2, axis=1)[:, None, None]
+        else:
+            swept = jnp.eye(3) - axis[:, :, None] * axis[:, None, :]
+        return Body(
+            0,
+            mass,
+            displaced,
+            0.5 * density * DRAG * jnp.pi * radius**2,
+            (mass - displaced) * gravity,
+            inertia + water[:, None, None] * swept,
+            axis,
+            0.5 * size[:, 0],
+            0.5 * density * CROSS_FLOW_DRAG * 2 * radius * length,
+            displaced[:, None] * jnp.stack([along, across], axis=1),
         )
-        drag = self.drag * smooth_speed(jnp.sum(relative**2)) * relative
-        weight = self.weight * np.eye(relative.shape[1])[-1:]
-        force = water + drag - weight
-        spare = motion.acceleration.shape[1] - axes
-        return self.mass * motion.acceleration - jnp.pad(force, ((0, 0), (0, spare)))
+
+    @property
+    def reach(self) -> Float[Array, "*count"]:
+        """Largest radius of gyration (m)."""
+        largest = jnp.max(jnp.diagonal(self.inertia, axis1=-2, axis2=-1), axis=-1)
+        return jnp.sqrt(largest / self.mass)
+
+    def residual(self, motion: Motion) -> Float[Array, "2 b"]:
+        assert self.pose is not None
+        axes, turns = motion.flow_velocity.shape[1], self.pose.turn.size
+        body = self.pose.motion(motion.position, motion.velocity)
+        axis = product(body.attitude, self.axis)
+
+        def added(vector: Float[Array, " d"]) -> Float[Array, " d"]:
+            more = self.added_mass[0] - self.added_mass[1]
+            return self.added_mass[1] * vector + more * product(axis, vector) * axis
+
+        def swung(vector: Float[Array, " d"]) -> Float[Array, " d"]:
+            return rotation_velocity(body.spin, vector)
+
+        acceleration, flow = motion.acceleration[0, :axes], motion.flow_acceleration[0]
+        slip = body.velocity - motion.flow_velocity[0]
+        momentum = added(slip)
+        water = added(acceleration - flow) + swung(momentum) - added(swung(slip))
+        stations = self.half_length * jnp.asarray(_STATIONS)[:, None]
+        slips = slip + stations * swung(axis)
+        slips = slips - product(slips, axis)[:, None] * axis
+        speeds = smooth_speed(jnp.sum(slips**2, axis=1))
+        drags = self.side_drag * (0.5 * _SHARES * speeds)[:, None] * slips
+        drag = self.drag * smooth_speed(jnp.sum(slip**2)) * slip + jnp.sum(drags, axis=0)
+        up = np.eye(axes)[-1]
+        force = self.mass * acceleration - self.displaced * flow + water + drag + self.weight * up
+        moment = moments(slip, momentum) + jnp.sum(moments(stations * axis, drags), axis=0)
+        spun = product(self.inertia, body.rate)
+        turning = product(self.inertia, motion.acceleration[1, :turns]) + body.to_body(moment)
+        if turns == 3:
+            turning = turning + moments(body.rate, spun)
+        width = motion.position.shape[1]
+        return jnp.concatenate([rows_of(force, width), rows_of(turning, width)])
+
+
+def capsule_inertia(mass: Array, radius: Array, length: Array) -> tuple[Array, Array]:
+    """Return the moments of inertia of a homogeneous capsule along and across its axis (kg m2).
+
+    ``length`` is that of its cylinder (m); that of a sphere is 0.
+    """
+    share = length / (length + 4 / 3 * radius)
+    cylinder, ends = share * mass, (1 - share) * mass
+    ball = 0.4 * radius**2
+    along = cylinder * radius**2 / 2 + ends * ball
+    across = cylinder * (length**2 / 12 + radius**2 / 4) + ends * (
+        ball + length**2 / 4 + 0.375 * length * radius
+    )
+    return along, across
+
+
+def spheroid_coefficients(slenderness: Array) -> tuple[Array, Array, Array]:
+    """Return coefficients of added mass of a prolate spheroid by its length over its diameter.
+
+    They are its added mass along and across, and its added inertia across, over mass and inertia
+    of the water that it displaces (Lamb 1932, sections 114 and 115): 1/2, 1/2 and 0 of a sphere.
+    """
+    squared = 1 - 1 / slenderness**2  # the eccentricity e
+    nearly = squared < 0.1
+    root = jnp.sqrt(jnp.where(nearly, 0.5, squared))
+    # (artanh e - e - e^3 / 3) / e^5
+    exact = (jnp.arctanh(root) - root - root**3 / 3) / root**5
+    series = sum(squared**n / (2 * n + 5) for n in range(12))
+    tail = jnp.where(nearly, series, exact)
+    alpha = 2 * (1 - squared) * (1 / 3 + squared * tail)
+    beta = 1 - alpha / 2
+    # (beta - alpha) / e^2, without cancellation
+    apart = 1 - 3 * tail + 3 * squared * tail
+    turned = squared**2 * apart / ((2 - squared) * (2 - (2 - squared) * apart))
+    return alpha / (2 - alpha), beta / (2 - beta), turned

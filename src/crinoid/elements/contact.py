@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from crinoid.elements.element import Element, Motion
-from crinoid.numerics.frames import cross, unit
+from crinoid.elements.rigid import Pose
+from crinoid.numerics.frames import cross, moments, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
 from crinoid.rod import Rod
 
@@ -99,7 +100,10 @@ class Contact(SoftSkin):
     Friction is Coulomb's, ``-mu N v / sqrt(v^2 + creep^2)`` with the sliding velocity ``v`` of
     the surfaces: zero at rest, so a body that sticks creeps by less than 1 mm/s. It acts on the
     arm's surface, where the rotation of the edge adds to the velocity; its moment about the axis is
-    a couple on the ends of the edge and, in space, a torque about it. Obstacles do not spin.
+    a couple on the ends of the edge and, in space, a torque about it.
+
+    Near free bodies, which turn, a window has a fourth row, the obstacle's rotation: friction sees
+    its spin too, and acts on both at one point, on the arm's surface.
     """
 
     stencil: ClassVar[int] = 3
@@ -116,6 +120,8 @@ class Contact(SoftSkin):
     friction: Float[Array, "*count"]
     mass: Float[Array, "*count"]
     """Reduced mass of edge and obstacle (kg)."""
+    pose: Pose | None = None
+    """Attitude of the obstacle, in whose axes ``half_axis`` is then; None if none turns."""
 
     @staticmethod
     def of(
@@ -159,21 +165,32 @@ class Contact(SoftSkin):
         """Distance from the arm's surface at which contact begins (m)."""
         return SKIN * self.arm_radius
 
-    def gap(self, position: Float[Array, "3 b"]) -> Float[Array, ""]:
+    def gap(self, position: Float[Array, "k b"]) -> Float[Array, ""]:
         """Return the distance of the surfaces (m)."""
-        return self._closest(position[:, : self.axes])[0]
+        half = self.half_axis
+        if self.pose is not None:
+            half = product(self.pose.attitude_at(position[3]), half)
+        return self._closest(position[:3, : self.axes], half)[0]
 
-    def residual(self, motion: Motion) -> Float[Array, "3 b"]:
+    def residual(self, motion: Motion) -> Float[Array, "k b"]:
         return -self.push(motion)[1]
 
-    def push(self, motion: Motion) -> tuple[Float[Array, ""], Float[Array, "3 b"]]:
+    def push(self, motion: Motion) -> tuple[Float[Array, ""], Float[Array, "k b"]]:
         """Return the gap (m), and the forces on the two nodes and on the obstacle (N).
 
-        In space the last column of the far node's row is the torque about the edge (N m).
+        In space the last column of the far node's row is the torque about the edge (N m). The row
+        of a rotation has the moment in the body's axes (N m).
         """
-        places, velocity = motion.position[:, : self.axes], motion.velocity[:, : self.axes]
-        gap, slopes, share = self._closest(places)
-        pressing = self.damped(gap, jnp.sum(slopes * velocity))
+        places, velocity = motion.position[:3, : self.axes], motion.velocity[:3, : self.axes]
+        body, half = None, self.half_axis
+        if self.pose is not None:
+            body = self.pose.motion(motion.position[2:], motion.velocity[2:])
+            half = product(body.attitude, half)
+        gap, slopes, share, by_half = self._closest(places, half)
+        rate = jnp.sum(slopes * velocity)
+        if body is not None:
+            rate += product(by_half, rotation_velocity(body.spin, half))
+        pressing = self.damped(gap, rate)
         edge, length = unit(places[1] - places[0])
         outward, _ = unit(-slopes[2])
         lever = -self.arm_radius * outward
@@ -186,6 +203,9 @@ class Contact(SoftSkin):
         if spins:
             around = cross(edge, lever)
             sliding = sliding + motion.velocity[1, -1] * around
+        if body is not None:
+            reach = product(at_axis, places[:2]) + lever - places[2]
+            sliding = sliding - rotation_velocity(body.spin, reach)
         sliding = sliding - product(sliding, outward) * outward
         rubbing = self.rubbing(pressing, sliding)
         # likewise the moment lever x rubbing, without its part about the edge
@@ -195,10 +215,18 @@ class Contact(SoftSkin):
         if spins:
             torque = jnp.stack([0 * gap, product(rubbing, around), 0 * gap])
             forces = jnp.concatenate([forces, torque[:, None]], axis=1)
+        if body is not None:
+            moment = moments(half, pressing * by_half) - moments(reach, rubbing)
+            forces = jnp.concatenate([forces, rows_of(body.to_body(moment), forces.shape[1])])
         return gap, forces
 
-    def _closest(self, position: Float[Array, "3 d"]) -> tuple[Array, Array, Array]:
-        """Return the gap, its gradient by the three positions, and its place along the edge."""
+    def _closest(
+        self, position: Float[Array, "3 d"], half_axis: Float[Array, " d"]
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return the gap, its gradient by the three positions, and its place along the edge.
+
+        The last one is the gradient by the half axis of the obstacle.
+        """
         near, far, place = position
         edge, apart = far - near, near - place
         flat = jnp.any(self.normal != 0)
@@ -212,9 +240,9 @@ class Contact(SoftSkin):
         weights = jnp.stack([1 - share_flat, share_flat, -jnp.ones_like(share_flat)])
         slopes_flat = weights[:, None] * self.normal
 
-        share, along = closest_of_cores(edge, self.half_axis, apart)
+        share, along = closest_of_cores(edge, half_axis, apart)
         off = share - 0.5
-        between = apart + share * edge - along * self.half_axis
+        between = apart + share * edge - along * half_axis
         eased = EASE * off**2 * edge
         # a plane has no distance from its position: keep the unused branch finite
         distance = jnp.sqrt(
@@ -226,6 +254,7 @@ class Contact(SoftSkin):
             jnp.where(flat, height, distance - self.radius) - self.arm_radius,
             jnp.where(flat, slopes_flat, slopes / distance),
             jnp.where(flat, share_flat, share),
+            jnp.where(flat, 0.0, -along * between / distance),
         )
 
 
@@ -242,11 +271,17 @@ def closest_of_cores(
     of_core = (1 + core_ease) * product(core, core)
     of_edge = (1 + EASE) * squared
     on_edge, on_core = product(edge, apart) - 0.5 * EASE * squared, product(core, apart)
-    long = of_core > 0
-    whole = jnp.where(long, of_edge * of_core - mixed**2, 1.0)
+    long, whole = of_core > 0, of_edge * of_core - mixed**2
+    whole = jnp.where(whole > 0, whole, 1.0)  # both may be points
     share = jnp.clip((mixed * on_core - of_core * on_edge) / whole, 0.0, 1.0)
     along = jnp.clip((on_core + mixed * share) / jnp.where(long, of_core, 1.0), -1.0, 1.0)
+    of_edge = jnp.where(of_edge > 0, of_edge, 1.0)
     return jnp.clip((mixed * along - on_edge) / of_edge, 0.0, 1.0), along
+
+
+def rows_of(vector: Float[Array, " _"], width: int) -> Float[Array, "1 b"]:
+    """Return a vector as one row of a width."""
+    return jnp.pad(vector, (0, width - vector.size))[None]
 
 
 def surfaces(rod: Rod) -> tuple[Float[Array, " e"], Float[Array, " e"]]:

@@ -13,6 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.numerics.small_matrices import product
+
 Vectors = Float[Array, "... 3"]
 Vector = Float[Array, " b"]
 Numbers = Float[Array, "..."]
@@ -63,6 +65,30 @@ def rotated(frame: Float[Array, "3 3"], rotation: Float[Array, "3"]) -> Float[Ar
     swung = cross(rotation, frame)
     versine = 0.5 * sinc(0.25 * squared) ** 2
     return frame + sinc(squared) * swung + versine * cross(rotation, swung)
+
+
+def turned(attitude: Float[Array, "d d"], rotation: Vector) -> Float[Array, "d d"]:
+    """Turn an attitude about its own axes: by an angle in the plane, else a vector (rad)."""
+    if rotation.size == 1:
+        cosine, sine = jnp.cos(rotation[0]), jnp.sin(rotation[0])
+        turn = jnp.stack([jnp.stack([cosine, -sine]), jnp.stack([sine, cosine])])
+    else:
+        turn = rotated(jnp.eye(3), rotation).T
+    return product(attitude, turn)
+
+
+def rotation_velocity(rate: Vector, points: Float[Array, "*many d"]) -> Float[Array, "*many d"]:
+    """Return the velocities of points of a body that rotates about the origin."""
+    return rate[0] * rotate_90(points) if rate.size == 1 else cross(rate, points)
+
+
+def moments(
+    levers: Float[Array, "*many d"], forces: Float[Array, "*many d"]
+) -> Float[Array, "*many turns"]:
+    """Return the moments of forces on levers about the origin."""
+    if levers.shape[-1] == 3:
+        return cross(levers, forces)
+    return (levers[..., 0] * forces[..., 1] - levers[..., 1] * forces[..., 0])[..., None]
 
 
 def angle_between(before: Vectors, after: Vectors, tangent: Vectors) -> Numbers:

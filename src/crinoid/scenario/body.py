@@ -55,6 +55,11 @@ class _Obstacle(Model):
     friction: float = entry(0.0, "Coulomb's coefficient of friction.", ge=0)
 
     @property
+    def free(self) -> bool:
+        """Whether the arm, the water and its weight move it."""
+        return False
+
+    @property
     def half_axis(self) -> tuple[float, ...]:
         """Half of the core that the surface is around (m); of a planar arm, its part in the plane.
 
@@ -95,17 +100,60 @@ class _Long(_Round):
         return tuple(scale * component for component in seen)
 
 
-class Sphere(_Round):
-    """A ball; the arm can push one with a mass.
+Moments = Annotated[
+    float | Triple,
+    Quantity("kg m2", "a number above 0", "a number above 0, or three: about x, y, z"),
+    Count(plane=(1,), space=(1, 3)),
+]
+Spin = Annotated[
+    float | Triple,
+    Quantity("rad/s", "a number", "[about x, about y, about z]"),
+    Count(plane=(1,), space=(3,)),
+    InSpace((0.0, 0.0, 0.0)),
+]
 
-    A free sphere has inertia, weight, buoyancy and the drag and added mass of a sphere in the
-    water; one that neither sinks nor rises has the mass ``water.density * 4/3 pi radius**3``.
-    Without a mass it moves at its velocity through any contact. Spheres do not spin, and do not
-    touch each other.
+
+class _Movable(_Round):
+    mass: Annotated[float, Quantity("kg")] | None = entry(None, "Mass of a free body.", gt=0)
+    inertia: Moments | None = entry(
+        None,
+        "Moment of inertia of a free body about its centre, in space one for all axes or one for "
+        "each at the start; by default that of a homogeneous solid.",
+    )
+    spin: Spin = entry(
+        0.0, "Angular velocity of a free body at the start, in the plane from x toward z."
+    )
+
+    @property
+    def free(self) -> bool:
+        return self.mass is not None
+
+    @property
+    def volume(self) -> float:
+        """Volume (m3)."""
+        return 4 / 3 * math.pi * self.radius**3
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from super()._conflicts()
+        for name in ("inertia", "spin"):
+            if self.mass is None and name in self.model_fields_set:
+                yield self.mistake(name, "be left out without a mass", "Set mass to free the body.")
+        moments = self.inertia if isinstance(self.inertia, tuple) else (self.inertia or 1.0,)
+        if min(moments) <= 0:
+            yield self.mistake("inertia")
+        elif len(moments) == 3 and max(moments) > 0.5 * (1 + _STRAIGHT) * sum(moments):
+            yield self.mistake("inertia", "have no moment above the sum of the other two")
+
+
+class Sphere(_Movable):
+    """A ball; one with a mass is free.
+
+    The arm, other obstacles, the water and its weight move and turn a free body. It has the
+    buoyancy, drag and added mass of its shape; one that neither sinks nor rises has the mass
+    ``water.density * volume``. Without a mass it moves at its velocity through any contact.
     """
 
     kind: Literal["sphere"] = entry("sphere", "A ball.")
-    mass: Annotated[float, Quantity("kg")] | None = entry(None, "Mass of a free sphere.", gt=0)
 
 
 class Cylinder(_Long):
@@ -118,11 +166,15 @@ class Cylinder(_Long):
         return self._half(_ENDLESS)
 
 
-class Capsule(_Long):
-    """A rod with round ends, its middle at ``position``."""
+class Capsule(_Movable, _Long):
+    """A rod with round ends, its middle at ``position``; one with a mass is free, as a sphere."""
 
     kind: Literal["capsule"] = entry("capsule", "A rod with round ends.")
     length: Metres = Field(gt=0, description="Distance of the middles of its ends.")
+
+    @property
+    def volume(self) -> float:
+        return super().volume + math.pi * self.radius**2 * self.length
 
     @property
     def half_axis(self) -> tuple[float, ...]:

@@ -331,7 +331,7 @@ DERIVED = (
                of=lambda facts, value, _: value / (facts.diameter / 2) if facts.diameter else None,
                below="That is a wire. Is it in km?"),
     range_rule("obstacle.*.mass", 20.0, 12e3, "kg", quantity="density", quantity_unit="kg/m3",
-               of=lambda facts, value, ball: value / (4 / 3 * math.pi * ball.radius**3),
+               of=lambda facts, value, body: value / body.volume,
                below="Is it in t?", above="Is it in g?"),
     start_rule("target.time.0", "The target never moves."),
     start_rule("target.start", "The path never starts."),

@@ -15,7 +15,7 @@ from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.checks import check
 from crinoid.scenario import Chamber, ScenarioError, Vehicle, shown
 from crinoid.scenario.actuator import keyed_threads
-from crinoid.scenario.body import Plane, Sphere
+from crinoid.scenario.body import Plane
 from crinoid.scenario.quantity import unit_vector
 
 Vector = Float[np.ndarray, " axis"]
@@ -128,7 +128,7 @@ def _meeting(facts: Facts) -> Iterator[str]:
     scenario, base = facts.scenario, np.array(facts.scenario.base.position)
     reach = facts.length + facts.travel + facts.diameter / 2
     for index, obstacle in enumerate(scenario.obstacle):
-        if obstacle.velocity == "flow" or (isinstance(obstacle, Sphere) and obstacle.mass):
+        if obstacle.velocity == "flow" or obstacle.free:
             continue  # water and weight move it
         far = np.array(obstacle.position) - base
         path = np.array(obstacle.velocity) * scenario.simulation.duration

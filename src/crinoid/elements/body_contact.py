@@ -1,0 +1,132 @@
+"""Contact of a free body with another body."""
+
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.elements.contact import SKIN, Contact, rows_of
+from crinoid.elements.element import Motion
+from crinoid.elements.rigid import Pose, RigidMotion
+from crinoid.numerics.frames import moments, rotation_velocity, unit
+from crinoid.numerics.small_matrices import product
+
+_WEIGHTS = 100.0
+"""Force where the surfaces meet, over the weight of the lighter body, besides the arm's."""
+
+
+class Pair(NamedTuple):
+    """Two bodies that can touch; of the first one its middle, or a half of its core."""
+
+    first: int
+    second: int
+    span: float
+    """End of the first one's core, in half axes: 0 of a sphere, 1 or -1 of a capsule."""
+
+
+class BodyContact(Contact):
+    """Contact of a free body with another one, or with an obstacle of prescribed motion.
+
+    The force law is that of `Contact`: the first body is a sphere, or one half of a capsule, in
+    the place of the edge. So a capsule that lies on something touches it near both ends. A window
+    has the two rows of the first body, then those of the second. The skin is a twentieth of the
+    smaller radius. Its force where the surfaces meet is the arm's, plus a hundred weights of the
+    lighter body. The coefficient of friction is the larger one.
+    """
+
+    stencil: ClassVar[int] = 4
+    end: Float[Array, "*count d"] = eqx.field(kw_only=True)
+    """End of the first body's core, from its centre, in its axes (m)."""
+    carrier: Pose | None = eqx.field(default=None, kw_only=True)
+    """Attitude of the first body; ``pose`` is that of the second."""
+
+    @staticmethod
+    def between(
+        pairs: Sequence[Pair],
+        *,
+        radius: Float[Array, " m"],
+        half_axis: Float[Array, "m d"],
+        normal: Float[Array, "m d"],
+        friction: Float[Array, " m"],
+        mass: Float[Array, " m"],
+        strength: Float[Array, ""],
+        gravity: float | Array,
+    ) -> "BodyContact":
+        """Pair some of ``m`` bodies.
+
+        ``radius`` and ``half_axis`` in m, ``mass`` in kg, infinite for an immovable body,
+        ``strength`` that of the arm (N), ``gravity`` in m/s2.
+        """
+        first, second = (np.array([pair[side] for pair in pairs]) for side in (0, 1))
+        end = np.array([pair.span for pair in pairs])[:, None] * half_axis[first]
+        # the edge of a sphere has no length
+        long = jnp.sqrt(jnp.sum(end**2 + jnp.finfo(float).tiny, axis=1))
+        pressed = _WEIGHTS * gravity * jnp.minimum(mass[first], mass[second])
+        return BodyContact(
+            0,
+            jnp.maximum(long, radius[first]),
+            radius[first],
+            strength + pressed,
+            radius[second],
+            half_axis[second],
+            normal[second],
+            jnp.maximum(friction[first], friction[second]),
+            1 / (1 / mass[first] + 1 / mass[second]),
+            end=end,
+        )
+
+    @property
+    def skin(self) -> Float[Array, "*count"]:
+        round_too = jnp.minimum(self.arm_radius, self.radius)
+        return SKIN * jnp.where(jnp.any(self.normal != 0, axis=-1), self.arm_radius, round_too)
+
+    def gap(self, position: Float[Array, "4 b"]) -> Float[Array, ""]:
+        one, other = self._bodies(position, 0 * position)
+        return self._between(one, other)[0]
+
+    def push(self, motion: Motion) -> tuple[Float[Array, ""], Float[Array, "4 b"]]:
+        """Return the gap (m), and forces (N) and moments (N m) on the rows of both bodies."""
+        one, other = self._bodies(motion.position, motion.velocity)
+        gap, slopes, share, by_half = self._between(one, other)
+        end, half = product(one.attitude, self.end), product(other.attitude, self.half_axis)
+        rate = (
+            product(slopes[0] + slopes[1], one.velocity)
+            + product(slopes[1], rotation_velocity(one.spin, end))
+            + product(slopes[2], other.velocity)
+            + product(by_half, rotation_velocity(other.spin, half))
+        )
+        pressing = self.damped(gap, rate)
+        outward, _ = unit(-slopes[2])
+        # both rub at one point, on the surface of the first
+        lever = share * end - self.arm_radius * outward
+        reach = one.position + lever - other.position
+        sliding = one.velocity + rotation_velocity(one.spin, lever)
+        sliding = sliding - other.velocity - rotation_velocity(other.spin, reach)
+        sliding = sliding - product(sliding, outward) * outward
+        rubbing = self.rubbing(pressing, sliding)
+        on_one = pressing * (slopes[0] + slopes[1]) + rubbing
+        turns_one = moments(end, pressing * slopes[1]) + moments(lever, rubbing)
+        turns_other = moments(half, pressing * by_half) - moments(reach, rubbing)
+        parts = (on_one, one.to_body(turns_one), -on_one, other.to_body(turns_other))
+        width = motion.position.shape[1]
+        return gap, jnp.concatenate([rows_of(part, width) for part in parts])
+
+    def _bodies(
+        self, position: Float[Array, "4 b"], velocity: Float[Array, "4 b"]
+    ) -> tuple[RigidMotion, RigidMotion]:
+        assert self.carrier is not None
+        assert self.pose is not None
+        one, other = slice(0, 2), slice(2, 4)
+        return (
+            self.carrier.motion(position[one], velocity[one]),
+            self.pose.motion(position[other], velocity[other]),
+        )
+
+    def _between(self, one: RigidMotion, other: RigidMotion) -> tuple[Array, Array, Array, Array]:
+        """Return the gap and its gradients, as in `Contact`."""
+        near = one.position
+        places = jnp.stack([near, near + product(one.attitude, self.end), other.position])
+        return self._closest(places, product(other.attitude, self.half_axis))

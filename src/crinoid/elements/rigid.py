@@ -1,0 +1,61 @@
+"""Motion of a rigid body that turns, from its two rows: centre of mass, and rotation."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from crinoid.numerics.frames import turned
+from crinoid.numerics.small_matrices import product
+
+_Vector = Float[Array, " d"]
+_Turns = Float[Array, " turns"]
+
+
+class RigidMotion(NamedTuple):
+    """Position, velocity and attitude of a rigid body. SI units."""
+
+    attitude: Float[Array, "d d"]
+    """Matrix from the axes of the body to those of the world."""
+    position: _Vector
+    velocity: _Vector
+    rate: _Turns
+    """Angular velocity in the axes of the body (rad/s)."""
+    spin: _Turns
+    """Angular velocity in the axes of the world (rad/s)."""
+
+    def to_body(self, moment: _Turns) -> _Turns:
+        """Return a moment in the axes of the body."""
+        return moment if moment.size == 1 else product(moment, self.attitude)
+
+
+class Pose(eqx.Module):
+    """Attitude of a body at the start of a step, from which that at the end follows.
+
+    The second row of a body has its rotation in its own axes: its change over a step is the
+    rotation vector of that step, in the plane the angle from x toward z; its rate the angular
+    velocity (Bruels, Cardona and Arnold 2012).
+    """
+
+    attitude: Float[Array, "*count d d"]
+    turn: Float[Array, "*count turns"]
+    """Rotation in the second row at the start of the step (rad)."""
+
+    @staticmethod
+    def unturned(count: int, axes: int) -> "Pose":
+        """Return the pose of bodies whose axes are those of the world."""
+        return Pose(jnp.stack([jnp.eye(axes)] * count), jnp.zeros((count, 1 if axes == 2 else 3)))
+
+    def attitude_at(self, rotation: Float[Array, " b"]) -> Float[Array, "d d"]:
+        """Return the attitude for a second row."""
+        return turned(self.attitude, rotation[: self.turn.size] - self.turn)
+
+    def motion(
+        self, position: Float[Array, "2 b"], velocity: Float[Array, "2 b"]
+    ) -> RigidMotion:
+        """Return the motion of the body with these rows."""
+        axes, turns = self.attitude.shape[0], self.turn.size
+        attitude, rate = self.attitude_at(position[1]), velocity[1, :turns]
+        spin = rate if turns == 1 else product(attitude, rate)
+        return RigidMotion(attitude, position[0, :axes], velocity[0, :axes], rate, spin)
