@@ -149,6 +149,8 @@ class ObstacleParameters(eqx.Module):
     """Moments of inertia at the start, about the axes of the world (kg m2)."""
     spin: Float[Array, "m turns"]
     """Angular velocity at the start (rad/s)."""
+    metacentric_height: Float[Array, " m"]
+    """Height of the centre of buoyancy above that of mass at the start (m)."""
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
     pairs: tuple[Pair, ...] = eqx.field(static=True)
@@ -176,6 +178,7 @@ class ObstacleParameters(eqx.Module):
             length=array([getattr(o, "length", 0.0) for o in obstacles]),
             inertia=array([_inertia(o, turns) for o in obstacles]),
             spin=array([np.broadcast_to(getattr(o, "spin", 0.0), turns) for o in obstacles]),
+            metacentric_height=array([getattr(o, "metacentric_height", 0.0) for o in obstacles]),
             free=free,
             carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
             pairs=_pairs(obstacles, free),
@@ -224,6 +227,7 @@ class ObstacleParameters(eqx.Module):
                 inertia=self.inertia[at],
                 half_axis=self.half_axis[at],
                 length=self.length[at],
+                metacentric_height=self.metacentric_height[at],
                 density=density,
                 gravity=gravity,
             ),
