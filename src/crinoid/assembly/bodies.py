@@ -165,6 +165,8 @@ class ObstacleParameters(eqx.Module):
     """Angular velocity at the start (rad/s)."""
     surfaces: tuple[Surface | None, ...]
     """Surfaces of meshes and beds, None of others; empty without any."""
+    metacentric_height: Float[Array, " m"]
+    """Height of the centre of buoyancy above that of mass at the start (m)."""
     free: tuple[int, ...] = eqx.field(static=True)
     carried: tuple[int, ...] = eqx.field(static=True)
     pairs: tuple[Pair, ...] = eqx.field(static=True)
@@ -192,6 +194,7 @@ class ObstacleParameters(eqx.Module):
             inertia=array([_inertia(o, turns) for o in obstacles]),
             spin=array([np.broadcast_to(getattr(o, "spin", 0.0), turns) for o in obstacles]),
             surfaces=tuple(each and _surface(each, edge) for each in found) if any(found) else (),
+            metacentric_height=array([getattr(o, "metacentric_height", 0.0) for o in obstacles]),
             free=free,
             carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
             pairs=_pairs(obstacles, free),
@@ -241,6 +244,7 @@ class ObstacleParameters(eqx.Module):
                 inertia=self.inertia[at],
                 half_axis=self.half_axis[at],
                 length=self.length[at],
+                metacentric_height=self.metacentric_height[at],
                 density=density,
                 gravity=gravity,
             ),

@@ -18,6 +18,7 @@ from crinoid.assembly.neural import build_neural
 from crinoid.assembly.optimal_control import build_lqg, design_mpc
 from crinoid.assembly.plan import AssembledScenario, Parts
 from crinoid.assembly.scheduled import build_scheduled
+from crinoid.assembly.sequence import build_sequence
 from crinoid.control import (
     Clock,
     Controller,
@@ -215,6 +216,8 @@ def build_controller(plan: AssembledScenario, parts: Parts | None = None) -> Con
             return design_mpc(plan)[0]
         case "neural":
             return build_neural(plan)
+        case "sequence":
+            return build_sequence(plan)
         case "custom":
             text = 'got "custom", which requires a controller. Pass one to crinoid.simulate.'
             raise ScenarioError([Mistake("control.kind", text)])

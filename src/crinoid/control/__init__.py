@@ -45,6 +45,7 @@ from crinoid.control.sensor import SensorState as SensorState
 from crinoid.control.sensor import Shape as Shape
 from crinoid.control.sensor import TipPose as TipPose
 from crinoid.control.sensor import WaterVelocity as WaterVelocity
+from crinoid.control.sequence import Sequence as Sequence
 from crinoid.control.target import Line as Line
 from crinoid.control.target import Orbit as Orbit
 from crinoid.control.target import SubmarineFrame as SubmarineFrame

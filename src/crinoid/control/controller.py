@@ -166,7 +166,7 @@ class FeedForward(eqx.Module):
         return jnp.sum(self.mapping * (ahead - target.in_frame(self.begin)), axis=1)
 
 
-_SLACK = 1e-6
+SLACK = 1e-6
 """A command that is this much later (s) than a tick still counts: sums of time steps round."""
 
 
@@ -186,5 +186,5 @@ class Playback(Controller):
 
     def at(self, time: Float[Array, ""]) -> Command:
         """Return the command at ``time`` (s)."""
-        row = jnp.searchsorted(self.time, time + _SLACK, side="right") - 1
+        row = jnp.searchsorted(self.time, time + SLACK, side="right") - 1
         return jnp.where(row >= 0, self.values[jnp.maximum(row, 0)], 0.0)

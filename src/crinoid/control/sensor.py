@@ -94,10 +94,10 @@ class ContactForce(Measurand):
     """Edges that feel it."""
 
     def of(self, system: System, state: State) -> Values:
-        obstacles = system.forces.obstacles
-        if obstacles is None:
+        forces = system.forces.turned(state.obstacle_attitude, state.motion.position)
+        if forces.obstacles is None:
             raise ValueError("a contact sensor requires an obstacle")
-        return obstacles.edge_force(system.forces.obstacle_motion(state.motion), self.inside)
+        return forces.obstacles.edge_force(forces.obstacle_motion(state.motion), self.inside)
 
     def names(self, axes: int) -> tuple[tuple[str, str], ...]:
         return tuple((f"force_{name}", "N") for name in AXES[axes])

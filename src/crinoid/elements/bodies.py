@@ -28,13 +28,14 @@ class Body(Element):
     ``s = v - u``, the added mass ``M_a`` and the inertia ``J`` (Fossen 2011, chapter 6):
 
     ``m a + M_a (a - Du/Dt) + w x M_a s - M_a (w x s) = rho V Du/Dt - drag - (m - rho V) g``,
-    ``J dw/dt + w x J w + s x M_a s = -(moment of the drag)``.
+    ``J dw/dt + w x J w + s x M_a s = -(moment of the drag) + rho V g h (k x z)``.
 
     Added mass and inertia are those of the spheroid with the capsule's length and diameter, over
     the water that each displaces (Lamb 1932, sections 114 and 115). The ends have the drag of a
     sphere; the cylinder between them has drag across its axis only, as if each piece were alone
     (cross-flow principle, Hoerner 1965, 3-11). So the water does not resist a turn about the axis
-    of a capsule, nor that of a sphere. The water is that at the centre.
+    of a capsule, nor that of a sphere. The water is that at the centre. Buoyancy acts at the height
+    ``h`` above the centre of mass, along ``k``: upward at the start, turning with the body.
     """
 
     stencil: ClassVar[int] = 2
@@ -58,6 +59,8 @@ class Body(Element):
     """Drag of its cylinder over ``|s_n| s_n``, ``s_n`` across its axis (kg/m)."""
     added_mass: Float[Array, "*count 2"]
     """Added mass along its axis and across (kg)."""
+    righting: Float[Array, "*count"]
+    """Righting moment when it lies on its side (N m)."""
     pose: Pose | None = None
 
     @staticmethod
@@ -68,13 +71,15 @@ class Body(Element):
         inertia: Float[Array, "m turns turns"],
         half_axis: Float[Array, "m d"] | None = None,
         length: Float[Array, " m"] | float = 0.0,
+        metacentric_height: Float[Array, " m"] | float = 0.0,
         density: float | Array,
         gravity: float | Array,
     ) -> "Body":
         """Build bodies in water of a density (kg/m3).
 
         ``mass`` in kg, ``radius`` in m, ``inertia`` in their axes in kg m2; ``length`` (m) is
-        that of the cylinder, ``half_axis`` (m) half of its part in the plane of the arm.
+        that of the cylinder, ``half_axis`` (m) half of its part in the plane of the arm, and
+        ``metacentric_height`` (m) that of the centre of buoyancy above the centre of mass.
         """
         turns = inertia.shape[-1]
         axes = 2 if turns == 1 else 3
@@ -100,6 +105,7 @@ class Body(Element):
             0.5 * size[:, 0],
             0.5 * density * CROSS_FLOW_DRAG * 2 * radius * length,
             displaced[:, None] * jnp.stack([along, across], axis=1),
+            displaced * gravity * metacentric_height,
         )
 
     @property
@@ -134,6 +140,7 @@ class Body(Element):
         up = np.eye(axes)[-1]
         force = self.mass * acceleration - self.displaced * flow + water + drag + self.weight * up
         moment = moments(slip, momentum) + jnp.sum(moments(stations * axis, drags), axis=0)
+        moment -= self.righting * moments(body.attitude[:, -1], up)
         spun = product(self.inertia, body.rate)
         turning = product(self.inertia, motion.acceleration[1, :turns]) + body.to_body(moment)
         if turns == 3:

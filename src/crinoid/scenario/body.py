@@ -125,6 +125,12 @@ class _Movable(_Round):
     spin: Spin = entry(
         0.0, "Angular velocity of a free body at the start, in the plane from x toward z."
     )
+    metacentric_height: Metres = entry(
+        0.0,
+        "Height of a free body's centre of buoyancy above its centre of mass, at the start: one "
+        "with a heavy bottom rights itself.",
+        ge=0,
+    )
 
     @property
     def free(self) -> bool:
@@ -137,7 +143,7 @@ class _Movable(_Round):
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from super()._conflicts()
-        for name in ("inertia", "spin"):
+        for name in ("inertia", "spin", "metacentric_height"):
             if self.mass is None and name in self.model_fields_set:
                 yield self.mistake(name, "be left out without a mass", "Set mass to free the body.")
         moments = self.inertia if isinstance(self.inertia, tuple) else (self.inertia or 1.0,)

@@ -15,7 +15,16 @@ from crinoid.scenario.document import FileName
 from crinoid.scenario.errors import Mistake, ScenarioError, got, missing, one_of
 from crinoid.scenario.kinds import installed, installed_table
 from crinoid.scenario.model import Model, entry, unknown_key
-from crinoid.scenario.quantity import AsTuple, Degrees, Hertz, InSpace, Metres, Quantity, Seconds
+from crinoid.scenario.quantity import (
+    AsTuple,
+    Degrees,
+    Hertz,
+    InSpace,
+    ListOf,
+    Metres,
+    Quantity,
+    Seconds,
+)
 from crinoid.scenario.sensor import DEFAULT_RATE
 
 _Weights = Annotated[FileName, Quantity(expects="the path of a file that crinoid train wrote")]
@@ -102,7 +111,29 @@ class Mpc(ModelBased):
             yield Mistake("model", got("scheduled", 'be "frozen" without current = "unknown"'))
 
 
-KINDS = ("none", "pid", "lqg", "hybrid", "mpc", "neural", "custom")
+class Phase(Model):
+    """A phase of a sequence."""
+
+    inputs: Annotated[
+        dict[str, float],
+        Quantity(expects="a table of numbers, such as {heave = 0.1, pan_deg = 30}"),
+    ] = entry(
+        {},
+        "Values that inputs move to, along half a cosine: shifts in m, turns in degrees (NAME_deg),"
+        " chambers and tendons in shares; others keep their command.",
+    )
+    duration: Seconds = Field(gt=0, description="Time in which they move there.")
+    until: Annotated[
+        dict[str, Annotated[float, Field(gt=0)]],
+        Quantity(expects="a table of positive numbers, such as {fingertip = 0.2}"),
+    ] = entry(
+        {},
+        "Forces of contact sensors (N) that end it, all of them, at any time: inputs stop where "
+        "they are. By default it ends after its duration.",
+    )
+
+
+KINDS = ("none", "pid", "lqg", "hybrid", "mpc", "neural", "sequence", "custom")
 COORDINATES = {2: (*AXES[2], "angle"), 3: (*AXES[3], "direction")}
 """Coordinates of the tip that a controller can control, by the number of axes."""
 
@@ -205,6 +236,7 @@ class Control(Model):
     hybrid: Hybrid = entry(Hybrid(), "Settings of kind hybrid.")
     mpc: Mpc = entry(Mpc(), "Settings of kind mpc.")
     neural: Neural = entry(Neural(), "Settings of kind neural.")
+    sequence: ListOf[Phase] = entry((), "Phases of kind sequence.")
 
     def __init__(self, /, **data: Any) -> None:
         known, brought, mistakes = type(self).model_fields, installed("controllers"), []
@@ -241,7 +273,7 @@ class Control(Model):
     def observes(self) -> bool:
         """Whether results can have the estimate of an observer, as those of a package's kind."""
         scheduled = self.kind == "mpc" and self.mpc.model == "scheduled"
-        return self.kind not in ("none", "pid", "hybrid", "neural") and not scheduled
+        return self.kind not in ("none", "pid", "hybrid", "neural", "sequence") and not scheduled
 
     def _conflicts(self) -> Iterator[Mistake]:
         if len(set(self.controlled)) < len(self.controlled):
@@ -251,5 +283,7 @@ class Control(Model):
         if self.kind == "neural" and self.neural.weights is None:
             text = missing('be a file of crinoid train with kind = "neural"')
             yield Mistake("neural.weights", text)
+        if self.kind == "sequence" and not self.sequence:
+            yield Mistake("sequence", missing('have a phase with kind = "sequence"'))
         if self.kind == "lqg" and self.mapping == "identity":
             yield Mistake("mapping", got("identity", 'be left out with kind = "lqg"'))

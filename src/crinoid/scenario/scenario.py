@@ -310,7 +310,7 @@ class Scenario(Model):
         """Whether the tip has a target other than its pose at t = 0, or a controller."""
         target = self.target
         given = any(each != "initial" for each in (target.tip, target.angle_deg, target.direction))
-        return given or target.moves or self.control.kind != "none"
+        return given or target.moves or self.control.kind not in ("none", "sequence")
 
     @property
     def output_interval(self) -> float:
