@@ -152,7 +152,7 @@ class State(eqx.Module):
         return None if self.attitude is None else self.motion.velocity[..., CENTRE, : self._axes]
 
     def remembered(self, forces: Forces) -> Forces:
-        """Return a copy of the forces with grip, memory of elements, and attitudes of this state."""
+        """Return a copy of the forces with grip, memory and attitudes of this state."""
         forces = forces.remembering(self.memory, 0.0)
         forces = forces.turned(self.attitude, self.obstacle_attitude, self.motion.position)
         return with_grip(forces, self.grip)
