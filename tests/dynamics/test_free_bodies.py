@@ -162,7 +162,7 @@ def momenta(system, states):
     own = inertia[:, 0] * spin
     if axes == 3:
         own = np.einsum("tmij,mjk,tmlk,tml->tmi", attitude, inertia, attitude, spin)
-    cross = np.asarray(moments(place, mass * speed))
+    cross = np.asarray(moments(jnp.asarray(place), jnp.asarray(mass * speed)))
     return np.sum(mass * speed, axis=1), np.sum(own + cross, axis=1), own
 
 
