@@ -142,6 +142,8 @@ def obstacle_body(
     name, path = f"obstacle {obstacle.name}", obstacle.path
     middle = run.position[0].mean(axis=0)
     half = float(np.linalg.norm(obstacle.half_axis))
+    if obstacle.solid is not None:
+        return _body(name, "obstacle", BodyShape("solid", 0.0, 0.0, obstacle.solid), path)
     if obstacle.kind in ("plane", "cylinder"):
         path = path + (obstacle.nearest(0, middle) - path[0])
     if obstacle.kind == "plane":
