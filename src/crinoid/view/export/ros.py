@@ -215,9 +215,7 @@ def _markers(
             for number, strip in enumerate(strips)
         ]
         # a viewer keeps those that stay
-        moved = [
-            _solid(each, row) for each in solids if not row or np.ptp(each.position, axis=0).any()
-        ]
+        moved = [_solid(each, row) for each in solids if not row or each.moves]
         found = [
             {"header": header, **marker}
             for marker in (*arm, *(each(row) for each in bodies), *moved)

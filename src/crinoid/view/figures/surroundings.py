@@ -106,7 +106,7 @@ def _draw_solid(axes: Axes, obstacle: Obstacle, view: View, order: float, label:
     """Draw a solid from a file at the end: its rims first, and the insides over them."""
     assert obstacle.solid is not None
     corners = view.paper(obstacle.path[-1] + obstacle.solid.points)
-    for colour, width, text in ((style.INK, 1.6, None), (SOLID, 0.2, label)):
+    for colour, width, text in ((style.INK, 2.0, None), (SOLID, 0.6, label)):
         surface = PolyCollection(list(corners[obstacle.solid.facets]), zorder=order)
         surface.set(facecolors=colour, edgecolors=colour, linewidths=width, label=text)
         axes.add_collection(surface, autolim=False)
