@@ -25,6 +25,7 @@ _GROUPS = {
     '`control.kind = "lqg"` or `"mpc"` there are also the estimates of the observer '
     "([Estimate the state from a log](../how-to/estimate.md)).",
     ("obstacles",): "With `[[obstacle]]` there are also",
+    ("solids",): "With an `[[obstacle]]` from a file, of kind `mesh` or `seabed`, there are also",
     ("self",): "With `contact.self = true` there are also",
     ("hull",): "With `vehicle.hull` there are also",
     ("tool",): "With `[tool]` there is also",

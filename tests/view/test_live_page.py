@@ -71,7 +71,7 @@ def test_rigid_bodies_are_those_of_other_views():
         *(0.0, nodes, 0 * nodes, nodes[-1], 0.0, places, False, 0.0),
         *(True, np.zeros(3), np.zeros(0)),
     )
-    LiveScene(server, scenario, InteractiveBodies.suited_to(scenario), frame)
+    LiveScene(server, scenario, InteractiveBodies.suited_to(scenario), frame, {})
     ball = added["/tool"].vertices
     radius = (3 * 0.2 / 7850 / (4 * np.pi)) ** (1 / 3)  # as heavy as steel
     apart = np.linalg.norm(ball - [0.0, 0.0, -0.56], axis=1)

@@ -294,9 +294,9 @@ def _pairs(obstacles: Sequence[Obstacle], free: tuple[int, ...]) -> tuple[Pair, 
 
 def _surface(read: SolidSurface, edge: float) -> Surface:
     """Return a surface in contact with edges of a length (m)."""
-    spline = GridSpline(*map(array, (read.coefficients, read.origin, read.spacing)))
+    spline = GridSpline(*map(array, vars(read.spline).values()))
     # two points in each cell that an edge crosses
-    samples = int(np.clip(2 * np.ceil(edge / read.spacing.min()) + 1, 5, _MOST_SAMPLES))
+    samples = int(np.clip(2 * np.ceil(edge / read.spline.spacing.min()) + 1, 5, _MOST_SAMPLES))
     return (Bed if read.heights else SignedDistance)(spline, samples)
 
 

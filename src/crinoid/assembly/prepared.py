@@ -107,7 +107,7 @@ class Prepared:
         """Number of numbers in its files."""
         series = [values for each in self.series.values() for values in (each.time, each.values)]
         records = [values for r in self.recordings.values() for values in (r.time, r.velocity)]
-        grids = [each.coefficients for each in self.surfaces.values()]
+        grids = [each.spline.coefficients for each in self.surfaces.values()]
         return sum(values.size for values in (*series, *records, *grids))
 
     def notes(self) -> list[str]:

@@ -37,6 +37,7 @@ class Variable(NamedTuple):
         "plane",
         "space",
         "obstacles",
+        "solids",
         "actuators",
         "tool",
         "lines",
@@ -263,6 +264,12 @@ VARIABLES = (
                 "velocity of the undisturbed water, its mean along the arm",
                 lambda run, part: getattr(run.kept.estimate.flow_velocity, part),
                 "estimate current"),
+    _row("surface_point", "surface_vertex surface_axis", "m",
+         "corners of the surfaces of solids from files, from the positions of these",
+         where="solids", more="along x, y and z, for drawing; of a planar arm a slab"),
+    _row("surface_facet", "facet corner", "1", "numbers of the corners of each triangle",
+         where="solids"),
+    _row("facet_obstacle", "facet", "1", "index of the obstacle of each triangle", where="solids"),
     _row("actuator_command", "time input", "", "commands of the actuators", where="actuators"),
     _row("actuator_state", "time input", "", "what the actuators drive the arm with",
          where="actuators", more="their limits are the coordinates `input_lower`, `input_upper`"),
@@ -277,8 +284,8 @@ VARIABLES = (
 def of_dimension(dimension: int, *, without: Iterable[str] = ()) -> dict[str, Variable]:
     """Return the variables of a planar (2) or spatial (3) arm by name.
 
-    Those of "obstacles", "actuators", "tool", "lines", "vortices", "self", "hull" or "vehicle" in
-    ``without`` are omitted.
+    Those of "obstacles", "solids", "actuators", "tool", "lines", "vortices", "self", "hull" or
+    "vehicle" in ``without`` are omitted.
     """
     left = {"space" if dimension == 2 else "plane", *without}
     return {each.name: each for each in VARIABLES if left.isdisjoint(each.where.split())}

@@ -12,5 +12,5 @@ from crinoid.recording.recording import Recording as Recording
 from crinoid.recording.recording import read_recording as read_recording
 from crinoid.recording.series import Series as Series
 from crinoid.recording.series import series_readers as series_readers
-from crinoid.recording.surfaces import SolidSurface as SolidSurface
+from crinoid.recording.solid_surface import SolidSurface as SolidSurface
 from crinoid.recording.surfaces import surface_readers as surface_readers

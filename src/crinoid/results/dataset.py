@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -17,6 +17,9 @@ from crinoid.foundation.version import __version__
 from crinoid.results.chunks import unwrap_from
 from crinoid.results.record import Record
 from crinoid.scenario import Scenario
+
+if TYPE_CHECKING:
+    from crinoid.recording import SolidSurface  # slow to load, and few need it
 
 Series = Float[np.ndarray, " time"]
 Vectors = Float[np.ndarray, "time node axis"]
@@ -175,6 +178,20 @@ def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> 
         found |= each.variables
         along |= each.coordinates
     return with_comments(xr.Dataset(found, along))
+
+
+def solids(surfaces: Mapping[str, SolidSurface]) -> Content:
+    """Return the surfaces of solids from files, by table ``obstacle.0``, if there are any."""
+    if not surfaces:
+        return Content({}, {})
+    counts = [len(each.points) for each in surfaces.values()]
+    firsts = np.cumsum([0, *counts[:-1]])
+    facets = [each.facets + at for each, at in zip(surfaces.values(), firsts, strict=True)]
+    owners = [np.full(len(s.facets), int(k.rpartition(".")[2])) for k, s in surfaces.items()]
+    points = np.concatenate([each.points for each in surfaces.values()]).astype("f4")
+    values = points, *(np.concatenate(each).astype("i4") for each in (facets, owners))
+    names = ("surface_point", "surface_facet", "facet_obstacle")
+    return Content({n: quantity(n, v, 3) for n, v in zip(names, values, strict=True)}, {})
 
 
 def coordinates(

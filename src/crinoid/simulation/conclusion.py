@@ -25,7 +25,7 @@ from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
 from crinoid.foundation.axes import LARGEST_TURN
 from crinoid.foundation.status import Status
-from crinoid.results.dataset import Instants, build_dataset, describe
+from crinoid.results.dataset import Instants, build_dataset, describe, solids
 from crinoid.results.dimensionless import dimensionless, with_velocity_moments
 from crinoid.results.record import Record, signals
 from crinoid.results.result import UNFINISHED, Result, named_leaves
@@ -239,6 +239,7 @@ def dataset_builder(setup: Setup) -> Build:
             run,
             diameters,
             signals(kept, setup.plan.inputs, loop.readings, system.forces.lines),
+            solids(setup.prepared.surfaces),
             dimensionless(run.relative_flow, run.tangent, np.array(diameters), scenario, modes),
         )
         return built.assign_attrs(about)

@@ -26,7 +26,7 @@ _SECOND = 1_000_000_000  # ns
 _GAMMA = 1 / 2.2  # exponent from the light of a colour to its number on a screen
 _SHAPES = {"ellipsoid": 2, "capsule": 3, "rod": 3, "plate": 1}
 """Types of markers: sphere, cylinder, cube."""
-_LINE_STRIP, _SPHERE, _DELETE = 4, 2, 2
+_LINE_STRIP, _SPHERE, _TRIANGLES, _DELETE = 4, 2, 11, 2
 _THIN = 1e-3  # thickness of a plate (m)
 _TURNED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """From the axes of a marker, along z, to those of a body, along x."""
@@ -196,7 +196,9 @@ def _markers(
     # a line has one width: an arm that tapers has a line on each edge
     ends = np.flatnonzero(~np.isclose(np.diff(edge), 0.0, atol=1e-9)) + 1
     strips = np.split(np.arange(edge.size), ends)
-    bodies = [part for body in rigid_bodies(scene, run) for part in _marked(body)]
+    every = rigid_bodies(scene, run)
+    bodies = [part for body in every if body.shape.solid is None for part in _marked(body)]
+    solids = [body for body in every if body.shape.solid is not None]
     for row, time in enumerate(stamps.tolist()):
         header = _header(time, WORLD)
         points = [_vector(place) for place in run.position[row]]
@@ -212,9 +214,29 @@ def _markers(
             }
             for number, strip in enumerate(strips)
         ]
-        found = [{"header": header, **marker} for marker in (*arm, *(each(row) for each in bodies))]
+        # a viewer keeps those that stay
+        moved = [_solid(each, row) for each in solids if not row or each.moves]
+        found = [
+            {"header": header, **marker}
+            for marker in (*arm, *(each(row) for each in bodies), *moved)
+        ]
         yield time, "/arm/markers", "visualization_msgs/msg/MarkerArray", {"markers": found}
         report(row + 1, stamps.size)
+
+
+def _solid(body: RigidBody, row: int) -> Message:
+    """Return the marker of a solid from a file, a list of triangles."""
+    assert body.shape.solid is not None
+    corners = body.shape.solid.points[body.shape.solid.facets.ravel()]
+    return {
+        "ns": body.name,
+        "id": 0,
+        "type": _TRIANGLES,
+        "pose": _pose(body.position[row], quaternions(body.attitude[[row]])[0]),
+        "scale": _vector(np.ones(3)),
+        "color": _colour(body.kind),
+        "points": [_vector(corner) for corner in corners],
+    }
 
 
 def _marked(body: RigidBody) -> Iterator[Callable[[int], Message]]:

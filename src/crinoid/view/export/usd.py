@@ -72,11 +72,12 @@ def _add_body(stage: Usd.Stage, codes: Float[np.ndarray, " time"], body: RigidBo
 
 def _shape(stage: Usd.Stage, path: str, shape: BodyShape) -> Any:
     """Define the shape of a body about its x axis; an ellipsoid is a scaled ball of 1 m."""
-    if shape.kind == "plate":
+    if shape.kind in ("plate", "solid"):
         mesh, faces = UsdGeom.Mesh.Define(stage, path), shape.mesh()
+        corners = faces.faces if shape.solid is None else shape.solid.facets
         mesh.CreatePointsAttr(_points(faces.points))
-        mesh.CreateFaceVertexCountsAttr([4] * len(faces.faces))
-        mesh.CreateFaceVertexIndicesAttr(faces.faces.ravel().tolist())
+        mesh.CreateFaceVertexCountsAttr([corners.shape[1]] * len(corners))
+        mesh.CreateFaceVertexIndicesAttr(corners.ravel().tolist())
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
         mesh.CreateDoubleSidedAttr(True)
         mesh.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(mesh.GetPointsAttr().Get()))

@@ -83,6 +83,9 @@ def draw_obstacles(
         order = 1.2 if edge_on else 0.2  # the arm's is 1
         if not wall:
             order = 0.95 if _is_behind(obstacle, arm, view) else 1.2
+        if obstacle.solid is not None:
+            _draw_solid(axes, obstacle, view, order, label)
+            continue
         outline = obstacle_outline(obstacle, -1, low, high, view)
         shows = outline.size and np.all((outline.min(0) < window[1]) & (outline.max(0) > window[0]))
         face, edge = (WALL, style.GREY) if wall else (SOLID, style.INK)
@@ -97,6 +100,16 @@ def draw_obstacles(
             path.set(linestyle=(0, (1, 1.5)), zorder=3.2, label="path of an obstacle")
         if len(obstacles) > 1:
             _write_name(axes, obstacle, low, high, view)
+
+
+def _draw_solid(axes: Axes, obstacle: Obstacle, view: View, order: float, label: str) -> None:
+    """Draw a solid from a file at the end: its rims first, and the insides over them."""
+    assert obstacle.solid is not None
+    corners = view.paper(obstacle.path[-1] + obstacle.solid.points)
+    for colour, width, text in ((style.INK, 2.0, None), (SOLID, 0.6, label)):
+        surface = PolyCollection(list(corners[obstacle.solid.facets]), zorder=order)
+        surface.set(facecolors=colour, edgecolors=colour, linewidths=width, label=text)
+        axes.add_collection(surface, autolim=False)
 
 
 def draw_earlier(

@@ -126,7 +126,9 @@ class Page:
         os.environ.pop("_VISER_PORT_OVERRIDE", None)
         self.server: viser.ViserServer = LocalServer(port)
         self.url = f"http://{HOST}:{self.server.get_port()}"
-        self._scene = LiveScene(self.server, session.scenario, session.bodies, frame)
+        self._scene = LiveScene(
+            self.server, session.scenario, session.bodies, frame, session.prepared.surfaces
+        )
         self._panel = ControlPanel(self.server, session, self.clock)
         target = self._scene.target
 

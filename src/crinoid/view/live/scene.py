@@ -1,6 +1,6 @@
 """Scene of a live session: the arm, rigid bodies, water and target as nodes of viser."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,12 +8,13 @@ import numpy as np
 import viser
 from scipy.interpolate import CubicSpline
 
+from crinoid.recording import SolidSurface
 from crinoid.scenario import Scenario
 from crinoid.view.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, SKY, VERMILLION
 from crinoid.view.live.interactive import InteractiveBodies
 from crinoid.view.live.session_log import Points, Snapshot
 from crinoid.view.scene.bodies import RigidBody, rigid_bodies
-from crinoid.view.scene.data import Obstacle, ToolBall
+from crinoid.view.scene.data import Obstacle, SolidShape, ToolBall
 from crinoid.view.scene.mesh import Mesh, look_rotation, tube, unit_vectors
 from crinoid.view.scene.mount import ArmMount
 from crinoid.view.scene.scene import Keyframes, Scene
@@ -37,6 +38,7 @@ class LiveScene:
         scenario: Scenario,
         bodies: InteractiveBodies,
         frame: Snapshot,
+        surfaces: Mapping[str, SolidSurface],
     ) -> None:
         self._server, self._scene, self._length = server, server.scene, scenario.arm.length
         self._planar = scenario.arm.dimension == 2
@@ -45,8 +47,14 @@ class LiveScene:
         tables = scenario.to_dict()
         nowhere = np.zeros((1, 3))
         self._obstacles = [
-            Obstacle.of(str(index), table, nowhere)
+            Obstacle.of(
+                str(index),
+                table,
+                nowhere,
+                read and SolidShape(read.points, read.facets),
+            )
             for index, table in enumerate(tables.get("obstacle", []))
+            for read in [surfaces.get(f"obstacle.{index}")]
         ]
         if bodies.debris is not None:
             table = bodies.debris.table((0.0, 0.0), (0.0, 0.0))

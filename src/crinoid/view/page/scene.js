@@ -5,7 +5,7 @@ class Member {
     Object.assign(this, said);
     for (const name of ["root", "offset", "target", "anchor", "ahead", "frame", "held"]) this[name] = numbers(bytes, said[name]);
     this.fields = Object.fromEntries(Object.entries(said.fields).map(([name, where]) => [name, numbers(bytes, where)]));
-    this.bodies = said.bodies.map((body) => ({ ...body, path: numbers(bytes, body.path) }));
+    this.bodies = said.bodies.map((body) => ({ ...body, path: numbers(bytes, body.path), solid: body.points && solid(numbers(bytes, body.points).values, numbers(bytes, body.facets).values) }));
     this.axes = spatial ? [0, 1, 2] : [0, 2];
     this.points = new Float32Array(3 * this.nodes);
     this.flat = new Float32Array(this.offset.row);
@@ -210,6 +210,11 @@ class Scene {
     if (body.kind === "plane") {
       const foot = this.foot(body, at, V.by(V.add(this.low, this.high), 0.5)), y = V.aside(body.out), r = 1.1 * size;
       paint.draw(paint.meshes.field, placed(V.by(body.out, 1), V.by(y, r), V.by(V.cross(body.out, y), r), foot), [...this.stone, this.dark ? 0.3 : 0.7]);
+      return;
+    }
+    if (body.solid) {
+      body.mesh ??= paint.mesh(body.solid);
+      paint.draw(body.mesh, placed([1, 0, 0], [0, 1, 0], [0, 0, 1], at), stone);
       return;
     }
     let half = body.half;

@@ -76,6 +76,9 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
     def body(one: Obstacle) -> dict[str, Any]:
         path = one.path if one.moves else one.path[:1]
         shape = {"kind": one.kind, "radius": one.radius, "path": pack.add(path, fine)}
+        if one.solid is not None:
+            points, facets = one.solid.points, one.solid.facets.astype(float)
+            shape |= {"points": pack.add(points, fine), "facets": pack.add(facets, 1.0, 0.0)}
         return shape | {"half": one.half_axis.tolist(), "out": one.normal.tolist()}
 
     mount, target = each.mount, each.target

@@ -59,6 +59,17 @@ const shapes = {
   }),
 };
 
+// Triangles that share no corner, each with its own normal.
+function solid(places, facets) {
+  const points = new Float32Array(3 * facets.length), normals = new Float32Array(3 * facets.length);
+  for (let i = 0; i < facets.length; i += 3) {
+    const [a, b, c] = [0, 1, 2].map((j) => [...places.slice(3 * facets[i + j], 3 * facets[i + j] + 3)]);
+    const out = V.unit(V.cross(V.sub(b, a), V.sub(c, a)));
+    [a, b, c].forEach((corner, j) => { points.set(corner, 3 * (i + j)); normals.set(out, 3 * (i + j)); });
+  }
+  return { points, normals, corners: Uint16Array.from(facets, (_, i) => i) };
+}
+
 // Surface of a tube around nodes without twist; `shade` is a number for each node.
 const AROUND = 20;
 function tube(nodes, diameter, shade, into) {

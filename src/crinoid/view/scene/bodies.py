@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crinoid.view.scene.data import Obstacle, Points, ToolBall
+from crinoid.view.scene.data import Obstacle, Points, ToolBall, moves
 from crinoid.view.scene.mesh import BodyShape, Rotations, look_rotation, unit_vectors
 from crinoid.view.scene.mount import ArmMount, Path
 from crinoid.view.scene.scene import Keyframes, Scene
@@ -56,6 +56,11 @@ class RigidBody:
         if self.name in ("boom", "joint", "clamp", "stem"):
             return "steel"
         return "hull" if self.kind == "base" else self.kind
+
+    @property
+    def moves(self) -> bool:
+        """Whether its position changes."""
+        return moves(self.position)
 
     def matrix(self, record: int, share: float = 0.0) -> Float[np.ndarray, "axis=3 axis=3"]:
         """Return its attitude times its scale, at an instant or a share of the way to the next."""
@@ -142,6 +147,8 @@ def obstacle_body(
     name, path = f"obstacle {obstacle.name}", obstacle.path
     middle = run.position[0].mean(axis=0)
     half = float(np.linalg.norm(obstacle.half_axis))
+    if obstacle.solid is not None:
+        return _body(name, "obstacle", BodyShape("solid", 0.0, 0.0, obstacle.solid), path)
     if obstacle.kind in ("plane", "cylinder"):
         path = path + (obstacle.nearest(0, middle) - path[0])
     if obstacle.kind == "plane":

@@ -71,7 +71,10 @@ def _above(polygon: Corners, height: Float[np.ndarray, " corner"]) -> Corners:
 
 
 def obstacle_facets(obstacle: Obstacle, low: Point, high: Point, record: int = -1) -> Facets:
-    """Return facets of a round obstacle at a record (the end), as far as a box contains it."""
+    """Return facets of an obstacle at a record (the end), no wall, as far as a box contains it."""
+    if obstacle.solid is not None:
+        corners = obstacle.path[record] + obstacle.solid.points
+        return within_box(corners[obstacle.solid.facets[:, [0, 1, 2, 2]]], low, high)
     place, half, radius = obstacle.path[record], obstacle.half_axis, obstacle.radius
     long = float(np.linalg.norm(half))
     direction = half / long if long else np.array([0.0, 0.0, 1.0])

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 from crinoid.foundation.axes import AXES
 
@@ -131,20 +132,37 @@ Points = Float[np.ndarray, "... axis=3"]
 
 
 @dataclass(frozen=True)
+class SolidShape:
+    """Triangles of a solid from a file, relative to its position."""
+
+    points: Float[np.ndarray, "point axis=3"]
+    facets: Int[np.ndarray, "facet corner=3"]
+
+
+@dataclass(frozen=True)
 class Obstacle:
     """One obstacle, and where its middle is at each record."""
 
     name: str
-    kind: str  # `"sphere"`, `"capsule"`, `"cylinder"` or `"plane"`
-    radius: float  # m; zero for a wall
+    kind: str  # `"sphere"`, `"capsule"`, `"cylinder"`, `"plane"`, `"mesh"` or `"seabed"`
+    radius: float  # m; zero for a wall, of a solid from a file that of a ball around it
     half_axis: Point  # half of the axis of a round obstacle (m)
     normal: Point  # normal of a wall, of length one; zero for a round obstacle
     path: Float[np.ndarray, "time axis=3"]
+    solid: SolidShape | None = None
 
     @staticmethod
-    def of(name: str, table: dict[str, Any], path: Float[np.ndarray, "time axis=3"]) -> Obstacle:
+    def of(
+        name: str,
+        table: dict[str, Any],
+        path: Float[np.ndarray, "time axis=3"],
+        solid: SolidShape | None = None,
+    ) -> Obstacle:
         """Read a table of the scenario, of a planar one or one in space."""
         kind = str(table["kind"])
+        if solid is not None:
+            around = float(np.linalg.norm(solid.points, axis=1).max())
+            return Obstacle(name, kind, around, np.zeros(3), np.zeros(3), path, solid)
         if kind == "plane":
             normal = _direction("normal", table["normal"], (2, 3))
             return Obstacle(name, kind, 0.0, np.zeros(3), normal, path)
@@ -169,6 +187,9 @@ class Obstacle:
         at the same record.
         """
         place, half = self.path[record], self.half_axis
+        if self.solid is not None:
+            _, corner = cKDTree(self.solid.points).query(points - place)
+            return np.asarray(place + self.solid.points[corner])
         if self.kind == "plane":
             return np.asarray(points - ((points - place) @ self.normal)[..., None] * self.normal)
         along = np.clip((points - place) @ half / ((half @ half) or 1.0), -1.0, 1.0)
@@ -179,7 +200,7 @@ class Obstacle:
         apart = points - self.nearest(np.s_[:, None], points)
         if self.kind == "plane":
             return np.asarray(apart @ self.normal)
-        return np.linalg.norm(apart, axis=-1) - self.radius
+        return np.linalg.norm(apart, axis=-1) - (0.0 if self.solid else self.radius)
 
 
 def _direction(name: str, parts: Sequence[float], counts: tuple[int, ...]) -> Point:
@@ -199,7 +220,15 @@ def find_obstacles(data: xr.Dataset) -> list[Obstacle]:
     paths = np.moveaxis(in_space(data, "obstacle_position"), 1, 0)
     tables = tomllib.loads(str(data.attrs["scenario"])).get("obstacle", [])
     rows = enumerate(zip(tables, paths, strict=True))
-    return [Obstacle.of(str(index), table, path) for index, (table, path) in rows]
+    return [Obstacle.of(str(i), table, path, _solid(data, i)) for i, (table, path) in rows]
+
+
+def _solid(data: xr.Dataset, index: int) -> SolidShape | None:
+    if "facet_obstacle" not in data or not (own := data["facet_obstacle"].values == index).any():
+        return None
+    corners, facets = np.unique(data["surface_facet"].values[own], return_inverse=True)
+    points = data["surface_point"].values[corners].astype(float)
+    return SolidShape(points, facets.reshape(-1, 3))
 
 
 def check_obstacles(data: xr.Dataset, path: object) -> None:

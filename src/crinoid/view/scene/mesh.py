@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from crinoid.view.scene.data import SolidShape
+
 AROUND = 24  # corners of a ring
 _MOST_RINGS = 200  # most rings along a rod or capsule: one may be far longer than the arm
 _ARC = 9  # least number of rings from the pole of a ball to its equator, a quarter of the largest
@@ -49,13 +51,16 @@ class Mesh:
 class BodyShape:
     """A rigid body's shape about its origin; x is its axis."""
 
-    kind: Literal["ellipsoid", "capsule", "rod", "plate"]
-    """An ellipsoid of revolution, a cylinder with round or with flat ends, or a square."""
+    kind: Literal["ellipsoid", "capsule", "rod", "plate", "solid"]
+    """An ellipsoid of revolution, a cylinder with round or with flat ends, a square, or a solid."""
     half: float  # half of its length along x (m): of a capsule without its ends, of a plate zero
     radius: float  # radius across x (m); of a plate half a side
+    solid: SolidShape | None = None
 
     def mesh(self, longest: float = math.inf) -> Mesh:
         """Return its surface; faces are no longer than a length (m), if possible."""
+        if self.solid is not None:
+            return _solid_mesh(self.solid)
         if self.kind == "plate":
             corners = self.radius * np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])
             return Mesh(corners, np.tile([1.0, 0.0, 0.0], (4, 1)), np.arange(4)[None])
@@ -81,6 +86,15 @@ class BodyShape:
         profile[[0, -1], 1] = 0.0
         # both halves of an ellipsoid share the ring at its equator
         return profile if straight else np.delete(profile, rings, axis=0)
+
+
+def _solid_mesh(solid: SolidShape) -> Mesh:
+    """Return triangles as faces whose last two corners coincide, with the mean normals of each."""
+    points, facets = solid.points, solid.facets
+    a, b, c = np.moveaxis(points[facets], 1, 0)
+    normals = np.zeros_like(points)
+    np.add.at(normals, facets, np.cross(b - a, c - a)[:, None])
+    return Mesh(points, unit_vectors(normals), facets[:, [0, 1, 2, 2]])
 
 
 def revolve(profile: Profile) -> Mesh:
