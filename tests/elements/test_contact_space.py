@@ -8,10 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import crinoid
-from crinoid.dynamics import Obstacles
-from crinoid.elements import Body, Contact, Motion
 from crinoid.rod import Rod
-from helpers.arms import order
+from helpers.arms import obstacles, order
 from helpers.touching import (
     FRICTION,
     SHAPES,
@@ -151,75 +149,54 @@ def test_it_turns_with_everything(kind):
 # --- bodies and their rows ---------------------------------------------------------------------
 
 
-def test_a_free_body_obeys_newton_along_three_axes_and_does_not_spin():
-    mass, radius = np.array([0.3, 0.1]), np.array([0.04, 0.02])
-    made_of = {"mass": jnp.asarray(mass), "radius": jnp.asarray(radius)}
-    bodies = Body.of(**made_of, density=1000.0, gravity=9.81)
-    rng = np.random.default_rng(8)
-    position, velocity, acceleration = rng.normal(size=(3, 2, 1, 4))
-    water, gaining = rng.normal(size=(2, 2, 1, 3))
-    rows = (position, velocity, acceleration, water, gaining, np.zeros(2))
-    motion = Motion(*map(jnp.asarray, rows))
-    residual = jax.jit(jax.vmap(Body.residual))(bodies, motion)
-    displaced = 1000 * 4 / 3 * np.pi * radius**3
-    for body in range(2):
-        relative = (water - velocity[..., :3])[body, 0]
-        felt = displaced[body] * (1.5 * gaining - 0.5 * acceleration[..., :3])[body, 0]
-        felt += 500 * 0.47 * np.pi * radius[body] ** 2 * np.linalg.norm(relative) * relative
-        felt[2] -= (mass - displaced)[body] * 9.81
-        lacking = mass[body] * acceleration[body, 0, :3] - felt
-        np.testing.assert_allclose(residual[body, 0, :3], lacking, rtol=1e-12)
-    # the last coordinate has an inertia and no force: it stays as it is, and the matrix regular
-    np.testing.assert_allclose(residual[:, 0, 3], mass * acceleration[:, 0, 3])
-
-
 def crowd(**changes):
     """Return a rod of 6 nodes along x, three obstacles beside it, and rows that move."""
     rod = Rod.round(length=0.5, nodes=6, radius=0.02, density=1080.0, youngs_modulus=5e5)
-    count = 3
-    contact = Contact.of(
-        rod,
-        radius=jnp.asarray([0.03, 0.02, 0.0]),
-        half_axis=jnp.asarray([[0.0] * 3, [0.0, 0.4, 0.3], [0.0] * 3]),
-        normal=jnp.asarray([[0.0] * 3, [0.0] * 3, [0.0, 0.6, 0.8]]),
-        friction=jnp.full(count, 0.3),
-        mass=jnp.asarray([0.2, jnp.inf, jnp.inf]),
-    )
-    bodies = Body.of(mass=jnp.asarray([0.2]), radius=jnp.asarray([0.03]), density=1e3, gravity=9.81)
     place = jnp.asarray([[0.17, 0.0304, -0.0393], [0.36, -0.0242, 0.0323], [0.0, 0.0, -0.0254]])
     drift = jnp.asarray([[0.1, -0.2, 0.3], [0.0, 0.5, -0.1], [0.2, 0.1, 0.0]])
-    settings = {"free": (0,), "carried": (0, 1)} | changes
-    obstacles = Obstacles(contact, bodies, place, drift, **settings)
+    build = obstacles(
+        place,
+        radius=[0.03, 0.02, 0.0],
+        half_axis=[[0.0] * 3, [0.0, 0.4, 0.3], [0.0] * 3],
+        normal=[[0.0] * 3, [0.0] * 3, [0.0, 0.6, 0.8]],
+        friction=0.3,
+        velocity=drift,
+        density=1e3,
+        gravity=9.81,
+        carried=(0, 1),
+        **{"mass": [0.2, np.inf, np.inf]} | changes,
+    )
     rng = np.random.default_rng(9)
     nodes = np.zeros((7, 4))
     nodes[:, 0] = np.linspace(-0.1, 0.5, 7)
     spin = ((0, 0), (0, 1))
-    position = np.concatenate([nodes, np.pad(place, spin)])
-    velocity = np.concatenate([rng.normal(size=(7, 4)), np.pad(drift, spin)])
-    return obstacles, moving(position, velocity)
+    turns = np.pad(rng.normal(size=(3, 3)) * [[1.0], [0.0], [0.0]], spin)
+    position = np.concatenate([nodes, np.pad(place, spin), 0.0 * turns])
+    velocity = np.concatenate([rng.normal(size=(7, 4)), np.pad(drift, spin), turns])
+    return build(rod), moving(position, velocity)
 
 
 def test_what_obstacles_do_to_the_rows_of_nodes_and_back():
-    obstacles, motion = crowd()
-    gap, rows = jax.jit(lambda motion: obstacles.push(motion))(motion)
-    touch, pushed = jax.jit(lambda motion: obstacles.touch(motion))(motion)
+    bodies, motion = crowd()
+    gap, rows = jax.jit(lambda motion: bodies.push(motion))(motion)
+    touch, pushed = jax.jit(lambda motion: bodies.touch(motion))(motion)
     assert gap.shape == (3, 5)
-    assert rows.shape == (10, 4)
+    assert rows.shape == (13, 4)
     assert touch.in_contact.all()
     np.testing.assert_array_equal(rows[:2, 3], 0.0)  # no edge of the arm ends at root or ghost
-    np.testing.assert_array_equal(rows[-3:, 3], 0.0)
+    np.testing.assert_array_equal(rows[-6:, 3], 0.0)
     assert np.abs(rows[2:7, 3]).max() > 1e-4
-    np.testing.assert_allclose(touch.force, -rows[-3:, :3])
-    np.testing.assert_allclose(pushed, rows[:-3])
+    np.testing.assert_allclose(touch.force, -rows[-6:-3, :3])
+    np.testing.assert_allclose(pushed, rows[:-6])
     np.testing.assert_allclose(pushed[:, :3].sum(0), touch.force.sum(0), atol=1e-12)
     assert touch.impulse.shape == (3, 3)
     later = touch.since(touch, jnp.asarray(0.01))
     np.testing.assert_allclose(later.impulse, 0.01 * touch.force)
     # what an edge spins does not count as having moved past something
     spun = motion.position.at[:7, 3].add(50.0)
-    resolved = jax.jit(lambda *rows: obstacles.resolved(*rows))
+    resolved = jax.jit(lambda *rows: bodies.resolved(*rows))
     assert resolved(spun - motion.position, gap, gap, jnp.asarray(0.01))
-    jumped = motion.position.at[-3, 1].add(0.2)
+    jumped = motion.position.at[-6, 1].add(0.2)
     assert not resolved(jumped - motion.position, gap, gap, jnp.asarray(0.01))
 
 
@@ -229,16 +206,16 @@ def test_carried_obstacles_follow_the_water_in_space_at_order_two():
         x, y, _ = places.T
         return jnp.stack([-y, x, jnp.full_like(x, 0.2)], axis=1)
 
-    obstacles, _ = crowd(free=())
+    bodies, _ = crowd(mass=None)
     errors = []
     for steps in (5, 10, 20):
-        position = obstacles.position.at[1].set(jnp.asarray([1.0, 0.0, -2.0]))
-        velocity = obstacles.begin(position, water)
+        position = bodies.position.at[1].set(jnp.asarray([1.0, 0.0, -2.0]))
+        velocity = bodies.begin(position, water)
         np.testing.assert_allclose(velocity[1], [0.0, 1.0, 0.2])
-        np.testing.assert_allclose(velocity[2], obstacles.drift[2])
+        np.testing.assert_allclose(velocity[2], bodies.drift[2])
         for _ in range(steps):
             flow = water(position)
-            position, velocity = obstacles.prescribed_motion(
+            position, velocity = bodies.prescribed_motion(
                 position, flow, water, jnp.asarray(1 / steps)
             )
         end = np.array([np.cos(1.0), np.sin(1.0), -1.8])

@@ -162,11 +162,7 @@ class ObstacleParameters(eqx.Module):
         still = np.zeros(len(obstacles[0].position))
         drifts = [obstacle.velocity for obstacle in obstacles]
         turns = 1 if still.size == 2 else 3
-        free = tuple(
-            index
-            for index, obstacle in enumerate(obstacles)
-            if obstacle.free
-        )
+        free = tuple(index for index, obstacle in enumerate(obstacles) if obstacle.free)
         return ObstacleParameters(
             position=array([o.position for o in obstacles]),
             velocity=array([still if drift == "flow" else drift for drift in drifts]),

@@ -172,8 +172,9 @@ def solve(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTange
 
 def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
     forces, stage = balance.forces, balance.stage
-    # friction of the arm on itself, where it sticks, lets whole steps alternate between two shapes
-    searches = forces.far_edges is not None
+    # friction of the arm on itself, or of a free body, lets whole steps alternate between two
+    # shapes where it sticks
+    searches = forces.far_edges is not None or forces.turns
 
     def unfinished(carry: _Iteration) -> Bool[Array, ""]:
         return ~carry.done

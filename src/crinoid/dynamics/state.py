@@ -125,7 +125,7 @@ class State(eqx.Module):
         return None if self.attitude is None else self.motion.velocity[..., CENTRE, : self._axes]
 
     def remembered(self, forces: Forces) -> Forces:
-        """Return a copy of the forces with grip, memory of elements, and attitudes of this state."""
+        """Return a copy of the forces with grip, memory and attitudes of this state."""
         forces = forces.turned(self.obstacle_attitude, self.motion.position)
         return with_grip(forces.remembering(self.memory, 0.0), self.grip)
 

@@ -141,7 +141,7 @@ class LocalCoordinates:
             rows = rows.at[ROTATION, : turn.size].set(turn)
         if self.state.obstacle_attitude is not None:
             assert state.obstacle_attitude is not None
-            turns = jax.vmap(lambda a, b: turn_of(product(a.T, b)))(
+            turns = jax.vmap(lambda a, b: turn_of(product(b, a.T)))(
                 self.state.obstacle_attitude, state.obstacle_attitude
             )
             at_rotations, size = forces.rows.rotations, turns.shape[1]

@@ -21,9 +21,9 @@ from crinoid.elements.loads import DistributedLoad as DistributedLoad
 from crinoid.elements.loads import TipLoad as TipLoad
 from crinoid.elements.material import Material as Material
 from crinoid.elements.planar_threads import PlanarThreads as PlanarThreads
+from crinoid.elements.rigid import Pose as Pose
 from crinoid.elements.self_contact import SelfContact as SelfContact
 from crinoid.elements.spatial import BendTwist as BendTwist
-from crinoid.elements.rigid import Pose as Pose
 from crinoid.elements.threads import Threads as Threads
 from crinoid.elements.tool import Tool as Tool
 from crinoid.elements.vortices import Oscillator as Oscillator

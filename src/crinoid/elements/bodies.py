@@ -1,6 +1,6 @@
 """Free bodies: rigid spheres and capsules in the water."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ from crinoid.elements.contact import rows_of
 from crinoid.elements.element import Element, Motion
 from crinoid.elements.rigid import Pose
 from crinoid.elements.water import smooth_speed
-from crinoid.numerics.frames import moments, rotation_velocity
+from crinoid.numerics.frames import cross, moments, rotation_velocity
 from crinoid.numerics.small_matrices import product
 
 DRAG = 0.47
@@ -141,15 +141,18 @@ class Body(Element):
         force = self.mass * acceleration - self.displaced * flow + water + drag + self.weight * up
         moment = moments(slip, momentum) + jnp.sum(moments(stations * axis, drags), axis=0)
         moment -= self.righting * moments(body.attitude[:, -1], up)
-        spun = product(self.inertia, body.rate)
-        turning = product(self.inertia, motion.acceleration[1, :turns]) + body.to_body(moment)
-        if turns == 3:
-            turning = turning + moments(body.rate, spun)
+        spin_up = motion.acceleration[1, :turns]
+        if turns == 1:
+            turning = self.inertia[0] * spin_up + moment
+        else:
+            inertia = product(product(body.attitude, self.inertia), body.attitude.T)
+            turning = product(inertia, spin_up) + cross(body.spin, product(inertia, body.spin))
+            turning = turning + moment
         width = motion.position.shape[1]
         return jnp.concatenate([rows_of(force, width), rows_of(turning, width)])
 
 
-def capsule_inertia(mass: Array, radius: Array, length: Array) -> tuple[Array, Array]:
+def capsule_inertia(mass: Any, radius: Any, length: Any) -> tuple[Any, Any]:
     """Return the moments of inertia of a homogeneous capsule along and across its axis (kg m2).
 
     ``length`` is that of its cylinder (m); that of a sphere is 0.

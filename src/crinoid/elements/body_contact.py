@@ -110,7 +110,7 @@ class BodyContact(Contact):
         on_one = pressing * (slopes[0] + slopes[1]) + rubbing
         turns_one = moments(end, pressing * slopes[1]) + moments(lever, rubbing)
         turns_other = moments(half, pressing * by_half) - moments(reach, rubbing)
-        parts = (on_one, one.to_body(turns_one), -on_one, other.to_body(turns_other))
+        parts = (on_one, turns_one, -on_one, turns_other)
         width = motion.position.shape[1]
         return gap, jnp.concatenate([rows_of(part, width) for part in parts])
 

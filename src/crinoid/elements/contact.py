@@ -179,7 +179,7 @@ class Contact(SoftSkin):
         """Return the gap (m), and the forces on the two nodes and on the obstacle (N).
 
         In space the last column of the far node's row is the torque about the edge (N m). The row
-        of a rotation has the moment in the body's axes (N m).
+        of a rotation has the moment (N m).
         """
         places, velocity = motion.position[:3, : self.axes], motion.velocity[:3, : self.axes]
         body, half = None, self.half_axis
@@ -217,7 +217,7 @@ class Contact(SoftSkin):
             forces = jnp.concatenate([forces, torque[:, None]], axis=1)
         if body is not None:
             moment = moments(half, pressing * by_half) - moments(reach, rubbing)
-            forces = jnp.concatenate([forces, rows_of(body.to_body(moment), forces.shape[1])])
+            forces = jnp.concatenate([forces, rows_of(moment, forces.shape[1])])
         return gap, forces
 
     def _closest(

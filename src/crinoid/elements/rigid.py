@@ -10,7 +10,6 @@ from crinoid.numerics.frames import turned
 from crinoid.numerics.small_matrices import product
 
 _Vector = Float[Array, " d"]
-_Turns = Float[Array, " turns"]
 
 
 class RigidMotion(NamedTuple):
@@ -20,22 +19,16 @@ class RigidMotion(NamedTuple):
     """Matrix from the axes of the body to those of the world."""
     position: _Vector
     velocity: _Vector
-    rate: _Turns
-    """Angular velocity in the axes of the body (rad/s)."""
-    spin: _Turns
+    spin: Float[Array, " turns"]
     """Angular velocity in the axes of the world (rad/s)."""
-
-    def to_body(self, moment: _Turns) -> _Turns:
-        """Return a moment in the axes of the body."""
-        return moment if moment.size == 1 else product(moment, self.attitude)
 
 
 class Pose(eqx.Module):
     """Attitude of a body at the start of a step, from which that at the end follows.
 
-    The second row of a body has its rotation in its own axes: its change over a step is the
-    rotation vector of that step, in the plane the angle from x toward z; its rate the angular
-    velocity (Bruels, Cardona and Arnold 2012).
+    The second row of a body has its rotation in the axes of the world: its change over a step is
+    the rotation vector of that step, in the plane the angle from x toward z, and its rate the
+    angular velocity (Bruels, Cardona and Arnold 2012). So a sphere keeps its angular momentum.
     """
 
     attitude: Float[Array, "*count d d"]
@@ -49,13 +42,11 @@ class Pose(eqx.Module):
 
     def attitude_at(self, rotation: Float[Array, " b"]) -> Float[Array, "d d"]:
         """Return the attitude for a second row."""
-        return turned(self.attitude, rotation[: self.turn.size] - self.turn)
+        turn = rotation[: self.turn.size] - self.turn
+        return product(turned(jnp.eye(self.attitude.shape[0]), turn), self.attitude)
 
-    def motion(
-        self, position: Float[Array, "2 b"], velocity: Float[Array, "2 b"]
-    ) -> RigidMotion:
+    def motion(self, position: Float[Array, "2 b"], velocity: Float[Array, "2 b"]) -> RigidMotion:
         """Return the motion of the body with these rows."""
         axes, turns = self.attitude.shape[0], self.turn.size
-        attitude, rate = self.attitude_at(position[1]), velocity[1, :turns]
-        spin = rate if turns == 1 else product(attitude, rate)
-        return RigidMotion(attitude, position[0, :axes], velocity[0, :axes], rate, spin)
+        attitude, spin = self.attitude_at(position[1]), velocity[1, :turns]
+        return RigidMotion(attitude, position[0, :axes], velocity[0, :axes], spin)

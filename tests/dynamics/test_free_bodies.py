@@ -1,0 +1,350 @@
+"""Free bodies: they roll, slide, collide and turn as on paper."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from crinoid.dynamics import Integrator
+from crinoid.dynamics.integrator import StepMap
+from crinoid.elements import Pair
+from helpers.arms import QUICKLY, arm, obstacles, order
+
+RADIUS, MASS, GRAVITY = 0.05, 0.5, 9.81
+FAR = {"nodes": 5, "EA": None, "EI": None, "radius": 0.02, "youngs_modulus": 5e5,
+       "mass_per_length": 1.3, "length": 0.5, "diameter": 0.04}  # fmt: skip
+both = pytest.mark.parametrize("axes", [2, 3], ids=["plane", "space"])
+
+
+def bodies(axes, places, *, step, arms=None, **numbers):
+    """Build an arm in a vacuum, far from some bodies."""
+    settings = FAR | {"axes": axes, "GJ": 1.0 if axes == 3 else None} | (arms or {})
+    return arm(obstacles=obstacles(places, **numbers), time_step=step, **settings)
+
+
+@eqx.filter_jit(compiler_options=QUICKLY)
+def run(system, count):
+    """Return the start and the states after each of some steps, none halved."""
+    start = system.rest()
+
+    def one(state, _):
+        after, outcome = system.step(state, jnp.zeros(len(system.inputs)))
+        return after, (after, outcome.converged)
+
+    _, (states, good) = jax.lax.scan(one, start, length=count)
+    return start, states, good.all()
+
+
+def marched(system, count):
+    """Return the start and the states of a run in which all steps converged."""
+    start, states, good = run(system, count)
+    assert good
+    return start, states
+
+
+# --- a ball on a slope -------------------------------------------------------------------------
+
+SLOPE = np.deg2rad(20.0)
+
+
+def on_slope(axes, friction, *, step=2e-3, arms=None):
+    """Build a ball that lies on a slope, which falls along x."""
+    normal = np.array([np.sin(SLOPE), 0.0, np.cos(SLOPE)])
+    down = np.array([np.cos(SLOPE), 0.0, -np.sin(SLOPE)])
+    kept = [0, 2] if axes == 2 else [0, 1, 2]
+    foot = np.array([2.0, 0.5, -3.0])
+    strength = 32 * 5e5 * 0.02**2 + 100 * MASS * GRAVITY
+    gap = 0.05 * RADIUS * (1 - (MASS * GRAVITY * np.cos(SLOPE) / strength) ** 0.25)
+    places = np.stack([foot + (RADIUS + gap) * normal, foot])[:, kept]
+    system = bodies(
+        axes,
+        places,
+        step=step,
+        arms={"integrator": Integrator.generalized_alpha(0.8)} | (arms or {}),
+        radius=[RADIUS, 0.0],
+        normal=np.stack([0 * normal, normal])[:, kept],
+        friction=[0.0, friction],
+        mass=[MASS, np.inf],
+        gravity=GRAVITY,
+        pairs=[Pair(0, 1, 0.0)],
+    )
+    return system, down[kept], normal[kept]
+
+
+def slope_motion(system, states, down):
+    """Return speed down the slope (m/s) and spin that rolls that way (rad/s)."""
+    speed = np.asarray(states.obstacle_velocity)[:, 0] @ down
+    spin = np.asarray(states.motion.velocity)[:, system.forces.rows.rotations][:, 0]
+    # down along x: turned from z toward x, about +y
+    return speed, -spin[:, 0] if down.size == 2 else spin[:, 1]
+
+
+@both
+def test_a_ball_rolls_down_a_slope_at_five_sevenths_of_gravity(axes):
+    system, down, _ = on_slope(axes, 0.5)
+    _, states = marched(system, 200)
+    speed, spin = slope_motion(system, states, down)
+    time = np.asarray(states.time)
+    found = (speed[-1] - speed[50]) / (time[-1] - time[50])
+    assert found == pytest.approx(5 / 7 * GRAVITY * np.sin(SLOPE), rel=1e-3)
+    # it hardly slips
+    np.testing.assert_allclose(RADIUS * spin[50:], speed[50:], atol=1e-3)
+    assert speed[-1] > 0.8
+
+
+@both
+def test_a_ball_slides_where_friction_is_less_than_two_sevenths_of_the_slope(axes):
+    friction = 0.5 * 2 / 7 * np.tan(SLOPE)
+    system, down, normal = on_slope(axes, friction)
+    _, states = marched(system, 200)
+    speed, spin = slope_motion(system, states, down)
+    time = np.asarray(states.time)
+    slides, turns = ((x[-1] - x[50]) / (time[-1] - time[50]) for x in (speed, spin))
+    expected = GRAVITY * (np.sin(SLOPE) - friction * np.cos(SLOPE))
+    assert slides == pytest.approx(expected, rel=1e-3)
+    assert turns == pytest.approx(2.5 * friction * GRAVITY * np.cos(SLOPE) / RADIUS, rel=1e-3)
+    np.testing.assert_allclose(
+        np.asarray(states.obstacle_velocity)[50:, 0] @ normal, 0.0, atol=1e-4
+    )
+
+
+def test_the_plane_and_space_agree_on_a_rolling_ball():
+    ends = []
+    for axes in (2, 3):
+        system, _, _ = on_slope(axes, 0.5)
+        _, states = marched(system, 200)
+        ends.append(np.asarray(states.obstacle_position)[-1, 0, [0, axes - 1]])
+    np.testing.assert_allclose(*ends, rtol=0, atol=1e-12)
+
+
+# --- two bodies that collide -------------------------------------------------------------------
+
+
+def colliding(axes):
+    """Build two balls, in the plane a ball and a capsule, that meet beside their centres."""
+    half = np.zeros((2, axes))
+    if axes == 2:
+        half[0] = [0.04, 0.06]
+        places, velocity = [[3.0, 0.0], [3.12, 0.07]], [[0.2, 0.1], [-0.3, 0.0]]
+    else:
+        places, velocity = (
+            [[3.0, 0.0, 0.0], [3.09, 0.04, 0.02]],
+            [[0.2, 0.1, 0.0], [-0.3, 0.0, -0.1]],
+        )
+    spin = [[2.0], [-3.0]] if axes == 2 else [[2.0, 1.0, -1.0], [0.0, -3.0, 2.0]]
+    return bodies(
+        axes,
+        places,
+        step=1e-4,
+        arms={"tolerance": 1e-13},
+        radius=[0.05, 0.04],
+        half_axis=half,
+        friction=[0.4, 0.2],
+        velocity=velocity,
+        mass=[0.4, 0.2],
+        inertia=np.outer([5e-4, 1.3e-4], np.ones(1 if axes == 2 else 3)),
+        length=0.0,
+        spin=spin,
+        pairs=[Pair(1, 0, 0.0)],
+    )
+
+
+def momenta(system, states):
+    """Return momentum and angular momentum of the bodies at each instant."""
+    free, rows = system.forces.obstacles.bodies, system.forces.rows
+    place, speed = np.asarray(states.obstacle_position), np.asarray(states.obstacle_velocity)
+    axes, turns = place.shape[2], free.spin.shape[1]
+    mass = np.asarray(free.body.mass)[:, None]
+    spin = np.asarray(states.motion.velocity)[:, rows.rotations, :turns]
+    attitude, inertia = np.asarray(states.obstacle_attitude), np.asarray(free.body.inertia)
+    own = inertia[:, 0] * spin
+    if axes == 3:
+        own = np.einsum("tmij,mjk,tmlk,tml->tmi", attitude, inertia, attitude, spin)
+    cross = np.cross(place, mass * speed).reshape(*own.shape)
+    return np.sum(mass * speed, axis=1), np.sum(own + cross, axis=1), own
+
+
+@both
+def test_a_collision_keeps_momentum_and_angular_momentum(axes):
+    system = colliding(axes)
+    start, states = marched(system, 600)
+    first = jax.tree.map(lambda x: x[None], start)
+    linear, angular, own = momenta(system, states)
+    linear_before, angular_before, own_before = momenta(system, first)
+    # they met, rubbed, and parted
+    gap = np.asarray(states.body_gap)[:, 0]
+    assert gap.min() < 0.04 * 0.05 < min(gap[-1], float(start.body_gap[0]))
+    assert np.abs(own[-1] - own_before[0]).max() > 1e-4
+    for after, before in ((linear, linear_before), (angular, angular_before)):
+        np.testing.assert_allclose(after[-1], before[0], rtol=0, atol=1e-9 * np.abs(before).max())
+
+
+@eqx.filter_jit
+def _pushed(forces, motion):
+    return forces.obstacles.bodies.residual(forces.obstacle_motion(motion))[0]
+
+
+def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
+    half = [[0.03, 0.05, -0.02], [0.06, -0.02, 0.03]]
+    system = bodies(
+        3,
+        [[3.0, 0.0, 0.0], [3.02, 0.03, 0.085]],
+        step=1e-4,
+        radius=[0.05, 0.04],
+        half_axis=half,
+        friction=0.4,
+        velocity=[[0.2, 0.1, 0.3], [-0.3, 0.0, -0.1]],
+        mass=[0.4, 0.2],
+        spin=[[2.0, 1.0, -1.0], [0.0, -3.0, 2.0]],
+        pairs=[Pair(0, 1, 1.0), Pair(0, 1, -1.0)],
+    )
+    state = system.rest()
+    assert np.asarray(state.body_gap).min() < 0.002
+    forces, still = system.forces, jnp.zeros_like(state.motion.acceleration)
+    motion = eqx.tree_at(lambda m: m.acceleration, state.motion, still)
+    place = np.asarray(state.obstacle_position)
+    rows = np.asarray(_pushed(forces, motion))[:, :3]
+    alone = eqx.tree_at(lambda f: f.obstacles.bodies.contact.strength, forces, jnp.zeros(2))
+    rows = rows - np.asarray(_pushed(alone, motion))[:, :3]
+    force, moment = rows[:2], rows[2:]
+    assert np.abs(force).min() > 1e-3
+    assert np.abs(moment).max() > 1e-2
+    np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose((moment + np.cross(place, force)).sum(axis=0), 0.0, atol=1e-12)
+
+
+# --- a body that turns freely ------------------------------------------------------------------
+
+
+def test_a_top_keeps_energy_and_angular_momentum_at_order_two():
+    lost, turned = [], []
+    for count in (200, 400, 800):
+        system = bodies(
+            3,
+            [[3.0, 0.0, 0.0]],
+            step=1.0 / count,
+            arms={"tolerance": 1e-13},
+            mass=[0.4],
+            inertia=np.array([[1e-3, 2e-3, 2.5e-3]]),
+            spin=[[0.2, 6.0, 0.1]],
+        )
+        start, states = marched(system, count)
+        first = jax.tree.map(lambda x: x[None], start)
+        _, angular, own = momenta(system, states)
+        _, before, _ = momenta(system, first)
+        spin = np.asarray(states.motion.velocity)[:, system.forces.rows.rotations, :3]
+        energy = 0.5 * np.sum(own * spin, axis=(1, 2))
+        initial = 0.5 * np.array([1e-3, 2e-3, 2.5e-3]) @ np.array([0.2, 6.0, 0.1]) ** 2
+        lost.append(np.abs(energy - initial).max() / initial)
+        turned.append(np.abs(angular - before).max() / np.abs(before).max())
+        # the middle axis is unstable: it turns over
+        assert np.asarray(states.obstacle_attitude)[:, 0, 1, 1].min() < 0.0
+    assert lost[-1] < 1e-3
+    np.testing.assert_allclose(order(lost), 2.0, atol=0.2)
+    np.testing.assert_allclose(order(turned), 2.0, atol=0.2)
+
+
+# --- tangent and gradient ----------------------------------------------------------------------
+
+
+def lying(axes, *, step=1e-3):
+    """Build an arm on a capsule that lies on a plane, with a ball that leans on it, in water."""
+    half = np.zeros((3, axes))
+    half[0, 0] = 0.08
+    normal = np.zeros((3, axes))
+    normal[2, -1] = 1.0
+    across = np.zeros(axes)
+    places = [[0.33, *across[1:]], [0.4, *across[1:]], [0.0, *across[1:]]]
+    for place, height in zip(places, (-0.0495, -0.0195, -0.0794), strict=True):
+        place[-1] = height
+    places[1] = [0.33 + 0.08 + 0.0448, *across[1:]]
+    places[1][-1] = -0.063
+    turns = 1 if axes == 2 else 3
+    rng = np.random.default_rng(3)
+    return bodies(
+        axes,
+        places,
+        step=step,
+        arms={"nodes": 6, "damping_time": 0.02, "water_density": 1000.0, "gravity": GRAVITY},
+        radius=[0.03, 0.015, 0.0],
+        half_axis=half,
+        normal=normal,
+        friction=0.4,
+        velocity=0.1 * rng.normal(size=(3, axes)) * [[1.0], [1.0], [0.0]],
+        mass=[0.7, 0.02, np.inf],
+        length=0.16 * (np.arange(2) == 0),
+        spin=rng.normal(size=(3, turns)) * [[1.0], [1.0], [0.0]],
+        density=1000.0,
+        gravity=GRAVITY,
+        pairs=[Pair(0, 2, 1.0), Pair(0, 2, -1.0), Pair(1, 0, 0.0), Pair(1, 2, 0.0)],
+    )
+
+
+@both
+def test_the_tangent_is_the_slope_of_the_residual(axes):
+    system = lying(axes)
+    state = system.rest()
+    assert (np.asarray(state.body_gap)[:3] < 0.0008).all()
+    assert float(state.gap[0].min()) < 0.001
+    forces, motion = system.forces, state.motion
+    h = 1e-3
+    rates = map(jnp.asarray, (1.0, 2 / h, 4 / h**2))
+    stage = StepMap(
+        state.time, motion.position, motion.velocity, motion.acceleration, *rates, state.frames
+    )
+    # a finite rotation within the step
+    rng = np.random.default_rng(5)
+    turned = np.zeros(motion.position.shape)
+    turned[forces.rows.rotations, : 1 if axes == 2 else 3] = 1e-3 * rng.normal(size=(3, 1))
+    turned[forces.rows.rotations][2] = 0.0
+
+    @jax.jit
+    def residual(correction):
+        current = forces.surroundings(stage, jnp.asarray(turned))
+        return forces.unknown(forces.residual(forces.motion(stage, correction, current))[0])
+
+    @jax.jit
+    def solved(rhs):
+        current = forces.surroundings(stage, jnp.asarray(turned))
+        now = forces.motion(stage, jnp.asarray(turned), current)
+        return forces.tangent(stage, now, current).solve(rhs)
+
+    unknown = np.zeros(turned.shape, bool)
+    unknown[forces.rows.nodes] = True
+    unknown[:2] = False
+    index = list(forces.obstacles.bodies.unknowns(turned.shape[1]))
+    unknown[forces.rows.obstacle_rows].reshape(-1)[index] = True
+    rhs = jnp.asarray(np.where(unknown, rng.normal(size=turned.shape), 0.0))
+    change = np.asarray(solved(rhs))
+    assert not change[~unknown].any()
+    size = 1e-6 / np.abs(change).max()
+    ahead, behind = (residual(jnp.asarray(turned + way * size * change)) for way in (1, -1))
+    slope = (ahead - behind) / (2 * size)
+    np.testing.assert_allclose(slope, forces.unknown(rhs), rtol=1e-4, atol=1e-4)
+
+
+def test_the_gradient_through_a_rolling_contact_agrees_with_differences():
+    system, down, _ = on_slope(2, 0.5, arms={"tolerance": 1e-13})
+    start = system.rest()
+
+    def distance(system):
+        def one(state, _):
+            after, _ = system.step(state, jnp.zeros(3))
+            return after, None
+
+        end, _ = jax.lax.scan(one, start, length=40)
+        return end.obstacle_position[0] @ down + 0.01 * end.motion.velocity[-2, 0]
+
+    def scaled(factor):
+        def where(s):
+            return s.forces.obstacles.bodies.body.inertia
+
+        return distance(eqx.tree_at(where, system, factor * where(system)))
+
+    value = jax.jit(scaled)
+    difference = float(value(1 + 1e-5) - value(1 - 1e-5)) / 2e-5
+    forward = jax.jit(lambda x: jax.jvp(scaled, (x,), (1.0,))[1])(1.0)
+    reverse = jax.jit(jax.grad(scaled))(1.0)
+    assert abs(difference) > 1e-4
+    np.testing.assert_allclose([forward, reverse], difference, rtol=1e-5)
