@@ -14,8 +14,16 @@ from jaxtyping import Array, Bool, Float
 
 from crinoid.assembly.arrays import array, from_table
 from crinoid.base import Base, BaseMotion, Servo, SineMotion, TableMotion, VelocityMotion
-from crinoid.dynamics import FarEdges, GripTriggers, Hull, Obstacles, Thrusters, Vehicle
-from crinoid.dynamics import far_edges, first_far_edge
+from crinoid.dynamics import (
+    FarEdges,
+    GripTriggers,
+    Hull,
+    Obstacles,
+    Thrusters,
+    Vehicle,
+    far_edges,
+    first_far_edge,
+)
 from crinoid.elements import Body, Contact, HullContact, Tool
 from crinoid.foundation.axes import CHANNEL_TABLE, CHANNELS
 from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_preserving
@@ -255,7 +263,8 @@ def _retraction(scenario: Scenario) -> float:
         return 0.0
     base = scenario.base
     pan, tilt = np.deg2rad(base.pan_deg), np.deg2rad(base.tilt_deg)
-    ahead = dict(zip("xyz", (np.cos(pan) * np.cos(tilt), np.sin(pan) * np.cos(tilt), np.sin(tilt))))
+    level = np.cos(tilt)
+    ahead = {"x": level * np.cos(pan), "y": level * np.sin(pan), "z": np.sin(tilt)}
     back = 0.0
     for channel in CHANNEL_TABLE:
         found = base.channels.present.get(channel.name)

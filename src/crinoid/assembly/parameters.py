@@ -20,8 +20,8 @@ from crinoid.actuation import Input
 from crinoid.assembly.arrays import Builder, Numbers, array, build_flow, from_table, load_numbers
 from crinoid.assembly.bodies import (
     BaseParameters,
-    ObstacleParameters,
     HullParameters,
+    ObstacleParameters,
     SelfContactParameters,
     ToolParameters,
     VehicleParameters,

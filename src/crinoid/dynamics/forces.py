@@ -282,7 +282,8 @@ class Forces(Arm):
 
         far = [each.stiffness(motion, of_window, num_nodes) for each in far_contacts]
         extra = self.extra(size)
-        tangent = Tangent(bands, border, extra[: size * len(self.free)], far=sum(far) if far else None)
+        free = extra[: size * len(self.free)]
+        tangent = Tangent(bands, border, free, far=sum(far) if far else None)
         if self.mount is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
@@ -346,7 +347,7 @@ class Forces(Arm):
         return points if self.vehicle is None else points.at[ROTATION].set(points[CENTRE])
 
     def attitude(self, rows: Rows) -> Float[Array, "d d"] | None:
-        """Return the attitude of a moving vehicle, if there is one, from the positions of all rows."""
+        """Return the attitude of a moving vehicle from the positions of all rows."""
         return None if self.mount is None else self.mount.attitude_at(rows)
 
     def gaps(self, rows: Rows) -> Float[Array, "m e"] | None:

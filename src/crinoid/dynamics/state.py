@@ -50,7 +50,7 @@ class State(eqx.Module):
     """Matrix from the axes of a floating vehicle to those of the world."""
     grip: GripState | None = None
     """Grip of a tool, if touches take it up or let it go."""
-    far_gaps: tuple[Float[Array, " w"], ...] = ()
+    far_gaps: tuple[Float[Array, " _"], ...] = ()
     """Distances of the surfaces in each contact of far parts (m; `crinoid.dynamics.FarContact`)."""
     memory: Memory = ()
     """Memory of each element (`crinoid.Element`); None for those without."""
