@@ -138,7 +138,7 @@ def _pressed_on_hull(dataset: xr.Dataset) -> list[str]:
         return []
     return [
         f"the arm penetrated the hull by {-1e3 * gap:.2g} mm, beyond the valid range of the "
-        "contact model. Use more arm.nodes, weaker actuators, or a smaller range of channels that turn it."
+        "contact model. Use more arm.nodes, weaker actuators, or channels that turn it less."
     ]
 
 

@@ -172,8 +172,9 @@ def solve(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTange
 
 def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
     forces, stage = balance.forces, balance.stage
-    # friction of the arm on itself, where it sticks, lets whole steps alternate between two shapes
-    searches = bool(forces.far_contacts)
+    # friction of the arm on itself, where it sticks, lets whole steps alternate between two shapes;
+    # a static solve, which has none, limits its turns and must pass larger imbalances
+    searches = bool(forces.far_contacts) and settings.max_turn is None
 
     def unfinished(carry: _Iteration) -> Bool[Array, ""]:
         return ~carry.done
