@@ -282,8 +282,8 @@ class Forces(Arm):
 
         far = [each.stiffness(motion, of_window, num_nodes) for each in far_contacts]
         extra = self.extra(size)
-        free = extra[: size * len(self.free)]
-        tangent = Tangent(bands, border, free, far=sum(far[1:], far[0]) if far else None)
+        bodies = extra[: size * len(self.free)]
+        tangent = Tangent(bands, border, bodies, far=sum(far[1:], far[0]) if far else None)
         if self.mount is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
