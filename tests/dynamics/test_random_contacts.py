@@ -12,7 +12,7 @@ import crinoid
 
 RUNS = 6
 """Number of runs for each dimension."""
-RADIUS, NODES = 0.012, 12
+RADIUS, NODES, DEPTH = 0.012, 12, 10.0
 
 
 def tables(dimension, seed):
@@ -20,7 +20,7 @@ def tables(dimension, seed):
     random = np.random.default_rng([dimension, seed])
 
     def place(low, high):
-        found = random.uniform(low, high, 3)
+        found = random.uniform(low, high, 3) - [0.0, 0.0, DEPTH]
         return [float(x) for x in (found[[0, 2]] if dimension == 2 else found)]
 
     pressure, friction = random.uniform(5e4, 2e5), random.uniform(0.0, 0.5)
@@ -46,6 +46,7 @@ def tables(dimension, seed):
             "youngs_modulus": float(random.uniform(1e5, 3e5)),
             "damping_time": 0.02,
         },
+        "base": {"position": [0.0] * (dimension - 1) + [-DEPTH]},
         "vehicle": {
             "mass": float(random.uniform(2.0, 10.0)),
             "inertia": 0.1,
@@ -64,7 +65,7 @@ def tables(dimension, seed):
             },
             {
                 "kind": "plane",
-                "position": [0.0] * (dimension - 1) + [-height],
+                "position": [0.0] * (dimension - 1) + [-DEPTH - height],
                 "normal": [0.0] * (dimension - 1) + [1.0],
                 "friction": float(friction),
             },
