@@ -114,6 +114,21 @@ def test_a_coil_presses_on_itself_without_going_through(coiled):
     assert np.abs(force.sum(axis=1)).max() < 1e-12
 
 
+@pytest.mark.slow
+def test_a_run_in_space_is_that_in_the_plane():
+    plane, space = (
+        crinoid.simulate(coil(dimension, duration=0.8, tolerance=1e-10)).dataset
+        for dimension in (2, 3)
+    )
+    assert np.abs(plane["self_force"]).max() > 0.5
+    same = space["position"].sel(axis=["x", "z"]).values
+    assert same == pytest.approx(plane["position"].values, abs=1e-6)
+    assert np.abs(space["position"].sel(axis="y")).max() < 1e-9
+    forces = space["self_force"].sel(axis=["x", "z"]).values
+    largest = np.abs(plane["self_force"]).max()
+    assert forces == pytest.approx(plane["self_force"].values, abs=1e-3 * float(largest))
+
+
 def balance_error(data):
     """Return the largest error of the balance over the largest stored energy."""
     energy = data["energy"]

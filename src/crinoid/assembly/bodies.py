@@ -379,7 +379,8 @@ def _retraction(scenario: Scenario) -> float:
         return 0.0
     base = scenario.base
     pan, tilt = np.deg2rad(base.pan_deg), np.deg2rad(base.tilt_deg)
-    ahead = dict(zip("xyz", (np.cos(pan) * np.cos(tilt), np.sin(pan) * np.cos(tilt), np.sin(tilt))))
+    level = np.cos(tilt)
+    ahead = {"x": level * np.cos(pan), "y": level * np.sin(pan), "z": np.sin(tilt)}
     back = 0.0
     for channel in CHANNEL_TABLE:
         found = base.channels.present.get(channel.name)

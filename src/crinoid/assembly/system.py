@@ -16,7 +16,7 @@ from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.threads import assemble_actuators
 from crinoid.base import Base
 from crinoid.compilation import ONCE, compiled
-from crinoid.dynamics import Forces, Hull, Settings, System
+from crinoid.dynamics import FarContact, Forces, Hull, Settings, System
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
@@ -101,7 +101,7 @@ def assemble(parameters: Parameters) -> System:
         vehicle = parameters.vehicle.vehicle(water.density, water.gravity)
     held = Base(base.angles, rod.rest_length[0], base.servo, base.motion)
     contact, hull = parameters.contact, parameters.hull
-    far = () if contact is None else (contact.far_edges(rod),)
+    far: tuple[FarContact, ...] = () if contact is None else (contact.far_edges(rod),)
     far += () if hull is None else (hull.hull(rod, held, vehicle),)
     system = System(
         reference=rod.reference,

@@ -36,6 +36,7 @@ _EFFECTS: dict[str, dict[str, Any]] = {
     "waves, 64 components": {"flow": [_WAVES], "water.depth": 15.0},
     "one sphere, far away": {"obstacle": [_SPHERE]},
     "one chamber": {"chamber": [_CHAMBER]},
+    "contact with itself, apart": {"contact.self": True},
 }
 """What is added to the arm in the plane, in place of the current where it is one."""
 
@@ -89,7 +90,8 @@ def _with_effects(scope: Scope) -> Rows:
     effects = _EFFECTS | {"a chamber on each edge": {"chamber": each_edge}}
     cases = [("plane", "", {}), *(("plane", *each) for each in list(effects.items())[: scope.most])]
     if not scope.most:
-        cases += [("space", "", {}), ("space", "vortices", effects["vortices"])]
+        also = "vortices", "contact with itself, apart"
+        cases += [("space", "", {}), *(("space", name, effects[name]) for name in also)]
     runs = {(axes, name): _closed_loop(steady(axes, scope, values)) for axes, name, values in cases}
     times = _times(runs, scope)
     for (axes, name), each in times.items():

@@ -58,7 +58,12 @@ def notes(dataset: xr.Dataset, facts: Facts) -> list[str]:
         _drag(dataset, scenario),
         _accumulated(dataset, facts),
     ]
-    return [*_pressed(dataset), *_pressed_on_itself(dataset), *(note for note in found if note)]
+    return [
+        *_pressed(dataset),
+        *_pressed_on_itself(dataset),
+        *_pressed_on_hull(dataset),
+        *(note for note in found if note),
+    ]
 
 
 def tool_notes(tool: Tool | None, grip: GripState | None) -> list[str]:
@@ -122,6 +127,18 @@ def _pressed(dataset: xr.Dataset) -> list[str]:
         "the contact model. Give the arm clearance, or make the obstacle slower or lighter."
         for index, gap in enumerate(closest)
         if gap < -_PRESSED * radius
+    ]
+
+
+def _pressed_on_hull(dataset: xr.Dataset) -> list[str]:
+    if "hull_gap" not in dataset:
+        return []
+    gap, radius = float(dataset["hull_gap"].min()), float(dataset["diameter"].min()) / 2
+    if gap >= -_PRESSED * radius:
+        return []
+    return [
+        f"the arm penetrated the hull by {-1e3 * gap:.2g} mm, beyond the valid range of the "
+        "contact model. Use more arm.nodes, weaker actuators, or channels that turn it less."
     ]
 
 

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -48,7 +48,7 @@ class FarContact(eqx.Module):
     def touch(self, motion: Motion, gaps: Float[Array, " w"]) -> Any:
         """Return the contact of each edge, given the ``gaps`` of the windows (m)."""
 
-    def turned(self, attitude: Float[Array, "d d"] | None) -> Self:
+    def turned(self, attitude: Float[Array, "d d"] | None) -> "FarContact":
         """Return the contact at an attitude of the vehicle."""
         return self
 
@@ -56,7 +56,7 @@ class FarContact(eqx.Module):
         """Return a motion with all rows of the windows."""
         return motion
 
-    def positions(self, rows: Rows) -> Rows:
+    def positions(self, rows: Rows) -> Float[Array, "more b"]:
         """Return positions with all rows of the windows."""
         return rows
 

@@ -323,7 +323,8 @@ class Forces(Arm):
         far = [each.stiffness(motion, of_window, num_nodes) for each in far_contacts]
         extra = self.extra(size)
         own_unknowns = 0 if border is None else border.corner.shape[0]
-        tangent = Tangent(bands, border, extra[:own_unknowns], far=sum(far) if far else None)
+        bodies = extra[:own_unknowns]
+        tangent = Tangent(bands, border, bodies, far=sum(far[1:], far[0]) if far else None)
         if self.mount is not None:
             tangent = self._with_vehicle(tangent, stage, motion, around, load_factor)
         if self.lines is None:
@@ -389,7 +390,7 @@ class Forces(Arm):
         return points if self.vehicle is None else points.at[ROTATION].set(points[CENTRE])
 
     def attitude(self, rows: Rows) -> Float[Array, "d d"] | None:
-        """Return the attitude of a moving vehicle, if there is one, from the positions of all rows."""
+        """Return the attitude of a moving vehicle from the positions of all rows."""
         return None if self.mount is None else self.mount.attitude_at(rows)
 
     def obstacle_attitude(self, motion: Motion) -> Float[Array, "m d d"] | None:

@@ -1,4 +1,5 @@
 """Hull of the vehicle: a capsule that the arm can touch, and its place."""
+# ruff: noqa: D102  # the base class documents its methods
 
 from dataclasses import replace
 from typing import ClassVar
@@ -78,7 +79,7 @@ class Hull(FarContact):
             flow_acceleration=jnp.concatenate([motion.flow_acceleration, still]),
         )
 
-    def positions(self, rows: Rows) -> Rows:
+    def positions(self, rows: Rows) -> Float[Array, "more b"]:
         if self.axis is None:
             return rows
         assert self.attitude is not None

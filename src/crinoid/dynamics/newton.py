@@ -173,8 +173,9 @@ def solve(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTange
 def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTangent) -> Solution:
     forces, stage = balance.forces, balance.stage
     # friction of the arm on itself, or of a free body, lets whole steps alternate between two
-    # shapes where it sticks
-    searches = bool(forces.far_contacts) or forces.turns
+    # shapes where it sticks; a static solve, which has none, limits its turns and must pass larger
+    # imbalances
+    searches = (bool(forces.far_contacts) or forces.turns) and settings.max_turn is None
 
     def unfinished(carry: _Iteration) -> Bool[Array, ""]:
         return ~carry.done

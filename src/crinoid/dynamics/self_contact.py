@@ -1,4 +1,5 @@
 """Contact of the arm with itself: pairs of edges that are far from each other along it."""
+# ruff: noqa: D102  # the base class documents its methods
 
 import equinox as eqx
 import jax

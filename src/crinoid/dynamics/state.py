@@ -81,7 +81,7 @@ class State(eqx.Module):
     reused_tangent: ReusedTangent
     attitude: Float[Array, "d d"] | None = None
     grip: GripState | None = None
-    far_gaps: tuple[Float[Array, " w"], ...] = ()
+    far_gaps: tuple[Float[Array, " _"], ...] = ()
     obstacle_attitude: Float[Array, "m d d"] | None = None
     body_gap: Float[Array, " pair"] | None = None
     memory: Memory = ()

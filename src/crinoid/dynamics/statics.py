@@ -69,9 +69,9 @@ def static_motion(forces: Forces, time: Array, position: Rows, frames: Frames | 
 
 def careful(forces: Forces, settings: Settings) -> Settings:
     """Return the settings of a static solve from those of a time step."""
-    bodies = [*forces.far_contacts]
-    bodies += [] if forces.obstacles is None else [forces.obstacles]
-    room = jnp.min(jnp.stack([each.finest for each in bodies])) / 2 if bodies else None
+    found = [each.finest for each in forces.far_contacts]
+    found += [] if forces.obstacles is None else [forces.obstacles.finest]
+    room = jnp.min(jnp.stack(found)) / 2 if found else None
     return eqx.tree_at(
         lambda s: (s.tolerance, s.max_turn, s.max_move),
         settings,

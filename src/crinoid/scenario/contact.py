@@ -10,9 +10,7 @@ class SelfContact(Model):
     """Contact between parts of the arm that are far from each other along it, and with the hull."""
 
     self_: bool = entry(False, "Whether the arm can touch itself, and a hull.", alias="self")
-    friction: float = entry(
-        0.0, "Coulomb's coefficient of friction, of arm on arm and on a hull.", ge=0
-    )
+    friction: float = entry(0.0, "Coulomb's coefficient of friction, also on a hull.", ge=0)
 
     def _conflicts(self) -> Iterator[Mistake]:
         if self.friction and not self.self_:

@@ -142,7 +142,7 @@ class Plots:
         return self._panel(effort_chart, "newton_iterations", ax)
 
     def contact(self, ax: Iterable[Axes] | None = None) -> list[Axes]:
-        """Plot contact with obstacles and of the arm with itself: times, forces and distances.
+        """Plot contact with obstacles, the arm itself and a hull: times, forces and distances.
 
         Raises
         ------

@@ -186,7 +186,12 @@ class Scene {
     const { paint, length } = this, { anchor, root, ahead, frame } = member.now, { hull, base, boom, joint, clamp } = member.sizes;
     const inside = (v) => V.add(V.add(V.by(frame[0], v[0]), V.by(frame[1], v[1])), V.by(frame[2], v[2]));
     const out = inside(member.out), grey = [...this.hull, 1], steel = [...this.steel, 1];
-    if (base) this.rod(V.sub(anchor, V.by(out, 2)), anchor, base[1], grey);
+    if (member.capsule) {
+      const [half, radius] = hull, [nose, way] = member.capsule === "held" ? [root, ahead] : [anchor, V.unit(out)];
+      const ends = [radius, radius + 2 * half].map((back) => V.sub(nose, V.by(way, back)));
+      if (half > 0) this.rod(ends[1], ends[0], radius, grey);
+      for (const end of ends) this.ball(end, radius, grey);
+    } else if (base) this.rod(V.sub(anchor, V.by(out, 2)), anchor, base[1], grey);
     else paint.draw(paint.meshes.ball, placed(V.by(frame[0], hull[0]), V.by(frame[1], hull[1]), V.by(frame[2], hull[1]), V.sub(anchor, out)), grey);
     if (boom && V.size(V.sub(root, anchor)) > 1e-6) this.rod(anchor, root, boom[1], steel);
     this.ball(root, joint[1], steel);

@@ -83,7 +83,7 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
 
     mount, target = each.mount, each.target
     bodies = {each.name: each for each in rigid_bodies(scene, each) if each.kind != "obstacle"}
-    base = bodies["hull" if mount.floats else "base"]
+    base = bodies["hull" if mount.has_hull else "base"]
     still = bool(np.ptp(target, axis=0).max() < 1e-6)
     return {
         "label": each.label,
@@ -98,6 +98,7 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
         "ahead": pack.add(mount.direction, 1e-4, -1.0),
         "frame": pack.add(mount.attitude, 1e-4, -1.0),
         "rails": mount.rails,
+        "capsule": "" if mount.hull is None else "floats" if mount.floats else "held",
         "bodies": [body(one) for one in each.obstacles],
         "sizes": {name: [one.shape.half, one.shape.radius] for name, one in bodies.items()},
         "out": (mount.attitude[0].T @ (mount.anchor[0] - base.position[0])).tolist(),

@@ -96,11 +96,15 @@ def rigid_bodies(scene: Scene, run: Keyframes, reach: float | None = None) -> li
 def mount_bodies(mount: ArmMount, root: Path, thick: float, length: float) -> list[RigidBody]:
     """Return the hull or the plate, the boom that servos shift, the joint and the clamp.
 
-    ``thick`` is the radius of the arm at its root. A submarine has a hull, any other base is a
-    plate; neither is of its true size.
+    ``thick`` is the radius of the arm at its root. A hull that the arm can touch has its size. Any
+    other submarine has a hull, any other base is a plate; neither is of its true size.
     """
     thick = min(thick, _STOUT * length)
-    if mount.floats:
+    if mount.hull is not None:
+        long, wide = (size / 2 for size in mount.hull)
+        shape, (nose, attitude) = BodyShape("capsule", long - wide, wide), _hull_pose(mount, root)
+        middle = nose - long * attitude[:, :, 0]
+    elif mount.floats:
         long, wide = (min(share * length, most) for share, most in _HULL)
         half = np.array([long, wide, wide])
         # the arm leaves the hull where a line from its middle in the arm's direction does
@@ -111,8 +115,9 @@ def mount_bodies(mount: ArmMount, root: Path, thick: float, length: float) -> li
         shape = BodyShape("rod", _JOINT * thick / 2, min(_PLATE[0] * length, _PLATE[1]))
         out = shape.half * mount.level_direction
         attitude = mount.attitude @ look_rotation(mount.level_direction, _UP)
-    middle = mount.anchor - np.einsum("tij,j->ti", mount.attitude, out)
-    found = [_body("hull" if mount.floats else "base", "base", shape, middle, attitude)]
+    if mount.hull is None:
+        middle = mount.anchor - np.einsum("tij,j->ti", mount.attitude, out)
+    found = [_body("hull" if mount.has_hull else "base", "base", shape, middle, attitude)]
     way, reach = _spanned(root - mount.anchor)
     if np.abs(reach).max() > _SHORT * thick:
         stretch = np.stack([reach, np.ones_like(reach), np.ones_like(reach)], axis=1)
@@ -126,6 +131,13 @@ def mount_bodies(mount: ArmMount, root: Path, thick: float, length: float) -> li
         _body("joint", "base", _ball(_JOINT * thick), root),
         _body("clamp", "base", clamp, middle, look_rotation(mount.direction, _UP)),
     ]
+
+
+def _hull_pose(mount: ArmMount, root: Path) -> tuple[Path, Rotations]:
+    """Return where the nose of the hull is, and the attitude of its axis, the first column."""
+    if mount.floats:
+        return mount.anchor, mount.attitude @ look_rotation(mount.level_direction, _UP)
+    return root, look_rotation(mount.direction, _UP)
 
 
 def _spanned(shift: Path) -> tuple[Path, Float[np.ndarray, " time"]]:

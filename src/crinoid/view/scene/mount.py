@@ -31,6 +31,13 @@ class ArmMount:
     """Axis of the submarine and ends of the travel (m) of each servo that shifts the root."""
     floats: bool = False
     """Whether a submarine carries the arm, rather than a base that is fixed or moved."""
+    hull: tuple[float, float] | None = None
+    """Length and diameter of the hull that the arm can touch (m)."""
+
+    @property
+    def has_hull(self) -> bool:
+        """Whether a hull is drawn: of a submarine, or one that the arm can touch."""
+        return self.floats or self.hull is not None
 
 
 def find_mount(data: xr.Dataset) -> ArmMount:
@@ -51,17 +58,19 @@ def find_mount(data: xr.Dataset) -> ArmMount:
     anchor = root - np.einsum("tij,tj->ti", attitude, shift)
     level = _direction(*_set_angles(data))[0]
     direction, floats = base_directions(data), has_vehicle(data)
-    return ArmMount(anchor, direction, attitude, level, tuple(rails), floats)
+    size = _vehicle(data).get("hull")
+    hull = None if size is None else (float(size["length"]), float(size["diameter"]))
+    return ArmMount(anchor, direction, attitude, level, tuple(rails), floats, hull)
 
 
 def base_word(data: xr.Dataset) -> str:
     """Return the noun for the base of an arm."""
-    return "submarine" if has_vehicle(data) else "base"
+    return "submarine" if _vehicle(data) else "base"
 
 
 def has_vehicle(data: xr.Dataset) -> bool:
     """Return whether a submarine carries the arm of a result."""
-    return "mass" in read_scenario(data).get("vehicle", {})
+    return "mass" in _vehicle(data)
 
 
 def base_directions(data: xr.Dataset) -> Path:
@@ -94,6 +103,11 @@ def _set_angles(data: xr.Dataset) -> tuple[Angles, Angles]:
     base = _base(data)
     tilt, pan = (np.deg2rad([float(base.get(f"{name}_deg", 0.0))]) for name in ("tilt", "pan"))
     return tilt, pan
+
+
+def _vehicle(data: xr.Dataset) -> dict[str, Any]:
+    vehicle = read_scenario(data).get("vehicle")
+    return vehicle if isinstance(vehicle, dict) else {}
 
 
 def _base(data: xr.Dataset) -> dict[str, Any]:

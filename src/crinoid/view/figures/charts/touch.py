@@ -1,4 +1,4 @@
-"""Chart of contact with obstacles, and of the arm with itself: times, forces and distances."""
+"""Chart of contact with obstacles, the arm itself and a hull: times, forces and distances."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,7 +17,7 @@ _VARIABLES = (
     *("obstacle_position", "contact_force", "contact_impulse"),
     *("contact_time", "contact_gap", "contact_closest"),
 )
-_ITSELF = ("self_gap", "self_force")
+_ITSELF, _HULL = ("self_gap", "self_force"), ("hull_gap", "hull_force")
 
 _FORCE = Panel("contact_force", "contact\nforce", low=0.0, tall=2.2, columns=3)
 _GAP = Panel("contact_gap", "distance from\nthe arm", levels=ZERO, tall=2.0, columns=3)
@@ -27,7 +27,7 @@ Series = Float[np.ndarray, " time"]
 
 
 class _Body(NamedTuple):
-    """An obstacle that the arm may touch, or the arm itself."""
+    """An obstacle that the arm may touch, the arm itself or the hull."""
 
     name: str
     """Name in the rows of times."""
@@ -44,18 +44,18 @@ class _Body(NamedTuple):
     """Time in contact (s)."""
     force: Series
     mean: Series
-    """Mean force between instants (N); none of the arm itself."""
+    """Mean force between instants (N); known of obstacles."""
     gap: Series
     closest: float
 
 
 def has_contact(run: Run) -> bool:
     """Whether the result contains contacts."""
-    return any(all(name in run.result for name in names) for names in (_VARIABLES, _ITSELF))
+    return any(all(name in run.result for name in names) for names in (_VARIABLES, _ITSELF, _HULL))
 
 
 def contact_chart(run: Run) -> Chart:
-    """Return the times of contact, forces and distances of each obstacle and of the arm itself."""
+    """Return times of contact, forces and distances of obstacles, the arm itself and a hull."""
     bodies = [body for label, data in run.members for body in _bodies(label, data)]
     bodies.sort(key=lambda body: body.order)
     return Chart("contact", "Contact", (_when(bodies), _force(bodies), _gap(bodies)))
@@ -84,14 +84,17 @@ def _bodies(label: str, data: xr.Dataset) -> Iterator[_Body]:
                 found["contact_gap"].values,
                 float(found["contact_closest"].values[-1]),
             )
-    if "self_force" in data:
-        # what edges press on each other appears at both
-        force = np.linalg.norm(data["self_force"].values, axis=2).sum(axis=1) / 2
-        gap, held = data["self_gap"].values.min(axis=1), (force[1:] > 0.0) & (force[:-1] > 0.0)
+    # what edges press on each other appears at both
+    parts = (("the arm itself", "itself", _ITSELF, 0.5), ("the hull", "hull", _HULL, 1.0))
+    for index, (name, short, (gaps, forces), share) in enumerate(parts):
+        if forces not in data:
+            continue
+        force = share * np.linalg.norm(data[forces].values, axis=2).sum(axis=1)
+        gap, held = data[gaps].values.min(axis=1), (force[1:] > 0.0) & (force[:-1] > 0.0)
         yield _Body(
-            "without control" if behind else "the arm itself",
-            "itself without" if behind else "itself",
-            count,
+            "without control" if behind else name,
+            f"{short} without" if behind else short,
+            count + index,
             behind,
             time,
             held,
