@@ -73,6 +73,8 @@ autodoc_inherit_docstrings = False
 autodoc_preserve_defaults = True
 autosummary_generate = False
 napoleon_google_docstring = False
+napoleon_attr_annotations = False  # types of fields are in the signature of their class
+napoleon_use_param = False  # types of arguments are words, not links
 napoleon_use_rtype = False
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -214,6 +214,10 @@ MISTAKES = [
         "ghost, to 4",
     ),
     (
+        Parts(Hold(still), elements=(Rope(2, 1.0, still),)),
+        r"Rope \(element 6\): got first axes {\(\)}; must be one alike. Fields without ",
+    ),
+    (
         element(fails, kind=Mooring),
         r"Mooring \(element 6\) worked: got 'mooring'; must be one of \('drag', ",
     ),

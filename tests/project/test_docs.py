@@ -12,6 +12,7 @@ import pytest
 
 import crinoid
 from crinoid import tables
+from crinoid.foundation.moved import REMOVED
 from crinoid.inverse.experiments_file import Experiments
 from crinoid.scenario.document import parse
 from helpers.paths import ROOT
@@ -116,7 +117,7 @@ def test_old_names_work_for_one_release():
         [sys.executable, "-W", "always", "-c", code], capture_output=True, text=True, check=True
     )
     for line in (
-        "crinoid.onset is now crinoid.numerics.ramp",
+        f"crinoid.onset is now crinoid.numerics.ramp; crinoid {REMOVED} removes the old name",
         "crinoid.Seen is now crinoid.ControllerInput",
         "an attribute of crinoid.Reading is now crinoid.Reading.measurement_time",
     ):

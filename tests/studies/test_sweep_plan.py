@@ -191,6 +191,7 @@ def test_options_that_exclude_each_other_get_one_line():
         (grid, {"seeds": 0}, "--seeds: got 0"),
         (grid, {"batch": 0}, "--batch: got 0"),
         (grid, {"seeds": 10**7}, "--vary: makes 40000000 runs"),
+        (grid, {"seeds": 10**6, "batch": 8}, "--batch: makes 500000 batches, a file each"),
         (["seed=1,2"], {"seeds": 2}, "--seeds: excludes other values of seed"),
         ([*grid, *grid], {}, "--vary: got arm.length twice"),
     ):
@@ -252,6 +253,9 @@ def test_the_table_has_the_mean_of_time_and_the_time_that_ends_well():
         ("count", "1", 'count: got "1"; must be of type int'),
         ("seeds", [2], "seeds: got [2]; must be of type int"),
         ("seeds", 10**9, "--vary: makes 3000000000 runs; must make at most 10000000"),
+        ("seeds", 2**63, f"--vary: makes {3 * 2**63} runs; must make at most 10000000"),
+        ("seeds", 10**6, "--batch: makes 3000000 batches, a file each; must make at most 100000"),
+        ("varied", {"arm.nodes": "5:200004:200000"}, "--batch: makes 200000 batches, a file each"),
         ("batch", 0, "--batch: got 0; must be at least 1"),
         ("sampling", "", 'got ""; must be "grid", "lhs", "sobol" or "saltelli"'),
         ("varied", {"arm.length": 3}, "varied.arm.length: got 3; must be a list of values"),

@@ -22,26 +22,50 @@ InputKind = Literal["shift", "turn", "pressure", "tension", "share"]
 
 
 class Input(eqx.Module):
-    """One entry of a command: its name, unit, kind and limits."""
+    """One entry of a command: its name, unit, kind and limits.
+
+    Parameters
+    ----------
+    name : str
+        Its name in results and in `crinoid.AssembledScenario.mapping`.
+    unit : str
+        Unit of its commands and limits.
+    kind : {"shift", "turn", "pressure", "tension", "share"}
+        Quantity: a shift (m) or turn (rad) of the base, a pressure (Pa), a tension (N), a share.
+    lower, upper : array
+        Smallest and largest value that the actuator follows, in ``unit``.
+
+    Examples
+    --------
+    >>> thrust = crinoid.Input("thrust", "N", "tension", jnp.array(-5.0), jnp.array(5.0))
+    >>> thrust.name, float(thrust.upper)
+    ('thrust', 5.0)
+    """
 
     name: str = eqx.field(static=True)
-    """Its name in results and in `crinoid.AssembledScenario.mapping`."""
     unit: str = eqx.field(static=True)
-    """Unit of its commands and limits."""
     kind: InputKind = eqx.field(static=True)
-    """Kind of quantity: a shift (m) or turn (rad) of the base, a pressure (Pa), a tension (N), or
-    a share."""
     lower: Float[Array, "*many"]
-    """Smallest value that the actuator follows, in ``unit``."""
     upper: Float[Array, "*many"]
-    """Largest value that the actuator follows, in ``unit``."""
 
 
 class Actuator(eqx.Module):
     """Actuator that turns commands into a drive: a pressure, a tension, a displacement.
 
     Its state is a pytree of arrays. The time step asks for the drive at its end, where the forces
-    are balanced.
+    are balanced. Subclasses define ``inputs``, ``at_rest``, ``advance`` and ``drive``.
+
+    Examples
+    --------
+    Two pairs of chambers, 0.1 s after a command; that is their time constant:
+
+    >>> chambers = crinoid.system("reach").actuators[0]
+    >>> [each.name for each in chambers.inputs]
+    ['inner', 'outer']
+    >>> command = jnp.array([0.5, 0.5])
+    >>> state = chambers.advance(chambers.at_rest(), command, jnp.array(0.1))
+    >>> chambers.drive(state).round(3).tolist()
+    [0.316, 0.316]
     """
 
     @property

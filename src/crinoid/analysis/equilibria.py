@@ -49,9 +49,9 @@ def equilibria(scenario: Source, vary: str) -> xr.Dataset:
 
     Parameters
     ----------
-    scenario
+    scenario : Scenario, str or path
         One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
-    vary
+    vary : str
         Key and values, as in ``--vary``: ``"chamber.0.pressure=0:5e4:21"``, ``:log`` behind it for
         equal ratios, or numbers with commas between them.
 
@@ -69,6 +69,13 @@ def equilibria(scenario: Source, vary: str) -> xr.Dataset:
         If a value or a file that the scenario names is not valid.
     ValueError
         If the scenario describes several cases.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> curve = crinoid.equilibria(scenario, "load.0.force.1=0:0.3:3")  # N
+    >>> curve.tip_position.sel(branch="forward", axis="z").round(2).values.tolist()
+    [-10.0, -9.9, -9.83]
     """
     case = scenario_of(scenario)
     require_one_case(case)

@@ -42,11 +42,16 @@ def linearise(scenario: Source, *, order: int | None = None) -> StateSpaceModel:
 
     Parameters
     ----------
-    scenario
+    scenario : Scenario, str or path
         One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file. Its
         controller and target do not count.
-    order
+    order : int
         Number of states to reduce the model to; all by default.
+
+    Returns
+    -------
+    crinoid.analysis.state_space.StateSpaceModel
+        Matrices with names and units of states, inputs and outputs.
 
     Raises
     ------
@@ -55,6 +60,15 @@ def linearise(scenario: Source, *, order: int | None = None) -> StateSpaceModel:
         cannot have this order.
     ValueError
         If the scenario describes several cases.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> model = crinoid.linearise(scenario)
+    >>> model.inputs[:3], model.stable
+    (('command_slide', 'command_tilt', 'current_x'), True)
+    >>> model.A.shape, model.period  # s
+    ((29, 29), 0.01)
     """
     model = find_state_space(Prepared(scenario))
     return model if order is None else model.reduced(order)

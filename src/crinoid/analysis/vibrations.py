@@ -58,11 +58,11 @@ def modes(scenario: Source, *, count: int = COUNT, in_air: bool = False) -> xr.D
 
     Parameters
     ----------
-    scenario
+    scenario : Scenario, str or path
         One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
-    count
+    count : int
         How many modes in each medium.
-    in_air
+    in_air : bool
         Whether to leave out the water.
 
     Returns
@@ -78,6 +78,13 @@ def modes(scenario: Source, *, count: int = COUNT, in_air: bool = False) -> xr.D
         If a file that the scenario names is not valid, or the arm has fewer modes.
     ModesError
         If the arm has no equilibrium in a medium, or its modes could not be found.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> found = crinoid.modes(scenario, count=2)
+    >>> found.frequency.sel(medium="air").round(1).values.tolist()  # Hz
+    [0.9, 2.9]
     """
     dataset, trouble = find_vibrations(Prepared(scenario), count=count, in_air=in_air)
     if trouble or dataset is None:

@@ -49,7 +49,27 @@ def from_table(group: type[_Group], table: Model, **others: Any) -> _Group:
 
 
 def onset(table: LoadTable | FlowTable) -> Onset:
-    """Return when and how a load or a flow sets in, and when a load is taken off."""
+    """Return when and how a load or a flow sets in, and when a load is taken off.
+
+    Parameters
+    ----------
+    table : LoadTable or FlowTable
+        Table of a scenario, such as ``scenario.load[0]``.
+
+    Returns
+    -------
+    Onset
+
+    Examples
+    --------
+    The load of this scenario is taken off after 0.5 s:
+
+    >>> onset = crinoid.load_onset(crinoid.load("still-water").load[0])
+    >>> float(onset(0.2)), float(onset(0.7))
+    (1.0, 0.0)
+    >>> crinoid.flow_onset is crinoid.load_onset
+    True
+    """
     stop = getattr(table, "stop", None)
     return Onset(*map(array, (table.start, table.ramp_time, np.inf if stop is None else stop)))
 

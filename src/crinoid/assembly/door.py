@@ -10,6 +10,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import numpy as np
 
 from crinoid.actuation import Actuator, Input
 from crinoid.control import Controller, ControllerInput, Estimate, Sensor
@@ -70,8 +71,9 @@ def check_flow(flow: Flow, place: str, axes: int) -> None:
 def check_element(element: Element, place: str, system: System) -> None:
     """Refuse an element that does not fit the arm, or gives no force on each node of a window."""
     name = part_name(expect(element, Element, place), place)
-    first = {leaf.shape[:1] for leaf in jax.tree.leaves(element)}
-    require(len(first) == 1 and () not in first, name, f"got first axes {first}; must be one alike")
+    first = {np.shape(leaf)[:1] for leaf in jax.tree.leaves(element)}
+    text = f"got first axes {first}; must be one alike. Fields without windows are static."
+    require(len(first) == 1 and () not in first, name, text)
     last, most = element.first + count(element) - 1 + element.stencil, system.reference.nodes
     text = f"got {count(element)} windows of {element.stencil} nodes from node {element.first} on"
     text += f"; must be within nodes 0, the ghost, to {most}"

@@ -83,29 +83,54 @@ class _TipResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class AssembledScenario:
-    """A scenario with its system, initial state, sensors and target."""
+    """A scenario with its system, initial state, sensors and target.
+
+    Attributes
+    ----------
+    scenario
+        Scenario of the run.
+    parameters
+        The numbers of the scenario.
+    system
+        The arm, its base and the water as arrays.
+    state
+        The arm at the start.
+    jacobian
+        Static Jacobian of the tip's pose by the inputs; None where the scenario maps errors
+        one to one.
+    sensors
+        The sensors, that of the tip first.
+    target
+        Where the tip should be.
+    current
+        Mean velocity of the water (m/s).
+    recordings
+        Measured currents by their index in ``flow``.
+    first_period
+        Period of the arm's slowest vibration (s): the unit of a controller's own times.
+
+    Examples
+    --------
+    A function that builds a controller receives it:
+
+    >>> def build(assembled):
+    ...     print(assembled.period, [each.name for each in assembled.inputs])
+    ...     return crinoid.control.Idle()
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5"])
+    >>> loop, state = crinoid.closed_loop(scenario, controller=build)
+    0.01 ['slide', 'heave', 'tilt']
+    """
 
     scenario: Scenario
-    """Scenario of the run."""
     parameters: Parameters
-    """The numbers of the scenario."""
     system: System
-    """The arm, its base and the water as arrays."""
     state: State
-    """The arm at the start."""
     jacobian: Float[Array, "pose input"] | None
-    """Static Jacobian of the tip's pose by the inputs; None where the scenario maps
-    errors one to one."""
     sensors: tuple[Sensor, ...] = ()
-    """The sensors, that of the tip first."""
     target: Target | None = None
-    """Where the tip should be."""
     current: tuple[float, ...] = ()
-    """Mean velocity of the water (m/s)."""
     recordings: Mapping[int, Recording] = field(default_factory=dict)
-    """Measured currents by their index in ``flow``."""
     first_period: float = 1.0
-    """Period of the arm's slowest vibration (s): the unit of a controller's own times."""
 
     def check_names(self) -> None:
         """Refuse two sensors, or two inputs, of one name."""
@@ -152,7 +177,18 @@ class AssembledScenario:
         In the unit of the input over m, rad or, of a direction in space, 1. The damped inverse of
         the static Jacobian for the inputs named in ``driven``, or one to one with
         ``control.mapping = "identity"``; the others do nothing. Of more inputs than needed each
-        does its share: the sum of squared commands over ``weights`` (1 if left out) is least.
+        does its share: the sum of squared commands over ``weights`` is least.
+
+        Parameters
+        ----------
+        driven : iterable of str
+            Names of inputs.
+        weights : mapping of str to float
+            Weights of inputs by name; 1 of those left out.
+
+        Returns
+        -------
+        array (input, pose)
 
         Raises
         ------

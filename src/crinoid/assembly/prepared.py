@@ -194,10 +194,25 @@ def _require_text(scenario: Scenario) -> None:
 def system(scenario: Source) -> System:
     """Assemble the arm, its base and the water of a scenario: the differentiable core.
 
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
+
+    Returns
+    -------
+    System
+
     Raises
     ------
     ScenarioError
         If a file of the scenario does not fit its key.
+
+    Examples
+    --------
+    >>> system = crinoid.system("still-water")
+    >>> system.tip(system.rest()).round(3).tolist()  # x, z (m), angle (rad)
+    [0.5, -10.0, 0.0]
     """
     return Prepared(scenario).system
 
@@ -205,9 +220,25 @@ def system(scenario: Source) -> System:
 def parameters(scenario: Source) -> Parameters:
     """Return the numbers of a scenario by name: what `crinoid.assemble` makes a system of.
 
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
+
+    Returns
+    -------
+    crinoid.assembly.parameters.Parameters
+        Arrays in SI units and rad, a pytree.
+
     Raises
     ------
     ScenarioError
         If a file of the scenario does not fit its key.
+
+    Examples
+    --------
+    >>> numbers = crinoid.parameters("still-water")
+    >>> float(numbers.arm.youngs_modulus), float(numbers.water.density)  # Pa, kg/m3
+    (500000.0, 1025.0)
     """
     return Prepared(scenario).parameters

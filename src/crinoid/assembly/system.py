@@ -41,8 +41,21 @@ def assemble(parameters: Parameters) -> System:
 
     Parameters
     ----------
-    parameters
+    parameters : Parameters
         Numbers from `crinoid.parameters`, changed or not.
+
+    Returns
+    -------
+    System
+
+    Examples
+    --------
+    >>> import equinox as eqx
+    >>> numbers = crinoid.parameters("still-water")
+    >>> longer = eqx.tree_at(lambda p: p.arm.length, numbers, jnp.array(0.8))  # m
+    >>> system = crinoid.assemble(longer)
+    >>> system.tip(system.rest()).round(3).tolist()  # x, z (m), angle (rad)
+    [0.8, -10.0, 0.0]
     """
     arm, base, water = parameters.arm, parameters.base, parameters.water
     simulation, obstacle = parameters.simulation, parameters.obstacle

@@ -23,7 +23,16 @@ from crinoid.scenario import Chamber, Scenario, Tendon
 
 
 class ActuatorParameters(eqx.Module):
-    """The numbers of an actuator: a pytree of arrays (`crinoid.parameters`)."""
+    """The numbers of an actuator: a pytree of arrays (`crinoid.parameters`).
+
+    Examples
+    --------
+    >>> chambers = crinoid.parameters("reach").actuator[0]
+    >>> isinstance(chambers, crinoid.ActuatorParameters)
+    True
+    >>> (1e6 * chambers.area).round(1).tolist()  # mm2
+    [300.0, 200.0]
+    """
 
     def lines(self, rod: Rod, first: int) -> LengthControlledThreads | None:
         """Return which of the threads are lines, if there are any; arguments as of `assemble`."""
@@ -35,10 +44,14 @@ class ActuatorParameters(eqx.Module):
 
         Parameters
         ----------
-        rod
+        rod : Rod
             The arm: its reference shape and its sections.
-        first
-            Where its drive begins in `crinoid.Motion.drive`.
+        first : int
+            Index at which its drive begins in `crinoid.Motion.drive`.
+
+        Returns
+        -------
+        tuple of Actuator and tuple of Element
         """
 
 

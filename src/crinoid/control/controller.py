@@ -29,44 +29,60 @@ class Reading(eqx.Module):
 class ControllerInput(eqx.Module):
     """Input of a controller at one instant. SI units; poses are in the frame of the target.
 
-    Poses are ``measured`` and ``reference``: x, z (m) and the angle (rad) of the tip, in space x,
-    y, z and the tip's direction, a unit vector (`crinoid.foundation.axes.POSE`). ``measured`` is
-    the newest known pose, measured at ``measurement_time``, ``age`` seconds ago.
+    A pose is x, z (m) and the angle (rad) of the tip. In space it is x, y, z and the tip's
+    direction, a unit vector (`crinoid.foundation.axes.POSE`). Commands have a number for each of
+    `crinoid.System.inputs`, in its unit.
 
-    ``command``, ``lower``, ``upper`` and ``feedforward`` have a number for each input, in the order
-    of `crinoid.System.inputs`: first the channels of the base (m, rad), then chambers and tendons,
-    each in the unit of its input. ``base`` has a number for each channel of the base (m, rad).
+    Attributes
+    ----------
+    time
+        Time (s).
+    measured
+        Newest known pose of the tip.
+    measurement_time
+        Time of its measurement (s), ``age`` seconds ago.
+    reference
+        The target's pose; where the target moves as the submarine does, or its motion is
+        fed forward, that of the time at which ``measured`` was measured.
+    feedforward
+        Feed-forward of the target's motion (`crinoid.control.FeedForward`). Zero where the
+        target does not move or nothing is fed forward.
+    target
+        The whole target, to look ahead: ``seen.target.in_frame(seen.time + 0.5)``.
+    base
+        Displacement of the base's channels, prescribed motion included (m, rad).
+    command
+        Last command.
+    actuators
+        States of the actuators: the base's servos (`crinoid.base.ServoState`), then the
+        others.
+    lower
+        Smallest commands that the actuators follow.
+    upper
+        Largest commands that the actuators follow.
+    readings
+        Readings of the other sensors, by name.
 
-    ``actuators`` has the state of each servo and actuator, ``readings`` those of the other sensors
-    by their names. ``target`` gives the pose at any time (s).
+    Examples
+    --------
+    >>> session = crinoid.Session(crinoid.load("still-water", ["arm.nodes=5"]))
+    >>> seen = session.reset()
+    >>> (seen.reference - seen.measured).shape
+    (3,)
     """
 
     time: Float[Array, ""]
-    """Time (s)."""
     measured: Pose
-    """Newest known pose of the tip (`crinoid.foundation.axes.POSE`)."""
     measurement_time: Float[Array, ""]
-    """Time of its measurement (s)."""
     reference: Pose
-    """The target's pose; where the target moves as the submarine does, or its motion is fed
-    forward, that of the time at which ``measured`` was measured."""
     feedforward: Command
-    """Feed-forward of the target's motion (`crinoid.control.FeedForward`).
-    Zero where the target does not move or nothing is fed forward."""
     target: Target
-    """The whole target, to look ahead: ``seen.target.in_frame(seen.time + 0.5)``."""
     base: Float[Array, " channel"]
-    """Displacement of the base's channels, prescribed motion included (m, rad)."""
     command: Command
-    """Last command."""
     actuators: tuple[Any, ...]
-    """States of the actuators: the base's servos (`crinoid.base.ServoState`), then the others."""
     lower: Command
-    """Smallest commands that the actuators follow, in the units of the inputs."""
     upper: Command
-    """Largest commands that the actuators follow."""
     readings: dict[str, Reading]
-    """Readings of the other sensors, by name."""
     taken = renamed("measurement_time")
     wanted = renamed("reference")
     forward = renamed("feedforward")
@@ -82,6 +98,22 @@ class Controller(eqx.Module):
 
     Called once per control period; its command is held until the next call, and clipped to the
     limits of each input.
+
+    Examples
+    --------
+    A controller without memory that slides the base against the error in x:
+
+    >>> class Slide(crinoid.Controller):
+    ...     gain: float
+    ...
+    ...     def start(self, seen):
+    ...         return None
+    ...
+    ...     def command(self, memory, seen):
+    ...         error = seen.reference[0] - seen.measured[0]
+    ...         return jnp.zeros_like(seen.command).at[0].set(self.gain * error), None
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5"])
+    >>> loop, state = crinoid.closed_loop(scenario, controller=Slide(0.5))
     """
 
     @abstractmethod

@@ -15,7 +15,22 @@ Values = Float[Array, " m"]
 
 
 class Measurand(eqx.Module):
-    """A quantity that follows from the state of an arm: one or more numbers."""
+    """A quantity that follows from the state of an arm: one or more numbers.
+
+    Examples
+    --------
+    The distance of the tip ahead of the base:
+
+    >>> class Reach(crinoid.Measurand):
+    ...     def of(self, system, state):
+    ...         return state.position[-1:, 0]
+    ...
+    ...     def names(self, axes):
+    ...         return (("reach", "m"),)
+    >>> system = crinoid.system("still-water")
+    >>> Reach().of(system, system.rest()).round(3).tolist()
+    [0.5]
+    """
 
     @abstractmethod
     def of(self, system: System, state: State) -> Values:
@@ -163,24 +178,48 @@ class Sensor(eqx.Module):
 
     Noise is white and Gaussian, drawn for each sample from ``key`` and the sample's number, so
     that it depends on neither the time step nor an interruption of the run.
+
+    Parameters
+    ----------
+    name : str
+        Its name in `crinoid.ControllerInput.readings` and in results.
+    measurand : Measurand
+        Quantity that it measures, of ``m`` numbers.
+    clock : Clock
+        Times of the samples.
+    delay : scalar array
+        Age of a sample when it is known (s).
+    noise : array (m)
+        Standard deviation of each value, in its unit.
+    resolution : array (m)
+        Each value is rounded to a multiple of this; 0: it is not.
+    key : key of jax.random
+        Seed of the noise.
+    kept : int
+        Largest number of samples under way at the same time.
+
+    Examples
+    --------
+    The inclination in the middle of the arm, 50 times a second:
+
+    >>> from crinoid.control import Clock, Inclination
+    >>> middle = Inclination(jnp.array([0.5]))
+    >>> clock, zero = Clock(jnp.array(0.02)), jnp.zeros(1)
+    >>> key = jax.random.PRNGKey(0)
+    >>> sensor = crinoid.Sensor("middle", middle, clock, jnp.array(0.0), zero, zero, key, kept=1)
+    >>> state = sensor.start(jnp.array([0.1]))
+    >>> sensor.reading(state, jnp.array(0.0)).value.tolist()
+    [0.1]
     """
 
     name: str = eqx.field(static=True)
-    """Its name in `crinoid.ControllerInput.readings` and in results."""
     measurand: Measurand
-    """Quantity that it measures."""
     clock: Clock
-    """Times of the samples."""
     delay: Float[Array, ""]
-    """Age of a sample when it is known (s)."""
     noise: Values
-    """Standard deviation of each value, in its unit."""
     resolution: Values
-    """Each value is rounded to a multiple of this; 0: it is not."""
     key: PRNGKeyArray
-    """From which the noise is drawn."""
     kept: int = eqx.field(static=True)
-    """Largest number of samples under way at the same time."""
 
     def start(self, values: Values) -> SensorState:
         """Begin with the true values known."""

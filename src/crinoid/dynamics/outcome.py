@@ -90,29 +90,48 @@ _WORDS = {
 
 
 class Outcome(eqx.Module):
-    """Outcome of a solve."""
+    """Outcome of a solve.
+
+    Attributes
+    ----------
+    converged
+        Whether the result is valid; if not, do not use it.
+    iterations
+        Iterations of Newton's method.
+    residual
+        Largest imbalance of a node, a free obstacle or a vehicle (N). A torque counts as a
+        couple on an edge, that of a vehicle over its radius of gyration.
+    scale
+        Largest single force in the balance (N).
+    worst_node
+        Node with the largest imbalance; the root is 0, the free obstacles come after the
+        tip, then a vehicle.
+    resolved
+        Whether a balanced step was short enough for its contacts; if not it has not
+        converged.
+    folded
+        Whether a balanced step bent an edge back onto the one before; then it is rejected.
+    error
+        Estimated local error of the positions after a balanced step (m); of an equilibrium,
+        the last movement of an arm whose tendons rub, where it has not settled.
+
+    Examples
+    --------
+    >>> import equinox as eqx
+    >>> system = crinoid.system(crinoid.load("still-water", ["arm.nodes=5"]))
+    >>> _, outcome = eqx.filter_jit(crinoid.System.find_equilibrium)(system, jnp.array(0.0))
+    >>> bool(outcome.converged), bool(outcome.residual < 1e-6)
+    (True, True)
+    """
 
     converged: Bool[Array, ""]
-    """Whether the result is valid; if not, do not use it."""
     iterations: Int[Array, ""]
-    """Iterations of Newton's method."""
     residual: Float[Array, ""]
-    """Largest imbalance of a node, a free obstacle or a vehicle (N).
-
-    A torque counts as a couple on an edge, that of a vehicle over its radius of gyration.
-    """
     scale: Float[Array, ""]
-    """Largest single force in the balance (N)."""
     worst_node: Int[Array, ""]
-    """Node with the largest imbalance; the root is 0, the free obstacles come after the tip,
-    then a vehicle."""
     resolved: Bool[Array, ""]
-    """Whether a balanced step was short enough for its contacts; if not it has not converged."""
     folded: Bool[Array, ""]
-    """Whether a balanced step bent an edge back onto the one before; then it is rejected."""
     error: Float[Array, ""]
-    """Estimated local error of the positions after a balanced step (m); of an equilibrium, the
-    last movement of an arm whose tendons rub, where it has not settled."""
 
     @property
     def reason(self) -> Int[Array, ""]:

@@ -26,34 +26,58 @@ class State(eqx.Module):
 
     Node 0 is the ghost behind the root, node 1 the root. A step needs nothing else; works and
     impulses of contacts are in `crinoid.dynamics.EnergyAccount`.
+
+    Attributes
+    ----------
+    motion
+        Motion of the nodes, then of the obstacles and of a vehicle, and of the water there.
+    auxiliary_offset
+        Auxiliary acceleration of generalized-alpha less the true one, over the last step
+        (m/s3).
+    servo
+        State of the base's servos: its channels (m or rad) and how they move.
+    actuators
+        States of the other actuators.
+    reaction
+        Force of the base on the ghost node and the root (N), torque about the ghost edge
+        (N m).
+    gap
+        Distance of each obstacle from the surface of each edge (m).
+    acceleration_history
+        Accelerations of the five steps before, the last one first, for the predictor.
+    predictor_accepted
+        Whether Newton's method accepted the prediction of the last step unchanged.
+    reused_tangent
+        Last tangent of Newton's method, which the next step tries first.
+    attitude
+        Matrix from the axes of a floating vehicle to those of the world.
+    grip
+        Grip of a tool, if touches take it up or let it go.
+    self_gap
+        Distance of the surfaces of each pair of far edges (m).
+    memory
+        Memory of each element (`crinoid.Element`); None for those without.
+
+    Examples
+    --------
+    >>> state = crinoid.system("still-water").rest()
+    >>> float(state.time), state.position.shape
+    (0.0, (22, 2))
     """
 
     motion: Motion
-    """Motion of the nodes, then of the obstacles and of a vehicle, and of the water there."""
     auxiliary_offset: Float[Array, "rows b"]
-    """Auxiliary acceleration of generalized-alpha less the true one, over the last step (m/s3)."""
     servo: ServoState
-    """State of the base's servos: its channels (m or rad) and how they move."""
     actuators: tuple[Any, ...]
-    """States of the other actuators."""
     reaction: Float[Array, "2 b"]
-    """Force of the base on the ghost node and the root (N), torque about the ghost edge (N m)."""
     gap: Float[Array, "m e"] | None
-    """Distance of each obstacle from the surface of each edge (m)."""
     acceleration_history: Float[Array, "5 rows b"]
-    """Accelerations of the five steps before, the last one first, for the predictor."""
     predictor_accepted: Bool[Array, ""]
-    """Whether Newton's method accepted the prediction of the last step unchanged."""
     reused_tangent: ReusedTangent
-    """Last tangent of Newton's method, which the next step tries first."""
     attitude: Float[Array, "d d"] | None = None
-    """Matrix from the axes of a floating vehicle to those of the world."""
     grip: GripState | None = None
-    """Grip of a tool, if touches take it up or let it go."""
     self_gap: Float[Array, " pair"] | None = None
-    """Distance of the surfaces of each pair of far edges (m)."""
     memory: Memory = ()
-    """Memory of each element (`crinoid.Element`); None for those without."""
 
     kept = renamed("reused_tangent")
 

@@ -45,8 +45,44 @@ Rows = Float[Array, "rows b"]
 class System(eqx.Module):
     """A soft arm on its base in the water, as arrays: `jax.jit`, `jax.grad` and `jax.vmap` apply.
 
-    Built by `crinoid.system`. To compile a method, use ``equinox.filter_jit(system.step)``
-    or pass the system as an argument of a function under `jax.jit`.
+    `crinoid.system` and `crinoid.assemble` build it. To compile a method, use
+    ``equinox.filter_jit(system.step)`` or pass the system to a function under `jax.jit`.
+
+    Attributes
+    ----------
+    reference
+        Shape without load, and its nodes.
+    forces
+        Force laws on the arm, and the water.
+    base
+        Base of the arm: prescribed motion and servos.
+    integrator
+        Numbers of the time integration.
+    settings
+        Settings of Newton's method.
+    time_step
+        Length of a time step (s).
+    max_error
+        Largest local error of an accepted step (m); infinite without a limit.
+    max_halvings
+        Number of times that `advance` may halve a time step.
+    actuators
+        Actuators besides the servos of the base.
+    grip_triggers
+        Touches at which the tip takes up its tool or lets it go, if there are any.
+
+    Examples
+    --------
+    >>> import equinox as eqx
+    >>> system = crinoid.system(crinoid.load("still-water", ["arm.nodes=5"]))
+    >>> state = system.equilibrium()
+    >>> system.tip(state).round(2).tolist()  # x, z (m), angle (rad)
+    [0.46, -9.83, 0.56]
+    >>> [each.name for each in system.inputs]
+    ['slide', 'heave', 'tilt']
+    >>> state, outcome = eqx.filter_jit(system.step)(state, jnp.zeros(3))
+    >>> float(state.time), bool(outcome.converged)
+    (0.01, True)
     """
 
     reference: Reference
@@ -56,12 +92,9 @@ class System(eqx.Module):
     settings: Settings
     time_step: Float[Array, ""]
     max_error: Float[Array, ""]
-    """Largest local error of an accepted step (m); infinite without a limit."""
     max_halvings: Int[Array, ""]
     actuators: tuple[Actuator, ...] = ()
-    """Actuators besides the servos of the base."""
     grip_triggers: GripTriggers | None = None
-    """Touches at which the tip takes up its tool or lets it go, if there are any."""
 
     advance_with_books, grasp = renamed("advance_with_account"), renamed("grip_triggers")
     moved, voyage = renamed("step_with"), renamed("vehicle_output")
@@ -77,7 +110,17 @@ class System(eqx.Module):
         return (self.base.servo, *self.actuators)
 
     def rest(self, time: float | Array = 0.0) -> State:
-        """Return the undeformed arm, clamped to the base as it is at ``time``."""
+        """Return the undeformed arm, clamped to the base.
+
+        Parameters
+        ----------
+        time : float
+            Time of the base's pose (s).
+
+        Returns
+        -------
+        State
+        """
         return self._begin(*self.undeformed(time))
 
     def undeformed(self, time: float | Array) -> tuple[Forces, Array, Rows, Frames | None]:
@@ -99,9 +142,18 @@ class System(eqx.Module):
         return jnp.asarray(jnp.inf) if gaps is None else jnp.min(gaps)
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
-        """Return the arm in static equilibrium at ``time``, moving along with its base.
+        """Return the arm in static equilibrium, moving along with its base.
 
         A `RuntimeWarning` reports round-off of the stretch that is not small compared to the loads.
+
+        Parameters
+        ----------
+        time : float
+            Time of loads, flow and base (s).
+
+        Returns
+        -------
+        State
 
         Raises
         ------
@@ -121,6 +173,15 @@ class System(eqx.Module):
 
         The flow is frozen at that time: only the acceleration of steady flows is a lasting load.
         The method is in ``crinoid.dynamics.statics``.
+
+        Parameters
+        ----------
+        time : float
+            Time of loads, flow and base (s).
+
+        Returns
+        -------
+        tuple of State and Outcome
         """
         forces, time, rows, frames = self.undeformed(time)
         rows = start.with_clamp_spin(self.base, time, rows, frames)
@@ -178,11 +239,26 @@ class System(eqx.Module):
         *,
         throw: bool = False,
     ) -> tuple[State, Outcome]:
-        """Advance by one time step, the actuators following ``command``, in units of `inputs`.
+        """Advance by one time step, during which the actuators follow a command.
 
         Differentiable in both modes. If the outcome has not converged, the state must not be used;
-        `advance` recovers. With ``throw`` an error is raised then, under `jax.jit` as well
-        (`equinox.error_if`, by a callback to the host).
+        `advance` recovers.
+
+        Parameters
+        ----------
+        state : State
+            The arm at the start of the step.
+        command : array (input)
+            A number for each of `inputs`, in its unit.
+        step : float
+            Length of the step (s), ``time_step`` by default.
+        throw : bool
+            Whether to raise an error if the step has not converged, under `jax.jit` as well
+            (`equinox.error_if`, by a callback to the host).
+
+        Returns
+        -------
+        tuple of State and Outcome
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
         at_start = (state.servo, *state.actuators)
@@ -258,6 +334,15 @@ class System(eqx.Module):
         The shortest substep is ``2**-max_halvings`` of the step; if it fails too, the last good
         state comes back with a failed outcome. Not differentiable in reverse mode (a loop of
         unknown length): use `step`.
+
+        Parameters
+        ----------
+        state, command, step
+            As for `step`.
+
+        Returns
+        -------
+        tuple of State and `crinoid.dynamics.Progress`
         """
         h = self.time_step if step is None else jnp.asarray(step, float)
 
@@ -289,11 +374,33 @@ class System(eqx.Module):
         return state, account, progress
 
     def energy(self, state: State) -> Float[Array, " energy"]:
-        """Return the stored energies, in the order of `crinoid.elements.ENERGIES` (J)."""
+        """Return the stored energies.
+
+        Parameters
+        ----------
+        state : State
+            The arm.
+
+        Returns
+        -------
+        array (3)
+            In the order of `crinoid.elements.ENERGIES` (J).
+        """
         return state.remembered(self.forces).energy(state.motion)
 
     def tip(self, state: State) -> Float[Array, " pose"]:
-        """Return the tip's pose in the world (m, rad; `crinoid.foundation.axes.POSE`)."""
+        """Return the tip's pose in the world.
+
+        Parameters
+        ----------
+        state : State
+            The arm.
+
+        Returns
+        -------
+        array (pose)
+            x, z (m) and the angle (rad); in space x, y, z and the direction, a unit vector.
+        """
         pose = tip_pose(state.position)
         axes = self.forces.axes
         return pose + jnp.pad(self.forces.origin, (0, pose.size - axes))
@@ -306,9 +413,17 @@ class System(eqx.Module):
         return vehicle.vehicle_output(state.motion, state.attitude)
 
     def strains(self, state: State) -> Float[Array, "n strain"]:
-        """Return the curvature at each node (1/m); in space kappa_1, kappa_2 and twist (rad/m).
+        """Return the curvature at each node; those of the tip are extrapolated.
 
-        Those of the tip are extrapolated from the two nodes before it.
+        Parameters
+        ----------
+        state : State
+            The arm.
+
+        Returns
+        -------
+        array (node, strain)
+            Curvature (1/m); in space kappa_1, kappa_2 (1/m) and twist (rad/m).
         """
         rest, length = self.reference.rest_strain[:-1], self.reference.strain_length[:-1]
         inner = rest + self.forces.strains(state.motion) / length
@@ -337,6 +452,18 @@ class System(eqx.Module):
         The base is held and damping omitted; 0 for a motion without restoring force. Computed on
         the host: not for use under a JAX transformation. `crinoid.dynamics.find_modes` has the
         method and the shapes.
+
+        Parameters
+        ----------
+        state : State
+            An equilibrium.
+        count : int
+            Number of modes.
+
+        Returns
+        -------
+        array (mode)
+            Frequencies (Hz).
         """
         bands, lines = eqx.filter_jit(System.linearise)(self, state), None
         if self.forces.lines is not None or self.forces.far_edges is not None:
@@ -344,7 +471,18 @@ class System(eqx.Module):
         return modes.find_modes(*bands, count, lines).frequency
 
     def static_jacobian(self, state: State) -> Float[Array, "pose input"]:
-        """Return d(tip)/d(inputs) for inputs that change slowly about ``state``, taken as still."""
+        """Return d(tip)/d(inputs) for inputs that change slowly.
+
+        Parameters
+        ----------
+        state : State
+            An equilibrium.
+
+        Returns
+        -------
+        array (pose, input)
+            In units of the pose (m, rad) over those of `inputs`.
+        """
         return self.influence(state).static(self.linearise(state)[0])
 
     def influence(self, state: State) -> Influence:

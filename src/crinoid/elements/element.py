@@ -25,26 +25,46 @@ class Motion(eqx.Module):
     The arrays have a leading axis, ``count``, for all windows of an element together. A node has
     ``b`` coordinates: its position along ``d`` axes and, in space, the spin: the angle by which the
     edge that ends at it has turned about its axis (rad).
+
+    Attributes
+    ----------
+    position
+        Positions (m), relative to the base's set position, and spins (rad).
+    velocity
+        Velocities (m/s, rad/s).
+    acceleration
+        Accelerations (m/s2, rad/s2).
+    flow_velocity
+        Velocity of the undisturbed water at the nodes (m/s).
+    flow_acceleration
+        Material acceleration Du/Dt of the undisturbed water at the nodes (m/s2).
+    time
+        Time (s).
+    orientation
+        Orientation of the edges in space; None for elements without spins.
+    drive
+        Drives of the actuators (`crinoid.Actuator`), each in its unit.
+    line
+        Loads of lines (``crinoid.dynamics.threads``): tensions (N), pressures (Pa).
+
+    Examples
+    --------
+    Node 0 is the ghost behind the root:
+
+    >>> motion = crinoid.system("still-water").rest().motion
+    >>> motion.position[:3].round(3).tolist()
+    [[-0.025, 0.0], [0.0, 0.0], [0.025, 0.0]]
     """
 
     position: Float[Array, "*count k b"]
-    """Positions (m), relative to the base's set position, and spins (rad)."""
     velocity: Float[Array, "*count k b"]
-    """Velocities (m/s, rad/s)."""
     acceleration: Float[Array, "*count k b"]
-    """Accelerations (m/s2, rad/s2)."""
     flow_velocity: Float[Array, "*count k d"]
-    """Velocity of the undisturbed water at the nodes (m/s)."""
     flow_acceleration: Float[Array, "*count k d"]
-    """Material acceleration Du/Dt of the undisturbed water at the nodes (m/s2)."""
     time: Float[Array, "*count"]
-    """Time (s)."""
     orientation: Orientation | None = None
-    """Orientation of the edges in space; None for elements without spins."""
     drive: Float[Array, "*count drive"] | None = None
-    """Drives of the actuators (`crinoid.Actuator`), each in its unit."""
     line: Float[Array, "*count line"] | None = None
-    """Loads of lines (``crinoid.dynamics.threads``): tensions (N), pressures (Pa)."""
 
     def windows(
         self,
@@ -153,6 +173,24 @@ class Element(eqx.Module):
     step, and ``step``, the length of the step (s). Both are None in an equilibrium and in its
     stiffness. The memory is any pytree of floats and follows from the motion at the end of the
     step, so it adds no unknowns.
+
+    Examples
+    --------
+    A constant force at the tip of an arm of 5 nodes:
+
+    >>> import equinox as eqx
+    >>> class TipForce(crinoid.Element):
+    ...     first: int = eqx.field(static=True)
+    ...     force: jax.Array
+    ...     stencil = 1
+    ...
+    ...     def residual(self, motion):
+    ...         return -self.force
+    >>> pull = TipForce(5, jnp.array([[[0.0, -0.1]]]))  # one window of one node (N)
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "control.start=0"])
+    >>> session = crinoid.Session(scenario, elements=[pull])
+    >>> session.seen.measured[:2].round(2).tolist()  # x, z (m)
+    [0.48, -9.88]
     """
 
     stencil: ClassVar[int]

@@ -109,7 +109,25 @@ def panels_of(ramp_time: float, period: float) -> int:
 
 
 class Flow(eqx.Module):
-    """Model of a current: a velocity field that can be differentiated twice."""
+    """Model of a current: a velocity field that can be differentiated twice.
+
+    Subclasses define ``onset``, ``steady`` and ``fully_on``.
+
+    Examples
+    --------
+    A current that grows with the height above a bottom at z = -12 m:
+
+    >>> class Layer(crinoid.Flow):
+    ...     onset: crinoid.Onset
+    ...     rate: jax.Array
+    ...     steady = True
+    ...
+    ...     def fully_on(self, point, time):
+    ...         return jnp.stack([self.rate * (point[1] + 12.0), jnp.zeros(())])
+    >>> layer = Layer(crinoid.Onset.of(), jnp.array(0.1))
+    >>> layer.velocity(jnp.array([0.0, -10.0]), jnp.array(0.0)).round(3).tolist()
+    [0.2, 0.0]
+    """
 
     steady: ClassVar[bool]
     """Whether its velocity never changes in time, its onset aside; each class must say so.
@@ -146,7 +164,19 @@ class Flow(eqx.Module):
         return Jet.of(self.fully_on, point, time)
 
     def velocity(self, point: Point, time: Time) -> Point:
-        """Return the velocity (m/s) at a point (m) and a time (s)."""
+        """Return the velocity (m/s) at a point (m) and a time (s).
+
+        Parameters
+        ----------
+        point : array (axis)
+            Position in the world (m).
+        time : scalar array
+            Time (s).
+
+        Returns
+        -------
+        array (axis)
+        """
         return self.onset(time) * self.fully_on(point, time)
 
     def jet(self, point: Point, time: Time) -> Jet:

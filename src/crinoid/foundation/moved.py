@@ -1,4 +1,4 @@
-"""Old names of modules, public names and attributes, for one release: each use warns."""
+"""Old names of modules, public names and attributes, for one minor release: each use warns."""
 
 import importlib
 import sys
@@ -9,6 +9,8 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
+REMOVED = "0.3.0"
+"""Version that no longer has the old names."""
 _MOVED = {
     "batch": "studies.batch",
     "chain": "numerics.banded",
@@ -61,8 +63,8 @@ class _Finder(MetaPathFinder):
 
 
 def warn_of_old_name(old: str, new: str) -> None:
-    """Warn of a name that the next release no longer has."""
-    text = f"{old} is now {new}; the next release removes the old name"
+    """Warn of a name that a later release no longer has."""
+    text = f"{old} is now {new}; crinoid {REMOVED} removes the old name"
     warnings.warn(text, DeprecationWarning, stacklevel=4)
 
 

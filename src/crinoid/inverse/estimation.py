@@ -36,10 +36,10 @@ def estimate(scenario: Source, record: FilePath) -> xr.Dataset:
 
     Parameters
     ----------
-    scenario
+    scenario : Scenario, str or path
         The experiment: a scenario, the name of a built-in one, or a file. Its controller does not
         matter.
-    record
+    record : str or path
         A table with a column ``time`` and readings, a log of ROS, or the folder of a result.
 
     Returns
@@ -54,6 +54,14 @@ def estimate(scenario: Source, record: FilePath) -> xr.Dataset:
         If the scenario or the record is not valid.
     ValueError
         If the scenario describes several cases.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> files = crinoid.simulate(scenario).save("results/still-water")
+    >>> found = crinoid.estimate(scenario, "results/still-water")
+    >>> found.estimated_tip_position[-1].round(2).values.tolist()  # x, z (m)
+    [0.46, -9.83]
     """
     return estimated(Prepared(scenario), Path(record))
 

@@ -14,14 +14,22 @@ class Onset(eqx.Module):
     The ramp is half a cosine, with a continuous rate. Without a ramp time, and at the stop, it
     jumps. At the instant of a jump it is 1/2, so that the steps before and after it have the mean
     of their forces to order 2; an onset at 0 or before is 1 from 0 on.
+
+    Parameters
+    ----------
+    start, ramp_time, stop : array
+        Start, duration of the ramp, and end (s); one for each window, or scalars.
+
+    Examples
+    --------
+    >>> onset = crinoid.Onset.of(start=1.0, ramp_time=2.0)
+    >>> [round(float(onset(time)), 3) for time in (1.0, 2.0, 3.0)]
+    [0.0, 0.5, 1.0]
     """
 
     start: Float[Array, "*count"]
-    """Start (s)."""
     ramp_time: Float[Array, "*count"]
-    """Duration of the ramp (s)."""
     stop: Float[Array, "*count"]
-    """End (s); infinite by default."""
 
     @staticmethod
     def of(
@@ -31,12 +39,35 @@ class Onset(eqx.Module):
         *,
         shape: tuple[int, ...] = (),
     ) -> "Onset":
-        """Build the common onset of ``shape`` windows; times in s."""
+        """Build the common onset of some windows.
+
+        Parameters
+        ----------
+        start, ramp_time, stop : float
+            Start, duration of the ramp, and end (s).
+        shape : tuple of int
+            Shape of the windows; of one onset by default.
+
+        Returns
+        -------
+        Onset
+        """
         times = (start, ramp_time, stop)
         return Onset(*(jnp.broadcast_to(jnp.asarray(time, float), shape) for time in times))
 
     def __call__(self, time: Float[Array, ""] | float) -> Float[Array, "*count"]:
-        """Return the factor at ``time`` (s)."""
+        """Return the factor at a time.
+
+        Parameters
+        ----------
+        time : float
+            Time (s).
+
+        Returns
+        -------
+        array
+            From 0 to 1, for each window.
+        """
         since = time - self.start
         ramped = self.ramp_time > 0
         progress = jnp.clip(since / jnp.where(ramped, self.ramp_time, 1.0), 0.0, 1.0)

@@ -61,13 +61,24 @@ class Result:
 
     Parameters
     ----------
-    dataset
+    dataset : xarray.Dataset
         Its data, in SI units and rad: variables over time, with the scenario among the attributes.
-    checkpoint
+    checkpoint : mapping of str to array
         The arrays of the state at the end by their path, such as ``state.motion.position``; nothing
         where there is none to go on from.
-    uncontrolled
+    uncontrolled : Result
         The same case without control.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> result = crinoid.simulate(scenario)
+    >>> result.dataset.position.sizes["node"], result.dataset.position.units
+    (5, 'm')
+    >>> [path.name for path in result.save("results/still-water")]
+    ['result.nc', 'uncontrolled.nc']
+    >>> crinoid.Result.load("results/still-water").status
+    'ok'
     """
 
     def __init__(
@@ -128,7 +139,16 @@ class Result:
         return display_hook.notebook().html_of(self)
 
     def restore(self, like: Tree) -> Tree:
-        """Return the state at the end, in the shape of ``like``.
+        """Return the state at the end.
+
+        Parameters
+        ----------
+        like : pytree of arrays
+            State of the same shape.
+
+        Returns
+        -------
+        pytree of arrays
 
         Raises
         ------
@@ -152,9 +172,19 @@ class Result:
         return jax.tree.unflatten(jax.tree.structure(like), leaves)
 
     def save(self, folder: FilePath) -> list[Path]:
-        """Write ``result.nc``, and ``uncontrolled.nc`` if there is one, and return their paths.
+        """Write ``result.nc``, and ``uncontrolled.nc`` if there is one.
 
         The files are replaced only once their successors are complete.
+
+        Parameters
+        ----------
+        folder : str or path
+            Folder, created if needed.
+
+        Returns
+        -------
+        list of Path
+            The files.
 
         Raises
         ------
@@ -181,10 +211,14 @@ class Result:
 
         Parameters
         ----------
-        folder
-            Where.
-        lazily
+        folder : str or path
+            Folder of the result.
+        lazily : bool
             Whether large variables stay in their file until they are used.
+
+        Returns
+        -------
+        Result
 
         Raises
         ------

@@ -54,8 +54,16 @@ class ScenarioError(ValueError):
 
     Parameters
     ----------
-    mistakes
+    mistakes : iterable of Mistake
         One or more mistakes, also an attribute.
+
+    Examples
+    --------
+    >>> try:
+    ...     crinoid.Scenario(arm={"length": -1.0})
+    ... except crinoid.ScenarioError as error:
+    ...     print(error)
+    arm.length: got -1.0; must be a number above 0 (m)
     """
 
     def __init__(self, mistakes: Iterable[Mistake]) -> None:

@@ -29,18 +29,28 @@ def load(
 
     Parameters
     ----------
-    name_or_path
+    name_or_path : str or path
         Name of a built-in scenario, or path to a TOML file. A built-in one goes first; write
         ``./name`` for a file of the same name.
-    overrides
+    overrides : list of str, or dict
         Changes ``key=value``, as in ``--set`` of the command line: the key is dotted, with indexes
         into lists (``load.0.magnitude``), the value is TOML; words need no quotes. Or values by
         such keys: ``{"arm.length": 0.6}``.
+
+    Returns
+    -------
+    Scenario
 
     Raises
     ------
     ScenarioError
         If there is no such scenario or anything in it is wrong, with one line per mistake.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> scenario.arm.nodes, scenario.simulation.duration
+    (5, 0.2)
     """
     return ScenarioText(name_or_path, overrides).scenario
 

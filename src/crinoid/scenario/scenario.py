@@ -69,13 +69,31 @@ Variations = Annotated[
 class Scenario(Model):
     """Description of an arm, the water around it, the loads on it and its target.
 
-    Every argument is a table of the TOML file, as a dictionary or as its class, and may be
-    left out.
+    Parameters
+    ----------
+    title : str
+        Subject of the scenario.
+    seed : int
+        Seed of everything random.
+    arm, base, vehicle, water, contact, tool, target, sensor, control, simulation, output : dict
+        Tables of the TOML file, each as a dictionary or as its class. All may be left out.
+    flow, load, obstacle, chamber, tendon, actuator, sensors : list of dict
+        Lists of such tables.
+    vary : dict of list
+        Values by dotted key; every combination is a case.
 
     Raises
     ------
     ScenarioError
-        If anything is wrong, naming every key at fault.
+        If anything is wrong, with one line per mistake.
+
+    Examples
+    --------
+    >>> scenario = crinoid.Scenario(arm={"length": 0.6}, simulation={"duration": 2.0})
+    >>> scenario.arm.length, scenario.water.density
+    (0.6, 1025.0)
+    >>> scenario.with_values({"water.density": 1000.0}).water.density
+    1000.0
     """
 
     title: str = entry("", "Subject of the scenario.")
@@ -124,6 +142,15 @@ class Scenario(Model):
     def from_dict(cls, data: Mapping[str, Any]) -> Scenario:
         """Return the scenario of tables from ``tomllib``.
 
+        Parameters
+        ----------
+        data : mapping of str to dict
+            Tables by name.
+
+        Returns
+        -------
+        Scenario
+
         Raises
         ------
         ScenarioError
@@ -135,6 +162,15 @@ class Scenario(Model):
     def from_toml(cls, text: str) -> Scenario:
         """Return the scenario of the text of a TOML file.
 
+        Parameters
+        ----------
+        text : str
+            Text of the file.
+
+        Returns
+        -------
+        Scenario
+
         Raises
         ------
         ScenarioError
@@ -143,13 +179,25 @@ class Scenario(Model):
         return cls(**parse(text))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the tables as plain dictionaries and lists, without empty ones."""
+        """Return the tables as plain dictionaries and lists, without empty ones.
+
+        Returns
+        -------
+        dict
+            Tables by name, for `from_dict`.
+        """
         # a case with another dimension has other defaults
         varied = not _DIMENSION.isdisjoint(self.vary)
         return self._tables(lambda key: varied) | ({"vary": self.vary} if self.vary else {})
 
     def to_toml(self) -> str:
-        """Return the scenario as TOML, defaults included; `from_toml` gives it back."""
+        """Return the scenario as TOML, defaults included; `from_toml` gives it back.
+
+        Returns
+        -------
+        str
+            Text of a file.
+        """
         return tomli_w.dumps(self.to_dict())
 
     def cases(self) -> list[tuple[dict[str, Any], Scenario]]:
@@ -157,7 +205,7 @@ class Scenario(Model):
 
         Returns
         -------
-        list of (values, scenario)
+        list of tuple of dict and Scenario
             The values by dotted key, in the order of ``vary``, the last key changing fastest;
             without ``vary`` one empty dictionary with the scenario itself.
         """
@@ -166,7 +214,16 @@ class Scenario(Model):
         return [(values, self.with_values(values)) for values in self._combinations()]
 
     def with_values(self, values: Mapping[str, Any]) -> Scenario:
-        """Return this scenario with other values, given by dotted key, and without ``vary``.
+        """Return this scenario with other values, and without ``vary``.
+
+        Parameters
+        ----------
+        values : mapping of str to value
+            Values by dotted key, such as ``{"arm.length": 0.6}``.
+
+        Returns
+        -------
+        Scenario
 
         Raises
         ------

@@ -85,20 +85,33 @@ def rollout(
 
     Parameters
     ----------
-    loop
+    loop : Loop
         As `closed_loop` gives it.
-    start
+    start : State or LoopState
         State of the arm when the loop is closed, or the end of an earlier rollout to go on from.
-    steps
+    steps : int
         Number of time steps, at least 1.
-    observe
+    observe : function
         What to keep of the end of each time step: a pytree of arrays, by default a
         `crinoid.simulation.Glance`.
+
+    Returns
+    -------
+    crinoid.simulation.Rollout
+        The loop at the end, the observations, and whether all steps succeeded.
 
     Raises
     ------
     ValueError
         If there are no steps.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> loop, state = crinoid.closed_loop(scenario)
+    >>> run = crinoid.rollout(loop, state, steps=4)
+    >>> bool(run.converged), run.kept.tip.shape
+    (True, (4, 3))
     """
     if steps < 1:
         raise ValueError(f"steps: {got(steps, 'be at least 1')}")
@@ -147,10 +160,14 @@ def closed_loop(
 
     Parameters
     ----------
-    scenario
+    scenario : Scenario, str or path
         What `simulate` would run: a scenario, the name of a built-in one, or a file.
-    controller
+    controller : Controller or function
         A controller to replace the scenario's, as in `simulate`.
+
+    Returns
+    -------
+    tuple of Loop and State
 
     Raises
     ------
@@ -160,6 +177,12 @@ def closed_loop(
         If a file that the scenario names is not valid, or the controller cannot work.
     ValueError
         If the scenario describes several cases (`crinoid.Scenario.cases`).
+
+    Examples
+    --------
+    >>> loop, state = crinoid.closed_loop(crinoid.load("still-water", ["arm.nodes=5"]))
+    >>> loop.system.tip(state).round(2).tolist()  # x, z (m), angle (rad)
+    [0.46, -9.83, 0.56]
     """
     setup = set_up(Prepared.with_parts(scenario, Parts(controller)))
     if trouble := start_failure(setup.prepared.scenario, setup.loop.system, setup.outcome):
@@ -176,10 +199,23 @@ def with_parameters(loop: Loop, parameters: Parameters) -> Loop:
 
     Parameters
     ----------
-    loop
+    loop : Loop
         As `closed_loop` gives it.
-    parameters
+    parameters : Parameters
         As `parameters` returns them for the same scenario, with any changes.
+
+    Returns
+    -------
+    Loop
+
+    Examples
+    --------
+    >>> import equinox as eqx
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5"])
+    >>> loop, state = crinoid.closed_loop(scenario)
+    >>> numbers = crinoid.parameters(scenario)
+    >>> softer = eqx.tree_at(lambda p: p.arm.youngs_modulus, numbers, 4e5)  # Pa
+    >>> loop = crinoid.with_parameters(loop, softer)
     """
     system = assemble(parameters)
     if not isinstance(loop.controller, Pid):

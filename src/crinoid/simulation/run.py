@@ -61,7 +61,22 @@ Tell = Callable[[list[str]], None]
 
 
 class SimulationError(RuntimeError):
-    """A run that failed. ``result`` contains its computed part."""
+    """A run that failed. ``result`` contains its computed part.
+
+    Parameters
+    ----------
+    result : Result
+        The run, whose ``failure`` is the message.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "load.0.force=[0, 1e5]"])
+    >>> try:
+    ...     crinoid.simulate(scenario)
+    ... except crinoid.SimulationError as error:
+    ...     print(error.result.status[:17])
+    failed at t = 0 s
+    """
 
     def __init__(self, result: Result) -> None:
         super().__init__(result.failure)
@@ -82,15 +97,19 @@ def simulate(
 
     Parameters
     ----------
-    scenario
+    scenario : Scenario, str or path
         What to run: a scenario, the name of a built-in one, or a file.
-    controller
+    controller : Controller or function
         A controller to replace the scenario's, or a function that builds it from the assembled
         scenario at the start. The result's scenario has ``control.kind = "custom"``.
-    elements, flows, sensors, actuators
+    elements, flows, sensors, actuators : iterable
         Parts of your own that are added to those of the scenario.
-    report
+    report : function
         Called between chunks of the run with a `crinoid.simulation.Progress`.
+
+    Returns
+    -------
+    Result
 
     Raises
     ------
@@ -101,6 +120,15 @@ def simulate(
     ValueError
         If the scenario describes several cases (`crinoid.Scenario.cases`), or an element has
         windows that the arm has no nodes for.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> result = crinoid.simulate(scenario)
+    >>> result.status
+    'ok'
+    >>> result.dataset.tip_position[-1].round(2).values.tolist()  # x, z (m)
+    [0.46, -9.83]
     """
     parts = Parts(controller, tuple(elements), tuple(flows), tuple(sensors), tuple(actuators))
     result = play(Prepared.with_parts(scenario, parts), report=report)
@@ -173,6 +201,15 @@ def with_loop_notes(result: Result) -> Result:
 def equilibrium(scenario: Source) -> Result:
     """Find the static equilibrium of a scenario at time zero: a result with one instant.
 
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
+
+    Returns
+    -------
+    Result
+
     Raises
     ------
     SimulationError
@@ -181,6 +218,13 @@ def equilibrium(scenario: Source) -> Result:
         If a file that the scenario names is not valid.
     ValueError
         If the scenario describes several cases (`crinoid.Scenario.cases`).
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> rest = crinoid.equilibrium(scenario)
+    >>> rest.dataset.tip_position[-1].round(2).values.tolist()  # x, z (m)
+    [0.46, -9.83]
     """
     described = scenario_of(scenario)
     require_one_case(described)

@@ -56,18 +56,18 @@ class Session(SteppedRun):
 
     Parameters
     ----------
-    scenario
+    scenario : Scenario, str or path
         One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
-    seed
+    seed : int
         Seed of everything random; that of the scenario if None.
-    paced
+    paced : bool
         Whether each step ends when as much time has passed on the wall clock as in the simulation.
-    external
+    external : iterable of str
         What else comes from outside: ``"current"``, a uniform current added to the scenario's
         flows, and ``"base"``, a prescribed motion of the base added to its channels.
-    elements, flows, sensors, actuators
+    elements, flows, sensors, actuators : iterable
         Parts of your own that are added to those of the scenario.
-    resume
+    resume : Result, str or path
         A result of an earlier session of this scenario, or its folder, to continue from its end.
 
     Raises
@@ -81,6 +81,16 @@ class Session(SteppedRun):
         not be solved.
     ValueError
         If the scenario describes several cases.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "control.start=0"])
+    >>> session = crinoid.Session(scenario)
+    >>> [each.name for each in session.inputs]
+    ['slide', 'heave', 'tilt']
+    >>> seen = session.step({"tilt": 0.1})  # rad
+    >>> float(seen.time), seen.measured.shape
+    (0.01, (3,))
     """
 
     def __init__(
@@ -168,7 +178,12 @@ class Session(SteppedRun):
         self.pause()
 
     def reset(self) -> ControllerInput:
-        """Return to the start; return what a controller sees at its first command.
+        """Return to the start.
+
+        Returns
+        -------
+        ControllerInput
+            The input of a controller at its first command.
 
         Raises
         ------
@@ -185,19 +200,24 @@ class Session(SteppedRun):
         current: Sequence[float] | None = None,
         base: Mapping[str, float | tuple[float, float]] | None = None,
     ) -> ControllerInput:
-        """Hold a command for one control period; return what a controller sees at its end.
+        """Hold a command for one control period.
 
         Parameters
         ----------
-        command
+        command : array (input), or mapping of str to float
             A number for each of the ``inputs``, in its unit, as an array or by name. Inputs that
             are not named keep their last command. It is limited to the range of each input.
-        current
+        current : array (axis)
             Velocity of the external current at the end of the period (m/s), which it reaches
             linearly; the last one if None.
-        base
+        base : mapping of str to float or pair of float
             Displacement of channels of the base at the end of the period (m or rad), or a pair
             with its velocity; that of a straight line by default. Others keep their last one.
+
+        Returns
+        -------
+        ControllerInput
+            The input of a controller at the end of the period.
 
         Raises
         ------
@@ -233,6 +253,10 @@ class Session(SteppedRun):
         """Return the result so far: that of a run that lasted until now.
 
         ``result.save`` writes it, and ``Session(scenario, resume=...)`` continues from there.
+
+        Returns
+        -------
+        Result
         """
         setup, cut = self._setup, self._cut()
         trouble = ""

@@ -247,18 +247,22 @@ def make_env(
 
     Parameters
     ----------
-    scenario
+    scenario : Scenario, str or path
         One case (`crinoid.Scenario.cases`), the name of a built-in scenario, or a file.
-    draw
+    draw : mapping of str to pair of float
         Keys that every episode draws, each with the smallest and the largest value. Keys are
         dotted, as in ``--set``.
-    reward
+    reward : function
         From a `crinoid.learning.environment.reward.RewardInput` to a number: a function that JAX
         can trace.
-    success
+    success : Success
         When the task is done; None: never.
-    render_mode
+    render_mode : str
         ``rgb_array`` or None.
+
+    Returns
+    -------
+    crinoid.learning.environment.env.ArmEnv
 
     Raises
     ------
@@ -268,6 +272,15 @@ def make_env(
         If the arm has no equilibrium to start from.
     ScenarioError
         If anything is wrong with the scenario or the ranges, or an input has no limits.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "control.start=0"])
+    >>> env = crinoid.make_env(scenario, draw={"load.0.force.1": (0.1, 0.3)})
+    >>> observation, info = env.reset(seed=0)
+    >>> observation, reward, terminated, truncated, info = env.step([0.0, 0.1])  # m, rad
+    >>> observation.shape, info["time"]  # s
+    ((15,), 0.01)
     """
     return ArmEnv(EpisodeProgram(scenario, draw, reward, success), render_mode)
 

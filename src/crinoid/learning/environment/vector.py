@@ -216,11 +216,15 @@ def make_vec_env(
     ----------
     scenario, draw, reward, success
         As for `make_env`.
-    num_envs
+    num_envs : int
         Number of environments. On a CPU they are spread over threads, on an accelerator they step
         as a batch.
-    draws
+    draws : int
         Number of episodes that a reset prepares; ``num_envs`` and at least 16 if None.
+
+    Returns
+    -------
+    crinoid.learning.environment.vector.ArmVectorEnv
 
     Raises
     ------
@@ -230,6 +234,15 @@ def make_vec_env(
         If the arm has no equilibrium to start from.
     ScenarioError
         If anything is wrong with the scenario, the ranges or the numbers.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "control.start=0"])
+    >>> envs = crinoid.make_vec_env(scenario, num_envs=2)
+    >>> observations, info = envs.reset(seed=0)
+    >>> observations, rewards, terminated, truncated, info = envs.step(np.zeros((2, 2)))
+    >>> observations.shape, terminated.tolist()
+    ((2, 15), [False, False])
     """
     return ArmVectorEnv(EpisodeProgram(scenario, draw, reward, success), num_envs, draws)
 

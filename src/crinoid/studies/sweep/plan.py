@@ -19,7 +19,7 @@ from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.variation import Span, combination, read_variation
 from crinoid.studies.sweep.sampling import SAMPLINGS, points_of, sample
 
-MOST_RUNS = 10_000_000
+MOST_RUNS, _MOST_FILES = 10_000_000, 100_000
 _MOST_BATCHES, _MOST_IN_A_BATCH = 200, 100
 _SAMPLE = "\0sample"
 """Key that represents all keys that are sampled together."""
@@ -86,9 +86,10 @@ class SweepDesign:
         _check(found, sampling, count, seeds, batch)
         read = digests({**alone.to_dict(), "vary": found})
         plan = SweepDesign(alone, found, sampling, count or 1, seeds, files=read)
-        plan._check_runs()
         size = min(_MOST_IN_A_BATCH, -(-plan.runs // _MOST_BATCHES))
-        return replace(plan, batch=batch or size)
+        plan = replace(plan, batch=batch or size)
+        plan._check_runs()
+        return plan
 
     @cached_property
     def runs(self) -> int:
@@ -156,7 +157,7 @@ class SweepDesign:
         places = np.unravel_index(np.arange(self.runs), sizes) if sizes else ()
         structure = np.zeros(self.runs, np.int64)
         for (key, choices), place in zip(self._choices.items(), places, strict=True):
-            if key in (_SAMPLE, "seed") or _is_number(self.scenario, key, choices[0]):
+            if key not in self._structural:
                 continue
             kinds: dict[str, int] = {}
             of_each = [kinds.setdefault(repr(each), len(kinds)) for each in choices]
@@ -225,6 +226,21 @@ class SweepDesign:
     def _check_runs(self) -> None:
         if self.runs > MOST_RUNS:
             raise refusal("--vary", f"makes {self.runs} runs; must make at most {MOST_RUNS}")
+        structures = prod(len(self._choices[key]) for key in self._structural)
+        batches = max(structures, -(-self.runs // self.batch))
+        if batches > _MOST_FILES:
+            text = f"makes {batches} batches, a file each; must make at most {_MOST_FILES}"
+            hint = "Raise it, or give keys such as arm.nodes fewer values."
+            raise refusal("--batch", f"{text}. {hint}")
+
+    @cached_property
+    def _structural(self) -> set[str]:
+        """Keys whose values change the compiled programs."""
+        return {
+            key
+            for key, choices in self._choices.items()
+            if key not in (_SAMPLE, "seed") and not _is_number(self.scenario, key, choices[0])
+        }
 
     @cached_property
     def _spans(self) -> dict[str, Span]:
@@ -264,9 +280,9 @@ def _check(
     if count is not None and count > MOST_RUNS:
         raise refusal("--count", got(count, f"be at most {MOST_RUNS}"))
     spans = [key for key, values in varied.items() if isinstance(values, Span)]
-    long = [v for v in varied.values() if isinstance(v, Span) and (v.count or 0) > MOST_RUNS]
-    if long:
-        raise refusal("--vary", f"makes {long[0].count} runs; must make at most {MOST_RUNS}")
+    sizes = [(v.count or 1) if isinstance(v, Span) else len(v) for v in varied.values()]
+    if (runs := prod(sizes) * seeds) > MOST_RUNS:
+        raise refusal("--vary", f"makes {runs} runs; must make at most {MOST_RUNS}")
     without = [key for key in spans if varied[key].count is None]
     if sampling == "grid":
         if without:

@@ -132,6 +132,8 @@ class SweepStore:
         """Return the numbers of the batches whose files are complete and of these runs."""
         found, registry = set(), measures_of(plan.scenario)
         for number, batch in enumerate(plan.batches):
+            if not self._path(number).exists():
+                continue
             with suppress(Exception):  # a file that is damaged makes its readers raise anything
                 part = xr.load_dataset(self._path(number), engine="netcdf4")
                 table, effort, _ = _tables(part, registry)

@@ -24,12 +24,12 @@ def write_report(
 
     Parameters
     ----------
-    path
+    path : str or path
         A result's folder, its ``result.nc``, a study's folder or its ``cases.csv``, a folder with
         a file of another command, or that file.
-    out
+    out : str or path
         Folder for the figures, created if needed; by default that of the result.
-    file_format
+    file_format : str
         Format of the figures, ``"png"``, ``"pdf"`` or ``"svg"``: the ending of their names.
 
     Returns
@@ -41,6 +41,14 @@ def write_report(
     ------
     ReportError
         If there is nothing to draw, or the format is another one.
+
+    Examples
+    --------
+    >>> scenario = crinoid.load("still-water", ["arm.nodes=5", "simulation.duration=0.2"])
+    >>> files = crinoid.simulate(scenario).save("results/still-water")
+    >>> figures = crinoid.write_report("results/still-water", file_format="svg")
+    >>> "shape.svg" in [path.name for path in figures]
+    True
     """
     from crinoid.view.figures.book import write_book
 
