@@ -21,31 +21,33 @@ PAGES = sorted(
 OMITTED = re.compile(r"\.\.\.|[A-Z]{3,}|…|\[(?!\[|-?\d|\"|')")
 """Signs of a command that stands for others: SCENARIO, [OPTIONS], and so on."""
 UNFINISHED = ("MissingParameter", "BadOptionUsage")
-"""Mistakes that inline code may have: it names a command or an option."""
+"""Mistakes of a command that stands for others, or that only names an option."""
+
+
+COMMAND = re.compile(r"^(?:\$ )?((?:[^\n]*&& )?(?:\S*/)?crinoid [^\n]*)(?!\ncrinoid: )$", re.M)
+"""A line of a block with a command, unless the next one is the line of a mistake."""
 
 
 def commands(text):
-    """Yield the arguments of each command of a page, and whether it is inline code."""
+    """Yield the arguments of each command of a page, and whether it may be unfinished."""
     for language, block in re.findall(r"^```([^\n]*)\n(.*?)^```", text, re.M | re.S):
         if language in ("", "bash", "console") or "%%bash" in block:
-            joined = block.replace("\\\n", " ")
-            for found in re.findall(r"^(?:\$ |.*&& ?)?(?:\.venv/bin/)?crinoid (.*)$", joined, re.M):
-                yield from ((words, False) for words in parts(found))
+            for line in COMMAND.findall(block.replace("\\\n", " ")):
+                yield from ((words, bool(OMITTED.search(line))) for words in parts(line))
     prose = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
-    for found in re.findall(r"`crinoid (\w[^`]*)`", prose):
-        if not OMITTED.search(found):
-            yield from ((words, True) for words in parts(found))
+    for line in re.findall(r"`(crinoid \w[^`]*)`", prose):
+        if not OMITTED.search(line):
+            yield from ((words, True) for words in parts(line))
 
 
 def parts(line):
-    """Yield the arguments of the commands of a line, up to a comment, a pipe or a redirection."""
+    """Yield the arguments of each command of a line, up to a comment, a pipe or a redirection."""
     words = shlex.split(line, comments=True)
-    while words:
-        ends = [i for i, word in enumerate(words) if word in ("&&", "|", "||", ">", ";")]
-        end = ends[0] if ends else len(words)
-        yield words[:end]
-        rest = words[end + 1 :]
-        words = rest[1:] if rest[:1] == ["crinoid"] else []
+    ends = [i for i, word in enumerate(words) if word in ("&&", "|", "||", ">", ";")]
+    for start, end in zip([-1, *ends], [*ends, len(words)], strict=True):
+        program, *arguments = words[start + 1 : end]
+        if program.endswith("crinoid"):
+            yield arguments
 
 
 @cache
@@ -72,12 +74,12 @@ def check(words):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_of_a_page_can_be_parsed(page):
     wrong = []
-    for words, inline in commands(page.read_text("utf-8")):
+    for words, unfinished in commands(page.read_text("utf-8")):
         try:
             check(words)
         except Exception as error:
             kind = type(error).__name__
-            if not (inline and kind in UNFINISHED):
+            if not (unfinished and kind in UNFINISHED):
                 wrong.append(f"crinoid {shlex.join(words)}: {kind}: {error}")
     assert not wrong, "\n".join(wrong)
 
