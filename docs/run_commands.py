@@ -28,9 +28,7 @@ LEFT_OUT = re.compile(
     r"|crinoid train|--peers|make_validation|git |\$ "
 )
 """Commands that stand for others, install something, or need hours, other programs or a person."""
-NAMED = re.compile(
-    r"(?:[Ss]ave it as|[Aa]s|in) `([\w-]+\.(?:toml|csv))`[^`]*\n+```\w*\n(.*?)^```", re.M | re.S
-)
+NAMED = re.compile(r"`([\w-]+\.(?:toml|csv))`[^`\n]*:\n\n```\w*\n(.*?)^```", re.M | re.S)
 LATER = re.compile(r"```toml\n((?:(?!```).)*)```\n+Save it as `([\w-]+\.toml)`", re.S)
 MISTAKE = re.compile(r"^\$ .*\ncrinoid: ", re.M)
 
