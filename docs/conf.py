@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,15 @@ toc_object_entries_show_parents = "hide"
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 4  # as GitHub makes them
+
+# the tutorials: pages with code that runs; a page that has not changed keeps its output
+nb_execution_mode = "cache"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+os.environ["TTY_COMPATIBLE"] = "0"  # no progress bars, which a kernel asks for
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 
 default_role = "py:obj"
 nitpick_ignore_regex = [

@@ -51,7 +51,14 @@ def slugs(page: Path) -> set[str]:
 
 @pytest.mark.parametrize(
     "name",
-    ["make_scenario_reference", "make_notes_page", "make_extending_page", "make_result_reference"],
+    [
+        "make_scenario_reference",
+        "make_notes_page",
+        "make_extending_page",
+        "make_result_reference",
+        "make_command_reference",
+        "make_pictures",
+    ],
 )
 def test_tables_that_are_made_are_up_to_date(name):
     script = load_script(DOCS / f"{name}.py")

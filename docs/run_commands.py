@@ -1,0 +1,113 @@
+"""Run the commands of the documentation in temporary folders, and list those that fail.
+
+    python docs/run_commands.py [--seconds 600] [PAGE ...]    # all pages: some hours
+
+The commands of a page run in one folder, in their order. It has the files that the page shows and
+names, and a short result of `station-keeping`. Left out: commands that stand for others
+(SCENARIO, ...), need other files, install something, or do not end; and the gallery, which
+`make_pictures.py` makes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from itertools import pairwise
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+LEFT_OUT = re.compile(
+    r"\.\.\.|[A-Z]{4,}|pip install|-m venv|pytest|pre-commit|sphinx-build|crinoid live|scheduler"
+    r"|crinoid train|--peers|make_validation|git |\$ "
+)
+"""Commands that stand for others, install something, or need hours, other programs or a person."""
+NAMED = re.compile(r"`([\w-]+\.(?:toml|csv))`[^`\n]*:\n\n```\w*\n(.*?)^```", re.M | re.S)
+LATER = re.compile(r"```toml\n((?:(?!```).)*)```\n+Save it as `([\w-]+\.toml)`", re.S)
+MISTAKE = re.compile(r"^\$ .*\ncrinoid: ", re.M)
+
+
+def files(text: str) -> dict[str, str]:
+    """Return the files that a page names, before or after it shows them."""
+    return dict(NAMED.findall(text)) | {name: body for body, name in LATER.findall(text)}
+
+
+def lines(text: str) -> list[str]:
+    """Return the shell commands of a page, each once."""
+    found = []
+    for language, block in re.findall(r"^```([^\n]*)\n(.*?)^```", text, re.M | re.S):
+        if language not in ("", "bash", "console"):
+            continue
+        joined = MISTAKE.sub("", block).replace("\\\n", " ")
+        shown = re.findall(r"^\$ (.*)$", joined, re.M)  # with its output
+        for line in shown or joined.splitlines():
+            runs = re.match(r"(\.venv/bin/)?crinoid |(\w+=\S+ )?python (docs|examples)/", line)
+            if runs and not LEFT_OUT.search(line):
+                found.append(line.replace(".venv/bin/", ""))
+    return list(dict.fromkeys(found))
+
+
+def lacks(line: str, folder: Path) -> bool:
+    """Return whether a command reads a file that is not there."""
+    words = shlex.split(line)
+    read = [word for before, word in pairwise(words) if not before.startswith("-")]
+    named = [word for word in read if re.fullmatch(r"[\w./-]+\.(toml|nc|csv|mcap|eqx)", word)]
+    return not all((folder / word).exists() for word in named)
+
+
+def run(page: Path, result: Path, seconds: float) -> list[str]:
+    """Run the commands of a page; return those that fail."""
+    text = page.read_text("utf-8")
+    failed = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name, body in files(text).items():
+            (Path(folder) / name).write_text(body, "utf-8")
+        for name in ("docs", "examples"):
+            (Path(folder) / name).symlink_to(ROOT / name)
+        shutil.copytree(result, Path(folder) / "results" / "station-keeping")
+        path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+        for line in lines(text):
+            if lacks(line, Path(folder)):
+                print(f"skipped          {line}", flush=True)
+                continue
+            start = time.perf_counter()
+            try:
+                ended = subprocess.run(
+                    ["bash", "-o", "pipefail", "-c", line],
+                    cwd=folder,
+                    env=os.environ | {"PATH": path},
+                    capture_output=True,
+                    text=True,
+                    timeout=seconds,
+                )
+                code, said = ended.returncode, ended.stderr.strip().splitlines()[-3:]
+            except subprocess.TimeoutExpired:
+                code, said = "timeout", []
+            print(f"{code!s:8} {time.perf_counter() - start:5.0f} s  {line}", flush=True)
+            if code != 0:
+                failed.append("\n    ".join([f"{page.relative_to(ROOT)}: {line}", *said]))
+    return failed
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("pages", nargs="*", type=Path)
+    parser.add_argument("--seconds", type=float, default=600.0, help="longest time of a command")
+    given = parser.parse_args()
+    everything = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    pages = [page.resolve() for page in given.pages] or [
+        page for page in everything if "_build" not in page.parts and page.stem != "gallery"
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "station-keeping"
+        short = ["run", "station-keeping", "--set", "simulation.duration=20", "--out", str(made)]
+        subprocess.run([sys.executable, "-m", "crinoid", *short], check=True, capture_output=True)
+        failures = [each for page in pages for each in run(page, made, given.seconds)]
+    print("\n".join(["", f"{len(failures)} failed", *failures]))
+    sys.exit(bool(failures))
