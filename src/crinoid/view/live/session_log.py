@@ -130,9 +130,11 @@ class SessionLog:
     ) -> Result:
         """Return the result, from the states of session and loop at the end or a failed step."""
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *self._records)
-        if now.bodies.debris is not None and not now.thrown:
-            whole = _without_last_obstacle(whole)
         scenario, notes = self._scenario(now, whole)
+        if now.bodies.debris is not None and not now.thrown:
+            whole = _without_last_obstacle(
+                whole, free=any(obstacle.free for obstacle in scenario.obstacle)
+            )
         setup = now.setup._replace(prepared=prepared.with_scenario(scenario))
         if now.numbers.stiffness != 1.0 or self._first.numbers.stiffness != 1.0:
             setup = setup._replace(modes=None)  # they are those of another arm
@@ -200,12 +202,16 @@ class SessionLog:
         return found, notes
 
 
-def _without_last_obstacle(whole: Record) -> Record:
+def _without_last_obstacle(whole: Record, *, free: bool) -> Record:
+    """Return a record without debris, with rotations if other obstacles are ``free``."""
     assert whole.gap is not None
     names = ("obstacle_position", "obstacle_velocity", "gap", "touch")
+    names += ("obstacle_spin", "obstacle_axis")
     parts: list[Any] = [getattr(whole, name) for name in names]
     alone = whole.gap.shape[1] == 1
     rest = [None] * len(parts) if alone else jax.tree.map(lambda x: x[:, :-1], parts)
+    if not free:
+        rest[-2:] = [None, None]
     return eqx.tree_at(
         lambda x: [getattr(x, name) for name in names], whole, rest, is_leaf=lambda x: x is None
     )
