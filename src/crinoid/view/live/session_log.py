@@ -39,6 +39,7 @@ class Snapshot(NamedTuple):
     target: Point
     error: float  # distance of the tip from the target
     obstacles: Points  # positions of the obstacles, the debris last
+    axes: Points  # directions fixed to them, where some are free
     touching: bool  # whether one of them touches the arm
     touched: float  # total duration of contact since the start (s)
     holding: bool  # whether the tip carries its tool
@@ -50,7 +51,7 @@ class Snapshot(NamedTuple):
         """Return the snapshot of a record of an arm whose base is at ``origin`` (m)."""
         axes = len(origin)
         apart = np.asarray(now.tip)[:axes] - np.asarray(now.reference)[:axes]
-        places, touch = now.obstacle_position, now.touch
+        places, axes_now, touch = now.obstacle_position, now.obstacle_axis, now.touch
         return Snapshot(
             time=float(now.time),
             nodes=in_three(now.position),
@@ -58,6 +59,7 @@ class Snapshot(NamedTuple):
             target=in_three(np.asarray(now.reference)[:axes] - origin),
             error=float(np.linalg.norm(apart)),
             obstacles=np.zeros((0, 3)) if places is None else in_three(places),
+            axes=np.zeros((0, 3)) if axes_now is None else in_three(axes_now),
             touching=touch is not None and bool(np.any(np.asarray(touch.in_contact))),
             touched=0.0 if touch is None else float(np.sum(np.asarray(touch.duration))),
             holding=now.held is not None and bool(now.held),
