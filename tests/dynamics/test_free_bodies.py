@@ -137,7 +137,7 @@ def colliding(axes):
     return bodies(
         axes,
         places,
-        step=1e-4,
+        step=5e-5,
         arms={"tolerance": 1e-13},
         radius=[0.05, 0.04],
         half_axis=half,
@@ -169,7 +169,7 @@ def momenta(system, states):
 @both
 def test_a_collision_keeps_momentum_and_angular_momentum(axes):
     system = colliding(axes)
-    start, states = marched(system, 600)
+    start, states = marched(system, 1200)
     first = jax.tree.map(lambda x: x[None], start)
     linear, angular, own = momenta(system, states)
     linear_before, angular_before, own_before = momenta(system, first)

@@ -98,10 +98,10 @@ class System(eqx.Module):
         The pairs are those of ``forces.obstacles.bodies``.
         """
         obstacles = self.forces.obstacles
-        if obstacles is None or obstacles.bodies is None or obstacles.bodies.contact is None:
+        bodies = None if obstacles is None else obstacles.bodies
+        if bodies is None or bodies.contact is None:
             return jnp.zeros(0)
         _, _, rows, _ = self.undeformed(time)
-        bodies = obstacles.bodies
         return bodies.gaps(rows[self.forces.rows.obstacle_rows]) - bodies.contact.skin
 
     def self_clearance(self, time: float | Array = 0.0) -> Float[Array, ""]:

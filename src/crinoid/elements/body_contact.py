@@ -66,7 +66,7 @@ class BodyContact(Contact):
         ``strength`` that of the arm (N), ``gravity`` in m/s2.
         """
         first, second = (np.array([pair[side] for pair in pairs]) for side in (0, 1))
-        end = np.array([pair.span for pair in pairs])[:, None] * half_axis[first]
+        end = jnp.array([pair.span for pair in pairs])[:, None] * half_axis[first]
         # the edge of a sphere has no length
         long = jnp.sqrt(jnp.sum(end**2 + jnp.finfo(float).tiny, axis=1))
         pressed = _WEIGHTS * gravity * jnp.minimum(mass[first], mass[second])
@@ -135,5 +135,5 @@ class BodyContact(Contact):
         """Return the gap and its gradients, as in `Contact`."""
         near = one.position
         places = jnp.stack([near, near + product(one.attitude, self.end), other.position])
-        gap, *slopes = self._closest(places, product(other.attitude, self.half_axis))
-        return gap + self.skin, *slopes
+        gap, slopes, share, by_half = self._closest(places, product(other.attitude, self.half_axis))
+        return gap + self.skin, slopes, share, by_half

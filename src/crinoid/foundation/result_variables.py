@@ -281,8 +281,8 @@ VARIABLES = (
 def of_dimension(dimension: int, *, without: Iterable[str] = ()) -> dict[str, Variable]:
     """Return the variables of a planar (2) or spatial (3) arm by name.
 
-    Those of "obstacles", "bodies" (free obstacles), "actuators", "tool", "lines", "vortices", "self" or "vehicle" in
-    ``without`` are omitted.
+    Those of "obstacles", "bodies" (free ones), "actuators", "tool", "lines", "vortices", "self" or
+    "vehicle" in ``without`` are omitted.
     """
     left = {"space" if dimension == 2 else "plane", *without}
     return {each.name: each for each in VARIABLES if left.isdisjoint(each.where.split())}

@@ -75,11 +75,9 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
 
     def body(one: Obstacle) -> dict[str, Any]:
         some = slice(None if one.moves else 1)
-        moving = {
-            "path": pack.add(one.path[some], fine),
-            "half": pack.add(one.half_axis[some], fine),
-        }
-        return {"kind": one.kind, "radius": one.radius, "out": one.normal.tolist()} | moving
+        path, half = pack.add(one.path[some], fine), pack.add(one.half_axis[some], fine)
+        shape = {"kind": one.kind, "radius": one.radius, "out": one.normal.tolist()}
+        return shape | {"path": path, "half": half}
 
     mount, target = each.mount, each.target
     bodies = {each.name: each for each in rigid_bodies(scene, each) if each.kind != "obstacle"}
