@@ -25,6 +25,8 @@ _GROUPS = {
     '`control.kind = "lqg"` or `"mpc"` there are also the estimates of the observer '
     "([Estimate the state from a log](../how-to/estimate.md)).",
     ("obstacles",): "With `[[obstacle]]` there are also",
+    ("bodies", "bodies plane", "bodies space"): "With a free obstacle, one with a `mass`, there "
+    "are also, of all obstacles,",
     ("solids",): "With an `[[obstacle]]` from a file, of kind `mesh` or `seabed`, there are also",
     ("self",): "With `contact.self = true` there are also",
     ("hull",): "With `vehicle.hull` there are also",

@@ -94,7 +94,9 @@ class ContactForce(Measurand):
     """Edges that feel it."""
 
     def of(self, system: System, state: State) -> Values:
-        forces = system.forces.turned(state.attitude, state.obstacle_attitude, state.motion.position)
+        forces = system.forces.turned(
+            state.attitude, state.obstacle_attitude, state.motion.position
+        )
         if forces.obstacles is None:
             raise ValueError("a contact sensor requires an obstacle")
         return forces.obstacles.edge_force(forces.obstacle_motion(state.motion), self.inside)

@@ -74,12 +74,13 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
         return pack.add(np.clip(values, low, high), (high - low) / _LEVELS, low)
 
     def body(one: Obstacle) -> dict[str, Any]:
-        path = one.path if one.moves else one.path[:1]
-        shape = {"kind": one.kind, "radius": one.radius, "path": pack.add(path, fine)}
+        some = slice(None if one.moves else 1)
+        path, half = pack.add(one.path[some], fine), pack.add(one.half_axis[some], fine)
+        shape = {"kind": one.kind, "radius": one.radius, "out": one.normal.tolist()}
         if one.solid is not None:
             points, facets = one.solid.points, one.solid.facets.astype(float)
             shape |= {"points": pack.add(points, fine), "facets": pack.add(facets, 1.0, 0.0)}
-        return shape | {"half": one.half_axis.tolist(), "out": one.normal.tolist()}
+        return shape | {"path": path, "half": half}
 
     mount, target = each.mount, each.target
     bodies = {each.name: each for each in rigid_bodies(scene, each) if each.kind != "obstacle"}

@@ -75,7 +75,7 @@ def obstacle_facets(obstacle: Obstacle, low: Point, high: Point, record: int = -
     if obstacle.solid is not None:
         corners = obstacle.path[record] + obstacle.solid.points
         return within_box(corners[obstacle.solid.facets[:, [0, 1, 2, 2]]], low, high)
-    place, half, radius = obstacle.path[record], obstacle.half_axis, obstacle.radius
+    place, half, radius = obstacle.path[record], obstacle.half_axis[record], obstacle.radius
     long = float(np.linalg.norm(half))
     direction = half / long if long else np.array([0.0, 0.0, 1.0])
     if obstacle.kind == "cylinder":
@@ -154,7 +154,7 @@ def obstacle_outline(
         return np.stack(
             [foot + side, foot - side, foot - side - far * normal, foot + side - far * normal]
         )
-    place, half = view.paper(obstacle.path[record]), view.paper(obstacle.half_axis)
+    place, half = view.paper(obstacle.path[record]), view.paper(obstacle.half_axis[record])
     forward = half / (np.linalg.norm(half) or 1.0)
     if not forward.any():
         forward = np.array([1.0, 0.0])

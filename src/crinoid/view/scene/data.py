@@ -141,12 +141,12 @@ class SolidShape:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """One obstacle, and where its middle is at each record."""
+    """One obstacle, and where its middle and its axis are at each record."""
 
     name: str
     kind: str  # `"sphere"`, `"capsule"`, `"cylinder"`, `"plane"`, `"mesh"` or `"seabed"`
     radius: float  # m; zero for a wall, of a solid from a file that of a ball around it
-    half_axis: Point  # half of the axis of a round obstacle (m)
+    half_axis: Float[np.ndarray, "time axis=3"]  # half of the axis of a round obstacle (m)
     normal: Point  # normal of a wall, of length one; zero for a round obstacle
     path: Float[np.ndarray, "time axis=3"]
     solid: SolidShape | None = None
@@ -156,19 +156,26 @@ class Obstacle:
         name: str,
         table: dict[str, Any],
         path: Float[np.ndarray, "time axis=3"],
+        axis: Float[np.ndarray, "time axis=3"] | None = None,
         solid: SolidShape | None = None,
     ) -> Obstacle:
-        """Read a table of the scenario, of a planar one or one in space."""
+        """Read a table of the scenario, of a planar one or one in space.
+
+        ``axis`` is a direction fixed to it at each record, of a capsule in the plane that of it.
+        """
         kind = str(table["kind"])
         if solid is not None:
             around = float(np.linalg.norm(solid.points, axis=1).max())
-            return Obstacle(name, kind, around, np.zeros(3), np.zeros(3), path, solid)
+            return Obstacle(name, kind, around, np.zeros_like(path), np.zeros(3), path, solid)
         if kind == "plane":
             normal = _direction("normal", table["normal"], (2, 3))
-            return Obstacle(name, kind, 0.0, np.zeros(3), normal, path)
+            return Obstacle(name, kind, 0.0, np.zeros_like(path), normal, path)
         half = {"cylinder": _ENDLESS, "capsule": table.get("length", 0.0) / 2}.get(kind, 0.0)
-        axis = half * _direction("axis", table.get("axis", [0.0, 1.0, 0.0]), (3,))
-        return Obstacle(name, kind, float(table["radius"]), axis, np.zeros(3), path)
+        first = _direction("axis", table.get("axis", [0.0, 1.0, 0.0]), (3,))
+        # a planar result has the axis of a capsule across the plane nowhere
+        turns = axis is not None and float(axis[0] @ first) > 0.5
+        whole = half * (axis if axis is not None and turns else np.tile(first, (len(path), 1)))
+        return Obstacle(name, kind, float(table["radius"]), whole, np.zeros(3), path)
 
     @property
     def label(self) -> str:
@@ -177,8 +184,8 @@ class Obstacle:
 
     @property
     def moves(self) -> bool:
-        """Whether it moves."""
-        return moves(self.path)
+        """Whether it moves or turns."""
+        return moves(self.path) or moves(self.half_axis)
 
     def nearest(self, record: int | tuple[slice, None], points: Points) -> Points:
         """Points nearest to others, on the surface of a wall or the axis of a round obstacle.
@@ -186,13 +193,15 @@ class Obstacle:
         With ``np.s_[:, None]`` as the record, points at each record are compared with the obstacle
         at the same record.
         """
-        place, half = self.path[record], self.half_axis
+        place, half = self.path[record], self.half_axis[record]
         if self.solid is not None:
             _, corner = cKDTree(self.solid.points).query(points - place)
             return np.asarray(place + self.solid.points[corner])
         if self.kind == "plane":
             return np.asarray(points - ((points - place) @ self.normal)[..., None] * self.normal)
-        along = np.clip((points - place) @ half / ((half @ half) or 1.0), -1.0, 1.0)
+        squared = np.sum(half**2, axis=-1)
+        along = np.sum((points - place) * half, axis=-1) / np.where(squared > 0, squared, 1.0)
+        along = np.clip(along, -1.0, 1.0)
         return np.asarray(place + along[..., None] * half)
 
     def distance(self, points: Points) -> Float[np.ndarray, "time node"]:
@@ -219,8 +228,11 @@ def find_obstacles(data: xr.Dataset) -> list[Obstacle]:
         return []
     paths = np.moveaxis(in_space(data, "obstacle_position"), 1, 0)
     tables = tomllib.loads(str(data.attrs["scenario"])).get("obstacle", [])
-    rows = enumerate(zip(tables, paths, strict=True))
-    return [Obstacle.of(str(i), table, path, _solid(data, i)) for i, (table, path) in rows]
+    axes: list[np.ndarray | None] = [None] * len(tables)
+    if "obstacle_axis" in data:
+        axes = list(np.moveaxis(in_space(data, "obstacle_axis"), 1, 0))
+    rows = enumerate(zip(tables, paths, axes, strict=True))
+    return [Obstacle.of(str(i), *row, _solid(data, i)) for i, row in rows]
 
 
 def _solid(data: xr.Dataset, index: int) -> SolidShape | None:
