@@ -1,6 +1,7 @@
 """Contact of the arm with a surface of any shape: a mesh, or a bed."""
 
 from abc import abstractmethod
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -140,7 +141,7 @@ class SurfaceContact(Contact):
         least = jnp.argmin(jax.vmap(eased)(shares))
         ends = shares[jnp.maximum(least - 1, 0)], shares[jnp.minimum(least + 1, shares.size - 1)]
 
-        def narrowed(_: int, bracket: tuple[Array, ...]) -> tuple[Array, ...]:
+        def narrowed(_: Any, bracket: tuple[Array, ...]) -> tuple[Array, ...]:
             low, high, share = bracket
             slope, curve = jax.jvp(sloped, (share,), (jnp.ones_like(share),))
             low, high = jnp.where(slope < 0, share, low), jnp.where(slope < 0, high, share)

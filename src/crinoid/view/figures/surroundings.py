@@ -157,6 +157,9 @@ def obstacle_points(
     middle = (low + high)[None, None] / 2
     points = [np.empty((0, 3))]
     for obstacle in obstacles:
+        if obstacle.solid is not None:
+            points.append(obstacle.corners_within(low, high))
+            continue
         half, nearest = obstacle.half_axis, obstacle.nearest(np.s_[:, None], middle)[:, 0]
         if obstacle.kind == "plane":
             seen = np.concatenate([nearest, nearest - _BEHIND * length * obstacle.normal])

@@ -96,6 +96,9 @@ def window_of(scene: Scene, members: list[Keyframes], path: Path) -> Window:
     shapes = np.concatenate(clouds)
     low, high = shapes.min(axis=0) - _NEAR * length, shapes.max(axis=0) + _NEAR * length
     for body in (body for member in members for body in member.obstacles):
+        if body.solid is not None:
+            clouds.append(body.corners_within(low, high))
+            continue
         points = np.concatenate([body.path - body.radius, body.path + body.radius])
         if body.kind == "plane":
             points = body.nearest(np.s_[:, None], (low + high)[None, None] / 2)[:, 0]

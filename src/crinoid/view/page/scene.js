@@ -84,6 +84,13 @@ class Scene {
     for (const member of this.members) for (const body of member.bodies) {
       const path = Array.from({ length: body.path.rows }, (_, i) => [...body.path.values.slice(3 * i, 3 * i + 3)]);
       for (const at of path) {
+        if (body.solid) { // as far as it is near
+          for (let i = 0; i < body.solid.points.length; i += 9) {
+            const corner = at.map((p, d) => p + body.solid.points[i + d]);
+            if (corner.every((p, d) => p > a[d] && p < b[d])) hold(corner);
+          }
+          continue;
+        }
         const foot = body.kind === "plane" ? this.foot(body, at, V.by(V.add(a, b), 0.5)) : at;
         hold(foot.map((p, d) => Math.min(b[d], Math.max(a[d], p))), body.kind === "plane" ? 0 : Math.min(body.radius, near));
       }

@@ -204,6 +204,12 @@ class Obstacle:
         along = np.clip(along, -1.0, 1.0)
         return np.asarray(place + along[..., None] * half)
 
+    def corners_within(self, low: Point, high: Point) -> Points:
+        """Return the corners of a solid from a file, first and last, that a box contains."""
+        assert self.solid is not None
+        corners = (self.path[[0, -1], None] + self.solid.points).reshape(-1, 3)
+        return np.asarray(corners[((corners > low) & (corners < high)).all(axis=1)])
+
     def distance(self, points: Points) -> Float[np.ndarray, "time node"]:
         """Return the distance of points at each record from its surface (m)."""
         apart = points - self.nearest(np.s_[:, None], points)

@@ -1,0 +1,188 @@
+"""Solids of files: distances from meshes, heights of beds, and what is refused."""
+
+import numpy as np
+import pytest
+import trimesh
+import xarray as xr
+
+from crinoid.assembly.prepared import Prepared
+from crinoid.recording.mesh import read_mesh
+from crinoid.recording.seabed import read_seabed
+from crinoid.recording.signed_distance import Triangles
+from crinoid.scenario import Mesh, Scenario, Seabed
+from helpers.refusals import refusal
+
+ARM = {"length": 0.5, "nodes": 5, "radius": 0.015}
+GRID = {"x": np.linspace(-2.0, 2.0, 21), "y": np.linspace(-1.0, 1.0, 11)}
+
+
+def scenario(obstacle, dimension=3, **tables) -> Scenario:
+    place = {"base": [0.0, 0.0, -10.0], "obstacle": obstacle.get("position", [0.0, 0.0, 0.0])}
+    if dimension == 2:
+        place = {key: value[::2] for key, value in place.items()}
+    base, obstacle = {"position": place["base"]}, obstacle | {"position": place["obstacle"]}
+    return Scenario(arm=ARM | {"dimension": dimension}, base=base, obstacle=[obstacle], **tables)
+
+
+def read(path, dimension=3, **keys):
+    table = {"kind": "mesh", "file": str(path), "position": [0.3, 0.0, -10.3]} | keys
+    case = scenario(table, dimension)
+    (obstacle,) = case.obstacle
+    assert isinstance(obstacle, Mesh)
+    return read_mesh(obstacle, case)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def rock(tmp_path):
+    path = tmp_path / "rock.stl"
+    trimesh.creation.icosphere(subdivisions=3, radius=0.1).export(path)
+    return path
+
+
+# --- meshes ------------------------------------------------------------------------------------
+
+
+def test_signed_distances_of_a_box_are_exact():
+    sides = np.array([0.2, 0.1, 0.15])
+    box = trimesh.creation.box(sides)
+    triangles = Triangles(np.asarray(box.triangles), np.asarray(box.face_normals))
+    axes = [np.linspace(-0.1 - s / 2, 0.1 + s / 2, 12) for s in sides]
+    found = triangles.on_grid(axes, within=0.06)
+    apart = np.abs(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)) - sides / 2
+    outside = np.linalg.norm(np.maximum(apart, 0), axis=-1)
+    wanted = outside + np.minimum(apart.max(axis=-1), 0)
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_the_side_is_right_in_a_ring_with_a_hole():
+    ring = trimesh.creation.torus(0.1, 0.03, major_sections=48, minor_sections=24)
+    triangles = Triangles(np.asarray(ring.triangles), np.asarray(ring.face_normals))
+    axes = [np.linspace(-0.16, 0.16, 17) for _ in range(3)]
+    found = triangles.on_grid(axes, within=0.05)
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    wanted = np.hypot(np.hypot(x, y) - 0.1, z) - 0.03
+    clear = np.abs(wanted) > 1e-3  # the sides of the polygons
+    np.testing.assert_array_equal(np.sign(found)[clear], np.sign(wanted)[clear])
+    np.testing.assert_allclose(found, wanted, atol=1e-3)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_ball_as_a_mesh_has_the_distances_of_a_ball(rock, dimension):
+    found = read(rock, dimension)
+    assert not found.notes
+    places = np.random.default_rng(1).normal(size=(200, dimension))
+    places *= np.linspace(0.09, 0.12, 200)[:, None] / np.linalg.norm(places, axis=1, keepdims=True)
+    wanted = np.linalg.norm(places, axis=1) - 0.1
+    # sides of the polyhedron lie up to 0.5 mm inside
+    np.testing.assert_allclose(found.spline.at(places), wanted, atol=6e-4)
+    again = read(rock, dimension)
+    np.testing.assert_array_equal(again.spline.coefficients, found.spline.coefficients)
+
+
+def test_scale_turns_and_the_upward_axis_of_a_format(tmp_path):
+    box = trimesh.creation.box([400.0, 100.0, 200.0])
+    for name in ("box.ply", "box.obj", "box.glb"):
+        box.export(tmp_path / name)
+    for name in ("box.ply", "box.obj"):
+        sides = np.ptp(read(tmp_path / name, scale=1e-3).points, axis=0)
+        np.testing.assert_allclose(sides, [0.4, 0.1, 0.2], rtol=1e-6)
+    up = np.ptp(read(tmp_path / "box.glb", scale=1e-3).points, axis=0)
+    np.testing.assert_allclose(up, [0.4, 0.2, 0.1], rtol=1e-6)  # y of the file is z of the world
+    turned = np.ptp(read(tmp_path / "box.ply", scale=1e-3, tilt_deg=90.0).points, axis=0)
+    np.testing.assert_allclose(turned, [0.2, 0.1, 0.4], rtol=1e-6)
+
+
+def test_a_note_says_how_much_a_coarse_grid_rounds(tmp_path):
+    path = tmp_path / "comb.stl"
+    teeth = [trimesh.creation.box([0.01, 0.1, 0.1]) for _ in range(4)]
+    for index, tooth in enumerate(teeth):
+        tooth.apply_translation([0.05 * index, 0, 0])
+    trimesh.util.concatenate(teeth).export(path)
+    (note,) = read(path, spacing=0.02).notes
+    assert "rounded by up to" in note
+    assert "on a grid of 20 mm" in note
+
+
+def test_mistakes_in_meshes_are_one_line(rock, tmp_path):
+    hollow = trimesh.load_mesh(rock)
+    hollow.update_faces(np.arange(len(hollow.faces)) > 20)
+    hollow.export(tmp_path / "hollow.stl")
+    (tmp_path / "text.stl").write_text("nothing")
+    table = {"kind": "mesh", "file": str(rock), "position": [0.3, 0.0, -10.3]}
+
+    def line(dimension=3, **keys):
+        return refusal(scenario(table | keys, dimension))
+
+    assert "no such file" in line(file=str(tmp_path / "none.stl"))
+    assert "hollow.stl has holes" in line(file=str(tmp_path / "hollow.stl"))
+    assert "be a closed surface. Repair it" in line(file=str(tmp_path / "hollow.stl"))
+    assert "text.stl" in line(file=str(tmp_path / "text.stl"))
+    large = line(scale=1000.0, spacing=0.01)
+    assert large.startswith("obstacle.0.spacing: got 0.01; must be at least 0.7")
+    assert large.endswith("Is the file in mm? Set scale = 0.001.")
+    high = trimesh.load_mesh(rock)
+    high.apply_translation([0.0, 0.5, 0.0])
+    high.export(tmp_path / "aside.stl")
+    aside = line(2, file=str(tmp_path / "aside.stl"))
+    assert aside.endswith("is at y = 0.4 to 0.6 m; must meet the plane of the arm, y = 0")
+
+
+# --- beds --------------------------------------------------------------------------------------
+
+
+def bathymetry(tmp_path, values, name="z", coordinates=None, **attributes):
+    path = tmp_path / "bed.nc"
+    coordinates = GRID if coordinates is None else coordinates
+    variable = tuple(coordinates), values, {"units": "m"} | attributes
+    xr.Dataset({name: variable}, coordinates).to_netcdf(path)
+    return {"kind": "seabed", "file": str(path), "height": name}
+
+
+def heights(case):
+    (obstacle,) = case.obstacle
+    assert isinstance(obstacle, Seabed)
+    return read_seabed(obstacle, case)
+
+
+def test_heights_and_depths_are_the_same_bed(tmp_path):
+    slope = -11.0 + 0.1 * GRID["x"][:, None] - 0.2 * GRID["y"]
+    up = heights(scenario(bathymetry(tmp_path, slope)))
+    places = np.array([[0.33, -0.41], [-1.9, 0.9], [0.0, 0.0], [5.0, 0.0]])
+    wanted = [-10.885, -11.37, -11.0, -10.8]  # the last at the edge
+    # the bend at the ends of the heights is rounded within a step of them
+    np.testing.assert_allclose(up.spline.at(places), wanted, atol=0.006)
+    np.testing.assert_allclose(up.spline.at(places[[0, 2]]), [-10.885, -11.0], atol=3e-5)
+    down = heights(scenario(bathymetry(tmp_path, -100 * slope, "depth", units="cm")))
+    np.testing.assert_allclose(down.spline.at(places), up.spline.at(places), atol=1e-9)
+    profile = heights(scenario(bathymetry(tmp_path, slope), 2))
+    np.testing.assert_allclose(profile.spline.at(places[::2, :1]), [-10.967, -11.0], atol=3e-5)
+
+
+def test_mistakes_in_beds_are_one_line(tmp_path):
+    flat = np.full((21, 11), -11.0)
+    gap = flat.copy()
+    gap[3, 3] = np.nan
+    assert "z has 1 missing value" in refusal(scenario(bathymetry(tmp_path, gap)))
+    table = bathymetry(tmp_path, flat)
+    assert 'got "h", no such variable in bed.nc' in refusal(scenario(table | {"height": "h"}))
+    away = refusal(scenario(table | {"position": [9.0, 0.0, 0.0]}))
+    assert "bed.nc has heights at x = -2 to 2 m; must contain the base" in away
+    uneven = GRID | {"x": GRID["x"] ** 3}
+    assert "have even steps" in refusal(scenario(bathymetry(tmp_path, flat, coordinates=uneven)))
+    round_one = {"x": ("x", GRID["x"], {"units": "degrees_east"}), "y": GRID["y"]}
+    line = refusal(scenario(bathymetry(tmp_path, flat, coordinates=round_one)))
+    assert "Project longitudes and latitudes to m first" in line
+    line = refusal(scenario(bathymetry(tmp_path, flat[:, 0], coordinates={"x": GRID["x"]})))
+    assert "have those of x and y" in line
+
+
+def test_a_bed_above_the_arm_overlaps_it(tmp_path):
+    case = scenario(bathymetry(tmp_path, np.full((21, 11), -9.9)))
+    line = r"obstacle.0.position: overlaps the arm without load by 115 mm"
+    with pytest.raises(ValueError, match=line):
+        Prepared(case).check()
