@@ -10,8 +10,10 @@ import pytest
 
 import crinoid
 
-RUNS = 6
+RUNS = 10
 """Number of runs for each dimension."""
+pytestmark = pytest.mark.usefixtures("optimised")
+
 RADIUS, NODES, DEPTH = 0.01, 13, 10.0
 
 
