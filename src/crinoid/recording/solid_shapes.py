@@ -1,5 +1,7 @@
 """Triangles by which solids of files are drawn."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -38,7 +40,7 @@ def section(distance: Float[np.ndarray, "x z"], x: Places, z: Places, half: floa
     every = 1 + max(distance.shape) // _CELLS
     x, z, distance = x[::every], z[::every], distance[::every, ::every]
     cells = contour_generator(x, z, distance.T, chunk_size=1)
-    lines: list[list[np.ndarray]] = cells.filled(-np.inf, 0.0)[0]
+    lines: Any = cells.filled(-np.inf, 0.0)[0]
     return slab([line[:-1] for line in lines if line is not None], half)
 
 

@@ -51,7 +51,7 @@ class LiveScene:
                 str(index),
                 table,
                 nowhere,
-                read and SolidShape(read.points, read.facets),
+                None if read is None else SolidShape(read.points, read.facets),
             )
             for index, table in enumerate(tables.get("obstacle", []))
             for read in [surfaces.get(f"obstacle.{index}")]
