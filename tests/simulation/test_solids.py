@@ -18,7 +18,7 @@ def folder(tmp_path_factory):
     ball.apply_translation([0.0, 0.0, 0.25])
     ball.export(path / "ball.ply")
     x, y = np.linspace(-1, 1, 21), np.linspace(-1, 1, 11)
-    heights = -10.06 + 0.1 * x[:, None] + 0.0 * y
+    heights = -10.08 + 0.1 * x[:, None] + 0.0 * y
     xr.Dataset({"z": (("x", "y"), heights, {"units": "m"})}, {"x": x, "y": y}).to_netcdf(
         path / "bed.nc"
     )
@@ -47,7 +47,7 @@ def landed(dimension, obstacle):
 BALL = {"position": [0.38, 0.0, -10.13], "velocity": [0.0, 0.0, 0.1], "friction": 0.3}
 MESH = BALL | {"kind": "mesh", "file": "ball.ply", "position": [0.38, 0.0, -10.38]}
 BED = {"position": [0.0, 0.0, 0.0], "velocity": [0.0, 0.0, 0.1], "friction": 0.3}
-PLANE = BED | {"kind": "plane", "position": [0.0, 0.0, -10.06], "normal": [-0.1, 0.0, 1.0]}
+PLANE = BED | {"kind": "plane", "position": [0.0, 0.0, -10.08], "normal": [-0.1, 0.0, 1.0]}
 BED |= {"kind": "seabed", "file": "bed.nc", "height": "z"}
 
 
