@@ -259,7 +259,7 @@ def test_a_disk_that_fills_up_stops_a_run_and_loses_nothing_written(whole, tmp_p
 
 
 def test_a_result_has_the_listed_variables(whole):
-    without = ("obstacles", "actuators", "lines", "tool", "vehicle", "estimate", "self")
+    without = ("obstacles", "solids", "actuators", "lines", "tool", "vehicle", "estimate", "self")
     there, sizes = assert_listed(whole.dataset, without), whole.dataset.sizes
     kept = sum(v.nbytes for v in whole.dataset.data_vars.values() if "time" in v.dims)
     assert kept == 8 * sizes["time"] * numbers(there.values(), sizes)

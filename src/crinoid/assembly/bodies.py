@@ -297,7 +297,9 @@ def _surface(read: SolidSurface, edge: float) -> Surface:
     spline = GridSpline(*map(array, vars(read.spline).values()))
     # two points in each cell that an edge crosses
     samples = int(np.clip(2 * np.ceil(edge / read.spline.spacing.min()) + 1, 5, _MOST_SAMPLES))
-    return (Bed if read.heights else SignedDistance)(spline, samples)
+    if read.heights:
+        return Bed(height=spline, samples=samples)
+    return SignedDistance(spline=spline, samples=samples)
 
 
 _MOST_SAMPLES = 33

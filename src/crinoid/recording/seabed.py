@@ -53,9 +53,9 @@ def read_seabed(table: Seabed, scenario: Scenario) -> SolidSurface:
     shown = [at + _SHOWN * length * np.linspace(-1, 1, _PARTS + 1) for at in level]
     height = spline.at(np.stack(np.meshgrid(*shown, indexing="ij"), axis=-1))
     if len(shown) == 1:
-        shape = profile(*shown, height, float(height.min()) - _DEEP * length, _SHEET * length)
+        shape = profile(shown[0], height, float(height.min()) - _DEEP * length, _SHEET * length)
     else:
-        shape = sheet(*shown, height)
+        shape = sheet(shown[0], shown[1], height)
     return SolidSurface(spline, True, *shape, tuple(remarks))
 
 

@@ -69,7 +69,7 @@ class Triangles:
         return np.where(side < 0, -1.0, 1.0) * np.sqrt(least[:, 0])
 
     def on_grid(
-        self, axes: list[Float[np.ndarray, " place"]], within: float
+        self, axes: list[Float[np.ndarray, " _"]], within: float
     ) -> Float[np.ndarray, "..."]:
         """Return signed distances (m) on a grid of x, y and z, exact up to ``within`` (m).
 

@@ -1,13 +1,15 @@
 """Triangles by which solids of files are drawn."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Int
 
 _CELLS = 40
 """Cells along the longest side of a solid as it is drawn."""
 
-Points = Float[np.ndarray, "point axis=3"]
-Facets = Int[np.ndarray, "facet corner=3"]
+Points = Float[np.ndarray, "_ axis=3"]
+Facets = Int[np.ndarray, "_ corner=3"]
 Shape = tuple[Points, Facets]
 Places = Float[np.ndarray, " place"]
 
@@ -38,11 +40,11 @@ def section(distance: Float[np.ndarray, "x z"], x: Places, z: Places, half: floa
     every = 1 + max(distance.shape) // _CELLS
     x, z, distance = x[::every], z[::every], distance[::every, ::every]
     cells = contour_generator(x, z, distance.T, chunk_size=1)
-    lines: list[list[np.ndarray]] = cells.filled(-np.inf, 0.0)[0]
+    lines: Any = cells.filled(-np.inf, 0.0)[0]
     return slab([line[:-1] for line in lines if line is not None], half)
 
 
-def slab(outlines: list[Float[np.ndarray, "corner 2"]], half: float) -> Shape:
+def slab(outlines: list[Float[np.ndarray, "_ 2"]], half: float) -> Shape:
     """Return a slab over convex polygons in x and z that share corners (m), with its sides."""
     sizes = [len(each) for each in outlines]
     corners, at = np.unique(np.round(np.concatenate(outlines), 9), axis=0, return_inverse=True)

@@ -1,0 +1,71 @@
+"""Runs onto solids from files end as those onto the round obstacles and planes that they are."""
+
+import numpy as np
+import pytest
+import trimesh
+import xarray as xr
+
+import crinoid
+from crinoid.scenario import Scenario
+
+ARM = {"length": 0.5, "nodes": 6, "radius": 0.015, "density": 1300.0, "youngs_modulus": 5e5}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("solids")
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
+    ball.apply_translation([0.0, 0.0, 0.25])
+    ball.export(path / "ball.ply")
+    x, y = np.linspace(-1, 1, 21), np.linspace(-1, 1, 11)
+    heights = -10.08 + 0.1 * x[:, None] + 0.0 * y
+    xr.Dataset({"z": (("x", "y"), heights, {"units": "m"})}, {"x": x, "y": y}).to_netcdf(
+        path / "bed.nc"
+    )
+    return path
+
+
+def landed(dimension, obstacle):
+    """Return the end of a run in which a body rises below a level arm."""
+    obstacle = dict(obstacle)
+    place = {"base": [0.0, 0.0, -10.0]}
+    place |= {key: obstacle[key] for key in ("position", "normal", "velocity") if key in obstacle}
+    if dimension == 2:
+        place = {key: value[::2] for key, value in place.items()}
+    base = {"position": place.pop("base")}
+    case = Scenario(
+        arm=ARM | {"dimension": dimension, "damping_time": 0.05},
+        base=base,
+        obstacle=[obstacle | place],
+        simulation={"duration": 0.3, "start": "rest"},
+    )
+    result = crinoid.simulate(case)
+    assert result.status == "ok"
+    return result.dataset
+
+
+BALL = {"position": [0.38, 0.0, -10.13], "velocity": [0.0, 0.0, 0.1], "friction": 0.3}
+MESH = BALL | {"kind": "mesh", "file": "ball.ply", "position": [0.38, 0.0, -10.38]}
+BED = {"position": [0.0, 0.0, 0.0], "velocity": [0.0, 0.0, 0.1], "friction": 0.3}
+PLANE = BED | {"kind": "plane", "position": [0.0, 0.0, -10.08], "normal": [-0.1, 0.0, 1.0]}
+BED |= {"kind": "seabed", "file": "bed.nc", "height": "z"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("solid", "known"), [(MESH, BALL | {"kind": "sphere", "radius": 0.1}), (BED, PLANE)]
+)
+def test_a_solid_from_a_file_lifts_the_arm_as_what_it_is(folder, solid, known):
+    solid = solid | {"file": str(folder / solid["file"])}
+    exact = landed(2, known)
+    assert float(exact["contact_impulse"][-1, 0, -1]) > 0.1
+    for dimension in (2, 3):
+        found = landed(dimension, solid)
+        tip, force = (found[name].values[-1] for name in ("tip_position", "contact_impulse"))
+        tip, force = tip[[0, -1]], force[0, [0, -1]]
+        # the sides of the polyhedron are up to 0.2 mm inside of the ball
+        np.testing.assert_allclose(tip, exact["tip_position"].values[-1], atol=4e-4)
+        scale = float(exact["contact_impulse"][-1, 0, -1])
+        np.testing.assert_allclose(force, exact["contact_impulse"].values[-1, 0], atol=0.02 * scale)
+        assert set(found["facet_obstacle"].values) == {0}
+        assert found["surface_facet"].values.max() == found.sizes["surface_vertex"] - 1
