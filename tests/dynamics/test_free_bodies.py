@@ -9,6 +9,7 @@ import pytest
 from crinoid.dynamics import Integrator
 from crinoid.dynamics.integrator import StepMap
 from crinoid.elements import Pair
+from crinoid.numerics.frames import moments
 from helpers.arms import QUICKLY, arm, obstacles, order
 
 RADIUS, MASS, GRAVITY = 0.05, 0.5, 9.81
@@ -126,7 +127,7 @@ def colliding(axes):
     half = np.zeros((2, axes))
     if axes == 2:
         half[0] = [0.04, 0.06]
-        places, velocity = [[3.0, 0.0], [3.12, 0.07]], [[0.2, 0.1], [-0.3, 0.0]]
+        places, velocity = [[3.0, 0.0], [3.14, 0.07]], [[0.2, 0.1], [-0.3, 0.0]]
     else:
         places, velocity = (
             [[3.0, 0.0, 0.0], [3.09, 0.04, 0.02]],
@@ -161,7 +162,7 @@ def momenta(system, states):
     own = inertia[:, 0] * spin
     if axes == 3:
         own = np.einsum("tmij,mjk,tmlk,tml->tmi", attitude, inertia, attitude, spin)
-    cross = np.cross(place, mass * speed).reshape(*own.shape)
+    cross = np.asarray(moments(jnp.asarray(place), jnp.asarray(mass * speed)))
     return np.sum(mass * speed, axis=1), np.sum(own + cross, axis=1), own
 
 
@@ -189,7 +190,7 @@ def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
     half = [[0.03, 0.05, -0.02], [0.06, -0.02, 0.03]]
     system = bodies(
         3,
-        [[3.0, 0.0, 0.0], [3.02, 0.03, 0.085]],
+        [[3.0, 0.0, 0.0], [3.02, 0.03, 0.097]],
         step=1e-4,
         radius=[0.05, 0.04],
         half_axis=half,
@@ -227,7 +228,7 @@ def test_a_top_keeps_energy_and_angular_momentum_at_order_two():
             arms={"tolerance": 1e-13},
             mass=[0.4],
             inertia=np.array([[1e-3, 2e-3, 2.5e-3]]),
-            spin=[[0.2, 6.0, 0.1]],
+            spin=[[1.0, 12.0, 0.3]],
         )
         start, states = marched(system, count)
         first = jax.tree.map(lambda x: x[None], start)
@@ -235,7 +236,7 @@ def test_a_top_keeps_energy_and_angular_momentum_at_order_two():
         _, before, _ = momenta(system, first)
         spin = np.asarray(states.motion.velocity)[:, system.forces.rows.rotations, :3]
         energy = 0.5 * np.sum(own * spin, axis=(1, 2))
-        initial = 0.5 * np.array([1e-3, 2e-3, 2.5e-3]) @ np.array([0.2, 6.0, 0.1]) ** 2
+        initial = 0.5 * np.array([1e-3, 2e-3, 2.5e-3]) @ np.array([1.0, 12.0, 0.3]) ** 2
         lost.append(np.abs(energy - initial).max() / initial)
         turned.append(np.abs(angular - before).max() / np.abs(before).max())
         # the middle axis is unstable: it turns over
@@ -255,11 +256,10 @@ def lying(axes, *, step=1e-3):
     normal = np.zeros((3, axes))
     normal[2, -1] = 1.0
     across = np.zeros(axes)
-    places = [[0.33, *across[1:]], [0.4, *across[1:]], [0.0, *across[1:]]]
-    for place, height in zip(places, (-0.0495, -0.0195, -0.0794), strict=True):
-        place[-1] = height
-    places[1] = [0.33 + 0.08 + 0.0448, *across[1:]]
-    places[1][-1] = -0.063
+    places = [[0.33, *across[1:]], [], [0.0, *across[1:]]]
+    places[0][-1], places[2][-1] = -0.0495, -0.0794
+    places[1] = [0.33 + 0.08 + 0.04302, *across[1:]]
+    places[1][-1] = -0.064
     turns = 1 if axes == 2 else 3
     rng = np.random.default_rng(3)
     return bodies(
@@ -318,10 +318,13 @@ def test_the_tangent_is_the_slope_of_the_residual(axes):
     rhs = jnp.asarray(np.where(unknown, rng.normal(size=turned.shape), 0.0))
     change = np.asarray(solved(rhs))
     assert not change[~unknown].any()
+    exact = jax.jit(lambda way: jax.jvp(residual, (jnp.asarray(turned),), (way,))[1])
+    expected = np.asarray(forces.unknown(rhs))
+    np.testing.assert_allclose(exact(jnp.asarray(change)), expected, rtol=1e-8, atol=1e-9)
     size = 1e-6 / np.abs(change).max()
     ahead, behind = (residual(jnp.asarray(turned + way * size * change)) for way in (1, -1))
-    slope = (ahead - behind) / (2 * size)
-    np.testing.assert_allclose(slope, forces.unknown(rhs), rtol=1e-4, atol=1e-4)
+    # as far as round-off of differences lets it
+    np.testing.assert_allclose((ahead - behind) / (2 * size), expected, atol=2e-3)
 
 
 def test_the_gradient_through_a_rolling_contact_agrees_with_differences():
