@@ -25,6 +25,8 @@ _GROUPS = {
     '`control.kind = "lqg"` or `"mpc"` there are also the estimates of the observer '
     "([estimate.md](estimate.md)).",
     ("obstacles",): "With `[[obstacle]]` there are also",
+    ("bodies", "bodies plane", "bodies space"): "With a free obstacle, one with a `mass`, there "
+    "are also, of all obstacles,",
     ("self",): "With `contact.self = true` there are also",
     ("tool",): "With `[tool]` there is also",
     ("actuators",): "With actuators in addition to the base's channels there are also",

@@ -56,7 +56,7 @@ def on_slope(axes, friction, *, step=2e-3, arms=None):
     kept = [0, 2] if axes == 2 else [0, 1, 2]
     foot = np.array([2.0, 0.5, -3.0])
     strength = 32 * 5e5 * 0.02**2 + 100 * MASS * GRAVITY
-    gap = 0.05 * RADIUS * (1 - (MASS * GRAVITY * np.cos(SLOPE) / strength) ** 0.25)
+    gap = -0.02 * RADIUS * (MASS * GRAVITY * np.cos(SLOPE) / strength) ** 0.25
     places = np.stack([foot + (RADIUS + gap) * normal, foot])[:, kept]
     system = bodies(
         axes,
@@ -137,7 +137,7 @@ def colliding(axes):
     return bodies(
         axes,
         places,
-        step=1e-4,
+        step=5e-5,
         arms={"tolerance": 1e-13},
         radius=[0.05, 0.04],
         half_axis=half,
@@ -169,13 +169,13 @@ def momenta(system, states):
 @both
 def test_a_collision_keeps_momentum_and_angular_momentum(axes):
     system = colliding(axes)
-    start, states = marched(system, 600)
+    start, states = marched(system, 1200)
     first = jax.tree.map(lambda x: x[None], start)
     linear, angular, own = momenta(system, states)
     linear_before, angular_before, own_before = momenta(system, first)
     # they met, rubbed, and parted
     gap = np.asarray(states.body_gap)[:, 0]
-    assert gap.min() < 0.04 * 0.05 < min(gap[-1], float(start.body_gap[0]))
+    assert gap.min() < 0.04 * 0.02 < min(gap[-1], float(start.body_gap[0]))
     assert np.abs(own[-1] - own_before[0]).max() > 1e-4
     for after, before in ((linear, linear_before), (angular, angular_before)):
         np.testing.assert_allclose(after[-1], before[0], rtol=0, atol=1e-9 * np.abs(before).max())
@@ -190,7 +190,7 @@ def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
     half = [[0.03, 0.05, -0.02], [0.06, -0.02, 0.03]]
     system = bodies(
         3,
-        [[3.0, 0.0, 0.0], [3.02, 0.03, 0.097]],
+        [[3.0, 0.0, 0.0], [3.02, 0.03, 0.0959]],
         step=1e-4,
         radius=[0.05, 0.04],
         half_axis=half,
@@ -201,7 +201,7 @@ def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
         pairs=[Pair(0, 1, 1.0), Pair(0, 1, -1.0)],
     )
     state = system.rest()
-    assert np.asarray(state.body_gap).min() < 0.002
+    assert np.asarray(state.body_gap).max() < 0.0008
     forces, still = system.forces, jnp.zeros_like(state.motion.acceleration)
     motion = eqx.tree_at(lambda m: m.acceleration, state.motion, still)
     place = np.asarray(state.obstacle_position)
@@ -257,9 +257,9 @@ def lying(axes, *, step=1e-3):
     normal[2, -1] = 1.0
     across = np.zeros(axes)
     places = [[0.33, *across[1:]], [], [0.0, *across[1:]]]
-    places[0][-1], places[2][-1] = -0.0495, -0.0794
-    places[1] = [0.33 + 0.08 + 0.04302, *across[1:]]
-    places[1][-1] = -0.064
+    places[0][-1], places[2][-1] = -0.0495, -0.0792
+    places[1] = [0.33 + 0.08 + 0.04239, *across[1:]]
+    places[1][-1] = -0.0643
     turns = 1 if axes == 2 else 3
     rng = np.random.default_rng(3)
     return bodies(
@@ -285,7 +285,8 @@ def lying(axes, *, step=1e-3):
 def test_the_tangent_is_the_slope_of_the_residual(axes):
     system = lying(axes)
     state = system.rest()
-    assert (np.asarray(state.body_gap)[:3] < 0.0008).all()
+    skin = 0.02 * np.array([0.03, 0.03, 0.015, 0.015])
+    assert (np.asarray(state.body_gap) < 0.8 * skin).all()
     assert float(state.gap[0].min()) < 0.001
     forces, motion = system.forces, state.motion
     h = 1e-3

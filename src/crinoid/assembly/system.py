@@ -213,6 +213,9 @@ def _velocities_at(
 _clearance = compiled(**ONCE)(System.clearance)
 
 
+_body_clearance = compiled(**ONCE)(System.body_clearance)
+
+
 _self_clearance = compiled(**ONCE)(System.self_clearance)
 
 
@@ -226,7 +229,10 @@ def check_self_clearance(system: System) -> None:
 
 
 def clearance(system: System) -> Float[np.ndarray, " m"]:
-    """Return the distance of each obstacle from the arm without load (m), or refuse an overlap."""
+    """Return the distance of each obstacle from the arm without load (m), or refuse an overlap.
+
+    A free obstacle may overlap another one by the skin of their contact.
+    """
     room = np.asarray(_clearance(system))
     mistakes = [
         Mistake(
@@ -236,6 +242,16 @@ def clearance(system: System) -> Float[np.ndarray, " m"]:
         for index, gap in enumerate(room)
         if gap < 0
     ]
+    obstacles = system.forces.obstacles
+    if obstacles is not None and obstacles.bodies is not None and obstacles.bodies.contact:
+        depths = np.asarray(-_body_clearance(system))
+        skins = np.asarray(obstacles.bodies.contact.skin)
+        for pair, depth, skin in zip(obstacles.bodies.pairs, depths, skins, strict=True):
+            first, second = sorted(pair, key=lambda index: index not in obstacles.free)
+            text = f"overlaps obstacle.{second} by {1e3 * depth:.3g} mm. Move it clear of that."
+            mistake = Mistake(f"obstacle.{first}.position", text)
+            if depth > skin and all(mistake.key != known.key for known in mistakes):
+                mistakes.append(mistake)
     if mistakes:
         raise ScenarioError(mistakes)
     return room

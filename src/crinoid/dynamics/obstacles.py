@@ -79,6 +79,12 @@ class Obstacles(eqx.Module):
         return self.count if self.bodies is None else 2 * self.count
 
     @property
+    def half_axis(self) -> Float[Array, "m d"]:
+        """Half of the core of each obstacle, in its axes (m)."""
+        edges = self.contact.radius.shape[0] // self.count
+        return self.contact.half_axis[::edges]
+
+    @property
     def finest(self) -> Float[Array, ""]:
         """Smallest distance between the axes of an obstacle and the arm in contact (m)."""
         return jnp.min(self.contact.arm_radius + self.contact.radius)

@@ -115,6 +115,14 @@ class State(eqx.Module):
         return self._obstacles(self.motion.velocity)
 
     @property
+    def obstacle_spin(self) -> Any:
+        """Angular velocities of the obstacles (rad/s), if some are free."""
+        if self.obstacle_attitude is None:
+            return None
+        turns = 1 if self._axes == 2 else 3
+        return self.motion.velocity[..., self._rows.rotations, :turns]
+
+    @property
     def vehicle_position(self) -> Any:
         """Position of the centre of mass of a floating vehicle (m), if there is one."""
         return None if self.attitude is None else self.motion.position[..., CENTRE, : self._axes]

@@ -92,6 +92,18 @@ class System(eqx.Module):
         gaps = self.forces.gaps(rows)
         return jnp.zeros(0) if gaps is None else jnp.min(gaps, axis=1)
 
+    def body_clearance(self, time: float | Array = 0.0) -> Float[Array, " pair"]:
+        """Return the distance of each free obstacle from each other one at the start (m).
+
+        The pairs are those of ``forces.obstacles.bodies``.
+        """
+        obstacles = self.forces.obstacles
+        bodies = None if obstacles is None else obstacles.bodies
+        if bodies is None or bodies.contact is None:
+            return jnp.zeros(0)
+        _, _, rows, _ = self.undeformed(time)
+        return bodies.gaps(rows[self.forces.rows.obstacle_rows]) - bodies.contact.skin
+
     def self_clearance(self, time: float | Array = 0.0) -> Float[Array, ""]:
         """Return the smallest distance of the undeformed arm from itself (m)."""
         _, _, rows, _ = self.undeformed(time)
@@ -300,6 +312,19 @@ class System(eqx.Module):
         pose = tip_pose(state.position)
         axes = self.forces.axes
         return pose + jnp.pad(self.forces.origin, (0, pose.size - axes))
+
+    def obstacle_axes(self, state: State) -> Float[Array, "m d"] | None:
+        """Return the direction of a line fixed to each obstacle, if some are free.
+
+        That is the axis of a capsule or cylinder; otherwise it is along x at the start.
+        """
+        obstacles = self.forces.obstacles
+        if obstacles is None or state.obstacle_attitude is None:
+            return None
+        half = obstacles.half_axis
+        size = jnp.sqrt(jnp.sum(half**2, axis=1, keepdims=True))
+        axis = jnp.where(size > 0, half / jnp.where(size > 0, size, 1.0), jnp.eye(half.shape[1])[0])
+        return jnp.sum(state.obstacle_attitude * axis[:, None, :], axis=-1)
 
     def vehicle_output(self, state: State) -> VehicleOutput | None:
         """Return pose and thrust of the vehicle; None if the base does not float."""

@@ -8,14 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.contact import SKIN, Contact, rows_of
+from crinoid.elements.contact import Contact, rows_of
 from crinoid.elements.element import Motion
 from crinoid.elements.rigid import Pose, RigidMotion
 from crinoid.numerics.frames import moments, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
 
+_SKIN = 0.02
+"""Thickness of the skin over the smaller radius."""
 _WEIGHTS = 100.0
-"""Force where the surfaces meet, over the weight of the lighter body, besides the arm's."""
+"""Force at the end of the skin, over the weight of the lighter body, besides the arm's."""
 
 
 class Pair(NamedTuple):
@@ -32,9 +34,12 @@ class BodyContact(Contact):
 
     The force law is that of `Contact`: the first body is a sphere, or one half of a capsule, in
     the place of the edge. So a capsule that lies on something touches it near both ends. A window
-    has the two rows of the first body, then those of the second. The skin is a twentieth of the
-    smaller radius. Its force where the surfaces meet is the arm's, plus a hundred weights of the
-    lighter body. The coefficient of friction is the larger one.
+    has the two rows of the first body, then those of the second.
+
+    Contact begins where the surfaces meet: the skin, a fiftieth of the smaller radius, is within
+    them, so that a body may start where it just touches another one. The force at the end of the
+    skin is the arm's, plus a hundred weights of the lighter body, which sinks in by less than 1 %
+    of its radius by itself. The coefficient of friction is the larger one.
     """
 
     stencil: ClassVar[int] = 4
@@ -61,7 +66,7 @@ class BodyContact(Contact):
         ``strength`` that of the arm (N), ``gravity`` in m/s2.
         """
         first, second = (np.array([pair[side] for pair in pairs]) for side in (0, 1))
-        end = np.array([pair.span for pair in pairs])[:, None] * half_axis[first]
+        end = jnp.array([pair.span for pair in pairs])[:, None] * half_axis[first]
         # the edge of a sphere has no length
         long = jnp.sqrt(jnp.sum(end**2 + jnp.finfo(float).tiny, axis=1))
         pressed = _WEIGHTS * gravity * jnp.minimum(mass[first], mass[second])
@@ -81,9 +86,10 @@ class BodyContact(Contact):
     @property
     def skin(self) -> Float[Array, "*count"]:
         round_too = jnp.minimum(self.arm_radius, self.radius)
-        return SKIN * jnp.where(jnp.any(self.normal != 0, axis=-1), self.arm_radius, round_too)
+        return _SKIN * jnp.where(jnp.any(self.normal != 0, axis=-1), self.arm_radius, round_too)
 
     def gap(self, position: Float[Array, "4 b"]) -> Float[Array, ""]:
+        """Return the distance from the end of the skin (m): ``skin`` where the surfaces meet."""
         one, other = self._bodies(position, 0 * position)
         return self._between(one, other)[0]
 
@@ -129,4 +135,5 @@ class BodyContact(Contact):
         """Return the gap and its gradients, as in `Contact`."""
         near = one.position
         places = jnp.stack([near, near + product(one.attitude, self.end), other.position])
-        return self._closest(places, product(other.attitude, self.half_axis))
+        gap, slopes, share, by_half = self._closest(places, product(other.attitude, self.half_axis))
+        return gap + self.skin, slopes, share, by_half

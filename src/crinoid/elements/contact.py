@@ -147,11 +147,14 @@ class Contact(SoftSkin):
             return jnp.repeat(values, edges, axis=0)
 
         return Contact(
-            1,
-            per_edge(rod.rest_length),
-            per_edge(arm_radius),
-            per_edge(strength),
-            *map(per_obstacle, (radius, half_axis, normal, friction)),
+            first=1,
+            rest_length=per_edge(rod.rest_length),
+            arm_radius=per_edge(arm_radius),
+            strength=per_edge(strength),
+            radius=per_obstacle(radius),
+            half_axis=per_obstacle(half_axis),
+            normal=per_obstacle(normal),
+            friction=per_obstacle(friction),
             mass=1 / (1 / per_edge(rod.edge_mass[:, 1]) + 1 / per_obstacle(mass)),
         )
 

@@ -37,6 +37,9 @@ class Variable(NamedTuple):
         "plane",
         "space",
         "obstacles",
+        "bodies",
+        "bodies plane",
+        "bodies space",
         "actuators",
         "tool",
         "lines",
@@ -195,6 +198,15 @@ VARIABLES = (
          more="in the world"),
     _row("obstacle_velocity", "time obstacle axis", "m s-1", "velocity of the obstacles",
          lambda run: run.kept.obstacle_velocity, where="obstacles"),
+    _row("obstacle_spin", "time obstacle", "rad s-1",
+         "angular velocity of the obstacles, positive from x toward z",
+         lambda run: run.kept.obstacle_spin[..., 0], where="bodies plane"),
+    _row("obstacle_spin", "time obstacle axis", "rad s-1",
+         "angular velocity of the obstacles about the axes of the world, right-handed",
+         lambda run: run.kept.obstacle_spin, where="bodies space"),
+    _row("obstacle_axis", "time obstacle axis", "1", "direction of a line fixed to each obstacle",
+         lambda run: run.kept.obstacle_axis, where="bodies",
+         more="the axis of a capsule or cylinder in the plane or in space; else along x at first"),
     _row("contact_force", "time obstacle axis", "N", "force of the obstacles on the arm",
          lambda run: run.kept.touch.force, where="obstacles", more="friction included"),
     _row("contact_impulse", "time obstacle axis", "N s",
@@ -269,8 +281,8 @@ VARIABLES = (
 def of_dimension(dimension: int, *, without: Iterable[str] = ()) -> dict[str, Variable]:
     """Return the variables of a planar (2) or spatial (3) arm by name.
 
-    Those of "obstacles", "actuators", "tool", "lines", "vortices", "self" or "vehicle" in
-    ``without`` are omitted.
+    Those of "obstacles", "bodies" (free ones), "actuators", "tool", "lines", "vortices", "self" or
+    "vehicle" in ``without`` are omitted.
     """
     left = {"space" if dimension == 2 else "plane", *without}
     return {each.name: each for each in VARIABLES if left.isdisjoint(each.where.split())}

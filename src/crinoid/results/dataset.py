@@ -149,6 +149,7 @@ def build_dataset(run: Instants, diameters: Sequence[float], *more: Content) -> 
     count, kept, system = run.dimension, run.kept, run.system
     missing = {
         "obstacles": kept.touch,
+        "bodies": kept.obstacle_spin,
         "tool": kept.held,
         "vortices": kept.vortices,
         "self": kept.self_touch,

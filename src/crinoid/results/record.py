@@ -49,6 +49,9 @@ class Record(eqx.Module):
     """Largest estimated local error of a step since the instant before (m)."""
     obstacle_position: Float[Array, "*t m d"] | None
     obstacle_velocity: Float[Array, "*t m d"] | None
+    obstacle_spin: Float[Array, "*t m turns"] | None
+    obstacle_axis: Float[Array, "*t m d"] | None
+    """Direction of a line fixed to each obstacle, of a capsule its axis."""
     gap: Float[Array, "*t m e"] | None
     """Distance of each obstacle from the surface of each edge (m)."""
     touch: Touch | None

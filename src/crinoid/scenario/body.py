@@ -141,8 +141,13 @@ class _Movable(_Round):
 
     def _conflicts(self) -> Iterator[Mistake]:
         yield from super()._conflicts()
-        for name in ("inertia", "spin", "metacentric_height"):
-            if self.mass is None and name in self.model_fields_set:
+        turning = any(self.spin) if isinstance(self.spin, tuple) else self.spin
+        for name, there in (
+            ("inertia", self.inertia is not None),
+            ("spin", turning),
+            ("metacentric_height", self.metacentric_height),
+        ):
+            if self.mass is None and there:
                 yield self.mistake(name, "be left out without a mass", "Set mass to free the body.")
         moments = self.inertia if isinstance(self.inertia, tuple) else (self.inertia or 1.0,)
         if min(moments) <= 0:

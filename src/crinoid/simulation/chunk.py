@@ -56,6 +56,8 @@ def record(loop: Loop, carry: LoopState) -> Record:
         error=tally.error,
         obstacle_position=state.obstacle_position,
         obstacle_velocity=state.obstacle_velocity,
+        obstacle_spin=state.obstacle_spin,
+        obstacle_axis=system.obstacle_axes(state),
         gap=state.gap,
         touch=books.contact,
         director=None if state.frames is None else state.frames.director[2:],

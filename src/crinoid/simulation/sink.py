@@ -71,6 +71,7 @@ def _bytes(scenario: Scenario, *, large: bool) -> float:
     }
     parts: dict[str, object] = {
         "obstacles": scenario.obstacle,
+        "bodies": any(obstacle.free for obstacle in scenario.obstacle),
         "tool": scenario.tool,
         "vortices": scenario.water.vortices,
         "self": scenario.contact.self_,

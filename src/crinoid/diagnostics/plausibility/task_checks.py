@@ -127,6 +127,8 @@ def _idle_thrusters(facts: Facts) -> Iterator[str]:
 def _meeting(facts: Facts) -> Iterator[str]:
     scenario, base = facts.scenario, np.array(facts.scenario.base.position)
     reach = facts.length + facts.travel + facts.diameter / 2
+    if any(obstacle.free for obstacle in scenario.obstacle):
+        return  # others are for these to lie on
     for index, obstacle in enumerate(scenario.obstacle):
         if obstacle.velocity == "flow" or obstacle.free:
             continue  # water and weight move it

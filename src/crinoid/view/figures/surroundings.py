@@ -148,7 +148,7 @@ def obstacle_points(
         if obstacle.kind == "plane":
             seen = np.concatenate([nearest, nearest - _BEHIND * length * obstacle.normal])
         else:
-            short = np.linalg.norm(half) <= length
+            short = np.linalg.norm(half[0]) <= length
             ends = [obstacle.path - half, obstacle.path + half]
             core = np.concatenate(ends) if short else nearest
             seen = np.concatenate([core - obstacle.radius, core + obstacle.radius])

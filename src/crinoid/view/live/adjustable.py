@@ -150,12 +150,12 @@ def with_numbers(
         loop = eqx.tree_at(lambda x: x.controller.take_up, loop, loop_numbers.take_up)
     if debris:
 
-        def held(values: Float[Array, " f"]) -> Float[Array, " f"]:
+        def held(values: Float[Array, "f ..."]) -> Float[Array, "f ..."]:
             return values.at[-1].set(jnp.where(loop_numbers.parked, 0.0, values[-1]))
 
         def moved_by(x: Any) -> list[Any]:
-            bodies = x.system.forces.obstacles.bodies
-            return [bodies.displaced, bodies.drag, bodies.weight]
+            body = x.system.forces.obstacles.bodies.body
+            return [body.displaced, body.drag, body.weight, body.added_mass]
 
         loop = eqx.tree_at(moved_by, loop, [held(values) for values in moved_by(loop)])
     return loop

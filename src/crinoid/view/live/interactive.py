@@ -18,7 +18,7 @@ from crinoid.control import Pid
 from crinoid.control.target import Pose, Target, Time
 from crinoid.dynamics import State, System
 from crinoid.flow import Flow
-from crinoid.scenario import Scenario, ScenarioError
+from crinoid.scenario import Plane, Scenario, ScenarioError
 from crinoid.scenario.arm import Arm
 from crinoid.simulation.conclusion import start_failure
 from crinoid.simulation.loop import Loop
@@ -67,15 +67,27 @@ class InteractiveBodies:
         """Return the interactive bodies of a scenario."""
         length = scenario.arm.length
         radius = max(_RADIUS * length, max(scenario.arm.diameters) / 2)
-        parked = list(scenario.base.position)
-        parked[0] -= _PARKED * length
+        walls = [each for each in scenario.obstacle if isinstance(each, Plane)]
+        base = np.array(scenario.base.position)
+        far = _PARKED * length * np.eye(base.size)
+        # not within a wall
+        parked = next(
+            (
+                tuple(map(float, place))
+                for place in (base - far[0], base + far[0], base + far[-1], base - far[-1])
+                if all((place - wall.position) @ np.array(wall.out) > radius for wall in walls)
+            ),
+            None,
+        )
         mass = (scenario.water.density or 1000.0) * 4 / 3 * np.pi * radius**3
         found = InteractiveBodies(None, max(_LONGEST, scenario.simulation.duration))
         try:
             found.added_to(scenario)
         except ScenarioError:  # a table or a file ends before that
             found = replace(found, duration=scenario.simulation.duration)
-        with_debris = replace(found, debris=Debris(radius, mass, tuple(parked)))
+        if parked is None:
+            return found
+        with_debris = replace(found, debris=Debris(radius, mass, parked))
         try:
             with_debris.added_to(scenario)
         except ScenarioError:
@@ -139,6 +151,7 @@ def launch(
     forces, motion = system.forces, state.motion
     assert forces.obstacles is not None
     row = forces.rows.obstacle(forces.obstacles.count - 1)
+    remembered = state.remembered(forces)
     axes = forces.axes
     moved = motion.position.at[row, :axes].set(position)
     faster = motion.velocity.at[row, :axes].set(velocity)
@@ -148,7 +161,8 @@ def launch(
         motion=replace(motion, position=moved, velocity=faster, acceleration=still),
         auxiliary_offset=state.auxiliary_offset.at[row].set(0.0),
         acceleration_history=state.acceleration_history.at[:, row].set(0.0),
-        gap=forces.gaps(moved),
+        gap=remembered.gaps(moved),
+        body_gap=remembered.body_gaps(moved),
     )
 
 

@@ -1,7 +1,6 @@
 """Scene of a live session: the arm, rigid bodies, water and target as nodes of viser."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,14 +42,9 @@ class LiveScene:
         self.axes = (0, 2) if self._planar else (0, 1, 2)  # axes of space in which the arm moves
         self._diameter = np.maximum(scenario.arm.diameters, 0.008 * self._length)
         tables = scenario.to_dict()
-        nowhere = np.zeros((1, 3))
-        self._obstacles = [
-            Obstacle.of(str(index), table, nowhere)
-            for index, table in enumerate(tables.get("obstacle", []))
-        ]
+        self._obstacles = {str(i): table for i, table in enumerate(tables.get("obstacle", []))}
         if bodies.debris is not None:
-            table = bodies.debris.table((0.0, 0.0), (0.0, 0.0))
-            self._obstacles.append(Obstacle.of("debris", table, nowhere))
+            self._obstacles["debris"] = bodies.debris.table((0.0, 0.0), (0.0, 0.0))
         self._tool = ToolBall.of(tables["tool"]) if scenario.tool is not None else None
         self._fastest, self._trail = 0.0, np.repeat(frame.nodes[-1:], _TRAIL, axis=0)
         self._last = -1.0
@@ -127,6 +121,9 @@ class LiveScene:
 
     def _rigid_bodies(self, frame: Snapshot) -> Sequence[RigidBody]:
         """Return the rigid bodies of an instant; the base itself is not shown."""
+        places, axes = frame.obstacles, [None] * len(frame.obstacles)
+        if len(frame.axes):
+            axes = [axis[None] for axis in frame.axes]
         root, forward = frame.nodes[:1], unit_vectors(frame.nodes[1:2] - frame.nodes[:1])
         run = Keyframes(
             label="",
@@ -140,8 +137,10 @@ class LiveScene:
             fields=(),
             mount=ArmMount(root, forward, np.eye(3)[None], forward[0]),
             obstacles=tuple(
-                replace(obstacle, path=place[None])
-                for obstacle, place in zip(self._obstacles, frame.obstacles, strict=True)
+                Obstacle.of(name, table, place[None], axis)
+                for (name, table), place, axis in zip(
+                    self._obstacles.items(), places, axes, strict=True
+                )
             ),
             water=None,
             tool=self._tool,
@@ -169,6 +168,7 @@ class LiveScene:
             handle.visible = bool(body.scale.any())
             if body.kind == "obstacle":
                 handle.position = body.position[0]
+                handle.vertices = (points @ body.attitude[0].T).astype(np.float32)
             elif handle.visible:
                 # vertices, as the page would show a new position sooner than the arm's vertices
                 handle.vertices = body.transform(points, 0).astype(np.float32)

@@ -39,6 +39,7 @@ class Snapshot(NamedTuple):
     target: Point
     error: float  # distance of the tip from the target
     obstacles: Points  # positions of the obstacles, the debris last
+    axes: Points  # directions fixed to them, where some are free
     touching: bool  # whether one of them touches the arm
     touched: float  # total duration of contact since the start (s)
     holding: bool  # whether the tip carries its tool
@@ -50,7 +51,7 @@ class Snapshot(NamedTuple):
         """Return the snapshot of a record of an arm whose base is at ``origin`` (m)."""
         axes = len(origin)
         apart = np.asarray(now.tip)[:axes] - np.asarray(now.reference)[:axes]
-        places, touch = now.obstacle_position, now.touch
+        places, axes_now, touch = now.obstacle_position, now.obstacle_axis, now.touch
         return Snapshot(
             time=float(now.time),
             nodes=in_three(now.position),
@@ -58,6 +59,7 @@ class Snapshot(NamedTuple):
             target=in_three(np.asarray(now.reference)[:axes] - origin),
             error=float(np.linalg.norm(apart)),
             obstacles=np.zeros((0, 3)) if places is None else in_three(places),
+            axes=np.zeros((0, 3)) if axes_now is None else in_three(axes_now),
             touching=touch is not None and bool(np.any(np.asarray(touch.in_contact))),
             touched=0.0 if touch is None else float(np.sum(np.asarray(touch.duration))),
             holding=now.held is not None and bool(now.held),
@@ -130,9 +132,11 @@ class SessionLog:
     ) -> Result:
         """Return the result, from the states of session and loop at the end or a failed step."""
         whole = jax.tree.map(lambda *parts: np.concatenate(parts), *self._records)
-        if now.bodies.debris is not None and not now.thrown:
-            whole = _without_last_obstacle(whole)
         scenario, notes = self._scenario(now, whole)
+        if now.bodies.debris is not None and not now.thrown:
+            whole = _without_last_obstacle(
+                whole, free=any(obstacle.free for obstacle in scenario.obstacle)
+            )
         setup = now.setup._replace(prepared=prepared.with_scenario(scenario))
         if now.numbers.stiffness != 1.0 or self._first.numbers.stiffness != 1.0:
             setup = setup._replace(modes=None)  # they are those of another arm
@@ -200,12 +204,18 @@ class SessionLog:
         return found, notes
 
 
-def _without_last_obstacle(whole: Record) -> Record:
+def _without_last_obstacle(whole: Record, *, free: bool) -> Record:
+    """Return a record without debris, with rotations if other obstacles are ``free``."""
     assert whole.gap is not None
-    names = ("obstacle_position", "obstacle_velocity", "gap", "touch")
+    names = [
+        *("obstacle_position", "obstacle_velocity", "gap", "touch"),
+        *("obstacle_spin", "obstacle_axis"),
+    ]
     parts: list[Any] = [getattr(whole, name) for name in names]
     alone = whole.gap.shape[1] == 1
     rest = [None] * len(parts) if alone else jax.tree.map(lambda x: x[:, :-1], parts)
+    if not free:
+        rest[-2:] = [None, None]
     return eqx.tree_at(
         lambda x: [getattr(x, name) for name in names], whole, rest, is_leaf=lambda x: x is None
     )

@@ -5,7 +5,7 @@ class Member {
     Object.assign(this, said);
     for (const name of ["root", "offset", "target", "anchor", "ahead", "frame", "held"]) this[name] = numbers(bytes, said[name]);
     this.fields = Object.fromEntries(Object.entries(said.fields).map(([name, where]) => [name, numbers(bytes, where)]));
-    this.bodies = said.bodies.map((body) => ({ ...body, path: numbers(bytes, body.path) }));
+    this.bodies = said.bodies.map((body) => ({ ...body, path: numbers(bytes, body.path), half: numbers(bytes, body.half) }));
     this.axes = spatial ? [0, 1, 2] : [0, 2];
     this.points = new Float32Array(3 * this.nodes);
     this.flat = new Float32Array(this.offset.row);
@@ -30,7 +30,7 @@ class Member {
       at, share, root: [...root], target: [...read(this.target)], anchor: [...read(this.anchor)],
       ahead: V.unit(read(this.ahead)), frame: [0, 1, 2].map(column), held: this.held.values[at] > 0.5,
       tip: [0, 1, 2].map((d) => this.points[3 * this.nodes - 3 + d]),
-      bodies: this.bodies.map((body) => [...between(body.path, at, share, new Float32Array(3))]),
+      bodies: this.bodies.map((body) => [body.path, body.half].map((each) => [...between(each, at, share, new Float32Array(3))])),
     };
   }
 }
@@ -150,7 +150,7 @@ class Scene {
     const { paint, tones } = this, [main, ...ghosts] = shown, member = this.members[main], { now } = member;
     this.grid();
     this.mount(member);
-    member.bodies.forEach((body, i) => this.body(body, now.bodies[i]));
+    member.bodies.forEach((body, i) => this.body(body, ...now.bodies[i]));
     const alone = main > 0, coloured = this.colour !== "" && member.fields[this.colour] !== undefined;
     const tone = [...(alone ? tones.free : tones.run), 1];
     paint.draw(this.arms[main], placed([1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]), tone, { coloured });
@@ -205,14 +205,13 @@ class Scene {
     this.paint.draw(this.paint.meshes.rod, placed(way, V.by(y, radius), V.by(V.cross(x, y), radius), from), colour);
   }
 
-  body(body, at) {
+  body(body, at, half) {
     const { paint, size } = this, stone = [...this.stone, 1];
     if (body.kind === "plane") {
       const foot = this.foot(body, at, V.by(V.add(this.low, this.high), 0.5)), y = V.aside(body.out), r = 1.1 * size;
       paint.draw(paint.meshes.field, placed(V.by(body.out, 1), V.by(y, r), V.by(V.cross(body.out, y), r), foot), [...this.stone, this.dark ? 0.3 : 0.7]);
       return;
     }
-    let half = body.half;
     if (V.size(half) > size) half = V.by(V.unit(half), size); // one without end
     if (V.size(half) > 0) {
       if (!this.spatial && Math.abs(half[1]) > 0.9 * V.size(half)) half = V.by(V.unit(half), 0.06 * size);

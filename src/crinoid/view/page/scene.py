@@ -74,9 +74,10 @@ def _member(each: Keyframes, scene: Scene, ranges: Ranges, pack: Pack) -> dict[s
         return pack.add(np.clip(values, low, high), (high - low) / _LEVELS, low)
 
     def body(one: Obstacle) -> dict[str, Any]:
-        path = one.path if one.moves else one.path[:1]
-        shape = {"kind": one.kind, "radius": one.radius, "path": pack.add(path, fine)}
-        return shape | {"half": one.half_axis.tolist(), "out": one.normal.tolist()}
+        some = slice(None if one.moves else 1)
+        path, half = pack.add(one.path[some], fine), pack.add(one.half_axis[some], fine)
+        shape = {"kind": one.kind, "radius": one.radius, "out": one.normal.tolist()}
+        return shape | {"path": path, "half": half}
 
     mount, target = each.mount, each.target
     bodies = {each.name: each for each in rigid_bodies(scene, each) if each.kind != "obstacle"}

@@ -1,12 +1,14 @@
 """Rigid bodies around the arm: its mount, target, obstacles and tool."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial.transform import Rotation
 
-from crinoid.view.scene.data import Obstacle, Points, ToolBall
+from crinoid.view.scene.data import Obstacle, Points, ToolBall, moves
 from crinoid.view.scene.mesh import BodyShape, Rotations, look_rotation, unit_vectors
 from crinoid.view.scene.mount import ArmMount, Path
 from crinoid.view.scene.scene import Keyframes, Scene
@@ -141,22 +143,32 @@ def obstacle_body(
     """Return an obstacle, of an endless one the part nearest to the first shape of the arm."""
     name, path = f"obstacle {obstacle.name}", obstacle.path
     middle = run.position[0].mean(axis=0)
-    half = float(np.linalg.norm(obstacle.half_axis))
+    half = float(np.linalg.norm(obstacle.half_axis[0]))
     if obstacle.kind in ("plane", "cylinder"):
         path = path + (obstacle.nearest(0, middle) - path[0])
     if obstacle.kind == "plane":
-        shape, axis = BodyShape("plate", 0.0, _WALL * scene.length), obstacle.normal
+        shape, axis = BodyShape("plate", 0.0, _WALL * scene.length), obstacle.normal[None]
     elif not half:
         return _body(name, "obstacle", _ball(obstacle.radius), path)
     else:
         axis = obstacle.half_axis / half
         if obstacle.kind == "cylinder":
             half = min(half, _ENDLESS * scene.length if reach is None else reach)
-        if not scene.spatial and abs(axis[1]) > 0.9:
+        if not scene.spatial and abs(axis[0, 1]) > 0.9:
             half = min(half, _DISC * scene.length)
         kind: Literal["capsule", "rod"] = "capsule" if obstacle.kind == "capsule" else "rod"
         shape = BodyShape(kind, half, obstacle.radius)
-    return _body(name, "obstacle", shape, path, look_rotation(np.tile(axis, (len(path), 1)), _UP))
+    attitude = np.broadcast_to(_turning(axis), (len(path), 3, 3))
+    return _body(name, "obstacle", shape, path, attitude)
+
+
+def _turning(axis: Path) -> Rotations:
+    """Return attitudes that follow an axis over time without a turn about it."""
+    found = [look_rotation(axis[:1], _UP)[0]]
+    for before, after in pairwise(axis) if moves(axis) else ():
+        swing, _ = Rotation.align_vectors(after[None], before[None])
+        found.append(swing.as_matrix() @ found[-1])
+    return np.array(found)
 
 
 def tool_bodies(

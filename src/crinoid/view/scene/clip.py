@@ -72,7 +72,7 @@ def _above(polygon: Corners, height: Float[np.ndarray, " corner"]) -> Corners:
 
 def obstacle_facets(obstacle: Obstacle, low: Point, high: Point, record: int = -1) -> Facets:
     """Return facets of a round obstacle at a record (the end), as far as a box contains it."""
-    place, half, radius = obstacle.path[record], obstacle.half_axis, obstacle.radius
+    place, half, radius = obstacle.path[record], obstacle.half_axis[record], obstacle.radius
     long = float(np.linalg.norm(half))
     direction = half / long if long else np.array([0.0, 0.0, 1.0])
     if obstacle.kind == "cylinder":
@@ -151,7 +151,7 @@ def obstacle_outline(
         return np.stack(
             [foot + side, foot - side, foot - side - far * normal, foot + side - far * normal]
         )
-    place, half = view.paper(obstacle.path[record]), view.paper(obstacle.half_axis)
+    place, half = view.paper(obstacle.path[record]), view.paper(obstacle.half_axis[record])
     forward = half / (np.linalg.norm(half) or 1.0)
     if not forward.any():
         forward = np.array([1.0, 0.0])

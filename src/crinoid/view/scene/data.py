@@ -132,25 +132,36 @@ Points = Float[np.ndarray, "... axis=3"]
 
 @dataclass(frozen=True)
 class Obstacle:
-    """One obstacle, and where its middle is at each record."""
+    """One obstacle, and where its middle and its axis are at each record."""
 
     name: str
     kind: str  # `"sphere"`, `"capsule"`, `"cylinder"` or `"plane"`
     radius: float  # m; zero for a wall
-    half_axis: Point  # half of the axis of a round obstacle (m)
+    half_axis: Float[np.ndarray, "time axis=3"]  # half of the axis of a round obstacle (m)
     normal: Point  # normal of a wall, of length one; zero for a round obstacle
     path: Float[np.ndarray, "time axis=3"]
 
     @staticmethod
-    def of(name: str, table: dict[str, Any], path: Float[np.ndarray, "time axis=3"]) -> Obstacle:
-        """Read a table of the scenario, of a planar one or one in space."""
+    def of(
+        name: str,
+        table: dict[str, Any],
+        path: Float[np.ndarray, "time axis=3"],
+        axis: Float[np.ndarray, "time axis=3"] | None = None,
+    ) -> Obstacle:
+        """Read a table of the scenario, of a planar one or one in space.
+
+        ``axis`` is a direction fixed to it at each record, of a capsule in the plane that of it.
+        """
         kind = str(table["kind"])
         if kind == "plane":
             normal = _direction("normal", table["normal"], (2, 3))
-            return Obstacle(name, kind, 0.0, np.zeros(3), normal, path)
+            return Obstacle(name, kind, 0.0, np.zeros_like(path), normal, path)
         half = {"cylinder": _ENDLESS, "capsule": table.get("length", 0.0) / 2}.get(kind, 0.0)
-        axis = half * _direction("axis", table.get("axis", [0.0, 1.0, 0.0]), (3,))
-        return Obstacle(name, kind, float(table["radius"]), axis, np.zeros(3), path)
+        first = _direction("axis", table.get("axis", [0.0, 1.0, 0.0]), (3,))
+        # a planar result has the axis of a capsule across the plane nowhere
+        turns = axis is not None and float(axis[0] @ first) > 0.5
+        whole = half * (axis if axis is not None and turns else np.tile(first, (len(path), 1)))
+        return Obstacle(name, kind, float(table["radius"]), whole, np.zeros(3), path)
 
     @property
     def label(self) -> str:
@@ -159,8 +170,8 @@ class Obstacle:
 
     @property
     def moves(self) -> bool:
-        """Whether it moves."""
-        return moves(self.path)
+        """Whether it moves or turns."""
+        return moves(self.path) or moves(self.half_axis)
 
     def nearest(self, record: int | tuple[slice, None], points: Points) -> Points:
         """Points nearest to others, on the surface of a wall or the axis of a round obstacle.
@@ -168,10 +179,12 @@ class Obstacle:
         With ``np.s_[:, None]`` as the record, points at each record are compared with the obstacle
         at the same record.
         """
-        place, half = self.path[record], self.half_axis
+        place, half = self.path[record], self.half_axis[record]
         if self.kind == "plane":
             return np.asarray(points - ((points - place) @ self.normal)[..., None] * self.normal)
-        along = np.clip((points - place) @ half / ((half @ half) or 1.0), -1.0, 1.0)
+        squared = np.sum(half**2, axis=-1)
+        along = np.sum((points - place) * half, axis=-1) / np.where(squared > 0, squared, 1.0)
+        along = np.clip(along, -1.0, 1.0)
         return np.asarray(place + along[..., None] * half)
 
     def distance(self, points: Points) -> Float[np.ndarray, "time node"]:
@@ -198,8 +211,11 @@ def find_obstacles(data: xr.Dataset) -> list[Obstacle]:
         return []
     paths = np.moveaxis(in_space(data, "obstacle_position"), 1, 0)
     tables = tomllib.loads(str(data.attrs["scenario"])).get("obstacle", [])
-    rows = enumerate(zip(tables, paths, strict=True))
-    return [Obstacle.of(str(index), table, path) for index, (table, path) in rows]
+    axes: list[np.ndarray | None] = [None] * len(tables)
+    if "obstacle_axis" in data:
+        axes = list(np.moveaxis(in_space(data, "obstacle_axis"), 1, 0))
+    rows = enumerate(zip(tables, paths, axes, strict=True))
+    return [Obstacle.of(str(index), table, path, axis) for index, (table, path, axis) in rows]
 
 
 def check_obstacles(data: xr.Dataset, path: object) -> None:

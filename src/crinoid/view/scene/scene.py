@@ -108,7 +108,7 @@ _THICK = 0.04  # diameter of an arm whose result has none, of its length
 _DRAWN = (
     *("position", "velocity", "curvature", "tension", "tip_target", "flow_velocity", "tool_held"),
     *("base_servo", "base_pose", "channel_lower", "channel_upper", "vehicle_pose"),
-    "obstacle_position",
+    *("obstacle_position", "obstacle_axis"),
 )
 
 
