@@ -8,6 +8,9 @@ from crinoid.control import Sequence
 from crinoid.scenario import Mistake, ScenarioError, got, one_of
 from crinoid.scenario.sensor import ContactSensor
 
+_ROUND_OFF = 1e-9
+"""Excess over a limit from turning degrees into radians (degrees)."""
+
 
 def build_sequence(plan: AssembledScenario) -> Sequence:
     """Return the controller of a scenario with phases.
@@ -46,7 +49,7 @@ def build_sequence(plan: AssembledScenario) -> Sequence:
                 else:
                     at = inputs.index(name)
                     value[row, at] = number
-                    if not low[at] <= number <= high[at]:
+                    if not low[at] - _ROUND_OFF <= number <= high[at] + _ROUND_OFF:
                         must = f"be from {low[at]:.6g} to {high[at]:.6g}, the range of this input"
                 if must:
                     mistakes.append(Mistake(place, got(number, must)))
