@@ -18,15 +18,11 @@ from jaxtyping import Array, Float, Int
 
 from crinoid.actuation import Input
 from crinoid.assembly.arrays import Builder, Numbers, array, build_flow, from_table, load_numbers
-from crinoid.assembly.bodies import (
-    BaseParameters,
-    HullParameters,
-    ObstacleParameters,
-    SelfContactParameters,
-    ToolParameters,
-    VehicleParameters,
-)
+from crinoid.assembly.base import BaseParameters
+from crinoid.assembly.bodies import ToolParameters, VehicleParameters
 from crinoid.assembly.door import build_part
+from crinoid.assembly.far_contacts import HullParameters, SelfContactParameters
+from crinoid.assembly.obstacles import ObstacleParameters
 from crinoid.assembly.threads import ActuatorParameters, ThreadParameters
 from crinoid.dynamics import Integrator
 from crinoid.elements import Oscillator, Synchronisation, Vortices, WakeOscillator

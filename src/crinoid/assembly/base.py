@@ -1,0 +1,106 @@
+"""Base: its numbers, and the arrays that follow from these."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.assembly.arrays import array
+from crinoid.base import BaseMotion, Servo, SineMotion, TableMotion, VelocityMotion
+from crinoid.foundation.axes import CHANNELS
+from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_preserving
+from crinoid.numerics.ramp import Onset
+from crinoid.scenario import Scenario
+from crinoid.scenario import base as motions
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
+
+    from crinoid.recording import Series
+
+
+class BaseParameters(eqx.Module):
+    """The numbers of ``[base]``, its channels and its prescribed motion."""
+
+    position: Float[Array, " d"]
+    angles: Float[Array, " angle"]
+    """``tilt_deg``, in space ``pan_deg``, ``tilt_deg`` and ``roll_deg`` (rad)."""
+    servo: Servo
+    """Limits and bandwidths, one a channel."""
+    motion: tuple[BaseMotion, ...]
+    mount: str = eqx.field(static=True)
+
+    @staticmethod
+    def of(scenario: Scenario, series: Mapping[str, Series]) -> BaseParameters:
+        """Return the numbers of a scenario's base; ``series`` by table, from its files."""
+        base, axes = scenario.base, scenario.arm.dimension
+        return BaseParameters(
+            position=array(base.position),
+            angles=array(base.angles if axes == 3 else [np.deg2rad(base.tilt_deg)]),
+            servo=_servo(scenario),
+            motion=tuple(
+                each
+                for index, motion in enumerate(base.motion)
+                for each in _motions(motion, scenario, series.get(f"base.motion.{index}"))
+            ),
+            mount=base.mount,
+        )
+
+
+def _servo(scenario: Scenario) -> Servo:
+    # a channel that nobody drives has no room to move and any limits
+    channels = CHANNELS[scenario.arm.dimension]
+    lower, upper, speed, acceleration, bandwidth = np.array(
+        [[number] * len(channels) for number in (0.0, 0.0, 1.0, 1.0, 1.0)]
+    )
+    for name, channel in scenario.base.channels.present.items():
+        index = channels.index(name)
+        limits = channel.limits
+        lower[index], upper[index] = limits.low, limits.high
+        speed[index], acceleration[index] = limits.speed, limits.acceleration
+        bandwidth[index] = limits.bandwidth_hz
+    return Servo(*map(array, (lower, upper, speed, acceleration, bandwidth)))
+
+
+def _motions(
+    motion: motions.Motion, scenario: Scenario, series: Series | None
+) -> Iterator[BaseMotion]:
+    axes, duration = scenario.arm.dimension, scenario.simulation.duration
+    if isinstance(motion, motions.VesselMotion):
+        assert series is not None
+        for index, values in enumerate(series.values.T):
+            curve = _curve(series.time, values, motion.interpolation)
+            yield TableMotion(index, PiecewisePolynomial(between(curve, 0.0, duration)))
+        return
+    channel = CHANNELS[axes].index(motion.channel)
+    match motion:
+        case motions.SineMotion():
+            phase = array(np.deg2rad(motion.phase_deg))
+            yield SineMotion(channel, array(motion.amplitude_si), array(motion.frequency_hz), phase)
+        case motions.VelocityMotion():
+            onset = Onset(*map(array, (motion.start, motion.ramp_time, np.inf)))
+            yield VelocityMotion(channel, onset, array(motion.velocity_si))
+        case motions.TableMotion():
+            time, value = np.asarray(motion.time), np.asarray(motion.value_si)
+            yield TableMotion(
+                channel, PiecewisePolynomial(_curve(time, value, motion.interpolation))
+            )
+        case motions.FileMotion():
+            assert series is not None
+            curve = _curve(series.time, series.values[:, 0], motion.interpolation)
+            # of a long record
+            yield TableMotion(channel, PiecewisePolynomial(between(curve, 0.0, duration)))
+
+
+def _curve(
+    time: Float[np.ndarray, " point"], value: Float[np.ndarray, " point"], interpolation: str
+) -> PPoly:
+    if interpolation == "monotone":
+        return shape_preserving(time, value)
+    from scipy.interpolate import CubicSpline  # slow to load, and few scenarios need it
+
+    return CubicSpline(time, value)

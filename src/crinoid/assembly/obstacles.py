@@ -1,0 +1,199 @@
+"""Obstacles: their numbers, and the arrays that follow from these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from crinoid.assembly.arrays import array
+from crinoid.dynamics import (
+    FreeBodies,
+    Obstacles,
+)
+from crinoid.elements import (
+    Bed,
+    Body,
+    BodyContact,
+    Contact,
+    Pair,
+    Pose,
+    SignedDistance,
+    Surface,
+)
+from crinoid.elements.bodies import capsule_inertia
+from crinoid.elements.contact import surfaces
+from crinoid.numerics.grid_spline import GridSpline
+from crinoid.rod import Rod
+from crinoid.scenario import Capsule, Obstacle, Plane, Scenario, Sphere
+from crinoid.scenario.quantity import unit_vector
+
+if TYPE_CHECKING:
+    from crinoid.recording import SolidSurface
+
+
+class ObstacleParameters(eqx.Module):
+    """The numbers of all ``[[obstacle]]``; of a shape that lacks one it is without effect."""
+
+    position: Float[Array, "m d"]
+    """Where each one is at t = 0, in the world (m)."""
+    velocity: Float[Array, "m d"]
+    """Drift of each one; 0 of one that the flow carries (m/s)."""
+    radius: Float[Array, " m"]
+    half_axis: Float[Array, "m d"]
+    normal: Float[Array, "m d"]
+    friction: Float[Array, " m"]
+    mass: Float[Array, " m"]
+    """Infinite for one that the arm cannot push away (kg)."""
+    length: Float[Array, " m"]
+    """Distance of the middles of a capsule's ends (m)."""
+    inertia: Float[Array, "m turns turns"]
+    """Moments of inertia at the start, about the axes of the world (kg m2)."""
+    spin: Float[Array, "m turns"]
+    """Angular velocity at the start (rad/s)."""
+    surfaces: tuple[Surface | None, ...]
+    """Surfaces of meshes and beds, None of others; empty without any."""
+    metacentric_height: Float[Array, " m"]
+    """Height of the centre of buoyancy above that of mass at the start (m)."""
+    free: tuple[int, ...] = eqx.field(static=True)
+    carried: tuple[int, ...] = eqx.field(static=True)
+    pairs: tuple[Pair, ...] = eqx.field(static=True)
+    """Free obstacles with the obstacles that they can touch."""
+
+    @staticmethod
+    def of(scenario: Scenario, read: Mapping[str, SolidSurface]) -> ObstacleParameters:
+        """Return the numbers of obstacles, one or more; ``read`` has their surfaces, by table."""
+        obstacles, arm = scenario.obstacle, scenario.arm
+        found = [read.get(f"obstacle.{index}") for index in range(len(obstacles))]
+        edge = arm.length / (arm.nodes - 1)
+        still = np.zeros(len(obstacles[0].position))
+        drifts = [obstacle.velocity for obstacle in obstacles]
+        turns = 1 if still.size == 2 else 3
+        free = tuple(index for index, obstacle in enumerate(obstacles) if obstacle.free)
+        return ObstacleParameters(
+            position=array([o.position for o in obstacles]),
+            velocity=array([still if drift == "flow" else drift for drift in drifts]),
+            radius=array([getattr(o, "radius", 0.0) for o in obstacles]),
+            half_axis=array([o.half_axis for o in obstacles]),
+            normal=array([o.out for o in obstacles]),
+            friction=array([o.friction for o in obstacles]),
+            mass=array([getattr(o, "mass", None) or np.inf for o in obstacles]),
+            length=array([getattr(o, "length", 0.0) for o in obstacles]),
+            inertia=array([_inertia(o, turns) for o in obstacles]),
+            spin=array([np.broadcast_to(getattr(o, "spin", 0.0), turns) for o in obstacles]),
+            surfaces=tuple(each and _surface(each, edge) for each in found) if any(found) else (),
+            metacentric_height=array([getattr(o, "metacentric_height", 0.0) for o in obstacles]),
+            free=free,
+            carried=tuple(index for index, drift in enumerate(drifts) if drift == "flow"),
+            pairs=_pairs(obstacles, free),
+        )
+
+    def obstacles(
+        self, rod: Rod, origin: Float[Array, " d"], density: Array, gravity: Array
+    ) -> Obstacles:
+        """Build the obstacles near a rod whose root is set at ``origin`` (m); traceable."""
+        return Obstacles(
+            contact=Contact.of(
+                rod,
+                radius=self.radius,
+                half_axis=self.half_axis,
+                normal=self.normal,
+                friction=self.friction,
+                mass=self.mass,
+            ),
+            bodies=self._bodies(rod, density, gravity) if self.free else None,
+            position=self.position - origin,
+            drift=self.velocity,
+            carried=self.carried,
+            surfaces=self.surfaces,
+        )
+
+    def _bodies(self, rod: Rod, density: Array, gravity: Array) -> FreeBodies:
+        """Build the free bodies among the obstacles."""
+        count, axes = self.position.shape
+        at = np.asarray(self.free, int)
+        contact = None
+        if self.pairs:
+            contact = BodyContact.between(
+                self.pairs,
+                radius=self.radius,
+                half_axis=self.half_axis,
+                normal=self.normal,
+                friction=self.friction,
+                mass=self.mass,
+                strength=jnp.max(surfaces(rod)[1]),
+                gravity=gravity,
+            )
+        return FreeBodies(
+            index=self.free,
+            body=Body.of(
+                mass=self.mass[at],
+                radius=self.radius[at],
+                inertia=self.inertia[at],
+                half_axis=self.half_axis[at],
+                length=self.length[at],
+                metacentric_height=self.metacentric_height[at],
+                density=density,
+                gravity=gravity,
+            ),
+            pose=Pose.unturned(count, axes),
+            spin=self.spin,
+            contact=contact,
+            pairs=tuple((pair.first, pair.second) for pair in self.pairs),
+        )
+
+
+def _inertia(obstacle: Obstacle, turns: int) -> Float[np.ndarray, "turns turns"]:
+    """Return the inertia of a free obstacle, by default that of a homogeneous solid (kg m2)."""
+    moments = np.zeros((3, 3))
+    if isinstance(obstacle, Sphere | Capsule) and obstacle.mass is not None:
+        if obstacle.inertia is not None:
+            moments = np.diag(np.broadcast_to(obstacle.inertia, 3))
+        else:
+            length = obstacle.length if isinstance(obstacle, Capsule) else 0.0
+            axis = unit_vector(obstacle.axis) if isinstance(obstacle, Capsule) else (1.0, 0.0, 0.0)
+            along, across = capsule_inertia(obstacle.mass, obstacle.radius, length)
+            moments = across * np.eye(3) + (along - across) * np.outer(axis, axis)
+    return moments if turns == 3 else moments[1:2, 1:2]
+
+
+def _pairs(obstacles: Sequence[Obstacle], free: tuple[int, ...]) -> tuple[Pair, ...]:
+    """Return the pairs of obstacles that can touch, of which one or both are free.
+
+    First is a sphere where one is, and never a plane, so that points of contact are few: two of a
+    capsule on a plane or another long body, otherwise one.
+    """
+    found: list[Pair] = []
+    for one, other in combinations(range(len(obstacles)), 2):
+        if one not in free and other not in free:
+            continue
+        first, second = one, other
+        long = [any(obstacles[index].half_axis) for index in (one, other)]
+        if long[0] != long[1]:
+            first, second = (one, other) if long[1] else (other, one)
+        elif one not in free:
+            first, second = other, one
+        if isinstance(obstacles[first], Plane):
+            first, second = second, first
+        ends = (1.0, -1.0) if any(obstacles[first].half_axis) else (0.0,)
+        found += [Pair(first, second, end) for end in ends]
+    return tuple(found)
+
+
+def _surface(read: SolidSurface, edge: float) -> Surface:
+    """Return a surface in contact with edges of a length (m)."""
+    spline = GridSpline(*map(array, vars(read.spline).values()))
+    # two points in each cell that an edge crosses
+    samples = int(np.clip(2 * np.ceil(edge / read.spline.spacing.min()) + 1, 5, _MOST_SAMPLES))
+    if read.heights:
+        return Bed(height=spline, samples=samples)
+    return SignedDistance(spline=spline, samples=samples)
+
+
+_MOST_SAMPLES = 33
+"""Largest number of points on an edge among which the search for the nearest one begins."""
