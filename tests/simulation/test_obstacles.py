@@ -170,7 +170,7 @@ def pressed(speed: float) -> crinoid.Scenario:
     """Return the scenario with a wall that goes its way, past the root that the base holds."""
     wall = {"kind": "plane", "position": [0.0, -9.97], "normal": [0.0, -1.0]}
     wall["velocity"] = [0.0, -speed]
-    return TOUCHED.with_values({"obstacle.0.position": [0.3, -8.0], "obstacle.1": wall})
+    return TOUCHED.with_values({"obstacle.0.position": [0.3, -12.0], "obstacle.1": wall})
 
 
 @pytest.mark.slow
