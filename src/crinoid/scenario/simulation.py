@@ -123,8 +123,8 @@ class Output(Model):
     )
     variables: _Variables | None = entry(
         None,
-        "Variables along the arm to save ([Result files and variables](result.md#variables)), all by default. "
-        "Others are always saved.",
+        "Variables along the arm to save ([Result files and variables](result.md#variables)), "
+        "all by default. Others are always saved.",
     )
     measures: _Functions = entry(
         (),

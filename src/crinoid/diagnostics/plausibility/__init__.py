@@ -1,6 +1,7 @@
 """Plausibility of a scenario before its run: notes on unusual values, never refusals.
 
-The rules need neither JAX nor a run. `RULES` is their one list; docs/reference/notes.md is made from it.
+The rules need neither JAX nor a run. `RULES` is their one list;
+docs/reference/notes.md is made from it.
 """
 
 from collections.abc import Collection
