@@ -25,7 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LEFT_OUT = re.compile(
     r"\.\.\.|[A-Z]{4,}|pip install|-m venv|pytest|pre-commit|sphinx-build|crinoid live|scheduler"
-    r"|crinoid train|--peers|make_validation|git |\$ "
+    r"|crinoid train|--peers|make_validation|reef|git |\$ "
 )
 """Commands that stand for others, install something, or need hours, other programs or a person."""
 NAMED = re.compile(r"`([\w-]+\.(?:toml|csv))`[^`\n]*:\n\n```\w*\n(.*?)^```", re.M | re.S)
