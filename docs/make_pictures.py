@@ -10,6 +10,7 @@ and `environment.png`, whose pages say how, and those of `make_validation_page.p
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import subprocess
@@ -217,7 +218,10 @@ def make(picture: Picture, folder: Path) -> None:
         else:
             script, *rest = rest
             line = [sys.executable, str(DOCS.parent / script), *rest]
-        subprocess.run(line, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+        env = os.environ | {
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        }
+        subprocess.run(line, cwd=folder, env=env, check=True, stdout=subprocess.DEVNULL)
     made = folder / picture.made
     if made.suffix == ".png":
         with Image.open(made) as image:

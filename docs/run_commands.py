@@ -3,7 +3,7 @@
     python docs/run_commands.py [--seconds 600] [PAGE ...]    # all pages: some hours
 
 The commands of a page run in one folder, in their order. It has the files that the page shows and
-names, and a short result of `station-keeping`. Left out: commands that stand for others
+names, and a result of `station-keeping`. Left out: commands that stand for others
 (SCENARIO, ...), need other files, install something, or do not end; and the gallery, which
 `make_pictures.py` makes.
 """
@@ -25,7 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LEFT_OUT = re.compile(
     r"\.\.\.|[A-Z]{4,}|pip install|-m venv|pytest|pre-commit|sphinx-build|crinoid live|scheduler"
-    r"|crinoid train|--peers|make_validation|git |\$ "
+    r"|crinoid train|--peers|make_validation|reef|git |\$ "
 )
 """Commands that stand for others, install something, or need hours, other programs or a person."""
 NAMED = re.compile(r"`([\w-]+\.(?:toml|csv))`[^`\n]*:\n\n```\w*\n(.*?)^```", re.M | re.S)
@@ -106,8 +106,8 @@ if __name__ == "__main__":
     ]
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "station-keeping"
-        short = ["run", "station-keeping", "--set", "simulation.duration=20", "--out", str(made)]
-        subprocess.run([sys.executable, "-m", "crinoid", *short], check=True, capture_output=True)
+        line = [sys.executable, "-m", "crinoid", "run", "station-keeping", "--out", str(made)]
+        subprocess.run(line, check=True, capture_output=True)
         failures = [each for page in pages for each in run(page, made, given.seconds)]
     print("\n".join(["", f"{len(failures)} failed", *failures]))
     sys.exit(bool(failures))

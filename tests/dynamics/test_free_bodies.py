@@ -206,7 +206,7 @@ def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
     motion = eqx.tree_at(lambda m: m.acceleration, state.motion, still)
     place = np.asarray(state.obstacle_position)
     rows = np.asarray(_pushed(forces, motion))[:, :3]
-    alone = eqx.tree_at(lambda f: f.obstacles.bodies.contact.strength, forces, jnp.zeros(2))
+    alone = eqx.tree_at(lambda f: f.obstacles.bodies.contacts[0].strength, forces, jnp.zeros(2))
     rows = rows - np.asarray(_pushed(alone, motion))[:, :3]
     force, moment = rows[:2], rows[2:]
     assert np.abs(force).min() > 1e-3

@@ -212,11 +212,13 @@ def obstacles(
         own = jnp.asarray(masses[at])
         moments = 0.4 * own * radii[at] ** 2 if inertia is None else jnp.asarray(inertia)
         moments = jnp.broadcast_to(moments.T, (turns, at.size)).T
-        touching = None
+        touching = ()
         if pairs:
             strength = jnp.max(surfaces(rod)[1])
-            touching = BodyContact.between(
-                pairs, friction=rough, strength=strength, gravity=gravity, **numbers
+            touching = (
+                BodyContact.between(
+                    pairs, friction=rough, strength=strength, gravity=gravity, **numbers
+                ),
             )
         return FreeBodies(
             free,
@@ -232,7 +234,7 @@ def obstacles(
             Pose.unturned(count, axes),
             jnp.broadcast_to(jnp.asarray(spin, float), (count, turns)),
             touching,
-            tuple((pair.first, pair.second) for pair in pairs),
+            (tuple((pair.first, pair.second) for pair in pairs),) if pairs else (),
         )
 
     return of

@@ -69,3 +69,28 @@ def test_a_solid_from_a_file_lifts_the_arm_as_what_it_is(folder, solid, known):
         np.testing.assert_allclose(force, exact["contact_impulse"].values[-1, 0], atol=0.02 * scale)
         assert set(found["facet_obstacle"].values) == {0}
         assert found["surface_facet"].values.max() == found.sizes["surface_vertex"] - 1
+
+
+@pytest.mark.slow
+def test_free_bodies_roll_down_a_bed_from_a_file_as_down_a_plane(folder):
+    rolling = {"kind": "sphere", "radius": 0.05, "mass": 2.0, "friction": 0.5}
+    rolling["position"] = [0.0, -10.08 + 0.05 * np.hypot(1.0, 0.1) - 1e-4]
+    lying = {"kind": "capsule", "radius": 0.03, "mass": 2.0, "length": 0.1, "axis": [1.0, 0.0, 0.1]}
+    lying["position"] = [-0.5, -10.13 + 0.03 * np.hypot(1.0, 0.1) - 1e-4]
+    ends = []
+    for under in (
+        {"kind": "plane", "position": [0.0, -10.08], "normal": [-0.1, 1.0]},
+        BED | {"file": str(folder / "bed.nc"), "position": [0.0, 0.0], "velocity": [0.0, 0.0]},
+    ):
+        case = Scenario(
+            arm={"nodes": 4, "length": 0.1},
+            base={"position": [0.0, -9.0]},
+            obstacle=[rolling, lying, under | {"friction": 0.2}],
+            simulation={"duration": 0.6, "time_step": 0.01, "start": "rest"},
+        )
+        ends.append(crinoid.simulate(case).dataset.isel(time=-1))
+    exact, found = ends
+    assert float(exact["obstacle_position"][0, 0]) < -0.02
+    assert float(exact["obstacle_spin"][0]) > 0.4
+    for name in ("obstacle_position", "obstacle_spin"):
+        np.testing.assert_allclose(found[name][:2], exact[name][:2], atol=1e-5)

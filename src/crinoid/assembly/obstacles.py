@@ -7,6 +7,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -20,6 +21,7 @@ from crinoid.elements import (
     Bed,
     Body,
     BodyContact,
+    BodySurfaceContact,
     Contact,
     Pair,
     Pose,
@@ -30,7 +32,7 @@ from crinoid.elements.bodies import capsule_inertia
 from crinoid.elements.contact import surfaces
 from crinoid.numerics.grid_spline import GridSpline
 from crinoid.rod import Rod
-from crinoid.scenario import Capsule, Obstacle, Plane, Scenario, Sphere
+from crinoid.scenario import Capsule, Mesh, Obstacle, Plane, Scenario, Seabed, Sphere
 from crinoid.scenario.quantity import unit_vector
 
 if TYPE_CHECKING:
@@ -117,18 +119,9 @@ class ObstacleParameters(eqx.Module):
         """Build the free bodies among the obstacles."""
         count, axes = self.position.shape
         at = np.asarray(self.free, int)
-        contact = None
-        if self.pairs:
-            contact = BodyContact.between(
-                self.pairs,
-                radius=self.radius,
-                half_axis=self.half_axis,
-                normal=self.normal,
-                friction=self.friction,
-                mass=self.mass,
-                strength=jnp.max(surfaces(rod)[1]),
-                gravity=gravity,
-            )
+        groups = [[pair for pair in self.pairs if not self._surface(pair.second)]]
+        groups += [[pair] for pair in self.pairs if self._surface(pair.second)]
+        groups = [group for group in groups if group]
         return FreeBodies(
             index=self.free,
             body=Body.of(
@@ -143,9 +136,30 @@ class ObstacleParameters(eqx.Module):
             ),
             pose=Pose.unturned(count, axes),
             spin=self.spin,
-            contact=contact,
-            pairs=tuple((pair.first, pair.second) for pair in self.pairs),
+            contacts=tuple(self._contact(group, rod, gravity) for group in groups),
+            pairs=tuple(tuple((pair.first, pair.second) for pair in group) for group in groups),
         )
+
+    def _surface(self, index: int) -> Surface | None:
+        return self.surfaces[index] if self.surfaces else None
+
+    def _contact(self, pairs: Sequence[Pair], rod: Rod, gravity: Array) -> BodyContact:
+        """Build the contact of pairs, or of one pair of a body with a surface from a file."""
+        contact = BodyContact.between(
+            pairs,
+            radius=self.radius,
+            half_axis=self.half_axis,
+            normal=self.normal,
+            friction=self.friction,
+            mass=self.mass,
+            strength=jnp.max(surfaces(rod)[1]),
+            gravity=gravity,
+        )
+        surface = self._surface(pairs[0].second)
+        if surface is None:
+            return contact
+        one = jax.tree.map(lambda values: values[None], surface)
+        return BodySurfaceContact(**vars(contact), surface=one)
 
 
 def _inertia(obstacle: Obstacle, turns: int) -> Float[np.ndarray, "turns turns"]:
@@ -165,8 +179,8 @@ def _inertia(obstacle: Obstacle, turns: int) -> Float[np.ndarray, "turns turns"]
 def _pairs(obstacles: Sequence[Obstacle], free: tuple[int, ...]) -> tuple[Pair, ...]:
     """Return the pairs of obstacles that can touch, of which one or both are free.
 
-    First is a sphere where one is, and never a plane, so that points of contact are few: two of a
-    capsule on a plane or another long body, otherwise one.
+    First is a sphere where one is, and never a plane or a solid from a file, so that points of
+    contact are few: two of a capsule on a plane or another long body, otherwise one.
     """
     found: list[Pair] = []
     for one, other in combinations(range(len(obstacles)), 2):
@@ -178,7 +192,7 @@ def _pairs(obstacles: Sequence[Obstacle], free: tuple[int, ...]) -> tuple[Pair, 
             first, second = (one, other) if long[1] else (other, one)
         elif one not in free:
             first, second = other, one
-        if isinstance(obstacles[first], Plane):
+        if isinstance(obstacles[first], Plane | Mesh | Seabed):
             first, second = second, first
         ends = (1.0, -1.0) if any(obstacles[first].half_axis) else (0.0,)
         found += [Pair(first, second, end) for end in ends]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import zip_longest
+from itertools import chain, zip_longest
 
 import equinox as eqx
 import jax
@@ -267,10 +267,10 @@ def clearance(system: System) -> Float[np.ndarray, " m"]:
         if gap < 0
     ]
     obstacles = system.forces.obstacles
-    if obstacles is not None and obstacles.bodies is not None and obstacles.bodies.contact:
+    if obstacles is not None and obstacles.bodies is not None and obstacles.bodies.pairs:
         depths = np.asarray(-_body_clearance(system))
-        skins = np.asarray(obstacles.bodies.contact.skin)
-        for pair, depth, skin in zip(obstacles.bodies.pairs, depths, skins, strict=True):
+        pairs, skins = chain(*obstacles.bodies.pairs), np.asarray(obstacles.bodies.skin)
+        for pair, depth, skin in zip(pairs, depths, skins, strict=True):
             first, second = sorted(pair, key=lambda index: index not in obstacles.free)
             text = f"overlaps obstacle.{second} by {1e3 * depth:.3g} mm. Move it clear of that."
             mistake = Mistake(f"obstacle.{first}.position", text)

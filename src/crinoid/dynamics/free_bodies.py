@@ -32,10 +32,11 @@ class FreeBodies(eqx.Module):
     """Attitude of all obstacles at the start of a step; unturned they have the world's axes."""
     spin: Float[Array, "m turns"]
     """Initial angular velocity of all obstacles (rad/s)."""
-    contact: BodyContact | None = None
-    """Contact of each pair, if there are any."""
-    pairs: tuple[tuple[int, int], ...] = eqx.field(static=True, default=())
-    """Obstacles of each pair."""
+    contacts: tuple[BodyContact, ...] = ()
+    """Contacts of pairs: of all with round bodies and planes at once, and one by one of those with
+    a surface from a file."""
+    pairs: tuple[tuple[tuple[int, int], ...], ...] = eqx.field(static=True, default=())
+    """Obstacles of each pair of each contact."""
 
     @property
     def count(self) -> int:
@@ -47,12 +48,6 @@ class FreeBodies(eqx.Module):
         """Both rows of each free body, among those of the obstacles."""
         index = np.array(self.index, int)
         return np.stack([index, index + self.count], axis=1)
-
-    @property
-    def pair_rows(self) -> Int[np.ndarray, "pair 4"]:
-        """Both rows of both obstacles of each pair."""
-        first, second = np.array(self.pairs, int).reshape(-1, 2).T
-        return np.stack([first, first + self.count, second, second + self.count], axis=1)
 
     def unknowns(self, size: int) -> tuple[int, ...]:
         """Return the indices of their unknowns among the flattened rows of ``size`` numbers."""
@@ -74,9 +69,7 @@ class FreeBodies(eqx.Module):
         index = np.array(self.index, int)
         body = replace(self.body, pose=self._poses(index))
         found: list[tuple[Element, Int[np.ndarray, "window k"]]] = [(body, self.own_rows)]
-        if self.contact is not None:
-            found.append((self._posed_contact(), self.pair_rows))
-        return found
+        return [*found, *self._posed_contacts()]
 
     def residual(self, motion: Motion) -> tuple[Rows, Float[Array, " b"]]:
         """Return minus the forces on the rows of the obstacles, without those of the arm.
@@ -102,10 +95,14 @@ class FreeBodies(eqx.Module):
 
     def gaps(self, rows: Rows) -> Float[Array, " pair"]:
         """Return the gap of each pair (m)."""
-        if self.contact is None:
-            return jnp.zeros(0)
         gap = jax.vmap(lambda contact, window: contact.gap(window))
-        return gap(self._posed_contact(), rows[self.pair_rows])
+        gaps = [gap(contact, rows[at]) for contact, at in self._posed_contacts()]
+        return jnp.concatenate([jnp.zeros(0), *gaps])
+
+    @property
+    def skin(self) -> Float[Array, " pair"]:
+        """Thickness of the skin of each pair (m)."""
+        return jnp.concatenate([jnp.zeros(0), *(contact.skin for contact in self.contacts)])
 
     def resolved(
         self,
@@ -115,21 +112,30 @@ class FreeBodies(eqx.Module):
         step: Array,
     ) -> Bool[Array, ""]:
         """Return whether a step resolves the contacts of pairs, like those with the arm."""
-        contact = self.contact
-        if contact is None:
-            return jnp.asarray(True)
-        windows = moved[self.pair_rows]
-        axes = contact.axes
-        travel = _size(windows[:, 0, :axes] - windows[:, 2, :axes])
-        travel += _size(windows[:, 1]) * _size(contact.end)
-        travel += _size(windows[:, 3]) * _size(contact.half_axis)
-        room = jnp.maximum(before, 0.0) + 0.5 * (contact.arm_radius + contact.radius)
-        return jnp.all(contact.accounted(before, after, step)) & jnp.all(travel <= room)
+        counts = np.cumsum([len(pairs) for pairs in self.pairs])[:-1]
+        resolved = [jnp.asarray(True)]
+        for (contact, rows), *gaps in zip(
+            self._posed_contacts(),
+            *(jnp.split(gap, counts) for gap in (before, after)),
+            strict=True,
+        ):
+            windows, axes = moved[rows], contact.axes
+            travel = _size(windows[:, 0, :axes] - windows[:, 2, :axes])
+            travel += _size(windows[:, 1]) * _size(contact.end)
+            travel += _size(windows[:, 3]) * _size(contact.half_axis)
+            room = jnp.maximum(gaps[0], 0.0) + 0.5 * (contact.arm_radius + contact.radius)
+            resolved.append(jnp.all(contact.accounted(*gaps, step)) & jnp.all(travel <= room))
+        return jnp.all(jnp.stack(resolved))
 
-    def _posed_contact(self) -> BodyContact:
-        assert self.contact is not None
-        first, second = np.array(self.pairs, int).reshape(-1, 2).T
-        return replace(self.contact, carrier=self._poses(first), pose=self._poses(second))
+    def _posed_contacts(self) -> list[tuple[BodyContact, Int[np.ndarray, "pair 4"]]]:
+        """Return the contacts with the attitudes of both bodies, and the rows of their windows."""
+        found = []
+        for contact, pairs in zip(self.contacts, self.pairs, strict=True):
+            first, second = np.array(pairs, int).T
+            posed = replace(contact, carrier=self._poses(first), pose=self._poses(second))
+            rows = [first, first + self.count, second, second + self.count]
+            found.append((posed, np.stack(rows, axis=1)))
+        return found
 
     def _poses(self, index: Int[np.ndarray, " each"]) -> Pose:
         return Pose(self.pose.attitude[index], self.pose.turn[index])

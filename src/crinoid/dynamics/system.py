@@ -142,10 +142,10 @@ class System(eqx.Module):
         """
         obstacles = self.forces.obstacles
         bodies = None if obstacles is None else obstacles.bodies
-        if bodies is None or bodies.contact is None:
+        if bodies is None:
             return jnp.zeros(0)
         _, _, rows, _ = self.undeformed(time)
-        return bodies.gaps(rows[self.forces.rows.obstacle_rows]) - bodies.contact.skin
+        return bodies.gaps(rows[self.forces.rows.obstacle_rows]) - bodies.skin
 
     def far_clearances(self, time: float | Array = 0.0) -> tuple[Float[Array, ""], ...]:
         """Return the smallest distance of the undeformed arm in each contact of far parts (m)."""

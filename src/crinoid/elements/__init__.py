@@ -26,6 +26,7 @@ from crinoid.elements.rigid import Pose as Pose
 from crinoid.elements.self_contact import SelfContact as SelfContact
 from crinoid.elements.spatial import BendTwist as BendTwist
 from crinoid.elements.surface_contact import Bed as Bed
+from crinoid.elements.surface_contact import BodySurfaceContact as BodySurfaceContact
 from crinoid.elements.surface_contact import SignedDistance as SignedDistance
 from crinoid.elements.surface_contact import Surface as Surface
 from crinoid.elements.surface_contact import SurfaceContact as SurfaceContact

@@ -14,7 +14,7 @@ from crinoid.elements.rigid import Pose, RigidMotion
 from crinoid.numerics.frames import moments, rotation_velocity, unit
 from crinoid.numerics.small_matrices import product
 
-_SKIN = 0.02
+BODY_SKIN = 0.02
 """Thickness of the skin over the smaller radius."""
 _WEIGHTS = 100.0
 """Force at the end of the skin, over the weight of the lighter body, besides the arm's."""
@@ -86,7 +86,7 @@ class BodyContact(Contact):
     @property
     def skin(self) -> Float[Array, "*count"]:
         round_too = jnp.minimum(self.arm_radius, self.radius)
-        return _SKIN * jnp.where(jnp.any(self.normal != 0, axis=-1), self.arm_radius, round_too)
+        return BODY_SKIN * jnp.where(jnp.any(self.normal != 0, axis=-1), self.arm_radius, round_too)
 
     def gap(self, position: Float[Array, "4 b"]) -> Float[Array, ""]:
         """Return the distance from the end of the skin (m): ``skin`` where the surfaces meet."""

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from crinoid.elements.body_contact import BODY_SKIN, BodyContact
 from crinoid.elements.contact import EASE, Contact
 from crinoid.numerics.grid_spline import GridSpline
 from crinoid.numerics.small_matrices import product
@@ -150,3 +151,11 @@ class SurfaceContact(Contact):
             return low, high, jnp.where(inside, newton, 0.5 * (low + high))
 
         return jax.lax.fori_loop(0, _STEPS, narrowed, (*ends, shares[least]))[2]
+
+
+class BodySurfaceContact(SurfaceContact, BodyContact):
+    """Contact of a free body with a surface: as that of an edge, with the skin of bodies."""
+
+    @property
+    def skin(self) -> Float[Array, "*count"]:
+        return BODY_SKIN * self.arm_radius
