@@ -218,6 +218,7 @@ def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
 # --- a body that turns freely ------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_top_keeps_energy_and_angular_momentum_at_order_two():
     lost, turned = [], []
     for count in (200, 400, 800):
@@ -281,6 +282,7 @@ def lying(axes, *, step=1e-3):
     )
 
 
+@pytest.mark.slow
 @both
 def test_the_tangent_is_the_slope_of_the_residual(axes):
     system = lying(axes)
@@ -328,6 +330,7 @@ def test_the_tangent_is_the_slope_of_the_residual(axes):
     np.testing.assert_allclose((ahead - behind) / (2 * size), expected, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_the_gradient_through_a_rolling_contact_agrees_with_differences():
     system, down, _ = on_slope(2, 0.5, arms={"tolerance": 1e-13})
     start = system.rest()
