@@ -23,11 +23,17 @@ def phases(data):
     return time[np.argmax(heave > 1e-6)], time[held][-1]
 
 
+def edge_radius(data):
+    """Return the radius of each edge (m)."""
+    diameter = data["diameter"].values
+    return 0.25 * (diameter[1:] + diameter[:-1])
+
+
 def turns(data, instant):
     """Return by how many turns the arm is wound around the bottle at an instant, and its nodes."""
     now = data.sel(time=instant, method="nearest")
     off = (now["position"] - now["obstacle_position"].isel(obstacle=0)).values
-    reach = RADIUS + 0.5 * data["diameter"].values
+    reach = RADIUS + edge_radius(data)
     # an edge touches between its nodes
     edges = 0.5 * (off[1:] + off[:-1])
     wound = np.flatnonzero(np.hypot(*edges[:, :2].T) < reach + 5e-3)
@@ -62,7 +68,7 @@ def test_nothing_passes_through_anything(result):
     assert float(data["contact_closest"][-1].min()) > 0
     # turns lie next to each other: points along edges, those far from each other along the arm
     share = np.linspace(0.0, 1.0, 5)[:-1]
-    radius = np.repeat(0.5 * data["diameter"].values, share.size)
+    radius = np.repeat(edge_radius(data), share.size)
     along = np.arange(radius.size) / share.size
     far = np.abs(along[:, None] - along) > 5
     for place in data["position"].values[::5]:

@@ -1,5 +1,6 @@
 """Sequence of phases from its tables."""
 
+import jax
 import numpy as np
 
 from crinoid.assembly.arrays import array
@@ -57,7 +58,7 @@ def build_sequence(plan: AssembledScenario) -> Sequence:
         raise ScenarioError(mistakes)
     return Sequence(
         value=array(np.nan_to_num(value) * scale),
-        moves=array(np.isfinite(value)),
+        moves=jax.device_put(np.isfinite(value)),
         duration=array([phase.duration for phase in phases]),
         force=array(force),
         sensors=tuple(sensors),

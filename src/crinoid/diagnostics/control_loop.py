@@ -246,9 +246,9 @@ def comparison(result: Result) -> tuple[float, float] | None:
 
 
 def loop_notes(result: Result) -> list[str]:
-    """Return the notes on the loop of a run, a sentence each; none without control."""
+    """Return the notes on the loop of a run, a sentence each; none without feedback of the tip."""
     scenario = result.scenario
-    if scenario.control.kind == "none":
+    if scenario.control.kind in ("none", "sequence"):
         return []
     found = []
     for name, met in limit_shares(result).items():

@@ -137,7 +137,7 @@ class Body(Element):
         speeds = smooth_speed(jnp.sum(slips**2, axis=1))
         drags = self.side_drag * (0.5 * _SHARES * speeds)[:, None] * slips
         drag = self.drag * smooth_speed(jnp.sum(slip**2)) * slip + jnp.sum(drags, axis=0)
-        up = jnp.asarray(np.eye(axes)[-1])
+        up = jnp.eye(axes)[-1]
         force = self.mass * acceleration - self.displaced * flow + water + drag + self.weight * up
         moment = moments(slip, momentum) + jnp.sum(moments(stations * axis, drags), axis=0)
         moment -= self.righting * moments(body.attitude[:, -1], up)

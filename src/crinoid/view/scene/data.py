@@ -71,9 +71,11 @@ _AIMS = ("tip", "angle_deg", "direction")
 def target_word(dataset: xr.Dataset) -> str:
     """Return the noun for the target, which may be the start of a tip that nothing controls."""
     tables = read_scenario(dataset)
-    idle, target = tables.get("control", {}).get("kind") == "none", tables.get("target", {})
+    kind, target = tables.get("control", {}).get("kind"), tables.get("target", {})
     initial = all(target.get(key, "initial") == "initial" for key in _AIMS)
-    aimless = idle and initial and not moves(in_space(dataset, "tip_target"))
+    aimless = (
+        kind in ("none", "sequence") and initial and not moves(in_space(dataset, "tip_target"))
+    )
     return "start of the tip" if aimless else "target"
 
 
