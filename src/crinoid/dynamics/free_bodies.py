@@ -112,8 +112,10 @@ class FreeBodies(eqx.Module):
         step: Array,
     ) -> Bool[Array, ""]:
         """Return whether a step resolves the contacts of pairs, like those with the arm."""
+        if not self.contacts:
+            return jnp.asarray(True)
         counts = np.cumsum([len(pairs) for pairs in self.pairs])[:-1]
-        resolved = [jnp.asarray(True)]
+        resolved = []
         for (contact, rows), *gaps in zip(
             self._posed_contacts(),
             *(jnp.split(gap, counts) for gap in (before, after)),
