@@ -37,7 +37,7 @@ _FULL = (0.1, 0.3, 0.6)
 _WORDS = {
     "kind": (*KINDS, *["hybrid"] * 4),  # few scenarios suit it
     "inputs": (*CHANNELS[3], "chamber_0", "tendon_0"),
-    "variables": large_names(3, without=["vortices", "estimate", "self"]),
+    "variables": large_names(3, without=["vortices", "estimate", "self", "hull"]),
 }
 """What keys take that take text by their name; others take any text."""
 _TEXTS = ("u", "-v", "vel[E]", "a_1", 'quoted "\\"', "two\nlines\t", "\x00\x7f", "ä€😀", "#")

@@ -49,9 +49,8 @@ def here(tmp_path, monkeypatch) -> Path:
 @pytest.mark.slow
 def test_variables_of_obstacles_have_units_places_and_running_sums(result):
     data = result.dataset
-    assert_listed(
-        data, ("solids", "actuators", "lines", "tool", "vehicle", "vortices", "estimate", "self")
-    )
+    without = ("solids", "actuators", "lines", "tool", "vehicle", "vortices", "estimate", "self")
+    assert_listed(data, (*without, "hull"))
     assert data.sizes["obstacle"] == 2
     place = data["obstacle_position"].values
     np.testing.assert_allclose(place[0], [[0.4, -9.92], [0.0, -10.03]])

@@ -259,7 +259,8 @@ def test_a_disk_that_fills_up_stops_a_run_and_loses_nothing_written(whole, tmp_p
 
 
 def test_a_result_has_the_listed_variables(whole):
-    without = ("obstacles", "solids", "actuators", "lines", "tool", "vehicle", "estimate", "self")
+    without = ("obstacles", "bodies", "solids", "actuators", "lines", "tool", "vehicle")
+    without += ("estimate", "self", "hull")
     there, sizes = assert_listed(whole.dataset, without), whole.dataset.sizes
     kept = sum(v.nbytes for v in whole.dataset.data_vars.values() if "time" in v.dims)
     assert kept == 8 * sizes["time"] * numbers(there.values(), sizes)
@@ -271,7 +272,7 @@ def test_a_finished_run_leaves_out_unwanted_variables(whole, tmp_path):
     found = Result.load(tmp_path)
     for one, all_ in ((found, whole), (found.uncontrolled, whole.uncontrolled)):
         left = set(all_.dataset.data_vars) - set(one.dataset.data_vars)
-        assert left == set(large_names(2, without=["estimate", "self"])) - {"curvature"}
+        assert left == set(large_names(2, without=["estimate", "self", "hull"])) - {"curvature"}
         for name in one.dataset.data_vars:
             np.testing.assert_array_equal(one.dataset[name], all_.dataset[name], str(name))
     assert found.notes == whole.notes
@@ -288,11 +289,11 @@ def test_a_run_that_is_interrupted_keeps_all_variables(whole):
     with written_at_each_step():
         part = play(Prepared(BARE), stop=lambda: next(wishes))
     assert part.interrupted
-    assert set(part.dataset.data_vars) >= set(large_names(2, without=["estimate", "self"]))
+    assert set(part.dataset.data_vars) >= set(large_names(2, without=["estimate", "self", "hull"]))
     rest = play(Prepared(BARE), resume=part)
-    assert set(rest.dataset.data_vars) & set(large_names(2, without=["estimate", "self"])) == {
-        "curvature"
-    }
+    assert set(rest.dataset.data_vars) & set(
+        large_names(2, without=["estimate", "self", "hull"])
+    ) == {"curvature"}
     np.testing.assert_array_equal(rest.dataset["curvature"], whole.dataset["curvature"])
 
 

@@ -187,7 +187,7 @@ def test_silhouettes_are_those_of_the_bodies_in_space(scene):
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     sphere, _, capsule, _ = find_obstacles(scene)
     for body in (sphere, capsule):
-        ends = [body.radius * ball + s * body.half_axis for s in (-1, 1)]
+        ends = [body.radius * ball + s * body.half_axis[-1] for s in (-1, 1)]
         points = body.path[-1] + np.concatenate(ends)
         for view in (SIDE, ABOVE, AHEAD, OBLIQUE):
             drawn, expected = obstacle_outline(body, -1, LOW, HIGH, view), view.paper(points)
