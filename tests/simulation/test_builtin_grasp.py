@@ -76,10 +76,3 @@ def test_nothing_passes_through_anything(result):
         points = points.reshape(-1, 3)
         apart = np.linalg.norm(points[:, None] - points, axis=2) - radius[:, None] - radius
         assert apart[far].min() > 0
-
-
-def test_without_friction_it_stays_on_the_bed():
-    smooth = {"obstacle.0.friction": 0.0, "simulation.duration": 20.0}
-    data = crinoid.simulate(crinoid.load("wind-around").with_values(smooth)).dataset
-    height = data["obstacle_position"].isel(obstacle=0).sel(axis="z")
-    assert float(height.max() - height[0]) < 0.05
