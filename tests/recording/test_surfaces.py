@@ -9,6 +9,7 @@ from crinoid.assembly.prepared import Prepared
 from crinoid.recording.mesh import read_mesh
 from crinoid.recording.seabed import read_seabed
 from crinoid.recording.signed_distance import Triangles
+from crinoid.recording.solid_shapes import section
 from crinoid.scenario import Mesh, Scenario, Seabed
 from helpers.refusals import refusal
 
@@ -186,3 +187,9 @@ def test_a_bed_above_the_arm_overlaps_it(tmp_path):
     line = r"obstacle.0.position: overlaps the arm without load by 115 mm"
     with pytest.raises(ValueError, match=line):
         Prepared(case).check()
+
+
+def test_a_cut_thinner_than_the_grid_is_not_drawn():
+    place = np.linspace(-1.0, 1.0, 5)
+    points, facets = section(np.full((5, 5), 0.1), place, place, 0.02)
+    assert points.shape == facets.shape == (0, 3)

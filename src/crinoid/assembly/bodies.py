@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -24,9 +23,6 @@ from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod
 from crinoid.scenario import Tool as ToolTable
 from crinoid.scenario import Vehicle as VehicleTable
-
-if TYPE_CHECKING:
-    pass
 
 _ROUNDED = 1e-9
 """Share of the arm's length that is round-off."""

@@ -228,8 +228,8 @@ def build_controller(plan: AssembledScenario, parts: Parts | None = None) -> Con
 def build_feed_forward(plan: AssembledScenario) -> FeedForward | None:
     """Return the feed-forward of a moving target, if the scenario asks for it."""
     scenario = plan.scenario
-    # a network observes the target itself
-    if scenario.control.kind in ("none", "neural") or not scenario.target.feeds_forward:
+    # a network observes the target itself, and a sequence ignores it
+    if scenario.control.kind in ("none", "neural", "sequence") or not scenario.target.feeds_forward:
         return None
     return FeedForward(
         array(plan.mapping(scenario.driven, _weights(scenario))),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -24,9 +22,6 @@ from crinoid.elements import (
 from crinoid.foundation.axes import CHANNEL_TABLE
 from crinoid.rod import Rod
 from crinoid.scenario import Mistake, Scenario, ScenarioError, got
-
-if TYPE_CHECKING:
-    pass
 
 
 class SelfContactParameters(eqx.Module):

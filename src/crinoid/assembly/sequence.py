@@ -56,10 +56,13 @@ def build_sequence(plan: AssembledScenario) -> Sequence:
                     mistakes.append(Mistake(place, got(number, must)))
     if mistakes:
         raise ScenarioError(mistakes)
+    # after the last phase, in which a touch may have stopped them, inputs keep their commands
+    value = np.pad(value, ((0, 1), (0, 0)), constant_values=np.nan)
+    force = np.pad(force, ((0, 1), (0, 0)))
     return Sequence(
         value=array(np.nan_to_num(value) * scale),
         moves=jax.device_put(np.isfinite(value)),
-        duration=array([phase.duration for phase in phases]),
+        duration=array([*(phase.duration for phase in phases), 1.0]),
         force=array(force),
         sensors=tuple(sensors),
     )

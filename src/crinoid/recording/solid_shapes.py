@@ -37,11 +37,14 @@ def section(distance: Float[np.ndarray, "x z"], x: Places, z: Places, half: floa
     """
     from contourpy import contour_generator  # as matplotlib, and few need it
 
-    every = 1 + max(distance.shape) // _CELLS
-    x, z, distance = x[::every], z[::every], distance[::every, ::every]
+    steps = [slice(None, None, 1 + count // _CELLS) for count in distance.shape]
+    x, z, distance = x[steps[0]], z[steps[1]], distance[*steps]
     cells = contour_generator(x, z, distance.T, chunk_size=1)
     lines: Any = cells.filled(-np.inf, 0.0)[0]
-    return slab([line[:-1] for line in lines if line is not None], half)
+    outlines = [line[:-1] for line in lines if line is not None]
+    if not outlines:  # thinner than the grid
+        return np.zeros((0, 3)), np.zeros((0, 3), int)
+    return slab(outlines, half)
 
 
 def slab(outlines: list[Float[np.ndarray, "_ 2"]], half: float) -> Shape:

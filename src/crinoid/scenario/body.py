@@ -152,8 +152,8 @@ class _Movable(_Round):
         for name, there in given.items():
             if self.mass is None and there:
                 yield self.mistake(name, "be left out without a mass", "Set mass to free the body.")
-        moments = self.inertia if isinstance(self.inertia, tuple) else (self.inertia or 1.0,)
-        if min(moments) <= 0:
+        moments = self.inertia if isinstance(self.inertia, tuple) else (self.inertia,)
+        if any(each is not None and each <= 0 for each in moments):
             yield self.mistake("inertia")
         elif len(moments) == 3 and max(moments) > 0.5 * (1 + _STRAIGHT) * sum(moments):
             yield self.mistake("inertia", "have no moment above the sum of the other two")

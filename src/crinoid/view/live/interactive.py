@@ -150,17 +150,18 @@ def launch(
     """Return a state with another position (m) and velocity (m/s) of its last obstacle."""
     forces, motion = system.forces, state.motion
     assert forces.obstacles is not None
-    row = forces.rows.obstacle(forces.obstacles.count - 1)
+    row, count = forces.rows.obstacle(forces.obstacles.count - 1), forces.obstacles.count
+    both = np.array([row, row + count] if forces.turns else [row])  # and its rotation
     remembered = state.remembered(forces)
     axes = forces.axes
     moved = motion.position.at[row, :axes].set(position)
-    faster = motion.velocity.at[row, :axes].set(velocity)
-    still = motion.acceleration.at[row].set(0.0)
+    faster = motion.velocity.at[both].set(0.0).at[row, :axes].set(velocity)
+    still = motion.acceleration.at[both].set(0.0)
     return replace(
         state,
         motion=replace(motion, position=moved, velocity=faster, acceleration=still),
-        auxiliary_offset=state.auxiliary_offset.at[row].set(0.0),
-        acceleration_history=state.acceleration_history.at[:, row].set(0.0),
+        auxiliary_offset=state.auxiliary_offset.at[both].set(0.0),
+        acceleration_history=state.acceleration_history.at[:, both].set(0.0),
         gap=remembered.gaps(moved),
         body_gap=remembered.body_gaps(moved),
     )
