@@ -94,6 +94,7 @@ def test_a_ball_rolls_down_a_slope_at_five_sevenths_of_gravity(axes):
     assert speed[-1] > 0.8
 
 
+@pytest.mark.slow
 @both
 def test_a_ball_slides_where_friction_is_less_than_two_sevenths_of_the_slope(axes):
     friction = 0.5 * 2 / 7 * np.tan(SLOPE)
@@ -110,6 +111,7 @@ def test_a_ball_slides_where_friction_is_less_than_two_sevenths_of_the_slope(axe
     )
 
 
+@pytest.mark.slow
 def test_the_plane_and_space_agree_on_a_rolling_ball():
     ends = []
     for axes in (2, 3):
@@ -166,6 +168,7 @@ def momenta(system, states):
     return np.sum(mass * speed, axis=1), np.sum(own + cross, axis=1), own
 
 
+@pytest.mark.slow
 @both
 def test_a_collision_keeps_momentum_and_angular_momentum(axes):
     system = colliding(axes)
@@ -186,6 +189,7 @@ def _pushed(forces, motion):
     return forces.obstacles.bodies.residual(forces.obstacle_motion(motion))[0]
 
 
+@pytest.mark.slow
 def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
     half = [[0.03, 0.05, -0.02], [0.06, -0.02, 0.03]]
     system = bodies(

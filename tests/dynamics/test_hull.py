@@ -92,6 +92,7 @@ def moving(made, state, rows, random, rates=(20.0, 1e4)):
     )
 
 
+@pytest.mark.slow
 @dimensions
 @bases
 def test_tangent_is_the_slope_of_the_residual(dimension, floats):
@@ -124,6 +125,7 @@ def test_tangent_is_the_slope_of_the_residual(dimension, floats):
     assert held == pytest.approx(exact[:2], abs=1e-9 * np.abs(exact[:2]).max())
 
 
+@pytest.mark.slow
 @dimensions
 def test_momenta_are_kept_between_arm_and_floating_hull(dimension):
     random = np.random.default_rng(4)
@@ -198,6 +200,7 @@ def pushed(forces, stage):
     return forces.far_contacts[-1].push(motion)
 
 
+@pytest.mark.slow
 @bases
 def test_forces_in_space_are_those_in_the_plane(floats):
     found = {}
@@ -224,6 +227,7 @@ def test_an_arm_at_rest_on_its_hull_hands_its_loads_to_the_base():
     assert float(state.base_moment) == pytest.approx(-0.12 * place[0], abs=1e-8)
 
 
+@pytest.mark.slow
 def test_gradient_by_the_diameter_is_that_of_differences():
     made = system(2, False)
 

@@ -113,6 +113,7 @@ def bumpy(axes):
 cases = pytest.mark.parametrize("surface", [ball, bumpy])
 
 
+@pytest.mark.slow
 @both
 @cases
 def test_gap_is_the_least_distance_over_the_edge(surface, axes):
@@ -133,6 +134,7 @@ def test_gap_is_the_least_distance_over_the_edge(surface, axes):
         assert gap == pytest.approx(float(brute(places)), abs=1e-6)
 
 
+@pytest.mark.slow
 @both
 @cases
 def test_slopes_of_gap_and_forces_are_those_of_differences(surface, axes):
