@@ -173,6 +173,7 @@ def nearest(near, far, nose, way):
     return np.linalg.norm(points - (nose - back[:, None] * way), axis=1).min()
 
 
+@pytest.mark.slow
 @dimensions
 @bases
 def test_gap_is_the_distance_of_an_edge_from_a_capsule_behind_the_root(dimension, floats):
@@ -219,6 +220,7 @@ def test_forces_in_space_are_those_in_the_plane(floats):
     assert found[3] == pytest.approx(found[2], abs=1e-9 * np.abs(found[2]).max())
 
 
+@pytest.mark.slow
 def test_an_arm_at_rest_on_its_hull_hands_its_loads_to_the_base():
     state = system(2, False, friction=0.0).equilibrium()
     gap, place = np.asarray(state.far_gaps[-1]), np.asarray(state.position[-1])
@@ -331,6 +333,7 @@ def test_edges_near_the_root_and_where_channels_draw_it_back_do_not_count():
     assert hull_of(system(2, True)).first_edge == 1
 
 
+@pytest.mark.slow
 def test_a_hull_alone_follows_the_base():
     scenario = crinoid.Scenario.from_dict(document(2))
     assert not scenario.floats
