@@ -59,9 +59,10 @@ def build_sequence(plan: AssembledScenario) -> Sequence:
     # after the last phase, in which a touch may have stopped them, inputs keep their commands
     value = np.pad(value, ((0, 1), (0, 0)), constant_values=np.nan)
     force = np.pad(force, ((0, 1), (0, 0)))
+    moves = np.isfinite(value)  # each value of a scenario is finite
     return Sequence(
-        value=array(np.nan_to_num(value) * scale),
-        moves=jax.device_put(np.isfinite(value)),
+        value=array(np.where(moves, value, 0.0) * scale),
+        moves=jax.device_put(moves),
         duration=array([*(phase.duration for phase in phases), 1.0]),
         force=array(force),
         sensors=tuple(sensors),
