@@ -397,7 +397,7 @@ def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
     beside = {"obstacles": obstacles([[0.4, 0.011]], radius=0.0, mass=0.3)} if ball else {}
     system = floating(axes, floats={"drag": 3.0, "bandwidth": 1.0}, arms=beside)
     rng = np.random.default_rng(0)
-    shape = (9 if ball else 8, 2 if axes == 2 else 4)
+    shape = (10 if ball else 8, 2 if axes == 2 else 4)
     noise = 1e-3 * rng.normal(size=(3, *shape)) * np.array([1.0, 1.0, 0.1])[:, None, None]
     rhs = rng.normal(size=shape)
     given = map(jnp.asarray, (noise, rhs))
@@ -405,7 +405,7 @@ def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
     np.testing.assert_allclose(factorised, solved, rtol=1e-12)
     unknown = np.asarray(solved) != 0
     assert not unknown[:2].any()
-    free = {(2, False): 8 + 3, (2, True): 8 + 2 + 3, (3, False): 16 + 6}
+    free = {(2, False): 8 + 3, (2, True): 8 + 2 + 1 + 3, (3, False): 16 + 6}
     assert unknown.sum() == free[axes, ball]
     np.testing.assert_allclose(product[unknown], rhs[unknown], rtol=1e-7, atol=1e-9)
 

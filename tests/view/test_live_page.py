@@ -68,7 +68,7 @@ def test_rigid_bodies_are_those_of_other_views():
     scenario = LIVE.with_values(values | {"tool": tool, "arm.nodes": 4})
     places = np.array([[0.3, 0.0, 0.5], [-9.0, 0.0, 0.0]])
     frame = Snapshot(
-        *(0.0, nodes, 0 * nodes, nodes[-1], 0.0, places, False, 0.0),
+        *(0.0, nodes, 0 * nodes, nodes[-1], 0.0, places, np.zeros((0, 3)), False, 0.0),
         *(True, np.zeros(3), np.zeros(0)),
     )
     LiveScene(server, scenario, InteractiveBodies.suited_to(scenario), frame, {})
