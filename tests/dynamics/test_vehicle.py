@@ -394,7 +394,7 @@ def test_one_too_heavy_to_be_pushed_is_a_base_that_is_held(axes):
 @pytest.mark.slow
 @pytest.mark.parametrize(("axes", "ball"), [(2, False), (2, True), (3, False)])
 def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
-    beside = {"obstacles": obstacles([[0.4, 0.011]], radius=0.0, mass=0.3)} if ball else {}
+    beside = {"obstacles": obstacles([[0.4, 0.012]], radius=1e-3, mass=0.3)} if ball else {}
     system = floating(axes, floats={"drag": 3.0, "bandwidth": 1.0}, arms=beside)
     rng = np.random.default_rng(0)
     shape = (10 if ball else 8, 2 if axes == 2 else 4)
