@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,10 +11,10 @@ import xarray as xr
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.dynamics import Outcome
+from crinoid.dynamics import Hull, Outcome
 from crinoid.results.result import Result
 from crinoid.simulation import SimulationError, play
-from crinoid.simulation.conclusion import describe_gap
+from crinoid.simulation.conclusion import nearest_pair
 from helpers.builtin import STORED
 from helpers.command import call, refused, succeeded
 from helpers.loops import assert_listed
@@ -195,9 +196,32 @@ def test_a_hit_that_no_step_resolves_ends_the_run_and_says_so():
     assert "obstacle 0 is nearest to the arm" in reason or "obstacle 1 is nearest" in reason
     for remedy in ("simulation.time_step", "simulation.max_halvings", "slower obstacles"):
         assert remedy in reason
-    # no distance is negative
-    assert describe_gap(2, 0.0123) == "obstacle 2 is nearest to the arm with 12.3 mm between them"
-    assert describe_gap(2, -0.0123) == "obstacle 2 is pressed 12.3 mm into the arm"
+
+
+@pytest.mark.parametrize(
+    ("arm", "itself", "hull", "pair", "words"),
+    [
+        (0.0123, 0.3, 0.2, 0.02, "obstacle 1 is nearest to the arm with 12.3 mm between them"),
+        (-0.0123, 0.3, 0.2, 0.02, "obstacle 1 is pressed 12.3 mm into the arm"),
+        (0.3, 0.0123, 0.2, 0.02, "the arm is nearest to itself with 12.3 mm between them"),
+        (0.3, 0.2, -0.0123, 0.02, "the arm is pressed 12.3 mm into the hull"),
+        (0.3, 0.3, 0.2, 0.0123, "obstacle 0 is nearest to obstacle 2 with 12.3 mm between them"),
+        (0.3, 0.3, 0.2, -0.0123, "obstacle 0 is pressed 12.3 mm into obstacle 2"),
+    ],
+)
+def test_the_nearest_pair_is_named(arm, itself, hull, pair, words):
+    skin = 1e-3
+    bodies = SimpleNamespace(pairs=(((0, 1),), ((2, 0),)), skin=np.array([skin, skin]))
+    forces = SimpleNamespace(
+        far_contacts=(None, object.__new__(Hull)), obstacles=SimpleNamespace(bodies=bodies)
+    )
+    gaps = np.array([[0.4, 0.5], [arm, 0.5], [0.5, 0.5]])
+    state = SimpleNamespace(
+        gap=gaps,
+        far_gaps=(np.array([itself, 0.6]), np.array([hull, 0.6])),
+        body_gap=np.array([0.3, pair + skin]),
+    )
+    assert nearest_pair(SimpleNamespace(forces=forces), state) == words
 
 
 def test_an_imbalance_past_the_tip_is_that_of_a_free_obstacle():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import equinox as eqx
 import jax
@@ -114,8 +115,9 @@ def _trouble(scenario: Scenario, system: System, state: State, outcome: Outcome)
         return found, "numbers with which it is finite"
     if not outcome.resolved:
         slower = ", or slower obstacles" * (state.gap is not None)
+        nearest = nearest_pair(system, state)
         return (
-            f"a hit is too hard or too fast for a time step {halvings}, {_nearest(system, state)}",
+            f"a hit is too hard or too fast for a time step {halvings}, {nearest}",
             f"{smaller}, more simulation.max_halvings{slower}",
         )
     if outcome.folded:
@@ -189,27 +191,23 @@ def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array
     return [jnp.isfinite(ravel_pytree(each)[0]).all() for each in given]
 
 
-def _nearest(system: System, state: State) -> str:
-    """Describe the smallest distance of the arm from obstacles, itself and the hull."""
-    gaps = np.zeros(0) if state.gap is None else np.min(np.asarray(state.gap), axis=1)
-    far = [
-        (float(np.min(gap)), "the hull" if isinstance(each, Hull) else "itself")
-        for each, gap in zip(system.forces.far_contacts, state.far_gaps, strict=True)
-    ]
-    near, word = min(far, default=(np.inf, ""))
-    if near < gaps.min(initial=np.inf):
-        if near < 0:
-            return f"the arm is pressed {-1e3 * near:.3g} mm into {word}"
-        return f"the arm is nearest to {word} with {1e3 * near:.3g} mm between them"
-    near = int(np.argmin(gaps))
-    return describe_gap(near, float(gaps[near]))
-
-
-def describe_gap(obstacle: int, gap: float) -> str:
-    """Describe the distance of the nearest obstacle from the arm's surface (m)."""
+def nearest_pair(system: System, state: State) -> str:
+    """Describe the smallest distance of two surfaces: of arm, obstacles and hull."""
+    gaps = [] if state.gap is None else np.min(np.asarray(state.gap), axis=1).tolist()
+    found = [(gap, f"obstacle {index}", "the arm") for index, gap in enumerate(gaps)]
+    for each, gap in zip(system.forces.far_contacts, state.far_gaps, strict=True):
+        other = "the hull" if isinstance(each, Hull) else "itself"
+        found.append((float(np.min(gap)), "the arm", other))
+    bodies = None if system.forces.obstacles is None else system.forces.obstacles.bodies
+    if bodies is not None and state.body_gap is not None:
+        apart = np.asarray(state.body_gap) - np.asarray(bodies.skin)
+        for pair, gap in zip(chain(*bodies.pairs), apart.tolist(), strict=True):
+            first, second = (f"obstacle {index}" for index in sorted(pair))
+            found.append((gap, first, second))
+    gap, one, other = min(found)
     if gap < 0:
-        return f"obstacle {obstacle} is pressed {-1e3 * gap:.3g} mm into the arm"
-    return f"obstacle {obstacle} is nearest to the arm with {1e3 * gap:.3g} mm between them"
+        return f"{one} is pressed {-1e3 * gap:.3g} mm into {other}"
+    return f"{one} is nearest to {other} with {1e3 * gap:.3g} mm between them"
 
 
 def _other_base(scenario: Scenario) -> str:
