@@ -11,7 +11,7 @@ from crinoid.recording.seabed import read_seabed
 from crinoid.recording.signed_distance import Triangles
 from crinoid.recording.solid_shapes import section
 from crinoid.scenario import Mesh, Scenario, Seabed
-from helpers.refusals import refusal
+from helpers.refusals import mistake, refusal
 
 ARM = {"length": 0.5, "nodes": 5, "radius": 0.015}
 GRID = {"x": np.linspace(-2.0, 2.0, 21), "y": np.linspace(-1.0, 1.0, 11)}
@@ -43,6 +43,18 @@ def rock(tmp_path):
     path = tmp_path / "rock.stl"
     trimesh.creation.icosphere(subdivisions=3, radius=0.1).export(path)
     return path
+
+
+def test_a_scenario_with_the_same_solids_needs_no_file_again(rock):
+    table = {"kind": "mesh", "file": str(rock), "position": [0.3, 0.0, -10.3]}
+    prepared = Prepared(scenario(table))
+    read = prepared.surfaces
+    rock.unlink()
+    shorter = prepared.with_scenario(scenario(table, simulation={"duration": 1.0}))
+    assert shorter.surfaces is read
+    assert shorter.digests[str(rock)]
+    coarser = prepared.with_scenario(scenario(table | {"spacing": 0.02}))
+    assert mistake(lambda: coarser.surfaces).endswith(": no such file")
 
 
 # --- meshes ------------------------------------------------------------------------------------

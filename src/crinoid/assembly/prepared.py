@@ -52,8 +52,11 @@ class Prepared:
 
     def with_scenario(self, scenario: Scenario) -> Prepared:
         """Return another scenario with the same files, which are not read again."""
-        other = Prepared(scenario, self.parts)
-        vars(other).update({name: vars(self)[name] for name in _READ if name in vars(self)})
+        other, before = Prepared(scenario, self.parts), self.scenario
+        # the grid of a mesh depends on the arm, the drawn part of a bed on the base
+        solid = [(each.arm, each.base.position, each.obstacle) for each in (before, scenario)]
+        names = [*_READ, *(["surfaces"] if solid[0] == solid[1] else [])]
+        vars(other).update({name: vars(self)[name] for name in names if name in vars(self)})
         return other
 
     @cached_property
@@ -183,7 +186,7 @@ class Prepared:
 
 
 _READ = ("digests", "recordings", "series")
-"""Attributes that come from files."""
+"""Attributes that come from files, besides surfaces."""
 
 
 def require_one_case(scenario: Scenario) -> None:
