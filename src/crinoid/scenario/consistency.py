@@ -11,12 +11,13 @@ from crinoid.foundation.axes import AXES, CHANNELS, LARGEST_TURN, PARTNERS
 from crinoid.foundation.result_variables import large_names, of_dimension
 from crinoid.scenario.actuator import actuator_conflicts, thread_conflicts
 from crinoid.scenario.base import ChannelMotion, TableMotion
-from crinoid.scenario.body import Capsule, Cylinder, tool_conflicts
 from crinoid.scenario.control import COORDINATES
 from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
 from crinoid.scenario.flow import GaussMarkovFlow, MeasuredFlow, ShearFlow, SurfaceWaves
+from crinoid.scenario.obstacle import Capsule, Cylinder
 from crinoid.scenario.sensor import inclination_sensor, sensor_conflicts
 from crinoid.scenario.simulation import whole_conflicts
+from crinoid.scenario.tool import tool_conflicts
 
 if TYPE_CHECKING:
     from crinoid.scenario.scenario import Scenario

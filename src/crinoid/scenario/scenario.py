@@ -13,7 +13,6 @@ from pydantic import BeforeValidator, Field
 from crinoid.scenario.actuator import Actuator, ActuatorTable, Chamber, Tendon, thread_names
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base, VelocityMotion
-from crinoid.scenario.body import Hull, Obstacle, Tool, Vehicle
 from crinoid.scenario.consistency import RULES
 from crinoid.scenario.contact import SelfContact
 from crinoid.scenario.control import Control, ControllerTable
@@ -23,6 +22,7 @@ from crinoid.scenario.flow import Flow, FlowTable
 from crinoid.scenario.kinds import installed, installed_table, with_places
 from crinoid.scenario.load import Load, LoadTable
 from crinoid.scenario.model import Model, entry
+from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import (
     ListOf,
     Quantity,
@@ -34,7 +34,9 @@ from crinoid.scenario.quantity import (
 from crinoid.scenario.sensor import Sensor, Sensors, SensorTable
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
+from crinoid.scenario.tool import Tool
 from crinoid.scenario.variation import combination
+from crinoid.scenario.vehicle import Hull, Vehicle
 from crinoid.scenario.water import Water
 
 _DEFAULT_RATE_HZ = 100.0

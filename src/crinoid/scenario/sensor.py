@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from crinoid.scenario.body import Obstacle
 from crinoid.scenario.errors import Mistake, got
 from crinoid.scenario.kinds import KindOf, part
 from crinoid.scenario.model import Model, entry
+from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import (
     PER_AXIS,
     AsTuple,

@@ -29,7 +29,7 @@ from crinoid.scenario.base import (
     VelocityMotion,
     VesselMotion,
 )
-from crinoid.scenario.body import Plane, Seabed
+from crinoid.scenario.obstacle import Plane, Seabed
 
 _BASE_SPEED, _BASE_ACCELERATION = 5.0, 20.0
 """Largest usual speed (m/s) and acceleration (m/s2, two g) of the base, or of the tip of a stiff

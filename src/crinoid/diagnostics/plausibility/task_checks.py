@@ -15,7 +15,7 @@ from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.checks import check
 from crinoid.scenario import Chamber, ScenarioError, Vehicle, shown
 from crinoid.scenario.actuator import keyed_threads
-from crinoid.scenario.body import Mesh, Plane, Seabed
+from crinoid.scenario.obstacle import Mesh, Plane, Seabed
 from crinoid.scenario.quantity import unit_vector
 
 Vector = Float[np.ndarray, " axis"]
