@@ -91,6 +91,7 @@ def test_an_arm_that_buckled_follows_the_elastica_and_straightens_again():
     np.testing.assert_allclose(load, exact, rtol=5e-3)
 
 
+@pytest.mark.slow
 def test_an_arm_snaps_at_the_same_load_from_either_side():
     critical, _ = pushed()
     column = arm(load=[{"kind": "tip", "force": [-1.3 * critical, 0.0]}])

@@ -161,6 +161,7 @@ def errors(scenario):
     return model, *found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_the_model_is_the_closed_loop_to_first_order(case):
     model, whole, half = errors(CASES[case])

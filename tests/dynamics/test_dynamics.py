@@ -466,7 +466,7 @@ def test_energy_audit_closes_when_servos_move_the_base(axes):
 # --- start, base motion ------------------------------------------------------------------------
 
 
-@in_both_dimensions
+@pytest.mark.parametrize("axes", [2, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("time", [0.0, 0.37])
 def test_the_start_is_a_rigid_motion_in_balance(axes, time):
     # on a base that moves in all its channels, in a current that changes
@@ -513,7 +513,10 @@ AT_REST = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("axes", "case"), [*zip((2, 2, 3), AT_REST, strict=True)])
+@pytest.mark.parametrize(
+    ("axes", "case"),
+    [(2, AT_REST[0]), (2, AT_REST[1]), pytest.param(3, AT_REST[2], marks=pytest.mark.slow)],
+)
 def test_round_off_does_not_stir_what_is_at_rest(axes, case):
     system = dry(axes, **case)
     start = rest(system)

@@ -179,8 +179,11 @@ def spiral(dimension, **tables):
 
 @pytest.mark.parametrize(
     ("dimension", "tables"),
-    [(2, {}), (3, {}), (2, {"vehicle": VEHICLE})],
-    ids=["plane", "space", "floating"],
+    [
+        pytest.param(2, {}, id="plane"),
+        pytest.param(3, {}, id="space", marks=pytest.mark.slow),
+        pytest.param(2, {"vehicle": VEHICLE}, id="floating", marks=pytest.mark.slow),
+    ],
 )
 def test_tangent_is_the_slope_of_the_residual(dimension, tables):
     system, state, rows = spiral(dimension, **tables)
@@ -236,6 +239,7 @@ def test_modes_are_those_of_bands_and_far_edges_together():
     assert found == pytest.approx(np.sqrt(rates) / (2 * np.pi), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_gradient_of_a_coil_is_that_of_differences():
     system = crinoid.system(coil(tolerance=1e-11))
     command = jnp.ones(len(system.inputs))

@@ -154,12 +154,14 @@ def test_mistakes_of_a_log_are_one_line(table, tmp_path, name):
     assert text in line
 
 
+@pytest.mark.slow
 def test_a_log_without_commands_has_a_note(table, tmp_path):
     table[["time", "x (mm)"]].to_csv(tmp_path / "log.csv", index=False)
     notes = crinoid.estimate(HELD, tmp_path / "log.csv").attrs["notes"]
     assert "no commands or states of slide, tilt, which count as at rest" in notes
 
 
+@pytest.mark.slow
 def test_an_arm_without_inputs_is_observed_too(tmp_path):
     still = HELD.with_values(
         {"base": {"tilt_deg": 90.0}, "control": {"kind": "none"}, "simulation.duration": 2.0}
@@ -172,6 +174,7 @@ def test_an_arm_without_inputs_is_observed_too(tmp_path):
     assert np.isfinite(data["estimated_flow_velocity"]).all()
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_estimate_its_figure_and_its_consistency(run, tmp_path):
     out = tmp_path / "out"
     said = succeeded("estimate", run / "held.toml", run, "--out", out)
@@ -189,6 +192,7 @@ def noted(data):
     return data.attrs["notes"].splitlines()
 
 
+@pytest.mark.slow
 def test_rows_of_the_tip_count_where_a_log_has_markers(table, tmp_path):
     tip = table[["time", "x (mm)", "z (m)"]].iloc[:50].assign(marker="tip")
     elbow = tip.assign(marker="elbow", **{"x (mm)": 0.5 * tip["x (mm)"]})

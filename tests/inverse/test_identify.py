@@ -118,6 +118,7 @@ def test_slopes_are_those_of_central_differences(record):
         np.testing.assert_allclose(slope[..., number], between, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_a_search_that_is_stopped_keeps_the_best_so_far(record):
     search = Identification(SHAKEN.with_values(WRONG), KEYS, [record])
     assert not search.run(QUIETLY[0], lambda: search.trials >= 3)

@@ -232,6 +232,7 @@ def test_a_missed_limit_is_exit_code_1(arc, tmp_path):
     assert not json.loads((tmp_path / "summary.json").read_text())["kept"]
 
 
+@pytest.mark.slow
 def test_an_interruption_saves_the_best_so_far(arc, tmp_path, monkeypatch):
     keep = Optimisation._keep
 
