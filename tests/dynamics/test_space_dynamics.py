@@ -208,11 +208,8 @@ def turned(rotation, case):
     return case | {name: rotation.apply(case[name]) for name in directed if name in case}
 
 
-@pytest.mark.parametrize(
-    "gravity",
-    [pytest.param(0.0, marks=pytest.mark.slow), 9.81],
-    ids=["any", "about the vertical"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("gravity", [0.0, 9.81], ids=["any", "about the vertical"])
 def test_the_motion_does_not_depend_on_the_directions_of_the_world(gravity):
     # the base's angles are those that the rotation makes of it; it rolls as its path says
     case = {

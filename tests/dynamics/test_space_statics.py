@@ -221,6 +221,7 @@ def helix(places):
     return radius[0], abs(rise[0]) * 2 * np.pi / turn, off
 
 
+@pytest.mark.slow
 def test_an_arm_of_even_curvature_and_twist_is_a_helix():
     # radius kappa / (kappa^2 + tau^2), pitch 2 pi tau / (kappa^2 + tau^2); the frame of the helix
     # turns about the tangent at the rate tau where the curvature keeps its direction in it
