@@ -4,6 +4,8 @@ import tomllib
 
 import numpy as np
 
+from crinoid.foundation.result_variables import quantity
+from crinoid.recording.solid_shapes import sheet
 from helpers.made_results import moving_run, with_obstacles
 
 
@@ -127,3 +129,33 @@ def among_obstacles(*, drift=0.004, obstacles=OBSTACLES, **changes):
     return with_obstacles(dataset, start, velocity, force).assign_attrs(
         scenario=obstacles + dataset.attrs["scenario"]
     )
+
+
+SOLIDS = """
+obstacle = [
+  {kind="mesh", file="rock.stl", position=[0.35, 0.25, -10.1]},
+  {kind="seabed", file="bed.nc", height="z", position=[0.0, 0.0, -10.4]},
+  {kind="capsule", position=[0.2, -0.2, -9.95], radius=0.03, length=0.2, mass=0.4, axis=[1, 0, 0]},
+]
+"""
+HULL = "[vehicle.hull]\nlength = 0.6\ndiameter = 0.16\n"
+ROCK = 0.08 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+
+
+def among_solids(**changes):
+    """Put a rock, a bed and a capsule that turns around a curling arm at a hull."""
+    data = among_obstacles(obstacles=SOLIDS, **changes)
+    rock = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    across = np.linspace(-0.6, 0.9, 7)
+    points, facets = sheet(across, across, 0.05 * np.sin(9 * across)[:, None] * np.ones(7))
+    turn = 1.5 * data["time"].values / data["time"].values[-1]
+    axis = np.tile([1.0, 0.0, 0.0], (turn.size, 3, 1))
+    axis[:, 2] = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    found = {
+        "surface_point": np.concatenate([ROCK, points]),
+        "surface_facet": np.concatenate([rock, facets + len(ROCK)]),
+        "facet_obstacle": np.repeat([0, 1], [len(rock), len(facets)]),
+        "obstacle_axis": axis,
+    }
+    data = data.assign({name: quantity(name, value, 3) for name, value in found.items()})
+    return data.assign_attrs(scenario=data.attrs["scenario"] + HULL)

@@ -293,8 +293,8 @@ def test_rates_and_interval_follow_the_time_step():
     fine, coarse = (
         Scenario(simulation={"time_step": step, "duration": 1.0}) for step in (0.004, 0.05)
     )
-    assert (fine.sensor_rate_hz, fine.control_rate_hz) == (100.0, 100.0)
-    assert (coarse.sensor_rate_hz, coarse.control_rate_hz) == (20.0, 20.0)
+    assert (fine.rate_hz(None), fine.control_rate_hz) == (100.0, 100.0)
+    assert (coarse.rate_hz(None), coarse.control_rate_hz) == (20.0, 20.0)
     assert (fine.output_steps, coarse.output_steps) == (5, 1)
     assert math.isclose(fine.output_interval, 0.02)
     assert fine.simulation.steps == 250

@@ -26,7 +26,7 @@ from crinoid.view.scene.scene import build_scene
 from helpers.command import call, refused, succeeded
 from helpers.planar_result import among_obstacles as planar_obstacles
 from helpers.planar_result import swaying_arm
-from helpers.spatial_result import among_obstacles, curling_arm
+from helpers.spatial_result import among_obstacles, among_solids, curling_arm
 from helpers.studies import save
 
 SMALL = {"records": 5, "duration": 2.0, "nodes": 7}
@@ -44,6 +44,7 @@ RUNS = {
     "planar, obstacles": lambda: planar_obstacles(**SMALL),
     "spatial": lambda: curling_arm(**SMALL, moving_target=True),
     "spatial, obstacles, tool": lambda: with_tool(among_obstacles(**SMALL)),
+    "solids, a hull": lambda: among_solids(**SMALL),
     "one instant": lambda: curling_arm(records=1, duration=0.0, nodes=4),
 }
 
@@ -370,6 +371,25 @@ def test_things_about_the_arm_are_nodes_that_move(tmp_path):
     size = found.follow(found.named("tool"), "scale", 5)
     np.testing.assert_array_equal(size[:, 0], [0, 0, 1, 1, 1])
     assert found.gltf.asset.extras["title"] == data.attrs["title"]
+
+
+def test_a_capsule_turns_a_hull_follows_and_solids_are_as_the_result_has_them(tmp_path):
+    data = among_solids(**SMALL)
+    found = Animated(*write_gltf(save(data, tmp_path / "result.nc"), tmp_path).files)
+    turn = found.follow(found.named("obstacle 2"), "rotation", 5)
+    along = turned(turn, np.tile(upright(np.array([1.0, 0.0, 0.0])), (5, 1)))
+    np.testing.assert_allclose(along, upright(data["obstacle_axis"].values[:, 2]), atol=1e-6)
+    (run,) = build_scene([("", data)], 99, 99).members
+    nose = found.follow(found.named("hull"), "translation", 5)
+    nose = upright(data["position"].values[:, 0]) - nose
+    np.testing.assert_allclose(nose, 0.3 * upright(run.mount.direction), atol=2e-6)
+    assert "boom" not in [node.name for node in found.gltf.nodes]
+    points = data["surface_point"].values
+    for name, own in (("obstacle 0", points[:6]), ("obstacle 1", points[6:])):
+        surface = found.gltf.meshes[found.gltf.nodes[found.named(name)].mesh].primitives[0]
+        box = found.gltf.accessors[surface.attributes.POSITION]
+        np.testing.assert_allclose(box.max, upright(own).max(axis=0), atol=1e-6)
+        np.testing.assert_allclose(box.min, upright(own).min(axis=0), atol=1e-6)
 
 
 @pytest.mark.parametrize(

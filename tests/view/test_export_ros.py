@@ -14,7 +14,7 @@ from crinoid.view.scene.data import in_space
 from crinoid.view.scene.scene import build_scene
 from helpers.command import refused, succeeded
 from helpers.planar_result import swaying_arm
-from helpers.spatial_result import among_obstacles, curling_arm
+from helpers.spatial_result import among_obstacles, among_solids, curling_arm
 from helpers.studies import save
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -200,6 +200,29 @@ def test_markers_are_where_the_arm_and_the_bodies_are(tmp_path):
                 size = [2 * body.shape.radius * body.scale[record, 1]] * 2 + [reach]
                 np.testing.assert_allclose(vector(each.scale), size)
         assert len({(each.ns, each.id) for each in message.markers}) == len(message.markers)
+
+
+def test_solids_are_triangles_and_a_capsule_turns(tmp_path):
+    data = among_solids(**SMALL)
+    path = save(data, tmp_path / "result.nc")
+    messages = [
+        message for _, message in decoded(write_mcap(path, tmp_path).files[0])["/arm/markers"]
+    ]
+    shown = [{(each.ns, each.id): each for each in message.markers} for message in messages]
+    for number, count in ((0, 8), (1, 72)):
+        solid = shown[0][f"obstacle {number}", 0]
+        assert (solid.type, len(solid.points)) == (11, 3 * count)
+        place = data["obstacle_position"].values[0, number]
+        np.testing.assert_allclose(vector(solid.pose.position), place)
+        # it stays there
+        assert (f"obstacle {number}", 0) not in shown[1]
+    for record, markers in enumerate(shown):
+        along = turn(markers["obstacle 2", 0].pose.orientation)[:, 2]
+        np.testing.assert_allclose(along, data["obstacle_axis"].values[record, 2], atol=1e-7)
+        ends = [vector(markers["hull", number].pose.position) for number in (1, 2)]
+        assert np.linalg.norm(np.subtract(*ends)) == pytest.approx(0.6 - 0.16)
+        root = data["position"].values[record, 0]
+        assert np.linalg.norm(ends - root, axis=1).min() == pytest.approx(0.08, abs=1e-6)
 
 
 def test_an_arm_of_one_diameter_is_one_line(tmp_path):

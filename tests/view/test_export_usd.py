@@ -13,7 +13,7 @@ from crinoid.view.scene.scene import build_scene
 from helpers.command import refused
 from helpers.planar_result import among_obstacles as planar_obstacles
 from helpers.planar_result import swaying_arm
-from helpers.spatial_result import among_obstacles, curling_arm
+from helpers.spatial_result import among_obstacles, among_solids, curling_arm
 from helpers.studies import save
 
 SMALL = {"records": 5, "duration": 2.0, "nodes": 7}
@@ -29,6 +29,7 @@ RUNS = {
     "planar, obstacles": lambda: planar_obstacles(**SMALL),
     "spatial": lambda: curling_arm(**SMALL, moving_target=True),
     "spatial, obstacles, tool": lambda: with_tool(among_obstacles(**SMALL)),
+    "solids, a hull": lambda: among_solids(**SMALL),
     "one instant": lambda: curling_arm(records=1, duration=0.0, nodes=4),
 }
 
@@ -86,14 +87,16 @@ def test_bodies_have_their_size_and_move(run, tmp_path):
     stage = opened(path, tmp_path)
     scene = build_scene([("", data)], 99, 99)
     codes = data["time"].values * stage.GetTimeCodesPerSecond()
-    kinds = {"ellipsoid": "Sphere", "rod": "Cylinder", "capsule": "Capsule", "plate": "Mesh"}
+    kinds = {"ellipsoid": "Sphere", "rod": "Cylinder", "capsule": "Capsule"}
     for body in rigid_bodies(scene, scene.members[0]):
         prim = stage.GetPrimAtPath("/World/" + body.name.replace(" ", "_"))
-        assert prim.GetTypeName() == kinds[body.shape.kind]
+        assert prim.GetTypeName() == kinds.get(body.shape.kind, "Mesh")
         gprim = UsdGeom.Gprim(prim)
         # the farthest points of the shape in its own axes
         end = body.shape.half + (body.shape.radius if body.shape.kind == "capsule" else 0.0)
         corner = np.array([end, body.shape.radius, body.shape.radius])
+        if body.shape.solid is not None:
+            corner = body.shape.solid.points.max(axis=0)
         size = np.array(gprim.GetExtentAttr().Get()[1])
         for record, code in enumerate(codes):
             shown = gprim.GetVisibilityAttr().Get(code) != "invisible"

@@ -27,7 +27,7 @@ from crinoid.view.scene.data import in_space
 from crinoid.view.scene.scene import build_scene
 from helpers.command import call, refused, succeeded
 from helpers.planar_result import swaying_arm
-from helpers.spatial_result import among_obstacles, curling_arm, frame
+from helpers.spatial_result import among_obstacles, among_solids, curling_arm, frame
 from helpers.studies import save, study_row, write_study
 
 film, fails, filmed = (partial(each, "film") for each in (call, refused, succeeded))
@@ -148,6 +148,23 @@ def test_the_arm_comes_out_of_the_end_of_its_clamp_toward_the_eye():
     ahead = np.array([1.0, 0.0, 0.0])
     assert is_blue(drawn[place(picture, root + beyond * ahead)])
     assert not is_blue(drawn[place(picture, root + beyond / 2 * ahead)])
+
+
+def test_solids_a_capsule_that_turns_and_a_hull_are_drawn():
+    straight = {"bend": (0.0, 0.0), "twist": 0.0, "driven": False, "drift": 0.0}
+    data = among_solids(records=3, nodes=11, flow=(0.0, 0.0, 0.0), **straight)
+    picture, times = pictures(data, colour="none", view="side")
+    first, last = (picture.at(float(time)) for time in times[[0, -1]])
+    paper = first[place(picture, [0.4, 0.0, -9.6])]
+    obstacle = data["obstacle_position"].values[0]
+    hull = data["position"].values[0, 0] - [0.3, 0.0, 0.0]
+    for seen in (obstacle[0], obstacle[2], hull):
+        at = place(picture, seen)
+        assert changed(first[at], paper)
+        assert not changed(first[at], last[at])
+    end = place(picture, obstacle[2] + [0.09, 0.0, 0.0])  # of the capsule, which turns from there
+    assert not changed(first[end], first[place(picture, obstacle[2])])
+    assert changed(first[end], last[end])
 
 
 @pytest.mark.parametrize("nearer", [0.1, -0.1])

@@ -387,13 +387,15 @@ def test_without_an_equilibrium_a_reset_keeps_the_start_and_a_session_is_refused
 def test_props_suit_the_scenario_and_a_session_ends_with_its_tables(session, monkeypatch):
     assert session.bodies.duration == 3600.0
     thin = session.scenario.with_values({"arm.section.diameter": 0.0})
-    assert InteractiveBodies.suited_to(thin).debris is None
+    assert InteractiveBodies.suited_to(thin, {}).debris is None
     monkeypatch.setattr(session, "bodies", replace(session.bodies, debris=None))
     with pytest.raises(ScenarioError, match="no surface"):
         session.throw()
     table = {"channel": "slide", "kind": "table", "time": [0.0, 2.0], "value": [0.0, 0.1]}
     assert (
-        InteractiveBodies.suited_to(session.scenario.with_values({"base.motion": [table]})).duration
+        InteractiveBodies.suited_to(
+            session.scenario.with_values({"base.motion": [table]}), {}
+        ).duration
         == 2.0
     )
     monkeypatch.setattr(session, "bodies", replace(session.bodies, duration=0.2))

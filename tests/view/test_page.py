@@ -20,7 +20,7 @@ from crinoid.view.scene.scene import build_scene
 from helpers.figures import assert_report
 from helpers.pages import HOSTILE, Tags, positions, unpacked
 from helpers.planar_result import swaying_arm
-from helpers.spatial_result import among_obstacles, curling_arm
+from helpers.spatial_result import among_obstacles, among_solids, curling_arm
 from helpers.studies import save
 
 
@@ -52,6 +52,26 @@ def test_the_scene_holds_the_arm_where_the_result_has_it():
     np.testing.assert_allclose(ahead, base_directions(data), atol=1e-4)
     kinds = [body["kind"] for body in member["bodies"]]
     assert kinds == ["sphere", "cylinder", "capsule", "plane"]
+
+
+def test_the_scene_holds_solids_a_capsule_that_turns_and_a_hull():
+    data = among_solids(records=5)
+    table, numbers, _ = scene_of(page_scene([("", data)]))
+    (member,) = table["members"]
+    rock, bed, capsule = member["bodies"]
+    points, facets = (data[name].values for name in ("surface_point", "surface_facet"))
+    for body, first, count in ((rock, 0, 6), (bed, 6, 49)):
+        found = unpacked(numbers, body["points"])
+        np.testing.assert_allclose(
+            found, points[first : first + count], atol=body["points"]["step"]
+        )
+        own = facets[(facets >= first).all(axis=1) & (facets < first + count).all(axis=1)]
+        np.testing.assert_array_equal(unpacked(numbers, body["facets"]), own - first)
+    half = unpacked(numbers, capsule["half"])
+    axis = data["obstacle_axis"].values[:, 2]
+    np.testing.assert_allclose(half, 0.1 * axis, atol=capsule["half"]["step"])
+    assert member["capsule"] == "held"
+    assert member["sizes"]["hull"] == pytest.approx([0.22, 0.08])
 
 
 def test_the_arms_distance_from_a_plane_is_its_height():

@@ -21,7 +21,14 @@ from crinoid.view.scene.mesh import AROUND, arm_attitudes, tube
 from crinoid.view.scene.mount import base_directions
 from crinoid.view.scene.projection import ABOVE, AHEAD, OBLIQUE, SIDE
 from helpers.figures import assert_drawn, assert_report, quick_and_slow
-from helpers.spatial_result import HIGH, LOW, among_obstacles, curling_arm, frame
+from helpers.spatial_result import (
+    HIGH,
+    LOW,
+    among_obstacles,
+    among_solids,
+    curling_arm,
+    frame,
+)
 from helpers.studies import save
 
 PROJECTIONS = {"from above": ABOVE, "from the side": SIDE, "from ahead": AHEAD}
@@ -77,6 +84,10 @@ def test_a_result_of_shapes_alone_is_drawn(tmp_path):
     few = curling_arm(records=5)[["position", "tip_position", "tip_target", "tip_error"]]
     save(few.drop_vars(["diameter", "arc_length"]), tmp_path / "result.nc")
     assert_report(tmp_path)
+
+
+def test_solids_and_a_hull_are_drawn(tmp_path):
+    assert_drawn(Run(among_solids(records=7)), tmp_path, draw_sheet)
 
 
 @pytest.mark.slow

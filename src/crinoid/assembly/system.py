@@ -16,7 +16,7 @@ from crinoid.assembly.parameters import Parameters
 from crinoid.assembly.threads import assemble_actuators
 from crinoid.base import Base
 from crinoid.compilation import ONCE, compiled
-from crinoid.dynamics import FarContact, Forces, Hull, Settings, System
+from crinoid.dynamics import FarContact, Forces, FreeBodies, Hull, Settings, System
 from crinoid.dynamics.statics import static_motion
 from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import AddedMass, Bend, BendTwist, Drag, Element, Inertia, Stretch, Weight
@@ -230,10 +230,18 @@ def _velocities_at(
 _clearance = compiled(**ONCE)(System.clearance)
 
 
-_body_clearance = compiled(**ONCE)(System.body_clearance)
+@compiled(**ONCE)
+def _body_clearance(system: System, bodies: FreeBodies) -> Float[Array, " pair"]:
+    """Return the distance of each pair of free bodies and other obstacles at the start (m)."""
+    _, _, rows, _ = system.undeformed(0.0)
+    return bodies.gaps(rows[system.forces.rows.obstacle_rows]) - bodies.skin
 
 
-_far_clearances = compiled(**ONCE)(System.far_clearances)
+@compiled(**ONCE)
+def _far_clearances(system: System) -> tuple[Float[Array, ""], ...]:
+    """Return the smallest distance of the undeformed arm in each contact of far parts (m)."""
+    _, _, rows, _ = system.undeformed(0.0)
+    return tuple(jnp.min(gaps) for gaps in system.forces.far_gaps(rows))
 
 
 def check_far_clearances(system: System) -> None:
@@ -268,7 +276,7 @@ def clearance(system: System) -> Float[np.ndarray, " m"]:
     ]
     obstacles = system.forces.obstacles
     if obstacles is not None and obstacles.bodies is not None and obstacles.bodies.pairs:
-        depths = np.asarray(-_body_clearance(system))
+        depths = np.asarray(-_body_clearance(system, obstacles.bodies))
         pairs, skins = chain(*obstacles.bodies.pairs), np.asarray(obstacles.bodies.skin)
         for pair, depth, skin in zip(pairs, depths, skins, strict=True):
             first, second = sorted(pair, key=lambda index: index not in obstacles.free)

@@ -1,9 +1,8 @@
 """System: the assembled arm and its time step."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,22 +16,19 @@ from crinoid.dynamics import modes, pulled, start, statics
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import GripTriggers, with_grip
 from crinoid.dynamics.integrator import Integrator
-from crinoid.dynamics.newton import Balance, Settings, solve
+from crinoid.dynamics.newton import Settings
 from crinoid.dynamics.outcome import (
-    MIN_COSINE,
     Outcome,
     Progress,
-    cos_turn_angle,
     halve,
     warn_of_round_off,
 )
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.small_motions import Influence, SmallMotions, influence, linearise
-from crinoid.dynamics.start import expected_acceleration, first_guess, with_prescribed_motion
 from crinoid.dynamics.state import EnergyAccount, State, tip_pose
+from crinoid.dynamics.time_step import TimeStepper
 from crinoid.dynamics.transition import Transition, transition
 from crinoid.dynamics.vehicle import VehicleOutput
-from crinoid.dynamics.windows import FlowPerturbation
 from crinoid.foundation.moved import renamed
 from crinoid.numerics import banded
 from crinoid.numerics.frames import Frames
@@ -42,7 +38,7 @@ Command = Float[Array, " input"]
 Rows = Float[Array, "rows b"]
 
 
-class System(eqx.Module):
+class System(TimeStepper):
     """A soft arm on its base in the water, as arrays: `jax.jit`, `jax.grad` and `jax.vmap` apply.
 
     `crinoid.system` and `crinoid.assemble` build it. To compile a method, use
@@ -104,11 +100,6 @@ class System(eqx.Module):
         """Inputs in the order of a command: the base's channels, then those of the actuators."""
         return tuple(each for one in self.followers for each in one.inputs)
 
-    @property
-    def followers(self) -> tuple[Actuator, ...]:
-        """The base's servos and the other actuators, in the order of a command."""
-        return (self.base.servo, *self.actuators)
-
     def rest(self, time: float | Array = 0.0) -> State:
         """Return the undeformed arm, clamped to the base.
 
@@ -134,23 +125,6 @@ class System(eqx.Module):
         _, _, rows, _ = self.undeformed(time)
         gaps = self.forces.gaps(rows)
         return jnp.zeros(0) if gaps is None else jnp.min(gaps, axis=1)
-
-    def body_clearance(self, time: float | Array = 0.0) -> Float[Array, " pair"]:
-        """Return the distance of each free obstacle from each other one at the start (m).
-
-        The pairs are those of ``forces.obstacles.bodies``.
-        """
-        obstacles = self.forces.obstacles
-        bodies = None if obstacles is None else obstacles.bodies
-        if bodies is None:
-            return jnp.zeros(0)
-        _, _, rows, _ = self.undeformed(time)
-        return bodies.gaps(rows[self.forces.rows.obstacle_rows]) - bodies.skin
-
-    def far_clearances(self, time: float | Array = 0.0) -> tuple[Float[Array, ""], ...]:
-        """Return the smallest distance of the undeformed arm in each contact of far parts (m)."""
-        _, _, rows, _ = self.undeformed(time)
-        return tuple(jnp.min(gaps) for gaps in self.forces.far_gaps(rows))
 
     def equilibrium(self, time: float | Array = 0.0) -> State:
         """Return the arm in static equilibrium, moving along with its base.
@@ -276,69 +250,6 @@ class System(eqx.Module):
         at_start = (state.servo, *state.actuators)
         after, outcome = self.step_with(state, followed(self.followers, at_start, command, h), h)
         return outcome.raise_unless_converged(after) if throw else after, outcome
-
-    def step_with(
-        self,
-        state: State,
-        ends: Sequence[Any],
-        step: Float[Array, ""],
-        perturbation: FlowPerturbation | None = None,
-    ) -> tuple[State, Outcome]:
-        """Advance by one time step at whose end the actuators are in the states ``ends``.
-
-        ``perturbation`` changes the water at the nodes at the end of the step.
-        """
-        h, before, method = step, state.motion, self.integrator
-        servo, *actuators = ends
-        grip = None
-        if self.grip_triggers is not None:
-            obstacles = self.forces.obstacles
-            grip = self.grip_triggers.after(obstacles, state.grip, state.gap, state.time)
-        forces = self.forces.driven(drives(self.actuators, actuators))
-        forces = with_grip(forces.remembering(state.memory, h), grip)
-        stage = method.stage(before, state.auxiliary_offset, h, state.frames)
-        forces = start.with_mount(forces, self.base, stage.time, servo, state)
-        stage = with_prescribed_motion(forces, self.base, stage, state, servo, h)
-
-        def correction_for(acceleration: Rows) -> Rows:
-            free = method.correction(acceleration, h)[BOUNDARY_NODES:]  # the others are prescribed
-            return jnp.pad(free, ((BOUNDARY_NODES, 0), (0, 0)))
-
-        # the water is costly: evaluated once, for constant acceleration, and expanded from there.
-        # Not at Newton's guess: a switch between predictors would make the step discontinuous
-        around = forces.surroundings(stage, correction_for(before.acceleration))
-        if perturbation is not None:
-            around = around.perturbed(perturbation)
-        guess = correction_for(expected_acceleration(forces, state))
-        if forces.mount is None:
-            held = self.base.prescribe(stage.time, servo)
-            guess = first_guess(forces, held, stage, state, guess)
-        correction, reaction, outcome, reused_tangent = solve(
-            Balance(forces, around, stage), guess, self.settings, state.reused_tangent
-        )
-        motion = forces.motion(stage, correction, around)
-        after = State(
-            motion=motion,
-            auxiliary_offset=method.auxiliary_offset(
-                before.acceleration, state.auxiliary_offset, motion.acceleration, h
-            ),
-            servo=servo,
-            actuators=tuple(actuators),
-            reaction=reaction,
-            gap=forces.gaps(motion.position),
-            far_gaps=forces.far_gaps(motion.position),
-            acceleration_history=jnp.concatenate(
-                [before.acceleration[None], state.acceleration_history[:-1]]
-            ),
-            predictor_accepted=outcome.iterations == 0,
-            reused_tangent=jax.lax.stop_gradient(reused_tangent),
-            attitude=forces.attitude(motion.position),
-            obstacle_attitude=forces.obstacle_attitude(motion),
-            body_gap=forces.body_gaps(motion.position),
-            grip=grip,
-            memory=forces.memory_after(motion),
-        )
-        return after, self._judged(forces, state, after, outcome, h)
 
     def advance(
         self, state: State, command: Command, step: float | Array | None = None
@@ -530,40 +441,6 @@ class System(eqx.Module):
         """
         output = partial(observe or System.tip, self)
         return transition(self, state, command, self.time_step, output)
-
-    def _judged(
-        self, forces: Forces, state: State, after: State, outcome: Outcome, step: Array
-    ) -> Outcome:
-        """Return the outcome of a step, rejected for a fold, a large error or a contact too fast.
-
-        On entry ``outcome`` is that of Newton's method.
-        """
-        before, now = state.motion, after.motion
-        folded = jnp.any(cos_turn_angle(forces, now.position) < MIN_COSINE)
-        errors = self.integrator.error(before.acceleration, now.acceleration, step)
-        errors = jax.lax.stop_gradient(forces.unknown(errors, forces.reach)[:, : forces.axes])
-        largest = jnp.sqrt(jnp.max(jnp.sum(errors**2, axis=1)))
-        error = jnp.where(outcome.converged, largest, 0.0)
-        good, resolved = outcome.converged & ~folded & (error <= self.max_error), outcome.resolved
-        if forces.obstacles is not None:
-            assert state.gap is not None
-            assert after.gap is not None
-            moved = (now.position - before.position)[forces.rows.arm_and_obstacles]
-            resolved = ~good | forces.obstacles.resolved(moved, state.gap, after.gap, step)
-            bodies = forces.obstacles.bodies
-            if bodies is not None and state.body_gap is not None and after.body_gap is not None:
-                moved = moved[-2 * bodies.count :]
-                apart = bodies.resolved(moved, state.body_gap, after.body_gap, step)
-                resolved &= ~good | apart
-        gaps = zip(forces.far_contacts, state.far_gaps, after.far_gaps, strict=True)
-        for far, gap, gap_after in gaps:
-            moved = (now.position - before.position)[:, : forces.axes]
-            resolved &= ~good | far.resolved(moved, gap, gap_after, step)
-        return eqx.tree_at(
-            lambda o: (o.converged, o.resolved, o.folded, o.error),
-            outcome,
-            (good & resolved, resolved, folded, error),
-        )
 
     def _begin(self, forces: Forces, time: Array, position: Rows, frames: Frames | None) -> State:
         """Return the state of a shape that moves rigidly with the base, in dynamic balance."""

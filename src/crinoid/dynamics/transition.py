@@ -7,7 +7,7 @@ space, the attitude of a vehicle, the reaction of the base.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,16 +16,15 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from crinoid.actuation import Actuator, drives, followed
-from crinoid.base import Base
+from crinoid.actuation import drives, followed
 from crinoid.dynamics import start
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import with_grip
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.rows import BOUNDARY_NODES, ROTATION, SPIN
 from crinoid.dynamics.start import with_prescribed_motion
 from crinoid.dynamics.state import State
+from crinoid.dynamics.time_step import TimeStepper
 from crinoid.dynamics.vehicle import turn_of, unknowns
 from crinoid.dynamics.windows import FlowPerturbation
 from crinoid.numerics.frames import angle_between, tangents, transport
@@ -34,36 +33,6 @@ from crinoid.numerics.small_matrices import product
 Coordinates = Float[Array, " a"]
 Following = Float[Array, " s"]
 Rows = Float[Array, "rows b"]
-
-
-@runtime_checkable
-class TimeStepper(Protocol):
-    """Interface of `crinoid.System` that a linearisation needs."""
-
-    @property
-    def base(self) -> Base:
-        """The submarine's end of the arm."""
-
-    @property
-    def forces(self) -> Forces:
-        """All forces on the arm."""
-
-    @property
-    def actuators(self) -> tuple[Actuator, ...]:
-        """Actuators besides the servos of the base."""
-
-    @property
-    def followers(self) -> tuple[Actuator, ...]:
-        """The base's servos and the other actuators."""
-
-    def step_with(
-        self,
-        state: State,
-        ends: Sequence[Any],
-        step: Float[Array, ""],
-        perturbation: FlowPerturbation | None = None,
-    ) -> tuple[State, Outcome]:
-        """Advance by one time step to given states of the actuators."""
 
 
 class Transition(NamedTuple):

@@ -50,7 +50,7 @@ from crinoid.scenario.obstacle import Plane as Plane
 from crinoid.scenario.obstacle import Seabed as Seabed
 from crinoid.scenario.obstacle import Sphere as Sphere
 from crinoid.scenario.scenario import Scenario as Scenario
-from crinoid.scenario.scenario import json_schema as json_schema
+from crinoid.scenario.schema import json_schema as json_schema
 from crinoid.scenario.simulation import Simulation as Simulation
 from crinoid.scenario.target import Target as Target
 from crinoid.scenario.tool import Tool as Tool

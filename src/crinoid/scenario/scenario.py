@@ -5,37 +5,34 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from math import prod
-from typing import Annotated, Any
+from typing import Any
 
 import tomli_w
-from pydantic import BeforeValidator, Field
 
-from crinoid.scenario.actuator import Actuator, ActuatorTable, Chamber, Tendon, thread_names
+from crinoid.scenario.actuator import Actuator, Chamber, Tendon, thread_names
 from crinoid.scenario.arm import Arm
 from crinoid.scenario.base import Base, VelocityMotion
 from crinoid.scenario.consistency import RULES
 from crinoid.scenario.contact import SelfContact
-from crinoid.scenario.control import Control, ControllerTable
-from crinoid.scenario.document import assign, parse, plain, without_empty
+from crinoid.scenario.control import Control
+from crinoid.scenario.document import assign, parse, without_empty
 from crinoid.scenario.errors import Mistake, ScenarioError, shown
-from crinoid.scenario.flow import Flow, FlowTable
-from crinoid.scenario.kinds import installed, installed_table, with_places
-from crinoid.scenario.load import Load, LoadTable
+from crinoid.scenario.flow import Flow
+from crinoid.scenario.kinds import with_places
+from crinoid.scenario.load import Load
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.obstacle import Obstacle
 from crinoid.scenario.quantity import (
     ListOf,
-    Quantity,
     dimension_conflicts,
     dimension_defaults,
-    unit_of,
     unwritten,
 )
-from crinoid.scenario.sensor import Sensor, Sensors, SensorTable
+from crinoid.scenario.sensor import Sensor, Sensors
 from crinoid.scenario.simulation import Output, Simulation
 from crinoid.scenario.target import Target
 from crinoid.scenario.tool import Tool
-from crinoid.scenario.variation import combination
+from crinoid.scenario.variation import Variations, combination
 from crinoid.scenario.vehicle import Hull, Vehicle
 from crinoid.scenario.water import Water
 
@@ -43,29 +40,12 @@ _DEFAULT_RATE_HZ = 100.0
 _DEFAULT_INTERVAL = 0.02
 _MAX_CASES = 10_000
 AT_REST = (
-    "arm",
-    "base",
-    "water",
-    "flow",
-    "load",
-    "tool",
-    "chamber",
-    "tendon",
-    "obstacle",
-    "contact",
+    *("arm", "base", "water", "flow", "load"),
+    *("tool", "chamber", "tendon", "obstacle", "contact"),
 )
 """Tables that an equilibrium depends on."""
 _DIMENSION = {"arm", "arm.dimension"}
 """Keys that set the dimension."""
-
-
-_Values = Annotated[list[Any], Field(min_length=1), Quantity(expects="a list of one value or more")]
-
-Variations = Annotated[
-    dict[str, _Values],
-    BeforeValidator(plain),
-    Quantity(expects='keys such as "arm.length", each with a list of one value or more'),
-]
 
 
 class Scenario(Model):
@@ -256,11 +236,6 @@ class Scenario(Model):
         return None if self.vehicle is None else self.vehicle.hull
 
     @property
-    def sensor_rate_hz(self) -> float:
-        """Readings of the tip a second."""
-        return self.rate_hz(self.sensor.rate_hz)
-
-    @property
     def control_rate_hz(self) -> float:
         """Commands a second."""
         return self.rate_hz(self.control.rate_hz)
@@ -355,54 +330,7 @@ class Scenario(Model):
                         yield Mistake("vary", f"case {case}: {mistake}")
 
 
-_LISTS: dict[str, tuple[str, type[Model]]] = {
-    "load": ("loads", LoadTable),
-    "flow": ("flows", FlowTable),
-    "sensors": ("sensors", SensorTable),
-    "actuator": ("actuators", ActuatorTable),
-}
-"""Keys of lists of tables, with the group of kinds that packages bring for each."""
-
-
 @cache
 def scenario_schema() -> dict[str, Any]:
     """Return the JSON schema of crinoid's own tables, not to be changed: making it needs 0.1 s."""
     return Scenario.model_json_schema()
-
-
-def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario, with the kinds that installed packages bring.
-
-    Editors show descriptions and no key of ours, so units stand in the descriptions as well.
-    """
-    schema = Scenario.model_json_schema()
-    tables = schema["$defs"]
-    for key, (group, base) in _LISTS.items():
-        items = schema["properties"][key]["items"]
-        for kind in installed(group):
-            table = installed_table(group, kind, base)
-            reference = _added(tables, table)
-            items.pop("$ref", None)  # of the base, which has no kind
-            items.setdefault("oneOf", []).append({"$ref": reference})
-            if "discriminator" in items:
-                items["discriminator"]["mapping"][kind] = reference
-    for kind in installed("controllers"):
-        table = installed_table("controllers", kind, ControllerTable)
-        tables["Control"]["properties"][kind] = {
-            "$ref": _added(tables, table),
-            "description": f"Settings of kind {kind}.",
-        }
-    for each in (schema, *tables.values()):
-        for key in each["properties"].values():
-            unit = unit_of(key)
-            if unit and "description" in key:
-                key["description"] += f" Unit: {unit}."
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
-
-
-def _added(tables: dict[str, Any], table: type[Model]) -> str:
-    """Add the schema of a table, and return the reference to it."""
-    schema = table.model_json_schema()
-    tables.update(schema.pop("$defs", {}))
-    tables[table.__name__] = schema
-    return f"#/$defs/{table.__name__}"

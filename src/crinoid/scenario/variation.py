@@ -3,13 +3,23 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
-from crinoid.scenario.document import value_of
+from pydantic import BeforeValidator, Field
+
+from crinoid.scenario.document import plain, value_of
 from crinoid.scenario.errors import ScenarioError, got, refusal, shown
+from crinoid.scenario.quantity import Quantity
 
 _FORMS = "be FROM:TO:COUNT, FROM:TO:COUNT:log or values with commas between them"
 _LOG = "log"
+
+_Values = Annotated[list[Any], Field(min_length=1), Quantity(expects="a list of one value or more")]
+Variations = Annotated[
+    dict[str, _Values],
+    BeforeValidator(plain),
+    Quantity(expects='keys such as "arm.length", each with a list of one value or more'),
+]
 
 
 @dataclass(frozen=True)

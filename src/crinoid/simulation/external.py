@@ -11,7 +11,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
 
+from crinoid.actuation import Input
 from crinoid.assembly.arrays import array
 from crinoid.base import Base, BaseMotion
 from crinoid.control import Controller, ControllerInput
@@ -40,6 +42,30 @@ class ExternalCommand(Controller):
     def command(self, memory: None, seen: ControllerInput) -> tuple[Command, None]:
         """Return the command from outside."""
         return self.value, None
+
+
+CommandLike = ArrayLike | Mapping[str, Any]
+"""Commands in the order of the inputs, or by name."""
+
+
+def checked_command(
+    command: CommandLike, inputs: Sequence[Input], last: ArrayLike
+) -> Float[np.ndarray, " input"]:
+    """Return a command as numbers, or refuse it; inputs without a name in it keep the last one."""
+    names = [each.name for each in inputs]
+    if isinstance(command, Mapping):
+        found = np.array(last)
+        for name, value in command.items():
+            if name not in names:
+                raise ValueError(f"command: {got(name, f'be {one_of(names)}')}")
+            found[names.index(name)] = numbers(f"command.{name}", value, ())
+    else:
+        found = numbers("command", command, (len(names),))
+    for each, value in zip(inputs, found, strict=True):
+        if value and each.lower >= each.upper:
+            text = got(value, "be 0", f"base.channels has no {each.name}.")
+            raise ValueError(f"command.{each.name}: {text}")
+    return found
 
 
 class ExternalCurrent(Everywhere):

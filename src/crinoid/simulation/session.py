@@ -7,12 +7,10 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int
-from numpy.typing import ArrayLike
+from jaxtyping import Array, Int
 
 from crinoid.actuation import Input
 from crinoid.assembly.arrays import array
@@ -28,12 +26,17 @@ from crinoid.foundation.atomic_file import FilePath
 from crinoid.results.chunks import join
 from crinoid.results.dataset import chosen
 from crinoid.results.result import Result
-from crinoid.scenario import Scenario, ScenarioError, counted, one_of
-from crinoid.scenario.errors import got, refusal
+from crinoid.scenario import Scenario, ScenarioError, counted
+from crinoid.scenario.errors import refusal
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.simulation.chunk import one_instant
 from crinoid.simulation.conclusion import conclude, dataset_builder, start_failure
-from crinoid.simulation.external import ExternalCommand, ExternalSignals, numbers
+from crinoid.simulation.external import (
+    CommandLike,
+    ExternalCommand,
+    ExternalSignals,
+    checked_command,
+)
 from crinoid.simulation.lateness import Lateness
 from crinoid.simulation.loop import Loop, LoopState
 from crinoid.simulation.run import SimulationError, begin
@@ -41,8 +44,6 @@ from crinoid.simulation.setup import set_up
 from crinoid.simulation.sink import Sink, require_space, resume_state
 from crinoid.simulation.stepped_run import SteppedRun
 
-CommandLike = ArrayLike | Mapping[str, Any]
-"""Commands in the order of the inputs, or by name."""
 _ATTRIBUTE = "external"
 """Attribute of a result with the last values from outside, to continue from."""
 
@@ -166,10 +167,7 @@ class Session(SteppedRun):
     @property
     def late(self) -> Lateness:
         """Delay behind the wall clock since the start or the last reset, of a paced session."""
-        delays = self._delays
-        late = [each for each in delays if each > 0]
-        mean, largest = (float(np.mean(late)), max(late)) if late else (0.0, 0.0)
-        return Lateness(len(delays), len(late), mean, largest, delays[-1] if delays else 0.0)
+        return Lateness.of(self._delays)
 
     def __enter__(self) -> Session:
         return self
@@ -230,7 +228,7 @@ class Session(SteppedRun):
         """
         if self.ended:
             raise RuntimeError(f"the session has ended: {self.ended}. Call reset().")
-        given, before = self._checked(command), self.time
+        given, before = checked_command(command, self.inputs, self.state.command), self.time
         if self._origin is None:
             if self.paced:  # a search for garbage among all of JAX would stop the loop for 0.2 s
                 gc.collect()
@@ -306,23 +304,6 @@ class Session(SteppedRun):
         if self.failed is not None:
             raise SimulationError(self.result())
         return self.seen
-
-    def _checked(self, command: CommandLike) -> Float[np.ndarray, " input"]:
-        """Return a command as numbers, or refuse it."""
-        names = [each.name for each in self.inputs]
-        if isinstance(command, Mapping):
-            found = np.array(self.state.command)
-            for name, value in command.items():
-                if name not in names:
-                    raise ValueError(f"command: {got(name, f'be {one_of(names)}')}")
-                found[names.index(name)] = numbers(f"command.{name}", value, ())
-        else:
-            found = numbers("command", command, (len(names),))
-        for each, value in zip(self.inputs, found, strict=True):
-            if value and each.lower >= each.upper:
-                text = got(value, "be 0", f"base.channels has no {each.name}.")
-                raise ValueError(f"command.{each.name}: {text}")
-        return found
 
     def _cut(self) -> Scenario | None:
         """Return the scenario of a run that lasts until now; None if there is none."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from crinoid.assembly.arrays import array
 from crinoid.assembly.parameters import Parameters
@@ -18,7 +19,8 @@ from crinoid.control import Pid
 from crinoid.control.target import Pose, Target, Time
 from crinoid.dynamics import State, System
 from crinoid.flow import Flow
-from crinoid.scenario import Plane, Scenario, ScenarioError
+from crinoid.recording import SolidSurface
+from crinoid.scenario import Obstacle, Plane, Scenario, ScenarioError
 from crinoid.scenario.arm import Arm
 from crinoid.simulation.conclusion import start_failure
 from crinoid.simulation.loop import Loop
@@ -63,19 +65,19 @@ class InteractiveBodies:
     """Longest simulated time (s): an hour, or that of files and tables of the scenario."""
 
     @staticmethod
-    def suited_to(scenario: Scenario) -> InteractiveBodies:
-        """Return the interactive bodies of a scenario."""
+    def suited_to(scenario: Scenario, surfaces: Mapping[str, SolidSurface]) -> InteractiveBodies:
+        """Return the interactive bodies of a scenario with surfaces from files, by table."""
         length = scenario.arm.length
         radius = max(_RADIUS * length, max(scenario.arm.diameters) / 2)
-        walls = [each for each in scenario.obstacle if isinstance(each, Plane)]
         base = np.array(scenario.base.position)
         far = _PARKED * length * np.eye(base.size)
-        # not within a wall
+        read = [surfaces.get(f"obstacle.{index}") for index in range(len(scenario.obstacle))]
+        solids = list(zip(scenario.obstacle, read, strict=True))
         parked = next(
             (
                 tuple(map(float, place))
                 for place in (base - far[0], base + far[0], base + far[-1], base - far[-1])
-                if all((place - wall.position) @ np.array(wall.out) > radius for wall in walls)
+                if all(_apart(place, *solid) > radius + length for solid in solids)
             ),
             None,
         )
@@ -112,11 +114,23 @@ def tip_force(system: System) -> float:
     return float(f"{3 * stiffness * _DEFLECTION / length**2:.2g}")
 
 
-def launch_path(debris: Debris, state: State, arm: Arm) -> tuple[Vector, Vector]:
-    """Return the place (m) and velocity (m/s) from which debris hits an arm.
+def _apart(place: Vector, obstacle: Obstacle, surface: SolidSurface | None) -> float:
+    """Return a lower bound of the distance of a place from an obstacle at the start (m)."""
+    off, half = place - np.array(obstacle.position), np.array(obstacle.half_axis)
+    if surface is not None and surface.heights:
+        return float(off[-1] - surface.spline.at(off[:-1]))
+    if isinstance(obstacle, Plane):
+        return float(off @ np.array(obstacle.out))
+    off -= np.clip(half @ off / (half @ half or 1.0), -1.0, 1.0) * half
+    size = obstacle.radius if surface is None else np.linalg.norm(surface.points, axis=1).max()
+    return float(np.linalg.norm(off) - size)
+
+
+def launch_paths(debris: Debris, state: State, arm: Arm) -> list[tuple[Vector, Vector]]:
+    """Return places (m) and velocities (m/s) from which debris hits an arm, the best first.
 
     It comes across the arm and with the current, or from the other side where the arm is in the
-    way. It is aimed at where the arm will be if its velocity stays the same.
+    way, or obliquely. It is aimed at where the arm will be if its velocity stays the same.
     """
     length, thickness = arm.length, max(arm.diameters)
     nodes = np.asarray(state.position)[1:]
@@ -138,33 +152,48 @@ def launch_path(debris: Debris, state: State, arm: Arm) -> tuple[Vector, Vector]
     led *= min(1.0, _LED * length / max(float(np.linalg.norm(led)), 1e-9))
     places = [nodes[aim] + led - side * far * across for side in (1.0, -1.0)]
     room = [np.min(np.linalg.norm(nodes - place, axis=1)) for place in places]
-    first = room[0] >= min(room[1], 2 * debris.radius + thickness)
-    place, side = (places[0], 1.0) if first else (places[1], -1.0)
-    return place, water + side * _SPEED * length * across
+    side = 1.0 if room[0] >= min(room[1], 2 * debris.radius + thickness) else -1.0
+    ways = [side * across, -side * across]
+    if len(along) == 3:
+        ways += [np.cross(along, way) for way in ways]
+    ways += [(way + tilt * along) / np.sqrt(2) for way in ways for tilt in (1.0, -1.0)]
+    return [(nodes[aim] + led - far * way, water + _SPEED * length * way) for way in ways]
 
 
 @compiled(**ONCE)
 def launch(
     system: System, state: State, position: Float[Array, " d"], velocity: Float[Array, " d"]
-) -> State:
-    """Return a state with another position (m) and velocity (m/s) of its last obstacle."""
+) -> tuple[State, Bool[Array, ""]]:
+    """Return a state with another position (m) and velocity (m/s) of its last obstacle.
+
+    Also whether that touches neither the arm nor another obstacle.
+    """
     forces, motion = system.forces, state.motion
-    assert forces.obstacles is not None
-    row, count = forces.rows.obstacle(forces.obstacles.count - 1), forces.obstacles.count
-    both = np.array([row, row + count] if forces.turns else [row])  # and its rotation
+    obstacles = forces.obstacles
+    assert obstacles is not None
+    assert obstacles.bodies is not None
+    row, count = forces.rows.obstacle(obstacles.count - 1), obstacles.count
+    both = np.array([row, row + count])  # and its rotation
     remembered = state.remembered(forces)
     axes = forces.axes
     moved = motion.position.at[row, :axes].set(position)
     faster = motion.velocity.at[both].set(0.0).at[row, :axes].set(velocity)
     still = motion.acceleration.at[both].set(0.0)
-    return replace(
+    gap, body_gap = remembered.gaps(moved), remembered.body_gaps(moved)
+    assert gap is not None
+    assert body_gap is not None
+    pairs = [pair for group in obstacles.bodies.pairs for pair in group]
+    own = np.array([count - 1 in pair for pair in pairs], bool)
+    apart = jnp.concatenate([gap[-1], (body_gap - obstacles.bodies.skin)[own]])
+    launched = replace(
         state,
         motion=replace(motion, position=moved, velocity=faster, acceleration=still),
         auxiliary_offset=state.auxiliary_offset.at[both].set(0.0),
         acceleration_history=state.acceleration_history.at[:, both].set(0.0),
-        gap=remembered.gaps(moved),
-        body_gap=remembered.body_gaps(moved),
+        gap=gap,
+        body_gap=body_gap,
     )
+    return launched, jnp.all(apart > 0)
 
 
 CAPACITY = 64  # most instants of a call

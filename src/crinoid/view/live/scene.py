@@ -4,9 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import tomli_w
 import viser
+import xarray as xr
 from scipy.interpolate import CubicSpline
 
+from crinoid.foundation.axes import AXES, CHANNELS
 from crinoid.recording import SolidSurface
 from crinoid.scenario import Scenario
 from crinoid.view.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, SKY, VERMILLION
@@ -15,7 +18,7 @@ from crinoid.view.live.session_log import Points, Snapshot
 from crinoid.view.scene.bodies import RigidBody, rigid_bodies
 from crinoid.view.scene.data import Obstacle, SolidShape, ToolBall
 from crinoid.view.scene.mesh import Mesh, look_rotation, tube, unit_vectors
-from crinoid.view.scene.mount import ArmMount
+from crinoid.view.scene.mount import ArmMount, find_mount
 from crinoid.view.scene.scene import Keyframes, Scene
 
 _ARROWS = 7
@@ -44,6 +47,8 @@ class LiveScene:
         self.axes = (0, 2) if self._planar else (0, 1, 2)  # axes of space in which the arm moves
         self._diameter = np.maximum(scenario.arm.diameters, 0.008 * self._length)
         tables = scenario.to_dict()
+        held = {name: tables[name] for name in ("base", "vehicle") if name in tables}
+        self._channels, self._text = CHANNELS[scenario.arm.dimension], tomli_w.dumps(held)
         self._obstacles = {str(i): table for i, table in enumerate(tables.get("obstacle", []))}
         self._solids = {
             name.removeprefix("obstacle."): SolidShape(read.points, read.facets)
@@ -126,11 +131,10 @@ class LiveScene:
         return self._scene.add_arrows(name, points, _rgb(colour), **look)
 
     def _rigid_bodies(self, frame: Snapshot) -> Sequence[RigidBody]:
-        """Return the rigid bodies of an instant; the base itself is not shown."""
+        """Return the rigid bodies of an instant."""
         places, axes = frame.obstacles, [None] * len(frame.obstacles)
         if len(frame.axes):
             axes = [axis[None] for axis in frame.axes]
-        root, forward = frame.nodes[:1], unit_vectors(frame.nodes[1:2] - frame.nodes[:1])
         run = Keyframes(
             label="",
             records=1,
@@ -141,7 +145,7 @@ class LiveScene:
             diameter=self._diameter,
             target=frame.target[None],
             fields=(),
-            mount=ArmMount(root, forward, np.eye(3)[None], forward[0]),
+            mount=self._mount(frame),
             obstacles=tuple(
                 Obstacle.of(name, table, place[None], axis, self._solids.get(name))
                 for (name, table), place, axis in zip(
@@ -153,9 +157,16 @@ class LiveScene:
             held=np.array([frame.holding]),
         )
         scene = Scene(not self._planar, self._length, len(frame.nodes), (run,))
-        return [
-            body for body in rigid_bodies(scene, run) if body.name not in ("hull", "base", "target")
-        ]
+        return [body for body in rigid_bodies(scene, run) if body.name != "target"]
+
+    def _mount(self, frame: Snapshot) -> ArmMount:
+        channels = {"base_servo": frame.servo, "base_pose": frame.pose}
+        if frame.vehicle is not None:
+            channels["vehicle_pose"] = frame.vehicle
+        values = {name: (("time", "channel"), each[None]) for name, each in channels.items()}
+        nodes = {"position": (("time", "node", "axis"), frame.nodes[None, :2])}
+        names = {"axis": list(AXES[3]), "channel": list(self._channels)}
+        return find_mount(xr.Dataset(nodes | values, names, {"scenario": self._text}))
 
     def _add_body(self, body: RigidBody) -> tuple[Any, Points]:
         """Add a rigid body; return its handle, and the points of its shape."""
@@ -169,7 +180,12 @@ class LiveScene:
         return handle, mesh.points
 
     def _show_bodies(self, frame: Snapshot) -> None:
-        for body in self._rigid_bodies(frame):
+        bodies = {body.name: body for body in self._rigid_bodies(frame)}
+        for name in self._handles.keys() - bodies.keys():  # a boom of no length
+            self._handles[name][0].visible = False
+        for body in bodies.values():
+            if body.name not in self._handles:
+                self._handles[body.name] = self._add_body(body)
             handle, points = self._handles[body.name]
             handle.visible = bool(body.scale.any())
             if body.kind == "obstacle":

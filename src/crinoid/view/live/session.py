@@ -30,7 +30,7 @@ from crinoid.view.live.interactive import (
     InteractiveBodies,
     ShiftedTarget,
     launch,
-    launch_path,
+    launch_paths,
     shift_to,
     tip_force,
 )
@@ -53,7 +53,7 @@ class LiveSession(SteppedRun):
         _ = self.prepared.digests
         self.doubts = plausibility_warnings(self.prepared)
         """Notes on implausible numbers of the scenario, a sentence each."""
-        self.bodies = InteractiveBodies.suited_to(scenario)
+        self.bodies = InteractiveBodies.suited_to(scenario, self.prepared.surfaces)
         self.kind = scenario.control.kind  # kind of the present controller
         self._by_kind: dict[str, ControlledScenario] = {}
         self._controlled = self._with_controller(self.kind)
@@ -98,7 +98,7 @@ class LiveSession(SteppedRun):
         if self.bodies.debris is not None:
             system = self.loop.system
             parked = array(self.bodies.debris.parked) - system.forces.origin
-            state = launch(system, state, parked, 0.0 * parked)
+            state, _ = launch(system, state, parked, 0.0 * parked)
         self.state, first = begin(self.loop, state)
         self._lately.append(one_instant(first))
         return note
@@ -158,10 +158,15 @@ class LiveSession(SteppedRun):
         debris, arm = self.bodies.debris, self.scenario.arm
         if debris is None:
             raise ScenarioError([Mistake("debris", "the arm has no surface that could be hit")])
-        place, velocity = launch_path(debris, self.state.state, arm)
+        for path in launch_paths(debris, self.state.state, arm):
+            state, free = launch(self.loop.system, self.state.state, *map(array, path))
+            if free:
+                break
+        else:
+            must = "have room 0.45 lengths of the arm away from it"
+            raise ScenarioError([Mistake("debris", f"got obstacles around the arm; {must}")])
         self._thrown = True
         self._renew()
-        state = launch(self.loop.system, self.state.state, array(place), array(velocity))
         self.state = eqx.tree_at(lambda c: c.state, self.state, state)
         if self._log is not None:
             self._log.thrown.append(self.time)

@@ -45,6 +45,8 @@ class Snapshot(NamedTuple):
     holding: bool  # whether the tip carries its tool
     pull: Point  # force of a pull at the tip
     servo: Float[np.ndarray, " channel"]  # positions of the base's servos (m, rad)
+    pose: Float[np.ndarray, " channel"]  # displacement of the base (m, rad)
+    vehicle: Float[np.ndarray, " channel"] | None  # that of a submarine that floats
 
     @staticmethod
     def of(now: Record, origin: Float[np.ndarray, " d"], pull: Any) -> Snapshot:
@@ -65,6 +67,8 @@ class Snapshot(NamedTuple):
             holding=now.held is not None and bool(now.held),
             pull=in_three(pull) if len(pull) else np.zeros(3),
             servo=np.asarray(now.servo),
+            pose=np.asarray(now.pose),
+            vehicle=None if now.vehicle is None else np.asarray(now.vehicle.pose),
         )
 
 

@@ -121,7 +121,8 @@ def mount_bodies(mount: ArmMount, root: Path, thick: float, length: float) -> li
         middle = mount.anchor - np.einsum("tij,j->ti", mount.attitude, out)
     found = [_body("hull" if mount.has_hull else "base", "base", shape, middle, attitude)]
     way, reach = _spanned(root - mount.anchor)
-    if np.abs(reach).max() > _SHORT * thick:
+    apart = mount.floats or mount.hull is None  # else the hull moves with the root
+    if apart and np.abs(reach).max() > _SHORT * thick:
         stretch = np.stack([reach, np.ones_like(reach), np.ones_like(reach)], axis=1)
         boom = BodyShape("rod", 0.5, _BOOM * thick)
         middle, attitude = (mount.anchor + root) / 2, look_rotation(way, _UP)
