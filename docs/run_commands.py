@@ -1,6 +1,6 @@
 """Run the commands of the documentation in temporary folders, and list those that fail.
 
-    python docs/run_commands.py [--seconds 600] [PAGE ...]    # all pages: some hours
+    python docs/run_commands.py [--seconds 600] [--show] [PAGE ...]    # all pages: some hours
 
 The commands of a page run in one folder, in their order. It has the files that the page shows and
 names, and a result of `station-keeping`. Left out: commands that stand for others
@@ -30,12 +30,14 @@ LEFT_OUT = re.compile(
 """Commands that stand for others, install something, or need hours, other programs or a person."""
 NAMED = re.compile(r"`([\w-]+\.(?:toml|csv))`[^`\n]*:\n\n```\w*\n(.*?)^```", re.M | re.S)
 LATER = re.compile(r"```toml\n((?:(?!```).)*)```\n+Save it as `([\w-]+\.toml)`", re.S)
+WRITTEN = re.compile(r"^%%writefile ([\w-]+\.(?:toml|csv))\n(.*?)^```", re.M | re.S)
 MISTAKE = re.compile(r"^\$ .*\ncrinoid: ", re.M)
 
 
 def files(text: str) -> dict[str, str]:
-    """Return the files that a page names, before or after it shows them."""
-    return dict(NAMED.findall(text)) | {name: body for body, name in LATER.findall(text)}
+    """Return the files that a page names, before or after it shows them, and those of its cells."""
+    named = {name: body for body, name in LATER.findall(text)}
+    return dict(NAMED.findall(text)) | named | dict(WRITTEN.findall(text))
 
 
 def lines(text: str) -> list[str]:
@@ -61,7 +63,7 @@ def lacks(line: str, folder: Path) -> bool:
     return not all((folder / word).exists() for word in named)
 
 
-def run(page: Path, result: Path, seconds: float) -> list[str]:
+def run(page: Path, result: Path, seconds: float, *, show: bool) -> list[str]:
     """Run the commands of a page; return those that fail."""
     text = page.read_text("utf-8")
     failed = []
@@ -86,6 +88,8 @@ def run(page: Path, result: Path, seconds: float) -> list[str]:
                     text=True,
                     timeout=seconds,
                 )
+                if show:
+                    print(ended.stdout, ended.stderr, sep="", flush=True)
                 code, said = ended.returncode, ended.stderr.strip().splitlines()[-3:]
             except subprocess.TimeoutExpired:
                 code, said = "timeout", []
@@ -99,6 +103,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("pages", nargs="*", type=Path)
     parser.add_argument("--seconds", type=float, default=600.0, help="longest time of a command")
+    parser.add_argument("--show", action="store_true", help="print what the commands print")
     given = parser.parse_args()
     everything = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     pages = [page.resolve() for page in given.pages] or [
@@ -108,6 +113,8 @@ if __name__ == "__main__":
         made = Path(folder) / "station-keeping"
         line = [sys.executable, "-m", "crinoid", "run", "station-keeping", "--out", str(made)]
         subprocess.run(line, check=True, capture_output=True)
-        failures = [each for page in pages for each in run(page, made, given.seconds)]
+        failures = [
+            each for page in pages for each in run(page, made, given.seconds, show=given.show)
+        ]
     print("\n".join(["", f"{len(failures)} failed", *failures]))
     sys.exit(bool(failures))

@@ -57,17 +57,17 @@ def draw_tuning(data: xr.Dataset) -> Figure:
         axes.set_title(name, loc="left")
     for axes in grid[len(names) :]:
         axes.set_axis_off()
-    lower.supxlabel("dotted: as given; dashed: as tuned", fontsize=8.5, color=GREY)
+    lower.supxlabel("dotted: initial; dashed: tuned", fontsize=8.5, color=GREY)
     return figure
 
 
 def draw_optimisation(data: xr.Dataset) -> Figure:
     """Draw the measures of each trial, filled where it keeps the limits, over each number."""
     names, keys = [str(name) for name in data["measure"].values], data["key"].values
-    size = (max(WIDTH, 2.1 * len(keys)), 0.5 + 1.9 * len(names))
+    size = (max(WIDTH, 2.5 * len(names)), 0.7 + 1.8 * len(keys))
     figure = Figure(figsize=size, layout="constrained")
     head_of(figure, data)
-    grid = figure.subplots(len(names), len(keys), squeeze=False, sharex="col", sharey="row")
+    grid = figure.subplots(len(keys), len(names), squeeze=False, sharex="row", sharey="col")
     sign, limit = data["sign"].values[:, None], data["limit"].values[:, None]
     found = data["found"].values
     # the mean of the measure, the worst draw of each limit
@@ -76,29 +76,35 @@ def draw_optimisation(data: xr.Dataset) -> Figure:
     kept = (sign * (shown - limit) <= 0)[1:].all(axis=0) & np.isfinite(shown).all(axis=0)
     start = data["start"].values
     for row, axes_of in enumerate(grid):
+        tried = data["tried"].values[:, row]
         for column, axes in enumerate(axes_of):
-            tried = data["tried"].values[:, column]
             for number in np.unique(start):
                 colour = SERIES[int(number) % len(SERIES)] if len(np.unique(start)) < 8 else BLUE
-                of = start == number
-                axes.plot(tried[of], shown[row, of], "o", color=colour, mfc="none", ms=3, alpha=0.5)
-                axes.plot(tried[of & kept], shown[row, of & kept], "o", color=colour, ms=3)
-            axes.axvline(float(data["given"][column]), color=GREY, linestyle=":")
-            axes.axvline(float(data["best"][column]), color=INK, linestyle="--", linewidth=1.0)
-            if row:
-                axes.axhline(float(limit[row, 0]), color=VERMILLION, linewidth=1.0)
-            low, high = data["range"].values[column]
-            if low > 0 and high > 10 * low:
-                axes.set_xscale("log")
-                axes.xaxis.set_minor_formatter(NullFormatter())
-        some = shown[row][np.isfinite(shown[row]) & (shown[row] > 0)]
+                for some, face in ((start == number, "none"), ((start == number) & kept, colour)):
+                    axes.plot(
+                        *(tried[some], shown[column, some]),
+                        "o",
+                        color=colour,
+                        mfc=face,
+                        ms=3,
+                        alpha=0.7,
+                    )
+            axes.axvline(float(data["given"][row]), color=GREY, linestyle=":")
+            axes.axvline(float(data["best"][row]), color=INK, linestyle="--", linewidth=1.0)
+            if column:
+                axes.axhline(float(limit[column, 0]), color=VERMILLION, linewidth=1.0)
+            axes.set_xlabel(str(keys[row]))
+        low, high = data["range"].values[row]
+        if low > 0 and high > 10 * low:
+            axes_of[0].set_xscale("log")
+            axes_of[0].xaxis.set_minor_formatter(NullFormatter())
+    for column, axes in enumerate(grid[0]):
+        some = shown[column][np.isfinite(shown[column]) & (shown[column] > 0)]
         if some.size and some.max() > 10 * some.min():
-            axes_of[0].set_yscale("log")
-        unit = str(data["unit"].values[row])
-        axes_of[0].set_ylabel(f"{names[row]}" + (f"\n({unit})" if unit != "1" else ""))
-    for axes, name in zip(grid[-1], keys, strict=True):
-        axes.set_xlabel(str(name))
-    words = "filled: limits are kept; dotted: as given; dashed: best; red: limit"
+            axes.set_yscale("log")
+        unit = str(data["unit"].values[column])
+        axes.set_title(names[column] + (f" ({unit})" if unit != "1" else ""), loc="left")
+    words = "colours: starts; filled: limits are kept; dotted: initial; dashed: best; red: limit"
     figure.supxlabel(words, fontsize=8.5, color=GREY)
     return figure
 
@@ -169,8 +175,8 @@ def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> s
     for each in dict.fromkeys(marker.tolist()):
         of = marker == each
         upper.plot(time[of], good[of], ".", color=GREY, markersize=size, label="measured")
-        upper.plot(time[of], before[of], "--", color=VERMILLION, linewidth=1.0, label="as given")
-        upper.plot(time[of], after[of], "-", color=BLUE, label="as found")
+        upper.plot(time[of], before[of], "--", color=VERMILLION, linewidth=1.0, label="initial")
+        upper.plot(time[of], after[of], "-", color=BLUE, label="identified")
         lower.plot(time[of], left[of], ".", color=INK, markersize=0.75 * size)
     low, high = np.nanmin(good), np.nanmax(good)
     room = 0.25 * max(high - low, 1e-12)
@@ -180,7 +186,7 @@ def _draw_coordinate(upper: Axes, lower: Axes, rows: xr.Dataset, name: str) -> s
         upper.plot(time[aside], lost, "x", color=INK, markersize=4.0, label="set aside")
     upper.set_ylabel(f"{name}{unit}")
     lower.axhline(0.0, color=GREY, linewidth=0.8)
-    lower.set_ylabel("left")
+    lower.set_ylabel("residual")
     return words
 
 
