@@ -122,7 +122,9 @@ def _apart(place: Vector, obstacle: Obstacle, surface: SolidSurface | None) -> f
     if isinstance(obstacle, Plane):
         return float(off @ np.array(obstacle.out))
     off -= np.clip(half @ off / (half @ half or 1.0), -1.0, 1.0) * half
-    size = obstacle.radius if surface is None else np.linalg.norm(surface.points, axis=1).max()
+    size = getattr(obstacle, "radius", 0.0)
+    if surface is not None:
+        size = np.linalg.norm(surface.points, axis=1).max()
     return float(np.linalg.norm(off) - size)
 
 

@@ -163,8 +163,8 @@ class LiveSession(SteppedRun):
             if free:
                 break
         else:
-            must = "have room 0.45 lengths of the arm away from it"
-            raise ScenarioError([Mistake("debris", f"got obstacles around the arm; {must}")])
+            must = "have room at 0.45 lengths of the arm from it"
+            raise ScenarioError([Mistake("debris", f"got obstacles around the arm; must {must}")])
         self._thrown = True
         self._renew()
         self.state = eqx.tree_at(lambda c: c.state, self.state, state)
