@@ -190,7 +190,7 @@ def test_free_bodies_that_overlap_by_more_than_the_skin_are_refused(by, touching
         }
     )
     if touching:
-        assert Prepared(scenario).clearance.min() > 0.4
+        assert Prepared(scenario).room.min() > 0.4
         return
     text = r"obstacle\.0\.position: overlaps obstacle\.1 by 10 mm\. Move it clear of that\."
     with pytest.raises(crinoid.ScenarioError, match=text):
