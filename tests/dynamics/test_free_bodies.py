@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import crinoid
+from crinoid.assembly.prepared import Prepared
 from crinoid.dynamics import Integrator
 from crinoid.dynamics.integrator import StepMap
 from crinoid.elements import Pair
@@ -13,6 +15,7 @@ from crinoid.numerics.frames import moments
 from helpers.arms import QUICKLY, arm, obstacles, order
 
 RADIUS, MASS, GRAVITY = 0.05, 0.5, 9.81
+SKIN = 0.02 * RADIUS
 FAR = {"nodes": 5, "EA": None, "EI": None, "radius": 0.02, "youngs_modulus": 5e5,
        "mass_per_length": 1.3, "length": 0.5, "diameter": 0.04}  # fmt: skip
 both = pytest.mark.parametrize("axes", [2, 3], ids=["plane", "space"])
@@ -49,14 +52,17 @@ def marched(system, count):
 SLOPE = np.deg2rad(20.0)
 
 
-def on_slope(axes, friction, *, step=2e-3, arms=None):
-    """Build a ball that lies on a slope, which falls along x."""
-    normal = np.array([np.sin(SLOPE), 0.0, np.cos(SLOPE)])
-    down = np.array([np.cos(SLOPE), 0.0, -np.sin(SLOPE)])
+def on_slope(
+    axes, friction, *, step=2e-3, arms=None, slope=SLOPE, gravity=GRAVITY, gap=None, **numbers
+):
+    """Build a ball that lies on a slope, which falls along x, or is at a gap from it."""
+    normal = np.array([np.sin(slope), 0.0, np.cos(slope)])
+    down = np.array([np.cos(slope), 0.0, -np.sin(slope)])
     kept = [0, 2] if axes == 2 else [0, 1, 2]
     foot = np.array([2.0, 0.5, -3.0])
-    strength = 32 * 5e5 * 0.02**2 + 100 * MASS * GRAVITY
-    gap = -0.02 * RADIUS * (MASS * GRAVITY * np.cos(SLOPE) / strength) ** 0.25
+    if gap is None:
+        strength = 32 * 5e5 * 0.02**2 + 100 * MASS * gravity
+        gap = -SKIN * (MASS * gravity * np.cos(slope) / strength) ** 0.25
     places = np.stack([foot + (RADIUS + gap) * normal, foot])[:, kept]
     system = bodies(
         axes,
@@ -67,8 +73,9 @@ def on_slope(axes, friction, *, step=2e-3, arms=None):
         normal=np.stack([0 * normal, normal])[:, kept],
         friction=[0.0, friction],
         mass=[MASS, np.inf],
-        gravity=GRAVITY,
+        gravity=gravity,
         pairs=[Pair(0, 1, 0.0)],
+        **numbers,
     )
     return system, down[kept], normal[kept]
 
@@ -92,6 +99,45 @@ def test_a_ball_rolls_down_a_slope_at_five_sevenths_of_gravity(axes):
     # it hardly slips
     np.testing.assert_allclose(RADIUS * spin[50:], speed[50:], atol=1e-3)
     assert speed[-1] > 0.8
+
+
+@both
+def test_rolling_resistance_slows_a_ball_as_on_paper(axes):
+    length = 0.2 * RADIUS * np.tan(SLOPE)
+    system, down, _ = on_slope(axes, 0.5, rolling=[0.0, length])
+    _, states = marched(system, 200)
+    speed, spin = slope_motion(system, states, down)
+    time = np.asarray(states.time)
+    found = (speed[-1] - speed[50]) / (time[-1] - time[50])
+    # (m + J / R^2) a = m g sin - l N / R
+    expected = 5 / 7 * GRAVITY * (np.sin(SLOPE) - length / RADIUS * np.cos(SLOPE))
+    assert found == pytest.approx(expected, rel=1e-3)
+    np.testing.assert_allclose(RADIUS * spin[50:], speed[50:], atol=1e-3)
+
+
+@both
+def test_a_ball_rests_on_a_slope_that_rolling_resistance_holds(axes):
+    system, down, _ = on_slope(axes, 0.5, rolling=[0.0, 1.5 * RADIUS * np.tan(SLOPE)])
+    _, states = marched(system, 200)
+    _, spin = slope_motion(system, states, down)
+    # it creeps: two thirds of the moment hold it, x / sqrt(x^2 + creep^2) = 2 / 3
+    assert RADIUS * spin[-1] == pytest.approx(1e-3 / np.sqrt(1.5**2 - 1), rel=0.01)
+
+
+def test_spinning_friction_slows_a_ball_that_spins_about_the_normal():
+    length, rate = 2e-3, 40.0
+    spin = [[0.0, 0.0, rate], [0.0, 0.0, 0.0]]
+    system, _, normal = on_slope(3, 0.5, spinning=[0.0, length], slope=0.0, spin=spin)
+    start, states = marched(system, 100)
+    spin = np.asarray(states.motion.velocity)[:, system.forces.rows.rotations][:, 0, :3]
+    found = (rate - spin[-1] @ normal) / (states.time[-1] - start.time)
+    moment, inertia = length * MASS * GRAVITY, 0.4 * MASS * RADIUS**2
+    assert float(found) == pytest.approx(moment / inertia, rel=1e-3)
+    # it does not roll away, and loses the work of that moment
+    assert np.abs(spin[:, :2]).max() < 1e-9
+    turned = np.trapezoid(np.append(rate, spin @ normal), dx=float(system.time_step))
+    lost = 0.5 * inertia * (rate**2 - (spin[-1] @ normal) ** 2)
+    assert lost == pytest.approx(moment * turned, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -119,6 +165,65 @@ def test_the_plane_and_space_agree_on_a_rolling_ball():
         _, states = marched(system, 200)
         ends.append(np.asarray(states.obstacle_position)[-1, 0, [0, axes - 1]])
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-12)
+
+
+@both
+def test_a_ball_that_overlaps_a_plane_within_the_skin_is_pushed_off(axes):
+    system, _, normal = on_slope(axes, 0.0, step=2e-5, gravity=0.0, gap=-0.5 * SKIN)
+    _, states = marched(system, 200)
+    stored = 32 * 5e5 * 0.02**2 * SKIN * 0.5**5 / 5
+    speed = np.asarray(states.obstacle_velocity)[:, 0] @ normal
+    assert np.asarray(states.body_gap)[-1, 0] > SKIN
+    assert 0.5 * MASS * speed[-1] ** 2 == pytest.approx(stored, rel=1e-2)
+
+
+@pytest.mark.parametrize(("by", "touching"), [(10.0, False), (0.3, True)])
+def test_free_bodies_that_overlap_by_more_than_the_skin_are_refused(by, touching):
+    ball = {"kind": "sphere", "radius": RADIUS, "mass": 0.5}
+    scenario = crinoid.Scenario.from_dict(
+        {
+            "arm": {"length": 0.5, "nodes": 5},
+            "obstacle": [
+                ball | {"position": [1.0, -10.0]},
+                ball | {"position": [1.0 + 2 * RADIUS - 1e-3 * by, -10.0]},
+            ],
+        }
+    )
+    if touching:
+        assert Prepared(scenario).room.min() > 0.4
+        return
+    text = r"obstacle\.0\.position: overlaps obstacle\.1 by 10 mm\. Move it clear of that\."
+    with pytest.raises(crinoid.ScenarioError, match=text):
+        crinoid.simulate(scenario)
+
+
+@both
+def test_a_body_with_a_heavy_bottom_swings_as_on_paper(axes):
+    height, density, rate = 0.01, 1000.0, 1.0
+    inertia, displaced = 0.4 * MASS * RADIUS**2, density * 4 / 3 * np.pi * RADIUS**3
+    expected = 2 * np.pi * np.sqrt(inertia / (displaced * GRAVITY * height))
+    swing = rate * expected / (2 * np.pi)
+    spin = np.zeros((2, 1 if axes == 2 else 3))
+    spin[0, spin.shape[1] // 2] = rate  # about y
+    system, _, _ = on_slope(
+        axes,
+        0.0,
+        step=expected / 200,
+        arms={"integrator": Integrator.newmark()},
+        gap=10.0,
+        spin=spin,
+        metacentric_height=height,
+        density=density,
+    )
+    _, states = marched(system, 200)
+    found = np.asarray(states.motion.velocity)[:, system.forces.rows.rotations]
+    found, time = found[:, 0, spin.shape[1] // 2], np.asarray(states.time)
+    before = np.flatnonzero(np.diff(np.sign(found)))
+    assert before.size == 2
+    slope = np.diff(found)[before] / np.diff(time)[before]
+    crossed = time[before] - found[before] / slope
+    # a pendulum's period at this amplitude
+    assert 2 * np.diff(crossed)[0] == pytest.approx(expected * (1 + swing**2 / 16), rel=3e-4)
 
 
 # --- two bodies that collide -------------------------------------------------------------------
@@ -199,6 +304,8 @@ def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
         radius=[0.05, 0.04],
         half_axis=half,
         friction=0.4,
+        rolling=2e-3,
+        spinning=1e-3,
         velocity=[[0.2, 0.1, 0.3], [-0.3, 0.0, -0.1]],
         mass=[0.4, 0.2],
         spin=[[2.0, 1.0, -1.0], [0.0, -3.0, 2.0]],
@@ -276,6 +383,8 @@ def lying(axes, *, step=1e-3):
         half_axis=half,
         normal=normal,
         friction=0.4,
+        rolling=1e-3,
+        spinning=5e-4,
         velocity=0.1 * rng.normal(size=(3, axes)) * [[1.0], [1.0], [0.0]],
         mass=[0.7, 0.02, np.inf],
         length=0.16 * (np.arange(2) == 0),

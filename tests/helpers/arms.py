@@ -177,11 +177,14 @@ def obstacles(
     half_axis: ArrayLike = 0.0,
     normal: ArrayLike = 0.0,
     friction: ArrayLike = 0.0,
+    rolling: ArrayLike = 0.0,
+    spinning: ArrayLike = 0.0,
     velocity: ArrayLike = 0.0,
     mass: ArrayLike | None = None,
     inertia: ArrayLike | None = None,
     length: ArrayLike = 0.0,
     spin: ArrayLike = 0.0,
+    metacentric_height: float = 0.0,
     pairs: Sequence[Pair] = (),
     carried: tuple[int, ...] = (),
     density: float = 0.0,
@@ -196,7 +199,9 @@ def obstacles(
     turns, cores = 1 if axes == 2 else 3, jnp.broadcast_to(jnp.asarray(half_axis), position.shape)
     normals = jnp.broadcast_to(jnp.asarray(normal, float), position.shape)
     numbers = {"radius": radii, "half_axis": cores, "normal": normals, "mass": jnp.asarray(masses)}
-    rough = jnp.broadcast_to(jnp.asarray(friction, float), count)
+    rough, rolls, spins = (
+        jnp.broadcast_to(jnp.asarray(x, float), count) for x in (friction, rolling, spinning)
+    )
 
     def of(rod: Rod) -> Obstacles:
         return Obstacles(
@@ -217,7 +222,13 @@ def obstacles(
             strength = jnp.max(surfaces(rod)[1])
             touching = (
                 BodyContact.between(
-                    pairs, friction=rough, strength=strength, gravity=gravity, **numbers
+                    pairs,
+                    friction=rough,
+                    rolling=rolls,
+                    spinning=spins,
+                    strength=strength,
+                    gravity=gravity,
+                    **numbers,
                 ),
             )
         return FreeBodies(
@@ -228,6 +239,7 @@ def obstacles(
                 inertia=jax.vmap(jnp.diag)(moments),
                 half_axis=cores[at],
                 length=jnp.broadcast_to(jnp.asarray(length, float), at.shape),
+                metacentric_height=metacentric_height,
                 density=density,
                 gravity=gravity,
             ),

@@ -15,11 +15,13 @@ from crinoid.view.figures.run import Run
 from crinoid.view.figures.shape import draw_bending
 from crinoid.view.figures.sheet import draw_sheet
 from crinoid.view.figures.surroundings import find_current
+from crinoid.view.scene.bodies import rigid_bodies
 from crinoid.view.scene.clip import convex_outline, cut_box, obstacle_facets, obstacle_outline
-from crinoid.view.scene.data import find_obstacles, in_space
+from crinoid.view.scene.data import ToolBall, find_obstacles, in_space
 from crinoid.view.scene.mesh import AROUND, arm_attitudes, tube
 from crinoid.view.scene.mount import base_directions
 from crinoid.view.scene.projection import ABOVE, AHEAD, OBLIQUE, SIDE
+from crinoid.view.scene.scene import build_scene
 from helpers.figures import assert_drawn, assert_report, quick_and_slow
 from helpers.spatial_result import (
     HIGH,
@@ -205,6 +207,40 @@ def test_silhouettes_are_those_of_the_bodies_in_space(scene):
             reach, wanted = ((each @ directions).max(axis=0) for each in (drawn, expected))
             np.testing.assert_allclose(reach, wanted, atol=0.01 * body.radius)
     assert np.linalg.norm(capsule.half_axis[-1]) == pytest.approx(0.1)
+
+
+def test_a_free_capsule_that_turns_is_drawn_turned(scene):
+    capsule = find_obstacles(scene)[2]
+    first = capsule.half_axis[0] / np.linalg.norm(capsule.half_axis[0])
+    across = np.cross(first, [0.3, 0.5, 0.8])
+    angle = np.array([0.0, 0.7, 1.9])[:, None]
+    turned = np.cos(angle) * first + np.sin(angle) * across / np.linalg.norm(across)
+    axes = np.tile([1.0, 0.0, 0.0], (3, 4, 1))
+    axes[:, 2] = turned
+    data = scene.assign(obstacle_axis=(("time", "obstacle", "axis"), axes))
+    capsule = find_obstacles(data)[2]
+    np.testing.assert_allclose(capsule.half_axis, 0.1 * turned, atol=1e-12)
+    whole = build_scene([("", data)], 10, 10)
+    (body,) = (x for x in rigid_bodies(whole, whole.members[0]) if x.name == "obstacle 2")
+    for record in range(3):
+        ends = body.transform(body.shape.half * np.array([[-1.0, 0, 0], [1.0, 0, 0]]), record)
+        expected = capsule.path[record] + np.outer([-0.1, 0.1], turned[record])
+        np.testing.assert_allclose(ends, expected, atol=1e-9)
+    ball = np.random.default_rng(0).normal(size=(40000, 3))
+    ball *= capsule.radius / np.linalg.norm(ball, axis=1, keepdims=True)
+    points = np.concatenate([ball + end for end in ends])
+    around = np.linspace(0, 2 * np.pi, 60)
+    directions = np.stack([np.cos(around), np.sin(around)])
+    for view in (SIDE, ABOVE, AHEAD, OBLIQUE):
+        drawn, wanted = obstacle_outline(capsule, -1, LOW, HIGH, view), view.paper(points)
+        reach, expected = ((each @ directions).max(axis=0) for each in (drawn, wanted))
+        np.testing.assert_allclose(reach, expected, atol=0.01 * capsule.radius)
+
+
+def test_a_tool_is_drawn_with_its_radius():
+    table = {"mass": 0.2, "volume": 5e-5, "offset": 0.03}
+    assert ToolBall.of(table | {"radius": 0.07}) == ToolBall(0.07, 0.03)
+    assert 4 / 3 * np.pi * ToolBall.of(table).radius ** 3 == pytest.approx(5e-5)
 
 
 def test_an_endless_pole_is_a_circle_from_its_end_and_a_band_that_ends_at_the_box(scene):

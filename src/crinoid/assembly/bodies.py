@@ -16,9 +16,7 @@ from crinoid.dynamics import (
     Thrusters,
     Vehicle,
 )
-from crinoid.elements import (
-    Tool,
-)
+from crinoid.elements import Ball, Tool
 from crinoid.numerics.ramp import Onset
 from crinoid.rod import Rod
 from crinoid.scenario import Tool as ToolTable
@@ -44,6 +42,8 @@ class ToolParameters(eqx.Module):
     inertia: Float[Array, ...]
     """One number, or in space three (kg m2)."""
     offset: Float[Array, ""]
+    radius: Float[Array, ""] | None
+    """None: it touches nothing (m)."""
     held: Onset
     """From when on and until when it is held; infinite if for good (s). Where touches decide, the
     times between which they count."""
@@ -67,6 +67,11 @@ class ToolParameters(eqx.Module):
             drop=tool.drop_at_touch,
         )
 
+    @property
+    def ball(self) -> Ball | None:
+        """The ball by which it touches, if it does."""
+        return None if self.radius is None else Ball(self.radius, self.offset, self.mass)
+
     def grasp(self) -> GripTriggers | None:
         """Return the touches that decide when it is held, if any do."""
         if self.touched is None:
@@ -78,7 +83,7 @@ class ToolParameters(eqx.Module):
         # not there before a touch: a window without length
         stop = self.held.stop if self.take is None else self.held.start
         numbers = vars(self) | {"held": replace(self.held, stop=stop)}
-        for key in ("touched", "take", "drop"):
+        for key in ("radius", "touched", "take", "drop"):
             del numbers[key]
         return Tool.of(rod, density=density, gravity=gravity, **numbers)
 

@@ -18,6 +18,7 @@ from crinoid.dynamics import (
     Obstacles,
 )
 from crinoid.elements import (
+    Ball,
     Bed,
     Body,
     BodyContact,
@@ -50,6 +51,10 @@ class ObstacleParameters(eqx.Module):
     half_axis: Float[Array, "m d"]
     normal: Float[Array, "m d"]
     friction: Float[Array, " m"]
+    rolling_friction: Float[Array, " m"]
+    """Moment of rolling resistance over the force (m)."""
+    spinning_friction: Float[Array, " m"]
+    """Moment of spinning friction over the force (m)."""
     mass: Float[Array, " m"]
     """Infinite for one that the arm cannot push away (kg)."""
     length: Float[Array, " m"]
@@ -84,6 +89,8 @@ class ObstacleParameters(eqx.Module):
             half_axis=array([o.half_axis for o in obstacles]),
             normal=array([o.out for o in obstacles]),
             friction=array([o.friction for o in obstacles]),
+            rolling_friction=array([o.rolling_friction for o in obstacles]),
+            spinning_friction=array([o.spinning_friction for o in obstacles]),
             mass=array([getattr(o, "mass", None) or np.inf for o in obstacles]),
             length=array([getattr(o, "length", 0.0) for o in obstacles]),
             inertia=array([_inertia(o, turns) for o in obstacles]),
@@ -96,7 +103,12 @@ class ObstacleParameters(eqx.Module):
         )
 
     def obstacles(
-        self, rod: Rod, origin: Float[Array, " d"], density: Array, gravity: Array
+        self,
+        rod: Rod,
+        origin: Float[Array, " d"],
+        density: Array,
+        gravity: Array,
+        tool: Ball | None = None,
     ) -> Obstacles:
         """Build the obstacles near a rod whose root is set at ``origin`` (m); traceable."""
         return Obstacles(
@@ -107,6 +119,7 @@ class ObstacleParameters(eqx.Module):
                 normal=self.normal,
                 friction=self.friction,
                 mass=self.mass,
+                tool=tool,
             ),
             bodies=self._bodies(rod, density, gravity) if self.free else None,
             position=self.position - origin,
@@ -151,6 +164,8 @@ class ObstacleParameters(eqx.Module):
             half_axis=self.half_axis,
             normal=self.normal,
             friction=self.friction,
+            rolling=self.rolling_friction,
+            spinning=self.spinning_friction,
             mass=self.mass,
             strength=jnp.max(surfaces(rod)[1]),
             gravity=gravity,

@@ -86,8 +86,9 @@ def assemble(parameters: Parameters) -> System:
         build_part(f"load {index}", Element, build, rod, **numbers)
         for index, (build, numbers) in enumerate(loads)
     )
-    grasp = None
+    grasp = ball = None
     if parameters.tool is not None:
+        ball = parameters.tool.ball
         elements += (parameters.tool.element(rod, water.density, water.gravity),)
         grasp = parameters.tool.grasp()
     if water.vortices is not None:
@@ -95,7 +96,7 @@ def assemble(parameters: Parameters) -> System:
     actuators, through, lines = assemble_actuators(parameters.actuator, rod)
     obstacles = None
     if obstacle is not None:
-        obstacles = obstacle.obstacles(rod, base.position, water.density, water.gravity)
+        obstacles = obstacle.obstacles(rod, base.position, water.density, water.gravity, ball)
     vehicle = None
     if parameters.vehicle is not None:
         vehicle = parameters.vehicle.vehicle(water.density, water.gravity)

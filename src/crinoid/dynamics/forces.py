@@ -207,7 +207,8 @@ class Forces(ArmWithBodies):
             still = jnp.zeros((*pairs.flow_velocity.shape, self.axes))
             touch = obstacles.each(lambda c, m, s: jacobian((c,), m, (s, None)), pairs, still)
             touch = touch.reshape(obstacles.count, -1, *touch.shape[1:])
-            blocks[size].append((obstacles.contact.first, jnp.sum(touch[:, :, :2, :, :2], axis=0)))
+            on_edges = obstacles.on_edges(jnp.sum(touch[:, :, :2, :, :2], axis=0))
+            blocks[size].append((obstacles.contact.first, on_edges))
         bands = sum(
             (
                 jnp.pad(banded.assemble(some, num_nodes), [(0, 0)] * 2 + [(0, size - width)] * 2)

@@ -157,8 +157,15 @@ class Obstacles(eqx.Module):
     def edge_force(self, motion: Motion, inside: Bool[Array, " e"]) -> Float[Array, " d"]:
         """Return the total force of all obstacles on some of the edges (N)."""
         _, forces = self.each(Contact.push, self.motions(motion))
-        on_edges = -forces[:, 2, : self.contact.axes].reshape(self.count, -1, self.contact.axes)
-        return jnp.sum(jnp.where(inside[:, None], on_edges, 0.0), axis=(0, 1))
+        each = -forces[:, 2, : self.contact.axes].reshape(self.count, -1, self.contact.axes)
+        on_edges = self.on_edges(jnp.sum(each, axis=0))
+        return jnp.sum(jnp.where(inside[:, None], on_edges, 0.0), axis=0)
+
+    def on_edges(self, windows: Float[Array, "window ..."]) -> Float[Array, "e ..."]:
+        """Add what a window of the tool's ball has, the last one, to the last edge."""
+        if self.contact.ball is None:
+            return windows
+        return windows[:-1].at[-1].add(windows[-1])
 
     @property
     def posed_contact(self) -> Contact:
@@ -173,6 +180,8 @@ class Obstacles(eqx.Module):
         """Return the windows of each edge with each obstacle, obstacle by obstacle."""
         nodes, points = rows[: -self.rows], rows[-self.rows :]
         edges = banded.gather(nodes, 1, nodes.shape[0] - 2, 2)
+        if self.contact.ball is not None:
+            edges = jnp.concatenate([edges, edges[-1:]])
         shape = (self.count, *edges.shape)
         own = points.reshape(-1, self.count, 1, shape[-1]).swapaxes(0, 1).swapaxes(1, 2)
         each = jnp.broadcast_to(own, (*shape[:2], *own.shape[2:]))
@@ -219,7 +228,8 @@ class Obstacles(eqx.Module):
     def scatter(self, windows: Float[Array, "pairs k b"], num_rows: int) -> Rows:
         """Sum forces on edges and obstacles into their rows."""
         each = windows.reshape(self.count, -1, *windows.shape[1:])
-        nodes = banded.scatter(jnp.sum(each, axis=0)[:, :2], 1, num_rows - self.rows)
+        on_edges = self.on_edges(jnp.sum(each, axis=0)[:, :2])
+        nodes = banded.scatter(on_edges, 1, num_rows - self.rows)
         own = [jnp.sum(each[:, :, row], axis=1) for row in range(2, each.shape[2])]
         return jnp.concatenate([nodes, *own])
 
@@ -248,7 +258,8 @@ class Obstacles(eqx.Module):
             each = jnp.moveaxis(edges, (4, 5), (1, 2))
             every = jnp.zeros((2 * self.count, *each.shape[2:])).at[rows].set(each)
             kept = every.reshape(-1, *each.shape[3:])[at]
-            return jax.vmap(lambda e: banded.scatter(e, self.contact.first, num_nodes))(kept)
+            first = self.contact.first
+            return jax.vmap(lambda e: banded.scatter(self.on_edges(e), first, num_nodes))(kept)
 
         of_nodes = of_bodies(touch[:, :, :2, :, 2:])
         of_extra = of_bodies(jnp.moveaxis(touch[:, :, 2:, :, :2], (2, 3), (4, 5)))
@@ -267,7 +278,12 @@ class Obstacles(eqx.Module):
         accounted = contact.accounted(gap_before, gap, step)
 
         windows = self.windows(moved[:, : contact.axes])
-        travel = jnp.max(jnp.sum((windows[:, :2] - windows[:, 2:3]) ** 2, axis=-1), axis=1)
+        places = windows[:, :2]
+        if contact.beyond is not None:
+            share = (contact.beyond / contact.rest_length)[:, None]
+            centre = places[:, 1] + share * (places[:, 1] - places[:, 0])
+            places = jnp.concatenate([places, centre[:, None]], axis=1)
+        travel = jnp.max(jnp.sum((places - windows[:, 2:3]) ** 2, axis=-1), axis=1)
         room = jnp.maximum(gap_before, 0.0) + 0.5 * (contact.arm_radius + contact.radius)
         if self.bodies is not None:
             swept = jnp.sum(windows[:, 3] ** 2, axis=-1) * jnp.sum(contact.half_axis**2, axis=-1)

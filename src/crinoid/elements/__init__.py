@@ -6,6 +6,7 @@ May import ``rod`` and ``compilation`` and ``actuation`` and lower folders.
 from crinoid.elements.bodies import Body as Body
 from crinoid.elements.body_contact import BodyContact as BodyContact
 from crinoid.elements.body_contact import Pair as Pair
+from crinoid.elements.contact import Ball as Ball
 from crinoid.elements.contact import Contact as Contact
 from crinoid.elements.contact import SoftSkin as SoftSkin
 from crinoid.elements.elastic import Bend as Bend

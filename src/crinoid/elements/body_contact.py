@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from crinoid.elements.contact import Contact, rows_of
+from crinoid.elements.contact import Contact, eased_direction, rows_of
 from crinoid.elements.element import Motion
 from crinoid.elements.rigid import Pose, RigidMotion
 from crinoid.numerics.frames import moments, rotation_velocity, unit
@@ -40,11 +40,20 @@ class BodyContact(Contact):
     them, so that a body may start where it just touches another one. The force at the end of the
     skin is the arm's, plus a hundred weights of the lighter body, which sinks in by less than 1 %
     of its radius by itself. The coefficient of friction is the larger one.
+
+    Both bodies also resist their relative angular velocity ``w``, by moments in proportion to the
+    force ``N``: ``-l N w / sqrt(w^2 + (creep / R)^2)`` with the radius ``R`` of the first body, of
+    the part of ``w`` along the surface (rolling) and of that about its normal (spinning). The
+    lengths ``l`` are the larger ones of the two bodies.
     """
 
     stencil: ClassVar[int] = 4
     end: Float[Array, "*count d"] = eqx.field(kw_only=True)
     """End of the first body's core, from its centre, in its axes (m)."""
+    rolling: Float[Array, "*count"] = eqx.field(kw_only=True)
+    """Moment of rolling resistance over the force (m)."""
+    spinning: Float[Array, "*count"] = eqx.field(kw_only=True)
+    """Moment of spinning friction over the force (m)."""
     carrier: Pose | None = eqx.field(default=None, kw_only=True)
     """Attitude of the first body; ``pose`` is that of the second."""
 
@@ -56,19 +65,23 @@ class BodyContact(Contact):
         half_axis: Float[Array, "m d"],
         normal: Float[Array, "m d"],
         friction: Float[Array, " m"],
+        rolling: Float[Array, " m"],
+        spinning: Float[Array, " m"],
         mass: Float[Array, " m"],
         strength: Float[Array, ""],
         gravity: float | Array,
     ) -> "BodyContact":
         """Pair some of ``m`` bodies.
 
-        ``radius`` and ``half_axis`` in m, ``mass`` in kg, infinite for an immovable body,
-        ``strength`` that of the arm (N), ``gravity`` in m/s2.
+        ``radius``, ``half_axis``, ``rolling`` and ``spinning`` in m, ``mass`` in kg, infinite for
+        an immovable body, ``strength`` that of the arm (N), ``gravity`` in m/s2.
         """
         first, second = (np.array([pair[side] for pair in pairs]) for side in (0, 1))
         end = jnp.array([pair.span for pair in pairs])[:, None] * half_axis[first]
         # the edge of a sphere has no length
         long = jnp.sqrt(jnp.sum(end**2 + jnp.finfo(float).tiny, axis=1))
+        larger = (jnp.maximum(x[first], x[second]) for x in (friction, rolling, spinning))
+        rubs, rolls, spins = larger
         pressed = _WEIGHTS * gravity * jnp.minimum(mass[first], mass[second])
         return BodyContact(
             0,
@@ -78,9 +91,11 @@ class BodyContact(Contact):
             radius[second],
             half_axis[second],
             normal[second],
-            jnp.maximum(friction[first], friction[second]),
+            rubs,
             1 / (1 / mass[first] + 1 / mass[second]),
             end=end,
+            rolling=rolls,
+            spinning=spins,
         )
 
     @property
@@ -114,11 +129,22 @@ class BodyContact(Contact):
         sliding = sliding - product(sliding, outward) * outward
         rubbing = self.rubbing(pressing, sliding)
         on_one = pressing * (slopes[0] + slopes[1]) + rubbing
-        turns_one = moments(end, pressing * slopes[1]) + moments(lever, rubbing)
-        turns_other = moments(half, pressing * by_half) - moments(reach, rubbing)
+        resisted = pressing * self._resistance(one.spin - other.spin, outward)
+        turns_one = moments(end, pressing * slopes[1]) + moments(lever, rubbing) + resisted
+        turns_other = moments(half, pressing * by_half) - moments(reach, rubbing) - resisted
         parts = (on_one, turns_one, -on_one, turns_other)
         width = motion.position.shape[1]
         return gap, jnp.concatenate([rows_of(part, width) for part in parts])
+
+    def _resistance(
+        self, turning: Float[Array, " turns"], outward: Float[Array, " d"]
+    ) -> Float[Array, " turns"]:
+        """Return the moment against a relative angular velocity (rad/s), over the force (m)."""
+        if turning.size == 1:
+            return -self.rolling * eased_direction(self.arm_radius * turning)
+        about = product(turning, outward) * outward
+        rolls, spins = (eased_direction(self.arm_radius * x) for x in (turning - about, about))
+        return -self.rolling * rolls - self.spinning * spins
 
     def _bodies(
         self, position: Float[Array, "4 b"], velocity: Float[Array, "4 b"]

@@ -1,7 +1,7 @@
 """Contact of the arm with rigid bodies and itself: a penalty force in a soft skin, friction."""
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -58,7 +58,7 @@ class SoftSkin(Element):
 
     def rubbing(self, pressing: Float[Array, ""], sliding: Float[Array, " d"]) -> Array:
         """Return the friction (N) under a pressing force (N), by the velocity of sliding (m/s)."""
-        return -self.friction * pressing * sliding / jnp.sqrt(product(sliding, sliding) + _CREEP**2)
+        return -self.friction * pressing * eased_direction(sliding)
 
     def accounted(
         self, before: Float[Array, "*count"], after: Float[Array, "*count"], step: Array
@@ -74,6 +74,15 @@ class SoftSkin(Element):
         hit = stored + stored_before + 0.5 * self.mass * (closed / step) ** 2
         negligible = _NEGLIGIBLE * self.press(jnp.zeros_like(after))[0]
         return jnp.abs(missed) <= _MISSED * hit + negligible
+
+
+class Ball(NamedTuple):
+    """Ball around the centre of mass of a tool at the tip, by which it touches. SI units."""
+
+    radius: Float[Array, ""]
+    offset: Float[Array, ""]
+    """Distance of its centre beyond the tip (m)."""
+    mass: Float[Array, ""]
 
 
 class Contact(SoftSkin):
@@ -104,6 +113,9 @@ class Contact(SoftSkin):
 
     Near free bodies, which turn, a window has a fourth row, the obstacle's rotation: friction sees
     its spin too, and acts on both at one point, on the arm's surface.
+
+    The ball of a tool is a further window of the last edge: its centre is in the place of the
+    nearest point of the axis, and the force there acts on the nodes as on a rigid lever.
     """
 
     stencil: ClassVar[int] = 3
@@ -122,6 +134,10 @@ class Contact(SoftSkin):
     """Reduced mass of edge and obstacle (kg)."""
     pose: Pose | None = None
     """Attitude of the obstacle, in whose axes ``half_axis`` is then; None if none turns."""
+    ball: Bool[Array, "*count"] | None = None
+    """Whether a window is that of the tool's ball; None without one."""
+    beyond: Float[Array, "*count"] | None = None
+    """Distance of the ball's centre beyond the tip, 0 of an edge (m)."""
 
     @staticmethod
     def of(
@@ -132,12 +148,21 @@ class Contact(SoftSkin):
         normal: Float[Array, "m d"],
         friction: Float[Array, " m"],
         mass: Float[Array, " m"],
+        tool: Ball | None = None,
     ) -> "Contact":
-        """Pair every edge of a rod with every one of ``m`` obstacles.
+        """Pair every edge of a rod, and the ball of its tool, with every one of ``m`` obstacles.
 
         ``radius`` and ``half_axis`` in m, ``mass`` in kg, infinite for an immovable obstacle.
         """
         arm_radius, strength = surfaces(rod)
+        rest_length, edge_mass = rod.rest_length, rod.edge_mass[:, 1]
+        ball = beyond = None
+        if tool is not None:
+            edge_mass = jnp.append(edge_mass, edge_mass[-1] + tool.mass)
+            beyond = jnp.append(jnp.zeros_like(arm_radius), tool.offset)
+            ball = jnp.arange(beyond.size) == arm_radius.size
+            arm_radius = jnp.append(arm_radius, tool.radius)
+            rest_length, strength = (jnp.append(x, x[-1]) for x in (rest_length, strength))
         edges, obstacles = arm_radius.shape[0], radius.shape[0]
 
         def per_edge(values: Array) -> Array:
@@ -148,14 +173,16 @@ class Contact(SoftSkin):
 
         return Contact(
             first=1,
-            rest_length=per_edge(rod.rest_length),
+            rest_length=per_edge(rest_length),
             arm_radius=per_edge(arm_radius),
             strength=per_edge(strength),
             radius=per_obstacle(radius),
             half_axis=per_obstacle(half_axis),
             normal=per_obstacle(normal),
             friction=per_obstacle(friction),
-            mass=1 / (1 / per_edge(rod.edge_mass[:, 1]) + 1 / per_obstacle(mass)),
+            mass=1 / (1 / per_edge(edge_mass) + 1 / per_obstacle(mass)),
+            ball=None if ball is None else per_edge(ball),
+            beyond=None if beyond is None else per_edge(beyond),
         )
 
     @property
@@ -173,7 +200,7 @@ class Contact(SoftSkin):
         half = self.half_axis
         if self.pose is not None:
             half = product(self.pose.attitude_at(position[3]), half)
-        return self._closest(position[:3, : self.axes], half)[0]
+        return self._touching(position[:3, : self.axes], half)[0]
 
     def residual(self, motion: Motion) -> Float[Array, "k b"]:
         return -self.push(motion)[1]
@@ -189,7 +216,7 @@ class Contact(SoftSkin):
         if self.pose is not None:
             body = self.pose.motion(motion.position[2:], motion.velocity[2:])
             half = product(body.attitude, half)
-        gap, slopes, share, by_half = self._closest(places, half)
+        gap, slopes, share, by_half = self._touching(places, half)
         rate = jnp.sum(slopes * velocity)
         if body is not None:
             rate += product(by_half, rotation_velocity(body.spin, half))
@@ -197,6 +224,8 @@ class Contact(SoftSkin):
         edge, length = unit(places[1] - places[0])
         outward, _ = unit(-slopes[2])
         lever = -self.arm_radius * outward
+        if self.beyond is not None:
+            lever = lever + self.beyond * edge
         at_axis = jnp.stack([1 - share, share])
         # the edge turns at the rate edge x change: (e x c) x l = c (e . l) - e (c . l)
         change = (velocity[1] - velocity[0]) / length
@@ -222,6 +251,23 @@ class Contact(SoftSkin):
             moment = moments(half, pressing * by_half) - moments(reach, rubbing)
             forces = jnp.concatenate([forces, rows_of(moment, forces.shape[1])])
         return gap, forces
+
+    def _touching(
+        self, position: Float[Array, "3 d"], half_axis: Float[Array, " d"]
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return the same as `_closest`, of the edge or of the tool's ball."""
+        if self.ball is None or self.beyond is None:
+            return self._closest(position, half_axis)
+        edge, length = unit(position[1] - position[0])
+        centre = position[1] + self.beyond * edge
+        places = jnp.where(self.ball, centre, position[:2])
+        gap, slopes, share, by_half = self._closest(
+            jnp.concatenate([places, position[2:]]), half_axis
+        )
+        push = slopes[0] + slopes[1]
+        couple = self.beyond / length * (push - product(push, edge) * edge)
+        on_ball = jnp.stack([-couple, push + couple, slopes[2]])
+        return gap, jnp.where(self.ball, on_ball, slopes), jnp.where(self.ball, 1.0, share), by_half
 
     def _closest(
         self, position: Float[Array, "3 d"], half_axis: Float[Array, " d"]
@@ -280,6 +326,11 @@ def closest_of_cores(
     along = jnp.clip((on_core + mixed * share) / jnp.where(long, of_core, 1.0), -1.0, 1.0)
     of_edge = jnp.where(of_edge > 0, of_edge, 1.0)
     return jnp.clip((mixed * along - on_edge) / of_edge, 0.0, 1.0), along
+
+
+def eased_direction(velocity: Float[Array, " _"]) -> Float[Array, " _"]:
+    """Return the direction of a velocity (m/s), shorter than 1 where friction begins."""
+    return velocity / jnp.sqrt(product(velocity, velocity) + _CREEP**2)
 
 
 def rows_of(vector: Float[Array, " _"], width: int) -> Float[Array, "1 b"]:

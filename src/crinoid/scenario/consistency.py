@@ -285,6 +285,14 @@ def _contact_conflicts(scenario: Scenario) -> Iterator[Mistake]:
             hint = "An oblique axis has an ellipse as its cut with the plane of the arm."
             must = "be [0, 1, 0] or a vector with y = 0"
             yield scenario.mistake(f"obstacle.{index}.axis", must, hint)
+        if obstacle.spinning_friction and arm.dimension == 2:
+            must = "be left out in the plane, where nothing turns about a normal"
+            yield scenario.mistake(f"obstacle.{index}.spinning_friction", must)
+        for name in ("rolling_friction", "spinning_friction"):
+            alone = len(obstacles) == 1 or not any(each.free for each in obstacles)
+            if getattr(obstacle, name) and alone:
+                must = "be left out without a free body and another obstacle that it touches"
+                yield scenario.mistake(f"obstacle.{index}.{name}", must, "Set a mass.")
     if (obstacles or scenario.contact.self_) and arm.section.diameter == 0:
         must = "be above 0 (m), the surface of contact"
         yield scenario.mistake("arm.section.diameter", must)

@@ -45,6 +45,15 @@ class _Obstacle(Model):
         (0.0, 0.0), 'Velocity of its drift; "flow": that of the water around it.'
     )
     friction: float = entry(0.0, "Coulomb's coefficient of friction.", ge=0)
+    rolling_friction: Metres = entry(
+        0.0,
+        "Moment against rolling over the force, of a free body and another one; of both the "
+        "larger value counts.",
+        ge=0,
+    )
+    spinning_friction: Metres = entry(
+        0.0, "Likewise against spinning about the normal of the surface, in space.", ge=0
+    )
 
     @property
     def free(self) -> bool:

@@ -37,7 +37,7 @@ Inertia = Annotated[
 class Tool(Model):
     """A rigid body at the tip: a gripper, a camera, a sample.
 
-    It is fixed to the last edge and turns with it. It does not touch obstacles.
+    It is fixed to the last edge and turns with it. With a radius it touches obstacles.
     """
 
     mass: Kilograms = Field(gt=0, description="Its mass.")
@@ -50,6 +50,12 @@ class Tool(Model):
         "about the arm's direction t and its directors m_1 and m_2.",
     )
     offset: Metres = entry(0.0, "Distance of its centre of mass beyond the tip.", ge=0)
+    radius: Metres | None = entry(
+        None,
+        "Radius of a ball about its centre of mass, by which it touches obstacles and is drawn; "
+        "it touches nothing by default.",
+        gt=0,
+    )
     from_: Seconds = entry(
         0.0, "Time when the tip picks it up; it moves like the tip then.", ge=0, alias="from"
     )
@@ -85,6 +91,9 @@ class Tool(Model):
             yield self.mistake("inertia")
         if self.until is not None and self.until <= self.from_:
             yield self.mistake("until", f"be after from = {self.from_} (s)")
+        if self.radius and (self.from_ or self.until is not None or self.touches):
+            hint = "A tool that touches is held all the time."
+            yield self.mistake("radius", "be left out with from, until and touches", hint)
         if self.take_at_touch is not None and self.take_at_touch == self.drop_at_touch:
             hint = "The arm still touches that obstacle when it has the tool."
             yield self.mistake("drop_at_touch", "differ from take_at_touch", hint)

@@ -201,6 +201,8 @@ BASIC = (
     range_rule("flow.*.roughness_length", 0.0, 1.0, "m", above="Is it in mm?"),
     range_rule("obstacle.*.velocity", 0.0, 5.0, "m/s", **_SPEED),
     range_rule("obstacle.*.friction", 0.0, 1.5, above="Rubber on rock has about 1."),
+    *(range_rule(f"obstacle.*.{kind}_friction", 0.0, 0.1, "m", above="Is it in mm?")
+      for kind in ("rolling", "spinning")),
     range_rule("tool.drag_area", 0.0, 10.0, "m2", above="Is it in cm2?"),
     range_rule("tool.added_mass", 0.0, 1e3, "kg", above="Is it in g?"),
     range_rule("chamber.*.time_constant", 0.0, 100.0, "s", above="Is it in ms?"),
@@ -301,6 +303,8 @@ DERIVED = (
                of=lambda facts, value, tool: tool.mass / value if value else None,
                below="Is it in litres or cm3?", above="Is it in km3?"),
     range_rule("tool.offset", 0.0, 3.0, "m", quantity="offset / arm.length",
+               of=lambda facts, value, _: value / facts.length, above="Is it in mm?"),
+    range_rule("tool.radius", 0.0, 3.0, "m", quantity="radius / arm.length",
                of=lambda facts, value, _: value / facts.length, above="Is it in mm?"),
     range_rule("tool.inertia", 0.0, 3.0, "kg m2", quantity="radius of gyration / arm.length",
                of=lambda facts, value, tool: (_largest(value) / tool.mass) ** 0.5 / facts.length,

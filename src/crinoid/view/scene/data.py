@@ -116,9 +116,9 @@ class ToolBall(NamedTuple):
 
     @staticmethod
     def of(table: Mapping[str, Any]) -> ToolBall:
-        """Return the ball of a tool's table: of its volume, or of its mass in steel."""
+        """Return the ball of a tool's table: its own, of its volume, or of its mass in steel."""
         volume = table.get("volume") or table["mass"] / _DENSE
-        radius = (3.0 * volume / (4.0 * math.pi)) ** (1 / 3)
+        radius = table.get("radius") or (3.0 * volume / (4.0 * math.pi)) ** (1 / 3)
         return ToolBall(radius, float(table.get("offset", 0.0)))
 
 
