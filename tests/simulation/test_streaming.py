@@ -258,6 +258,14 @@ def test_a_disk_that_fills_up_stops_a_run_and_loses_nothing_written(whole, tmp_p
     same(Result.load(tmp_path), whole)
 
 
+def test_a_result_has_no_strings_with_which_netcdf4_crashes_where_it_is_open_twice(whole, tmp_path):
+    whole.save(tmp_path)
+    with xr.open_dataset(tmp_path / "result.nc") as data, netCDF4.Dataset(data.encoding["source"]):
+        same(Result.load(tmp_path), whole)
+    with netCDF4.Dataset(tmp_path / "result.nc") as file:
+        assert str not in {each.dtype for each in file.variables.values()}
+
+
 def test_a_result_has_the_listed_variables(whole):
     without = ("obstacles", "bodies", "solids", "actuators", "lines", "tool", "vehicle")
     without += ("estimate", "self", "hull")

@@ -67,4 +67,12 @@ def test_means_are_over_the_seeds_of_each_combination():
     assert {"a": 1, "b": [1.0, 4], "measure": "max_error", "units": "m"}.items() <= row.items()
     assert row["low"] < row["mean"] < row["high"] < row["extreme"] < row["extreme_high"]
     assert mean_row(found[0], MEASURES["rms_error"])["extreme"] == ""
-    assert seed_means([{"a": 1}, {"a": 2}], {"rms_error": np.ones(2)}) == []
+
+
+def test_without_seeds_there_are_means_of_a_grid_only():
+    grid = [{"a": a, "b": b} for a in (1, 2) for b in (3, 4)]
+    found = seed_means(grid, {"rms_error": np.arange(4.0)})
+    assert [each.mean.value for each in found] == [0.0, 1.0, 2.0, 3.0]
+    assert all(np.isnan(each.mean.half) for each in found)
+    assert seed_means(grid[:3], {"rms_error": np.arange(3.0)}) == []
+    assert seed_means(grid[:1], {"rms_error": np.arange(1.0)}) == []

@@ -163,7 +163,7 @@ def test_means_over_the_seeds_are_in_a_table_and_a_file(arm, clean):
     np.testing.assert_allclose([float(found[0][end]) for end in ("low", "high")], ends)
     assert {row["measure"] for row in rows} > {"max_base_force", "max_strain"}
     shown = sweep(arm, clean, "--resume").stdout
-    assert "Mean and 95 % interval over 2 seeds" in shown
+    assert "Measures, mean and 95 % interval over 2 seeds" in shown
     assert "length (m)" in shown
 
 

@@ -17,7 +17,8 @@ from crinoid.flow import Flow, MeasuredPoint, MeasuredProfile
 from crinoid.flow.flow import panels_of
 from crinoid.numerics.piecewise import PiecewisePolynomial, between
 from crinoid.numerics.ramp import Onset
-from crinoid.scenario import FlowTable, Load, LoadTable, Scenario
+from crinoid.scenario import FlowTable, Load, LoadTable, Scenario, ScenarioError
+from crinoid.scenario.errors import got
 from crinoid.scenario.model import Model
 
 if TYPE_CHECKING:
@@ -80,6 +81,11 @@ load_onset = flow_onset = onset
 def load_numbers(load: Load, index: int, scenario: Scenario) -> tuple[Builder, Numbers]:
     """Return what builds the element of load ``index``, and its arguments after the rod."""
     builder, numbers = build_part(f"load {index}", 2, load.build, scenario)
+    if not any(isinstance(each, Onset) for each in numbers.values()):
+        for key in ("start", "ramp_time", "stop"):
+            if value := getattr(load, key):
+                hint = f"Kind {load.kind} has no onset: its build does not return load_onset(self)."
+                raise ScenarioError.of(f"load.{index}.{key}", got(value, "be left out", hint))
     return builder, {name: array_of_plain(value) for name, value in numbers.items()}
 
 

@@ -47,7 +47,7 @@ def require(condition: object, name: str, text: str) -> None:
 
 
 def build_part(
-    place: str, base: type | int, build: Callable[..., Any], *given: Any, **more: Any
+    place: str, base: type | int, build: Callable[..., Any], /, *given: Any, **more: Any
 ) -> Any:
     """Build a part of a class, or a tuple of so many; an error inside is one line."""
     name = part_name(build, place)
@@ -172,7 +172,7 @@ def _form_text(tree: Any) -> str:
     return " ".join(str(jax.tree.map(leaf, tree)).replace("'", "").split())
 
 
-def _call(name: str, function: Callable[..., Any], *given: Any, **more: Any) -> Any:
+def _call(name: str, function: Callable[..., Any], /, *given: Any, **more: Any) -> Any:
     """Call a function of a user, whose errors become one line."""
     try:
         return function(*given, **more)
@@ -189,6 +189,7 @@ def _cause(error: Exception) -> str:
             at = f" ({Path(frame.f_code.co_filename).name}, line {line})"
     leaked = isinstance(error, jax.errors.UnexpectedTracerError)
     if isinstance(error, jax.errors.JAXTypeError | jax.errors.JAXIndexError) and not leaked:
-        hint = "jnp.where in place of if, and jax.numpy in place of numpy"
+        hint = "jnp.where in place of if, and jax.numpy in place of numpy."
+        hint += " A number that chooses a node or a size is bound by functools.partial."
         return f"got a traced array where Python needs its value{at}; must use {hint}"
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}{at}"

@@ -132,8 +132,10 @@ def equilibrium(
     folder = folder_for(out, scenario, "-equilibrium", settings)
     with Loading():
         from crinoid.cli.analyses import show_equilibria
+        from crinoid.cli.display import say_absent
         from crinoid.cli.run import find_equilibrium
 
+    say_absent(described)
     if vary:
         end(show_equilibria(described, vary, folder, force=force))
         return

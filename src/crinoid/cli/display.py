@@ -83,12 +83,27 @@ def say_notes(notes: Iterable[str]) -> None:
 
 _ONSETS = ("flow", "load", "base", "target", "simulation")
 """Tables that decide from when on errors count."""
+_AIMS = ("target", "control")
+"""Tables that give the tip a target."""
 
 
 def say_when(scenario: Scenario, varied: Iterable[str] = ()) -> None:
-    """Print from when on errors count, where it is not the start and the same in all cases."""
+    """Print what errors count from: the start without a target, and a time after an onset."""
+    varied = list(varied)
+    if varied and not scenario.aims and not any(key.startswith(_AIMS) for key in varied):
+        say_notes(["there is no target: errors are displacements from the start"])
     if scenario.judged_from > 0 and not any(key.startswith(_ONSETS) for key in varied):
         say_notes([f"errors count from {scenario.judged_from:g} s (target.judged_from)"])
+
+
+def say_absent(scenario: Scenario) -> None:
+    """Name flows and loads without effect at t = 0."""
+    for name in ("flow", "load"):
+        for index, each in enumerate(getattr(scenario, name)):
+            if late := [key for key in ("start", "ramp_time") if getattr(each, key) > 0]:
+                where = f"{name}.{index}"
+                settings = " ".join(f"--set {where}.{key}=0" for key in late)
+                say_notes([f"{where} is 0 at t = 0, and has no effect here. Try {settings}"])
 
 
 def say_written(paths: Iterable[Path]) -> None:

@@ -12,6 +12,7 @@ from crinoid.cli.display import say_doubts
 from crinoid.cli.folder import check_own, claimed
 from crinoid.compilation import keep_programs
 from crinoid.foundation.atomic_file import atomic_write
+from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.metrics import measures_of
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
 from crinoid.studies.sweep import SweepDesign
@@ -29,7 +30,7 @@ class Finding(NamedTuple):
     def save(self, data: xr.Dataset) -> list[Path]:
         """Save and draw a dataset; return its files."""
         with atomic_write(self.path) as temporary:
-            data.to_netcdf(temporary, engine="netcdf4")
+            data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
         return [self.path, *write_report(self.path)]
 
     def write(self, name: str, text: str) -> Path:

@@ -121,7 +121,9 @@ def _tuning_notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
         if tuning.margin and not data["before_modulus_margin"] >= tuning.margin:
             notes.append("it costs more than before, as it had less margin then")
         elif tuning.random:
-            notes.append("in draws that were not tuned for it is worse: take more --seeds")
+            notes.append("in draws that were not tuned for it is worse: use more --seeds")
+    if held and held["after_error"].mean() > held["before_error"].mean():
+        notes.append("the tip error is not smaller: run tuned.toml, and read its notes on limits")
     return notes
 
 

@@ -94,7 +94,7 @@ class SeedTables:
         down, across = keys
         levels = {key: self._levels(key) for key in keys}
         rows = [[one, *(cells[one, other] for other in levels[across])] for one in levels[down]]
-        title = f"{head_of(name, unit)}, mean and 95 % interval over {_seeds(found)}"
+        title = f"{head_of(name, unit)}{_over_seeds(found)}"
         heads = [" | ".join(_key_heads(keys)), *levels[across]]
         return new_table(title, heads, rows, box=box.SIMPLE, pad_edge=False)
 
@@ -110,7 +110,7 @@ class SeedTables:
         heads = _key_heads(keys) + [
             head_of(name, unit) for name, (_, unit) in zip(names, columns, strict=True)
         ]
-        return _cut(f"Mean and 95 % interval over {_seeds(columns[0][0])}", heads, rows)
+        return _cut(f"Measures{_over_seeds(columns[0][0])}", heads, rows)
 
     def _extremes(self, keys: list[str]) -> Table:
         names = list(dict.fromkeys(each.name for each in self.means if each.extreme))
@@ -143,10 +143,11 @@ def _cut(title: str, heads: list[str], rows: list[list[str]]) -> Table:
     return table
 
 
-def _seeds(found: Sequence[SeedMean]) -> str:
+def _over_seeds(found: Sequence[SeedMean]) -> str:
     counts = [each.mean.seeds for each in found]
     least, most = min(counts), max(counts)
-    return counted(most, "seed") if least == most else f"{least} to {most} seeds"
+    seeds = counted(most, "seed") if least == most else f"{least} to {most} seeds"
+    return f", mean and 95 % interval over {seeds}" if most > 1 else ""
 
 
 def _words(value: Any) -> str:

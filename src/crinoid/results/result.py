@@ -19,6 +19,7 @@ from crinoid.foundation import display_hook
 from crinoid.foundation.atomic_file import FilePath, atomic_write
 from crinoid.foundation.result_variables import of_dimension
 from crinoid.foundation.status import Status
+from crinoid.foundation.text_variables import text_encoding
 from crinoid.foundation.version import __version__
 from crinoid.results.chunks import piece_length, pieces
 from crinoid.results.stream import (
@@ -245,6 +246,7 @@ class Result:
             for name in over_time
         }
         first = whole.isel(time=slice(0, length)).load()
+        encoding |= text_encoding(first)
         first.to_netcdf(path, engine="netcdf4", encoding=encoding, unlimited_dims=["time"])
         if whole.sizes["time"] > length:
             with netCDF4.Dataset(path, "a") as file:

@@ -1,6 +1,7 @@
 """Statistics over seeds: means with intervals, paired differences, extremes."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
@@ -89,14 +90,15 @@ def seed_means(
 ) -> list[SeedMean]:
     """Return means over the seeds, for each combination of the other keys and each measure.
 
-    Empty where no combination has two seeds. ``varied`` are the values of each run by key,
-    ``numbers`` the measures by name; those that are unknown in all runs are left out.
+    Empty where no combination has two seeds and the runs are not all combinations of some values.
+    ``varied`` are the values of each run by key, ``numbers`` the measures by name; those that are
+    unknown in all runs are left out.
     """
     others = [{key: each for key, each in run.items() if key != SEED} for run in varied]
     groups: dict[str, list[int]] = {}
     for run, values in enumerate(others):
-        groups.setdefault(json.dumps(values, default=str), []).append(run)
-    if max(map(len, groups.values()), default=0) < 2:
+        groups.setdefault(_text(values), []).append(run)
+    if max(map(len, groups.values()), default=0) < 2 and not _is_grid(others):
         return []
     known = {name: each for name, each in numbers.items() if np.isfinite(each).any()}
     return [
@@ -104,6 +106,16 @@ def seed_means(
         for runs in groups.values()
         for name, each in known.items()
     ]
+
+
+def _is_grid(runs: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether runs are all combinations of the values of their keys, each once."""
+    levels = [{_text(run[key]) for run in runs} for key in runs[0]] if runs else []
+    return len(runs) == math.prod(map(len, levels)) > 1
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, default=str)
 
 
 def _extreme(name: str, values: Float[np.ndarray, " seed"]) -> ReturnLevel | None:

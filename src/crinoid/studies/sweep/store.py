@@ -15,6 +15,7 @@ import xarray as xr
 from jaxtyping import Int
 
 from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
+from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.dataset import describe
 from crinoid.results.metrics import CASES, Measures, measures_of, write_rows
 from crinoid.scenario import ScenarioError, refusal
@@ -151,7 +152,7 @@ class SweepStore:
         data = tabulated(("run",), found, status, measures_of(plan.scenario))
         data = data.assign_coords(run=_numbered(batch.runs))
         with atomic_write(self._path(number)) as temporary:
-            data.to_netcdf(temporary, engine="netcdf4")
+            data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
 
     def collect(self, plan: SweepDesign) -> tuple[xr.Dataset, list[Path]]:
         """Write the study of all batches; return its dataset and files."""
@@ -166,9 +167,10 @@ class SweepStore:
             temporary.rename(path)
         else:
             with atomic_write(path) as temporary:
-                data.to_netcdf(temporary, engine="netcdf4")
+                data.to_netcdf(temporary, engine="netcdf4", encoding=text_encoding(data))
         registry = measures_of(plan.scenario)
-        table = data[[*registry, "status"]].to_dataframe().astype(object)
+        columns = data[[*registry, "status"]].reset_coords(drop=True)
+        table = columns.to_dataframe().astype(object)
         rows = enumerate(table.where(table.notna(), None).to_dict("records"), start=1)
         cases = (plan.row(run, row, row.pop("status"), plan.name(run)) for run, row in rows)
         write_rows(self.folder / CASES, cases)

@@ -22,11 +22,18 @@ _MOST_LEVELS = 24
 
 
 def means_keys(study: Study) -> list[Key]:
-    """Return the one or two keys over which means over seeds are drawn; else none."""
+    """Return the one or two keys over which means over seeds are drawn; else none.
+
+    Without seeds the cases must be all combinations of the values of the keys, each once.
+    """
     keys = [key for key in study.varied if key.name != SEED]
-    seeded = len(keys) < len(study.varied)
+    whole = len(study.names) == math.prod(len(key.levels) for key in keys)
     fits = 1 <= len(keys) <= 2 and all(len(key.levels) <= _MOST_LEVELS for key in keys)
-    return keys if seeded and fits else []
+    return keys if fits and (whole or _seeded(study)) else []
+
+
+def _seeded(study: Study) -> bool:
+    return any(key.name == SEED for key in study.varied)
 
 
 def draw_means(study: Study, title: str) -> Figure:
@@ -42,9 +49,10 @@ def draw_means(study: Study, title: str) -> Figure:
     rows = math.ceil(len(shown) / _COLUMNS)
     figure = Figure(figsize=(style.WIDTH, 0.4 + 2.7 * rows), layout="constrained")
     style.head(figure, title, "ok")
-    runs = "" if len(keys) == 2 else "; points: runs"
-    words = f"means over seeds and their 95 % intervals{runs}"
-    figure.supxlabel(words, fontsize=8.5, color=style.GREY)
+    if _seeded(study):
+        runs = "" if len(keys) == 2 else "; points: runs"
+        words = f"means over seeds and their 95 % intervals{runs}"
+        figure.supxlabel(words, fontsize=8.5, color=style.GREY)
     grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
     for axes, name in zip(grid, shown, strict=False):
         (_draw_grid if len(keys) == 2 else _draw_line)(axes, known[name], *keys)
