@@ -47,7 +47,7 @@ class LiveScene:
         self.axes = (0, 2) if self._planar else (0, 1, 2)  # axes of space in which the arm moves
         self._diameter = np.maximum(scenario.arm.diameters, 0.008 * self._length)
         tables = scenario.to_dict()
-        held = {name: tables[name] for name in ("base", "vehicle") if name in tables}
+        held = {name: tables[name] for name in tables if name in ("base", "vehicle")}
         self._channels, self._text = CHANNELS[scenario.arm.dimension], tomli_w.dumps(held)
         self._obstacles = {str(i): table for i, table in enumerate(tables.get("obstacle", []))}
         self._solids = {
