@@ -101,6 +101,7 @@ PICTURES = (
     _report("debris-strike.png", "debris-strike", "Balls drift into the arm."),
     _report("ship-motion.png", "ship-motion", "The arm below a ship, with and without control."),
     _report("station-keeping-3d.png", "station-keeping-3d", "In space, across a swell."),
+    _report("reef.png", "reef", "An arm rests on a rock, and holds its tip in a swell."),
     _report("spiral.png", "spiral", "A coil that was pulled straight winds up.", "bending.png"),
     Picture(
         "compare.png",

@@ -40,3 +40,15 @@ def test_a_submarine_rides_in_a_swell_and_its_arm_holds_the_tip():
     moved = result.uncontrolled.dataset["tip_position"].sel(time=slice(5.0, None))
     assert np.ptp(moved.sel(axis="y").values) > 0.3  # it rides along
     assert tip_error(result).rms < 0.15 * tip_error(result.uncontrolled).rms
+
+
+def test_an_arm_that_rests_on_a_reef_holds_its_tip():
+    pytest.importorskip("trimesh", reason="needs trimesh")
+    result = crinoid.simulate(crinoid.load("reef"))
+    data, free = result.dataset, result.uncontrolled.dataset
+    assert data.attrs["status"] == "ok"
+    # rubbed all along, and never into the rock
+    assert float(data["contact_time"][-1, 0]) > 0.9 * float(data["time"][-1])
+    assert float(data["contact_closest"][-1].min()) > 0.0
+    assert np.ptp(free["tip_position"].sel(axis="y").values) > 0.04
+    assert tip_error(result).rms < 0.3 * tip_error(result.uncontrolled).rms

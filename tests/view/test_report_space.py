@@ -89,7 +89,11 @@ def test_a_result_of_shapes_alone_is_drawn(tmp_path):
 
 
 def test_solids_and_a_hull_are_drawn(tmp_path):
-    assert_drawn(Run(among_solids(records=7)), tmp_path, draw_sheet)
+    run = Run(among_solids(records=7))
+    assert_drawn(run, tmp_path, draw_sheet)
+    (side,) = panels(draw_sheet(run))["from the side"]
+    rock = next(text for text in side.texts if text.get_text() == "0")
+    assert rock.xy == pytest.approx([0.35, -10.1])
 
 
 @pytest.mark.slow

@@ -85,6 +85,8 @@ def draw_obstacles(
             order = 0.95 if _is_behind(obstacle, arm, view) else 1.2
         if obstacle.solid is not None:
             _draw_solid(axes, obstacle, view, order, label)
+            if len(obstacles) > 1 and obstacle.kind == "mesh":
+                _write_name(axes, obstacle, low, high, view)
             continue
         outline = obstacle_outline(obstacle, -1, low, high, view)
         shows = outline.size and np.all((outline.min(0) < window[1]) & (outline.max(0) > window[0]))
@@ -132,6 +134,8 @@ def _write_name(axes: Axes, obstacle: Obstacle, low: Point, high: Point, view: V
         at = seen[np.argmax(seen @ [1.0, -1.0])] + 1.5 * inset * np.array([-1.0, 1.0])
     else:
         place = obstacle.path[-1]
+        if obstacle.solid is not None:
+            place = place + obstacle.solid.points.mean(axis=0)
         wall = obstacle.kind == "plane"
         if wall or np.any((view.paper(place) < window[0]) | (view.paper(place) > window[1])):
             place = obstacle.nearest(-1, (low + high) / 2)
