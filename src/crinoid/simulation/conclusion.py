@@ -192,9 +192,13 @@ def _finite(system: System, state: State | None, step: Array) -> list[Bool[Array
 def _nearest(system: System, state: State) -> str:
     """Describe the smallest distance of the arm from obstacles, itself and the hull."""
     gaps = np.zeros(0) if state.gap is None else np.min(np.asarray(state.gap), axis=1)
+    rows, axes = state.motion.position, system.forces.axes
     far = [
-        (float(np.min(gap)), "the hull" if isinstance(each, Hull) else "itself")
-        for each, gap in zip(system.forces.far_contacts, state.far_gaps, strict=True)
+        (
+            float(jnp.min(each.distances(rows, axes))),
+            "the hull" if isinstance(each, Hull) else "itself",
+        )
+        for each in state.remembered(system.forces).far_contacts
     ]
     near, word = min(far, default=(np.inf, ""))
     if near < gaps.min(initial=np.inf):
