@@ -184,8 +184,8 @@ class Tangent(eqx.Module):
             both = jnp.linalg.solve(self._dense(far), _joined(nodes, extra))
             return _split(both, nodes.shape)
 
-        found = jax.lax.cond(self.touches, whole, lambda: apart(nodes, extra))
-        return layout.scatter(*found, rhs.shape)
+        nodes, extra = jax.lax.cond(self.touches, whole, lambda: apart(nodes, extra))
+        return layout.scatter(nodes, extra, rhs.shape)
 
     def _solve_apart(self, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
         """Solve without contact of far parts."""
