@@ -83,4 +83,4 @@ def solve_afloat(system, drive, noise, rhs):
     tangent = forces.tangent(stage, forces.motion(stage, noise[2], around), around)
     solved = tangent.solve(rhs)
     product = jax.jvp(residual, (noise[2],), (solved,))[1]
-    return solved, tangent.factorise().solve(rhs), product, tangent.on_held(solved)
+    return solved, tangent.solve_by(tangent.factorise(), rhs), product, tangent.on_held(solved)

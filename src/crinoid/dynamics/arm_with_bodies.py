@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.arm import Arm
 from crinoid.dynamics.far_contact import FarContact
@@ -138,3 +138,8 @@ class ArmWithBodies(Arm):
     def far_gaps(self, rows: Rows) -> tuple[Array, ...]:
         """Return the gaps of the contacts of far parts (m)."""
         return tuple(each.gaps(rows, self.axes) for each in self.far_contacts_at(rows))
+
+    def touches(self, rows: Rows) -> Bool[Array, ""]:
+        """Return whether far parts are in contact."""
+        gaps = zip(self.far_contacts, self.far_gaps(rows), strict=True)
+        return jnp.any(jnp.stack([jnp.any(gap < far.contact.skin) for far, gap in gaps]))

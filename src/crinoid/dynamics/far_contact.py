@@ -22,7 +22,7 @@ NODES = 4
 class FarContact(eqx.Module):
     """Contact that couples nodes beyond the bands of the tangent.
 
-    It acts on windows of nodes. All gaps are known at any time.
+    It acts on windows of nodes.
     """
 
     contact: eqx.AbstractVar[SelfContact | HullContact]
@@ -45,8 +45,8 @@ class FarContact(eqx.Module):
         """Return the squared relative displacement of each window (m2), and its radii added (m)."""
 
     @abstractmethod
-    def touch(self, motion: Motion, gaps: Float[Array, " w"]) -> Any:
-        """Return the contact of each edge, given the ``gaps`` of the windows (m)."""
+    def touch(self, motion: Motion) -> Any:
+        """Return the contact of each edge."""
 
     def turned(self, attitude: Float[Array, "d d"] | None) -> "FarContact":
         """Return the contact at an attitude of the vehicle."""
@@ -61,6 +61,10 @@ class FarContact(eqx.Module):
         return rows
 
     def gaps(self, rows: Rows, axes: int) -> Float[Array, " w"]:
+        """Return the gap of each window, or lower bounds where none presses (m)."""
+        return self.distances(rows, axes)
+
+    def distances(self, rows: Rows, axes: int) -> Float[Array, " w"]:
         """Return the gap of each window (m)."""
         places = self.positions(rows)[self.nodes, :axes]
         return jax.vmap(lambda contact, place: contact.gap(place))(self.contact, places)

@@ -87,9 +87,9 @@ class Hull(FarContact):
         points = rows[CENTRE, :axes] + product(self.axis, self.attitude.T)
         return jnp.concatenate([rows, jnp.pad(points, ((0, 0), (0, rows.shape[1] - axes)))])
 
-    def touch(self, motion: Motion, gaps: Float[Array, " far"]) -> HullTouch:
-        """Return gap and force of each edge, given the ``gaps`` of the far ones (m)."""
+    def touch(self, motion: Motion) -> HullTouch:
         axes, near = motion.flow_velocity.shape[-1], self.first_edge
+        gaps = self.distances(motion.position, axes)
         _, _, window = self.nearest(motion, gaps)
         forces = jax.vmap(lambda one, there: one.on_edge(there))(self.contact, window)
         force = jnp.sum(forces[..., :axes], axis=1)

@@ -1,5 +1,6 @@
 """Newton's method on the balance of forces, with the derivative of its solution."""
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -48,6 +49,10 @@ class Balance(eqx.Module):
         """Return the residual, and the largest single force in it of each column (N)."""
         motion = self.forces.motion(self.stage, correction, self.around)
         return self.forces.residual(motion, self.load_factor)
+
+    def touches(self, correction: Rows) -> Bool[Array, ""]:
+        """Return whether far parts of the arm are in contact."""
+        return self.forces.touches(self.forces.motion(self.stage, correction, self.around).position)
 
     @eqx.filter_jit
     def tangent(self, correction: Rows) -> Tangent:
@@ -105,7 +110,8 @@ class ReusedTangent(eqx.Module):
 
     tangent: TangentFactors
     contraction: Float[Array, ""]
-    """Factor on the imbalance in an iteration with it; 1 without a tangent."""
+    """Factor on the imbalance in an iteration with it; 1 without a tangent, infinite where far
+    parts touch."""
     by_acceleration: Float[Array, ""]
     """Factor of the acceleration in its stage (1/s2), which detects another step length."""
 
@@ -114,9 +120,7 @@ class ReusedTangent(eqx.Module):
         """Return the tangent before the first solve: none."""
         nodes, size = forces.nodes(rows).shape
         lines = 0 if forces.lines is None else forces.lines.rest.size
-        tangent = TangentFactors.blank(
-            nodes, size, forces.extra(size), lines, dense=bool(forces.far_contacts)
-        )
+        tangent = TangentFactors.blank(nodes, size, forces.extra(size), lines)
         return ReusedTangent(tangent, jnp.ones(()), jnp.zeros(()))
 
 
@@ -134,6 +138,8 @@ class _Iteration(eqx.Module):
     """Tangent of the last iteration, perhaps good enough for the next."""
     contraction: Float[Array, ""]
     """Factor on the imbalance in the last iteration."""
+    touches: Bool[Array, ""]
+    """Whether that iteration had contact of far parts, with which no tangent serves again."""
     refresh: Bool[Array, ""]
     """Whether the tangent must be, or is, one of this step."""
     done: Bool[Array, ""]
@@ -176,6 +182,47 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
     # shapes where it sticks; a static solve, which has none, limits its turns and must pass larger
     # imbalances
     searches = (bool(forces.far_contacts) or forces.turns) and settings.max_turn is None
+    none = Outcome.of_nothing(converged=False)
+    start = _Iteration(
+        guess,
+        jnp.zeros_like(guess),
+        eqx.tree_at(lambda o: o.residual, none, jnp.asarray(jnp.inf)),
+        jnp.asarray(0),
+        reused.tangent,
+        jnp.where(reused.by_acceleration == stage.by_acceleration, reused.contraction, 1.0),
+        jnp.asarray(False),
+        jnp.asarray(False),
+        jnp.asarray(False),
+        jnp.zeros_like(guess) if searches else None,
+    )
+    wasted = jnp.asarray(0)
+    if forces.far_contacts and searches:
+        # XLA makes one kernel of a loop without the scatters and the dense solver of far parts: so
+        # first without them, unless some touched before. In statics an arm could pass itself
+        alone = replace(balance, forces=replace(forces, far_contacts=()))
+        touched = jnp.isinf(reused.contraction)
+        found = _loop(alone, guess, settings, replace(start, done=touched))
+        again = touched | balance.touches(found.correction) | ~found.outcome.converged
+        wasted = jnp.where(again, found.count, 0)
+        start = replace(
+            found,
+            correction=jnp.where(again, guess, found.correction),
+            count=jnp.where(again, 0, found.count),
+            contraction=jnp.where(again, 1.0, found.contraction),
+            refresh=found.refresh & ~again,
+            done=~again,
+        )
+    end = _loop(balance, guess, settings, start)
+    outcome = eqx.tree_at(lambda o: o.iterations, end.outcome, end.count + wasted)
+    # contact of far parts is not in the factors that are kept
+    contraction = jnp.where(end.touches, jnp.inf, jnp.maximum(end.contraction, _AGED))
+    reused = ReusedTangent(end.tangent, contraction, stage.by_acceleration)
+    return end.correction, end.residual[:BOUNDARY_NODES], outcome, reused
+
+
+def _loop(balance: Balance, guess: Rows, settings: Settings, start: _Iteration) -> _Iteration:
+    forces, stage = balance.forces, balance.stage
+    searches = start.change is not None
 
     def unfinished(carry: _Iteration) -> Bool[Array, ""]:
         return ~carry.done
@@ -191,7 +238,7 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
         allowed = settings.tolerance * outcome.scale + _NOISE * settings.floor
         # a reused tangent may need two iterations: they cost less than one with a new tangent
         left_over = jnp.where(carry.count > 0, contraction, contraction**2) * outcome.residual
-        suffices = _MARGIN * left_over <= allowed
+        suffices = (_MARGIN * left_over <= allowed) & ~carry.touches
         stalled = outcome.converged & carry.refresh & (contraction > _STALLED)
         # the tangent of an earlier step failed: back to the guess, with one of this step
         astray = (carry.count > 0) & ~carry.refresh & ~(contraction < 1.0)
@@ -202,25 +249,32 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
         # back by half of the last change, while it gains nothing
         worse = searches & (carry.count > 0) & carry.refresh & ~done & ~(contraction < 1.0)
 
-        def correct(one: tuple[Rows, TangentFactors, Array]) -> tuple[Rows, TangentFactors, Array]:
-            correction, tangent, _ = one
-            tangent = jax.lax.cond(
+        def correct(one: tuple[Rows, TangentFactors, Array, Array]) -> Any:
+            correction, tangent, _, _ = one
+
+            def renewed() -> tuple[TangentFactors, Rows, Array]:
+                whole = balance.tangent(correction)
+                factors = whole.factorise()
+                return factors, whole.solve_by(factors, -residual), whole.touches
+
+            tangent, change, touches = jax.lax.cond(
                 suffices,
-                lambda: tangent,
-                lambda: balance.tangent(correction).factorise(),
+                lambda: (tangent, tangent.solve(-residual), jnp.asarray(False)),
+                renewed,
             )
-            change = tangent.solve(-residual)
             if settings.max_turn is not None:
                 nodes = forces.nodes(stage.position)
                 turn = _largest_turn(nodes, forces.nodes(change), forces.axes)
                 change *= jnp.minimum(1.0, settings.max_turn / turn)
             if settings.max_move is not None:
                 change *= jnp.minimum(1.0, settings.max_move / _largest(change[:, : forces.axes]))
-            return correction + change, tangent, jnp.asarray(False)
+            return correction + change, tangent, touches, jnp.asarray(False)
 
         # a loop of one pass or none: `cond` in a batch would compute both branches
-        following, tangent, _ = jax.lax.while_loop(
-            lambda one: one[2], correct, (correction, carry.tangent, ~(done | astray | worse))
+        following, tangent, touches, _ = jax.lax.while_loop(
+            lambda one: one[3],
+            correct,
+            (correction, carry.tangent, carry.touches, ~(done | astray | worse)),
         )
         back = astray & ~done
         following = jnp.where(back, guess, following)
@@ -237,25 +291,19 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
         refresh = carry.refresh | astray | ~suffices
         count = carry.count + ~done
         return _Iteration(
-            following, residual, outcome, count, tangent, contraction, refresh, done, change
+            following,
+            residual,
+            outcome,
+            count,
+            tangent,
+            contraction,
+            touches,
+            refresh,
+            done,
+            change,
         )
 
-    none = Outcome.of_nothing(converged=False)
-    start = _Iteration(
-        guess,
-        jnp.zeros_like(guess),
-        eqx.tree_at(lambda o: o.residual, none, jnp.asarray(jnp.inf)),
-        jnp.asarray(0),
-        reused.tangent,
-        jnp.where(reused.by_acceleration == stage.by_acceleration, reused.contraction, 1.0),
-        jnp.asarray(False),
-        jnp.asarray(False),
-        jnp.zeros_like(guess) if searches else None,
-    )
-    end = jax.lax.while_loop(unfinished, iterate, start)
-    outcome = eqx.tree_at(lambda o: o.iterations, end.outcome, end.count)
-    reused = ReusedTangent(end.tangent, jnp.maximum(end.contraction, _AGED), stage.by_acceleration)
-    return end.correction, end.residual[:BOUNDARY_NODES], outcome, reused
+    return jax.lax.while_loop(unfinished, iterate, start)
 
 
 @solve.def_jvp

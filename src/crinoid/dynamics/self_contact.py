@@ -5,7 +5,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from crinoid.dynamics.far_contact import FarContact, Rows, Windows
 from crinoid.dynamics.rows import ROOT
@@ -64,9 +64,21 @@ class FarEdges(FarContact):
         """Largest number of pairs with a force."""
         return min(len(self.nodes), CANDIDATES * len(self.beyond))
 
-    def touch(self, motion: Motion, gaps: Float[Array, " pair"]) -> SelfTouch:
-        """Return gap and force of each edge, given the ``gaps`` of the pairs (m)."""
+    def gaps(self, rows: Rows, axes: int) -> Float[Array, " pair"]:
+        nodes = rows[ROOT : ROOT + len(self.beyond) + 1, :axes]
+        middle, edge = 0.5 * (nodes[1:] + nodes[:-1]), nodes[1:] - nodes[:-1]
+        reach = 0.5 * jnp.sqrt(jnp.sum(edge**2, axis=1))
+        one, other = self.edges.T
+        apart = jnp.sum((middle[one] - middle[other]) ** 2, axis=1)
+        # by the balls around both: cheap, and nearly always enough
+        within = reach[one] + reach[other] + jnp.sum(self.contact.radii, axis=1)
+        bound = jnp.sqrt(apart + jnp.finfo(float).tiny) - within
+        near = jnp.any(bound < self.contact.skin)
+        return jax.lax.cond(near, lambda: self.distances(rows, axes), lambda: bound)
+
+    def touch(self, motion: Motion) -> SelfTouch:
         axes, count = motion.flow_velocity.shape[-1], len(self.beyond)
+        gaps = self.distances(motion.position, axes)
         edges = jnp.asarray(self.edges)
         gap = jnp.full(count, jnp.inf).at[edges].min(gaps[:, None])
         contact, nodes, window = self.nearest(motion, gaps)
@@ -74,6 +86,20 @@ class FarEdges(FarContact):
         on_edges = jnp.sum(forces[..., :axes].reshape(-1, 2, 2, axes), axis=2)
         force = jnp.zeros((count, axes)).at[nodes[:, ::2] - ROOT].add(on_edges)
         return SelfTouch(gap, force, jnp.sum(gaps < self.contact.skin))
+
+    def resolved(
+        self,
+        moved: Rows,
+        before: Float[Array, " pair"],
+        after: Float[Array, " pair"],
+        step: Array,
+    ) -> Bool[Array, ""]:
+        nodes = moved[ROOT : ROOT + len(self.beyond) + 1]
+        farthest = 2 * jnp.sqrt(jnp.max(jnp.sum((nodes - nodes[0]) ** 2, axis=1)))
+        apart = jnp.minimum(before, after) > self.contact.skin
+        room = before + 0.5 * jnp.sum(self.contact.radii, axis=1)
+        still, exactly = jnp.all(apart & (farthest <= room)), super().resolved
+        return jax.lax.cond(still, lambda: still, lambda: exactly(moved, before, after, step))
 
     def travel(self, moved: Rows) -> tuple[Array, Array]:
         ends = moved[self.nodes]

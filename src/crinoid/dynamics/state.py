@@ -54,8 +54,8 @@ class State(eqx.Module):
     grip
         Grip of a tool, if touches take it up or let it go.
     far_gaps
-        Distances of the surfaces in each contact of far parts (m;
-        `crinoid.dynamics.FarContact`).
+        Distances of the surfaces in each contact of far parts, or lower bounds where none
+        presses (m; `crinoid.dynamics.FarContact`).
     obstacle_attitude
         Matrix from the axes of each obstacle to those of the world, where some are free.
     body_gap

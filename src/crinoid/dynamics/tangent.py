@@ -7,8 +7,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import lu_factor, lu_solve
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.numerics import banded
@@ -102,22 +101,6 @@ class BlockElimination(eqx.Module):
         return alone - product(self.followed, moved), moved
 
 
-class DenseFactors(eqx.Module):
-    """LU factors of a tangent without bands: that of an arm in contact with itself."""
-
-    lu: Float[Array, "m m"]
-    pivots: Int[Array, " m"]
-
-    @staticmethod
-    def of(matrix: Float[Array, "m m"]) -> "DenseFactors":
-        """Factorise a matrix."""
-        return DenseFactors(*lu_factor(matrix))
-
-    def solve(self, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
-        """Solve for the nodes and the other unknowns."""
-        return _split(lu_solve((self.lu, self.pivots), _joined(nodes, extra)), nodes.shape)
-
-
 def _joined(nodes: Rows, extra: Extra) -> Float[Array, " m"]:
     return jnp.concatenate([nodes.reshape(-1), extra])
 
@@ -128,22 +111,16 @@ def _split(both: Float[Array, " m"], shape: tuple[int, ...]) -> tuple[Rows, Extr
 
 
 class TangentFactors(eqx.Module):
-    """Factorised tangent."""
+    """Factorised tangent, without contact of far parts."""
 
-    matrix: BlockElimination | DenseFactors
+    matrix: BlockElimination
     layout: UnknownLayout
 
     @staticmethod
-    def blank(
-        nodes: int, size: int, extra: tuple[int, ...], lines: int, *, dense: bool
-    ) -> "TangentFactors":
+    def blank(nodes: int, size: int, extra: tuple[int, ...], lines: int) -> "TangentFactors":
         """Return factors of zeros in the shape of a tangent."""
         free, p = nodes - BOUNDARY_NODES, len(extra) + lines
         layout = UnknownLayout(nodes, extra, lines)
-        if dense:
-            count = free * size + p
-            factors = DenseFactors(jnp.zeros((count, count)), jnp.zeros(count, jnp.int32))
-            return TangentFactors(factors, layout)
         parts: tuple[Array | None, ...] = (None, None, None)
         if p:
             parts = tuple(map(jnp.zeros, ((p, free * size), (free, size, p), (p, p))))
@@ -179,31 +156,50 @@ class Tangent(eqx.Module):
 
     def solve(self, rhs: Rows) -> Rows:
         """Solve for the unknowns; the other rows are zero."""
-        bands, layout = self.bands[BOUNDARY_NODES:], self._layout
+        return self._solve(rhs, self._solve_apart)
+
+    def solve_by(self, factors: TangentFactors, rhs: Rows) -> Rows:
+        """Solve by the factors of this tangent, as far as they serve."""
+        return self._solve(rhs, factors.matrix.solve)
+
+    def factorise(self) -> TangentFactors:
+        """Return the factors of the tangent, without contact of far parts."""
+        border = None if self.border is None else self.border.of_free()
+        matrix = BlockElimination.of(self.bands[BOUNDARY_NODES:], border)
+        return TangentFactors(matrix, self._layout)
+
+    @property
+    def touches(self) -> Bool[Array, ""]:
+        """Whether far parts are in contact."""
+        return jnp.asarray(False) if self.far is None else jnp.any(self.far != 0)
+
+    def _solve(self, rhs: Rows, apart: Callable[[Rows, Extra], tuple[Rows, Extra]]) -> Rows:
+        """Solve, by a function that serves while no far parts are in contact."""
+        layout, far = self._layout, self.far
         nodes, extra = layout.gather(rhs)
-        if self.far is not None:
-            both = jnp.linalg.solve(self._dense(self.far), _joined(nodes, extra))
-            return layout.scatter(*_split(both, nodes.shape), rhs.shape)
+        if far is None:
+            return layout.scatter(*apart(nodes, extra), rhs.shape)
+
+        def whole() -> tuple[Rows, Extra]:
+            both = jnp.linalg.solve(self._dense(far), _joined(nodes, extra))
+            return _split(both, nodes.shape)
+
+        nodes, extra = jax.lax.cond(self.touches, whole, lambda: apart(nodes, extra))
+        return layout.scatter(nodes, extra, rhs.shape)
+
+    def _solve_apart(self, nodes: Rows, extra: Extra) -> tuple[Rows, Extra]:
+        """Solve without contact of far parts."""
+        bands = self.bands[BOUNDARY_NODES:]
         if self.border is None:
-            return layout.scatter(banded.solve(bands, nodes), extra, rhs.shape)
+            return banded.solve(bands, nodes), extra
         border = self.border.of_free()
-        nodes, extra = jax.lax.custom_linear_solve(
+        return jax.lax.custom_linear_solve(
             lambda x: _matvec(bands, border, *x),
             (nodes, extra),
             solve=lambda _, b: BlockElimination.of(bands, border).solve(*b),
             transpose_solve=lambda _, b: BlockElimination.of(
                 banded.transpose(bands), border.transposed()
             ).solve(*b),
-        )
-        return layout.scatter(nodes, extra, rhs.shape)
-
-    def factorise(self) -> TangentFactors:
-        """Return the factors of the tangent."""
-        if self.far is not None:
-            return TangentFactors(DenseFactors.of(self._dense(self.far)), self._layout)
-        border = None if self.border is None else self.border.of_free()
-        return TangentFactors(
-            BlockElimination.of(self.bands[BOUNDARY_NODES:], border), self._layout
         )
 
     def _dense(self, far: Float[Array, "n b n b"]) -> Float[Array, "m m"]:

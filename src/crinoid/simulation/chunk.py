@@ -31,8 +31,7 @@ def record(loop: Loop, carry: LoopState) -> Record:
         for sensor, samples in zip(loop.sensors, carry.sensors, strict=True)
     ]
     spatial = state.frames is not None
-    far = zip(remembered.far_contacts, state.far_gaps, strict=True)
-    touches = {type(each): each.touch(state.motion, gaps) for each, gaps in far}
+    touches = {type(each): each.touch(state.motion) for each in remembered.far_contacts}
     estimate, estimate_time = loop.estimate(carry)
     return Record(
         time=state.time,
