@@ -8,10 +8,12 @@ from __future__ import annotations
 import os
 import re
 import sys
+from functools import partialmethod
 from pathlib import Path
 from typing import Any
 
 from docutils import nodes
+from nbclient import NotebookClient
 from pydantic import BaseModel
 from pygments.lexers.special import TextLexer
 
@@ -46,6 +48,8 @@ nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
+# outputs arrive in chunks, which MyST-NB alone joins by line breaks
+NotebookClient.__init__ = partialmethod(NotebookClient.__init__, coalesce_streams=True)
 os.environ["TTY_COMPATIBLE"] = "0"  # no progress bars, which a kernel asks for
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 

@@ -36,8 +36,8 @@ def test_what_is_wrong_is_said_with_its_remedy(monkeypatch, tmp_path):
     assert ended.stderr.startswith(
         "crinoid: this installation computes another motion: tip at [0.4"
     )
-    assert 'note: viser: pip install "crinoid[live]"' in ended.stdout
-    assert 'note: optax: pip install "crinoid[learn]"' in ended.stdout
+    assert 'pip install "crinoid[live]"' in ended.stdout
+    assert 'pip install "crinoid[learn]"' in ended.stdout
     assert "note: only 3 MB are free where results are written" in ended.stdout
 
 

@@ -43,7 +43,7 @@ def examine() -> str:
     keep_programs()
     notes: list[str] = []
     console.print(_about())
-    console.print(_parts(notes))
+    console.print(_parts())
     console.print(_places(notes))
     wrong = _solve()
     say_notes(notes)
@@ -56,8 +56,8 @@ def _about() -> Table:
     return new_table("Versions and devices", ("", ""), rows)
 
 
-def _parts(notes: list[str]) -> Table:
-    """Return the packages of optional parts, and note commands that install missing ones."""
+def _parts() -> Table:
+    """Return the packages of optional parts, and commands that install missing ones."""
     parts: dict[str, list[str]] = defaultdict(list)
     for each in requires("crinoid") or ():
         found = _EXTRA.match(each)
@@ -67,10 +67,9 @@ def _parts(notes: list[str]) -> Table:
     for part, names in sorted(parts.items()):
         lacking = [name for name in names if not version_of(name)]
         there = [f"{name} {version_of(name)}" for name in names if name not in lacking]
-        rows.append((part, ", ".join(there) or "-"))
-        if lacking:
-            notes.append(f'{", ".join(lacking)}: pip install "crinoid[{part}]"')
-    return new_table("Optional parts", ("", "installed"), rows)
+        remedy = f'pip install "crinoid[{part}]"' if lacking else ""
+        rows.append((part, ", ".join(there) or "-", remedy))
+    return new_table("Optional parts", ("", "installed", "to install the rest"), rows)
 
 
 def _places(notes: list[str]) -> Table:

@@ -198,7 +198,7 @@ class UniformFlow(FlowTable):
     """The same velocity everywhere."""
 
     kind: Literal["uniform"] = entry("uniform", "The same velocity everywhere.")
-    velocity: Velocity = Field(description="Velocity.")
+    velocity: Velocity = Field(description="Velocity: where the water moves to.")
 
     @property
     def uniform_mean(self) -> tuple[float, ...]:
