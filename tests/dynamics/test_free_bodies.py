@@ -197,6 +197,20 @@ def test_free_bodies_that_overlap_by_more_than_the_skin_are_refused(by, touching
         crinoid.simulate(scenario)
 
 
+@pytest.mark.parametrize(
+    ("key", "mass", "message"),
+    [
+        ("rolling_friction", None, "be left out without a free body and another obstacle"),
+        ("spinning_friction", 0.5, "be left out in the plane"),
+    ],
+)
+def test_resistance_that_nothing_feels_is_refused(key, mass, message):
+    ball = {"kind": "sphere", "position": [1.0, -10.0], "radius": RADIUS, "mass": mass, key: 1e-3}
+    plane = {"kind": "plane", "position": [0.0, -11.0], "normal": [0.0, 1.0]}
+    with pytest.raises(crinoid.ScenarioError, match=rf"obstacle\.0\.{key}: .*{message}"):
+        crinoid.Scenario.from_dict({"obstacle": [ball, plane]})
+
+
 @both
 def test_a_body_with_a_heavy_bottom_swings_as_on_paper(axes):
     height, density, rate = 0.01, 1000.0, 1.0
