@@ -173,9 +173,17 @@ PLACES = {
 """How a function becomes a part, and what it is called in a message."""
 
 
+def test_further_arguments_of_a_part_may_have_any_names():
+    def built(rod, *, place, name, base):
+        return rod + place + name + base
+
+    assert build_part("load 0", int, built, 1, place=2, name=3, base=4) == 10
+
+
 VALUE = (
     r"got a traced array where Python needs its value \(test_door.py, line \d+\); must use "
-    "jnp.where in place of if, and jax.numpy in place of numpy"
+    "jnp.where in place of if, and jax.numpy in place of numpy. "
+    "A number that chooses a node or a size is bound by functools.partial."
 )
 CAUSE = r"KeyError: 'kelp' \(test_door.py, line \d+\)"
 
@@ -387,7 +395,8 @@ def test_a_command_names_the_mistake_in_one_line_and_exits_with_2(tmp_path):
     assert ended.stdout.splitlines() == [
         "2 crinoid: kelp:KelpFlow.build (flow 0): OSError: no map (kelp.py, line 17)",
         "2 crinoid: kelp:Kelp (flow 0) fully_on: got a traced array where Python needs its value "
-        "(kelp.py, line 10); must use jnp.where in place of if, and jax.numpy in place of numpy",
+        "(kelp.py, line 10); must use jnp.where in place of if, and jax.numpy in place of numpy. "
+        "A number that chooses a node or a size is bound by functools.partial.",
     ]
 
 
