@@ -29,6 +29,10 @@ REGULAR = "flow=[{kind='regular-wave', height=?"
 WAVES = "flow=[{kind='waves', significant_height=?"
 BALL = "[0.4, -9.5], radius=0.05, "
 SPHERE = "obstacle=[{kind='sphere', position=?}]"
+ROLLING = (
+    "obstacle=[{kind='sphere', position=[0.4, -9.5], radius=0.05, mass=0.5, rolling_friction=?}, "
+    "{kind='plane', position=[0, -9.6], normal=[0, 1]}]"
+)
 VEHICLE = "vehicle={mass=50.0, inertia=?}"
 CHAMBER = "chamber=[{max_pressure=1e4, schedule={time=[?, 1e7], share=[0.0, 1.0]}, offset="
 TENDON = "tendon=[{schedule={time=[?, 1e7], share=[0.0, 1.0]}, offset="
@@ -194,6 +198,13 @@ CASES = {
     ),
     "obstacle.*.velocity": (SPHERE, [BALL + "velocity=[-30, 0]"], [BALL + "velocity=[-0.3, 0]"]),
     "obstacle.*.friction": ("obstacle.0.friction=?", ["40"], ["0.4"], "coral-touch"),
+    "obstacle.*.rolling_friction": (ROLLING, ["0.5"], ["1e-4"]),
+    "obstacle.*.spinning_friction": (
+        "obstacle.0.spinning_friction=?",
+        ["0.5"],
+        ["1e-4"],
+        "wind-around",
+    ),
     "obstacle.*.radius": (SPHERE.replace("?", "[0.4, -9.5], radius=?"), ["60.0", "1e-4"], ["0.1"]),
     "obstacle.*.mass": (SPHERE, [BALL + "mass=500.0", BALL + "mass=5e-4"], [BALL + "mass=0.5"]),
     "obstacle.*.position": (
@@ -252,6 +263,7 @@ CASES = {
     "tool.mass": ("tool={mass=?}", ["200.0"], ["0.2"]),
     "tool.volume": ("tool={mass=0.2, volume=?}", ["0.05", "5e-9"], ["5e-5"]),
     "tool.offset": ("tool={mass=0.2, offset=?}", ["30.0"], ["0.03"]),
+    "tool.radius": ("tool={mass=0.2, radius=?}", ["20.0"], ["0.02"]),
     "tool.inertia": ("tool={mass=0.2, inertia=?}", ["4.0"], ["1e-3"]),
     "tool.from": ("tool={mass=0.2, from=?}", ["60.0"], ["6.0"]),
     "tool.drag_area": ("tool={mass=0.1, drag_area=?}", ["20"], ["0.01"]),
