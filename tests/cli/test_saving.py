@@ -425,7 +425,11 @@ def test_a_smaller_study_a_run_and_a_study_replace_each_other_wholly(here):
     for arguments, lost, left in (
         ((*RUN_STUDY, "--set", "vary={'arm.length'=[0.4]}"), "case-02", ["case-01", "cases.csv"]),
         (RUN, "case-01", OF_A_RUN),
-        (RUN_STUDY, "result.nc", ["case-01", "case-02", "cases.csv"]),
+        (
+            RUN_STUDY,
+            "result.nc",
+            ["case-01", "case-02", "cases.csv", "means.csv", "means.png"],
+        ),
     ):
         assert lost in refused(*arguments)
         assert call(*arguments, "--force").exit_code == 0
