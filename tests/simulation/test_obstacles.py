@@ -209,16 +209,21 @@ def test_a_hit_that_no_step_resolves_ends_the_run_and_says_so():
         (0.3, 0.3, 0.2, -0.0123, "obstacle 0 is pressed 12.3 mm into obstacle 2"),
     ],
 )
-def test_the_nearest_pair_is_named(arm, itself, hull, pair, words):
+def test_the_nearest_pair_is_named(arm, itself, hull, pair, words, monkeypatch):
+    monkeypatch.setattr(Hull, "distances", lambda self, rows, axes: jnp.array([hull, 0.6]))
     skin = 1e-3
     bodies = SimpleNamespace(pairs=(((0, 1),), ((2, 0),)), skin=np.array([skin, skin]))
+    loop = SimpleNamespace(distances=lambda rows, axes: jnp.array([itself, 0.6]))
     forces = SimpleNamespace(
-        far_contacts=(None, object.__new__(Hull)), obstacles=SimpleNamespace(bodies=bodies)
+        axes=2,
+        far_contacts=(loop, object.__new__(Hull)),
+        obstacles=SimpleNamespace(bodies=bodies),
     )
     gaps = np.array([[0.4, 0.5], [arm, 0.5], [0.5, 0.5]])
     state = SimpleNamespace(
         gap=gaps,
-        far_gaps=(np.array([itself, 0.6]), np.array([hull, 0.6])),
+        motion=SimpleNamespace(position=None),
+        remembered=lambda of: of,
         body_gap=np.array([0.3, pair + skin]),
     )
     assert nearest_pair(SimpleNamespace(forces=forces), state) == words
