@@ -148,12 +148,12 @@ def test_cells_of_several_seeds_have_intervals_and_axes_have_units(tmp_path):
     expected = stats.ttest_1samp([6.0, 12.0, 18.0], 0.0).confidence_interval()
     assert drawn["rms_error half"][0] == pytest.approx((expected.high - expected.low) / 2)
     assert plot.below[0].major_label_overrides == {0: "100000", 1: "2000000"}
-    for some in (rows, [row for row in rows if row["arm.length"] == 0.3]):
+    for some in (rows, [row for row in rows if row["arm.length"] == 0.3], rows[::3]):
         write_study(tmp_path, some)
         (figure,) = write_means(tmp_path)
         assert figure == tmp_path / "means.png"
         assert_shows_something(figure)
-    write_study(tmp_path, rows[::3])
+    write_study(tmp_path, rows[:9:3])  # neither seeds nor all combinations
     assert write_means(tmp_path) == []
 
 

@@ -52,7 +52,7 @@ class Record(eqx.Module):
     obstacle_spin: Float[Array, "*t m turns"] | None
     obstacle_axis: Float[Array, "*t m d"] | None
     """Direction of a line fixed to each obstacle, of a capsule its axis."""
-    gap: Float[Array, "*t m e"] | None
+    gap: Float[Array, "*t m w"] | None
     """Distance of each obstacle from the surface of each edge (m)."""
     touch: Touch | None
     director: Float[Array, "*t e 3"] | None
