@@ -11,6 +11,7 @@ from crinoid.recording.seabed import read_seabed
 from crinoid.recording.signed_distance import Triangles
 from crinoid.recording.solid_shapes import section
 from crinoid.scenario import Mesh, Scenario, Seabed
+from crinoid.view.live.interactive import InteractiveBodies
 from helpers.refusals import mistake, refusal
 
 ARM = {"length": 0.5, "nodes": 5, "radius": 0.015}
@@ -97,6 +98,17 @@ def test_a_ball_as_a_mesh_has_the_distances_of_a_ball(rock, dimension):
     np.testing.assert_array_equal(again.spline.coefficients, found.spline.coefficients)
 
 
+@pytest.mark.parametrize(
+    ("tables", "clear"), [({}, 0.03), ({"tool": {"mass": 0.1, "radius": 0.06}}, 0.08)]
+)
+def test_distances_are_exact_as_far_as_the_largest_body_reaches(rock, tables, clear):
+    table = {"kind": "mesh", "file": str(rock), "position": [0.3, 0.0, -10.3]}
+    case = scenario(table, 2, **tables)
+    found = read_mesh(case.obstacle[0], case).spline.at(np.array([[0.1 + clear, 0.0]]))
+    reach = case.tool.radius if tables else 0.015
+    assert found[0] > min(clear, 1.1 * reach) - 6e-4
+
+
 def test_scale_turns_and_the_upward_axis_of_a_format(tmp_path):
     box = trimesh.creation.box([400.0, 100.0, 200.0])
     for name in ("box.ply", "box.obj", "box.glb"):
@@ -174,6 +186,13 @@ def test_heights_and_depths_are_the_same_bed(tmp_path):
     np.testing.assert_allclose(down.spline.at(places), up.spline.at(places), atol=1e-9)
     profile = heights(scenario(bathymetry(tmp_path, slope), 2))
     np.testing.assert_allclose(profile.spline.at(places[::2, :1]), [-10.967, -11.0], atol=3e-5)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_debris_is_parked_above_a_bed(tmp_path, dimension):
+    case = scenario(bathymetry(tmp_path, np.full((21, 11), -11.0)), dimension)
+    debris = InteractiveBodies.suited_to(case, Prepared(case).surfaces).debris
+    assert debris.parked[-1] > -11.0 + debris.radius
 
 
 def test_mistakes_in_beds_are_one_line(tmp_path):

@@ -81,7 +81,9 @@ load_onset = flow_onset = onset
 def load_numbers(load: Load, index: int, scenario: Scenario) -> tuple[Builder, Numbers]:
     """Return what builds the element of load ``index``, and its arguments after the rod."""
     builder, numbers = build_part(f"load {index}", 2, load.build, scenario)
-    if not any(isinstance(each, Onset) for each in numbers.values()):
+    bound = (getattr(builder, "args", ()), getattr(builder, "keywords", {}))  # of a partial
+    leaves = jax.tree.leaves((numbers, bound), is_leaf=lambda each: isinstance(each, Onset))
+    if not any(isinstance(each, Onset) for each in leaves):
         for key in ("start", "ramp_time", "stop"):
             if value := getattr(load, key):
                 hint = f"Kind {load.kind} has no onset: its build does not return load_onset(self)."

@@ -53,8 +53,10 @@ class Prepared:
     def with_scenario(self, scenario: Scenario) -> Prepared:
         """Return another scenario with the same files, which are not read again."""
         other, before = Prepared(scenario, self.parts), self.scenario
-        # the grid of a mesh depends on the arm, the drawn part of a bed on the base
-        solid = [(each.arm, each.base.position, each.obstacle) for each in (before, scenario)]
+        # the grid of a mesh depends on what touches it, the drawn part of a bed on the base
+        solid = [
+            (each.arm, each.tool, each.base.position, each.obstacle) for each in (before, scenario)
+        ]
         names = [*_READ, *(["surfaces"] if solid[0] == solid[1] else [])]
         vars(other).update({name: vars(self)[name] for name in names if name in vars(self)})
         return other

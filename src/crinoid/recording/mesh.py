@@ -40,19 +40,19 @@ def read_mesh(table: Mesh, scenario: Scenario) -> SolidSurface:
     mesh, planar = _closed_mesh(table), scenario.arm.dimension == 2
     radii, axes = np.asarray(scenario.arm.diameters) / 2, [0, 2] if planar else [0, 1, 2]
     cut, (low, high) = _cut(mesh, table) if planar else (None, mesh.bounds)
-    size = (high - low)[axes]
+    size, reach = (high - low)[axes], _largest_radius(scenario)
     spacing, notes = table.spacing, []
     if spacing is None:
-        fair = np.prod(size + 2 * radii.max()) / _USUAL
+        fair = np.prod(size + 2 * reach) / _USUAL
         spacing = max(float(radii.min()) / 2, float(fair) ** (1 / size.size))
-    room = 1.5 * radii.max() + 3 * spacing
+    room = 1.5 * reach + 3 * spacing
     counts = np.ceil((size + 2 * room) / spacing) + 1
     if (many := float(np.prod(counts))) > _MOST:
         least = spacing * (many / _MOST) ** (1 / size.size)
         must = f"be at least {least:.2g} (m) for a solid of {_sides(size)}"
         raise refusal("spacing", got(spacing, must, _in_mm(size, scenario)))
     triangles = _of_size(mesh, 4 * spacing) if cut is None else cut
-    origin, within = low - room, 1.2 * float(radii.max()) + 2 * spacing
+    origin, within = low - room, 1.2 * reach + 2 * spacing
     places = [origin[x] + spacing * np.arange(n) for x, n in zip(axes, counts, strict=True)]
     if planar:
         places.insert(1, np.zeros(1))
@@ -70,6 +70,13 @@ def read_mesh(table: Mesh, scenario: Scenario) -> SolidSurface:
     else:
         shape = clustered(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     return SolidSurface(spline, False, *shape, tuple(notes))
+
+
+def _largest_radius(scenario: Scenario) -> float:
+    """Return the largest radius of the arm, its tool and the free bodies, which a solid touches."""
+    free = [getattr(each, "radius", 0.0) for each in scenario.obstacle if each.free]
+    tool = 0.0 if scenario.tool is None else scenario.tool.radius or 0.0
+    return max(float(np.max(scenario.arm.diameters)) / 2, tool, *free)
 
 
 def _closed_mesh(table: Mesh) -> Any:

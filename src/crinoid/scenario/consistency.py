@@ -288,11 +288,13 @@ def _contact_conflicts(scenario: Scenario) -> Iterator[Mistake]:
         if obstacle.spinning_friction and arm.dimension == 2:
             must = "be left out in the plane, where nothing turns about a normal"
             yield scenario.mistake(f"obstacle.{index}.spinning_friction", must)
+            continue
         for name in ("rolling_friction", "spinning_friction"):
-            alone = len(obstacles) == 1 or not any(each.free for each in obstacles)
-            if getattr(obstacle, name) and alone:
+            free = any(each.free for each in obstacles)
+            if getattr(obstacle, name) and (len(obstacles) == 1 or not free):
                 must = "be left out without a free body and another obstacle that it touches"
-                yield scenario.mistake(f"obstacle.{index}.{name}", must, "Set a mass.")
+                hint = "Add another obstacle." if free else "Set the mass of a sphere or a capsule."
+                yield scenario.mistake(f"obstacle.{index}.{name}", must, hint)
     if (obstacles or scenario.contact.self_) and arm.section.diameter == 0:
         must = "be above 0 (m), the surface of contact"
         yield scenario.mistake("arm.section.diameter", must)

@@ -115,10 +115,10 @@ def tip_force(system: System) -> float:
 
 
 def _apart(place: Vector, obstacle: Obstacle, surface: SolidSurface | None) -> float:
-    """Return a lower bound of the distance of a place from an obstacle at the start (m)."""
+    """Return the distance of a place from an obstacle at the start, of a bed its height (m)."""
     off, half = place - np.array(obstacle.position), np.array(obstacle.half_axis)
     if surface is not None and surface.heights:
-        return float(off[-1] - surface.spline.at(off[:-1]))
+        return float(off[-1] - surface.spline.at(off[None, :-1])[0])
     if isinstance(obstacle, Plane):
         return float(off @ np.array(obstacle.out))
     off -= np.clip(half @ off / (half @ half or 1.0), -1.0, 1.0) * half
