@@ -89,8 +89,15 @@ class Obstacles(eqx.Module):
 
     @property
     def finest(self) -> Float[Array, ""]:
-        """Smallest distance between the axes of an obstacle and the arm in contact (m)."""
-        return jnp.min(self.contact.arm_radius + self.contact.radius)
+        """Smallest distance between the axes of an obstacle and the arm in contact (m).
+
+        That of a tool's ball is over its largest displacement, of a node by 1.
+        """
+        contact = self.contact
+        reach = contact.arm_radius + contact.radius
+        if contact.beyond is not None:
+            reach = reach / (1 + 2 * contact.beyond / contact.rest_length)
+        return jnp.min(reach)
 
     @property
     def prescribed(self) -> np.ndarray:
