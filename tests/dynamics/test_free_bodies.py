@@ -88,7 +88,9 @@ def slope_motion(system, states, down):
     return speed, -spin[:, 0] if down.size == 2 else spin[:, 1]
 
 
-@both
+@pytest.mark.parametrize(
+    "axes", [2, pytest.param(3, marks=pytest.mark.slow)], ids=["plane", "space"]
+)
 def test_a_ball_rolls_down_a_slope_at_five_sevenths_of_gravity(axes):
     system, down, _ = on_slope(axes, 0.5)
     _, states = marched(system, 200)
@@ -124,6 +126,7 @@ def test_a_ball_rests_on_a_slope_that_rolling_resistance_holds(axes):
     assert RADIUS * spin[-1] == pytest.approx(1e-3 / np.sqrt(1.5**2 - 1), rel=0.01)
 
 
+@pytest.mark.slow
 def test_spinning_friction_slows_a_ball_that_spins_about_the_normal():
     length, rate = 2e-3, 40.0
     spin = [[0.0, 0.0, rate], [0.0, 0.0, 0.0]]

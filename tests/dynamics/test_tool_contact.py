@@ -78,7 +78,7 @@ def pushed(forces, motion):
     return forces.obstacles.push(motion)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_the_ball_presses_and_rubs_without_resultant_or_moment(dimension):
     forces, motion, away = touching(dimension)
     gap, rows = pushed(forces, motion)

@@ -127,6 +127,7 @@ def test_a_search_that_is_stopped_keeps_the_best_so_far(record):
     assert search.dataset("interrupted").attrs["status"] == "interrupted"
 
 
+@pytest.mark.slow
 def test_numbers_that_a_record_does_not_determine_are_refused(record):
     alike = Identification(SHAKEN, ("chamber.0.area", "chamber.0.max_pressure"), [record])
     with pytest.raises(ScenarioError, match=r"max_pressure: cannot be distinguished from ch"):
