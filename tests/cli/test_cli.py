@@ -165,6 +165,7 @@ def test_notes_come_under_the_table_and_once_for_all_cases(here):
     first, *_ = Result.load(here / "cases" / "case-02").notes
     assert first.startswith("base.position.1: got 10 m")
     odd = ("--set", "flow.0.velocity=[6.0, 0.0]", "--set", "control.start=9")
+    odd += ("--set", "flow.0.ramp_time=0.0")
     for command in ("equilibrium", "flow"):
         first, *others = noted(succeeded(command, "small.toml", *odd, "--out", command))
         assert first.startswith("note: flow.0.velocity: got [6.0, 0.0] m/s; usual is up to 5")
