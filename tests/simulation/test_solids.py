@@ -25,7 +25,7 @@ def folder(tmp_path_factory):
     return path
 
 
-def landed(dimension, obstacle):
+def landed(dimension, obstacle, **tables):
     """Return the end of a run in which a body rises below a level arm."""
     obstacle = dict(obstacle)
     place = {"base": [0.0, 0.0, -10.0]}
@@ -38,6 +38,7 @@ def landed(dimension, obstacle):
         base=base,
         obstacle=[obstacle | place],
         simulation={"duration": 0.3, "start": "rest"},
+        **tables,
     )
     result = crinoid.simulate(case)
     assert result.status == "ok"
@@ -51,10 +52,11 @@ PLANE = BED | {"kind": "plane", "position": [0.0, 0.0, -10.08], "normal": [-0.1,
 BED |= {"kind": "seabed", "file": "bed.nc", "height": "z"}
 
 
+SPHERE = BALL | {"kind": "sphere", "radius": 0.1}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("solid", "known"), [(MESH, BALL | {"kind": "sphere", "radius": 0.1}), (BED, PLANE)]
-)
+@pytest.mark.parametrize(("solid", "known"), [(MESH, SPHERE), (BED, PLANE)])
 def test_a_solid_from_a_file_lifts_the_arm_as_what_it_is(folder, solid, known):
     solid = solid | {"file": str(folder / solid["file"])}
     exact = landed(2, known)
@@ -69,6 +71,31 @@ def test_a_solid_from_a_file_lifts_the_arm_as_what_it_is(folder, solid, known):
         np.testing.assert_allclose(force, exact["contact_impulse"].values[-1, 0], atol=0.02 * scale)
         assert set(found["facet_obstacle"].values) == {0}
         assert found["surface_facet"].values.max() == found.sizes["surface_vertex"] - 1
+
+
+def moved(solid, x, z):
+    """Return an obstacle at another place."""
+    return solid | {"position": [solid["position"][0] + x, 0.0, solid["position"][2] + z]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("solid", "known", "by"), [(MESH, SPHERE, (0.14, -0.005)), (BED, PLANE, (0.0, -0.03))]
+)
+def test_a_solid_from_a_file_lifts_the_tool_as_what_it_is(folder, solid, known, by):
+    solid = moved(solid, *by) | {"file": str(folder / solid["file"])}
+    tool = {"mass": 0.2, "volume": 1e-4, "offset": 0.03, "radius": 0.03}
+    exact, found = (landed(2, each, tool=tool) for each in (moved(known, *by), solid))
+    # without a tool the arm alone meets it, later
+    bare = landed(2, moved(known, *by))
+    wanted = exact["contact_impulse"].values[-1, 0]
+    assert wanted[1] > 2 * float(bare["contact_impulse"][-1, 0, 1])
+    np.testing.assert_allclose(
+        found["contact_impulse"].values[-1, 0], wanted, atol=0.02 * wanted[1]
+    )
+    np.testing.assert_allclose(
+        found["tip_position"].values[-1], exact["tip_position"].values[-1], atol=4e-4
+    )
 
 
 @pytest.mark.slow
