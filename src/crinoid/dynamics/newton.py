@@ -195,7 +195,7 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
         jnp.asarray(False),
         jnp.zeros_like(guess) if searches else None,
     )
-    wasted = jnp.asarray(0)
+    wasted, again = jnp.asarray(0), jnp.asarray(False)
     if forces.far_contacts and searches:
         # XLA makes one kernel of a loop without the scatters and the dense solver of far parts: so
         # first without them, unless some touched before. In statics an arm could pass itself
@@ -214,8 +214,11 @@ def _iterate(balance: Balance, guess: Rows, settings: Settings, reused: ReusedTa
         )
     end = _loop(balance, guess, settings, start)
     outcome = eqx.tree_at(lambda o: o.iterations, end.outcome, end.count + wasted)
-    # contact of far parts is not in the factors that are kept
-    contraction = jnp.where(end.touches, jnp.inf, jnp.maximum(end.contraction, _AGED))
+    # contact of far parts is not in the factors that are kept; a good guess needs none
+    touches = end.touches
+    if forces.far_contacts and searches:
+        touches |= jax.lax.cond(again, lambda: balance.touches(end.correction), lambda: again)
+    contraction = jnp.where(touches, jnp.inf, jnp.maximum(end.contraction, _AGED))
     reused = ReusedTangent(end.tangent, contraction, stage.by_acceleration)
     return end.correction, end.residual[:BOUNDARY_NODES], outcome, reused
 

@@ -60,7 +60,7 @@ class Debris:
 class InteractiveBodies:
     """A load of zero at the tip and debris far away, which are added to a scenario."""
 
-    debris: Debris | None  # None where the arm has no surface that could be hit
+    debris: Debris | None  # None where nothing can be hit, or no place is free
     duration: float
     """Longest simulated time (s): an hour, or that of files and tables of the scenario."""
 

@@ -157,7 +157,8 @@ class LiveSession(SteppedRun):
         """Throw debris at the arm; there is only one piece, which is thrown again."""
         debris, arm = self.bodies.debris, self.scenario.arm
         if debris is None:
-            raise ScenarioError([Mistake("debris", "the arm has no surface that could be hit")])
+            must = "have an arm with a surface to hit, and room for debris far from it"
+            raise ScenarioError([Mistake("debris", f"got a scenario without it; must {must}")])
         for path in launch_paths(debris, self.state.state, arm):
             state, free = launch(self.loop.system, self.state.state, *map(array, path))
             if free:
