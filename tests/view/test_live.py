@@ -389,7 +389,7 @@ def test_props_suit_the_scenario_and_a_session_ends_with_its_tables(session, mon
     thin = session.scenario.with_values({"arm.section.diameter": 0.0})
     assert InteractiveBodies.suited_to(thin, {}).debris is None
     monkeypatch.setattr(session, "bodies", replace(session.bodies, debris=None))
-    with pytest.raises(ScenarioError, match="no surface"):
+    with pytest.raises(ScenarioError, match="surface to hit"):
         session.throw()
     table = {"channel": "slide", "kind": "table", "time": [0.0, 2.0], "value": [0.0, 0.1]}
     assert (
