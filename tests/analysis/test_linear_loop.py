@@ -137,6 +137,7 @@ def test_a_loop_swings_by_itself_beyond_its_delay_margin_and_not_below(
     assert (late > 1.5 * early) if grows else (late < 0.5 * early)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 1e-3])
 def test_margins_of_an_undamped_arm_agree_with_its_poles(prepared, factor):
     values = {"arm.damping_time": 0.0, "water.density": 0.0, "simulation.integrator": "newmark"}

@@ -232,6 +232,7 @@ def test_a_profile_is_summed_up_and_drawn(here):
     assert np.sum(table, axis=0)[1] == pytest.approx(1.0, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_printed_table_plays_the_record(here):
     written = succeeded("flow", "sea.nc", "--set", "flow.0.heading_deg=40")
     table = written[written.index("[[flow]]") :].partition("\n\n")[0]

@@ -62,6 +62,7 @@ def test_in_water_the_arm_sags_only_by_what_buoyancy_leaves_of_its_weight(light)
     xr.testing.assert_allclose(alone.squeeze(), in_air)
 
 
+@pytest.mark.slow
 def test_an_arm_that_finds_no_rest_has_no_modes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     hasty = Scenario(**LIGHT, simulation={"max_iterations": 1})

@@ -188,6 +188,7 @@ def test_a_controller_of_a_package_may_estimate_a_part():
         crinoid.simulate(given, controller=Guess(wrong=1))
 
 
+@pytest.mark.slow
 def test_the_report_draws_the_estimate(held, tmp_path):
     held.save(tmp_path)
     figures = crinoid.write_report(tmp_path)

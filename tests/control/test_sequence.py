@@ -40,6 +40,7 @@ def at(time, duration):
     return 0.5 - 0.5 * np.cos(np.pi * np.clip(np.asarray(time) / duration, 0.0, 1.0))
 
 
+@pytest.mark.slow
 def test_a_touch_stops_the_inputs_where_they_are_and_the_next_phase_begins(run):
     time, heave = run["time"].values, run["base_command"].sel(channel="heave").values
     felt = np.linalg.norm(

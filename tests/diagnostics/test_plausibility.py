@@ -124,6 +124,11 @@ CASES = {
     "flow.*.mean": ("flow.0.mean=?", ["[30.0, 0.0]"], ["[0.0, 0.2]"]),
     "flow.*.amplitude": (SINE, ["30.0"], ["0.3"]),
     "flow.*.standard_deviation": (GAUSS, ["10.0, correlation_time=2"], ["0.1, correlation_time=2"]),
+    "target.tip": (
+        "flow.0.ramp_time=?",
+        ["0.0; flow.0.intensity=0.9", "0.0; flow.0.mean=[1.0, 0.0]"],
+        ["0.5", "0.0; flow.0.intensity=0.05", "0.0; target.tip=[0.3, -10.2]"],
+    ),
     "flow.*.correlation_time": (GAUSS, ["0.1, correlation_time=2e3"], ["0.1, correlation_time=5"]),
     "flow.*.time_scale": ("flow.0.time_scale=?", ["1e3"], ["0.25"], "tidal-channel"),
     "flow.*.velocity_scale": ("flow.0.velocity_scale=?", ["30.0"], ["1.0"], "tidal-channel"),

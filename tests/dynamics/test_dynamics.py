@@ -183,6 +183,7 @@ def test_broadside_cylinder_sinks_at_its_terminal_speed():
     assert states.position[-1, -1, -1] == pytest.approx(-0.5 * terminal, abs=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.5, -1.0])
 def test_drag_on_a_cylinder_grows_with_the_square_of_the_speed(share):
     _, weight, terminal = cylinder(2, 0.0)

@@ -103,6 +103,7 @@ def test_a_ball_rolls_down_a_slope_at_five_sevenths_of_gravity(axes):
     assert speed[-1] > 0.8
 
 
+@pytest.mark.slow
 @both
 def test_rolling_resistance_slows_a_ball_as_on_paper(axes):
     length = 0.2 * RADIUS * np.tan(SLOPE)
@@ -117,6 +118,7 @@ def test_rolling_resistance_slows_a_ball_as_on_paper(axes):
     np.testing.assert_allclose(RADIUS * spin[50:], speed[50:], atol=1e-3)
 
 
+@pytest.mark.slow
 @both
 def test_a_ball_rests_on_a_slope_that_rolling_resistance_holds(axes):
     system, down, _ = on_slope(axes, 0.5, rolling=[0.0, 1.5 * RADIUS * np.tan(SLOPE)])

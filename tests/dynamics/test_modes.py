@@ -117,6 +117,7 @@ def test_a_round_arm_in_space_bends_both_ways_at_each_frequency():
     np.testing.assert_allclose(products / np.outer(size, size), np.eye(6), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_lopsided_part_of_drag_hardly_moves_a_frequency():
     # half the current has a quarter of the drag; leaving that part out errs in second order of it
     def error(speed: float) -> float:

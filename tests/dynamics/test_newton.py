@@ -229,6 +229,7 @@ def test_the_tangent_of_an_earlier_step_serves_later_ones(system):
     assert outcomes.iterations.sum() > alone.iterations.sum() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", [1e-5, 1.0, 1e3, 1e150, np.nan])
 def test_a_kept_tangent_that_misleads_is_found_out(system, entry):
     swinging = fine(system)

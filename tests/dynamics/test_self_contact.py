@@ -104,6 +104,7 @@ def coiled():
     return crinoid.simulate(coil())
 
 
+@pytest.mark.slow
 def test_a_coil_presses_on_itself_without_going_through(coiled):
     data = coiled.dataset
     assert data["self_gap"].values.min() > -0.01 * 0.012
@@ -142,6 +143,7 @@ def balance_error(data):
     return np.abs(stored - stored[0] - done).max() / np.abs(stored).max()
 
 
+@pytest.mark.slow
 def test_the_energy_of_a_coil_is_accounted_for_at_order_two(coiled):
     assert coiled.dataset["energy"].sel(kind="contact").values[-1] < -1e-3
     fine = crinoid.simulate(coil(time_step=0.005)).dataset

@@ -297,6 +297,7 @@ def tumble():
     return system, run(system, rest(system), until=2.0, steps=1000)
 
 
+@pytest.mark.slow
 def test_the_clamp_follows_the_base_through_several_turns(tumble):
     system, states = tumble
     servo = system.base.servo.at_rest()
@@ -323,6 +324,7 @@ def test_the_clamp_follows_the_base_through_several_turns(tumble):
     np.testing.assert_allclose(spin, expected, rtol=0, atol=2e-3 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_the_base_feels_the_rate_of_change_of_momentum(tumble):
     # in a vacuum without gravity. Rotary inertia of the arm is that of its spin alone, about the
     # edge's own axis: what it takes to turn that axis is left out
@@ -355,6 +357,7 @@ def by_turns(turns, within):
     return time, TURN * turns * share**2 * (3 - 2 * share)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [0.0, 4.0], ids=["straight", "hanging"])
 def test_rolling_the_base_carries_a_round_arm_along_and_winds_up_nothing(gravity):
     # it rolls about its own line, whether that is straight or an arc
@@ -376,6 +379,7 @@ def test_rolling_the_base_carries_a_round_arm_along_and_winds_up_nothing(gravity
     np.testing.assert_allclose(end.motion.orientation.director, director, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_rolling_the_base_turns_an_arm_that_is_not_round():
     # a naturally bent arm goes round with the base: after a quarter turn it points to starboard
     case = {"radius": 0.2, "damping_time": 0.2, "rest_curvature": (0.0, 1.0, 0.0), "EI": (1.0, 1.5)}
@@ -420,6 +424,7 @@ def linked(state):
     return np.sum(np.asarray(state.motion.orientation.twist)) / TURN, writhe(loop)
 
 
+@pytest.mark.slow
 def test_turns_of_the_tip_and_the_base_become_twist_and_writhe():
     # Calugareanu, White, Fuller: of a ribbon, link = twist + writhe. An arm that hangs and is
     # naturally bent is wound at its tip by a torque, at its base by its roll, until it coils up;

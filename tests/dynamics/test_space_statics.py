@@ -295,6 +295,7 @@ def test_a_column_buckles_in_its_weak_direction(kind):
     assert_buckling_converges(loads, kind)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", CRITICAL)
 def test_a_column_past_its_buckling_load_leans_in_its_weak_direction(kind):
     load = 1.5 * CRITICAL[kind]
@@ -309,6 +310,7 @@ def test_a_column_past_its_buckling_load_leans_in_its_weak_direction(kind):
         assert abs(place @ weak) > 0.4
 
 
+@pytest.mark.slow
 def test_a_column_that_hardly_bends_the_other_way_leans_just_past_its_buckling_load():
     load, nodes = 1.05 * CRITICAL["tip"], 21
     # how far it leans is a matter of the excess: this mesh buckles at a share P l^2 / 12 EI less

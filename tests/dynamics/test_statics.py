@@ -209,6 +209,7 @@ def test_a_cantilever_whose_stiffness_tapers_sags_as_on_paper():
     assert sag == pytest.approx(exact, rel=1e-4)  # large deflections have 2e-5 of that
 
 
+@pytest.mark.slow
 @planes
 @pytest.mark.parametrize(("load", "coarse"), [(2.0, 1.2e-3), (6.0, 1.6e-2)])
 def test_follower_tip_load(load, coarse, plane):
@@ -246,6 +247,7 @@ def test_curved_arm_under_load(plane):
     converge(exact, plane, coarse=2.5e-3, rest_curvature=2.0, dead=(0.0, -1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plane", [LEVEL, UPRIGHT_PLANE], ids=["level", "upright"])
 @pytest.mark.parametrize(("cauchy", "buoyancy"), [(1, 0), (10, 0), (1, 10), (10, 10)])
 def test_blade_in_a_current_is_the_planar_one(cauchy, buoyancy, plane):
@@ -271,6 +273,7 @@ def test_limp_chain_in_a_current(plane):
     np.testing.assert_allclose(np.arctan2(edges[:, 0], -edges[:, -1]), exact, rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_an_arm_confined_to_the_plane_is_the_planar_arm():
     # soft in stretch, whose round-off is small, 1e-12 N; with all loads that there are
     case = {

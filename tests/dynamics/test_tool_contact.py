@@ -78,7 +78,8 @@ def pushed(forces, motion):
     return forces.obstacles.push(motion)
 
 
-@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("dimension", [2, 3])
 def test_the_ball_presses_and_rubs_without_resultant_or_moment(dimension):
     forces, motion, away = touching(dimension)
     gap, rows = pushed(forces, motion)
@@ -110,6 +111,7 @@ def sunk():
     return crinoid.simulate(scenario(2)).dataset
 
 
+@pytest.mark.slow
 def test_the_tool_rests_on_the_ball_and_not_within(sunk):
     assert sunk.attrs["status"] == "ok"
     assert float(sunk["contact_closest"].min()) > -0.01 * RADIUS

@@ -254,6 +254,7 @@ def test_a_free_vehicle_drifts_with_a_uniform_current(axes):
     assert (np.diff(slip[::10]) < 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "flow",
     [
@@ -410,6 +411,7 @@ def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
     np.testing.assert_allclose(product[unknown], rhs[unknown], rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_obstacles_are_as_far_from_the_arm_whether_its_submarine_floats_or_not():
     beside = {"obstacles": obstacles([[0.4, 0.3], [1.2, 0.1]], radius=0.05, mass=0.3)}
     floats, held = (floating(2, floats=numbers, arms=beside).clearance() for numbers in ({}, None))

@@ -300,6 +300,7 @@ def test_nothing_passes_through_a_thin_arm(speed):
     assert float(end.touch.closest[0]) > -0.01 * 0.003
 
 
+@pytest.mark.slow
 def test_a_step_that_would_miss_a_hit_has_not_converged():
     step = eqx.filter_jit(lambda system, state: system.step(state, jnp.zeros(3)))
     far, near = (hit((0.0, 2.0), 0.05, place=(0.4, z)) for z in (-0.06, -0.0412))

@@ -68,6 +68,7 @@ def test_forces_change_neither_momentum_nor_angular_momentum(axes):
     assert np.abs(moment).max() < 1e-12 * size.max()
 
 
+@pytest.mark.slow
 @axes
 def test_a_smooth_skin_stores_all_work_and_friction_only_takes(axes):
     position, velocity = crossing(axes)

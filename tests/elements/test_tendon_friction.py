@@ -300,6 +300,7 @@ def test_friction_of_0_is_none():
     assert np.abs(rubbing - expected).max() > 1e-6
 
 
+@pytest.mark.slow
 @both
 def test_the_path_turns_with_the_arm_and_its_winding(axes):
     rest = {"rest_curvature": 2.0 if axes == 2 else [0.0, 2.0, 0.0]}

@@ -207,6 +207,7 @@ def test_rows_of_the_tip_count_where_a_log_has_markers(table, tmp_path):
     assert line == "RECORD: marker has elbow; must have rows of tip"
 
 
+@pytest.mark.slow
 def test_notes_name_inputs_without_commands_and_those_that_the_observer_lacks(table, tmp_path):
     log = table[["time", "x (mm)", "slide.state (m)"]].iloc[:50].assign(tilt=5.0)
     log.drop(columns="tilt").to_csv(tmp_path / "part.csv", index=False)

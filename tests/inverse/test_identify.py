@@ -215,6 +215,7 @@ def test_errors_stay_honest_over_many_draws_of_lost_markers(record):
     assert 0.5 < np.sqrt(np.mean(np.square(apart))) < 1.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("read", "cause"),
     [

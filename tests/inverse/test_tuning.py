@@ -334,6 +334,7 @@ def test_options_out_of_range_are_refused(option, words, tmp_path):
     assert words in refused("tune", "station-keeping", option, "--out", tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_the_default_weights_are_those_of_the_design():
     described = SCENARIO.with_values({"control.kind": "lqg"})
     design = GainDesign(Tuning(described, 1, 1)._design._plan)

@@ -331,6 +331,7 @@ def test_the_keys_of_a_file_are_proposed(tmp_path, style):
     check_proposal(style, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_straight_profile_is_played_straight(tmp_path):
     depths = np.array([2.0, 3.0, 6.5, 9.0, 18.0])
     time = np.arange(0.0, 40.0, 0.5)

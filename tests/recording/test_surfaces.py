@@ -109,6 +109,7 @@ def test_distances_are_exact_as_far_as_the_largest_body_reaches(rock, tables, cl
     assert found[0] > min(clear, 1.1 * reach) - 6e-4
 
 
+@pytest.mark.slow
 def test_scale_turns_and_the_upward_axis_of_a_format(tmp_path):
     box = trimesh.creation.box([400.0, 100.0, 200.0])
     for name in ("box.ply", "box.obj", "box.glb"):

@@ -94,6 +94,7 @@ def test_one_turn_alone_is_that_of_one_channel():
         assert np.abs(np.delete(found, column, axis=1)).max() == 0
 
 
+@pytest.mark.slow
 def test_an_arm_that_hangs_from_a_joint_feels_the_shift_of_its_root(log):
     values = {"base.mount": "pinned", "base.tilt_deg": -90.0, "simulation.duration": 0.5}
     result = crinoid.simulate(moved(log, 2, {"offset": [0.0, -6.0]}, **values))

@@ -71,6 +71,7 @@ def played(session: crinoid.Session, run: crinoid.Result) -> list[crinoid.Contro
     return found
 
 
+@pytest.mark.slow
 def test_recorded_commands_give_the_motion_of_the_run_to_round_off(session):
     run = crinoid.simulate(SCENARIO)
     seen = played(session, run)
@@ -134,6 +135,7 @@ def test_a_result_so_far_is_that_of_a_run_of_this_duration(session):
     assert session.result().dataset["time"].size == command.shape[0] == 54
 
 
+@pytest.mark.slow
 def test_current_and_base_from_outside_act_as_those_of_a_scenario(session):
     """First order in the time step: the rate of the current jumps from period to period."""
     for _ in range(40):

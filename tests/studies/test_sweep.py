@@ -167,6 +167,7 @@ def test_means_over_the_seeds_are_in_a_table_and_a_file(arm, clean):
     assert "length (m)" in shown
 
 
+@pytest.mark.slow
 def test_other_workers_and_batches_give_the_same_study(arm, clean, tmp_path):
     crew = Here(3)
     swept(arm, tmp_path / "other", "--batch", "1", crew=crew)
@@ -185,6 +186,7 @@ def test_without_zarr_the_study_is_a_netcdf_file(arm, clean, tmp_path, monkeypat
             np.testing.assert_array_equal(data[name].values, values.values)
 
 
+@pytest.mark.slow
 def test_the_worst_run_is_played_again_to_the_bit(arm, clean, tmp_path):
     data = study(clean)
     worst = int(data["rms_error"].values.argmax()) + 1

@@ -78,6 +78,7 @@ class Slave:
         self.unit.doStep(currentCommunicationPoint=time, communicationStepSize=step)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plane", pytest.param("space", marks=pytest.mark.slow)])
 def test_fmpy_runs_what_a_session_runs(name, planar, tmp_path):
     if name == "plane":

@@ -157,6 +157,7 @@ def test_a_knob_acts_like_that_number_in_the_scenario(session, numbers, values):
     assert_runs_alike(result, "position", "tip_target", "base_command", "flow_velocity")
 
 
+@pytest.mark.slow
 def test_no_current_is_still_water(session):
     assert np.abs(session.look().flow).max() > 0.1
     session.adjust(current=0.0)
@@ -167,6 +168,7 @@ def test_no_current_is_still_water(session):
     assert not result.dataset["flow_velocity"].values.any()
 
 
+@pytest.mark.slow
 def test_turbulence_continues_where_a_knob_turns(session):
     session.advance(60)
     now, place = session.state.state.time, jnp.asarray(session.scenario.base.position)
@@ -195,6 +197,7 @@ def test_a_record_that_drifts_continues_too():
         np.testing.assert_allclose(velocity, Water(flows).velocity(place, time), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_change_compiles_nothing_and_a_reset_restores_the_start_to_the_bit(session, caplog):
     def touch() -> list:
         session.adjust(current=0.7, intensity=1.2, stiffness=1.3, gains=0.8)
@@ -215,6 +218,7 @@ def test_a_change_compiles_nothing_and_a_reset_restores_the_start_to_the_bit(ses
         np.testing.assert_array_equal(before, after)
 
 
+@pytest.mark.slow
 def test_debris_hits_the_arm_and_its_recording_opens(session, tmp_path):
     session.advance(10)
     session.start_recording()
@@ -267,6 +271,7 @@ def test_a_pull_moves_the_tip_and_becomes_a_load_of_the_scenario(session, side):
     assert not session.look().pull.any()  # it is over
 
 
+@pytest.mark.slow
 def test_a_dragged_target_stays_where_it_is(session):
     was = session.look().target
     session.drag([0.35, -0.25])
@@ -308,6 +313,7 @@ def test_another_controller_takes_over(session):
     assert np.asarray(session.state.command).any()
 
 
+@pytest.mark.slow
 def test_a_controller_that_does_not_suit_the_scenario_is_refused(session):
     with pytest.raises(ScenarioError, match="mapping"):
         session.control("lqg")
@@ -317,6 +323,7 @@ def test_a_controller_that_does_not_suit_the_scenario_is_refused(session):
     assert kinds_for(Scenario()) == ("none",)
 
 
+@pytest.mark.slow
 def test_a_step_that_fails_stops_the_session_until_its_reset(session):
     session.advance(10)
     session.start_recording()
@@ -331,6 +338,7 @@ def test_a_step_that_fails_stops_the_session_until_its_reset(session):
     assert (session.halted, session.advance(5)) == ("", 5)
 
 
+@pytest.mark.slow
 def test_a_note_says_when_a_number_changed(session):
     session.start_recording()
     for stiffness in (2.0, 3.0):
@@ -344,6 +352,7 @@ def test_a_note_says_when_a_number_changed(session):
     assert "natural_frequency" not in result.dataset
 
 
+@pytest.mark.slow
 def test_a_recording_has_two_steps_and_a_later_one_says_so_and_balances(session):
     session.start_recording()
     session.advance(1)
@@ -357,6 +366,7 @@ def test_a_recording_has_two_steps_and_a_later_one_says_so_and_balances(session)
     assert has_note(result, "recorded live from t = 0.34 s on")
 
 
+@pytest.mark.slow
 def test_a_frame_shows_the_state(session):
     session.advance(30)
     frame, state, system = session.look(), session.state.state, session.loop.system
@@ -384,6 +394,7 @@ def test_without_an_equilibrium_a_reset_keeps_the_start_and_a_session_is_refused
         LiveSession(session.scenario.with_values(heavy))
 
 
+@pytest.mark.slow
 def test_props_suit_the_scenario_and_a_session_ends_with_its_tables(session, monkeypatch):
     assert session.bodies.duration == 3600.0
     thin = session.scenario.with_values({"arm.section.diameter": 0.0})
@@ -450,6 +461,7 @@ class Watched:
         return self.seen[-1]
 
 
+@pytest.mark.slow
 def test_a_session_keeps_pace_pauses_and_runs_on(session):
     watched = Watched(session, watched=0)
     first = watched.wait(lambda seen: True)
@@ -478,6 +490,7 @@ def test_a_session_keeps_pace_pauses_and_runs_on(session):
     assert session.numbers.stiffness == 3.0
 
 
+@pytest.mark.slow
 def test_a_failure_is_shown_and_ends_nothing(session):
     watched = Watched(session)
     watched.clock.request("pull", lambda session: session.pull([0.0, 1e9]))

@@ -21,6 +21,7 @@ from crinoid.diagnostics.plausibility import AT_REST, IN_THE_WATER, plausibility
 from crinoid.foundation.status import Status
 from crinoid.recording import Recording
 from crinoid.scenario import Scenario
+from crinoid.view.figures.analyses import no_swing
 from crinoid.view.figures.style import DEGREES, si_unit
 
 
@@ -101,7 +102,7 @@ def show_modes(scenario: Scenario, folder: Path, *, count: int, in_air: bool, fo
             files = found.save(data)
             lines = [f"{medium}: {_rest(data.sel(medium=medium))}" for medium in data.medium.values]
             if "lock_in_speed" in data:
-                lines += [f"vortices lock in at {_lock_in(data)}"]
+                lines += [f"vortices lock in where the flow across the arm is {_lock_in(data)}"]
             show(_modes_table(data), data.attrs["notes"].splitlines(), files, lines)
     return trouble
 
@@ -113,14 +114,21 @@ def _modes_table(data: xr.Dataset) -> Table:
     # by mode, medium and quantity
     quantities = (data[name] for name in ("frequency", "damping_ratio"))
     numbers = np.stack([each.transpose("mode", "medium").values for each in quantities], axis=-1)
-    numbers[np.abs(numbers) < 1e-6] = 0
     rows = [
-        (str(mode), *("-" if np.isnan(value) else f"{value:.4g}" for value in row.ravel()))
+        (str(mode), *(text for found in row for text in _swing(*found)))
         for mode, row in zip(data["mode"].values, numbers, strict=True)
     ]
     table = new_table(data.attrs["title"], heads, rows)
     table.columns[0].justify = "right"
     return table
+
+
+def _swing(frequency: float, ratio: float) -> tuple[str, str]:
+    """Return the texts of a mode in one medium: frequency and damping ratio."""
+    if np.isnan(frequency):
+        return "-", "-"
+    damping = "-" if np.isnan(ratio) else f"{0.0 if abs(ratio) < 1e-6 else ratio:.4g}"
+    return f"{frequency:.4g}" if frequency > 1e-6 else no_swing(ratio), damping
 
 
 def _lock_in(data: xr.Dataset) -> str:
@@ -131,7 +139,7 @@ def _lock_in(data: xr.Dataset) -> str:
         f"{low:.2g} to {high:.2g} m/s (mode {mode})"
         for mode, (low, high) in zip(swings["mode"].values, swings.values, strict=True)
     )
-    return ", ".join(texts) or "no speed: no mode swings"
+    return ", ".join(texts) or "at no speed: no mode swings"
 
 
 def _rest(data: xr.Dataset) -> str:

@@ -96,7 +96,8 @@ def _solve() -> str:
     """Solve one second of an arm, and compare the place of its tip with the known one."""
     begun = time.perf_counter()
     try:
-        data = simulate(_CASE).dataset
+        with console.status("compiling and solving 1 s of an arm"):
+            data = simulate(_CASE).dataset
     except SimulationError as error:
         return f"this installation cannot solve an arm: {error}"
     elapsed, running = time.perf_counter() - begun, data.attrs["wall_time"]

@@ -16,11 +16,13 @@ from crinoid.inverse import IDENTIFICATION, TUNING
 from crinoid.inverse.experiments_file import read_experiments
 from crinoid.inverse.gain_design import tunable_numbers
 from crinoid.inverse.identification import Identification, marker_errors
-from crinoid.inverse.tuning import MARGINS, Tuning
+from crinoid.inverse.tuning import HELD_OUT, MARGINS, Tuning
 from crinoid.inverse.unknowns import Unknowns
 from crinoid.scenario import ScenarioText, got, refusal
 from crinoid.view.figures.style import DEGREES, si_unit
 
+_LITTLE = 0.9
+"""Tip error over that without control above which a tuning deserves a note."""
 _ALIKE = 0.95
 """Correlation of two numbers from which on a note reports it."""
 _MOST_CORRELATED = 2.0
@@ -75,22 +77,21 @@ def tune_controller(
 def tuning_table(data: xr.Dataset, random: bool) -> Table:
     """Return the table of a tuning: numbers, margins and costs, before and after."""
     columns = (data[name].values for name in ("key", "given", "tuned"))
-    rows = [
-        (str(k), f"{given:.4g}", f"{tuned:.4g}") for k, given, tuned in zip(*columns, strict=True)
+    rows: list[tuple[str, ...]] = [
+        (str(k), f"{given:.4g}", f"{tuned:.4g}", "")
+        for k, given, tuned in zip(*columns, strict=True)
     ]
     for name in MARGINS if data.attrs["margin"] else ():
         before, after = (float(data[f"{when}_{name}_margin"]) for when in ("before", "after"))
-        rows.append((f"{name} margin", _margin(name, before), _margin(name, after)))
+        rows.append((f"{name} margin", _margin(name, before), _margin(name, after), ""))
     if data.attrs["margin"]:
-        rows.append(("weakest in", data.attrs["before_water"], data.attrs["after_water"]))
+        rows.append(("weakest in", data.attrs["before_water"], data.attrs["after_water"], ""))
     words = "other draws" if random else "the run"
-    before, after = (np.sqrt(np.mean(data[name].values)) for name in ("before", "after"))
-    rows.append((f"root of cost, {words}", _length(before), _length(after)))
-    before, after = (
-        np.sqrt(np.mean(data[f"{name}_error"].values ** 2)) for name in ("before", "after")
-    )
-    rows.append((f"tip error, RMS, {words}", _length(before), _length(after)))
-    return new_table(data.attrs["title"], ("", "before", "after"), rows)
+    costs = (np.sqrt(data[name].values.mean()) for name in HELD_OUT)
+    rows.append((f"root of cost, {words}", *map(_length, costs)))
+    errors = (np.sqrt((data[f"{name}_error"].values ** 2).mean()) for name in HELD_OUT)
+    rows.append((f"tip error, RMS, {words}", *map(_length, errors)))
+    return new_table(data.attrs["title"], ("", "before", "after", "without\ncontrol"), rows)
 
 
 def _margin(name: str, value: float) -> str:
@@ -122,8 +123,16 @@ def _tuning_notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
             notes.append("it costs more than before, as it had less margin then")
         elif tuning.random:
             notes.append("in draws that were not tuned for it is worse: use more --seeds")
-    if held and held["after_error"].mean() > held["before_error"].mean():
-        notes.append("the tip error is not smaller: run tuned.toml, and read its notes on limits")
+    if held and held["after_error"].mean() > _LITTLE * held["uncontrolled_error"].mean():
+        other = 'control.kind = "lqg"' if tuning.scenario.control.kind == "pid" else "another kind"
+        notes.append(
+            "the tuned controller hardly holds the tip better than none. Run tuned.toml and read "
+            f"its notes, drive other inputs, or try {other}."
+        )
+    if tuning.ended_at_limit:
+        notes.append(
+            f"the search ended at --iterations {tuning.iterations}. Use more for a lower cost."
+        )
     return notes
 
 

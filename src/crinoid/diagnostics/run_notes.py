@@ -251,8 +251,8 @@ def _vortices(dataset: xr.Dataset, facts: Facts) -> str:
     if spatial:
         where, hint = "across both arm and current", ". Add [water.vortices]"
     return (
-        f"vortex shedding may lock in to {', '.join(struck)} ({low:.3g} < U/fd < {high:.3g}); "
-        f"its lift, {where}, is not modelled{hint}"
+        f"vortex shedding may lock in to {', '.join(struck)} ({low:.3g} < U/fd < {high:.3g}, "
+        f"U across the arm); its lift, {where}, is not modelled{hint}"
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -45,6 +46,8 @@ _FIRST = 0.5
 """Share of the required margin in the first part of a search, and of its trials."""
 MARGINS = {"modulus": "1", "gain": "1", "phase": "rad", "delay": "s"}
 """Margins of a loop (`crinoid.simulation.loop_margin.Margin`), and their units."""
+HELD_OUT = ("before", "after", "uncontrolled")
+"""Controllers that held-out draws compare."""
 
 Report = Callable[[int, int, float], None]
 _Found = tuple[float, Logs]
@@ -76,7 +79,7 @@ class Tuning:
         self, scenario: Scenario, seeds: int, iterations: int, margin: float = 0.0
     ) -> None:
         tunable_numbers(scenario)
-        self.scenario, self.margin = scenario, margin
+        self.scenario, self.iterations, self.margin = scenario, iterations, margin
         seed = scenario.seed
         self.draws = [self._draw(seed + number) for number in range(min(seeds, 2))]
         self.random = len(self.draws) < 2 or not _equal(*self.draws)
@@ -100,6 +103,7 @@ class Tuning:
         self.best, self.least, self._rank = np.zeros(count), np.inf, (True, np.inf)
         self.trials = np.zeros(len(STARTS), int)
         self.failure = ""
+        self._limited, self._best_start = np.zeros(len(STARTS), bool), 0
         self._lock, self._stopped = threading.Lock(), threading.Event()
         self._pool = ThreadPoolExecutor(cores())
         self.held_out: dict[str, Float[np.ndarray, " seed"]] = {}
@@ -111,6 +115,11 @@ class Tuning:
     def done(self) -> int:
         """The largest number of trials from a start."""
         return int(self.trials.max())
+
+    @property
+    def ended_at_limit(self) -> bool:
+        """Whether the start with the best parameters used all its trials."""
+        return bool(self._limited[self._best_start])
 
     @property
     def keeps_margin(self) -> bool:
@@ -146,6 +155,7 @@ class Tuning:
         def attempt(logs: Logs) -> GainTrial:
             nonlocal best
             if self.trials[start] == self.first:
+                self._limited[start] = True
                 raise StopIteration
             found = self._trial(start, logs, _FIRST * self.margin)
             if found.stable and found.penalised < best[0]:
@@ -163,9 +173,11 @@ class Tuning:
 
     def _refine(self, start: int, begin: Logs) -> None:
         """Continue the search with the whole margin."""
+        self._limited[start] = False
 
         def attempt(logs: Logs) -> GainTrial:
             if self.trials[start] == self.cost.shape[1]:
+                self._limited[start] = True
                 raise StopIteration
             return self._trial(start, logs, self.margin)
 
@@ -214,6 +226,7 @@ class Tuning:
             rank = misses, shortfall if misses else total
             if np.isfinite(total) and rank < self._rank:
                 self.best, self.least, self._rank = logs.copy(), total, rank
+                self._best_start = start
         return found
 
     def _costs(
@@ -238,18 +251,23 @@ class Tuning:
         return results(futures, poll)
 
     def hold_out(self, stop: Callable[[], bool]) -> None:
-        """Compute the costs before and after tuning in held-out draws."""
+        """Compute the costs before and after tuning, and without control, in held-out draws."""
         draws = self.draws
         if self.random:
             first = self.seeds[-1] + 1
             draws = [self._draw(first + number) for number in range(len(draws))]
-        found = []
-        for logs in (np.zeros_like(self.best), self.best):
-            with suppress(StoppedError):
-                found.append(self._costs(self._design.perturbations(logs), draws, stop))
-        if len(found) < 2:
+        before = self._design.perturbations(np.zeros_like(self.best))
+        after = self._design.perturbations(self.best)
+        off = [draw._replace(loop=replace(draw.loop, enabled=jnp.asarray(False))) for draw in draws]
+        found = {}
+        with suppress(StoppedError):
+            for when, controllers, some in zip(
+                HELD_OUT, (before, after, before), (draws, draws, off), strict=True
+            ):
+                found[when] = self._costs(controllers, some, stop)
+        if len(found) < len(HELD_OUT):
             return
-        for when, runs in zip(("before", "after"), found, strict=True):
+        for when, runs in found.items():
             self.held_out[when] = np.array([float(each.total) for each in runs])
             self.held_out[f"{when}_error"] = np.sqrt([float(each.error) for each in runs])
 
@@ -261,7 +279,7 @@ class Tuning:
         """Return the course of the search."""
         initial = np.array(list(self.initial.values()))
         tried = initial * np.exp(self.logs[:, : self.done])
-        held_out = {"before": "m2", "after": "m2", "before_error": "m", "after_error": "m"}
+        held_out = dict.fromkeys(HELD_OUT, "m2") | {f"{name}_error": "m" for name in HELD_OUT}
         none = np.full(len(self.draws), np.nan)
         rows = [
             ("cost", "start iteration", "m2", self.cost[:, : self.done], ""),

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator
 from pkgutil import resolve_name
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
 
@@ -275,6 +275,7 @@ class GaussMarkovFlow(FlowTable):
     The same everywhere; drawn from `seed`.
     """
 
+    drawn: ClassVar[bool] = True
     kind: Literal["gauss-markov"] = entry("gauss-markov", "A velocity that wanders about its mean.")
     mean: Velocity = Field(description="Mean velocity.")
     standard_deviation: StandardDeviation = Field(
@@ -308,6 +309,7 @@ class TurbulenceFlow(FlowTable):
     Drawn from `seed`. A planar arm sees a cut through three-dimensional turbulence.
     """
 
+    drawn: ClassVar[bool] = True
     kind: Literal["turbulence"] = entry("turbulence", "Turbulence that the water carries along.")
     mean: Velocity = Field(description="Mean velocity.")
     intensity: float = Field(

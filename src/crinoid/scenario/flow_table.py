@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pkgutil import resolve_name
-from typing import Any
+from typing import Any, ClassVar
 
 from crinoid.scenario.model import Model, entry
 from crinoid.scenario.quantity import (
@@ -14,6 +14,8 @@ from crinoid.scenario.quantity import (
 class FlowTable(Model):
     """A flow with a start time and a ramp."""
 
+    drawn: ClassVar[bool] = False
+    """Whether `seed` decides its velocity at each instant."""
     kind: str
     start: Seconds = entry(0.0, "Start time.", ge=0)
     ramp_time: Seconds = entry(0.0, "Time to reach full strength.", ge=0)

@@ -106,6 +106,7 @@ class WavesFlow(SurfaceWaves):
     Drawn from `seed`. They need `water.depth`. The mean of the uniform flows carries them.
     """
 
+    drawn: ClassVar[bool] = True
     kind: Literal["waves"] = entry("waves", "Surface waves.")
     height_key: ClassVar[str] = "significant_height"
     period_key: ClassVar[str] = "peak_period"

@@ -24,6 +24,8 @@ _TURNS, _STRETCH = 3.0, 0.5
 """Largest usual turns and stretch of the free arm under a chamber or tendon."""
 _REACH = 1.05
 """Distance of a target from the base over the arm's length."""
+_BENT = 0.05
+"""Displacement of the tip over the arm's length by random water from which the start matters."""
 _OF_THRUSTERS = ("bandwidth_hz", "max_force", "max_moment")
 
 
@@ -44,6 +46,36 @@ def _reach(facts: Facts) -> Iterator[str]:
                 f"mm{', or seen from the base' if target.frame == 'world' else ''}?"
             )
             return
+
+
+@check(
+    "target.tip",
+    limit="where it stays initial: no random flow without a ramp that bends the arm by 5 % of its "
+    "length at t = 0",
+)
+def _random_start(facts: Facts) -> Iterator[str]:
+    scenario, water = facts.scenario, facts.scenario.water
+    stays = scenario.target.tip == "initial" and not scenario.target.moves
+    if (
+        scenario.simulation.start != "equilibrium"
+        or scenario.control.kind == "sequence"
+        or not stays
+    ):
+        return
+    mean = math.hypot(*facts.mean_current)
+    for index, flow in enumerate(scenario.flow):
+        if not flow.drawn or flow.start or flow.ramp_time:
+            continue
+        own = math.hypot(*flow.uniform_mean or (0.0,))
+        more = (mean + facts.fastest(index, flow) - own) ** 2 - mean**2
+        drag = 0.5 * water.density * water.drag_normal * facts.diameter * more
+        if facts.limpness(drag, 3) / 8 > _BENT:
+            key = f"flow.{index}"
+            yield (
+                f'target.tip: got "initial", the pose in the water of t = 0, where {key} '
+                f"({flow.kind}) is at a random instant. Errors count from there. With "
+                f"{key}.ramp_time the arm starts without it."
+            )
 
 
 def _target_points(facts: Facts, root: Vector) -> dict[str, Float[np.ndarray, "time axis"]]:
@@ -211,4 +243,4 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
-TASK_CHECKS = (_reach, _curling, _rubbing, _idle_thrusters, _meeting, _training)
+TASK_CHECKS = (_reach, _random_start, _curling, _rubbing, _idle_thrusters, _meeting, _training)

@@ -220,11 +220,16 @@ def draw_modes(modes: xr.Dataset) -> Figure:
     return figure
 
 
+def no_swing(ratio: float) -> str:
+    """Return the text for a mode without a frequency, by its damping ratio."""
+    return "overdamped" if ratio >= 1 else "no swing"
+
+
 def _draw(axes: Axes, mode: xr.Dataset, view: View) -> None:
     frequency, ratio = float(mode["frequency"].item()), float(mode["damping_ratio"].item())
     if np.isnan(frequency):
         return
-    label = f"{frequency:.3g} Hz" if frequency > 0 else "no swing"
+    label = f"{frequency:.3g} Hz" if frequency > 0 else no_swing(ratio)
     if not np.isnan(ratio):
         label += f"\n$\\zeta$ = {0.0 if abs(ratio) < _UNDAMPED else ratio:.2g}"
     axes.set_title(f"{int(mode['mode'])}: {label}", fontsize=8.0, pad=3)

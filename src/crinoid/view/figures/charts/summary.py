@@ -265,7 +265,7 @@ def equilibrium_summary(result: Result) -> RunSummary:
                 add(f"force of obstacle {index}", parts(push, " N", largest(push)))
     if "natural_frequency" in dataset:
         first = ", ".join(f"{value:.3g}" for value in dataset["natural_frequency"].values[:4])
-        add("lowest natural frequencies", f"{first} Hz")
+        add("lowest natural frequencies, without damping", f"{first} Hz")
     return RunSummary(["", "at rest"], rows)
 
 
