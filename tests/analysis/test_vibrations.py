@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 import crinoid
+from crinoid.cli.analyses import _modes_table
 from crinoid.dynamics import ModesError
 from crinoid.scenario import Scenario
 from crinoid.view.figures import ReportError, write_report
@@ -132,3 +133,14 @@ def test_speeds_of_lock_in_are_the_frequency_times_diameter_and_reduced_velocity
         first * 0.03 / np.array([0.26, 0.1])
     )
     assert np.isnan(found["lock_in_speed"].sel(mode=3)).all()
+
+
+def test_a_mode_without_a_frequency_is_described_by_its_damping():
+    numbers = {"frequency": [1.25, 0.0, 0.0, np.nan], "damping_ratio": [0.1, 2.5, -1.0, np.nan]}
+    data = xr.Dataset(
+        {name: (("mode", "medium"), np.array(each)[:, None]) for name, each in numbers.items()},
+        {"mode": [1, 2, 3, 4], "medium": ["air"]},
+        {"title": "t"},
+    )
+    columns = [list(column.cells) for column in _modes_table(data).columns]
+    assert columns[1:] == [["1.25", "overdamped", "no swing", "-"], ["0.1", "2.5", "-1", "-"]]

@@ -13,7 +13,7 @@ import pytest
 
 import crinoid
 from crinoid.cli.command import Terminal, complete_key, complete_name
-from crinoid.cli.display import notes_of_cases, progress_bar
+from crinoid.cli.display import notes_of_cases, progress_bar, say_absent
 from crinoid.compilation.program import _crowded
 from crinoid.scenario import Scenario
 from crinoid.view.figures import ReportError, write_report
@@ -177,3 +177,14 @@ def test_the_package_loads_lazily_and_computes_in_64_bits():
     subprocess.run([sys.executable, "-c", code], check=True, env=plain, timeout=60)
     with pytest.raises(AttributeError, match="nothing"):
         _ = crinoid.nothing
+
+
+def test_water_that_is_absent_or_random_at_the_start_is_named(capsys):
+    waves = {"kind": "waves", "significant_height": 0.3, "peak_period": 4.0}
+    gusts = {"kind": "gauss-markov", "mean": [0.1, 0.0], "standard_deviation": 0.1}
+    flow = [waves | {"ramp_time": 2.0}, gusts | {"correlation_time": 1.0}]
+    say_absent(Scenario(flow=flow, water={"depth": 20.0}))
+    assert capsys.readouterr().out.splitlines() == [
+        "note: flow.0 is 0 at t = 0, and has no effect here. Try --set flow.0.ramp_time=0",
+        "note: flow.1 (gauss-markov) is at a random instant. It depends on seed",
+    ]

@@ -3,6 +3,7 @@
 import signal
 import time
 from itertools import count
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,12 +15,15 @@ import crinoid
 from crinoid.analysis.margins import find_margins
 from crinoid.assembly.prepared import Prepared
 from crinoid.cli.folder import check_own
+from crinoid.cli.inverse import _tuning_notes
 from crinoid.inverse import tuning as module
 from crinoid.inverse.constrained_search import constrain
 from crinoid.inverse.gain_design import Cost, CostWeights, GainDesign, cost, tunable_numbers
 from crinoid.inverse.gain_search import GainTrial, bounds, descend, nearest
 from crinoid.inverse.tuning import STARTS, Tuning
+from crinoid.results.errors import tip_error
 from crinoid.scenario import Scenario
+from crinoid.simulation import simulate
 from crinoid.view.figures import ReportError, write_report
 from helpers.arms import QUICKLY
 from helpers.command import call, refused, succeeded
@@ -293,6 +297,39 @@ def test_the_margins_are_those_of_the_linear_loop(folder, data):
 def test_tuning_gains_in_draws_other_than_its_own(data):
     assert float(data["after"].mean()) < 0.9 * float(data["before"].mean())
     assert float(data["after_error"].mean()) < float(data["before_error"].mean())
+
+
+def test_the_error_without_control_is_that_of_runs_without_it(data):
+    for seed, found in zip((5, 6), data["uncontrolled_error"].values, strict=True):
+        alone = SCENARIO.with_values({"seed": seed, "control.kind": "none"})
+        assert found == pytest.approx(tip_error(simulate(alone)).rms, rel=1e-3)
+
+
+def test_a_search_with_few_trials_and_little_effect_has_notes():
+    tuning = SimpleNamespace(
+        random=True,
+        keeps_margin=True,
+        cost=np.ones((4, 2)),
+        held_out={
+            name: np.array([value])
+            for name, value in {
+                "before": 2.0,
+                "after": 1.0,
+                "before_error": 0.02,
+                "after_error": 0.0095,
+                "uncontrolled_error": 0.01,
+            }.items()
+        },
+        scenario=SCENARIO,
+        ended_at_limit=True,
+        iterations=6,
+    )
+    weak, short = _tuning_notes(tuning, xr.Dataset())
+    assert "hardly holds the tip better than none" in weak
+    assert weak.endswith('or try control.kind = "lqg".')
+    assert short.startswith("the search ended at --iterations 6.")
+    tuning.held_out["after_error"], tuning.ended_at_limit = np.array([0.005]), False
+    assert _tuning_notes(tuning, xr.Dataset()) == []
 
 
 def test_the_figure_shows_the_search(folder, data, tmp_path):

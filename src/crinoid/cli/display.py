@@ -100,12 +100,12 @@ def say_absent(scenario: Scenario) -> None:
     """Name flows and loads without effect at t = 0, and flows at a random instant."""
     for name in ("flow", "load"):
         for index, each in enumerate(getattr(scenario, name)):
+            where = f"{name}.{index}"
             if late := [key for key in ("start", "ramp_time") if getattr(each, key) > 0]:
-                where = f"{name}.{index}"
                 settings = " ".join(f"--set {where}.{key}=0" for key in late)
                 say_notes([f"{where} is 0 at t = 0, and has no effect here. Try {settings}"])
             elif name == "flow" and each.drawn:
-                say_notes([f"{where} ({each.kind}) is at a random instant, which `seed` decides"])
+                say_notes([f"{where} ({each.kind}) is at a random instant. It depends on seed"])
 
 
 def say_written(paths: Iterable[Path]) -> None:
