@@ -15,7 +15,7 @@ class FlowTable(Model):
     """A flow with a start time and a ramp."""
 
     drawn: ClassVar[bool] = False
-    """Whether `seed` decides its velocity at each instant."""
+    """Whether the seed of the scenario decides its velocity at each instant."""
     kind: str
     start: Seconds = entry(0.0, "Start time.", ge=0)
     ramp_time: Seconds = entry(0.0, "Time to reach full strength.", ge=0)
