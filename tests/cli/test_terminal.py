@@ -13,7 +13,7 @@ import pytest
 
 import crinoid
 from crinoid.cli.command import Terminal, complete_key, complete_name
-from crinoid.cli.display import notes_of_cases, progress_bar, say_absent
+from crinoid.cli.display import notes_of_cases, progress_bar, say_absent, seed_notes
 from crinoid.compilation.program import _crowded
 from crinoid.scenario import Scenario
 from crinoid.view.figures import ReportError, write_report
@@ -188,3 +188,8 @@ def test_water_that_is_absent_or_random_at_the_start_is_named(capsys):
         "note: flow.0 is 0 at t = 0, and has no effect here. Try --set flow.0.ramp_time=0",
         "note: flow.1 (gauss-markov) is at a random instant. It depends on seed",
     ]
+
+
+@pytest.mark.parametrize(("seeds", "noted"), [(1, False), (2, True), (4, True), (5, False)])
+def test_intervals_of_few_seeds_are_noted(seeds, noted):
+    assert bool(seed_notes(seeds)) == noted

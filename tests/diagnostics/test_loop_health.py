@@ -14,6 +14,7 @@ from crinoid.diagnostics.control_loop import (
     loop_notes,
 )
 from crinoid.foundation.result_variables import quantity
+from crinoid.results.errors import tip_error
 from crinoid.results.result import Result
 
 TIME = np.arange(0.0, 30.001, 0.02)
@@ -157,6 +158,10 @@ def test_control_that_makes_it_worse_gets_a_note():
     for frequency, judged in ((0.02, False), (0.1, True)):
         result.dataset["natural_frequency"] = ("mode", [frequency])
         assert (comparison(result) is not None) == judged
+    # as in the table of the run
+    late = SCENARIO.with_values({"target.judged_from": 0.5 * TIME[-1]})
+    result = made(2 * turbulence(3), uncontrolled=turbulence(3), scenario=late)
+    assert comparison(result) == (tip_error(result).rms, tip_error(result.uncontrolled).rms)
     # two nothings
     assert loop_notes(made(1e-6 + 0 * TIME, uncontrolled=1e-7 + 0 * TIME)) == []
     # while it is on

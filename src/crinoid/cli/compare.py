@@ -17,6 +17,7 @@ from crinoid.cli.display import (
     say_notes,
     say_when,
     say_written,
+    seed_notes,
 )
 from crinoid.cli.finding import finding
 from crinoid.cli.folder import check_own
@@ -95,7 +96,7 @@ def compare_controllers(
         paths.insert(1, folder / COMPARISON_TABLE)
         console.print(comparison_table(data))
         say_when(scenario)
-        say_notes([*notes, *notes_of_cases(of_runs)])
+        say_notes([*notes, *seed_notes(len(seeds)), *notes_of_cases(of_runs)])
         say_written(paths)
     failures = [
         f"{kind} with seed {seed}: {arm.status}"

@@ -81,6 +81,17 @@ def say_notes(notes: Iterable[str]) -> None:
         console.print(f"note: {note}", soft_wrap=True)
 
 
+_FEW_SEEDS = 5
+"""Seeds below which a note says that intervals are wide: half of one is 2.8 standard errors."""
+
+
+def seed_notes(seeds: int) -> list[str]:
+    """Return a note on 95 % intervals of so few seeds; none where there is no interval."""
+    if not 1 < seeds < _FEW_SEEDS:
+        return []
+    return [f"95 % intervals of {seeds} seeds are wide. Use --seeds 10."]
+
+
 _ONSETS = ("flow", "load", "base", "target", "simulation")
 """Tables that decide from when on errors count."""
 _AIMS = ("target", "control")

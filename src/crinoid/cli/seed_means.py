@@ -10,7 +10,7 @@ from jaxtyping import Float
 from rich import box
 from rich.table import Table
 
-from crinoid.cli.display import new_table
+from crinoid.cli.display import new_table, seed_notes
 from crinoid.cli.folder import clear_own
 from crinoid.results.metrics import MEASURES, Measure, write_rows
 from crinoid.scenario import counted
@@ -71,6 +71,11 @@ class SeedTables:
             yield self._list(shown, keys)
         if any(each.extreme for each in self.means):
             yield self._extremes(keys)
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on the intervals."""
+        return seed_notes(min((each.mean.seeds for each in self.means), default=0))
 
     def _of(self, name: str) -> tuple[list[SeedMean], Unit]:
         found = [each for each in self.means if each.name == name]

@@ -140,7 +140,7 @@ def _run_cases(
         say_when(plan.scenario, plan.keys)
         written = means.write(folder)
         pages, lacking = page_in(folder)
-        say_notes([*notes_of_cases(notes), *lacking])
+        say_notes([*means.notes, *notes_of_cases(notes), *lacking])
         say_where([folder / CASES, *written, *pages])
     return ended or listed(failures, CASES)
 

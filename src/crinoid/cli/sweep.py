@@ -161,7 +161,7 @@ def run_sweep(
     files += means.write(folder)
     pages, lacking = page_in(folder)
     say_when(plan.scenario, plan.keys)
-    say_notes(lacking if has_zarr() else [_NO_ZARR, *lacking])
+    say_notes([*means.notes, *(() if has_zarr() else (_NO_ZARR,)), *lacking])
     say_written([*files, *pages])
     errors, status = data["rms_error"].values, data["status"].values
     if np.isfinite(errors).any():

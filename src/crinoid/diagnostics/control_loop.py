@@ -13,6 +13,7 @@ from crinoid.dynamics import System
 from crinoid.elements import AddedMass
 from crinoid.foundation.axes import CHANNELS
 from crinoid.results.chunks import pieces
+from crinoid.results.errors import judged
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, SineFlow, SurfaceWaves
 
@@ -220,13 +221,13 @@ def limit_cycle(result: Result) -> LimitCycle | None:
 
 
 def comparison(result: Result) -> tuple[float, float] | None:
-    """Return the RMS tip error with control and without (m), while it is on.
+    """Return the RMS tip error with control and without (m), from when it is on and errors count.
 
     None unless both runs exist and control is on for the arm's first period or longer.
     """
     if result.uncontrolled is None:
         return None
-    which = _controlled(result)
+    which = _controlled(result) & judged(result)
     on = float(np.ptp(result.dataset["time"].values[which])) if which.any() else 0.0
     if "natural_frequency" in result.dataset:
         first = float(result.dataset["natural_frequency"][0])

@@ -38,7 +38,7 @@ def draw_tuning(data: xr.Dataset) -> Figure:
     axes.set(yscale="log", ylabel="root of mean cost (mm)")
     (margins or [costs])[-1][0].set_xlabel(words)
     if np.isfinite(root).any():
-        axes.set_ylim(top=3.0 * np.nanmax(root))
+        axes.set_ylim(0.7 * np.nanmin(root), 3.0 * np.nanmax(root))
     axes.legend(ncols=4, loc="upper right")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=9))
     axes.yaxis.set_major_formatter(ScalarFormatter())
