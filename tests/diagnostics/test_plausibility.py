@@ -321,6 +321,7 @@ CASES = {
         "?",
         [
             "simulation.time_step=0.5",
+            "simulation.time_step=1e-5",
             "simulation.time_step=0.05; control.kind=none",
             "flow.0.length_scale=0.1; flow.0.mean=[3.0, 0.0]",
             WAVES.replace("?", "0.1, peak_period=0.8}]; water.depth=20.0; simulation.time_step=0.1")

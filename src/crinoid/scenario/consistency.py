@@ -169,10 +169,13 @@ def _vehicle_conflicts(scenario: Scenario) -> Iterator[Mistake]:
 
 
 def _channel_conflicts(scenario: Scenario) -> Iterator[Mistake]:
-    """Yield gains of inputs that do not exist."""
+    """Yield gains of inputs that do not exist, and a controller without any input."""
+    control = scenario.control
+    if control.kind in ("lqg", "mpc") and not (scenario.driven or scenario.actuator):
+        yield scenario.mistake("control.kind", "have an input", "Add base.channels.slide.")
     channels, threads = CHANNELS[scenario.arm.dimension], scenario.thread_names
     names = (*scenario.base.channels.present, *threads)
-    for name, gains in scenario.control.pid.present.items():
+    for name, gains in control.pid.present.items():
         key = f"control.pid.{name}"
         if name in channels and name not in names:
             text = got(gains, "drive an existing channel", f"Add a table base.channels.{name}.")

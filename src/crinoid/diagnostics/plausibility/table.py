@@ -212,6 +212,8 @@ BASIC = (
     range_rule("sensor.resolution_angle_deg", 0.0, 30.0, "degrees"),
     range_rule("simulation.tolerance", 1e-13, 1e-4, below="Round-off is larger.",
                above="It is too loose."),
+    range_rule("simulation.time_step", 0.0, 1e6, "s", quantity="time steps in the run",
+               of=lambda facts, _, simulation: simulation.steps, above="Use a larger one."),
     range_rule("simulation.max_iterations", 5.0, 1e3,
                below="A step needs about 3, more where it is hard to solve."),
 
@@ -282,7 +284,8 @@ DERIVED = (
                above="The flow hardly varies in the run. Is it in ms?"),
     *(start_rule(f"{table}.*.start") for table in ("flow", "load")),
     *(range_rule(f"{table}.*.ramp_time", 0.0, INF, "s", quantity="time left at half the strength",
-                 quantity_unit="s", of=_half_strength, below="Is it in ms?")
+                 quantity_unit="s", of=_half_strength,
+                 below="The run ends earlier. Is it in ms?")
       for table in ("flow", "load")),
     _load("load.*.force", "N", "force / EA", 0.3,
           lambda facts, force: force / facts.stretching),
