@@ -55,18 +55,26 @@ def lines(text: str) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def lacks(line: str, folder: Path) -> bool:
-    """Return whether a command reads a file that is not there."""
+def lacks(line: str, folder: Path, absent: set[str]) -> bool:
+    """Return whether a command reads a file that is not there, or a folder not written before.
+
+    What such a command would write is ``absent`` for later ones.
+    """
     words = shlex.split(line)
-    read = [word for before, word in pairwise(words) if not before.startswith("-")]
-    named = [word for word in read if re.fullmatch(r"[\w./-]+\.(toml|nc|csv|mcap|eqx)", word)]
-    return not all((folder / word).exists() for word in named)
+    read = [word for one, word in pairwise(words) if one == "--set" or not one.startswith("-")]
+    names = [word.rpartition("=")[2] for word in read]
+    named = [name for name in names if re.fullmatch(r"[\w./-]+\.(toml|nc|csv|mcap|eqx)", name)]
+    if absent.isdisjoint(names) and all((folder / name).exists() for name in named):
+        return False
+    absent |= {word for one, word in pairwise(words) if one == "--out"}
+    return True
 
 
 def run(page: Path, result: Path, seconds: float, *, show: bool) -> list[str]:
     """Run the commands of a page; return those that fail."""
     text = page.read_text("utf-8")
-    failed = []
+    failed: list[str] = []
+    absent: set[str] = set()
     with tempfile.TemporaryDirectory() as folder:
         for name, body in files(text).items():
             (Path(folder) / name).write_text(body, "utf-8")
@@ -75,7 +83,7 @@ def run(page: Path, result: Path, seconds: float, *, show: bool) -> list[str]:
         shutil.copytree(result, Path(folder) / "results" / "station-keeping")
         path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
         for line in lines(text):
-            if lacks(line, Path(folder)):
+            if lacks(line, Path(folder), absent):
                 print(f"skipped          {line}", flush=True)
                 continue
             start = time.perf_counter()
