@@ -59,7 +59,8 @@ def after() -> str:
             "a reduced velocity in the range of lock-in, from 4 to a number by the mass ratio (18 "
             "for an arm of nearly the density of water), without vortices in space, for "
             f"{notes._CYCLES:g} periods on end, on {notes._NOTED:.0%} of the length for "
-            f"{notes._NOTED:.0%} of the time",
+            f"{notes._NOTED:.0%} of the time; or, where the mean flow is in that range, for "
+            f"{notes._MOSTLY:.0%} of the time with gaps",
         ),
         (
             "a drag coefficient outside of its range",
@@ -70,8 +71,8 @@ def after() -> str:
         ),
         (
             "a strain beyond linear elasticity",
-            f"more than {notes._STRAIN:.0%}; a run fails with an edge {notes._TORN:g} times longer "
-            "or shorter",
+            f"more than {notes._STRAIN:.0%}, of an edge or at the surface; a run fails with an "
+            f"edge {notes._TORN:g} times longer or shorter",
         ),
         (
             "penetration of an obstacle",

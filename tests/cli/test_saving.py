@@ -5,6 +5,7 @@ No test here computes a motion: `Player` stands for the simulation.
 
 import contextlib
 import errno
+import json
 import os
 import re
 import shutil
@@ -539,6 +540,11 @@ def test_completed_cases_are_not_run_again(here, player):
     # and a run that is complete is only shown
     assert call("run", "small.toml", "--out", "one").exit_code == 0
     assert "is complete" in succeeded("run", "small.toml", "--out", "one", "--resume")
+    assert len(player.played) == 5
+    # which writes what a run that was killed at its end lacks
+    (here / "one" / "summary.json").unlink()
+    assert "wrote one/summary.json" in succeeded("run", "small.toml", "--out", "one", "--resume")
+    assert json.loads((here / "one" / "summary.json").read_text())["status"] == "ok"
     assert len(player.played) == 5
 
 

@@ -264,6 +264,11 @@ def test_a_note_names_the_part_of_the_arm_and_of_the_time():
 def test_what_passes_through_lock_in_faster_than_it_builds_up_gets_no_note():
     swinging = speed_at(10.0) * np.sin(2 * np.pi * 0.5 * np.linspace(0.0, 20.0, 1001))
     assert notes(held_still(swinging), WATER) == []
+    # about a mean in the range, short gaps do not end it
+    mean = speed_at(8.0) + 0.6 * swinging
+    (note,) = notes(held_still(mean), WATER)
+    assert "mode 1 (0.5 Hz)" in note
+    assert notes(held_still(mean[:51], duration=1.0), WATER) == []
 
 
 def test_nothing_is_shed_below_a_reynolds_number_of_50():
@@ -320,6 +325,12 @@ def test_an_absurd_strain_gets_a_note():
         assert words in note
         assert "linear elasticity" in note
     assert notes(held_still(np.zeros(5), length=1.4 * LENGTH), WATER) == []
+    for curvature, count in ((1.2 / DIAMETER, 1), (0.8 / DIAMETER, 0)):
+        bent = held_still(np.zeros(5)).assign_attrs(scenario=WATER.to_toml())
+        bent["curvature"] = bent["flow_velocity"].isel(axis=0) * 0 + curvature
+        found = notes(bent, WATER)
+        assert len(found) == count
+        assert not found or "strain at the surface is 60%" in found[0]
 
 
 def test_a_sensor_reading_that_is_not_finite_gets_a_note_with_its_time():

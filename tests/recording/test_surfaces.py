@@ -219,6 +219,11 @@ def test_a_bed_above_the_arm_overlaps_it(tmp_path):
     line = r"obstacle.0.position: overlaps the arm without load by 115 mm"
     with pytest.raises(ValueError, match=line):
         Prepared(case).check()
+    # not a matter of place
+    line = r"overlaps the arm by 300 m, more than its length. Is its size in mm\?"
+    ball = {"kind": "sphere", "position": [0.0, 0.0, -10.0], "radius": 300.0}
+    with pytest.raises(ValueError, match=line):
+        Prepared(scenario(ball)).check()
 
 
 def test_a_cut_thinner_than_the_grid_is_not_drawn():

@@ -44,6 +44,10 @@ def test_figures_are_written_where_asked_and_show_the_uncontrolled_run(tmp_path)
     save(swaying_arm(records=41, driven=False, sway=0.12), tmp_path / "uncontrolled.nc")
     compared = assert_report(tmp_path)
     assert {figure.parent for figure in compared} == {tmp_path}
+    # that run alone has a folder of its own, and says which it is
+    for figure in write_report(tmp_path / "uncontrolled.nc"):
+        assert figure.parent == tmp_path / "uncontrolled"
+    assert ", without control</title>" in figure.read_text()
     same = [a.read_bytes() == b.read_bytes() for a, b in zip(alone, compared, strict=True)]
     assert same == [False, False, False, True, True, False, False, False, False]
 

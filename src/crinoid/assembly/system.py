@@ -266,11 +266,13 @@ def clearance(system: System) -> Float[np.ndarray, " m"]:
 
     A free obstacle may overlap another one by the skin of their contact.
     """
-    room = np.asarray(_clearance(system))
+    room, length = np.asarray(_clearance(system)), float(system.reference.length)
     mistakes = [
         Mistake(
             f"obstacle.{index}.position",
-            f"overlaps the arm without load by {-1e3 * gap:.3g} mm. Move it clear of the arm.",
+            f"overlaps the arm without load by {-1e3 * gap:.3g} mm. Move it clear of the arm."
+            if -gap < length
+            else f"overlaps the arm by {-gap:.3g} m, more than its length. Is its size in mm?",
         )
         for index, gap in enumerate(room)
         if gap < 0

@@ -22,8 +22,10 @@ from crinoid.compilation import keep_programs
 from crinoid.diagnostics.plausibility import AT_REST
 from crinoid.foundation.status import Status
 from crinoid.results.result import RESULT, Result, ResultError
+from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.simulation import Progress, SimulationError, Tell, at_rest, play, settle
+from crinoid.view.page.parts import PAGE
 
 
 def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool) -> str:
@@ -42,6 +44,11 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool)
         if earlier is not None and is_complete(earlier, scenario):
             _say_run(earlier, doubted)
             console.print(f"The run in {folder} is complete; nothing to resume.", soft_wrap=True)
+            # a run that was killed after its last step lacks what is written then
+            if not all((folder / name).exists() for name in (SUMMARY_JSON, SUMMARY_CSV, PAGE)):
+                pages, lacking = page_in(folder)
+                say_notes(lacking)
+                say_where(write_summary(earlier, folder) + pages)
             return ""
         broken_off = (Status.INTERRUPTED, Status.UNFINISHED)
         if not resume and contains(folder, scenario, *broken_off):

@@ -14,6 +14,8 @@ from crinoid.dynamics.self_contact import CANDIDATES
 from crinoid.elements.water import cylinder_drag
 from crinoid.results.chunks import pieces
 from crinoid.results.dimensionless import MOTION, across, normal_velocity, spinning
+from crinoid.results.loads import largest_strain
+from crinoid.results.result import Result
 from crinoid.scenario import Scenario, Tool, shown
 from crinoid.scenario.water import Water
 
@@ -23,6 +25,8 @@ _SHEDDING = 50.0
 """Reynolds number above which vortices are shed (Williamson 1996: 49)."""
 _NOTED = 0.05
 """Share of the time, and of the length, above which lock-in deserves a note."""
+_MOSTLY = 0.5
+"""Share of the time at a node above which lock-in to a mean flow counts, in spite of gaps."""
 _SUBCRITICAL = (1e3, 1e5)
 """Reynolds numbers between which the drag coefficient of a cylinder hardly changes
 (Sumer and Fredsoe 2006, chapter 2)."""
@@ -187,7 +191,13 @@ def _stretch(dataset: xr.Dataset) -> str:
     for _, strain in _strains(dataset):
         longest, shortest = max(longest, float(strain.max())), min(shortest, float(strain.min()))
     if max(longest, -shortest) <= _STRAIN:
-        return ""
+        surface = largest_strain(Result(dataset))
+        if surface is None or not surface.value > _STRAIN:
+            return ""
+        return (
+            f"the largest strain at the surface is {surface.value:.0%}, beyond the valid range of "
+            "linear elasticity"
+        )
     stretched = longest >= -shortest
     how = f"stretched by {longest:.0%}" if stretched else f"compressed by {-shortest:.0%}"
     return f"the arm is {how}, beyond the valid range of linear elasticity"
@@ -230,16 +240,26 @@ def _vortices(dataset: xr.Dataset, facts: Facts) -> str:
     modes = _bending(dataset)
     frequency = dataset["natural_frequency"].sel(mode=modes).values
     inside: list[list[np.ndarray]] = [[] for _ in modes]
+    velocities = []
     for piece in pieces(dataset, MOTION):
-        speed = np.linalg.norm(normal_velocity(piece), axis=2)
+        velocities.append(normal_velocity(piece))
+        speed = np.linalg.norm(velocities[-1], axis=2)
         sheds = speed * diameter > _SHEDDING * water.kinematic_viscosity
         for each, its in zip(frequency, inside, strict=True):
             reduced = speed / (each * diameter)
             its.append(sheds & (reduced > low) & (reduced < high))
-    struck = []
+    mean = np.linalg.norm(np.concatenate(velocities).mean(axis=0), axis=1)
+    struck, share = [], _length_share(dataset)
     for mode, each, its in zip(modes, frequency, inside, strict=True):
-        part = lasting_share(np.concatenate(its), time, _CYCLES / each, _length_share(dataset))
+        sheds, least = np.concatenate(its), _CYCLES / each
+        part = lasting_share(sheds, time, least, share)
         at = part > _NOTED
+        if at.mean() <= _NOTED and np.ptp(time) >= least:
+            # or with gaps, about a mean that does not reverse
+            steady = (mean > low * each * diameter) & (mean < high * each * diameter)
+            steady &= sheds.mean(axis=0) > _MOSTLY
+            part = np.where(steady, sheds * share, 0.0).sum(axis=1)
+            at = part > _NOTED
         if at.mean() > _NOTED:
             struck.append(
                 f"mode {mode} ({each:.2g} Hz) for {at.mean():.0%} of the time on "

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import rainflow
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crinoid.results.chunks import pieces
 from crinoid.results.errors import p95, rms
@@ -56,6 +56,33 @@ class ContactExtremes(NamedTuple):
     """Their obstacles, in this order."""
 
 
+class FarContact(NamedTuple):
+    """Contact of the arm with itself or with the hull, at saved instants."""
+
+    force: Float[np.ndarray, " time"]
+    """Sum of the forces on the edges, each pair counted once (N)."""
+    gap: Float[np.ndarray, " time"]
+    """Smallest distance of the surfaces (m)."""
+    held: Bool[np.ndarray, " interval"]
+    """Whether there is contact from one instant to the next."""
+    time: float
+    """Time in contact (s)."""
+
+    @property
+    def largest_force(self) -> float:
+        """Largest force (N)."""
+        return float(self.force.max())
+
+    @property
+    def smallest_gap(self) -> float:
+        """Smallest distance (m); negative where surfaces overlap."""
+        return float(self.gap.min())
+
+
+FAR_CONTACTS = {"self": "the arm itself", "hull": "the hull"}
+"""Parts other than obstacles that the arm may touch, as in the names of variables, and in words."""
+
+
 class BendingCycles(NamedTuple):
     """Cycles of the curvature where its range is largest, by rainflow counting (ASTM E1049-85)."""
 
@@ -101,6 +128,18 @@ def contact(result: Result) -> ContactExtremes | None:
     force = np.linalg.norm(data["contact_force"].values, axis=2).max(axis=0)
     which = int(time.argmax()), int(force.argmax()), int(gap.argmin())
     return ContactExtremes(float(time.max()), float(force.max()), float(gap.min()), which)
+
+
+def far_contact(data: xr.Dataset, part: str) -> FarContact | None:
+    """Return the contact with one of `FAR_CONTACTS`; None without any."""
+    if f"{part}_force" not in data:
+        return None
+    # what edges press on each other appears at both
+    share = 0.5 if part == "self" else 1.0
+    force = share * np.linalg.norm(data[f"{part}_force"].values, axis=2).sum(axis=1)
+    held = (force[1:] > 0.0) & (force[:-1] > 0.0)
+    lasted = float(np.diff(data["time"].values)[held].sum())
+    return FarContact(force, data[f"{part}_gap"].values.min(axis=1), held, lasted)
 
 
 def largest_curvature(result: Result) -> Peak | None:

@@ -70,6 +70,16 @@ class RunStatistics:
         return loads.contact(self.result)
 
     @cached_property
+    def self_contact(self) -> loads.FarContact | None:
+        """Contact of the arm with itself."""
+        return loads.far_contact(self.result.dataset, "self")
+
+    @cached_property
+    def hull_contact(self) -> loads.FarContact | None:
+        """Contact of the arm with the hull."""
+        return loads.far_contact(self.result.dataset, "hull")
+
+    @cached_property
     def vehicle(self) -> effort.VehicleUse | None:
         """Use of a floating vehicle."""
         return effort.vehicle_use(self.result)
@@ -177,6 +187,14 @@ MEASURES = {
     "max_contact_force": Measure("N", "largest force of an obstacle", _of("contact", "force")),
     "min_gap": Measure(
         "m", "smallest distance of an obstacle from the arm's surface", _of("contact", "gap")),
+    **{
+        name.format(part): Measure(unit, f"{text} {words}", _of(f"{part}_contact", field))
+        for part, words in loads.FAR_CONTACTS.items()
+        for name, unit, text, field in (
+            ("{}_contact_time", "s", "time in contact with", "time"),
+            ("max_{}_force", "N", "largest force of the arm on", "largest_force"),
+            ("min_{}_gap", "m", "smallest distance of the arm from", "smallest_gap"))
+    },
     "vehicle_excursion": Measure(
         "m", "largest distance of the vehicle from where it started", _of("vehicle", "excursion")),
     "vehicle_turn": Measure(

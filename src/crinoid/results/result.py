@@ -213,7 +213,7 @@ class Result:
         Parameters
         ----------
         folder : str or path
-            Folder of the result.
+            Folder of the result, or its ``result.nc``.
         lazily : bool
             Whether large variables stay in their file until they are used.
 
@@ -227,6 +227,7 @@ class Result:
             If there is no result in the folder, or none that this version can read.
         """
         folder = Path(folder)
+        folder = folder.parent if folder.name == RESULT else folder
         result = _read(folder / RESULT, lazily)
         if (folder / UNCONTROLLED).exists():
             result.uncontrolled = _read(folder / UNCONTROLLED, lazily)

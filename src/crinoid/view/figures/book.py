@@ -34,7 +34,7 @@ from crinoid.view.figures.estimate import draw_estimate
 from crinoid.view.figures.paper import draw_chart
 from crinoid.view.figures.record import draw_record
 from crinoid.view.figures.response import draw_response
-from crinoid.view.figures.run import RESULT, Run, load_as, open_run
+from crinoid.view.figures.run import RESULT, UNCONTROLLED, Run, load_as, open_run
 from crinoid.view.figures.searches import (
     draw_identification,
     draw_optimisation,
@@ -195,7 +195,9 @@ def write_book(path: Path, out: Path | None, form: str) -> list[Path]:
     if path.is_file() and path.name in _FINDINGS:
         return _write_finding(path, out or path.parent, form)
     if path.is_file() and path.name != CASES:
-        return _write_run(path, out or path.parent, form)
+        # figures of the controlled run have the same names
+        apart = path.with_suffix("") if path.name == UNCONTROLLED else path.parent
+        return _write_run(path, out or apart, form)
     folder = path if path.is_dir() else path.parent
     written = []
     names = (RESULT, *_FINDINGS)

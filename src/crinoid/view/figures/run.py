@@ -97,9 +97,13 @@ def open_run(path: Path, *, lazily: bool = False) -> Run:
     """
     other = path.with_name(UNCONTROLLED)
     compared = other.is_file() and path.name != UNCONTROLLED
-    return run_of(
-        {str(each): checked_result(each, lazily=lazily) for each in [path, other][: 1 + compared]}
-    )
+    found = {
+        str(each): checked_result(each, lazily=lazily) for each in [path, other][: 1 + compared]
+    }
+    if path.name == UNCONTROLLED:
+        title = found[str(path)].attrs.get("title", "") or "A run"
+        found[str(path)].attrs["title"] = f"{title}, without control"
+    return run_of(found)
 
 
 def run_of(results: Mapping[str, xr.Dataset]) -> Run:

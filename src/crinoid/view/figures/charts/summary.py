@@ -10,6 +10,7 @@ from crinoid.diagnostics.control_loop import limit_shares
 from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.results.effort import InputUse, input_use
 from crinoid.results.errors import TipError, error_word
+from crinoid.results.loads import FAR_CONTACTS
 from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
 from crinoid.view.figures.measures import label_of, unit_of
@@ -57,6 +58,7 @@ def summary(result: Result) -> RunSummary:
         table.add_loads()
         table.add_vehicle()
         table.add_contacts()
+        table.add_far_contacts()
         table.add_own()
         table.add_solver()
     controlled = result.scenario.control.kind != "none"
@@ -196,6 +198,19 @@ class _Table(NamedTuple):
                 text = unit.text(value)
                 cells.append(f"obstacle {each.obstacles[row]}: {text}" if several else text)
             self.rows.append([name, *cells])
+
+    def add_far_contacts(self) -> None:
+        """Add contact of the arm with itself and with the hull."""
+        for part, words in FAR_CONTACTS.items():
+            short = words.split()[-1]
+            for name, row in (
+                (f"{part}_contact_time", f"time in contact with {short}"),
+                (f"max_{part}_force", f"largest force on {short}"),
+                (f"min_{part}_gap", f"smallest gap from {short}"),
+            ):
+                values = self.measure(name)
+                most = max(abs(value or 0.0) for value in values)
+                self.add(row, values, unit_of(MEASURES[name].attributes, most))
 
     def add_own(self) -> None:
         """Add the measures that a scenario names of packages."""

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float
 
+from crinoid.results.loads import FAR_CONTACTS, far_contact
 from crinoid.view.figures.charts.chart import ZERO, Chart, IntervalRow, Panel, Trace
 from crinoid.view.figures.run import Run
 from crinoid.view.figures.style import largest, length_unit, si_unit
@@ -17,7 +18,6 @@ _VARIABLES = (
     *("obstacle_position", "contact_force", "contact_impulse"),
     *("contact_time", "contact_gap", "contact_closest"),
 )
-_ITSELF, _HULL = ("self_gap", "self_force"), ("hull_gap", "hull_force")
 
 _FORCE = Panel("contact_force", "contact\nforce", low=0.0, tall=2.2, columns=3)
 _GAP = Panel("contact_gap", "distance from\nthe arm", levels=ZERO, tall=2.0, columns=3)
@@ -51,7 +51,8 @@ class _Body(NamedTuple):
 
 def has_contact(run: Run) -> bool:
     """Whether the result contains contacts."""
-    return any(all(name in run.result for name in names) for names in (_VARIABLES, _ITSELF, _HULL))
+    far = (f"{part}_force" in run.result for part in FAR_CONTACTS)
+    return all(name in run.result for name in _VARIABLES) or any(far)
 
 
 def contact_chart(run: Run) -> Chart:
@@ -84,25 +85,22 @@ def _bodies(label: str, data: xr.Dataset) -> Iterator[_Body]:
                 found["contact_gap"].values,
                 float(found["contact_closest"].values[-1]),
             )
-    # what edges press on each other appears at both
-    parts = (("the arm itself", "itself", _ITSELF, 0.5), ("the hull", "hull", _HULL, 1.0))
-    for index, (name, short, (gaps, forces), share) in enumerate(parts):
-        if forces not in data:
+    for index, (part, name) in enumerate(FAR_CONTACTS.items()):
+        if (far := far_contact(data, part)) is None:
             continue
-        force = share * np.linalg.norm(data[forces].values, axis=2).sum(axis=1)
-        gap, held = data[gaps].values.min(axis=1), (force[1:] > 0.0) & (force[:-1] > 0.0)
+        short = name.split()[-1]
         yield _Body(
             "without control" if behind else name,
             f"{short} without" if behind else short,
             count + index,
             behind,
             time,
-            held,
-            float(np.diff(time)[held].sum()),
-            force,
+            far.held,
+            far.time,
+            far.force,
             np.zeros(0),
-            gap,
-            float(gap.min()),
+            far.gap,
+            far.smallest_gap,
         )
 
 
