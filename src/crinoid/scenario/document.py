@@ -38,6 +38,16 @@ RecordFile = Annotated[
 ]
 
 
+def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of tables by dotted key."""
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, inner in items:
+            yield from flat(inner, f"{name}.{key}" if name else str(key))
+    else:
+        yield name, value
+
+
 def anchor(document: dict[str, Any], folder: Path) -> None:
     """Resolve the relative paths of a document from a folder, in place."""
     for holder, key in _places(document):

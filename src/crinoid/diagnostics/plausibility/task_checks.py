@@ -15,6 +15,7 @@ from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.checks import check
 from crinoid.scenario import Chamber, ScenarioError, Vehicle, shown
 from crinoid.scenario.actuator import keyed_threads
+from crinoid.scenario.document import flat
 from crinoid.scenario.obstacle import Mesh, Plane, Seabed
 from crinoid.scenario.quantity import unit_vector
 
@@ -206,8 +207,8 @@ def _training(facts: Facts) -> Iterator[str]:
         trained = Description.of(Path(control.neural.weights))
     except ScenarioError:
         return  # the assembly of the controller refuses it
-    here, there = (dict(_leaves(each, "")) for each in (facts.scenario.to_dict(), trained.scenario))
-    standard, found = dict(_leaves(type(facts.scenario)().to_dict(), "")), []
+    here, there = (dict(flat(each)) for each in (facts.scenario.to_dict(), trained.scenario))
+    standard, found = dict(flat(type(facts.scenario)().to_dict())), []
     for key in dict.fromkeys([*here, *there, *trained.draw]):
         if key not in trained.draw and key.split(".")[0] not in PHYSICAL:
             continue
@@ -231,16 +232,6 @@ def _within(got: Any, low: Any, high: Any) -> bool:
         return bool(got == low)
     room = 1e-6 * max(abs(low), abs(high))
     return bool(low - room <= got <= high + room)
-
-
-def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield the values of tables by dotted key."""
-    if isinstance(value, dict | list):
-        items = value.items() if isinstance(value, dict) else enumerate(value)
-        for key, inner in items:
-            yield from _leaves(inner, f"{name}.{key}" if name else str(key))
-    else:
-        yield name, value
 
 
 TASK_CHECKS = (_reach, _random_start, _curling, _rubbing, _idle_thrusters, _meeting, _training)
