@@ -60,7 +60,7 @@ def after() -> str:
             "for an arm of nearly the density of water), without vortices in space, for "
             f"{notes._CYCLES:g} periods on end, on {notes._NOTED:.0%} of the length for "
             f"{notes._NOTED:.0%} of the time; or, where the mean flow is in that range, for "
-            f"{notes._MOSTLY:.0%} of the time with gaps",
+            f"more than {notes._MOSTLY:.0%} of the time without a reversal",
         ),
         (
             "a drag coefficient outside of its range",

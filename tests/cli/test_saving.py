@@ -295,7 +295,7 @@ def test_a_finished_result_of_another_scenario_is_not_replaced(here, player):
     assert call(*RUN).exit_code == 0
     other = (*RUN, "--set", "arm.length=0.7")
     line = refused(*other)
-    assert "out/result.nc is a finished result of another scenario (other arm.length)" in line
+    assert "out/result.nc is a finished result of another scenario (arm.length differs)" in line
     assert "--force" in line
     assert Result.load(here / "out").scenario.arm.length == 0.5
     assert len(player.played) == 2
@@ -439,6 +439,7 @@ def test_a_smaller_study_a_run_and_a_study_replace_each_other_wholly(here):
         assert case == ["mine.txt", *OF_A_RUN * (arguments is RUN_STUDY)]
 
 
+@pytest.mark.slow
 def test_links_are_replaced_and_not_followed(here):
     out = here / "out"
     out.mkdir()

@@ -40,6 +40,7 @@ def held():
     return crinoid.simulate(HELD)
 
 
+@pytest.mark.slow
 def test_covariance_is_that_of_the_errors_of_a_linear_arm():
     setup = set_up(Prepared(HELD), notes=False)
     plan, observer = setup.plan, setup.loop.controller.observer
@@ -177,6 +178,7 @@ class Guess(crinoid.Controller):
         return Estimate(Estimated(memory[:size], jnp.full(size, NOISE)))
 
 
+@pytest.mark.slow
 def test_a_controller_of_a_package_may_estimate_a_part():
     given = HELD.with_values({"simulation.duration": 0.2, "control.compare": False})
     data = crinoid.simulate(given, controller=Guess()).dataset

@@ -73,6 +73,7 @@ def test_sensors_measure_shape_wrench_current_and_inclination(axes):
         assert float(values["inclination"][0]) == pytest.approx(leaning[0], abs=0.02)
 
 
+@pytest.mark.slow
 @AXES
 def test_contact_is_the_force_of_the_skin_on_the_edges_that_feel(axes):
     # a straight arm of four edges, half of its skin deep in a slanting plane along it

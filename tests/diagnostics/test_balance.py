@@ -75,6 +75,7 @@ def test_what_a_message_says_to_try_helps():
     assert float(result.dataset["step_error"].max()) < 1e-3 * 0.22
 
 
+@pytest.mark.slow
 def test_energy_that_an_integrator_removes_gets_a_note():
     result = swing(1e-3, "implicit-euler", duration=0.5)
     (note,) = ledger_notes(result)

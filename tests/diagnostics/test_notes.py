@@ -269,6 +269,7 @@ def test_what_passes_through_lock_in_faster_than_it_builds_up_gets_no_note():
     (note,) = notes(held_still(mean), WATER)
     assert "mode 1 (0.5 Hz)" in note
     assert notes(held_still(mean[:51], duration=1.0), WATER) == []
+    assert notes(held_still(speed_at(5.0) + 0.8 * swinging), WATER) == []  # which reverses
 
 
 def test_nothing_is_shed_below_a_reynolds_number_of_50():

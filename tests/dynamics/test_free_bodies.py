@@ -172,6 +172,7 @@ def test_the_plane_and_space_agree_on_a_rolling_ball():
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @both
 def test_a_ball_that_overlaps_a_plane_within_the_skin_is_pushed_off(axes):
     system, _, normal = on_slope(axes, 0.0, step=2e-5, gravity=0.0, gap=-0.5 * SKIN)

@@ -530,6 +530,7 @@ def test_a_step_over_a_fold_is_refused_and_cut(EI, step):
     assert recovered == (refused if EI == 5e-2 else 0)
 
 
+@pytest.mark.slow
 def test_what_is_not_a_number_is_never_accepted():
     system = spatial(gravity=9.81)
     calm = rest(system)

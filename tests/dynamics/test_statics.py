@@ -438,6 +438,7 @@ def test_loads_below_the_round_off_of_the_stretch_are_warned_of():
     loaded(21, dead=(0.0, 0.0), EA=1e4, floor=None).equilibrium()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [2, 3])
 def test_two_states_at_once_have_the_wrench_of_each(axes):
     # two: as many as the rows of the ghost node and the root, which they were once taken for

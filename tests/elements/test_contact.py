@@ -433,6 +433,7 @@ def test_a_light_body_rises_with_its_added_mass():
     assert float(state.obstacle_velocity[0, 1]) == pytest.approx(terminal, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_carried_obstacles_follow_the_water_at_order_two():
     # in a shear with an upward part, dz/dt = w (h/h0)^n can be integrated by hand
     shear = PowerShear(always(), *map(jnp.asarray, ([0.4, 0.2], 1.0, -2.0, 0.5)))

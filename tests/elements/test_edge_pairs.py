@@ -50,6 +50,7 @@ def crossing(axes, count=60, share=0.4):
     return np.pad(position, ((0, 0), (0, 0), (0, axes == 3))), velocity
 
 
+@pytest.mark.slow
 @axes
 def test_forces_change_neither_momentum_nor_angular_momentum(axes):
     position, velocity = crossing(axes)
@@ -94,6 +95,7 @@ def test_a_pair_in_a_plane_of_space_is_a_planar_pair():
     assert spatial[..., 1] == pytest.approx(0.0, abs=1e-15)
 
 
+@pytest.mark.slow
 @axes
 def test_the_gap_is_the_least_distance_drawn_to_the_middles(axes):
     position, _ = crossing(axes, 5)

@@ -63,6 +63,7 @@ def late(data):
     return data.isel(time=data["time"].values > 3.0)
 
 
+@pytest.mark.slow
 def test_a_log_gives_the_estimate_of_the_controller(run, found):
     online = xr.open_dataset(run / "result.nc").isel(time=slice(1, None))
     online = online.assign_coords(time=online["estimate_time"].values)
@@ -76,6 +77,7 @@ def test_a_log_gives_the_estimate_of_the_controller(run, found):
         assert (apart <= 0.2 * std + 1e-9).all()
 
 
+@pytest.mark.slow
 def test_innovations_are_as_large_as_expected(found):
     new = np.isfinite(found["innovation"].values)
     assert new[5:].all()  # all of them arrive at each call
@@ -86,6 +88,7 @@ def test_innovations_are_as_large_as_expected(found):
     assert 0.7 < found.attrs["mean_square"] < high
 
 
+@pytest.mark.slow
 def test_measured_states_of_actuators_do_as_well_as_commands(run, found, table, tmp_path):
     table.to_csv(tmp_path / "log.csv", index=False)
     other = crinoid.estimate(HELD, tmp_path / "log.csv")
@@ -95,6 +98,7 @@ def test_measured_states_of_actuators_do_as_well_as_commands(run, found, table, 
     assert np.sqrt(np.mean((apart / std) ** 2)) < 0.2
 
 
+@pytest.mark.slow
 def test_a_gap_widens_the_band_and_a_lost_column_as_well(run, table, found, tmp_path):
     gap = table.copy()
     gap.loc[150:200, [name for name in gap if "state" not in name and name != "time"]] = np.nan
@@ -114,6 +118,7 @@ def test_a_gap_widens_the_band_and_a_lost_column_as_well(run, table, found, tmp_
     assert (error < 3 * std)[time > 1.0].all()
 
 
+@pytest.mark.slow
 def test_readings_of_one_sensor_other_than_the_tip_will_do(table, tmp_path):
     names = [name for name in table if "(mm)" not in name and "z" not in name]
     table[[name for name in names if name != "angle (rad)"]].to_csv(tmp_path / "log.csv")
@@ -135,6 +140,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistakes_of_a_log_are_one_line(table, tmp_path, name):
     changes, text = MISTAKES[name]
@@ -219,6 +225,7 @@ def test_notes_name_inputs_without_commands_and_those_that_the_observer_lacks(ta
     assert notes[-1] == "commands and states of tilt are left out: control.lqg.inputs has slide"
 
 
+@pytest.mark.slow
 def test_a_result_that_lacks_commands_has_a_note(run, tmp_path):
     prepared = Prepared(HELD)
     given = HELD, prepared.sensors, prepared.system.inputs
@@ -230,6 +237,7 @@ def test_a_result_that_lacks_commands_has_a_note(run, tmp_path):
     assert note.endswith("output.interval of 0.04 s exceeds the control period of 0.02 s")
 
 
+@pytest.mark.slow
 def test_settings_that_do_not_fit_are_refused(table, tmp_path):
     file = tmp_path / "log.csv"
     table[["time", "x (mm)", "angle (rad)"]].to_csv(file, index=False)

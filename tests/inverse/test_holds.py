@@ -82,6 +82,7 @@ WRONG = {"arm.youngs_modulus": 3e5, "arm.density": 1300.0} | {
 TRUE = np.array([4e5, 1080.0, 0.3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [2, 3])
 def test_markers_on_a_circle(axes):
     # bent by 1.2 rad upward; in space m_1 is to port, m_2 upward

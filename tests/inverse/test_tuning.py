@@ -3,7 +3,6 @@
 import signal
 import time
 from itertools import count
-from types import SimpleNamespace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -119,6 +118,7 @@ def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, first
     np.testing.assert_allclose(found.error, np.mean(seen.error[first:, 0] ** 2 + z**2), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_time_steps_count_from_the_time_that_the_scenario_says(search):
     weights = CostWeights.of(
         search.scenario.with_values({"target.judged_from": 0.25}), search.draws[0].loop
@@ -140,6 +140,7 @@ def bowl(controller, slopes, loop, state, weights, steps):
     return Cost(*map(jnp.asarray, numbers))
 
 
+@pytest.mark.slow
 def test_the_search_keeps_the_best_gains_and_leaves_those_that_fail(search, monkeypatch):
     monkeypatch.setattr(module, "cost", bowl)
     tuning = Tuning(search.scenario, 1, 30)
@@ -190,6 +191,7 @@ def test_a_constraint_is_met_where_the_cost_wants_beyond_it():
     np.testing.assert_allclose(found, [0.6, 0.8], atol=0.02)
 
 
+@pytest.mark.slow
 def test_the_nearness_has_the_slope_of_its_differences_and_bounds_the_margin(search):
     def near(logs):
         return stability.excess(design.perturbations(logs), MARGIN)
@@ -213,6 +215,7 @@ def test_the_nearness_has_the_slope_of_its_differences_and_bounds_the_margin(sea
     assert unstable.gradient.sum() > 0  # smaller gains grow more slowly
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_draws_differ_where_a_sensor_is_noisy(search, noise):
     calm = search.scenario.with_values({"flow": [], "sensor.noise_position": noise})
@@ -266,6 +269,7 @@ def test_nothing_is_written_where_nothing_can_be_run(tmp_path, monkeypatch):
 # --- the command -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_tuned_scenario_has_the_best_gains_and_nothing_else_changed(folder, data):
     def gains(scenario):
         of = scenario.control.pid.present
@@ -283,6 +287,7 @@ def test_the_tuned_scenario_has_the_best_gains_and_nothing_else_changed(folder, 
     assert tuned.with_values(back) == given
 
 
+@pytest.mark.slow
 def test_the_margins_are_those_of_the_linear_loop(folder, data):
     for when, scenario in (("before", SCENARIO), ("after", tuned_in(folder))):
         found = find_margins(Prepared(scenario))
@@ -294,11 +299,13 @@ def test_the_margins_are_those_of_the_linear_loop(folder, data):
     assert np.nanmin(data["modulus"]) < MARGIN
 
 
+@pytest.mark.slow
 def test_tuning_gains_in_draws_other_than_its_own(data):
     assert float(data["after"].mean()) < 0.9 * float(data["before"].mean())
     assert float(data["after_error"].mean()) < float(data["before_error"].mean())
 
 
+@pytest.mark.slow
 def test_the_error_without_control_is_that_of_runs_without_it(data):
     for seed, found in zip((5, 6), data["uncontrolled_error"].values, strict=True):
         alone = SCENARIO.with_values({"seed": seed, "control.kind": "none"})
@@ -306,32 +313,29 @@ def test_the_error_without_control_is_that_of_runs_without_it(data):
 
 
 def test_a_search_with_few_trials_and_little_effect_has_notes():
-    tuning = SimpleNamespace(
-        random=True,
-        keeps_margin=True,
-        cost=np.ones((4, 2)),
-        held_out={
-            name: np.array([value])
-            for name, value in {
-                "before": 2.0,
-                "after": 1.0,
-                "before_error": 0.02,
-                "after_error": 0.0095,
-                "uncontrolled_error": 0.01,
-            }.items()
-        },
+    tuning, costs = Tuning.__new__(Tuning), {"before": 2.0, "after": 1.0}
+    errors = {"before_error": 0.02, "after_error": 0.0095, "uncontrolled_error": 0.01}
+    vars(tuning).update(
         scenario=SCENARIO,
-        ended_at_limit=True,
+        random=True,
         iterations=6,
+        margin=MARGIN,
+        cost=np.ones((4, 2)),
+        held_out={name: np.array([each]) for name, each in (costs | errors).items()},
+        _rank=(False, 1.0),
+        _limited=np.array([True, False]),
+        _best_start=0,
     )
+    tuning.held_out["uncontrolled"] = np.array([3.0])
     weak, short = _tuning_notes(tuning, xr.Dataset())
     assert "hardly holds the tip better than none" in weak
     assert weak.endswith('or try control.kind = "lqg".')
     assert short.startswith("the search ended at --iterations 6.")
-    tuning.held_out["after_error"], tuning.ended_at_limit = np.array([0.005]), False
+    tuning.held_out["after_error"], tuning._best_start = np.array([0.005]), 1
     assert _tuning_notes(tuning, xr.Dataset()) == []
 
 
+@pytest.mark.slow
 def test_the_figure_shows_the_search(folder, data, tmp_path):
     check_own(folder / "tune.nc")  # a second search may replace it
     (figure,) = write_report(folder / "tune.nc", tmp_path)

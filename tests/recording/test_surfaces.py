@@ -220,7 +220,7 @@ def test_a_bed_above_the_arm_overlaps_it(tmp_path):
     with pytest.raises(ValueError, match=line):
         Prepared(case).check()
     # not a matter of place
-    line = r"overlaps the arm by 300 m, more than its length. Is its size in mm\?"
+    line = "overlaps the arm by 300 m, more than the length of the arm. Are size and place"
     ball = {"kind": "sphere", "position": [0.0, 0.0, -10.0], "radius": 300.0}
     with pytest.raises(ValueError, match=line):
         Prepared(scenario(ball)).check()

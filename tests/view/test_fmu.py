@@ -151,6 +151,7 @@ def test_a_description_has_units_defaults_and_what_a_host_needs(planar):
     assert is_own(planar)
 
 
+@pytest.mark.slow
 def test_a_slave_starts_again_next_to_others(planar, tmp_path):
     log, tips = [], []
     first, second = (Slave(planar, tmp_path / name, log) for name in ("one", "two"))

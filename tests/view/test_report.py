@@ -79,7 +79,7 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("name", quick_and_slow(ODD, quick=3))
+@pytest.mark.parametrize("name", quick_and_slow(ODD, quick=1))
 def test_odd_runs_are_drawn(name, tmp_path):
     save(ODD[name](), tmp_path / "result.nc")
     assert_report(tmp_path)

@@ -75,7 +75,7 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("name", quick_and_slow(ODD, quick=2))
+@pytest.mark.parametrize("name", quick_and_slow(ODD, quick=1))
 def test_odd_runs_are_drawn(name, tmp_path):
     run = Run(curling_arm(**{"records": 7} | ODD[name]))
     charts = [lambda run, of=of: draw_chart(of(run), run) for of in (tip_chart, drive_chart)]

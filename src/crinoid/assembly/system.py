@@ -272,7 +272,8 @@ def clearance(system: System) -> Float[np.ndarray, " m"]:
             f"obstacle.{index}.position",
             f"overlaps the arm without load by {-1e3 * gap:.3g} mm. Move it clear of the arm."
             if -gap < length
-            else f"overlaps the arm by {-gap:.3g} m, more than its length. Is its size in mm?",
+            else f"overlaps the arm by {-gap:.3g} m, more than the length of the arm. Are size and "
+            "place of the obstacle in m?",
         )
         for index, gap in enumerate(room)
         if gap < 0

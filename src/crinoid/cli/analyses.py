@@ -21,7 +21,7 @@ from crinoid.diagnostics.plausibility import AT_REST, IN_THE_WATER, plausibility
 from crinoid.foundation.status import Status
 from crinoid.recording import Recording
 from crinoid.scenario import Scenario
-from crinoid.view.figures.analyses import no_swing
+from crinoid.view.figures.analyses import SLOWEST, no_swing
 from crinoid.view.figures.style import DEGREES, si_unit
 
 
@@ -102,7 +102,7 @@ def show_modes(scenario: Scenario, folder: Path, *, count: int, in_air: bool, fo
             files = found.save(data)
             lines = [f"{medium}: {_rest(data.sel(medium=medium))}" for medium in data.medium.values]
             if "lock_in_speed" in data:
-                lines += [f"vortices lock in where the flow across the arm is {_lock_in(data)}"]
+                lines += [f"vortices lock in {_lock_in(data)}"]
             show(_modes_table(data), data.attrs["notes"].splitlines(), files, lines)
     return trouble
 
@@ -128,7 +128,7 @@ def _swing(frequency: float, ratio: float) -> tuple[str, str]:
     if np.isnan(frequency):
         return "-", "-"
     damping = "-" if np.isnan(ratio) else f"{0.0 if abs(ratio) < 1e-6 else ratio:.4g}"
-    return f"{frequency:.4g}" if frequency > 1e-6 else no_swing(ratio), damping
+    return f"{frequency:.4g}" if frequency > SLOWEST else no_swing(ratio), damping
 
 
 def _lock_in(data: xr.Dataset) -> str:
@@ -139,7 +139,8 @@ def _lock_in(data: xr.Dataset) -> str:
         f"{low:.2g} to {high:.2g} m/s (mode {mode})"
         for mode, (low, high) in zip(swings["mode"].values, swings.values, strict=True)
     )
-    return ", ".join(texts) or "at no speed: no mode swings"
+    speeds = ", ".join(texts)
+    return f"where the flow across the arm is {speeds}" if speeds else "to none: no mode oscillates"
 
 
 def _rest(data: xr.Dataset) -> str:

@@ -84,7 +84,7 @@ def compare_controllers(
             comparison.run(reporter(bar, ""), stop)
             interruption.stop()
         data = comparison.dataset()
-        rms, notes = data["rms_error"].values, []
+        rms, notes = data["rms_error"].values, seed_notes(len(seeds))
         if len(seeds) > 1 and np.isfinite(rms).all() and not np.ptp(rms, axis=1).any():
             notes = ["nothing in this scenario is random: all seeds give the same run"]
         of_runs = {
@@ -96,7 +96,7 @@ def compare_controllers(
         paths.insert(1, folder / COMPARISON_TABLE)
         console.print(comparison_table(data))
         say_when(scenario)
-        say_notes([*notes, *seed_notes(len(seeds)), *notes_of_cases(of_runs)])
+        say_notes([*notes, *notes_of_cases(of_runs)])
         say_written(paths)
     failures = [
         f"{kind} with seed {seed}: {arm.status}"

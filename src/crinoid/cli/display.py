@@ -89,7 +89,7 @@ def seed_notes(seeds: int) -> list[str]:
     """Return a note on 95 % intervals of so few seeds; none where there is no interval."""
     if not 1 < seeds < _FEW_SEEDS:
         return []
-    return [f"95 % intervals of {seeds} seeds are wide. Use --seeds 10."]
+    return [f"95 % intervals of {seeds} seeds are wide. Use 10 or more."]
 
 
 _ONSETS = ("flow", "load", "base", "target", "simulation")

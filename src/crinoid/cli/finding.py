@@ -14,9 +14,13 @@ from crinoid.compilation import keep_programs
 from crinoid.foundation.atomic_file import atomic_write
 from crinoid.foundation.text_variables import text_encoding
 from crinoid.results.metrics import measures_of
+from crinoid.results.own_files import is_own
+from crinoid.results.result import Result
+from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Mistake, Scenario, ScenarioError, refusal, shown
 from crinoid.studies.sweep import SweepDesign
 from crinoid.view.figures import ReportError, write_page, write_report
+from crinoid.view.page.parts import PAGE
 
 
 class Finding(NamedTuple):
@@ -99,6 +103,21 @@ def checked_runs(
             mistakes = [Mistake(key, f"case {case}: {mistake}") for mistake in error.mistakes]
             raise ScenarioError(mistakes) from error
         yield plan.name(run), prepared
+
+
+def complete(result: Result, folder: Path) -> tuple[list[Path], list[str]]:
+    """Write what a run lacks that was killed after its last step; return it, or why not.
+
+    That is its summary and its page.
+    """
+    if all(is_own(folder / name) for name in (SUMMARY_JSON, SUMMARY_CSV, PAGE)):
+        return [], []
+    try:
+        paths = write_summary(result, folder)
+    except OSError as error:
+        return [], [f"no summary: {error.filename or folder}: {error.strerror or error}"]
+    pages, lacking = page_in(folder)
+    return paths + pages, lacking
 
 
 def page_in(folder: Path) -> tuple[list[Path], list[str]]:

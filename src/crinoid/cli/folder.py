@@ -116,7 +116,8 @@ def check_replaced(
         if Status.of(found.get("status")) is not Status.OK or (resume and place in wanted):
             continue
         if place not in wanted or not _same(found, wanted[place]) or still != _still(path):
-            keys = _difference(found, wanted[place]) if place in wanted else ""
+            alike = place in wanted and still == _still(path)
+            keys = _difference(found, wanted[place]) if alike else ""
             text = f"{path} is a finished result of another scenario{keys}. Choose another folder, "
             raise refusal("--out", f"{text}or use --force to replace it.")
 
@@ -163,6 +164,10 @@ def clear(folder: Path, wanted: Wanted, *, resume: bool = False, force: bool = F
 def clear_figures(folder: Path) -> None:
     """Remove figures, page, summary, films and exports of a result, not those of other commands."""
     clear_own(folder, [PAGE, *_SUMMARY, *FILMS, *exports_of(RESULT), *exports_of(UNCONTROLLED)])
+    if (apart_of := (folder / UNCONTROLLED).with_suffix("")).is_dir():
+        clear_figures(apart_of)
+        with suppress(OSError):  # it contains other files
+            apart_of.rmdir()
     for ending, (_, source) in FIGURES.items():
         apart = [source % name.encode() for name in _APART]
         for path in folder.glob(f"*{ending}"):
@@ -294,7 +299,7 @@ def _difference(found: Mapping[str, object], scenario: Scenario) -> str:
     new = dict(flat(scenario.to_dict()))
     keys = [key for key in dict.fromkeys([*new, *old]) if new.get(key) != old.get(key)]
     more = f" and {len(keys) - _FEW} more" if len(keys) > _FEW else ""
-    return f" (other {', '.join(keys[:_FEW])}{more})" if keys else ""
+    return f" ({', '.join(keys[:_FEW])}{more} differ{'s' * (len(keys) == 1)})" if keys else ""
 
 
 def _same(found: Mapping[str, object], scenario: Scenario) -> bool:

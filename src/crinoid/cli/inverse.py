@@ -118,18 +118,20 @@ def _tuning_notes(tuning: Tuning, data: xr.Dataset) -> list[str]:
     if lost:
         notes.append(f"{lost} of {len(tuning.cost)} starts could not be run: {tuning.failure}")
     held = tuning.held_out
-    if held and held["after"].mean() > held["before"].mean():
+    if "after" in held and held["after"].mean() > held["before"].mean():
         if tuning.margin and not data["before_modulus_margin"] >= tuning.margin:
             notes.append("it costs more than before, as it had less margin then")
         elif tuning.random:
             notes.append("in draws that were not tuned for it is worse: use more --seeds")
-    if held and held["after_error"].mean() > _LITTLE * held["uncontrolled_error"].mean():
+    if HELD_OUT[-1] in held and (
+        held["after_error"].mean() > _LITTLE * held["uncontrolled_error"].mean()
+    ):
         other = 'control.kind = "lqg"' if tuning.scenario.control.kind == "pid" else "another kind"
         notes.append(
             "the tuned controller hardly holds the tip better than none. Run tuned.toml and read "
             f"its notes, drive other inputs, or try {other}."
         )
-    if tuning.ended_at_limit:
+    if held and tuning.ended_at_limit:
         notes.append(
             f"the search ended at --iterations {tuning.iterations}. Use more for a lower cost."
         )

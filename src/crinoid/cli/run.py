@@ -15,17 +15,15 @@ from crinoid.cli.display import (
     say_where,
     show,
 )
-from crinoid.cli.finding import page_in, require_one
+from crinoid.cli.finding import complete, page_in, require_one
 from crinoid.cli.folder import check_replaced, claimed, clear, contains, place_for, save, stopped
 from crinoid.cli.interruption import Interruption
 from crinoid.compilation import keep_programs
 from crinoid.diagnostics.plausibility import AT_REST
 from crinoid.foundation.status import Status
 from crinoid.results.result import RESULT, Result, ResultError
-from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, write_summary
 from crinoid.scenario import Scenario, ScenarioError, refusal
 from crinoid.simulation import Progress, SimulationError, Tell, at_rest, play, settle
-from crinoid.view.page.parts import PAGE
 
 
 def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool) -> str:
@@ -44,11 +42,9 @@ def run_scenario(scenario: Scenario, folder: Path, *, resume: bool, force: bool)
         if earlier is not None and is_complete(earlier, scenario):
             _say_run(earlier, doubted)
             console.print(f"The run in {folder} is complete; nothing to resume.", soft_wrap=True)
-            # a run that was killed after its last step lacks what is written then
-            if not all((folder / name).exists() for name in (SUMMARY_JSON, SUMMARY_CSV, PAGE)):
-                pages, lacking = page_in(folder)
-                say_notes(lacking)
-                say_where(write_summary(earlier, folder) + pages)
+            paths, lacking = complete(earlier, folder)
+            say_notes(lacking)
+            say_where(paths)
             return ""
         broken_off = (Status.INTERRUPTED, Status.UNFINISHED)
         if not resume and contains(folder, scenario, *broken_off):

@@ -74,8 +74,14 @@ class SeedTables:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on the intervals."""
-        return seed_notes(min((each.mean.seeds for each in self.means), default=0))
+        """Notes on the intervals, where runs differ by their seeds."""
+        if not any(each.mean.half > 0 for each in self.means):
+            return []
+        finished: dict[str, int] = {}  # a measure may be unknown in runs that finished
+        for each in self.means:
+            group = str(each.values)
+            finished[group] = max(finished.get(group, 0), each.mean.seeds)
+        return seed_notes(min(finished.values()))
 
     def _of(self, name: str) -> tuple[list[SeedMean], Unit]:
         found = [each for each in self.means if each.name == name]

@@ -22,7 +22,7 @@ from crinoid.cli.display import (
     say_when,
     say_where,
 )
-from crinoid.cli.finding import checked_runs, page_in
+from crinoid.cli.finding import checked_runs, complete, page_in
 from crinoid.cli.folder import check_replaced, claimed, clear, contains
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.cli.run import find_earlier, is_complete, play_case, trouble
@@ -39,12 +39,10 @@ from crinoid.results.metrics import (
     read_rows,
     write_rows,
 )
-from crinoid.results.own_files import is_own
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation import Progress
 from crinoid.studies.sweep import SweepDesign
-from crinoid.view.page.parts import PAGE
 
 _MOST_HELD = 20_000_000
 """Numbers that cases keep in memory at most from their check to their run."""
@@ -183,7 +181,7 @@ def _play(
     done = earlier is not None and (earlier.failure or is_complete(earlier, prepared.scenario))
     try:
         if earlier is not None and done:
-            lacking = [] if is_own(folder / PAGE) else page_in(folder)[1]
+            _, lacking = complete(earlier, folder)
             wrong = trouble(earlier, folder, [])
             return _CaseRun(earlier, wrong, folder.name, lacking, _measures(earlier))
         result, paths, unsaved = play_case(prepared, earlier, folder, report, stop)

@@ -89,6 +89,8 @@ _OVER_UNCONTROLLED = 2.0
 """Amplitude of the oscillation over that without control."""
 _SEEN = 1e-3
 """Smallest amplitude of an oscillation over the length of the arm."""
+_WORSE = 1.01
+"""Error over that without control that deserves a note."""
 _NOTHING = 1e-4
 """Error over the length of the arm below which errors are not compared."""
 
@@ -268,8 +270,10 @@ def loop_notes(result: Result) -> list[str]:
             f"the loop is in a limit cycle: the tip oscillates at {cycle.frequency:.2g} Hz with "
             f"{1e3 * cycle.amplitude:.2g} mm RMS. Lower the gains."
         )
-    if compared is not None and compared[0] > max(compared[1], _NOTHING * scenario.arm.length):
-        hint = '. Run crinoid tune, or try control.kind = "lqg".'
+    if compared is not None and compared[0] > max(
+        _WORSE * compared[1], _NOTHING * scenario.arm.length
+    ):
+        hint = '. Try control.kind = "lqg", other inputs, or crinoid tune.'
         found.append(
             f"control increases the tip's error: {1e3 * compared[0]:.3g} mm RMS with control, "
             f"{1e3 * compared[1]:.3g} mm without{hint if scenario.control.kind == 'pid' else ''}"

@@ -239,26 +239,29 @@ def _vortices(dataset: xr.Dataset, facts: Facts) -> str:
     time, diameter = dataset["time"].values, dataset["diameter"].values
     modes = _bending(dataset)
     frequency = dataset["natural_frequency"].sel(mode=modes).values
+    total = sum(normal_velocity(piece).sum(axis=0) for piece in pieces(dataset, MOTION))
+    mean = np.asarray(total) / time.size
     inside: list[list[np.ndarray]] = [[] for _ in modes]
-    velocities = []
+    ahead = np.zeros(len(mean))
     for piece in pieces(dataset, MOTION):
-        velocities.append(normal_velocity(piece))
-        speed = np.linalg.norm(velocities[-1], axis=2)
+        velocity = normal_velocity(piece)
+        speed = np.linalg.norm(velocity, axis=2)
+        ahead += np.sum(np.einsum("tni,ni->tn", velocity, mean) >= 0, axis=0) / time.size
         sheds = speed * diameter > _SHEDDING * water.kinematic_viscosity
         for each, its in zip(frequency, inside, strict=True):
             reduced = speed / (each * diameter)
             its.append(sheds & (reduced > low) & (reduced < high))
-    mean = np.linalg.norm(np.concatenate(velocities).mean(axis=0), axis=1)
+    steady = np.linalg.norm(mean, axis=1)
     struck, share = [], _length_share(dataset)
     for mode, each, its in zip(modes, frequency, inside, strict=True):
-        sheds, least = np.concatenate(its), _CYCLES / each
-        part = lasting_share(sheds, time, least, share)
+        met, least = np.concatenate(its), _CYCLES / each
+        part = lasting_share(met, time, least, share)
         at = part > _NOTED
         if at.mean() <= _NOTED and np.ptp(time) >= least:
-            # or with gaps, about a mean that does not reverse
-            steady = (mean > low * each * diameter) & (mean < high * each * diameter)
-            steady &= sheds.mean(axis=0) > _MOSTLY
-            part = np.where(steady, sheds * share, 0.0).sum(axis=1)
+            # or with gaps, in a flow that hardly ever reverses
+            lasts = (steady > low * each * diameter) & (steady < high * each * diameter)
+            lasts &= (met.mean(axis=0) > _MOSTLY) & (ahead > 1 - _NOTED)
+            part = np.where(lasts, met * share, 0.0).sum(axis=1)
             at = part > _NOTED
         if at.mean() > _NOTED:
             struck.append(

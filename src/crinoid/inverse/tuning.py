@@ -259,17 +259,13 @@ class Tuning:
         before = self._design.perturbations(np.zeros_like(self.best))
         after = self._design.perturbations(self.best)
         off = [draw._replace(loop=replace(draw.loop, enabled=jnp.asarray(False))) for draw in draws]
-        found = {}
         with suppress(StoppedError):
             for when, controllers, some in zip(
                 HELD_OUT, (before, after, before), (draws, draws, off), strict=True
             ):
-                found[when] = self._costs(controllers, some, stop)
-        if len(found) < len(HELD_OUT):
-            return
-        for when, runs in found.items():
-            self.held_out[when] = np.array([float(each.total) for each in runs])
-            self.held_out[f"{when}_error"] = np.sqrt([float(each.error) for each in runs])
+                runs = self._costs(controllers, some, stop)
+                self.held_out[when] = np.array([float(each.total) for each in runs])
+                self.held_out[f"{when}_error"] = np.sqrt([float(each.error) for each in runs])
 
     def tuned(self) -> dict[str, float]:
         """Return the best parameters by key."""

@@ -56,7 +56,7 @@ class ContactExtremes(NamedTuple):
     """Their obstacles, in this order."""
 
 
-class FarContact(NamedTuple):
+class ContactSeries(NamedTuple):
     """Contact of the arm with itself or with the hull, at saved instants."""
 
     force: Float[np.ndarray, " time"]
@@ -130,16 +130,23 @@ def contact(result: Result) -> ContactExtremes | None:
     return ContactExtremes(float(time.max()), float(force.max()), float(gap.min()), which)
 
 
-def far_contact(data: xr.Dataset, part: str) -> FarContact | None:
+def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
     """Return the contact with one of `FAR_CONTACTS`; None without any."""
-    if f"{part}_force" not in data:
+    names = [f"{part}_force", f"{part}_gap"]
+    if not set(names) <= set(data):
         return None
+    forces, gaps = zip(
+        *(
+            (np.linalg.norm(piece[names[0]].values, axis=2).sum(axis=1), piece[names[1]].values)
+            for piece in pieces(data, names)
+        ),
+        strict=True,
+    )
     # what edges press on each other appears at both
-    share = 0.5 if part == "self" else 1.0
-    force = share * np.linalg.norm(data[f"{part}_force"].values, axis=2).sum(axis=1)
+    force = np.concatenate(forces) * (0.5 if part == "self" else 1.0)
     held = (force[1:] > 0.0) & (force[:-1] > 0.0)
     lasted = float(np.diff(data["time"].values)[held].sum())
-    return FarContact(force, data[f"{part}_gap"].values.min(axis=1), held, lasted)
+    return ContactSeries(force, np.concatenate([gap.min(axis=1) for gap in gaps]), held, lasted)
 
 
 def largest_curvature(result: Result) -> Peak | None:

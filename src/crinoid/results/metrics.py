@@ -70,12 +70,12 @@ class RunStatistics:
         return loads.contact(self.result)
 
     @cached_property
-    def self_contact(self) -> loads.FarContact | None:
+    def self_contact(self) -> loads.ContactSeries | None:
         """Contact of the arm with itself."""
         return loads.far_contact(self.result.dataset, "self")
 
     @cached_property
-    def hull_contact(self) -> loads.FarContact | None:
+    def hull_contact(self) -> loads.ContactSeries | None:
         """Contact of the arm with the hull."""
         return loads.far_contact(self.result.dataset, "hull")
 
@@ -189,9 +189,9 @@ MEASURES = {
         "m", "smallest distance of an obstacle from the arm's surface", _of("contact", "gap")),
     **{
         name.format(part): Measure(unit, f"{text} {words}", _of(f"{part}_contact", field))
-        for part, words in loads.FAR_CONTACTS.items()
+        for part, words in (("self", "itself"), ("hull", "the hull"))
         for name, unit, text, field in (
-            ("{}_contact_time", "s", "time in contact with", "time"),
+            ("{}_contact_time", "s", "time of the arm in contact with", "time"),
             ("max_{}_force", "N", "largest force of the arm on", "largest_force"),
             ("min_{}_gap", "m", "smallest distance of the arm from", "smallest_gap"))
     },

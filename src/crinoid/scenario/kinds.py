@@ -162,5 +162,5 @@ class KindOf:
             return table(**value) if isinstance(value, Mapping) else value
         known = sorted({*self._own, *installed(self.group)})
         must = f"be {one_of(known)}" if known else "be that of a package. None is installed"
-        hint = "Other kinds come from installed packages."
+        hint = "Other kinds come from installed packages." if known else ""
         raise ScenarioError.of("kind", missing(must) if kind is None else got(kind, must, hint))

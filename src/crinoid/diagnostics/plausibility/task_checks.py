@@ -56,16 +56,19 @@ def _reach(facts: Facts) -> Iterator[str]:
 )
 def _random_start(facts: Facts) -> Iterator[str]:
     scenario, water = facts.scenario, facts.scenario.water
-    stays = scenario.target.tip == "initial" and not scenario.target.moves
-    if (
-        scenario.simulation.start != "equilibrium"
-        or scenario.control.kind == "sequence"
-        or not stays
-    ):
+    if scenario.target.tip != "initial" or scenario.target.moves:
         return
-    mean = math.hypot(*facts.mean_current)
-    for index, flow in enumerate(scenario.flow):
-        if not flow.drawn or flow.start or flow.ramp_time:
+    if scenario.simulation.start != "equilibrium" or scenario.control.kind == "sequence":
+        return
+    if scenario.base.mount != "clamped":
+        return
+    acting = [i for i, flow in enumerate(scenario.flow) if not (flow.start or flow.ramp_time)]
+    still = (0.0,) * scenario.arm.dimension
+    means = [scenario.flow[index].uniform_mean or still for index in acting]
+    mean = float(np.linalg.norm(np.sum(means, axis=0)))
+    for index in acting:
+        flow = scenario.flow[index]
+        if not flow.drawn:
             continue
         own = math.hypot(*flow.uniform_mean or (0.0,))
         more = (mean + facts.fastest(index, flow) - own) ** 2 - mean**2

@@ -172,6 +172,7 @@ _ACROSS = 6  # modes in a row
 _SWING = 0.22  # drawn amplitude of a mode, of the arm's length
 _PHASES = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
 _STILL = 0.02  # displacement below which a mode is one of torsion
+SLOWEST = 1e-6  # frequency below which a mode does not oscillate (Hz)
 _UNDAMPED = 1e-6  # damping ratio below which a mode is undamped
 _GAP = (0.12, 0.4)  # inches, that above a panel for its title
 _LEFT, _BELOW, _HEADING, _HIGHEST = 0.12, 0.42, 0.28, 2.3  # inches
@@ -229,7 +230,7 @@ def _draw(axes: Axes, mode: xr.Dataset, view: View) -> None:
     frequency, ratio = float(mode["frequency"].item()), float(mode["damping_ratio"].item())
     if np.isnan(frequency):
         return
-    label = f"{frequency:.3g} Hz" if frequency > 0 else no_swing(ratio)
+    label = f"{frequency:.3g} Hz" if frequency > SLOWEST else no_swing(ratio)
     if not np.isnan(ratio):
         label += f"\n$\\zeta$ = {0.0 if abs(ratio) < _UNDAMPED else ratio:.2g}"
     axes.set_title(f"{int(mode['mode'])}: {label}", fontsize=8.0, pad=3)

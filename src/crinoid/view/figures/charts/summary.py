@@ -10,7 +10,6 @@ from crinoid.diagnostics.control_loop import limit_shares
 from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.results.effort import InputUse, input_use
 from crinoid.results.errors import TipError, error_word
-from crinoid.results.loads import FAR_CONTACTS
 from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
 from crinoid.view.figures.measures import label_of, unit_of
@@ -201,12 +200,11 @@ class _Table(NamedTuple):
 
     def add_far_contacts(self) -> None:
         """Add contact of the arm with itself and with the hull."""
-        for part, words in FAR_CONTACTS.items():
-            short = words.split()[-1]
+        for part, words in (("self", "itself"), ("hull", "the hull")):
             for name, row in (
-                (f"{part}_contact_time", f"time in contact with {short}"),
-                (f"max_{part}_force", f"largest force on {short}"),
-                (f"min_{part}_gap", f"smallest gap from {short}"),
+                (f"{part}_contact_time", f"time in contact with {words}"),
+                (f"max_{part}_force", f"largest force on {words}"),
+                (f"min_{part}_gap", f"smallest gap from {words}"),
             ):
                 values = self.measure(name)
                 most = max(abs(value or 0.0) for value in values)

@@ -51,7 +51,7 @@ class _Body(NamedTuple):
 
 def has_contact(run: Run) -> bool:
     """Whether the result contains contacts."""
-    far = (f"{part}_force" in run.result for part in FAR_CONTACTS)
+    far = ({f"{part}_force", f"{part}_gap"} <= set(run.result) for part in FAR_CONTACTS)
     return all(name in run.result for name in _VARIABLES) or any(far)
 
 
