@@ -40,7 +40,7 @@ def draw_tuning(data: xr.Dataset) -> Figure:
     if np.isfinite(root).any():
         axes.set_ylim(0.7 * np.nanmin(root), 3.0 * np.nanmax(root))
     axes.legend(ncols=4, loc="upper right")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=9))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0, 7.0), numticks=9))
     axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.yaxis.set_minor_formatter(NullFormatter())
     for (axes,) in margins:
