@@ -10,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from crinoid.diagnostics import control_loop as loop_health
+from crinoid.diagnostics import lock_in
 from crinoid.diagnostics import run_notes as notes
 from crinoid.diagnostics.plausibility import RULES
 from crinoid.simulation import loop_margin as margin
@@ -58,9 +59,9 @@ def after() -> str:
             "lock-in of vortices",
             "a reduced velocity in the range of lock-in, from 4 to a number by the mass ratio (18 "
             "for an arm of nearly the density of water), without vortices in space, for "
-            f"{notes._CYCLES:g} periods on end, on {notes._NOTED:.0%} of the length for "
-            f"{notes._NOTED:.0%} of the time; or, where the mean flow is in that range, for "
-            f"more than {notes._MOSTLY:.0%} of the time without a reversal",
+            f"{lock_in._CYCLES:g} periods on end, on {lock_in._NOTED:.0%} of the length for "
+            f"{lock_in._NOTED:.0%} of the time; or, where the mean flow is in that range, for "
+            f"more than {lock_in._MOSTLY:.0%} of the time without a reversal",
         ),
         (
             "a drag coefficient outside of its range",

@@ -58,7 +58,7 @@ def lines(text: str) -> list[str]:
 def lacks(line: str, folder: Path, absent: set[str]) -> bool:
     """Return whether a command reads a file that is not there, or a folder not written before.
 
-    What such a command would write is ``absent`` for later ones.
+    The output of such a command is ``absent`` for later ones.
     """
     words = shlex.split(line)
     read = [word for one, word in pairwise(words) if one == "--set" or not one.startswith("-")]

@@ -10,7 +10,8 @@ import crinoid
 import crinoid.results.chunks
 from crinoid.assembly.prepared import Prepared
 from crinoid.diagnostics import run_notes
-from crinoid.diagnostics.run_notes import lasting_share, tear_failure
+from crinoid.diagnostics.lock_in import lasting_share
+from crinoid.diagnostics.run_notes import tear_failure
 from crinoid.dynamics import Modes
 from crinoid.results.dimensionless import (
     VelocityMoments,

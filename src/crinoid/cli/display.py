@@ -82,7 +82,7 @@ def say_notes(notes: Iterable[str]) -> None:
 
 
 _FEW_SEEDS = 5
-"""Seeds below which a note says that intervals are wide: half of one is 2.8 standard errors."""
+"""Number of seeds below which a note calls intervals wide: half of one is 2.8 standard errors."""
 
 
 def seed_notes(seeds: int) -> list[str]:

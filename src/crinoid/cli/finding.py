@@ -106,9 +106,9 @@ def checked_runs(
 
 
 def complete(result: Result, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write what a run lacks that was killed after its last step; return it, or why not.
+    """Write the summary and the page of a run that was killed after its last step.
 
-    That is its summary and its page.
+    Return the new files, and notes on those that could not be written.
     """
     if all(is_own(folder / name) for name in (SUMMARY_JSON, SUMMARY_CSV, PAGE)):
         return [], []

@@ -6,27 +6,20 @@ from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from crinoid.assembly.facts import Facts
+from crinoid.diagnostics.lock_in import lock_in_note
 from crinoid.dynamics import GripState, round_off_note
 from crinoid.dynamics.self_contact import CANDIDATES
 from crinoid.elements.water import cylinder_drag
 from crinoid.results.chunks import pieces
-from crinoid.results.dimensionless import MOTION, across, normal_velocity, spinning
+from crinoid.results.dimensionless import MOTION, length_share, normal_velocity
 from crinoid.results.loads import largest_strain
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, Tool, shown
 from crinoid.scenario.water import Water
 
-_CYCLES = 3.0
-"""Periods of a mode that lock-in must last to build up before a swing reverses it."""
-_SHEDDING = 50.0
-"""Reynolds number above which vortices are shed (Williamson 1996: 49)."""
-_NOTED = 0.05
-"""Share of the time, and of the length, above which lock-in deserves a note."""
-_MOSTLY = 0.5
-"""Share of the time at a node above which lock-in to a mean flow counts, in spite of gaps."""
 _SUBCRITICAL = (1e3, 1e5)
 """Reynolds numbers between which the drag coefficient of a cylinder hardly changes
 (Sumer and Fredsoe 2006, chapter 2)."""
@@ -58,7 +51,7 @@ def notes(dataset: xr.Dataset, facts: Facts) -> list[str]:
         _unstable(dataset, scenario),
         _stretch(dataset),
         _round_off(dataset, facts),
-        _vortices(dataset, facts),
+        lock_in_note(dataset, facts),
         _drag(dataset, scenario),
         _accumulated(dataset, facts),
     ]
@@ -231,84 +224,6 @@ def _round_off(dataset: xr.Dataset, facts: Facts) -> str:
     return round_off_note(facts.stretching, bending, facts.length, facts.edge, largest)
 
 
-def _vortices(dataset: xr.Dataset, facts: Facts) -> str:
-    water, spatial = facts.scenario.water, dataset.sizes["axis"] == 3
-    if "reduced_velocity" not in dataset or (water.vortices is not None and spatial):
-        return ""
-    low, high = facts.lock_in
-    time, diameter = dataset["time"].values, dataset["diameter"].values
-    modes = _bending(dataset)
-    frequency = dataset["natural_frequency"].sel(mode=modes).values
-    total = sum(normal_velocity(piece).sum(axis=0) for piece in pieces(dataset, MOTION))
-    mean = np.asarray(total) / time.size
-    inside: list[list[np.ndarray]] = [[] for _ in modes]
-    ahead = np.zeros(len(mean))
-    for piece in pieces(dataset, MOTION):
-        velocity = normal_velocity(piece)
-        speed = np.linalg.norm(velocity, axis=2)
-        ahead += np.sum(np.einsum("tni,ni->tn", velocity, mean) >= 0, axis=0) / time.size
-        sheds = speed * diameter > _SHEDDING * water.kinematic_viscosity
-        for each, its in zip(frequency, inside, strict=True):
-            reduced = speed / (each * diameter)
-            its.append(sheds & (reduced > low) & (reduced < high))
-    steady = np.linalg.norm(mean, axis=1)
-    struck, share = [], _length_share(dataset)
-    for mode, each, its in zip(modes, frequency, inside, strict=True):
-        met, least = np.concatenate(its), _CYCLES / each
-        part = lasting_share(met, time, least, share)
-        at = part > _NOTED
-        if at.mean() <= _NOTED and np.ptp(time) >= least:
-            # or with gaps, in a flow that hardly ever reverses
-            lasts = (steady > low * each * diameter) & (steady < high * each * diameter)
-            lasts &= (met.mean(axis=0) > _MOSTLY) & (ahead > 1 - _NOTED)
-            part = np.where(lasts, met * share, 0.0).sum(axis=1)
-            at = part > _NOTED
-        if at.mean() > _NOTED:
-            struck.append(
-                f"mode {mode} ({each:.2g} Hz) for {at.mean():.0%} of the time on "
-                f"{part[at].mean():.0%} of the length"
-            )
-    if not struck:
-        return ""
-    where, hint = "out of the plane of the arm", ""
-    if spatial:
-        where, hint = "across both arm and current", ". Add [water.vortices]"
-    return (
-        f"vortex shedding may lock in to {', '.join(struck)} ({low:.3g} < U/fd < {high:.3g}, "
-        f"U across the arm); its lift, {where}, is not modelled{hint}"
-    )
-
-
-def _bending(dataset: xr.Dataset) -> list[int]:
-    """Return the bending modes: those that move the arm across its own direction."""
-    shape = dataset["mode_shape"].values
-    normal = across(shape, dataset["tangent"].isel(time=[0]).values)
-    bends = np.sum(normal**2, axis=(1, 2)) > 0.5 * np.sum(shape**2, axis=(1, 2))
-    spin = dataset["mode_spin"].values if "mode_spin" in dataset else None
-    bends &= ~spinning(shape, spin, dataset["diameter"].values)
-    return [int(mode) for mode in dataset["mode"].values[bends]]
-
-
-def lasting_share(
-    inside: Bool[np.ndarray, "time node"],
-    time: Float[np.ndarray, " time"],
-    least: float,
-    of: Float[np.ndarray, " node"],
-) -> Float[np.ndarray, " time"]:
-    """Return the sum of ``of`` over the nodes where a condition lasts, at each instant.
-
-    The condition is true ``inside``, and counts only if it lasts for ``least`` or longer (s).
-    """
-    edges = np.diff(np.pad(inside, ((1, 1), (0, 0))).astype(np.int8), axis=0).T
-    # starts and ends alternate at each node
-    (node, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
-    long = time[end - 1] - time[begin] >= least
-    marks = np.zeros((2, time.size + 1))
-    np.add.at(marks[0], begin[long], of[node[long]])
-    np.add.at(marks[1], end[long], of[node[long]])
-    return np.cumsum(marks[0] - marks[1])[:-1]
-
-
 def _drag(dataset: xr.Dataset, scenario: Scenario) -> str:
     water = scenario.water
     if "reynolds_number" not in dataset:
@@ -318,7 +233,7 @@ def _drag(dataset: xr.Dataset, scenario: Scenario) -> str:
     total = most = reached = outside = off = known = 0.0
     for piece in pieces(dataset, MOTION):
         speed = np.linalg.norm(normal_velocity(piece), axis=2)
-        drag = diameter * speed**2 * _length_share(dataset)
+        drag = diameter * speed**2 * length_share(dataset)
         reynolds = speed * diameter / water.kinematic_viscosity
         cylinder = cylinder_drag(np.maximum(reynolds, 1e-4))
         beyond = (reynolds < _SUBCRITICAL[0]) | (reynolds > _SUBCRITICAL[1])
@@ -346,9 +261,3 @@ def _drag(dataset: xr.Dataset, scenario: Scenario) -> str:
     if outside <= 0.5 * total or water.drag_normal != Water().drag_normal:
         return ""
     return f"{at}; the default water.drag_normal = {water.drag_normal:g} is for 1e3 to 1e5"
-
-
-def _length_share(dataset: xr.Dataset) -> Float[np.ndarray, " node"]:
-    """Return the share of the arm's length that belongs to each node."""
-    arc_length = dataset["arc_length"].values
-    return np.convolve(np.diff(arc_length), [0.5, 0.5]) / arc_length[-1]

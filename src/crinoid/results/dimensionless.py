@@ -106,6 +106,12 @@ def across(
     return vectors - np.sum(vectors * along, axis=2, keepdims=True) * along
 
 
+def length_share(dataset: xr.Dataset) -> Float[np.ndarray, " node"]:
+    """Return the share of the arm's length that belongs to each node."""
+    arc_length = dataset["arc_length"].values
+    return np.convolve(np.diff(arc_length), [0.5, 0.5]) / arc_length[-1]
+
+
 class VelocityMoments(NamedTuple):
     """Moments of a velocity in time at each node, by the trapezoidal rule."""
 

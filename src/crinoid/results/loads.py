@@ -79,7 +79,7 @@ class ContactSeries(NamedTuple):
         return float(self.gap.min())
 
 
-FAR_CONTACTS = {"self": "the arm itself", "hull": "the hull"}
+FAR_CONTACTS = {"self": "itself", "hull": "the hull"}
 """Parts other than obstacles that the arm may touch, as in the names of variables, and in words."""
 
 
@@ -142,7 +142,7 @@ def far_contact(data: xr.Dataset, part: str) -> ContactSeries | None:
         ),
         strict=True,
     )
-    # what edges press on each other appears at both
+    # a force between two edges is in the rows of both
     force = np.concatenate(forces) * (0.5 if part == "self" else 1.0)
     held = (force[1:] > 0.0) & (force[:-1] > 0.0)
     lasted = float(np.diff(data["time"].values)[held].sum())

@@ -189,7 +189,7 @@ MEASURES = {
         "m", "smallest distance of an obstacle from the arm's surface", _of("contact", "gap")),
     **{
         name.format(part): Measure(unit, f"{text} {words}", _of(f"{part}_contact", field))
-        for part, words in (("self", "itself"), ("hull", "the hull"))
+        for part, words in loads.FAR_CONTACTS.items()
         for name, unit, text, field in (
             ("{}_contact_time", "s", "time of the arm in contact with", "time"),
             ("max_{}_force", "N", "largest force of the arm on", "largest_force"),

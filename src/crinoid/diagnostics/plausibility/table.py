@@ -10,7 +10,8 @@ import numpy as np
 
 from crinoid.assembly.facts import Facts
 from crinoid.diagnostics.plausibility.rule import Rule, magnitude, range_rule, start_rule
-from crinoid.scenario import DistributedLoad, GaussMarkovFlow, SurfaceWaves, TipLoad, TurbulenceFlow
+from crinoid.diagnostics.plausibility.waves import wave_rules
+from crinoid.scenario import DistributedLoad, GaussMarkovFlow, TipLoad, TurbulenceFlow
 
 INF = math.inf
 CURRENT = 5.0
@@ -66,40 +67,6 @@ def _density(facts: Facts, mass_per_length: Any, _: Any) -> float | None:
     density = facts.scenario.water.density
     area = float(max(facts.displaced)) / density if density else facts.round_area
     return mass_per_length / area if area else None
-
-
-def _steepness(facts: Facts, height: Any, flow: Any) -> float | None:
-    if not isinstance(flow, SurfaceWaves):
-        return None
-    return height / (facts.scenario.water.gravity * flow.wave_period**2 / (2 * math.pi))
-
-
-def _height_over_depth(facts: Facts, height: Any, flow: Any) -> float | None:
-    depth = facts.scenario.water.depth
-    return height / depth if isinstance(flow, SurfaceWaves) and depth is not None else None
-
-
-def _below_troughs(facts: Facts, height: Any, flow: Any) -> float | None:
-    root = facts.scenario.base.position[-1]
-    top = max(root, root + facts.length * facts.direction[-1])
-    return float(-top - height) if isinstance(flow, SurfaceWaves) and top <= 0 else None
-
-
-def _wave_rules(key: str) -> tuple[Rule, ...]:
-    """Return the rules on the height of surface waves with that key."""
-    # fmt: off
-    return (
-        # Miche 1944: waves break in deep water at this height over length
-        range_rule(f"flow.*.{key}", 0.0, 0.14, "m", quantity="height / wavelength",
-                   of=_steepness, above="Such waves break."),
-        range_rule(f"flow.*.{key}", 0.0, 0.6, "m", quantity="height / water.depth",
-                   of=_height_over_depth, above="Such waves break."),
-        range_rule(f"flow.*.{key}", 0.0, INF, "m",
-                   quantity="depth of the arm below troughs",
-                   quantity_unit="m", of=_below_troughs,
-                   below="The troughs leave the arm in the air, which is computed as water."),
-    )
-    # fmt: on
 
 
 def _half_strength(facts: Facts, ramp_time: Any, table: Any) -> float | None:
@@ -276,8 +243,8 @@ DERIVED = (
                of=lambda facts, value, flow: value / facts.diameter
                if isinstance(flow, TurbulenceFlow) and facts.diameter else None,
                below="Drag assumes water that is the same across the arm."),
-    *_wave_rules("significant_height"),
-    *_wave_rules("height"),
+    *wave_rules("significant_height"),
+    *wave_rules("height"),
     range_rule("flow.*.correlation_time", 0.0, 10.0, "s", quantity="correlation_time / duration",
                of=lambda facts, value, flow: value / facts.scenario.simulation.duration
                if isinstance(flow, GaussMarkovFlow) else None,

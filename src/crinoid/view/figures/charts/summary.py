@@ -10,6 +10,7 @@ from crinoid.diagnostics.control_loop import limit_shares
 from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.results.effort import InputUse, input_use
 from crinoid.results.errors import TipError, error_word
+from crinoid.results.loads import FAR_CONTACTS
 from crinoid.results.metrics import MEASURES, RunStatistics, known, measures_of
 from crinoid.results.result import Result
 from crinoid.view.figures.measures import label_of, unit_of
@@ -200,7 +201,7 @@ class _Table(NamedTuple):
 
     def add_far_contacts(self) -> None:
         """Add contact of the arm with itself and with the hull."""
-        for part, words in (("self", "itself"), ("hull", "the hull")):
+        for part, words in FAR_CONTACTS.items():
             for name, row in (
                 (f"{part}_contact_time", f"time in contact with {words}"),
                 (f"max_{part}_force", f"largest force on {words}"),

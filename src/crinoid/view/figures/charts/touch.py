@@ -85,10 +85,10 @@ def _bodies(label: str, data: xr.Dataset) -> Iterator[_Body]:
                 found["contact_gap"].values,
                 float(found["contact_closest"].values[-1]),
             )
-    for index, (part, name) in enumerate(FAR_CONTACTS.items()):
+    for index, (part, words) in enumerate(FAR_CONTACTS.items()):
         if (far := far_contact(data, part)) is None:
             continue
-        short = name.split()[-1]
+        name, short = f"the arm {words}" if part == "self" else words, words.split()[-1]
         yield _Body(
             "without control" if behind else name,
             f"{short} without" if behind else short,
