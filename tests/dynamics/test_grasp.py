@@ -262,7 +262,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("line", MISTAKES)
-def test_mistakes_are_told_in_one_line(line):
+def test_a_mistake_gets_one_line(line):
     table = TOOL | MISTAKES[line]
     balls = scenario().to_dict()["obstacle"][: table.pop("obstacles", 2)]
     tool = {key: value for key, value in table.items() if value is not None}

@@ -529,7 +529,7 @@ HEAVE = {"kind": "sine", "channel": "heave", "amplitude": 0.1, "frequency_hz": 0
          'target.frame: got "base"; must be "world" with vehicle.mass'),
     ],
 )  # fmt: skip
-def test_mistakes_are_told_in_one_line(vehicle, tables, line):
+def test_a_mistake_gets_one_line(vehicle, tables, line):
     with pytest.raises(crinoid.ScenarioError, match=f"^{re.escape(line)}$"):
         crinoid.Scenario(vehicle=vehicle, **tables)
 

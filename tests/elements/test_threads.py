@@ -629,7 +629,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("line", MISTAKES)
-def test_mistakes_are_told_in_one_line(line):
+def test_a_mistake_gets_one_line(line):
     kind, number, _ = line.split(".", 2)
     usual = chamber() if kind == "chamber" else {"offset": OFFSET}
     table = {key: value for key, value in (usual | MISTAKES[line]).items() if value is not None}

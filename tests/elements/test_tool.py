@@ -272,7 +272,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("line", MISTAKES)
-def test_mistakes_are_told_in_one_line(line):
+def test_a_mistake_gets_one_line(line):
     with pytest.raises(crinoid.ScenarioError, match=f"^{re.escape(line)}$"):
         scenario(MISTAKES[line])
 

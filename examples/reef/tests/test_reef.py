@@ -46,10 +46,14 @@ def test_every_kind_is_taken_up_and_written_again():
             'actuator.0.name: got "slide"; must differ from the name of a chamber, tendon or '
             "channel",
         ),
-        ("load.0.kind='rope'", 'load.0.kind: got "rope"; must be "distributed", "tether" or "tip"'),
+        (
+            "load.0.kind='rope'",
+            'load.0.kind: got "rope"; must be "distributed", "tether" or "tip". '
+            "Other kinds come from installed packages.",
+        ),
     ],
 )
-def test_mistakes_are_told_in_one_line(setting, line):
+def test_a_mistake_gets_one_line(setting, line):
     with pytest.raises(crinoid.ScenarioError) as caught:
         crinoid.load(SCENARIO, [setting])
     assert line in caught.value.lines
