@@ -86,6 +86,12 @@ def is_blue(pixel) -> bool:
     return bool(int(pixel[2]) > int(pixel[0]) + 60)
 
 
+def is_water(image) -> np.ndarray:
+    """Tell which pixels have the colour of the arrows."""
+    water = [int(WATER[i : i + 2], 16) for i in (1, 3, 5)]
+    return np.abs(image[..., :3].astype(int) - water).max(axis=-1) < 40
+
+
 def changed(one, other):
     """Tell which pixels of two pictures are far from each other."""
     return np.abs(one.astype(int) - other).sum(axis=-1) > 60
@@ -190,17 +196,25 @@ def test_a_film_shows_the_run_without_control_next_to_the_other():
 
 
 def test_the_current_is_drawn_as_arrows_that_turn():
-    water = [int(WATER[i : i + 2], 16) for i in (1, 3, 5)]
-
-    def arrows(picture, time):
-        return np.abs(picture.at(time)[..., :3].astype(int) - water).max(axis=-1) < 30
-
-    picture, _ = pictures(small_arm(gust=0.2))
-    first, last = (arrows(picture, time) for time in (0.0, 2.0))
+    picture, _ = pictures(small_arm(gust=0.2), size=(240, 240))  # without a scale of speeds
+    first, last = (is_water(picture.at(time)) for time in (0.0, 2.0))
     assert min(first.sum(), last.sum()) > 20
     assert (first != last).any()
     dry, _ = pictures(small_arm(flow=0.0))
-    assert not arrows(dry, 0.0).any()
+    assert not is_water(dry.at(0.0)).any()
+
+
+def test_an_arrow_at_the_foot_gives_the_speed_of_the_arrows():
+    picture, _ = pictures(small_arm(flow=0.3), size=(640, 400), colour="none")
+    drawn = is_water(picture.at(0.0))[:, :160]  # the first arrow, above that at the foot
+    foot = int(400 - picture._frame.unit)
+    (words,) = [each.get_text() for each in picture._frame._over if "water" in str(each)]
+    fastest = np.linalg.norm(picture._panels[0].scene.members[0].water.velocity[0, 0])
+    share = float(words.split()[1]) / fastest
+    assert 0.4 < share < 1.5
+    parts = drawn[foot - 2 : foot + 3], drawn[:340]
+    key, arrow = (np.ptp(np.nonzero(part)[1]) for part in parts)
+    assert key / arrow == pytest.approx(share, rel=0.06)  # three pixels of a sharp head are paler
 
 
 def test_a_base_that_travels_far_stays_in_the_picture_and_so_does_a_tip_that_is_followed():

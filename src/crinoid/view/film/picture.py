@@ -25,7 +25,7 @@ from crinoid.view.film.camera import (
     window_of,
 )
 from crinoid.view.film.encode import Image
-from crinoid.view.film.panel import FAINT, PAPER, SOFT, TONES, FilmPanel, pale
+from crinoid.view.film.panel import FAINT, PAPER, SOFT, TONES, WATER, FilmPanel, pale
 from crinoid.view.film.surfaces import Shading, locate
 from crinoid.view.scene.bodies import between
 from crinoid.view.scene.data import ReportError
@@ -34,6 +34,7 @@ from crinoid.view.scene.scene import Scene, colour_ranges
 _DPI = 100.0
 _POINT = 72.0 / _DPI  # points of a pixel
 _LONGEST = 1000  # characters of a title
+_ROOM = 32.0  # least width of a picture with a scale of speeds, in heights of type
 _SPARE = 0.9  # of the width of a title: some lines have wider letters than the mean
 
 
@@ -79,24 +80,39 @@ class PictureFrame:
         for artist in self._over:
             artist.draw(renderer)
 
-    def set_camera(self, camera: Camera) -> None:
-        """Set the limits of the panels to those of a camera, text and all, and draw a scale."""
+    def set_camera(self, camera: Camera, water: float) -> None:
+        """Set the limits of the panels to those of a camera, text and all, and draw scales.
+
+        They are of lengths, and of speeds unless those of the water are 0 (m/s for each m).
+        """
         metres = 2 * camera.half / self.tall
         x, y = camera.middle
         across = x + np.array([-0.5, 0.5]) * self.panel * metres
         up = y - camera.half - self._foot * metres, y + camera.half + self._top * metres
         for axes in self.axes:
             axes.set(xlim=across, ylim=up)
-        # a scale at the lower left; a pixel is so many metres
-        u, high = self.unit, self.size[1]
-        long = round_down(min(7.0 * u, 0.2 * self.size[0]) * metres)
-        ends, foot = [u, u + long / metres], high - 1.0 * u
-        self._line(ends, [foot, foot], color=SOFT)
-        for end in ends:
-            self._line([end, end], [foot - 0.25 * u, foot], color=SOFT)
+        # at the lower left; a pixel is so many metres
+        u, longest = self.unit, min(7.0 * self.unit, 0.2 * self.size[0])
+        long = round_down(longest * metres)
         text = f"{100 * long:.2g} cm" if long >= 0.01 else f"{1000 * long:.2g} mm"
         text = f"{long:g} m" if long >= 1.0 else text
-        self._text(u, foot - 0.35 * u, text, va="bottom", color=SOFT)
+        right = self._scale(u, long / metres, text, color=SOFT, arrow=False)
+        if water and self.size[0] > _ROOM * u:  # else the colour bar needs the room
+            fast = round_down(longest * metres * water)
+            left, text = right + 1.5 * u, f"water {fast:g} m/s"
+            self._scale(left, fast / water / metres, text, color=WATER, arrow=True)
+
+    def _scale(self, left: float, long: float, text: str, *, color: str, arrow: bool) -> float:
+        """Draw a line or arrow of a length (pixels), and return where it and its text end."""
+        u, foot = self.unit, self.size[1] - self.unit
+        head = 0.5 * u if arrow else 0.0
+        look: dict[str, Any] = {"marker": ">", "markevery": [1], "markersize": head * _POINT}
+        ends = [left, left + long - head / 2]  # the middle of a head
+        self._line(ends, [foot, foot], color=color, **look if arrow else {})
+        for end in ends[: 1 if arrow else 2]:
+            self._line([end, end], [foot - 0.25 * u, foot], color=color)
+        self._text(left, foot - 0.35 * u, text, va="bottom", color=color)
+        return left + max(long, self._width(text))
 
     def points(self, units: float) -> float:
         """Convert a width in heights of type to points."""
@@ -215,7 +231,7 @@ class Picture:
             for axes, part in zip(frame.axes, parts, strict=True)
         ]
         frame.add_speed(frames.speed)
-        frame.set_camera(camera)
+        frame.set_camera(camera, first.water.scale if first.water else 0.0)
         labels = [each.label for each in drawn]
         if len(parts) > 1:
             frame.name_panels(labels)
