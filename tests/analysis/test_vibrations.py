@@ -7,6 +7,7 @@ import xarray as xr
 import crinoid
 from crinoid.cli.analyses import _modes_table
 from crinoid.dynamics import ModesError
+from crinoid.results.dimensionless import bending
 from crinoid.scenario import Scenario
 from crinoid.view.figures import ReportError, write_report
 from helpers.beams import NATURAL
@@ -133,6 +134,23 @@ def test_speeds_of_lock_in_are_the_frequency_times_diameter_and_reduced_velocity
         first * 0.03 / np.array([0.26, 0.1])
     )
     assert np.isnan(found["lock_in_speed"].sel(mode=3)).all()
+
+
+def test_vortices_lock_in_to_bending_and_not_to_stretch(light):
+    still = light.sel(medium="still water")
+    stretches = float(np.sqrt(1e6 / 1080)) / (4 * 0.5)  # slowest wave along a clamped bar
+    undamped = np.hypot(2 * np.pi * still["frequency"], still["decay_rate"]) / (2 * np.pi)
+    assert float(undamped.sel(mode=4)) == pytest.approx(stretches, rel=0.02)
+    assert np.isfinite(light["lock_in_speed"]).all("end").values.tolist() == [True] * 3 + [False]
+
+
+def test_vortices_lock_in_to_bending_in_space_and_not_to_twist():
+    along, up = np.eye(3)[0] * np.linspace(0, 1, 5)[:, None], np.eye(3)[2] * np.ones((5, 1))
+    shape = np.stack([1j * up, along, 0.6 * along + 0.5 * up, 1e-9 * up])
+    spin = np.outer([0, 0, 0, 1j], np.ones(4))
+    tangent = np.tile([1.0, 0.0, 0.0], (4, 1))
+    found = bending(shape, spin, tangent, np.full(5, 0.02))
+    assert found.tolist() == [True, False, True, False]
 
 
 def test_a_mode_without_a_frequency_is_described_by_its_damping():

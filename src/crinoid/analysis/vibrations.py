@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from crinoid.assembly.arrays import array
 from crinoid.assembly.prepared import Prepared
@@ -24,6 +24,7 @@ from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.tangent import LineStiffness
 from crinoid.foundation.status import Status
 from crinoid.results.dataset import coordinates, describe, described
+from crinoid.results.dimensionless import bending
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import got
 from crinoid.scenario.library import Source
@@ -206,16 +207,18 @@ def _dataset(prepared: Prepared, found: dict[str, Vibration]) -> xr.Dataset:
          "velocity of the water"),
     ]  # fmt: skip
     if "still water" in media:
-        first = found["still water"].modes.frequency
+        water = found["still water"]
+        first = water.modes.frequency
         speed = np.outer(first, prepared.facts.lock_in) * prepared.facts.diameter
+        locks = (first > 0) & _bending(water, np.asarray(scenario.arm.diameters))
         speed = np.pad(
-            np.where(first[:, None] > 0, speed, np.nan),
+            np.where(locks[:, None], speed, np.nan),
             ((0, most - first.size), (0, 0)),
             constant_values=np.nan,
         )
         rows.append(
             ("lock_in_speed", "mode end", "m s-1", speed,
-             "speeds of a current across the arm between which vortices lock in to a mode"),
+             "speeds of a current across the arm between which vortices lock in to a bending mode"),
         )  # fmt: skip
     if axes == 3:
         spins = shapes[..., 1:, 3]
@@ -232,6 +235,17 @@ def _dataset(prepared: Prepared, found: dict[str, Vibration]) -> xr.Dataset:
         "mode": ("mode", np.arange(1, most + 1), {"long_name": "slowest first"}),
     }
     return xr.Dataset(described(rows), coords, describe(scenario))
+
+
+def _bending(
+    vibration: Vibration, diameter: Float[np.ndarray, " node"]
+) -> Bool[np.ndarray, " mode"]:
+    """Return which modes vortices can push: those that move the arm across itself."""
+    edges = np.diff(vibration.position, axis=0)
+    tangent = edges / np.linalg.norm(edges, axis=1, keepdims=True)
+    axes, shape = edges.shape[1], vibration.modes.shape
+    spin = shape[:, 1:, axes] if axes == 3 else None
+    return bending(shape[..., :axes], spin, tangent, diameter)
 
 
 def _notes(scenario: Scenario, dataset: xr.Dataset) -> list[str]:

@@ -132,7 +132,7 @@ def _swing(frequency: float, ratio: float) -> tuple[str, str]:
 
 
 def _lock_in(data: xr.Dataset) -> str:
-    """Return the speeds of a current that lock in to each mode that swings."""
+    """Return the speeds of a current that lock in to each bending mode that oscillates."""
     ends = data["lock_in_speed"].transpose("mode", "end")
     swings = ends[np.isfinite(ends.isel(end=0))]
     texts = (
@@ -140,7 +140,11 @@ def _lock_in(data: xr.Dataset) -> str:
         for mode, (low, high) in zip(swings["mode"].values, swings.values, strict=True)
     )
     speeds = ", ".join(texts)
-    return f"where the flow across the arm is {speeds}" if speeds else "to none: no mode oscillates"
+    return (
+        f"where the flow across the arm is {speeds}"
+        if speeds
+        else "to none: no bending mode oscillates"
+    )
 
 
 def _rest(data: xr.Dataset) -> str:

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from crinoid.assembly.facts import Facts
 from crinoid.results.chunks import pieces
-from crinoid.results.dimensionless import MOTION, across, length_share, normal_velocity, spinning
+from crinoid.results.dimensionless import MOTION, bending, length_share, normal_velocity
 
 _CYCLES = 3.0
 """Periods of a mode that lock-in must last to build up before a swing reverses it."""
@@ -27,7 +27,9 @@ def lock_in_note(dataset: xr.Dataset, facts: Facts) -> str:
         return ""
     low, high = facts.lock_in
     time, diameter = dataset["time"].values, dataset["diameter"].values
-    modes = _bending(dataset)
+    shapes, tangent = dataset["mode_shape"].values, dataset["tangent"].values[0]
+    spin = dataset["mode_spin"].values if spatial else None
+    modes = dataset["mode"].values[bending(shapes, spin, tangent, diameter)]
     frequency = dataset["natural_frequency"].sel(mode=modes).values
     total = sum(normal_velocity(piece).sum(axis=0) for piece in pieces(dataset, MOTION))
     mean = np.asarray(total) / time.size
@@ -67,16 +69,6 @@ def lock_in_note(dataset: xr.Dataset, facts: Facts) -> str:
         f"vortex shedding may lock in to {', '.join(struck)} ({low:.3g} < U/fd < {high:.3g}, "
         f"U across the arm); its lift, {where}, is not modelled{hint}"
     )
-
-
-def _bending(dataset: xr.Dataset) -> list[int]:
-    """Return the bending modes: those that move the arm across its own direction."""
-    shape = dataset["mode_shape"].values
-    normal = across(shape, dataset["tangent"].isel(time=[0]).values)
-    bends = np.sum(normal**2, axis=(1, 2)) > 0.5 * np.sum(shape**2, axis=(1, 2))
-    spin = dataset["mode_spin"].values if "mode_spin" in dataset else None
-    bends &= ~spinning(shape, spin, dataset["diameter"].values)
-    return [int(mode) for mode in dataset["mode"].values[bends]]
 
 
 def lasting_share(

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Inexact
 
 from crinoid.dynamics import Modes
 from crinoid.foundation.result_variables import Content, quantity
@@ -70,8 +70,8 @@ def with_velocity_moments(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def spinning(
-    shape: Float[np.ndarray, "mode node axis"],
-    spin: Float[np.ndarray, "mode edge"] | None,
+    shape: Inexact[np.ndarray, "mode node axis"],
+    spin: Inexact[np.ndarray, "mode edge"] | None,
     diameter: Float[np.ndarray, " node"],
 ) -> Bool[np.ndarray, " mode"]:
     """Return which modes move the arm's surface more by its spin than by its displacement."""
@@ -81,6 +81,18 @@ def spinning(
     return np.asarray(going < np.abs(spin).max(axis=1) * diameter.max() / 2)
 
 
+def bending(
+    shape: Inexact[np.ndarray, "mode node axis"],
+    spin: Inexact[np.ndarray, "mode edge"] | None,
+    tangent: Float[np.ndarray, "edge axis"],
+    diameter: Float[np.ndarray, " node"],
+) -> Bool[np.ndarray, " mode"]:
+    """Return which modes move the arm mostly across itself, neither by stretch nor by twist."""
+    normal = np.linalg.norm(across(shape, tangent[None]), axis=2)
+    bends = np.sum(normal**2, axis=1) > 0.5 * np.sum(np.abs(shape) ** 2, axis=(1, 2))
+    return np.asarray(bends & ~spinning(shape, spin, diameter))
+
+
 def normal_velocity(dataset: xr.Dataset) -> Float[np.ndarray, "time node across"]:
     """Return the component of the relative velocity of the water across the arm (m/s)."""
     flow = dataset["flow_velocity"].values - dataset["velocity"].values
@@ -88,8 +100,8 @@ def normal_velocity(dataset: xr.Dataset) -> Float[np.ndarray, "time node across"
 
 
 def across(
-    vectors: Float[np.ndarray, "_ node axis"], tangent: Float[np.ndarray, "_ edge axis"]
-) -> Float[np.ndarray, "_ node across"]:
+    vectors: Inexact[np.ndarray, "_ node axis"], tangent: Float[np.ndarray, "_ edge axis"]
+) -> Inexact[np.ndarray, "_ node across"]:
     """Return the components of vectors at the nodes across the arm.
 
     The tangent at a node is the mean of those of its edges. In the plane the result is the
