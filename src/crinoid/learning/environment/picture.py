@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -47,7 +48,8 @@ class EpisodePainter:
             eqx.tree_at(lambda now: now.state.motion.time, start, jnp.asarray(time))
             for time in np.linspace(0.0, duration, _TIMES)
         ]
-        self._window = _window(self._space(later))
+        space = self._space(later)
+        self._window, self._water = _window(space), space.members[0].water
 
     def at(self, now: LoopState, rate: float) -> UInt8[np.ndarray, "height width 3"]:
         """Draw an instant; ``rate`` is the rate of the pictures (1/s)."""
@@ -57,8 +59,17 @@ class EpisodePainter:
             # letters of a title that no installed font has become boxes
             warnings.filterwarnings("ignore", message="Glyph")
             title = str(self._about["title"])
-            picture = Picture(self._space([now]), shot, reel, title, "", self._window)
+            picture = Picture(self._at_one_scale(now), shot, reel, title, "", self._window)
             return np.ascontiguousarray(picture.at(time)[..., :3])
+
+    def _at_one_scale(self, now: LoopState) -> Scene:
+        """Return an instant, its arrows of the water at the scale of the whole episode."""
+        space = self._space([now])
+        (member,) = space.members
+        if member.water is None or self._water is None:
+            return space
+        water = replace(member.water, scale=self._water.scale)
+        return replace(space, members=(replace(member, water=water),))
 
     def _space(self, instants: Sequence[LoopState]) -> Scene:
         loop = self._drawn.case.loop
