@@ -12,7 +12,7 @@ import pytest
 
 import crinoid
 from crinoid.dynamics import Hull
-from crinoid.dynamics.newton import Balance
+from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.start import with_mount
 from crinoid.dynamics.statics import static_stage
 from helpers.arms import QUICKLY

@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 import crinoid
 from crinoid.dynamics import FarEdges, far_edges, find_modes
-from crinoid.dynamics.newton import Balance
+from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.start import with_mount
 from crinoid.dynamics.statics import static_stage
 from crinoid.dynamics.tangent import LineStiffness

@@ -13,8 +13,8 @@ import pytest
 import crinoid
 from crinoid.base import Prescribed
 from crinoid.dynamics import EnergyAccount, start
+from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.newton import Balance
 from crinoid.dynamics.vehicle import Mount
 from crinoid.dynamics.windows import motion_windows
 from crinoid.elements import WORKS, Inertia, Tool

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from crinoid.dynamics import start
+from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.newton import Balance
 from helpers.arms import QUICKLY
 
 

@@ -26,7 +26,7 @@ from crinoid.scenario.kinds import unit_at
 from crinoid.scenario.library import Source, scenario_of
 from crinoid.scenario.scenario import scenario_schema
 from crinoid.scenario.variation import Span, read_variation
-from crinoid.simulation.run import at_rest
+from crinoid.simulation.statics import at_rest
 
 CURVE = "curve.nc"
 """File of the equilibria of `crinoid equilibrium --vary`."""

@@ -28,7 +28,7 @@ from crinoid.results.dimensionless import bending
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.scenario.errors import got
 from crinoid.scenario.library import Source
-from crinoid.simulation.run import at_rest
+from crinoid.simulation.statics import at_rest
 
 MODES = "modes.nc"
 

@@ -15,7 +15,7 @@ from crinoid.foundation.axes import CHANNELS
 from crinoid.numerics.piecewise import PiecewisePolynomial, between, shape_preserving
 from crinoid.numerics.ramp import Onset
 from crinoid.scenario import Scenario
-from crinoid.scenario import base as motions
+from crinoid.scenario import base_motion as motions
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly

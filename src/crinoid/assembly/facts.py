@@ -21,7 +21,7 @@ from crinoid.scenario import (
     TurbulenceFlow,
     UniformFlow,
 )
-from crinoid.scenario.base import FileMotion, VesselMotion
+from crinoid.scenario.base_motion import FileMotion, VesselMotion
 from crinoid.scenario.flow import Flow
 from crinoid.scenario.kinds import is_own
 

@@ -1,4 +1,4 @@
-"""Newton's method on the balance of forces, with the derivative of its solution."""
+"""Newton's method on the balance of forces."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,15 +10,12 @@ from jax.ad_checkpoint import checkpoint_name
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
 
+from crinoid.dynamics.balance import Balance, Rows, implicit_derivative, zero_tangents
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.rows import BOUNDARY_NODES
-from crinoid.dynamics.tangent import Tangent, TangentFactors
-from crinoid.dynamics.windows import Surroundings
+from crinoid.dynamics.tangent import TangentFactors
 from crinoid.rod import Rod
-
-Rows = Float[Array, "rows b"]
 
 SOLVED = "solved"
 """Name of solutions under `jax.checkpoint`, for a policy that saves them."""
@@ -33,32 +30,6 @@ That of a new tangent may be far less, which says nothing about the next step.
 """
 _STALLED = 0.5
 """Contraction above which an iteration makes no progress."""
-
-
-class Balance(eqx.Module):
-    """Balance of forces at the end of a step, as a function of the correction."""
-
-    forces: Forces
-    around: Surroundings
-    """The water, expanded about given positions."""
-    stage: StepMap
-    load_factor: Float[Array, ""] | None = None
-    """Factor on the forces from outside; None for 1."""
-
-    def residual(self, correction: Rows) -> tuple[Rows, Float[Array, " b"]]:
-        """Return the residual, and the largest single force in it of each column (N)."""
-        motion = self.forces.motion(self.stage, correction, self.around)
-        return self.forces.residual(motion, self.load_factor)
-
-    def touches(self, correction: Rows) -> Bool[Array, ""]:
-        """Return whether far parts of the arm are in contact."""
-        return self.forces.touches(self.forces.motion(self.stage, correction, self.around).position)
-
-    @eqx.filter_jit
-    def tangent(self, correction: Rows) -> Tangent:
-        """Return d(residual)/d(correction)."""
-        motion = self.forces.motion(self.stage, correction, self.around)
-        return self.forces.tangent(self.stage, motion, self.around, self.load_factor)
 
 
 class Settings(eqx.Module):
@@ -338,27 +309,6 @@ def imbalance(balance: Balance, correction: Rows, settings: Settings) -> tuple[R
         folded=jnp.asarray(False),
         error=jnp.zeros(()),
     )
-
-
-def implicit_derivative(
-    balance: Balance, t_balance: Any, correction: Rows, tangent: Tangent
-) -> tuple[Rows, Float[Array, "held b"]]:
-    """Return the derivatives of a converged correction and of the forces on prescribed nodes.
-
-    ``t_balance`` is the tangent of the balance, ``tangent`` the matrix at the correction.
-    """
-    _, t_residual = eqx.filter_jvp(
-        lambda balance: balance.residual(correction)[0], (balance,), (t_balance,)
-    )
-    if t_residual is None:  # no force depends on what is varied
-        t_residual = jnp.zeros_like(correction)
-    t_correction = tangent.solve(-t_residual)
-    return t_correction, t_residual[:BOUNDARY_NODES] + tangent.on_held(t_correction)
-
-
-def zero_tangents(tree: Any) -> Any:
-    """Return zero tangents."""
-    return jax.tree.map(lambda x: jnp.zeros_like(x) if eqx.is_inexact_array(x) else None, tree)
 
 
 def _largest_turn(position: Rows, change: Rows, axes: int) -> Float[Array, ""]:

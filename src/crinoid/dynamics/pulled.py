@@ -20,8 +20,9 @@ from jaxtyping import Array, Float
 
 from crinoid.dynamics import statics, windows
 from crinoid.dynamics.arm import Memory
+from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.forces import Forces
-from crinoid.dynamics.newton import Balance, ReusedTangent, Settings, solve
+from crinoid.dynamics.newton import ReusedTangent, Settings, solve
 from crinoid.dynamics.outcome import Outcome
 from crinoid.elements import Threads
 from crinoid.elements.tendon_friction import ADHESION

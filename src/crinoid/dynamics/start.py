@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from crinoid.base import Base, Prescribed, ServoState
+from crinoid.dynamics.balance import Balance, implicit_derivative
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.newton import Balance, ReusedTangent, implicit_derivative
+from crinoid.dynamics.newton import ReusedTangent
 from crinoid.dynamics.rows import BOUNDARY_NODES, GHOST, ROOT, ROTATION, SPIN
 from crinoid.dynamics.state import State
 from crinoid.dynamics.tangent import Tangent

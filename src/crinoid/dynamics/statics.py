@@ -8,17 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from crinoid.dynamics.balance import Balance, implicit_derivative, zero_tangents
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.integrator import StepMap
-from crinoid.dynamics.newton import (
-    Balance,
-    ReusedTangent,
-    Settings,
-    imbalance,
-    implicit_derivative,
-    solve,
-    zero_tangents,
-)
+from crinoid.dynamics.newton import ReusedTangent, Settings, imbalance, solve
 from crinoid.dynamics.outcome import Outcome
 from crinoid.dynamics.windows import Surroundings
 from crinoid.elements import Motion

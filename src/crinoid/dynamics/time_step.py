@@ -11,10 +11,11 @@ from jaxtyping import Array, Float
 from crinoid.actuation import Actuator, drives
 from crinoid.base import Base
 from crinoid.dynamics import start
+from crinoid.dynamics.balance import Balance
 from crinoid.dynamics.forces import Forces
 from crinoid.dynamics.gripper import GripTriggers, with_grip
 from crinoid.dynamics.integrator import Integrator
-from crinoid.dynamics.newton import Balance, Settings, solve
+from crinoid.dynamics.newton import Settings, solve
 from crinoid.dynamics.outcome import MIN_COSINE, Outcome, cos_turn_angle
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.start import expected_acceleration, first_guess, with_prescribed_motion

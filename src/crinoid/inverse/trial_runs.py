@@ -14,7 +14,8 @@ from crinoid.inverse.goal import Goal
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario, ScenarioError
 from crinoid.simulation.batch import run_batch
-from crinoid.simulation.run import SimulationError, at_rest, settle
+from crinoid.simulation.run import SimulationError
+from crinoid.simulation.statics import at_rest, settle
 
 
 class TrialRuns:

@@ -13,7 +13,7 @@ from crinoid.foundation.axes import ANGLES, CHANNELS
 from crinoid.recording.selection import read_selection
 from crinoid.recording.series import Series
 from crinoid.scenario import FileMotion, Scenario
-from crinoid.scenario.base import VesselMotion
+from crinoid.scenario.base_motion import VesselMotion
 from crinoid.scenario.errors import got, refusal
 from crinoid.scenario.flow import MeasuredFlow
 

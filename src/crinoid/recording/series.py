@@ -19,7 +19,7 @@ from crinoid.recording.texts import REMARKS, short
 from crinoid.recording.units import angle_factor, length_factor, no_unit, time_factor
 from crinoid.recording.vessel import vessel_motion
 from crinoid.scenario import FileMotion, Scenario, Target
-from crinoid.scenario.base import VesselMotion
+from crinoid.scenario.base_motion import VesselMotion
 from crinoid.scenario.errors import counted, refusal
 from crinoid.scenario.quantity import OPPOSITE
 

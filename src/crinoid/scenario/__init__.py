@@ -10,10 +10,10 @@ from crinoid.scenario.actuator import Chamber as Chamber
 from crinoid.scenario.actuator import Tendon as Tendon
 from crinoid.scenario.arm import Arm as Arm
 from crinoid.scenario.base import Base as Base
-from crinoid.scenario.base import ChannelName as ChannelName
 from crinoid.scenario.base import Channels as Channels
-from crinoid.scenario.base import FileMotion as FileMotion
-from crinoid.scenario.base import TableMotion as TableMotion
+from crinoid.scenario.base_motion import ChannelName as ChannelName
+from crinoid.scenario.base_motion import FileMotion as FileMotion
+from crinoid.scenario.base_motion import TableMotion as TableMotion
 from crinoid.scenario.control import Coordinate as Coordinate
 from crinoid.scenario.control import Pid as Pid
 from crinoid.scenario.control import PidGains as PidGains

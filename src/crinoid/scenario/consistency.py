@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 from crinoid.foundation.axes import AXES, CHANNELS, LARGEST_TURN, PARTNERS
 from crinoid.foundation.result_variables import large_names, of_dimension
 from crinoid.scenario.actuator import actuator_conflicts, thread_conflicts
-from crinoid.scenario.base import ChannelMotion, TableMotion
+from crinoid.scenario.base_motion import ChannelMotion, TableMotion
 from crinoid.scenario.control import COORDINATES
 from crinoid.scenario.errors import Mistake, got, missing, one_of, shown
 from crinoid.scenario.flow import GaussMarkovFlow, MeasuredFlow, ShearFlow, SurfaceWaves

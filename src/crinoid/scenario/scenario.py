@@ -11,7 +11,8 @@ import tomli_w
 
 from crinoid.scenario.actuator import Actuator, Chamber, Tendon, thread_names
 from crinoid.scenario.arm import Arm
-from crinoid.scenario.base import Base, VelocityMotion
+from crinoid.scenario.base import Base
+from crinoid.scenario.base_motion import VelocityMotion
 from crinoid.scenario.consistency import RULES
 from crinoid.scenario.contact import SelfContact
 from crinoid.scenario.control import Control

@@ -15,9 +15,9 @@ from crinoid.simulation.loop import LoopState as LoopState
 from crinoid.simulation.run import Progress as Progress
 from crinoid.simulation.run import SimulationError as SimulationError
 from crinoid.simulation.run import Tell as Tell
-from crinoid.simulation.run import at_rest as at_rest
-from crinoid.simulation.run import equilibrium as equilibrium
 from crinoid.simulation.run import play as play
-from crinoid.simulation.run import settle as settle
 from crinoid.simulation.run import simulate as simulate
 from crinoid.simulation.session import Session as Session
+from crinoid.simulation.statics import at_rest as at_rest
+from crinoid.simulation.statics import equilibrium as equilibrium
+from crinoid.simulation.statics import settle as settle

@@ -21,7 +21,7 @@ from crinoid.scenario import (
     TurbulenceFlow,
     shown,
 )
-from crinoid.scenario.base import (
+from crinoid.scenario.base_motion import (
     FileMotion,
     Motion,
     SineMotion,

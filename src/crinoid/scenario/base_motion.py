@@ -1,0 +1,227 @@
+"""Prescribed motions of the base: of one channel, or of the vessel that carries it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field
+
+from crinoid.foundation.axes import ANGLES, CHANNELS
+from crinoid.scenario.document import RecordFile
+from crinoid.scenario.errors import Mistake, got, missing, one_of
+from crinoid.scenario.model import Model, entry
+from crinoid.scenario.quantity import (
+    LATEST,
+    AsTuple,
+    Degrees,
+    DegreesPerSecond,
+    Hertz,
+    InSpace,
+    Metres,
+    MetresPerSecond,
+    Only,
+    Position,
+    Quantity,
+    Seconds,
+    Times,
+    length_conflicts,
+    time_conflicts,
+)
+
+if TYPE_CHECKING:
+    ChannelName = str
+else:
+    ChannelName = Annotated[
+        Literal[CHANNELS[3]], Quantity(expects=one_of(CHANNELS[2]), in_space=one_of(CHANNELS[3]))
+    ]
+
+
+Interpolation = Annotated[
+    Literal["monotone", "smooth"],
+    Field(
+        description="monotone: between two points it rises or falls as they do, and never swings "
+        "past them; smooth: a cubic spline, more accurate where the points follow a smooth curve. "
+        "Either has a continuous acceleration."
+    ),
+]
+
+
+class ChannelMotion(Model):
+    """A motion of one channel."""
+
+    kind: str
+    channel: ChannelName = Field(
+        description="Channel that moves: slide (x), heave (z) or tilt; in space also sway "
+        "(y), pan or roll."
+    )
+
+    def moved(self, axes: int) -> tuple[str, ...]:
+        """Return the channels that it moves."""
+        return (self.channel,)
+
+    def _unit_conflict(self, plain: str) -> Iterator[Mistake]:
+        """Yield an angle without degrees, or a shift with them."""
+        right, wrong = plain, f"{plain}_deg"
+        if self.channel in ANGLES:
+            right, wrong = wrong, right
+        where = f'with channel = "{self.channel}"'
+        value = getattr(self, wrong)
+        if value is not None:
+            yield Mistake(wrong, got(value, f"be left out {where}", f"Use {right} instead."))
+        elif getattr(self, right) is None:
+            yield Mistake(right, missing(f"be given {where}"))
+
+
+class SineMotion(ChannelMotion):
+    """A motion ``amplitude * sin(2 pi frequency_hz t + phase)``."""
+
+    kind: Literal["sine"] = entry("sine", "A sine.")
+    amplitude: Metres | None = entry(None, "Amplitude of a shift.")
+    amplitude_deg: Degrees | None = entry(None, "Amplitude of a turn.")
+    frequency_hz: Hertz = Field(gt=0, description="Frequency.")
+    phase_deg: Degrees = entry(0.0, "Phase at t = 0.")
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from self._unit_conflict("amplitude")
+
+    @property
+    def amplitude_si(self) -> float:
+        """The amplitude in m or rad."""
+        if self.amplitude_deg is not None:
+            return math.radians(self.amplitude_deg)
+        return self.amplitude or 0.0
+
+    def farthest(self, duration: float) -> float:
+        """Return the largest displacement during a run (m or rad), or a bound to it."""
+        return abs(self.amplitude_si)
+
+
+class VelocityMotion(ChannelMotion):
+    """A constant velocity, reached along half a cosine from rest."""
+
+    kind: Literal["velocity"] = entry("velocity", "A constant velocity.")
+    velocity: MetresPerSecond | None = entry(None, "Velocity of a shift.")
+    velocity_deg: DegreesPerSecond | None = entry(None, "Velocity of a turn.")
+    start: Seconds = entry(0.0, "Start time.", ge=0, le=LATEST)
+    ramp_time: Seconds = entry(1.0, "Time to reach the velocity.", gt=0)
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from self._unit_conflict("velocity")
+
+    @property
+    def velocity_si(self) -> float:
+        """The velocity in m/s or rad/s."""
+        if self.velocity_deg is not None:
+            return math.radians(self.velocity_deg)
+        return self.velocity or 0.0
+
+    def farthest(self, duration: float) -> float:
+        """Return the largest displacement during a run (m or rad), or a bound to it."""
+        return abs(self.velocity_si) * duration
+
+
+_Shifts = Annotated[tuple[Metres, ...], AsTuple, Quantity("m", "a list of numbers")]
+_Turns = Annotated[tuple[Degrees, ...], AsTuple, Quantity("degrees", "a list of numbers")]
+
+
+class TableMotion(ChannelMotion):
+    """A motion through points in time."""
+
+    kind: Literal["table"] = entry("table", "Points in time.")
+    time: Times = Field(description="Times, increasing, from 0 or before to the end of the run.")
+    value: _Shifts | None = entry(None, "Shift at these times.")
+    value_deg: _Turns | None = entry(None, "Turn at these times.")
+    interpolation: Interpolation = "monotone"
+
+    def _conflicts(self) -> Iterator[Mistake]:
+        yield from self._unit_conflict("value")
+        yield from time_conflicts(self.time)
+        for key, values in (("value", self.value), ("value_deg", self.value_deg)):
+            if values is not None:
+                yield from length_conflicts(key, values, self.time)
+
+    @property
+    def value_si(self) -> tuple[float, ...]:
+        """The values in m or rad."""
+        if self.value_deg is not None:
+            return tuple(map(math.radians, self.value_deg))
+        return self.value or ()
+
+    def farthest(self, duration: float) -> float:
+        """Return the largest displacement during a run (m or rad), or a bound to it."""
+        return max(map(abs, self.value_si))
+
+
+class _InFile(Model):
+    kind: str
+    file: RecordFile
+    time_column: str = entry(
+        "time",
+        "Column of times, from 0 or earlier to the end of the run; dates count from the first.",
+        min_length=1,
+    )
+    skip: Seconds = entry(0.0, "Time of the file at which the run starts.", ge=0)
+    interpolation: Interpolation = "monotone"
+
+
+class FileMotion(ChannelMotion, _InFile):
+    """A motion as in a file, such as a record of heave."""
+
+    kind: Literal["file"] = entry("file", "Points in time from a file.")
+    value_column: str | None = entry(
+        None,
+        "Column of shifts, or of turns (in degrees without a unit); by default the name of the "
+        "channel.",
+        min_length=1,
+    )
+
+
+def _column(name: str, about: str) -> Any:
+    return entry(None, f'{about}; by default "{name}".', min_length=1)
+
+
+class VesselColumns(Model):
+    """Columns of a vessel's motion: "-heading" reverses one, "0" is no motion."""
+
+    surge: str | None = _column("surge", "Shift forward, along x; counts from the start")
+    sway: Annotated[str | None, Only(3)] = _column(
+        "sway", "Shift to port, along y; counts from the start"
+    )
+    heave: str | None = _column("heave", "Shift upward, along z")
+    roll: Annotated[str | None, Only(3)] = _column("roll", "Turn that lifts the port side")
+    pitch: str | None = _column("pitch", "Turn that lifts the bow")
+    yaw: Annotated[str | None, Only(3)] = _column(
+        "yaw", "Turn of the bow to port; counts from the start"
+    )
+
+    def given(self, axes: int) -> dict[str, str]:
+        """Return the column of each degree of freedom of a planar or spatial base."""
+        names = ("surge", "heave", "pitch") if axes == 2 else VESSEL
+        return {name: getattr(self, name) or name for name in names}
+
+
+VESSEL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+"""Degrees of freedom of a vessel."""
+
+
+class VesselMotion(_InFile):
+    """The motion of a vessel that carries the base, as in its log."""
+
+    kind: Literal["vessel"] = entry("vessel", "All motions of a vessel from a file.")
+    columns: VesselColumns = entry(VesselColumns(), "Columns of the motions, by their names.")
+    offset: Annotated[Position, InSpace((0.0, 0.0, 0.0))] = entry(
+        (0.0, 0.0),
+        "Place of the arm's root from the point whose motion the file has; x forward, z up.",
+    )
+
+    def moved(self, axes: int) -> tuple[str, ...]:
+        """Return the channels that it moves, of a planar or spatial base."""
+        return CHANNELS[axes]
+
+
+Motion = Annotated[
+    SineMotion | VelocityMotion | TableMotion | FileMotion | VesselMotion,
+    Field(discriminator="kind"),
+]
