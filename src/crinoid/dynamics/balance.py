@@ -52,7 +52,7 @@ def implicit_derivative(
     _, t_residual = eqx.filter_jvp(
         lambda balance: balance.residual(correction)[0], (balance,), (t_balance,)
     )
-    if t_residual is None:  # no force depends on what is varied
+    if t_residual is None:  # no force depends on the varied numbers
         t_residual = jnp.zeros_like(correction)
     t_correction = tangent.solve(-t_residual)
     return t_correction, t_residual[:BOUNDARY_NODES] + tangent.on_held(t_correction)
