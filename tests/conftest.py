@@ -150,23 +150,19 @@ _MOST_BYTES = 2_000_000_000
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _compiled_code() -> Iterator[None]:
-    """Let go of memory where there is too much of it, and of compiled code if nothing else will do.
+def _programs() -> Iterator[None]:
+    """Share programs among all tests; let go of memory, and of programs if nothing else will do.
 
     Most of it is what compiling took: free, but kept for what comes next.
     """
-    import jax
+    from crinoid.compilation import free_memory, keep_programs
 
-    from crinoid.compilation.store import STORE
-
+    keep_programs()
     yield
-    STORE.set(None)  # which a command has set
     if _resident() > _MOST_BYTES:
         _hand_back()
     if _resident() > _MOST_BYTES:
-        jax.clear_caches()
-        gc.collect()
-        _hand_back()
+        free_memory()
 
 
 def _hand_back() -> None:

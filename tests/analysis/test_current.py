@@ -335,7 +335,7 @@ def counted(monkeypatch, name: str) -> list[None]:
 
 @pytest.mark.slow
 def test_notes_are_kept_and_a_run_is_resumed_from_elsewhere(here, monkeypatch):
-    write(here, "measured", "arm.nodes = 5\ncontrol.compare = false")
+    write(here, "measured", 'arm.nodes = 5\ncontrol.compare = false\nsimulation.start = "rest"')
     once = ("crinoid.recording.selection.read_dataset", "crinoid.assembly.system.assemble_once")
     counts = [counted(monkeypatch, name) for name in once]
     written = succeeded("run", "mine.toml", "--out", "out")

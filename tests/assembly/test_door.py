@@ -301,7 +301,7 @@ def test_a_flow_without_a_value_at_the_start_is_named_next_to_chambers():
     chamber = {"offset": 0.01, "area": 2e-4, "max_pressure": 1e4}
     driven = SCENARIO.with_values({"chamber": [chamber], "load": []})
     prepared = Prepared(driven, flow(lambda point, time: jnp.sin(time) / time * point))
-    state = eqx.filter_jit(prepared.system.rest)(0.1)
+    state = prepared.system.rest(0.1)
     assert nonfinite(driven, prepared.system, state, FAILED) == ""
     begin = eqx.tree_at(lambda s: s.motion.time, state, jnp.zeros(()))
     assert "Kelp (flow 0) gives a velocity" in nonfinite(driven, prepared.system, begin, FAILED)

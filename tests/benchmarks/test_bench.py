@@ -16,6 +16,8 @@ TINY = Scope(repeats=2, nodes=(5, 9), duration=0.2, arms=2, seeds=1, most=2)
 FEW = {
     "controllers": TINY._replace(most=1),
     "gradient": TINY._replace(most=1),
+    "optimise": TINY._replace(most=1),
+    "precision": TINY._replace(most=1),
     "step": TINY._replace(most=1),
     # the error of a path counts from 2 s on
     "tasks": TINY._replace(most=1, duration=2.5),
@@ -25,7 +27,7 @@ NAMES = {
     "step": {"plane, closed loop", "plane, bare step", "plane, vortices"},
     "batch": {"whole runs, PID", "bare steps, one by one", "bare steps, together (vmap)"},
     "gradient": {"plane, run", "plane, gradient by all numbers"},
-    "optimise": {"gains, grid", "gains, optimise", "pressure, grid", "pressure, optimise"},
+    "optimise": {"gains, grid", "gains, optimise"},
     "start": {"import crinoid, first time", "import jax, later"},
     "controllers": {"station-keeping, neural", "0.08 m/s, none, vortices"},
     "tasks": {"trace"},

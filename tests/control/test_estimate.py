@@ -200,9 +200,9 @@ def test_the_report_draws_the_estimate(held, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["station-keeping", "wave-zone"])
-def test_over_20_seeds_the_bands_have_the_truth_as_often_as_the_page_says(name):
-    shares = load_script(DOCS / "make_coverage.py").coverage(name)
+def test_over_20_seeds_the_bands_have_the_truth_as_often_as_the_page_says():
+    # an upright arm in a swell is in the run above
+    shares = load_script(DOCS / "make_coverage.py").coverage("wave-zone")
     assert len(shares) == 6
     # a right model has 0.95; the observer allows for more errors than most runs have
     assert min(shares.values()) > 0.9

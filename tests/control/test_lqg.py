@@ -190,14 +190,9 @@ def test_lqg_holds_the_tip_better_than_the_pid(alone):
 
 @pytest.mark.slow
 def test_lqg_follows_a_moving_target_ahead_of_it():
+    path = {"simulation__duration": 8.0, "flow__0__intensity": 0.01}
     ahead, late, pid = (
-        rms(
-            kind,
-            "trace",
-            simulation__duration=8.0,
-            flow__0__intensity=0.01,
-            target__feed_forward=forward,
-        )
+        rms(kind, "trace", target__feed_forward=forward, **path)
         for kind, forward in (("lqg", True), ("lqg", False), ("pid", True))
     )
     assert ahead < 0.1 * late

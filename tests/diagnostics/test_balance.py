@@ -10,7 +10,7 @@ import pytest
 import crinoid
 from crinoid.assembly.prepared import Prepared
 from crinoid.diagnostics.energy_balance import find_defect
-from crinoid.dynamics import Outcome, System
+from crinoid.dynamics import Outcome
 from crinoid.results.result import Result
 from crinoid.simulation import play
 from crinoid.simulation.conclusion import step_failure
@@ -95,7 +95,7 @@ def test_a_run_that_goes_on_is_judged_as_a_whole():
 def test_a_step_that_fails_after_a_gain_of_energy_is_not_blamed_on_the_nodes():
     result = swing(0.02)
     scenario, system = result.scenario, crinoid.system(result.scenario)
-    state = eqx.filter_jit(System.rest)(system)
+    state = system.rest()
     folded = eqx.tree_at(lambda o: o.folded, Outcome.of_nothing(converged=False), jnp.asarray(True))
     defect = find_defect(result.dataset, scenario, 0.0, 0.0)
     said = step_failure(scenario, system, state, folded, result.dataset, defect)

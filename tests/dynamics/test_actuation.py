@@ -72,9 +72,9 @@ def march(system, thrust, step, steps):
     return march_with_books(system, command, step, steps)
 
 
-@pytest.fixture(scope="module", params=[2, 3])
-def system(request):
-    return jet_arm(request.param)
+@pytest.fixture(scope="module")
+def system():
+    return jet_arm(3)
 
 
 @pytest.fixture(scope="module")

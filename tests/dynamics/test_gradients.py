@@ -232,16 +232,6 @@ def test_a_command_matters_only_after_it_was_given(slopes, axes):
     assert (np.abs(end).max(axis=(0, 2)) > 0).all()
 
 
-def test_batched_arms_move_as_one_does_alone(runs):
-    batch = jax.jit(jax.vmap(lambda p, c: start_and_end(2, p, c)[0]), compiler_options=QUICKLY)(
-        jnp.stack([AT[2], DISPLACED[2]]), jnp.stack([COMMANDS[2]] * 2)
-    )
-    # each is solved to 1e-11 N, but sums may be taken in another order
-    alone = [runs[2, name][0] for name in ("usual", "displaced")]
-    np.testing.assert_allclose(batch, alone, rtol=0, atol=1e-10)
-    assert np.abs(alone[1] - alone[0]).max() > 0.1
-
-
 def test_set_angles_and_channels_turn_the_base_alike(slopes):
     rows = dict(zip(USUAL[3], slopes[3][0].T, strict=True))
     for name in ("pan", "tilt", "roll"):
@@ -297,4 +287,4 @@ def test_an_equilibrium_in_still_water_is_the_same_at_any_time():
     def found(time):
         return jnp.sum(system.find_equilibrium(time)[0].motion.position)
 
-    assert jax.grad(found)(0.0) == 0.0
+    assert jax.jit(jax.grad(found), compiler_options=QUICKLY)(0.0) == 0.0

@@ -39,7 +39,7 @@ def scenario(axes=2, *, touch=(), above=-9.955, below=-10.045, time_step=0.002, 
         "base": {"position": at(0.0, -10.0), "motion": [heave]},
         "obstacle": balls,
         "tool": TOOL | dict(touch),
-        "simulation": {"duration": 0.2, "time_step": time_step},
+        "simulation": {"duration": 0.2, "time_step": time_step, "start": "rest"},
         "output": {"interval": 0.01},
     }
     return crinoid.Scenario(**described | tables)

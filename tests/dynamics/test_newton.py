@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crinoid.dynamics import System
 from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.elements import (
@@ -132,7 +131,6 @@ def test_newton_converges_quadratically(kinds):
 step = eqx.filter_jit(
     lambda system, state, command, length=None: system.step(state, command, length)
 )
-rest = eqx.filter_jit(System.rest)
 STILL = jnp.zeros(3)
 
 
@@ -165,7 +163,7 @@ def system():
 
 @pytest.fixture(scope="module")
 def state(system):
-    return rest(system)
+    return system.rest()
 
 
 def test_convergence_is_told(system, state):
@@ -277,7 +275,7 @@ def test_floor_is_the_round_off_of_the_elastic_forces(system):
     np.testing.assert_allclose(settings.floor, expected, rtol=1e-12)
     # of the order of what the elastic forces of a straight arm amount to by round-off alone
     straight = arm(nodes=NODES, EA=50.0, EI=EI, tilt=0.3)
-    state = rest(straight)
+    state = straight.rest()
     zero = jnp.zeros_like(state.position)
     still = StepMap(jnp.zeros(()), state.position, zero, zero, *[jnp.ones(())] * 3)
     (residual,) = residuals(straight.forces, still, zero[None])

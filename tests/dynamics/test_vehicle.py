@@ -219,7 +219,7 @@ def test_what_the_base_does_to_the_arm_the_vehicle_loses(axes):
         work = books.work[:, WORKS.index("actuation")]
         lost.append(float(kinetic[last] - kinetic[first]))
         defects.append(lost[-1] + float(work[last] - work[first]))
-    energy = jax.vmap(system.energy)(states).sum(axis=1)
+    energy = eqx.filter_jit(lambda each: jax.vmap(system.energy)(each).sum(axis=1))(states)
     stored = energy - books.work.sum(axis=1)
     assert abs(lost[-1]) > 1e-4
     assert (order(np.abs(defects)) > 1.7).all()
@@ -255,25 +255,24 @@ def test_a_free_vehicle_drifts_with_a_uniform_current(axes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "flow",
-    [
-        {"kind": "sine", "amplitude": [0.1, 0.05], "frequency_hz": 0.2},
-        {"kind": "waves", "significant_height": 0.5, "peak_period": 5.0},
-    ],
-    ids=["sine", "waves"],
-)
-def test_water_that_accelerates_carries_a_free_vehicle_along(flow):
+def test_water_that_accelerates_carries_a_free_vehicle_along():
     # (m + m_a) a = (rho V + m_a) Du/Dt, of an arm that weighs 1e-5 of it
     scenario = crinoid.Scenario(
         arm={"nodes": 3, "radius": 5e-3},
         water={"depth": 30.0},
-        flow=[flow],
+        flow=[
+            {"kind": "sine", "amplitude": [0.1, 0.05], "frequency_hz": 0.2},
+            {"kind": "waves", "significant_height": 0.5, "peak_period": 5.0},
+        ],
         vehicle={"mass": 8e3, "inertia": 1e3, "volume": 9.0, "added_mass": 2e3},
     )
     system, time = crinoid.system(scenario), jnp.asarray(1.7)
-    water = system.forces.water.current(system.forces.origin, time)
-    state = eqx.filter_jit(system.rest)(time)
+
+    @eqx.filter_jit(compiler_options=QUICKLY)
+    def started(system, time):
+        return system.forces.water.current(system.forces.origin, time), system.rest(time)
+
+    water, state = started(system, time)
     density = scenario.water.density
     expected = (9.0 * density + 2e3) / (8e3 + 2e3) * water.acceleration
     weight = np.array([0.0, (9.0 * density / 8e3 - 1.0) * 8e3 / (8e3 + 2e3) * 9.81])
@@ -282,15 +281,23 @@ def test_water_that_accelerates_carries_a_free_vehicle_along(flow):
     np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * np.linalg.norm(expected))
 
 
+def flows(current, swell):
+    """Return a current and a swell, which may be zero: a run in any is the same program."""
+    return [
+        {"kind": "uniform", "velocity": list(current)},
+        {"kind": "sine", "amplitude": list(swell), "frequency_hz": 0.2},
+    ]
+
+
+STILL = flows((0.0, 0.0), (0.0, 0.0))
+
+
 def ridden(*, volume, linear_drag, drag_area=0.0, current=(0.0, 0.0), swell=(0.0, 0.0)):
     """Return times and displacements of a vehicle of 8 t that an arm of 1e-5 of it hardly feels."""
     scenario = crinoid.Scenario(
         arm={"nodes": 3, "radius": 5e-3},
         water={"depth": 30.0},
-        flow=[
-            {"kind": "uniform", "velocity": list(current)},
-            {"kind": "sine", "amplitude": list(swell), "frequency_hz": 0.2},
-        ],
+        flow=flows(current, swell),
         vehicle={
             "mass": 8e3,
             "inertia": 1e3,
@@ -299,7 +306,7 @@ def ridden(*, volume, linear_drag, drag_area=0.0, current=(0.0, 0.0), swell=(0.0
             "linear_drag": list(linear_drag),
             "drag_area": drag_area,
         },
-        simulation={"duration": 4.0, "time_step": 0.02},
+        simulation={"duration": 4.0, "time_step": 0.02, "start": "rest"},
         control={"kind": "none"},
     )
     data = crinoid.simulate(scenario).dataset
@@ -367,9 +374,8 @@ def test_in_the_plane_of_a_planar_arm_it_moves_the_same_in_space():
 
 
 @pytest.mark.slow
-@in_both_dimensions
-def test_one_too_heavy_to_be_pushed_is_a_base_that_is_held(axes):
-    command = jnp.asarray([0.1, 0.05, 0.3, -0.2, 0.1, 0.2])[: 3 if axes == 2 else 6]
+def test_one_too_heavy_to_be_pushed_is_a_base_that_is_held():
+    axes, command = 3, jnp.asarray([0.1, 0.05, 0.3, -0.2, 0.1, 0.2])
     heavy = floating(axes, floats={"mass": 1e9, "inertia": 1e9}, arms={"gravity": 9.81})
     held = floating(axes, arms={"gravity": 9.81})
 
@@ -393,7 +399,7 @@ def test_one_too_heavy_to_be_pushed_is_a_base_that_is_held(axes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("axes", "ball"), [(2, False), (2, True), (3, False)])
+@pytest.mark.parametrize(("axes", "ball"), [(2, True), (3, False)])
 def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
     beside = {"obstacles": obstacles([[0.4, 0.012]], radius=1e-3, mass=0.3)} if ball else {}
     system = floating(axes, floats={"drag": 3.0, "bandwidth": 1.0}, arms=beside)
@@ -406,15 +412,15 @@ def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
     np.testing.assert_allclose(factorised, solved, rtol=1e-12)
     unknown = np.asarray(solved) != 0
     assert not unknown[:2].any()
-    free = {(2, False): 8 + 3, (2, True): 8 + 2 + 1 + 3, (3, False): 16 + 6}
-    assert unknown.sum() == free[axes, ball]
+    assert unknown.sum() == (8 + 2 + 1 + 3 if ball else 16 + 6)
     np.testing.assert_allclose(product[unknown], rhs[unknown], rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.slow
 def test_obstacles_are_as_far_from_the_arm_whether_its_submarine_floats_or_not():
     beside = {"obstacles": obstacles([[0.4, 0.3], [1.2, 0.1]], radius=0.05, mass=0.3)}
-    floats, held = (floating(2, floats=numbers, arms=beside).clearance() for numbers in ({}, None))
+    clearance = eqx.filter_jit(lambda system: system.clearance())
+    floats, held = (clearance(floating(2, floats=each, arms=beside)) for each in ({}, None))
     assert held.shape == (2,)
     np.testing.assert_array_equal(floats, held)
 
@@ -441,15 +447,16 @@ def test_slopes_by_the_numbers_of_a_vehicle_are_those_of_differences():
                 return changed.step(state, jnp.asarray([0.05, 0.0, 0.1]), 0.01)[0], None
 
             end, _ = jax.lax.scan(one, state, length=20)
-            return jnp.concatenate([changed.tip(end), end.vehicle_position])
+            places = jnp.concatenate([changed.tip(end), end.vehicle_position])
+            return places, places
 
-        return at(factors), jax.jacfwd(at)(factors)
+        return jax.jacfwd(at, has_aux=True)(factors)
 
     ones, h = np.ones(len(where)), 1e-4
-    slopes = reached(jnp.asarray(ones))[1]
+    slopes = reached(jnp.asarray(ones))[0]
     for index in range(len(where)):
         ahead, behind = (
-            reached(jnp.asarray(ones + sign * h * np.eye(len(where))[index]))[0] for sign in (1, -1)
+            reached(jnp.asarray(ones + sign * h * np.eye(len(where))[index]))[1] for sign in (1, -1)
         )
         difference = (ahead - behind) / (2 * h)
         assert np.abs(difference).max() > 1e-5
@@ -547,10 +554,12 @@ def test_a_free_vehicle_sinks_as_its_drag_lets_it_and_its_result_reads_back():
             "volume": displaced / 1025.0,
             "added_mass": added,
             "drag_area": area,
+            "linear_drag": [1e-9, 1e-9],  # none would be another program than that of `ridden`
             "offset": [0.0, 0.1],
             "metacentric_height": 0.1,
         },
-        simulation={"duration": 8.0, "time_step": 0.02},
+        flow=STILL,
+        simulation={"duration": 8.0, "time_step": 0.02, "start": "rest"},
     )
     result = crinoid.simulate(scenario)
     assert result.scenario == scenario

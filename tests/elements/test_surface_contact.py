@@ -143,13 +143,23 @@ def test_slopes_of_gap_and_forces_are_those_of_differences(surface, axes):
     position = window(rng, contact, within=0.5)
     velocity = closing(contact, position, rng.normal(size=position.shape))
 
-    @jax.jit
-    def forces(position):
+    def pushed(position):
         gap, pushed = Contact.push(contact, moving(position, velocity))
         return jnp.append(pushed.ravel(), 1e3 * gap)
 
-    slopes = jax.jit(jax.jacfwd(forces))(jnp.asarray(position))
-    back = jax.jit(jax.jacrev(forces))(jnp.asarray(position))
+    @jax.jit
+    def with_slopes(position):
+        value, forward = jax.linearize(pushed, position)
+        back = jax.linear_transpose(forward, position)
+        ways = jnp.eye(position.size).reshape(-1, *position.shape)
+        columns = jnp.moveaxis(jax.vmap(forward)(ways), 0, -1)
+        (rows,) = jax.vmap(back)(jnp.eye(value.size))
+        return value, columns.reshape(rows.shape), rows
+
+    def forces(position):
+        return with_slopes(jnp.asarray(position))[0]
+
+    _, slopes, back = with_slopes(jnp.asarray(position))
     step = 1e-8
     assert np.abs(forces(position)).max() > 1.0
     for entry in np.ndindex(position.shape):

@@ -1,5 +1,6 @@
 """Friction of tendons: the capstan's closed forms, hysteresis, energy balance, gradients."""
 
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -10,11 +11,11 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.dynamics import EnergyAccount, System
+from crinoid.dynamics import EnergyAccount
 from crinoid.dynamics.statics import static_stage
 from crinoid.elements import WORKS, Threads
 from crinoid.elements.threads import Sliding
-from helpers.arms import dense, only
+from helpers.arms import dense
 from helpers.newton_steps import slopes
 
 LENGTH, OFFSET, FRICTION = 0.5, 0.008, 0.3
@@ -23,6 +24,10 @@ TENSION = 1.5 * EI / (OFFSET * LENGTH)
 """Tension that bends the arm by 1.5 rad without friction (N)."""
 WINCH = {"drive": "length", "max_shortening": 0.025, "stiffness": 2e3}
 PULL = {"time": [0.0, 15.0, 20.0, 30.0, 35.0], "share": [0.0, 1.0, 1.0, 0.4, 0.4]}
+# as many instants as in PULL, so that one program runs them all
+HELD = {"time": [0.0, 1.0, 2.0, 3.0, 4.0], "share": [1.0] * 5}
+CHUNK = 100
+"""Steps of the program that runs an arm."""
 both = pytest.mark.parametrize("axes", [2, 3])
 
 
@@ -62,11 +67,14 @@ def memory_of(system, state):
     return found
 
 
-_rest = eqx.filter_jit(System.rest)
+@eqx.filter_jit
+def _begin(system):
+    state = system.rest()
+    return state, EnergyAccount.of(system.forces, state)
 
 
 @eqx.filter_jit
-def _track(system, step, steps):
+def _track(system, start, step):
     command = jnp.zeros(len(system.inputs))
 
     def tick(carry, _):
@@ -82,15 +90,19 @@ def _track(system, step, steps):
         )
         return (state, account), found
 
-    state = system.rest()
-    start = state, EnergyAccount.of(system.forces, state)
-    return jax.lax.scan(tick, start, None, length=steps)[1]
+    return jax.lax.scan(tick, start, None, length=CHUNK)
 
 
 def track(described, until, step):
-    found = _track(crinoid.system(described), jnp.asarray(step), round(until / step))
-    assert found.converged.all()
-    return jax.tree.map(np.asarray, found)
+    system = crinoid.system(described)
+    carry, parts = _begin(system), []
+    steps = round(until / step)
+    assert steps % CHUNK == 0
+    for _ in range(steps // CHUNK):
+        carry, found = _track(system, carry, jnp.asarray(step, float))
+        assert found.converged.all()
+        parts.append(jax.tree.map(np.asarray, found))
+    return jax.tree.map(lambda *each: np.concatenate(each), *parts)
 
 
 def pulled(tension):
@@ -113,56 +125,93 @@ def test_pulling_and_paying_out_bend_by_the_capstan():
     assert found.angle[-1] > 1.15 * pulled(0.4 * TENSION)
 
 
-@eqx.filter_jit
-def _turn_at_rest(parameters, friction):
-    """Return the turn of the tip in equilibrium, and whether there is one."""
-    threads = eqx.tree_at(lambda t: t.friction, parameters.actuator[0], friction[None])
-    system = crinoid.assemble(eqx.tree_at(lambda p: p.actuator, parameters, (threads,)))
+def with_friction(parameters, friction):
+    """Return the system of an arm whose first tendon has another friction."""
+    threads = parameters.actuator[0]
+    changed = threads.friction.at[0].set(friction)
+    threads = eqx.tree_at(lambda t: t.friction, threads, changed)
+    return crinoid.assemble(eqx.tree_at(lambda p: p.actuator, parameters, (threads,)))
+
+
+def with_slopes(function, at, weights):
+    """Return value, slope, weighted slope backward, and what else a function returns.
+
+    All in one program; backward only where there are weights.
+    """
+    if weights is None:
+        value, slope, more = jax.jvp(function, (at,), (jnp.ones(()),), has_aux=True)
+        return value, slope, None, more
+    value, forward, more = jax.linearize(function, at, has_aux=True)
+    (back,) = jax.linear_transpose(forward, at)(weights)
+    return value, forward(jnp.ones(())), back, more
+
+
+def _at_rest(parameters, friction):
+    """Return the turn of the tip in equilibrium, and that equilibrium."""
+    system = with_friction(parameters, friction)
     state, found = system.find_equilibrium()
     tip = system.tip(state)
-    return tip[-1] if tip.size == 3 else jnp.arctan2(tip[-1], tip[-3]), (state, found.converged)
+    angle = tip[-1] if tip.size == 3 else jnp.arctan2(tip[-1], tip[-3])
+    return angle, (state, EnergyAccount.of(system.forces, state), found.converged)
 
 
-HELD = {"time": [0.0, 1.0], "share": [1.0, 1.0]}
+@eqx.filter_jit
+def _at_rest_with_slopes(parameters, friction):
+    """Return the turn of the tip in equilibrium, its slope both ways, and that equilibrium."""
+    return with_slopes(partial(_at_rest, parameters), friction, jnp.ones(()))
 
 
-@both
 @pytest.mark.slow
-def test_an_equilibrium_is_that_of_a_tendon_that_was_pulled(axes):
-    described = scenario(axes, schedule=HELD)
+def test_an_equilibrium_is_that_of_a_tendon_that_was_pulled():
+    # its slope by friction: in the plane, below
+    described = scenario(3, schedule=HELD)
     parameters = crinoid.parameters(described)
-    turn, (state, converged) = _turn_at_rest(parameters, jnp.asarray(FRICTION))
+    turn, (*begun, converged) = eqx.filter_jit(_at_rest)(parameters, jnp.asarray(FRICTION, float))
     assert converged
     assert float(turn) == pytest.approx(pulled(TENSION), rel=0.01)
-    # from the law in closed form; the mesh has the rest
-    slope = eqx.filter_jit(jax.jacfwd(lambda mu: _turn_at_rest(parameters, mu)[0]))(
-        jnp.asarray(FRICTION)
-    )
-    ends = [_turn_at_rest(parameters, jnp.asarray(FRICTION + d))[0] for d in (1e-4, -1e-4)]
-    assert float(slope) == pytest.approx(float(ends[0] - ends[1]) / 2e-4, rel=1e-5)
-    if axes == 2:
-        back = eqx.filter_jit(jax.jacrev(lambda mu: _turn_at_rest(parameters, mu)[0]))
-        assert float(back(jnp.asarray(FRICTION))) == pytest.approx(float(slope), rel=1e-9)
     # a run that starts there stays there
-    system = crinoid.system(described)
-    step = eqx.filter_jit(lambda s: system.step(s, jnp.zeros(len(system.inputs)), 0.05)[0])
-    later = state
-    for _ in range(5):
-        later = step(later)
-    np.testing.assert_allclose(later.position, state.position, atol=1e-5 * LENGTH)
+    later, found = _track(crinoid.system(described), tuple(begun), jnp.asarray(0.05, float))
+    assert found.converged.all()
+    np.testing.assert_allclose(later[0].position, begun[0].position, atol=1e-5 * LENGTH)
+
+
+def opposed(pretension, EA):
+    """Return a planar arm on whose other side a second tendon has a pretension."""
+    described = scenario(2, schedule=HELD).with_values({"arm.section.EA": EA})
+    other = {"offset": OFFSET, "angle_deg": 180.0, "friction": FRICTION, "max_tension": 1.0}
+    first = described.tendon[0].model_dump(exclude_unset=True)
+    return described.with_values({"tendon": [first, other | {"pretension": pretension}]})
+
+
+@pytest.fixture(scope="module")
+def rested():
+    """Return a function of friction, pretension and EA: one program for all equilibria."""
+
+    def found(friction, pretension=0.0, EA=1e5 * np.pi * 0.02**2):
+        described = opposed(pretension, EA)
+        parameters = crinoid.parameters(described)
+        *turn, (state, _, converged) = _at_rest_with_slopes(
+            parameters, jnp.asarray(friction, float)
+        )
+        assert converged
+        return turn, memory_of(crinoid.system(described), state)
+
+    return found
 
 
 @pytest.mark.slow
-def test_in_an_equilibrium_a_tendon_that_others_lengthen_was_paid_out():
+def test_the_slope_of_an_equilibrium_by_friction(rested):
+    (turn, slope, back), _ = rested(FRICTION)
+    assert float(turn) == pytest.approx(pulled(TENSION), rel=0.01)
+    ends = [rested(FRICTION + d)[0][0] for d in (1e-4, -1e-4)]
+    assert float(slope) == pytest.approx(float(ends[0] - ends[1]) / 2e-4, rel=1e-5)
+    assert float(back) == pytest.approx(float(slope), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_in_an_equilibrium_a_tendon_that_others_lengthen_was_paid_out(rested):
     # the tension of the antagonist rises toward the tip; a softer arm would shorten both
-    described = scenario(2, schedule=HELD).with_values({"arm.section.EA": 1e4})
-    tendons = [described.tendon[0].model_dump(exclude_unset=True)]
-    tendons.append({"offset": OFFSET, "angle_deg": 180.0, "friction": 0.3, "max_tension": 1.0})
-    tendons[1]["pretension"] = 0.05 * TENSION
-    system = crinoid.system(described.with_values({"tendon": tendons}))
-    state, found = eqx.filter_jit(System.find_equilibrium)(system)
-    memory = memory_of(system, state)
-    assert found.converged
+    _, memory = rested(FRICTION, pretension=0.05 * TENSION, EA=1e4)
     assert np.asarray(memory.factor)[5:, 0].max() < 1.0
     assert np.asarray(memory.factor)[5:, 1].min() > 1.0
 
@@ -184,7 +233,7 @@ def test_part_of_a_tendon_slides_back_first():
 def test_a_tendon_that_sticks_is_stable_on_a_soft_arm_with_little_damping():
     # a plain lag of friction feeds energy here
     still = {"arm.damping_time": 0.01}
-    schedule = {"time": [0.0, 15.0, 30.0], "share": [0.0, 1.0, 0.0]}
+    schedule = {"time": [0.0, 15.0, 30.0, 40.0, 50.0], "share": [0.0, 1.0, 0.0, 0.0, 0.0]}
     lost = []
     for step in (0.1, 0.025):
         found = track(scenario(schedule=schedule).with_values(still), 30.0, step)
@@ -197,7 +246,7 @@ def test_a_tendon_that_sticks_is_stable_on_a_soft_arm_with_little_damping():
 @pytest.mark.slow
 @pytest.mark.parametrize("tendon", [{}, WINCH], ids=["tension", "length"])
 def test_friction_dissipates_and_the_balance_closes(tendon):
-    schedule = {"time": [0.0, 10.0, 20.0], "share": [0.0, 1.0, 0.0]}
+    schedule = {"time": [0.0, 10.0, 20.0, 30.0, 40.0], "share": [0.0, 1.0, 0.0, 0.0, 0.0]}
     defects = []
     for step in (0.1, 0.05):
         found = track(scenario(schedule=schedule, **tendon), 20.0, step)
@@ -216,7 +265,7 @@ def test_friction_dissipates_and_the_balance_closes(tendon):
 
 @pytest.mark.slow
 def test_a_winch_draws_by_the_tension_at_the_root():
-    schedule = {"time": [0.0, 15.0, 20.0], "share": [0.0, 1.0, 1.0]}
+    schedule = {"time": [0.0, 15.0, 20.0, 30.0, 40.0], "share": [0.0, 1.0, 1.0, 1.0, 1.0]}
     found = track(scenario(schedule=schedule, **WINCH), 20.0, 0.05)
     assert found.angle[-1] > 0.5
     assert found.angle[-1] == pytest.approx(pulled(found.tension[-1]), rel=0.02)
@@ -244,7 +293,9 @@ def test_the_tangent_by_hand_is_the_slope_of_the_force(axes):
         for held in state.memory
     )
     forces = system.forces.driven(jnp.array([0.7, 0.9])).remembering(memory, 0.1)
-    forces = only(forces, Threads)
+    # of the tendons alone, which compiles faster
+    (element,) = (each for each in forces.elements if isinstance(each, Threads))
+    forces = replace(forces, elements=(element,))
     bands, (pull, follow), slope = slopes(forces, stage)
     got = dense(bands) + np.einsum("nbl,lmc->nbmc", pull, follow)
     largest = np.abs(slope).max(axis=(2, 3), keepdims=True) + np.finfo(float).tiny
@@ -252,51 +303,56 @@ def test_the_tangent_by_hand_is_the_slope_of_the_force(axes):
 
 
 @eqx.filter_jit
-def _tip(parameters, friction, steps):
-    threads = eqx.tree_at(lambda t: t.friction, parameters.actuator[0], friction[None])
-    system = crinoid.assemble(eqx.tree_at(lambda p: p.actuator, parameters, (threads,)))
-    command = jnp.zeros(len(system.inputs))
+def _tip(parameters, friction, weights=None):
+    """Return the tip after 40 steps, with its slopes."""
 
-    def run(state):
-        return jax.lax.scan(lambda s, _: (system.step(s, command)[0], None), state, None, steps)[0]
+    def tip(friction):
+        system = with_friction(parameters, friction)
+        command = jnp.zeros(len(system.inputs))
 
-    return run(system.rest()).position[-1]
+        def once(state, _):
+            return system.step(state, command)[0], None
+
+        return jax.lax.scan(once, system.rest(), length=40)[0].position[-1], ()
+
+    return with_slopes(tip, friction, weights)
 
 
 QUICK = {"time": [0.0, 0.5, 1.0], "share": [0.0, 1.0, 0.2]}
+WEIGHTS = jnp.array([1.0, -0.7])
+"""Of the coordinates of the tip in the slope backward, in the plane alone."""
+
+
+def quick(axes, **tendon):
+    described = scenario(axes, 6, QUICK, **tendon).with_values({"simulation.time_step": 0.02})
+    return crinoid.parameters(described)
 
 
 @pytest.mark.slow
 @both
 def test_gradient_of_the_tip_by_friction(axes):
-    parameters = crinoid.parameters(
-        scenario(axes, 6, QUICK).with_values({"simulation.time_step": 0.02})
-    )
-    tip = partial(_tip, parameters, steps=40)
-    friction, ends = jnp.asarray(FRICTION), []
-    slope = eqx.filter_jit(jax.jacfwd(tip))(friction)
-    for sign in (1, -1):
-        ends.append(tip(friction + sign * 1e-5))
+    weights = WEIGHTS if axes == 2 else None
+    parameters = quick(axes)
+    _, slope, back, _ = _tip(parameters, jnp.asarray(FRICTION, float), weights)
+    ends = [_tip(parameters, jnp.asarray(FRICTION + d, float), weights)[0] for d in (1e-5, -1e-5)]
     difference = (ends[0] - ends[1]) / 2e-5
     scale = np.abs(difference).max()
     assert scale > 1e-3
     np.testing.assert_allclose(slope, difference, atol=1e-5 * scale)
     if axes == 2:
-        back = eqx.filter_jit(jax.jacrev(tip))(friction)
-        np.testing.assert_allclose(back, slope, atol=1e-9 * scale)
+        np.testing.assert_allclose(back, weights @ slope, atol=1e-9 * scale)
 
 
 @pytest.mark.slow
 def test_friction_of_0_is_none():
-    described = scenario(2, 6, QUICK)
-    smooth = described.with_values({"tendon.0.friction": 0.0})
-    without = crinoid.parameters(smooth)
-    system = crinoid.assemble(without)
-    assert memory_of(system, _rest(system)) is None
-    expected = _tip(without, jnp.zeros(()), 20)
-    found = _tip(crinoid.parameters(described), jnp.zeros(()), 20)
+    system = crinoid.system(scenario(2, 6, QUICK, friction=0.0))
+    assert memory_of(system, system.rest()) is None
+    smooth, rough = quick(2, friction=0.0), quick(2)
+    none = jnp.zeros(())
+    expected, *_ = _tip(smooth, none)
+    found, *_ = _tip(rough, none, WEIGHTS)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
-    rubbing = _tip(crinoid.parameters(described), jnp.asarray(FRICTION), 20)
+    rubbing, *_ = _tip(rough, jnp.asarray(FRICTION, float), WEIGHTS)
     assert np.abs(rubbing - expected).max() > 1e-6
 
 
@@ -311,7 +367,7 @@ def test_the_path_turns_with_the_arm_and_its_winding(axes):
     ]:
         changes = {f"arm.{key}": value for key, value in shape.items()}
         system = crinoid.system(scenario(axes, 41, **tendon).with_values(changes))
-        wrap = np.asarray(memory_of(system, _rest(system)).wrap).sum()
+        wrap = np.asarray(memory_of(system, system.rest()).wrap).sum()
         # the last half edge does not bend
         assert wrap == pytest.approx(expected, rel=0.02, abs=1e-9)
 

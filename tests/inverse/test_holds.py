@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import equinox as eqx
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,7 +9,6 @@ import xarray as xr
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.dynamics import System
 from crinoid.inverse.experiment import Experiment
 from crinoid.inverse.experiments_file import read_experiments
 from crinoid.inverse.identification import Identification, marker_errors
@@ -44,6 +42,10 @@ QUIETLY = (lambda *_: None), (lambda: False)
 """How a search reports, and when it stops."""
 
 
+# with a schedule, as the arm that moves has one: both share what they compile
+HELD = ARM.with_values({"tendon.0.schedule": {"time": [0.0, 0.2, 0.6], "share": [0.2, 0.8, 0.1]}})
+
+
 def unmeasured(shares=SHARES, name="", **settings):
     """Return a record of holds in which nothing was measured yet: markers and tip of each."""
     count = len(shares)
@@ -55,7 +57,7 @@ def unmeasured(shares=SHARES, name="", **settings):
     )
 
 
-def computed(record, keys=KEYS, scenario=ARM):
+def computed(record, keys=KEYS, scenario=HELD):
     """Return the record as crinoid computes it."""
     case = scenario.with_values(record.settings)
     experiment = Experiment(case, Unknowns(scenario, keys), record)
@@ -69,11 +71,18 @@ def noisy(record, seed, scale=NOISE):
     return replace(record, values=record.values + noise)
 
 
-def search(records, given, keys=KEYS, scenario=ARM):
+def search(records, given, keys=KEYS, scenario=HELD):
+    """Return a search for three numbers, as all are here: they share what they compile."""
     found = Identification(scenario.with_values(given), keys, records)
     assert found.run(*QUIETLY)
     assert not found.failure
     return found
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Return a record of all holds as crinoid computes it."""
+    return computed(unmeasured())
 
 
 WRONG = {"arm.youngs_modulus": 3e5, "arm.density": 1300.0} | {
@@ -96,7 +105,7 @@ def test_markers_on_a_circle(axes):
     markers = [Marker(name="a", s=s, offset=offset) for s in (0.0, 0.137, 0.3, LENGTH)]
     markers.append(Marker(name="axis", s=0.2))
     system = Prepared(scenario).system
-    state = eqx.filter_jit(System.rest)(system)
+    state = system.rest()
     found = np.asarray(MarkerWeights.of(markers, scenario).places(system, state))
     np.testing.assert_allclose(found[0], system.tip(state), atol=1e-12)
     for marker, place in zip(markers, found[1:], strict=True):
@@ -109,38 +118,28 @@ def test_markers_on_a_circle(axes):
 
 
 @pytest.mark.slow
-def test_numbers_are_found_within_three_standard_errors():
-    record = noisy(computed(unmeasured()), 1)
-    found = search([record], WRONG)
-    data = found.dataset("ok")
-    apart = (data["found"].values - TRUE) / data["standard_error"].values
-    assert np.abs(apart).max() < 3
-    share = data["standard_error"].values / data["found"].values
-    assert ((share > 1e-4) & (share < 0.25)).all()
-    np.testing.assert_allclose(data["scatter"], NOISE, rtol=0.25)
-    assert np.unique(data["scatter"]).size == 1  # one for all places of the holds
-    assert max(marker_errors(data).values()) < 2 * NOISE
-    assert list(marker_errors(data)) == ["tip", "low", "high"]
-    both = found.identified().tendon
-    assert both[0].friction == both[1].friction == pytest.approx(float(data["found"][2]), rel=1e-5)
-
-
-@pytest.mark.slow
-def test_standard_errors_agree_with_the_scatter_over_seeds():
+def test_standard_errors_agree_with_the_scatter_over_seeds(clean):
     # with little noise, as standard errors are those of a linear model
-    clean, found, errors = computed(unmeasured()), [], []
-    for seed in range(16):
+    found, errors = [], []
+    for seed in range(8):
         done = search([noisy(clean, seed, NOISE / 5)], {})
         found.append(done.found.logs)
         errors.append(np.sqrt(np.diag(done.covariance())))
     scatter = np.sqrt(np.mean(np.square(found), axis=0))
-    np.testing.assert_allclose(np.mean(errors, axis=0), scatter, rtol=0.5)  # 3 sigma of 16 draws
+    np.testing.assert_allclose(np.mean(errors, axis=0), scatter, rtol=0.5)  # 2 sigma of 8 draws
 
 
 @pytest.mark.slow
-def test_slopes_of_holds_are_those_of_central_differences():
-    keys = (*KEYS, "tendon.0.offset.0", "tendon.0.offset.1", "tendon.0.pretension", "arm.length")
-    experiment = Experiment(ARM, Unknowns(ARM, keys), unmeasured(SHARES[2:4]))
+@pytest.mark.parametrize(
+    "keys",
+    [
+        KEYS,
+        ("tendon.0.offset.0", "tendon.0.offset.1", "tendon.0.pretension"),
+        ("arm.length", "arm.radius.1", "tendon.0.max_tension"),
+    ],
+)
+def test_slopes_of_holds_are_those_of_central_differences(keys):
+    experiment = Experiment(HELD, Unknowns(HELD, keys), unmeasured(SHARES[2:4]))
 
     def compared(logs):
         return experiment.compare(experiment.motion(logs))
@@ -153,29 +152,25 @@ def test_slopes_of_holds_are_those_of_central_differences():
         np.testing.assert_allclose(slope[..., number], between, atol=1e-5 * scale)
 
 
-MOVING = {"tendon.0.schedule": {"time": [0.0, 0.2, 0.6], "share": [0.2, 0.8, 0.1]}}
-
-
 @pytest.mark.slow
 def test_experiments_are_fitted_together():
-    # holds have weight and stiffness, a motion at another tilt the relaxation
-    keys = ("arm.youngs_modulus", "arm.density", "arm.relaxation.0.ratio", "arm.relaxation.0.time")
-    time = np.repeat(np.arange(1, 40) * 0.025, 3)
-    of_row, blank = np.tile([0, 1, 2], 39), np.zeros((time.size, 2))
-    level = {"base.tilt_deg": 0.0}
+    # holds have the stiffness, a motion at another tilt the relaxation
+    keys = ("arm.youngs_modulus", "arm.relaxation.0.ratio", "arm.relaxation.0.time")
+    time = np.repeat(np.arange(1, 20) * 0.025, 3)
+    of_row, blank = np.tile([0, 1, 2], 19), np.zeros((time.size, 2))
+    level = {"base.tilt_deg": 0.0, "simulation.start": "rest"}
+    # without friction, which makes a motion slow to compile
+    smooth = HELD.with_values({f"tendon.{k}.friction": 0.0 for k in (0, 1)})
     swing = ExperimentRecord(
         time, ("x", "z"), blank, None, (), MARKERS, of_row, None, "swing", level
     )
-    scenario = ARM.with_values(MOVING)
     records = [unmeasured(SHARES[:3], "holds"), swing]
-    records = [noisy(computed(each, keys, scenario), 3) for each in records]
-    given = {"arm.youngs_modulus": 3.6e5, "arm.density": 1200.0} | {
-        "arm.relaxation.0.ratio": 0.2,
-        "arm.relaxation.0.time": 0.6,
-    }
-    found = search(records, given, keys, scenario)
+    records = [noisy(computed(each, keys, smooth), 3) for each in records]
+    relaxation = {"arm.relaxation.0.ratio": 0.2, "arm.relaxation.0.time": 0.6}
+    given = {"arm.youngs_modulus": 3.6e5} | relaxation
+    found = search(records, given, keys, smooth)
     data = found.dataset("ok")
-    apart = data["found"].values - [4e5, 1080.0, 0.3, 0.4]
+    apart = data["found"].values - [4e5, 0.3, 0.4]
     assert np.abs(apart / data["standard_error"].values).max() < 3
     assert data["quantity"].values.tolist() == ["holds.x", "holds.z", "swing.x", "swing.z"]
     assert data["hold"].values[:4].tolist() == ["a", "a", "a", "b"]
@@ -185,7 +180,9 @@ def test_experiments_are_fitted_together():
     assert empty[9:, :2].all()
     assert not empty[:9, :2].any()
     assert not empty[9:, 2:].any()
-    alone = search(records[1:], given, keys, scenario)
+    # about the true numbers, without a search
+    alone = Identification(smooth, keys, records[1:])
+    assert not alone.run(QUIETLY[0], lambda: True)
     assert (np.diag(found.covariance()) < np.diag(alone.covariance())).all()
 
 
@@ -247,8 +244,9 @@ def test_a_motion_of_markers_is_read(folder):
 
 
 @pytest.mark.slow
-def test_the_command_writes_the_numbers_of_holds(folder):
-    record, rows = noisy(computed(unmeasured()), 5), []
+def test_the_command_finds_the_numbers_of_holds_within_three_standard_errors(clean, folder):
+    record, rows = noisy(clean, 5), []
+    (folder / "arm.toml").write_text(HELD.to_toml())
     labels = ("tip", "low", "high")
     for row, (x, z) in enumerate(record.values):
         hold = record.holds.of_row[row]
@@ -266,22 +264,30 @@ def test_the_command_writes_the_numbers_of_holds(folder):
     data = xr.load_dataset(folder / "out" / "identify.nc")
     apart = (data["found"].values - TRUE) / data["standard_error"].values
     assert np.abs(apart).max() < 3
+    share = data["standard_error"].values / data["found"].values
+    assert ((share > 1e-4) & (share < 0.25)).all()
+    np.testing.assert_allclose(data["scatter"], NOISE, rtol=0.25)
+    assert np.unique(data["scatter"]).size == 1  # one for all places of the holds
+    assert max(marker_errors(data).values()) < 2 * NOISE
+    assert list(marker_errors(data)) == ["tip", "low", "high"]
     assert_shows_something(folder / "out" / "identify.png")
     identified = crinoid.load(folder / "out" / "identified.toml")
-    assert identified.tendon[1].friction == pytest.approx(data["found"].values[2], rel=1e-5)
+    both = [each.friction for each in identified.tendon]
+    assert both[0] == both[1] == pytest.approx(float(data["found"][2]), rel=1e-5)
 
 
 @pytest.mark.slow
 def test_numbers_that_holds_cannot_tell_apart_are_refused():
     # at rest in no weight only the ratio of tension and stiffness counts
-    light = ARM.with_values({"water.gravity": 0.0})
-    record = computed(unmeasured(SHARES[1:3]), KEYS[:1], light)
-    keys = ("tendon.0.max_tension+tendon.0.pretension", "arm.section.EI", "arm.section.EA")
+    light = HELD.with_values({"water.gravity": 0.0})
+    record = computed(unmeasured(SHARES[1:3]), KEYS, light)
+    section = "arm.section.EI+arm.section.EA"
+    keys = ("tendon.0.max_tension+tendon.0.pretension", section, KEYS[2])
     stiff = light.with_values({"arm.section.EI": 5e-3, "arm.section.EA": 100.0})
     with pytest.raises(ScenarioError, match=r"^arm.section.*: cannot be distinguished from tendon"):
-        Identification(stiff, (*keys[:1], keys[1] + "+" + keys[2]), [record]).run(*QUIETLY)
+        Identification(stiff, keys, [record]).run(*QUIETLY)
     with pytest.raises(ScenarioError, match=r"^arm.density: has no effect on the measured"):
-        Identification(light, ("arm.density",), [record]).run(*QUIETLY)
+        Identification(light, KEYS, [record]).run(*QUIETLY)
 
 
 MISTAKEN_TABLES = {

@@ -41,7 +41,7 @@ title = "an arc"
 
 [arm]
 length = 0.5
-nodes = 21
+nodes = 11
 density = 1000.0   # that of the water
 section = { EI = 1e-2, EA = 1e6 }
 
@@ -92,15 +92,16 @@ def arc(tmp_path_factory):
 @pytest.mark.parametrize(
     ("over", "rest"),
     [
+        # the loop is designed anew; at rest only its numbers change
         (("control.pid.slide.ki=0.1:2", "control.pid.lift.ki=0.1:2:log"), False),
-        (("arm.youngs_modulus=5e5:2e6", "base.tilt_deg=-40:0"), False),
         (("arm.youngs_modulus=5e5:2e6", "chamber.0.max_pressure=1e4:4e4"), True),
     ],
 )
 def test_derivatives_are_those_of_differences_of_runs(over, rest):
-    scenario = LOOP
+    scenario = LOOP.with_values({"control.compare": False})
     if rest:
-        scenario = LOOP.with_values({"chamber.0.schedule": {"time": [0, 1], "share": [0.5, 0.5]}})
+        schedule = {"time": [0, 1], "share": [0.5, 0.5]}
+        scenario = scenario.with_values({"chamber.0.schedule": schedule})
     names = [name for name in SMOOTH if name in MEASURES]
     if rest:  # of one instant there is no fluctuation
         names.remove("fluctuation")
@@ -122,33 +123,6 @@ def test_derivatives_are_those_of_differences_of_runs(over, rest):
         near = _SLOPE if name.startswith("max_") else 2e-3
         size = 1e-6 + near * np.linalg.norm(difference)
         assert np.abs(slope - difference).max() < size, name
-
-
-@pytest.mark.slow
-def test_an_active_limit_gives_the_optimum_on_paper(arc):
-    """The least pressure has the largest offset, and bends the arm just far enough."""
-    search = search_of(crinoid.load(arc), OVER, "max_pressure", [f"max_error<{LIMIT}"], rest=True)
-    assert search.method == "gradients"
-    assert not search.missed()
-    curvatures = np.linspace(0.6, 1.2, 6001)
-    away = [np.linalg.norm(arc_tip(each) - WANTED) for each in curvatures]
-    least = curvatures[np.argmax(np.array(away) < LIMIT)] * EI / (AREA * OFFSET)
-    found = search.numbers()
-    assert found["chamber.0.offset"] == pytest.approx(OFFSET)
-    assert found["chamber.0.max_pressure"] == pytest.approx(least, rel=0.01)
-    assert search.best.found[1, 0] == pytest.approx(LIMIT, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_limits_that_no_trial_keeps_are_named(arc):
-    keep = ["max_error<0.01", "max_pressure<5e3"]
-    search = search_of(crinoid.load(arc), OVER[:1], "max_pressure", keep, rest=True, trials=24)
-    missed = search.missed()
-    assert missed
-    assert all(" is missed by " in each for each in missed)
-    # that with the least violation
-    violations = [search.goal.violation(trial.found) for trial in search.trials]
-    assert search.goal.violation(search.best.found) == pytest.approx(min(violations), rel=1e-3)
 
 
 @pytest.mark.slow
@@ -192,7 +166,8 @@ def command(arc, out, *more, over=OVER, keep=f"max_error<{LIMIT}", ask=succeeded
 
 
 @pytest.mark.slow
-def test_the_command_writes_the_users_own_file(arc, tmp_path):
+def test_the_command_writes_the_optimum_on_paper_into_the_users_own_file(arc, tmp_path):
+    """The least pressure has the largest offset, and bends the arm just far enough."""
     out = tmp_path / "out"
     output = command(arc, out, "--trials", 40, "--set", "water.drag_normal=1.3")
     files = ("optimised.toml", "optimise.nc", "optimise.png", "summary.json")
@@ -204,6 +179,11 @@ def test_the_command_writes_the_users_own_file(arc, tmp_path):
     summary = json.loads((out / "summary.json").read_text())
     assert summary["kept"]
     numbers = summary["numbers"]
+    curvatures = np.linspace(0.6, 1.2, 6001)
+    away = [np.linalg.norm(arc_tip(each) - WANTED) for each in curvatures]
+    least = curvatures[np.argmax(np.array(away) < LIMIT)] * EI / (AREA * OFFSET)
+    assert numbers["chamber.0.offset"] == pytest.approx(OFFSET)
+    assert numbers["chamber.0.max_pressure"] == pytest.approx(least, rel=0.01)
     given = ScenarioText(arc, ["water.drag_normal=1.3"]).scenario
     assert crinoid.load(out / "optimised.toml") == given.with_values(numbers)
     # the numbers are those of a real run
@@ -211,6 +191,7 @@ def test_the_command_writes_the_users_own_file(arc, tmp_path):
     (pressure,), (error,) = (summary["measures"][m]["after"] for m in ("max_pressure", "max_error"))
     assert MEASURES["max_pressure"].of(rest) == pytest.approx(pressure, rel=1e-12)
     assert MEASURES["max_error"].of(rest) == pytest.approx(error, rel=1e-9)
+    assert error == pytest.approx(LIMIT, rel=1e-3)
     data = xr.load_dataset(out / "optimise.nc")
     assert data.attrs["method"] == "gradients"
     np.testing.assert_array_equal(data["best"], list(numbers.values()))
@@ -224,12 +205,18 @@ def test_the_command_writes_the_users_own_file(arc, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_missed_limit_is_exit_code_1(arc, tmp_path):
-    found = command(arc, tmp_path, "--trials", 8, over=OVER[:1], keep="max_error<-1", ask=call)
+def test_a_missed_limit_is_named_with_exit_code_1(arc, tmp_path):
+    # no arm keeps it; the ranges and measures of the other calls share what they compile
+    found = command(arc, tmp_path, "--trials", 8, keep="max_error<-1", ask=call)
     assert found.exit_code == 1
     assert "no trial keeps all limits: max_error<-1 is missed by " in found.stderr
     assert (tmp_path / "optimised.toml").exists()
-    assert not json.loads((tmp_path / "summary.json").read_text())["kept"]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert not summary["kept"]
+    # the best one is that with the least violation
+    errors = xr.load_dataset(tmp_path / "optimise.nc")["found"].sel(measure="max_error")
+    (error,) = summary["measures"]["max_error"]["after"]
+    assert error == pytest.approx(float(errors.min()), rel=1e-3)
 
 
 @pytest.mark.slow
@@ -259,7 +246,7 @@ def test_an_interruption_saves_the_best_so_far(arc, tmp_path, monkeypatch):
         (("--over", "arm.length=-1:1:log"), "have ends of one sign"),
         (("--over", "arm.length=-1:1"), "arm.length: got -1.0; must be "),
         (("--over", "arm.lenth=0.1:1"), "arm.lenth: unknown key; did you mean arm.length?"),
-        (("--over", "arm.nodes=5:9"), "arm.nodes: got 21; must be a real number"),
+        (("--over", "arm.nodes=5:9"), "arm.nodes: got 11; must be a real number"),
         (("--over", "simulation.time_step=0.01:0.02"), "is a setting of the computation"),
         (("--over", "target.tip=0:1"), "must be a single number. Name one of them"),
         (("--over", "arm.length=0.1:1", "--over", "arm.length=0.1:2"), "got a key twice"),

@@ -103,6 +103,9 @@ def test_the_slope_of_the_cost_is_that_of_central_differences(search, kind, h):
     np.testing.assert_allclose(found.gradient, (more - less) / (2 * h), rtol=1e-4)
 
 
+run_without_slopes = eqx.filter_jit(crinoid.rollout, compiler_options=QUICKLY)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("first", [0, 20])
 def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, first):
@@ -110,7 +113,7 @@ def test_the_cost_is_error_and_effort_from_the_time_that_is_judged(search, first
     controllers = search._design.perturbations(np.zeros(3))
     weights = search._weights._replace(counted=(np.arange(50) >= first).astype(float))
     found = cost(controllers.nominal, controllers.slopes, draw.loop, draw.state, weights, 50)
-    seen = eqx.filter_jit(crinoid.rollout, compiler_options=QUICKLY)(draw.loop, draw.state, 50).kept
+    seen = run_without_slopes(draw.loop, draw.state, 50).kept
     z, angle = seen.error[first:, 1], 0.5 * seen.error[first:, 2]
     speed = np.diff(seen.command, axis=0, prepend=0.0)[first:, 1:] * [1.0, 0.5] / 0.02
     expected = np.mean(z**2 + angle**2) + 1e-4 * np.mean(np.sum(speed**2, axis=1))

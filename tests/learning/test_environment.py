@@ -335,7 +335,7 @@ def test_many_arms_report_failures(many):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [None, "StationKeeping3D", "SwingUp"])
+@pytest.mark.parametrize("name", [None, "StationKeeping3D"])
 def test_gymnasium_finds_nothing_wrong(env, name, recwarn):
     if name is not None:
         env = gymnasium.make(f"crinoid:crinoid/{name}-v0", values=SMALL).unwrapped

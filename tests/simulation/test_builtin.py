@@ -28,7 +28,6 @@ def test_the_reference_lists_every_built_in_scenario():
 CHANGES = {
     "none": {},
     "long steps": {"seed": 1, "simulation.time_step": 0.02},
-    "few nodes": {"seed": 2, "arm.nodes": 11},
     "higher swell": {"seed": 3, "flow.0.amplitude": [0.35, 0.0]},
     "rougher": {"seed": 4, "flow.1.intensity": 1.0},
     # gains with room: 1.5 times as large

@@ -244,6 +244,7 @@ def test_in_space_with_a_target_that_the_base_carries():
         "target.frame": "base",
         "sensor.delay": 0.03,
         "simulation.duration": 0.6,
+        "simulation.start": "rest",
         "output.interval": 0.01,
         "control": {"rate_hz": 50.0, "compare": False},
     }

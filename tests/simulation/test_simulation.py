@@ -418,6 +418,7 @@ def test_a_table_that_ends_with_the_run_moves_the_base_to_the_last(duration):
     # sums of time steps that round-off carries past the end of the table
     table = {"kind": "table", "channel": "heave", "time": [0.0, duration], "value": [0.0, 0.1]}
     moving = {"base__motion": [table], "simulation__duration": duration}
+    moving |= {"simulation__start": "rest"}
     dataset = simulated(**moving, control__compare=False)
     speed = dataset["velocity"].sel(node=0, axis="z").values
     np.testing.assert_allclose(speed, 0.1 / duration, rtol=1e-9)
@@ -468,7 +469,7 @@ def test_a_target_that_the_submarine_carries_is_held_however_late_the_readings()
         target={"frame": "base"},
         sensor={"delay": 0.05},
         control={"kind": "pid", "controlled": ["z"], "pid": {"heave": {"ki": 2.0}}},
-        simulation={"duration": 4.0},
+        simulation={"duration": 4.0, "start": "rest"},
     ).with_values({"control.compare": False})
     data = crinoid.simulate(scenario).dataset
     height = data["tip_target"].sel(axis="z")

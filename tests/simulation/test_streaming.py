@@ -112,7 +112,8 @@ MEMORY = {
 
 
 def scenario(duration: float = 0.3) -> crinoid.Scenario:
-    return of_loop(simulation__duration=duration, output__interval=0.02).with_values(MEMORY)
+    values = {"simulation__duration": duration, "simulation__start": "rest"}
+    return of_loop(**values, output__interval=0.02).with_values(MEMORY)
 
 
 BARE = scenario().with_values({"output.variables": ["curvature"]})

@@ -61,13 +61,13 @@ ODD = {
     "straight up, nothing moves, still water": lambda: few(
         tilt_deg=90.0, sway=0.0, flow=0.0, driven=False
     ),
-    "stopped after two records": lambda: few(
+    "stopped after two records, two nodes, nothing driven, moving target": lambda: few(
         records=2,
         duration=0.02,
         status="stopped at 0.03 s: Newton did not converge (residual 3.1e+04)",
-    ),
-    "two nodes, nothing driven, moving target": lambda: few(
-        nodes=2, driven=False, moving_target=True
+        nodes=2,
+        driven=False,
+        moving_target=True,
     ),
     "a kilometre, long": lambda: few(records=3000, duration=60, length=1e3, sway=100.0),
     "shapes alone": lambda: few()[

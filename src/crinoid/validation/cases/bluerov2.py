@@ -25,8 +25,9 @@ _ANGULAR_QUADRATIC = np.array([1.192, 0.470, 1.500])
 
 _THRUST, _CURRENT = 40.0, 0.5
 _MOMENTS = np.array([0.05, 0.2, 0.05])
-# a rod that weighs and drags next to nothing, and is stiff enough for the moments
-_SECTION = {"EA": 1e6, "EI": 1e3, "GJ": 1e3, "mass_per_length": 1e-4, "diameter": 1e-4}
+# a rod that weighs and drags next to nothing and carries the moments; a stiffer one would need
+# steps that its waves set
+_SECTION = {"EA": 1e4, "EI": 10.0, "GJ": 10.0, "mass_per_length": 1e-4, "diameter": 1e-4}
 _VEHICLE = {
     "mass": _MASS,
     "volume": _VOLUME,
