@@ -12,7 +12,7 @@ from crinoid.elements import Material
 from crinoid.elements.loads import TipLoad
 from crinoid.elements.material import Strained, branches_of_loss_factor
 from helpers.arms import always, arm
-from helpers.motion import march_with_books
+from helpers.motion import gain, march_with_books
 
 RATIO, TIME = np.array([0.4, 0.2]), np.array([1.5, 0.05])
 DAMPING = 0.003
@@ -167,12 +167,6 @@ def test_a_bent_arm_creeps_as_in_closed_form(axes):
     # slow compared to the arm's own motion, the strain follows the creep of the material
     creep = 1 - ratio / (1 + ratio) * np.exp(-end / (time * (1 + ratio)))
     assert moved(ratio) / moved(0.0) == pytest.approx(creep, rel=0.01)
-
-
-@eqx.filter_jit
-def gain(system, state):
-    """Return what energy an arm has gained since it was at rest."""
-    return jnp.sum(system.energy(state)) - jnp.sum(system.energy(system.rest()))
 
 
 @both

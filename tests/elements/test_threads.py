@@ -160,9 +160,9 @@ def test_pressure_stiffens_a_beam_under_a_load_at_its_tip():
     deflections = []
     for stiffening in (0.0, added):
         pushes = chamber(stiffening=stiffening, **on_axis)
-        state, _ = settled(scenario(2, 21, {"EA": 1e5}, chamber=[pushes], load=[tip]))
+        state, _ = settled(scenario(chamber=[pushes], load=[tip]))
         deflections.append(float(state.position[-1, 1]))
-    h = 0.05  # of an edge over the length: half of it is at the root, none at the tip
+    h = 0.1  # of an edge over the length: half of it is at the root, none at the tip
     assert deflections[0] == pytest.approx(force * LENGTH**3 / (3 * EI), rel=h**2)
     assert deflections[0] / deflections[1] == pytest.approx(1 + added, rel=1e-5)
 
@@ -601,7 +601,7 @@ def test_a_run_with_a_chamber_goes_on_from_where_it_stopped(tmp_path):
         chamber=[chamber(schedule=half, min_pressure=0.2 * PRESSURE)],
         tendon=[WINCH | {"pair": True, "schedule": half, "name": "winch"}],
         control={"kind": "pid", "compare": False, "pid": {"slide": {"kp": 0.1}}},
-        simulation={"duration": 0.2, "start": "rest"},
+        simulation={"duration": 0.2},
     )
     first = play(Prepared(described))
     # a controller of the base leaves the chamber as it is scheduled
@@ -612,8 +612,7 @@ def test_a_run_with_a_chamber_goes_on_from_where_it_stopped(tmp_path):
     load = whole.dataset["line_load"]
     assert load.line.values.tolist() == ["winch", "winch_opposite"]
     assert load.line_unit.values.tolist() == ["N", "N"]
-    # an arm at rest has not yet given way to it
-    assert load.sel(line="winch").values[0] > 0
+    assert (load.sel(line="winch") > 0).all()
     for name in ("position", "actuator_state", "line_load", "energy"):
         np.testing.assert_array_equal(gone_on.dataset[name], whole.dataset[name])
 

@@ -14,7 +14,7 @@ from crinoid.elements import Synchronisation, Vortices, WakeOscillator
 from crinoid.elements.vortices import Oscillation
 from crinoid.flow import Uniform
 from helpers.arms import always, arm
-from helpers.motion import march_with_books
+from helpers.motion import gain, march_with_books
 
 DIAMETER, DENSITY, SPEED = 0.1, 1000.0, 0.5
 SHEDDING = SPEED / DIAMETER
@@ -114,12 +114,6 @@ def riser(model, axes=3, **more):
         **stiff,
         **more,
     )
-
-
-@eqx.filter_jit
-def gain(system, state):
-    """Return what energy an arm has gained since it was at rest."""
-    return jnp.sum(system.energy(state)) - jnp.sum(system.energy(system.rest()))
 
 
 @each_model

@@ -271,6 +271,12 @@ def _march_with_books(system, command, step, steps):
     return jax.lax.fori_loop(0, steps, tick, start)
 
 
+@eqx.filter_jit
+def gain(system, state):
+    """Return what energy an arm has gained since it was at rest."""
+    return jnp.sum(system.energy(state)) - jnp.sum(system.energy(system.rest()))
+
+
 def march_with_books(system, command, step, steps):
     """Return state and books after steps from rest, and whether all of these converged."""
     return _march_with_books(system, command, jnp.asarray(step), jnp.asarray(steps))

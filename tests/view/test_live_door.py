@@ -65,7 +65,7 @@ def asked(page, *lines, frame=b""):
 
 
 def wait_for(condition):
-    last = time.monotonic() + 30
+    last = time.monotonic() + 120  # a session compiles first
     while not condition() and time.monotonic() < last:
         time.sleep(0.01)
     assert condition()
