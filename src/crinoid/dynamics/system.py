@@ -112,7 +112,7 @@ class System(TimeStepper):
         -------
         State
         """
-        # one by one its operations would take five times as long to compile
+        # one by one its operations need longer to compile
         return eqx.filter_jit(System._at_rest)(self, jnp.asarray(time, float))
 
     def _at_rest(self, time: Array) -> State:
