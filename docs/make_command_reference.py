@@ -20,7 +20,8 @@ BEGIN, END = "<!-- commands: begin -->", "<!-- commands: end -->"
 
 def commands() -> dict[str, Any]:
     """Return the commands by name, in the order of `crinoid --help`."""
-    return dict(typer.main.get_command(app).commands)
+    found = typer.main.get_command(app).commands
+    return {name: each for name, each in found.items() if not each.hidden}
 
 
 def reference() -> str:

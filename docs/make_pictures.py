@@ -4,8 +4,8 @@
     python docs/make_pictures.py --page        # docs/gallery.md only
 
 Pictures go to `docs/images`, in 256 colours. Not made here: `training.png`, `live.png`, `study.png`
-and `environment.png`, whose pages say how, and those of `make_validation_page.py` and
-`make_performance_page.py`. `tests/project/test_docs.py` compares the gallery.
+and `environment.png`, whose pages say how, and those of `validation.page` and
+`benchmarks.page`. `tests/project/test_docs.py` compares the gallery.
 """
 
 from __future__ import annotations

@@ -25,9 +25,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LEFT_OUT = re.compile(
     r"\.\.\.|[A-Z]{4,}|pip install|-m venv|pytest|pre-commit|sphinx-build|crinoid live|scheduler"
-    r"|crinoid train|--peers|make_validation|reef|git |\$ "
+    r"|crinoid train|--peers|-m \w+\.page|reef|git |\$ "
 )
 """Commands that stand for others, install something, or need hours, other programs or a person."""
+RUN = re.compile(r"(\.venv/bin/)?crinoid |(\w+=\S+ )?python (docs/|examples/|-m [bv])")
 NAMED = re.compile(r"`([\w-]+\.(?:toml|csv))`[^`\n]*:\n\n```\w*\n(.*?)^```", re.M | re.S)
 LATER = re.compile(r"```toml\n((?:(?!```).)*)```\n+Save it as `([\w-]+\.toml)`", re.S)
 WRITTEN = re.compile(r"^%%writefile ([\w-]+\.(?:toml|csv))\n(.*?)^```", re.M | re.S)
@@ -49,7 +50,9 @@ def lines(text: str) -> list[str]:
         joined = MISTAKE.sub("", block).replace("\\\n", " ")
         shown = re.findall(r"^\$ (.*)$", joined, re.M)  # with its output
         for line in shown or joined.splitlines():
-            runs = re.match(r"(\.venv/bin/)?crinoid |(\w+=\S+ )?python (docs|examples)/", line)
+            runs = re.match(
+                r"(\.venv/bin/)?crinoid |(\w+=\S+ )?python (docs|examples|-m v|-m b)", line
+            )
             if runs and not LEFT_OUT.search(line):
                 found.append(line.replace(".venv/bin/", ""))
     return list(dict.fromkeys(found))
@@ -78,7 +81,7 @@ def run(page: Path, result: Path, seconds: float, *, show: bool) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         for name, body in files(text).items():
             (Path(folder) / name).write_text(body, "utf-8")
-        for name in ("docs", "examples"):
+        for name in ("benchmarks", "docs", "examples", "validation"):
             (Path(folder) / name).symlink_to(ROOT / name)
         shutil.copytree(result, Path(folder) / "results" / "station-keeping")
         path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])

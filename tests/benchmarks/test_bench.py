@@ -5,11 +5,11 @@ import math
 
 import pytest
 
-from crinoid.benchmarks import engines
-from crinoid.benchmarks.measurement import Row, Scope, in_turn, row
-from crinoid.benchmarks.registry import BENCHMARKS
-from crinoid.benchmarks.releases import RELEASES
-from crinoid.cli.bench import run_benchmarks
+from benchmarks import engines
+from benchmarks.command import app, run_benchmarks
+from benchmarks.measurement import Row, Scope, in_turn, row
+from benchmarks.registry import BENCHMARKS
+from benchmarks.releases import RELEASES
 from helpers.command import refused, succeeded
 
 TINY = Scope(repeats=2, nodes=(5, 9), duration=0.2, arms=2, seeds=1, most=2)
@@ -59,7 +59,7 @@ def test_a_command_writes_rows_conditions_and_a_figure(tmp_path):
     assert {each["name"] for each in rows} >= NAMES["start"]
     assert rows[0].keys() == set(Row._fields)
     assert (folder / "start.png").stat().st_size > 1000
-    assert "contains benchmarks" in refused("bench", "start", "--out", folder)
+    assert "contains benchmarks" in refused("start", "--out", folder, of=app)
 
 
 def test_what_is_done_is_kept_after_an_interruption(tmp_path, monkeypatch):
@@ -87,9 +87,9 @@ def test_a_failure_is_reported_and_the_others_run(tmp_path, monkeypatch):
 
 
 def test_the_list_names_all_and_another_name_is_refused():
-    listed = succeeded("bench", "--list")
+    listed = succeeded("--list", of=app)
     assert [line.split()[0] for line in listed.splitlines()] == list(BENCHMARKS)
-    line = refused("bench", "stepp")
+    line = refused("stepp", of=app)
     assert line.startswith('crinoid: NAME: got "stepp"; must be "precision", "step", ')
 
 
@@ -98,12 +98,12 @@ def test_a_peer_that_is_not_installed_is_a_line(monkeypatch):
     found, (line,) = engines.find_peers()
     assert found == ()
     assert line.startswith("nothing is left out (")
-    assert line.endswith("pip install 'crinoid[bench]'")
+    assert line.endswith("pip install -e '.[peers]'")
 
 
 @pytest.mark.parametrize("name", engines.PEERS)
 def test_a_peer_lets_the_arm_fall(name):
-    program = pytest.importorskip(f"crinoid.peers.{name}").prepare
+    program = pytest.importorskip(f"validation.peers.{name}").prepare
     engine = engines.PEERS[name]._replace(program=program)
     for release in RELEASES:
         if release.name in engine.states:

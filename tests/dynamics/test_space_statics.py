@@ -18,7 +18,6 @@ from crinoid.dynamics.integrator import StepMap
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.flow import Water
 from crinoid.numerics.frames import Frames, Orientation, spun, tangents, transport
-from crinoid.validation.elastica import elastica
 from helpers import slender
 from helpers.arms import QUICKLY, dense, order
 from helpers.elastica import CRITICAL, UPRIGHT
@@ -31,6 +30,7 @@ from helpers.slender import (
     leaning,
     tip_pose,
 )
+from validation.elastica import elastica
 
 X, Y, Z = np.eye(3)
 

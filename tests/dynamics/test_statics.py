@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from crinoid.dynamics.rows import BOUNDARY_NODES
 from crinoid.dynamics.statics import static_stage
-from crinoid.validation.elastica import PlanarEnd, elastica
 from helpers.arms import QUICKLY, dense, facing, order
 from helpers.elastica import CRITICAL, LIMP, UPRIGHT
 from helpers.slender import (
@@ -29,6 +28,7 @@ from helpers.slender import (
     loaded,
     tip_pose,
 )
+from validation.elastica import PlanarEnd, elastica
 
 LEVEL = (np.eye(3), 0.0)
 """The plane x-z as it stands in space, and how far the arm is rolled in it."""

@@ -20,10 +20,10 @@ from crinoid.elements import WORKS, Motion, Threads
 from crinoid.numerics.frames import Frames
 from crinoid.simulation import play
 from crinoid.simulation.frequency_response import Plant
-from crinoid.validation.elastica import elastica
 from helpers.arms import QUICKLY, dense, order
 from helpers.motion import march_with_books
 from helpers.newton_steps import assert_converges_quadratically, slopes, solve_afloat
+from validation.elastica import elastica
 
 RADIUS, LENGTH, MODULUS = 0.02, 0.5, 1e5
 EI, EA = MODULUS * np.pi / 4 * RADIUS**4, MODULUS * np.pi * RADIUS**2

@@ -1,17 +1,18 @@
 """Commands called in the process of the test."""
 
+from typer import Typer
 from typer.testing import CliRunner, Result
 
 from crinoid.cli.app import app
 
 
-def call(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+def call(*arguments: object, of: Typer = app) -> Result:
+    return CliRunner().invoke(of, [str(argument) for argument in arguments])
 
 
-def succeeded(*arguments: object) -> str:
+def succeeded(*arguments: object, of: Typer = app) -> str:
     """Call a command that ends well; return all that it writes."""
-    ended = call(*arguments)
+    ended = call(*arguments, of=of)
     assert ended.exit_code == 0, ended.output
     return ended.output
 
@@ -23,6 +24,6 @@ def one_line(ended: Result, code: int = 2) -> str:
     return line
 
 
-def refused(*arguments: object, code: int = 2) -> str:
+def refused(*arguments: object, code: int = 2, of: Typer = app) -> str:
     """Call a command that ends with an error; return the only line that it writes of it."""
-    return one_line(call(*arguments), code)
+    return one_line(call(*arguments, of=of), code)

@@ -12,9 +12,9 @@ import numpy as np
 from crinoid.dynamics import State, System
 from crinoid.elements import DistributedLoad, TipLoad
 from crinoid.flow import Uniform
-from crinoid.validation.elastica import elastica
 from helpers.arms import always, arm, order
 from helpers.elastica import CRITICAL, UPRIGHT
+from validation.elastica import elastica
 
 MESHES = (11, 21, 41)
 EA = 1e7

@@ -8,9 +8,13 @@ import pytest
 import typer
 
 import crinoid
+from benchmarks.command import app as benchmarks
 from crinoid.cli.app import app
 from crinoid.scenario import builtin_names
 from helpers.paths import ROOT
+from validation.cases import all_cases
+from validation.command import app as validation
+from validation.command import chosen
 
 PAGES = sorted(
     page
@@ -24,7 +28,13 @@ UNFINISHED = ("MissingParameter", "BadOptionUsage")
 """Mistakes of a command that stands for others, or that only names an option."""
 
 
-COMMAND = re.compile(r"^(?:\$ )?((?:[^\n]*&& )?(?:\S*/)?crinoid [^\n]*)(?!\ncrinoid: )$", re.M)
+OTHERS = {
+    "validation": typer.main.get_command(validation),
+    "benchmarks": typer.main.get_command(benchmarks),
+}
+"""Programs of the repository."""
+PROGRAM = r"(?:crinoid|python -m (?:validation|benchmarks))"
+COMMAND = re.compile(rf"^(?:\$ )?((?:[^\n]*&& )?(?:\S*/)?{PROGRAM} [^\n]*)(?!\ncrinoid: )$", re.M)
 """A line of a block with a command, unless the next one is the line of a mistake."""
 
 
@@ -35,7 +45,7 @@ def commands(text):
             for line in COMMAND.findall(block.replace("\\\n", " ")):
                 yield from ((words, bool(OMITTED.search(line))) for words in parts(line))
     prose = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
-    for line in re.findall(r"`(crinoid \w[^`]*)`", prose):
+    for line in re.findall(rf"`({PROGRAM} \w[^`]*)`", prose):
         if not OMITTED.search(line):
             yield from ((words, True) for words in parts(line))
 
@@ -48,6 +58,8 @@ def parts(line):
         program, *arguments = words[start + 1 : end]
         if program.endswith("crinoid"):
             yield arguments
+        elif program == "python" and arguments[1] in OTHERS:
+            yield arguments[1:]
 
 
 @cache
@@ -64,8 +76,9 @@ def check(words):
     """Parse a command as the command line does; read its scenario, if it is a built-in one."""
     if words == ["--version"] or words[0].startswith("--"):
         return
-    command = group().commands[words[0]]
+    command = OTHERS.get(words[0]) or group().commands[words[0]]
     context = command.make_context(words[0], list(words[1:]))
+    chosen(all_cases(), context.params.get("cases") or (), every=False, peers=False)
     name = context.params.get("scenario")
     if name in builtin_names():
         loaded(name, tuple(context.params.get("settings") or ()))
@@ -97,4 +110,5 @@ def test_a_wrong_command_is_found():
 
 def test_the_readme_lists_every_command():
     text = (ROOT / "README.md").read_text("utf-8")
-    assert set(group().commands) <= set(re.findall(r"^\| `crinoid (\w+)", text, re.M))
+    shown = {name for name, each in group().commands.items() if not each.hidden}
+    assert shown <= set(re.findall(r"^\| `crinoid (\w+)", text, re.M))

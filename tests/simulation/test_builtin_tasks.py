@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import crinoid
-from crinoid.benchmarks.tasks import TASKS
+from benchmarks.tasks import TASKS
 from crinoid.results.effort import driven
 
 pytestmark = pytest.mark.slow

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from crinoid.validation.case import KINDS, Check, Evidence
-from crinoid.validation.cases import all_cases
-from crinoid.validation.cases.bends import exact as loaded
-from crinoid.validation.cases.bends_in_space import exact as bent
+from validation.case import KINDS, Check, Evidence
+from validation.cases import all_cases
+from validation.cases.bends import exact as loaded
+from validation.cases.bends_in_space import exact as bent
 
 CASES = {case.name: case for case in all_cases()}
 QUICK = {"newmark-order", "own-weight", "tip-load"}

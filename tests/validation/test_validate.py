@@ -1,14 +1,21 @@
-"""The command `crinoid validate`: choice of cases, files, exit codes, interruption."""
+"""The command ``python -m validation``: choice of cases, files, exit codes, interruption."""
 
 import json
 import os
 import signal
+from functools import partial
 
 import pytest
 
 import crinoid
-from crinoid.validation.case import Case, Check, Evidence
-from helpers.command import call, one_line, refused, succeeded
+from helpers import command
+from helpers.command import one_line
+from validation.case import Case, Check, Evidence
+from validation.command import app
+
+call, refused, succeeded = (
+    partial(each, of=app) for each in (command.call, command.refused, command.succeeded)
+)
 
 
 def case(name, value=1.0, draw=None, **changes):
@@ -38,7 +45,7 @@ def cases(monkeypatch, tmp_path):
     """Return the list of cases that the command knows."""
     monkeypatch.chdir(tmp_path)
     known = [case("good"), case("far", long=True), case("other", needs=("no_such_package",))]
-    monkeypatch.setattr("crinoid.validation.cases.all_cases", lambda: known)
+    monkeypatch.setattr("validation.command.all_cases", lambda: known)
     return known
 
 
@@ -47,7 +54,7 @@ def record(folder):
 
 
 def test_record_figure_and_scenario_are_written(cases, tmp_path):
-    said = succeeded("validate")
+    said = succeeded()
     assert "order 2.00" in said
     folder = tmp_path / "results" / "validation"
     assert {path.name for path in folder.iterdir()} == {
@@ -75,23 +82,21 @@ def test_record_figure_and_scenario_are_written(cases, tmp_path):
 
 
 def test_long_cases_and_those_of_peers_are_run_on_request(cases, tmp_path):
-    assert "far" in succeeded("validate", "--all", "--out", "all")
-    said = succeeded("validate", "--peers", "--out", "peers")
+    assert "far" in succeeded("--all", "--out", "all")
+    said = succeeded("--peers", "--out", "peers")
     assert "note: other: not run: needs no_such_package, which is not installed" in said
     assert [each["name"] for each in record(tmp_path / "peers")["cases"]] == ["good", "other"]
-    assert "far" in succeeded("validate", "far", "--out", "named")
-    listed = succeeded("validate", "--list")
+    assert "far" in succeeded("far", "--out", "named")
+    listed = succeeded("--list")
     assert [line.split()[0] for line in listed.splitlines()] == ["good", "far", "other"]
 
 
 def test_unknown_names_and_an_earlier_validation_are_refused(cases, tmp_path):
-    assert refused("validate", "god") == (
-        'crinoid: CASE: got "god"; must be "good", "far" or "other"'
-    )
-    succeeded("validate", "good", "far", "--out", "x")
-    assert "contains a validation" in refused("validate", "--out", "x")
+    assert refused("god") == ('crinoid: CASE: got "god"; must be "good", "far" or "other"')
+    succeeded("good", "far", "--out", "x")
+    assert "contains a validation" in refused("--out", "x")
     (tmp_path / "x" / "own.png").touch()
-    succeeded("validate", "good", "--out", "x", "--force")
+    succeeded("good", "--out", "x", "--force")
     names = {path.name for path in (tmp_path / "x").iterdir()}
     assert names == {"validation.json", "good.png", "good.toml", "own.png"}
 
@@ -99,7 +104,7 @@ def test_unknown_names_and_an_earlier_validation_are_refused(cases, tmp_path):
 @pytest.mark.parametrize("value", [1.2, float("nan")])
 def test_a_check_that_does_not_hold_and_an_error_give_exit_1(cases, tmp_path, value):
     cases[:] = [case("bad", value), case("broken", fail), case("blank", draw=fail), case("good")]
-    ended = call("validate", "--out", "x")
+    ended = call("--out", "x")
     line = one_line(ended, 1)
     assert line == "crinoid: bad does not hold: length; broken failed; blank failed"
     assert "note: broken: RuntimeError: no equilibrium" in ended.output
@@ -114,9 +119,17 @@ def test_an_interrupted_validation_keeps_the_cases_that_are_done(cases, tmp_path
         return 1.0
 
     cases[:] = [case("good"), case("slow", interrupt), case("later")]
-    said = refused("validate", "--out", "x", code=130)
+    said = refused("--out", "x", code=130)
     assert said == "crinoid: interrupted after 1 of 3 cases, and saved"
     assert [each["name"] for each in record(tmp_path / "x")["cases"]] == ["good"]
-    said = refused("validate", "slow", "--out", "y", code=130)
+    said = refused("slow", "--out", "y", code=130)
     assert said == "crinoid: interrupted"
     assert not (tmp_path / "y").exists()
+
+
+@pytest.mark.parametrize(("old", "new"), [("validate", "validation"), ("bench", "benchmarks")])
+def test_former_commands_name_the_programs_of_the_repository(old, new):
+    said = command.refused(old, "step", "--peers", "--help")
+    assert (
+        said == f"crinoid: {old}: not in the package. In a clone of crinoid, run: python -m {new}"
+    )

@@ -1,4 +1,4 @@
 """Assembly: from a scenario to numbers, arrays, `System`, controller and sensors.
 
-May import ``recording`` and ``peers`` and lower folders.
+May import ``recording`` and lower folders.
 """

@@ -1,12 +1,13 @@
 """The command line: commands, progress, exit codes; no physics.
 
-May import ``validation`` and ``benchmarks`` and lower folders.
+May import ``learning`` and lower folders.
 """
 
 import contextlib
 import gc
 import os
 import sys
+from importlib import import_module
 
 from crinoid.cli.interruption import INTERRUPTED, Interrupted, Loading, heed, ignore
 
@@ -14,16 +15,15 @@ _ALLOCATIONS = 50_000
 """New objects after which Python looks for garbage; libraries make many and drop few."""
 
 
-def main() -> None:
-    """Run the command line."""
+def main(module: str = "crinoid.cli.app") -> None:
+    """Run the command line that a module has as ``app``."""
     gc.set_threshold(_ALLOCATIONS)
     # matrices are small here: threads of linear algebra would only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         heed()
         with Loading():
-            from crinoid.cli.app import app
-
+            app = import_module(module).app
         app()
     except Interrupted:  # while the program was loaded, or after its last output
         print("crinoid: interrupted", file=sys.stderr)

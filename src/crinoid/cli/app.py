@@ -34,7 +34,6 @@ from crinoid.cli.study_commands import (
     sweep,
     train,
     tune,
-    validate,
 )
 
 _DEFAULT = "station-keeping"
@@ -257,31 +256,6 @@ def live(
 
 
 @app.command()
-@one_line_errors()
-def bench(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="NAME", help="Benchmarks; --list names them.", show_default="all"),
-    ] = None,
-    peers: Annotated[
-        bool, option("Run other programs that are installed, too.", name="--peers")
-    ] = False,
-    listed: Annotated[bool, option("List the benchmarks, and run none.", name="--list")] = False,
-    out: Annotated[Path | None, out_option("results/bench")] = None,
-    force: Annotated[bool, option("Replace earlier benchmarks.", name="--force")] = False,
-) -> None:
-    """Measure times of steps, runs and commands, and the errors that they buy."""
-    folder = folder_for(out, "bench")
-    with Loading():
-        from crinoid.cli.bench import chosen, list_benchmarks, run_benchmarks
-
-    if listed:
-        list_benchmarks()
-    else:
-        end(run_benchmarks(chosen(names or ()), folder, peers=peers, force=force))
-
-
-@app.command()
 @one_line_errors("interrupted")
 def doctor() -> None:
     """Examine the installation: versions, devices, optional parts, folders, a known solve."""
@@ -327,6 +301,18 @@ def scenarios(
 
 
 for command in (
-    compare, tune, identify, estimate, optimise, report, export, film, sweep, train, validate
+    compare, tune, identify, estimate, optimise, report, export, film, sweep, train
 ):  # fmt: skip
     app.command()(command)
+
+
+def _moved(context: typer.Context) -> None:
+    name = str(context.command.name)
+    stop(f"{name}: not in the package. In a clone of crinoid, run: python -m {_MOVED[name]}")
+
+
+_MOVED = {"validate": "validation", "bench": "benchmarks"}
+"""Former commands, and the programs of the repository in their place."""
+for name in _MOVED:
+    anything = {"ignore_unknown_options": True, "allow_extra_args": True}
+    app.command(name, hidden=True, add_help_option=False, context_settings=anything)(_moved)

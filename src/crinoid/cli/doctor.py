@@ -24,7 +24,7 @@ from crinoid.scenario import Scenario
 from crinoid.simulation import SimulationError, simulate
 from crinoid.simulation.batch import cores
 
-_AMONG = ("test", "lint", "docs", "dev", "bench")
+_AMONG = ("test", "lint", "docs", "dev", "peers")
 """Extras for work on crinoid itself."""
 _EXTRA = re.compile(r"([\w.-]+)[^;]*;\s*extra == ['\"](\w+)['\"]")
 _LITTLE = 1e9

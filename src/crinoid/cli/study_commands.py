@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from crinoid.cli.command import (
-    MISSED,
     Force,
     ScenarioName,
     Settings,
@@ -276,33 +275,3 @@ def train(
 
     how = How(method, teacher, arms, updates, seed, drawn_keys(described, draw))
     end(train_policy(described, how, folder, resume=resume, force=force))
-
-
-@one_line_errors("interrupted")
-def validate(
-    cases: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[CASE ...]", show_default=False, help="Names of cases, as --list shows them."
-        ),
-    ] = None,
-    show_list: Annotated[bool, option("List the cases, and run none.", name="--list")] = False,
-    every: Annotated[bool, option("Run the long cases too.", name="--all")] = False,
-    peers: Annotated[
-        bool, option("Run the cases that need other programs too.", name="--peers")
-    ] = False,
-    out: Annotated[Path | None, out_option("results/validation")] = None,
-    force: Annotated[bool, option("Replace an earlier validation.", name="--force")] = False,
-) -> None:
-    """Run cases with a known answer, and compare; exit code 1 where one does not hold."""
-    folder = folder_for(out, "validation")
-    with Loading():
-        from crinoid.cli.validate import chosen, list_cases, validate_cases
-        from crinoid.validation.cases import all_cases
-
-    known = all_cases()
-    if show_list:
-        list_cases(known)
-        return
-    wanted = chosen(known, cases or (), every=every, peers=peers)
-    end(validate_cases(wanted, folder, force=force), MISSED)

@@ -1,6 +1,6 @@
 """Parts for tables of other packages: bases, quantities with units, mistakes.
 
-May import ``recording`` and ``peers`` and lower folders.
+May import ``recording`` and lower folders.
 """
 
 from crinoid.scenario.actuator import ActuatorTable as ActuatorTable
