@@ -2,9 +2,9 @@
 
 On a CPU an arm in a batch under `jax.vmap` lasts as long as one arm alone: see
 ``python -m benchmarks batch``. So each arm is run by itself, as `play` does, in as many threads
-as there are cores: results differ by round-off at most, an arm that fails does not delay the others, and
-memory contains no more arms than there are threads. On an accelerator they take their steps
-together, under `jax.vmap`.
+as there are cores: results differ by round-off at most, an arm that fails does not delay the
+others, and memory contains no more arms than there are threads. On an accelerator they take their
+steps together, under `jax.vmap`.
 """
 
 import os
