@@ -2,12 +2,13 @@
 
 import ctypes
 import gc
+import json
 import math
 import os
 import signal
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,8 @@ import pytest
 # Compiling is most of what the tests cost, so the compiled code is kept. JAX reads these when it
 # is imported, which must be later; as environment variables they also reach the programs that
 # tests start and the workers of a parallel run.
-_CACHE = Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"
+ROOT = Path(__file__).resolve().parents[1]
+_CACHE = ROOT / ".pytest_cache" / "jax"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
@@ -39,28 +41,39 @@ os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-SLOW = 20.0
-"""CPU time from which on a test needs the mark ``slow``, on a machine of speed 1 (s)."""
+TIERS = ("quick", "slow", "release")
+"""Tests for everybody, those of each change (``--all``), and those of a release (``--release``)."""
+MOST = {"quick": 15.0, "slow": 60.0, "release": math.inf}
+"""CPU time of a test of a tier, on a machine of speed 1 (s)."""
+COSTS = ROOT / ".ci" / "costs.json"
+"""CPU time of each file by tier (s), by which files are ordered and shared out."""
 _SHAPED = [f"crinoid.{name}" for name in ("dynamics", "elements", "flow", "numerics", "rod")]
-"""Packages whose shapes are checked in every run; with ``--all`` those of all are."""
+"""Packages whose shapes are checked in every run; with slow tests those of all are."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the choice of tests, and the check of what they cost."""
     parser.addoption("--all", action="store_true", help="run the slow tests as well")
+    parser.addoption("--release", action="store_true", help="run all tests")
     parser.addoption(
         "--costs",
         metavar="SLOWNESS",
         type=float,
-        help=f"fail a test without the mark slow that needs more CPU time than {SLOW:g} s times "
+        help="list the CPU time of files; fail a test that needs more than its tier allows, times "
         "how slow the machine is (.ci/speed.py)",
+    )
+    parser.addoption(
+        "--keep-costs", action="store_true", help=f"write them into {COSTS.relative_to(ROOT)}"
+    )
+    parser.addoption(
+        "--shard", metavar="K/N", default="1/1", help="run part K of N of the files only"
     )
     parser.addoption(
         "--fuzz",
         metavar="SECONDS",
         type=float,
         default=0.0,
-        help="time for which a slow test gives each reader damaged files of new seeds",
+        help="time for which a release test gives each reader damaged files of new seeds",
     )
 
 
@@ -68,26 +81,47 @@ def pytest_configure(config: pytest.Config) -> None:
     """Check shapes at run time, of what is imported from here on."""
     from jaxtyping import install_import_hook
 
-    shaped = "crinoid" if config.getoption("all") else _SHAPED
+    shaped = "crinoid" if _highest(config) else _SHAPED
     install_import_hook(shaped, "beartype.beartype")
     # as crinoid's own programs do: tracing makes many objects and leaves hardly any garbage
     gc.set_threshold(50_000)
 
 
+def _highest(config: pytest.Config) -> int:
+    """Return the number of the highest tier that is run."""
+    return 2 if config.getoption("release") else int(config.getoption("all"))
+
+
+def _tier(item: pytest.Item) -> int:
+    """Return the number of the tier of a test: that of its highest mark."""
+    return 2 if item.get_closest_marker("release") else bool(item.get_closest_marker("slow"))
+
+
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out slow tests, unless named one by one; put files with most to do first.
+    """Leave out higher tiers, unless named one by one, and other shards; costly files go first.
 
     A file is the work of one worker: so that all of them end at about one time.
     """
-    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
-    named = any("::" in argument for argument in config.args)
-    if not (config.getoption("all") or config.getoption("-m") or named):
-        left_out = [item for item in items if item.get_closest_marker("slow")]
-        items[:] = [item for item in items if not item.get_closest_marker("slow")]
-        config.hook.pytest_deselected(items=left_out)
-        slow.clear()
-    count = Counter(item.path for item in items)
-    items.sort(key=lambda item: (-slow[item.path], -count[item.path]))
+    highest = 2 if any("::" in each for each in config.args) else _highest(config)
+    costs = _costs(item for item in items if _tier(item) <= highest)
+    number, count = map(int, config.getoption("shard").split("/"))
+    shares = [Counter[Path]() for _ in range(count)]
+    for path, cost in costs.most_common():
+        min(shares, key=lambda share: share.total())[path] = cost
+    own = shares[number - 1]
+    kept = [item for item in items if _tier(item) <= highest and item.path in own]
+    config.hook.pytest_deselected(items=list(set(items) - set(kept)))
+    items[:] = sorted(kept, key=lambda item: -own[item.path])
+
+
+def _costs(items: Iterable[pytest.Item]) -> Counter[Path]:
+    """Return the CPU time of the files of some tests (s), a guess for new ones."""
+    known = json.loads(COSTS.read_text("utf-8"))
+    found = Counter[Path]()
+    for path, tier in sorted({(item.path, TIERS[_tier(item)]) for item in items}):
+        found[path] += known.get(path.relative_to(ROOT).as_posix(), {}).get(tier, 10.0)
+    return found
 
 
 _STARTED = pytest.StashKey[float]()
@@ -105,13 +139,14 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     """Fail a test that passes, but takes more CPU time than its mark says."""
     report = yield
     if report.when == "call" and (slowness := item.config.getoption("costs")):
-        cost, most = _cpu_time() - item.stash[_STARTED], SLOW * slowness
-        report.user_properties.append(("cpu", cost))
-        if report.passed and cost > most and not item.get_closest_marker("slow"):
+        tier = TIERS[_tier(item)]
+        cost, most = _cpu_time() - item.stash[_STARTED], MOST[tier] * slowness
+        report.user_properties += [("cpu", cost), ("tier", tier)]
+        if report.passed and cost > most:
             report.outcome = "failed"
             report.longrepr = (
-                f"{item.nodeid}: {cost:.1f} s of CPU time; must be at most {most:.1f} s without "
-                "@pytest.mark.slow. Make it smaller, or mark it."
+                f"{item.nodeid}: {cost:.1f} s of CPU time; must be at most {most:.1f} s in the "
+                f"tier {tier}. Make it smaller, or move it to the next tier by its mark."
             )
     return report
 
@@ -119,25 +154,24 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    """Say which files cost most, and whose slow tests have become quick."""
-    if not config.getoption("costs"):
+    """List the costs of each file, and keep them if asked."""
+    if not (slowness := config.getoption("costs")):
         return
-    spent, slow, marked = Counter[str](), Counter[str](), Counter[str]()
+    spent = Counter[tuple[str, str]]()
     for reports in terminalreporter.stats.values():
         for report in reports:
-            if isinstance(report, pytest.TestReport) and (cost := dict(report.user_properties)):
-                name = report.nodeid.partition("::")[0]
-                spent[name] += cost["cpu"]
-                if "slow" in report.keywords:
-                    slow[name] += cost["cpu"]
-                    marked[name] += 1
+            if isinstance(report, pytest.TestReport) and (known := dict(report.user_properties)):
+                spent[report.nodeid.partition("::")[0], known["tier"]] += known["cpu"]
     terminalreporter.section("CPU time of each file")
-    for name, seconds in spent.most_common():
-        terminalreporter.write_line(f"{seconds:7.1f} s {name}")
-    for name, count in marked.items():
-        if slow[name] < SLOW * config.getoption("costs"):
-            text = f"{name}: {count} slow tests take {slow[name]:.1f} s together: unmark them"
-            terminalreporter.write_line(text)
+    for (name, tier), seconds in spent.most_common():
+        terminalreporter.write_line(f"{seconds:7.1f} s {name} ({tier})")
+    if config.getoption("keep_costs"):
+        known = json.loads(COSTS.read_text("utf-8"))
+        for (name, tier), seconds in spent.items():
+            known.setdefault(name, {})[tier] = round(seconds / slowness, 1)
+        there = {name: known[name] for name in sorted(known) if (ROOT / name).exists()}
+        rows = ",\n".join(f" {json.dumps(name)}: {json.dumps(there[name])}" for name in there)
+        COSTS.write_text(f"{{\n{rows}\n}}\n", "utf-8")
 
 
 def _cpu_time() -> float:
