@@ -56,6 +56,14 @@ PEERS = {
         meshes=_FINE,
         steps=(0.002, 0.00005),
     ),
+    "dismech_newton": Engine(
+        "DiSMech-Newton",
+        (IN_THE_PLANE.name, IN_SPACE.name),
+        "water; it computes in single precision, and counts iterations in place of judging them",
+        order=2,
+        meshes=_FINE,
+        steps=(0.02, 0.0025),
+    ),
     "soromox": Engine(
         "SoRoMoX",
         (IN_THE_PLANE.name,),

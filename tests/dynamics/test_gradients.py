@@ -3,7 +3,7 @@
 In reverse mode, which is the transpose of forward mode; in the plane both are tested.
 """
 
-from functools import partial
+from functools import cache, partial
 
 import equinox as eqx
 import jax
@@ -55,7 +55,9 @@ DIRECTIONS = {
     3: ways(tuple(USUAL[3]), (STEPS, 6), seeds=2),
 }
 
-in_both_dimensions = pytest.mark.parametrize("axes", [2, 3])
+in_both_dimensions = pytest.mark.parametrize(
+    "axes", [2, pytest.param(3, marks=pytest.mark.release)]
+)
 
 
 def planar(p):
@@ -167,56 +169,50 @@ def run(axes, parameters, commands, *, along=None, weights=None):
     return jax.tree.map(np.asarray, (tips, jacobian, ahead, back))
 
 
-@pytest.fixture(scope="module")
-def runs():
+@cache
+def runs(axes):
     """Return tips and static Jacobian of the arm with all changes that the tests ask for."""
-    found = {}
-    for axes in (2, 3):
-        points = {
-            "usual": (AT[axes], COMMANDS[axes]),
-            "displaced": (DISPLACED[axes], COMMANDS[axes]),
-        }
-        for name, (direction, along) in DIRECTIONS[axes].items():
-            for sign in (1, -1):
-                by, change = sign * H * direction, sign * H * along
-                points[name, sign] = (AT[axes] + by, COMMANDS[axes] + change)
-                if name in (*HELD_AT[axes], "origin"):
-                    points["displaced", name, sign] = (DISPLACED[axes] + by, COMMANDS[axes])
-        found |= {(axes, name): run(axes, *point)[:2] for name, point in points.items()}
-    return found
+    points = {"usual": (AT[axes], COMMANDS[axes]), "displaced": (DISPLACED[axes], COMMANDS[axes])}
+    for name, (direction, along) in DIRECTIONS[axes].items():
+        for sign in (1, -1):
+            by, change = sign * H * direction, sign * H * along
+            points[name, sign] = (AT[axes] + by, COMMANDS[axes] + change)
+            if name in (*HELD_AT[axes], "origin"):
+                points["displaced", name, sign] = (DISPLACED[axes] + by, COMMANDS[axes])
+    return {name: run(axes, *point)[:2] for name, point in points.items()}
 
 
-@pytest.fixture(scope="module")
-def slopes():
+@cache
+def slopes(axes):
     """Return how each coordinate of the tips follows parameters and commands, in reverse mode."""
-
-    def of(axes):
-        each = [
-            run(axes, AT[axes], COMMANDS[axes], weights=weights)[3]
-            for weights in np.eye(6 * (axes - 1))
-        ]
-        return tuple(map(np.stack, zip(*each, strict=True)))
-
-    return {axes: of(axes) for axes in (2, 3)}
+    each = [
+        run(axes, AT[axes], COMMANDS[axes], weights=weights)[3]
+        for weights in np.eye(6 * (axes - 1))
+    ]
+    return tuple(map(np.stack, zip(*each, strict=True)))
 
 
-def slope(runs, axes, *name):
-    ahead, behind = (runs[axes, (*name, sign)][0] for sign in (1, -1))
+def slope(axes, *name):
+    ahead, behind = (runs(axes)[(*name, sign)][0] for sign in (1, -1))
     return (ahead - behind) / (2 * H)
 
 
 @pytest.mark.parametrize(
-    ("axes", "name"), [(axes, name) for axes in (2, 3) for name in DIRECTIONS[axes]]
+    ("axes", "name"),
+    [
+        *((2, name) for name in DIRECTIONS[2]),
+        *(pytest.param(3, name, marks=pytest.mark.release) for name in DIRECTIONS[3]),
+    ],
 )
-def test_derivatives_are_those_of_central_differences(runs, slopes, axes, name):
-    difference = slope(runs, axes, name)
+def test_derivatives_are_those_of_central_differences(axes, name):
+    difference = slope(axes, name)
     at_start, at_end = np.abs(difference.reshape(2, -1)).max(axis=1)
     # what is thrown and commanded comes after the equilibrium
     early = name != "throw" and not name.startswith("commands")
     assert (at_start > 1e-2) == early
     assert at_end > 1e-2
     scale = np.repeat([at_start if early else 1.0, at_end], difference.size // 2)
-    by_parameters, by_commands = slopes[axes]
+    by_parameters, by_commands = slopes(axes)
     direction, along = DIRECTIONS[axes][name]
     reverse = by_parameters @ direction + np.einsum("tij,ij->t", by_commands, along)
     np.testing.assert_allclose(reverse / scale, difference / scale, rtol=0, atol=1e-5)
@@ -226,24 +222,25 @@ def test_derivatives_are_those_of_central_differences(runs, slopes, axes, name):
 
 
 @in_both_dimensions
-def test_a_command_matters_only_after_it_was_given(slopes, axes):
-    start, end = np.split(slopes[axes][1], 2)
+def test_a_command_matters_only_after_it_was_given(axes):
+    start, end = np.split(slopes(axes)[1], 2)
     np.testing.assert_array_equal(start, 0)
     assert (np.abs(end).max(axis=(0, 2)) > 0).all()
 
 
-def test_set_angles_and_channels_turn_the_base_alike(slopes):
-    rows = dict(zip(USUAL[3], slopes[3][0].T, strict=True))
+@pytest.mark.release
+def test_set_angles_and_channels_turn_the_base_alike():
+    rows = dict(zip(USUAL[3], slopes(3)[0].T, strict=True))
     for name in ("pan", "tilt", "roll"):
         np.testing.assert_allclose(rows[name], rows[f"to {name}"], rtol=0, atol=1e-8)
 
 
 @in_both_dimensions
 @pytest.mark.parametrize("where", ["usual", "displaced"])
-def test_static_jacobian_is_how_the_equilibrium_follows_the_base(runs, axes, where):
+def test_static_jacobian_is_how_the_equilibrium_follows_the_base(axes, where):
     name = () if where == "usual" else ("displaced",)
-    got, size = runs[axes, where][1], 3 * (axes - 1)
-    expected = np.stack([slope(runs, axes, *name, to)[:size] for to in HELD_AT[axes]], axis=1)
+    got, size = runs(axes)[where][1], 3 * (axes - 1)
+    expected = np.stack([slope(axes, *name, to)[:size] for to in HELD_AT[axes]], axis=1)
     assert got.shape == (size, size)
     assert (np.abs(expected).max(axis=0) > 0.05).all()
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-6)
@@ -254,7 +251,7 @@ def test_static_jacobian_is_how_the_equilibrium_follows_the_base(runs, axes, whe
     np.testing.assert_allclose(got[:, 0], [1, 0, 0], rtol=0, atol=1e-9)
     assert np.abs(got[:, 1] - [0, 1, 0]).max() > 1e-2
     # lifting the base is lifting the origin of its coordinates
-    np.testing.assert_allclose(got[:, 1], slope(runs, 2, *name, "origin")[:3], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(got[:, 1], slope(2, *name, "origin")[:3], rtol=0, atol=1e-6)
 
 
 def test_static_jacobian_without_current_is_rigid_in_translation():
