@@ -114,7 +114,7 @@ def test_a_peer_lets_the_arm_fall(name):
             assert seconds > 0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("name", [name for name in BENCHMARKS if name != "start"])
 def test_a_benchmark_yields_its_rows(name):
     found = BENCHMARKS[name].benchmark(FEW.get(name, TINY))

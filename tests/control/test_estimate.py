@@ -40,7 +40,7 @@ def held():
     return crinoid.simulate(HELD)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_covariance_is_that_of_the_errors_of_a_linear_arm():
     setup = set_up(Prepared(HELD), notes=False)
     plan, observer = setup.plan, setup.loop.controller.observer
@@ -178,7 +178,7 @@ class Guess(crinoid.Controller):
         return Estimate(Estimated(memory[:size], jnp.full(size, NOISE)))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_controller_of_a_package_may_estimate_a_part():
     given = HELD.with_values({"simulation.duration": 0.2, "control.compare": False})
     data = crinoid.simulate(given, controller=Guess()).dataset
@@ -199,7 +199,7 @@ def test_the_report_draws_the_estimate(held, tmp_path):
     assert "within the band" in (tmp_path / "report.html").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_over_20_seeds_the_bands_have_the_truth_as_often_as_the_page_says():
     # an upright arm in a swell is in the run above
     shares = load_script(DOCS / "make_coverage.py").coverage("wave-zone")

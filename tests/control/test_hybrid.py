@@ -43,7 +43,11 @@ def upright_from(result: Result, within: float = 3.0) -> float:
 # in air the arm whips about, and a run lasts longer to compute: three starts
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("density", "starts", "duration"), [(1025.0, 10, 32.0), (0.0, 3, 50.0)], ids=["water", "air"]
+    ("density", "starts", "duration"),
+    [
+        pytest.param(1025.0, 10, 32.0, id="water"),
+        pytest.param(0.0, 3, 50.0, id="air", marks=pytest.mark.release),
+    ],
 )
 def test_from_hanging_the_arm_is_upright_for_twenty_seconds(density, starts, duration):
     for seed in range(starts):
@@ -59,7 +63,7 @@ def test_from_hanging_the_arm_is_upright_for_twenty_seconds(density, starts, dur
         assert upright_from(result) < duration - 20.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_without_control_it_hangs_and_with_it_the_slide_keeps_its_limits():
     result = simulated("swing-up", **{"control.compare": True})
     assert lean(result.uncontrolled.dataset).min() > 45.0
@@ -70,7 +74,7 @@ def test_without_control_it_hangs_and_with_it_the_slide_keeps_its_limits():
     assert result.dataset.attrs["status"] == "ok"
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_push_and_a_gust_lean_it_and_it_recovers_from_any_of_ten_seeds():
     for seed in range(10):
         changes = {"seed": seed, "control.compare": seed == 0, "simulation.duration": 20.0}
@@ -94,7 +98,7 @@ def controller(**changes: float) -> Hybrid:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_base_is_needed_from_greenhills_load_on():
     # q L^3 / EI = 7.837 (Greenhill 1881); beyond it one mode leaves, by three limits of the base
     weight, bending = 2500 * np.pi * 1e-4 * 9.81, np.pi * 1e-8 / 4
@@ -107,7 +111,7 @@ def test_the_base_is_needed_from_greenhills_load_on():
         assert (needed > 1e-3) == (measures > 1)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_wider_limits_of_the_base_make_the_arm_easier_to_catch():
     def measures(**limits: object) -> np.ndarray:
         slide = {f"base.channels.slide.{key}": value for key, value in limits.items()}

@@ -200,7 +200,7 @@ def test_lqg_follows_a_moving_target_ahead_of_it():
     assert ahead < 2e-4
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_meter_of_the_current_does_no_harm(alone):
     """It measures other water than that at the arm, in which drag is not linear."""
     meter = {"kind": "current", "points": [[0.0, 0.25]], "noise": 0.005}
@@ -218,7 +218,7 @@ def test_the_mean_current_is_at_the_axes_of_a_meter():
     assert found.tolist() == [1.0, 2.0, 3.0, *4 * [0.3, -0.1]]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_lqg_holds_where_inputs_are_at_their_limits_much_of_the_time():
     """In eddies of 0.2 m the base cannot accelerate as fast as the gain without limits asks."""
     eddies = {"mean": [0.15, 0.0], "intensity": 0.8, "length_scale": 0.2}
@@ -253,7 +253,7 @@ def test_allowed_moves_end_within_limits_when_braked():
     assert value == pytest.approx(0.6, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("modulus", [2.8e6, 5.2e6])
 def test_lqg_holds_an_arm_other_than_the_model_by_late_and_noisy_readings(modulus):
     """The model is of an arm of 4 MPa."""
@@ -266,7 +266,7 @@ def test_lqg_holds_an_arm_other_than_the_model_by_late_and_noisy_readings(modulu
     assert tip_error(result).maximum < 0.25 * tip_error(result.uncontrolled).maximum
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_target_out_of_reach_leaves_commands_at_their_limits_and_the_arm_still():
     data = simulated(
         "lqg", target__tip=[0.45, -9.5], base__channels__slide__range=[-0.02, 0.02]
@@ -313,7 +313,7 @@ duration = 12.0
 """
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_inputs_that_move_the_tip_alike_stay_within_their_ranges(monkeypatch):
     # pan and sway move the tip to the side alike, tilt and heave up and down
     scenario = Scenario.from_toml(REDUNDANT)

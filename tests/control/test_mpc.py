@@ -147,8 +147,12 @@ def rms(name: str, *settings: str) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "settings", "share"),
-    [("station-keeping", (*MEASURED, METER), 0.5), ("wave-zone", KNOWN, 0.1)],
-    ids=["it measures the current", "it foresees the waves"],
+    [
+        pytest.param("station-keeping", (*MEASURED, METER), 0.5, id="it measures the current"),
+        pytest.param(
+            "wave-zone", KNOWN, 0.1, id="it foresees the waves", marks=pytest.mark.release
+        ),
+    ],
 )
 def test_mpc_holds_the_tip_better_than_the_pid(name, settings, share):
     given = "simulation.duration=8"
@@ -163,7 +167,7 @@ SMALL_EDDIES = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_mpc_does_not_shake_the_arm_where_swell_and_drift_cancel():
     # then drag hardly damps the arm, whatever the mean current
     given = ("station-keeping", *SMALL_EDDIES)

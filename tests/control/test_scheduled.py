@@ -67,7 +67,7 @@ def test_at_its_model_it_commands_what_the_frozen_model_does():
     assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_far_away_it_predicts_the_arm_better_than_the_model_of_the_start():
     # in space; in the plane it follows a wide circle, below
     given = SCHEDULED, CALM, "sensor.delay=0", "arm.nodes=7", *FAR_IN_SPACE
@@ -120,7 +120,7 @@ def test_weights_are_one_at_a_model_and_add_up(far):
     assert weigh(drawn) == pytest.approx(weights)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_commands_keep_to_the_limits_for_any_reading(far):
     loop, state = far
     controller, start, draw = loop.controller, seen_at(loop, state), np.random.default_rng(1)
@@ -162,7 +162,7 @@ def test_commands_have_slopes_and_come_in_batches(far):
         assert slope[:, column] == pytest.approx(between, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_it_follows_a_wide_circle_on_which_the_frozen_model_is_lost():
     errors = {}
     for model in ("frozen", "scheduled"):

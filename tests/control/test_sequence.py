@@ -61,7 +61,7 @@ def test_a_touch_stops_the_inputs_where_they_are_and_the_next_phase_begins(run):
     assert heave[-1] == pytest.approx(0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_touch_that_ends_the_last_phase_stops_the_inputs_for_good():
     data = crinoid.simulate(scenario(PHASES[:1])).dataset
     heave = data["base_command"].sel(channel="heave").values
@@ -69,7 +69,7 @@ def test_a_touch_that_ends_the_last_phase_stops_the_inputs_for_good():
     assert np.ptp(heave[data["time"] > 1.0]) == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_without_a_touch_it_waits_at_its_values():
     data = crinoid.simulate(scenario(ball=-11.0)).dataset
     heave, share = data["base_command"].sel(channel="heave"), data["actuator_command"]

@@ -94,7 +94,7 @@ def test_chambers_move_the_tip_as_the_static_jacobian_says(answers):
     np.testing.assert_allclose(empty, expected, rtol=2e-4, atol=2e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_slow_response_is_the_static_jacobian(answers):
     _, influence, small, _ = answers
     at, stiffness, damping, mass = jax.tree.map(

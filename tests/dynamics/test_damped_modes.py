@@ -153,7 +153,7 @@ def test_lines_stiffen_the_modes_as_they_do_without_damping():
     np.testing.assert_allclose(found.frequency, strung, rtol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_motion_that_nothing_drives_back_has_no_damping_ratio():
     free = arm(nodes=6, pinned=True, linear_drag=0.5)
     motions = linearised(free, jnp.zeros(()), jnp.zeros(2))

@@ -73,7 +73,10 @@ FRICTIONLESS = {"drag_normal": 0.0, "drag_tangential": 0.0, "tolerance": 1e-12}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", [0, 1])
-@pytest.mark.parametrize(("axes", "column"), [(2, 1), (3, 1), (3, 2)])
+@pytest.mark.parametrize(
+    ("axes", "column"),
+    [(2, 1), *(pytest.param(3, column, marks=pytest.mark.release) for column in (1, 2))],
+)
 def test_a_simulated_mode_rings_at_its_frequency_and_damping(axes, column, mode):
     damping_time, EI = 0.01, 1.0 if axes == 2 else (1.0, 1.7)
     system = submerged(axes, damping_time=damping_time, EI=EI, **FRICTIONLESS)
@@ -275,9 +278,9 @@ def fine_swing(axes):
         (2, ALPHA, 2.0, 0.02),
         (2, Integrator.generalized_alpha(0.2), 2.0, 0.1),
         (2, EULER, 1.0, 0.05),
-        pytest.param(3, NEWMARK, 2.0, 0.05, marks=pytest.mark.slow),
-        pytest.param(3, ALPHA, 2.0, 0.05, marks=pytest.mark.slow),
-        pytest.param(3, EULER, 1.0, 0.05, marks=pytest.mark.slow),
+        pytest.param(3, NEWMARK, 2.0, 0.05, marks=pytest.mark.release),
+        pytest.param(3, ALPHA, 2.0, 0.05, marks=pytest.mark.release),
+        pytest.param(3, EULER, 1.0, 0.05, marks=pytest.mark.release),
     ],
     ids=[
         *("alpha-0.8-2", "alpha-0.2-2", "implicit-euler-2"),
@@ -296,7 +299,7 @@ def test_order_in_the_time_step_on_a_large_swing(axes, integrator, expected, wit
     assert axes == 3 or errors[-1] < (1e-2 if expected == 1.0 else 1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @second_order
 def test_a_load_that_jumps_where_steps_meet_keeps_the_order(integrator):
     def shape(integrator, steps):
@@ -310,7 +313,7 @@ def test_a_load_that_jumps_where_steps_meet_keeps_the_order(integrator):
     assert errors[-1] < 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("integrator", "expected", "within"),
     [
@@ -383,7 +386,7 @@ def energies(step, steps):
     return np.stack([energy.sum(axis=1), kept]) / kinetic
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_energy_of_an_undamped_swing_stays_in_a_band():
     # 100 s, about 80 swings; the energy is that of the start, zero. (A step of 0.01 s is too long
     # for the vibrations of this mesh: within 100 s the energy begins to wander)
@@ -395,7 +398,7 @@ def test_energy_of_an_undamped_swing_stays_in_a_band():
     assert np.ptp(kept) < 5e-6
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_trapezoid_rule_keeps_an_energy_of_its_own():
     # it is conjugate to the midpoint rule, which is symplectic: what it keeps, but for a part of
     # order 4, is E + h^2 / 12 (a . M a + v . K v) (Hairer, Lubich and Wanner 2006, Geometric
@@ -428,7 +431,7 @@ def test_energy_audit_closes_at_order_two(axes, integrator):
     assert defects[-1] < {2: 1e-4, 3: 2e-4}[axes] * np.abs(work).sum()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_each_work_converges_at_order_two_in_generalized_alpha():
     # the sum may hide an error of two works against each other
     def work(integrator, steps):

@@ -113,7 +113,7 @@ def test_a_ball_rolls_down_a_slope_at_five_sevenths_of_gravity(axes):
     assert speed[-1] > 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_rolling_resistance_slows_a_ball_as_on_paper():
     length = 0.2 * RADIUS * np.tan(SLOPE)
     system, down, _ = on_slope(3, 0.5, rolling=[0.0, length])
@@ -127,7 +127,7 @@ def test_rolling_resistance_slows_a_ball_as_on_paper():
     np.testing.assert_allclose(RADIUS * spin[50:], speed[50:], atol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_ball_rests_on_a_slope_that_rolling_resistance_holds():
     system, down, _ = on_slope(3, 0.5, rolling=[0.0, 1.5 * RADIUS * np.tan(SLOPE)])
     _, states = marched(system, 200)
@@ -136,7 +136,7 @@ def test_a_ball_rests_on_a_slope_that_rolling_resistance_holds():
     assert RADIUS * spin[-1] == pytest.approx(1e-3 / np.sqrt(1.5**2 - 1), rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_spinning_friction_slows_a_ball_that_spins_about_the_normal():
     length, rate = 2e-3, 40.0
     spin = [[0.0, 0.0, rate], [0.0, 0.0, 0.0]]
@@ -153,7 +153,7 @@ def test_spinning_friction_slows_a_ball_that_spins_about_the_normal():
     assert lost == pytest.approx(moment * turned, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_ball_slides_where_friction_is_less_than_two_sevenths_of_the_slope():
     friction = 0.5 * 2 / 7 * np.tan(SLOPE)
     system, down, normal = on_slope(3, friction)
@@ -169,7 +169,7 @@ def test_a_ball_slides_where_friction_is_less_than_two_sevenths_of_the_slope():
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_plane_and_space_agree_on_a_rolling_ball():
     ends = []
     for axes in (2, 3):
@@ -179,7 +179,7 @@ def test_the_plane_and_space_agree_on_a_rolling_ball():
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_ball_that_overlaps_a_plane_within_the_skin_is_pushed_off():
     system, _, normal = on_slope(3, 0.0, step=2e-5, gravity=0.0, gap=-0.5 * SKIN)
     _, states = marched(system, 200)
@@ -315,7 +315,7 @@ def _pushed(forces, motion):
     return forces.obstacles.bodies.residual(forces.obstacle_motion(motion))[0]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
     half = [[0.03, 0.05, -0.02], [0.06, -0.02, 0.03]]
     system = bodies(
@@ -350,7 +350,7 @@ def test_forces_of_capsules_on_each_other_have_no_resultant_and_no_moment():
 # --- a body that turns freely ------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_top_keeps_energy_and_angular_momentum_at_order_two():
     lost, turned = [], []
     for count in (200, 400, 800):

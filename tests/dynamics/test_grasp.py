@@ -200,7 +200,7 @@ def test_a_run_goes_on_as_if_it_had_not_stopped(result, tmp_path, until):
     assert whole.dataset.attrs["notes"] == result.dataset.attrs["notes"]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_in_space_it_moves_as_if_the_times_had_been_known_before():
     parameters = crinoid.parameters(scenario(3, time_step=0.001))
 

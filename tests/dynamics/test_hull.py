@@ -92,7 +92,7 @@ def moving(made, state, rows, random, rates=(20.0, 1e4)):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("dimension", "floats"), [(2, False), (3, True)])
 def test_tangent_is_the_slope_of_the_residual(dimension, floats):
     random = np.random.default_rng(3)
@@ -124,7 +124,7 @@ def test_tangent_is_the_slope_of_the_residual(dimension, floats):
     assert held == pytest.approx(exact[:2], abs=1e-9 * np.abs(exact[:2]).max())
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @dimensions
 def test_momenta_are_kept_between_arm_and_floating_hull(dimension):
     random = np.random.default_rng(4)
@@ -200,7 +200,7 @@ def pushed(forces, stage):
     return forces.far_contacts[-1].push(motion)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @bases
 def test_forces_in_space_are_those_in_the_plane(floats):
     found = {}
@@ -219,7 +219,7 @@ def test_forces_in_space_are_those_in_the_plane(floats):
     assert found[3] == pytest.approx(found[2], abs=1e-9 * np.abs(found[2]).max())
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_at_rest_on_its_hull_hands_its_loads_to_the_base():
     state = system(2, False, friction=0.0).equilibrium()
     gap, place = np.asarray(state.far_gaps[-1]), np.asarray(state.position[-1])
@@ -228,7 +228,7 @@ def test_an_arm_at_rest_on_its_hull_hands_its_loads_to_the_base():
     assert float(state.base_moment) == pytest.approx(-0.12 * place[0], abs=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_gradient_by_the_diameter_is_that_of_differences():
     made = system(2, False)
 

@@ -130,7 +130,7 @@ def test_a_spun_up_beam_stretches_as_its_centrifugal_force_says(integrator, step
     assert along.min() == pytest.approx(-0.01869, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_newmark_does_not_get_through_it_in_steps_of_5_ms():
     *_, good = aside(Integrator.newmark(), 5e-3)
     assert not good

@@ -77,7 +77,7 @@ def test_a_thrust_lowers_the_first_frequency_to_nothing_at_the_buckling_load():
     assert squared(1.1) == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_modes_of_a_bent_arm_are_those_of_the_dense_matrices():
     bent = arm(
         EA=1e3,
@@ -117,7 +117,7 @@ def test_a_round_arm_in_space_bends_both_ways_at_each_frequency():
     np.testing.assert_allclose(products / np.outer(size, size), np.eye(6), atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_lopsided_part_of_drag_hardly_moves_a_frequency():
     # half the current has a quarter of the drag; leaving that part out errs in second order of it
     def error(speed: float) -> float:

@@ -190,7 +190,7 @@ def test_too_few_iterations_are_told(system, state):
     assert NODES - 3 <= outcome.worst_node <= NODES - 1
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_of_many_nodes_is_solved_for_while_commands_jerk_its_base():
     # silicone, 4 cm thick; nodes next to the base that stay behind would bend by more than can be
     limits = [[-0.3] * 3, [0.3] * 3, [0.5, 0.5, 3.0], [3.0, 3.0, 35.0], [10.0] * 3]
@@ -212,7 +212,7 @@ def test_an_arm_of_many_nodes_is_solved_for_while_commands_jerk_its_base():
     assert outcomes.iterations.mean() < 3.2
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_tangent_of_an_earlier_step_serves_later_ones(system):
     # swinging down from level, in a step that resolves it
     swinging, given = fine(system), jnp.zeros((200, 3))

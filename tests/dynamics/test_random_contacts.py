@@ -122,7 +122,7 @@ def run(given):
     return crinoid.simulate(crinoid.Scenario.from_dict(given)).dataset
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_random_runs_with_every_contact_neither_fail_nor_penetrate():
     runs = [run(tables(3, seed)) for seed in range(RUNS)]
     assert not [fault for data in runs for fault in faults(data)]

@@ -128,7 +128,7 @@ def wound(dimension):
     return crinoid.simulate(crinoid.Scenario.from_dict(given)).dataset
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_run_in_space_is_that_in_the_plane():
     plane, space = wound(2), wound(3)
     forces = np.abs(plane["self_force"].values)
@@ -147,7 +147,7 @@ def balance_error(data):
     return np.abs(stored - stored[0] - done).max() / np.abs(stored).max()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_energy_of_a_coil_is_accounted_for_at_order_two(coiled):
     assert coiled.dataset["energy"].sel(kind="contact").values[-1] < -1e-3
     fine = crinoid.simulate(coil(time_step=0.005)).dataset
@@ -187,8 +187,8 @@ def spiral(dimension, **tables):
     ("dimension", "tables"),
     [
         pytest.param(2, {}, id="plane"),
-        pytest.param(3, {}, id="space", marks=pytest.mark.slow),
-        pytest.param(2, {"vehicle": VEHICLE}, id="floating", marks=pytest.mark.slow),
+        pytest.param(3, {}, id="space", marks=pytest.mark.release),
+        pytest.param(2, {"vehicle": VEHICLE}, id="floating", marks=pytest.mark.release),
     ],
 )
 def test_tangent_is_the_slope_of_the_residual(dimension, tables):
@@ -245,7 +245,7 @@ def test_modes_are_those_of_bands_and_far_edges_together():
     assert found == pytest.approx(np.sqrt(rates) / (2 * np.pi), rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_gradient_of_a_coil_is_that_of_differences():
     system = crinoid.system(coil(tolerance=1e-11))
     command = jnp.ones(len(system.inputs))

@@ -87,7 +87,7 @@ def test_frequencies_of_twist_are_those_of_a_wave_along_the_arm():
         np.testing.assert_allclose(shape, sine * (shape[-1] / sine[-1]), rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("mode", [0, 2])
 def test_a_mode_of_twist_rings_at_its_frequency_and_damping(mode):
     damping_time = 0.01
@@ -98,7 +98,7 @@ def test_a_mode_of_twist_rings_at_its_frequency_and_damping(mode):
     assert -pole.real / abs(pole) == pytest.approx(damping_time * frequency / 2, rel=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_water_lowers_the_frequencies_of_bending_but_not_of_twist():
     # m = 1 kg/m, rho A = 0.6 kg/m, Ca = 1.5
     wet = {"displaced_area": 6e-4, "added_mass_normal": 1.5}
@@ -424,7 +424,7 @@ def linked(state):
     return np.sum(np.asarray(state.motion.orientation.twist)) / TURN, writhe(loop)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_turns_of_the_tip_and_the_base_become_twist_and_writhe():
     # Calugareanu, White, Fuller: of a ribbon, link = twist + writhe. An arm that hangs and is
     # naturally bent is wound at its tip by a torque, at its base by its roll, until it coils up;
@@ -498,7 +498,7 @@ def folding(calm, seed, *, outer, bent, turn, step):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("EI", "step"), [(5e-2, 0.005), (1e-5, 0.005), (1e-7, 0.02)], ids=["soft", "limp", "a string"]
 )

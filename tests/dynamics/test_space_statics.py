@@ -153,7 +153,7 @@ def test_every_load_at_once_is_the_boundary_value_problems_solution():
     np.testing.assert_allclose(order(errors)[-1], 2.0, atol=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_pinned_root_bears_no_bending_but_a_torque():
     # as a joint of constant velocity does: along the middle of both tangents, so that the torque
     # about either is the same. Follower loads would spin the arm for ever
@@ -252,7 +252,7 @@ def test_an_arm_of_even_curvature_and_twist_is_a_helix():
 # --- stability ---------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("kind", CRITICAL)
 def test_a_column_buckles_in_its_weak_direction(kind):
     # m_1, in which it is softer, lies at 0.6 from the x axis
@@ -295,7 +295,7 @@ def test_a_column_buckles_in_its_weak_direction(kind):
     assert_buckling_converges(loads, kind)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("kind", CRITICAL)
 def test_a_column_past_its_buckling_load_leans_in_its_weak_direction(kind):
     load = 1.5 * CRITICAL[kind]
@@ -310,7 +310,7 @@ def test_a_column_past_its_buckling_load_leans_in_its_weak_direction(kind):
         assert abs(place @ weak) > 0.4
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_column_that_hardly_bends_the_other_way_leans_just_past_its_buckling_load():
     load, nodes = 1.05 * CRITICAL["tip"], 21
     # how far it leans is a matter of the excess: this mesh buckles at a share P l^2 / 12 EI less
@@ -376,7 +376,7 @@ def test_an_arm_with_other_numbers_is_built_without_compiling(caplog):
     assert "Compiling" in caplog.text  # which is how it would show
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("shape", ["ring", "straight"])
 def test_twist_at_which_a_rod_leaves_its_plane(shape):
     # A ring that was straight stays in its plane until its twist is 2 pi sqrt(3) EI/GJ (Michell

@@ -132,7 +132,7 @@ def test_dead_tip_load_in_space(load, plane):
     assert_planar(plane, dead=(0.0, -load))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_oblique_dead_tip_load():
     # 3.7 EI/L^2, 30 degrees beyond the vertical: the force also pushes back on the arm
     dead = 3.7 * np.array([np.cos(np.deg2rad(-120)), np.sin(np.deg2rad(-120))])
@@ -454,7 +454,7 @@ def test_two_states_at_once_have_the_wrench_of_each(axes):
     assert both.base_moment.shape == ((2,) if axes == 2 else (2, 3))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_equilibrium_has_a_gradient_outside_of_compiled_code():
     system = loaded(7, dead=(0.0, -1e-2), floor=None)
 

@@ -86,7 +86,7 @@ def found(system, time=0.0):
     return np.asarray(position)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("tilt", "seed", "kind"),
     [

@@ -129,7 +129,7 @@ def test_the_tool_rests_on_the_ball_and_not_within(sunk):
     assert np.linalg.norm(tip - ball) > BALL + 0.012
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_run_in_space_is_that_in_the_plane(sunk):
     space = crinoid.simulate(scenario(3)).dataset
     for name in ("position", "obstacle_position", "contact_force"):

@@ -254,7 +254,7 @@ def test_a_free_vehicle_drifts_with_a_uniform_current(axes):
     assert (np.diff(slip[::10]) < 0).all()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_water_that_accelerates_carries_a_free_vehicle_along():
     # (m + m_a) a = (rho V + m_a) Du/Dt, of an arm that weighs 1e-5 of it
     scenario = crinoid.Scenario(
@@ -313,7 +313,7 @@ def ridden(*, volume, linear_drag, drag_area=0.0, current=(0.0, 0.0), swell=(0.0
     return np.asarray(data["time"])[:, None], np.asarray(data["vehicle_pose"])[:, :2]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_linear_drag_brings_it_exponentially_to_the_speed_of_the_current():
     # (m + m_a) dv/dt = c (U - v) - (m - rho V) g
     drag = np.array([6e3, 9e3])
@@ -325,7 +325,7 @@ def test_linear_drag_brings_it_exponentially_to_the_speed_of_the_current():
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-3 * np.abs(expected).max())
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_neutral_vehicle_swings_with_the_water():
     # Du/Dt pushes the body and the water around it: v = u whatever its added mass and drag
     swell, rate = np.array([0.1, 0.05]), 2 * np.pi * 0.2
@@ -349,7 +349,7 @@ def test_linear_drag_acts_along_and_about_its_axes(axes):
     np.testing.assert_allclose(more[1] - less[1], about * 0.1, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_in_the_plane_of_a_planar_arm_it_moves_the_same_in_space():
     flat = floating(2, floats={"offset": (-0.3, 0.1)}, arms={"rest_curvature": 1.0})
     deep = floating(
@@ -373,7 +373,7 @@ def test_in_the_plane_of_a_planar_arm_it_moves_the_same_in_space():
     assert np.abs(turned).max() < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_one_too_heavy_to_be_pushed_is_a_base_that_is_held():
     axes, command = 3, jnp.asarray([0.1, 0.05, 0.3, -0.2, 0.1, 0.2])
     heavy = floating(axes, floats={"mass": 1e9, "inertia": 1e9}, arms={"gravity": 9.81})
@@ -416,7 +416,7 @@ def test_the_bordered_matrix_is_the_derivative_of_the_residual(axes, ball):
     np.testing.assert_allclose(product[unknown], rhs[unknown], rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_obstacles_are_as_far_from_the_arm_whether_its_submarine_floats_or_not():
     beside = {"obstacles": obstacles([[0.4, 0.3], [1.2, 0.1]], radius=0.05, mass=0.3)}
     clearance = eqx.filter_jit(lambda system: system.clearance())
@@ -541,7 +541,7 @@ def test_a_mistake_gets_one_line(vehicle, tables, line):
         crinoid.Scenario(vehicle=vehicle, **tables)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_free_vehicle_sinks_as_its_drag_lets_it_and_its_result_reads_back():
     mass, displaced, added, area = 80.0, 76.0, 40.0, 0.2
     scenario = crinoid.Scenario(

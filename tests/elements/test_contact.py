@@ -261,7 +261,7 @@ def test_a_hit_of_what_rubs_gives_back_half_of_its_speed():
     assert 0.4 < rubbed < 0.6
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_hit_under_generalized_alpha():
     velocity, mass = (0.0, 0.3), 0.05
     method = Integrator.generalized_alpha(0.8)
@@ -332,7 +332,7 @@ def leaning(place, *, along=0.0, tip=0.0, **obstacle):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_prop_carries_what_beam_theory_says():
     # uniform load on a propped cantilever: 3/8 of it on the prop
     load = 0.2
@@ -378,7 +378,7 @@ def test_friction_under_a_moving_floor_is_coulombs():
     assert push[0] / push[1] == pytest.approx(0.3, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_friction_of_a_limp_arm_on_a_pile_is_the_capstans():
     # its root pulls a limp arm over a pile, a quarter of a turn
     radius, pile, load, friction = 0.002, 0.05, 0.2, 0.54
@@ -438,7 +438,7 @@ def in_the_water(current, *, mass=1000 * VOLUME, place=(9.0, -1.0), gravity=0.0,
     )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_light_body_rises_with_its_added_mass():
     mass = 0.4 * 1000 * VOLUME
     system = in_the_water((0.0, 0.0), mass=mass, place=(0.2, -1.0), gravity=9.81)
@@ -452,7 +452,7 @@ def test_a_light_body_rises_with_its_added_mass():
     assert float(state.obstacle_velocity[1, 1]) == pytest.approx(terminal, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_carried_obstacles_follow_the_water_at_order_two():
     # in a shear with an upward part, dz/dt = w (h/h0)^n can be integrated by hand
     errors = []

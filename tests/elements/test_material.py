@@ -63,7 +63,7 @@ def farthest(found, exact):
 
 
 @both
-@pytest.mark.slow
+@pytest.mark.release
 def test_small_motions_have_the_poles_of_the_material_to_second_order(axes):
     elastic = bar(axes, None)
     frequency = 2 * np.pi * elastic.natural_frequencies(elastic.rest())[0]
@@ -74,7 +74,7 @@ def test_small_motions_have_the_poles_of_the_material_to_second_order(axes):
 
 
 @both
-@pytest.mark.slow
+@pytest.mark.release
 def test_modes_of_a_relaxing_arm_have_the_frequency_and_damping_of_the_material(axes):
     elastic, system = bar(axes, None), bar(axes)
     small = eqx.filter_jit(System.small_motions)(system, system.rest(), jnp.zeros(axes))
@@ -89,7 +89,7 @@ def test_modes_of_a_relaxing_arm_have_the_frequency_and_damping_of_the_material(
         assert found.decay_rate[index] == pytest.approx(-pole.real, rel=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_branch_that_relaxes_fast_is_kelvin_voigt_damping():
     # all with two branches, which one program has; a ratio of 0 is none
     none = 1e-9
@@ -205,7 +205,7 @@ def test_the_gradient_by_ratio_and_time_is_that_of_differences():
         assert float(slope) == pytest.approx(float((ends[0] - ends[1]) / (2 * step)), rel=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_batch_over_the_branches_equals_single_runs():
     scenario = crinoid.Scenario(
         arm={"nodes": 4, "relaxation": [{"ratio": 0.5, "time": 0.4}]},

@@ -161,7 +161,7 @@ def _at_rest_with_slopes(parameters, friction):
     return with_slopes(partial(_at_rest, parameters), friction, jnp.ones(()))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_equilibrium_is_that_of_a_tendon_that_was_pulled():
     # its slope by friction: in the plane, below
     described = scenario(3, schedule=HELD)
@@ -199,7 +199,7 @@ def rested():
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_slope_of_an_equilibrium_by_friction(rested):
     (turn, slope, back), _ = rested(FRICTION)
     assert float(turn) == pytest.approx(pulled(TENSION), rel=0.01)
@@ -208,7 +208,7 @@ def test_the_slope_of_an_equilibrium_by_friction(rested):
     assert float(back) == pytest.approx(float(slope), rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_in_an_equilibrium_a_tendon_that_others_lengthen_was_paid_out(rested):
     # the tension of the antagonist rises toward the tip; a softer arm would shorten both
     _, memory = rested(FRICTION, pretension=0.05 * TENSION, EA=1e4)
@@ -216,7 +216,7 @@ def test_in_an_equilibrium_a_tendon_that_others_lengthen_was_paid_out(rested):
     assert np.asarray(memory.factor)[5:, 1].min() > 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_part_of_a_tendon_slides_back_first():
     # from the root as far as T_1 / (1 - mu k s) meets T_0 / (1 + mu k s); the rest sticks
     share = 0.8
@@ -229,7 +229,7 @@ def test_part_of_a_tendon_slides_back_first():
     assert found.angle[-1] == pytest.approx(expected / FRICTION, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_tendon_that_sticks_is_stable_on_a_soft_arm_with_little_damping():
     # a plain lag of friction feeds energy here
     still = {"arm.damping_time": 0.01}
@@ -263,7 +263,7 @@ def test_friction_dissipates_and_the_balance_closes(tendon):
     assert defects[0] / defects[1] > 3.5
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_winch_draws_by_the_tension_at_the_root():
     schedule = {"time": [0.0, 15.0, 20.0, 30.0, 40.0], "share": [0.0, 1.0, 1.0, 1.0, 1.0]}
     found = track(scenario(schedule=schedule, **WINCH), 20.0, 0.05)
@@ -277,7 +277,7 @@ def test_a_winch_draws_by_the_tension_at_the_root():
 
 
 @both
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_tangent_by_hand_is_the_slope_of_the_force(axes):
     winch = WINCH | {"offset": 0.006, "friction": 0.5, "schedule": PULL}
     described = scenario(axes, 6)
@@ -343,7 +343,7 @@ def test_gradient_of_the_tip_by_friction(axes):
         np.testing.assert_allclose(back, weights @ slope, atol=1e-9 * scale)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_friction_of_0_is_none():
     system = crinoid.system(scenario(2, 6, QUICK, friction=0.0))
     assert memory_of(system, system.rest()) is None
@@ -356,7 +356,7 @@ def test_friction_of_0_is_none():
     assert np.abs(rubbing - expected).max() > 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @both
 def test_the_path_turns_with_the_arm_and_its_winding(axes):
     rest = {"rest_curvature": 2.0 if axes == 2 else [0.0, 2.0, 0.0]}

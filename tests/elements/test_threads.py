@@ -152,7 +152,7 @@ def test_a_taper_bends_by_the_offset_where_it_is():
     np.testing.assert_allclose(strains[:-1, 0], -BENT * offset / OFFSET * slant, rtol=3e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_pressure_stiffens_a_beam_under_a_load_at_its_tip():
     # on the axis it bends nothing by itself, nor does a load far below the push stretch anything
     force, added, on_axis = 1e-5, 0.6, {"offset": 0.0, "area": 1e-9}
@@ -301,7 +301,7 @@ def test_a_closed_chamber_keeps_what_is_in_it(wound):
     np.testing.assert_allclose(strains, -pressure * AREA * OFFSET / EI, rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_lines_resist_small_motions():
     half = {"schedule": held(0.5)}
     pump, tendon = PUMP | {"bulk_modulus": 1e7} | half, WINCH | {"pair": True} | half
@@ -336,7 +336,7 @@ def test_lines_resist_small_motions():
     assert expected[0] > 1.1 * np.sqrt(eigh(K, M, eigvals_only=True)[0]) / (2 * np.pi)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_submarine_is_moved_by_the_lines_of_its_arm():
     afloat = {"mass": 5.0, "inertia": 0.3, "offset": [-0.3, 0.0]}
     system = crinoid.system(scenario(nodes=4, tendon=[WINCH | {"schedule": FULL}], vehicle=afloat))
@@ -433,7 +433,7 @@ def tugged(request):
     return system.forces.driven(jnp.array([0.5, 0.7, -0.6, 0.8, 0.9, 1.0])), stage
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_tangent_by_hand_is_the_slope_of_the_force(tugged):
     forces, stage = tugged
     # of the threads alone, which compiles faster
@@ -445,7 +445,7 @@ def test_the_tangent_by_hand_is_the_slope_of_the_force(tugged):
     np.testing.assert_allclose(got / largest, slope / largest, rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("tugged", [3], ids=["space"], indirect=True)
 def test_newton_converges_quadratically(tugged):
     forces, stage = tugged
@@ -592,7 +592,7 @@ def test_a_command_adds_to_the_schedule_and_may_take_it_away():
     np.testing.assert_allclose(followed(actuator, [-0.2] * 40, 1.0)[-1], 0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_run_with_a_chamber_goes_on_from_where_it_stopped(tmp_path):
     half = held(0.5)
     described = scenario(

@@ -179,7 +179,7 @@ def test_the_water_carries_drags_and_buoys_it():
 # --- taken up and let go -------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_it_is_taken_up_and_let_go_without_a_jolt_and_the_ledger_balances():
     carried = {"mass": 0.3, "inertia": 0.01, "offset": 0.1, "gravity": 9.81}
 

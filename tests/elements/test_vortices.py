@@ -183,7 +183,7 @@ SCENARIO = crinoid.Scenario(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_batch_equals_single_runs_and_a_seed_is_another_start():
     batch = crinoid.simulate_batch(SCENARIO, seeds=[0, 1], records=True)
     runs = [crinoid.simulate(SCENARIO.with_values({"seed": seed})).dataset for seed in (0, 1)]

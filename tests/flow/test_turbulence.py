@@ -149,7 +149,7 @@ def test_a_swell_carries_it():
     np.testing.assert_allclose(carried, flow.velocity(jnp.asarray(point), time), rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_an_arm_in_a_swell_moves_as_one_whose_base_is_swung():
     # a neutral arm feels the water beside it alone: swell over a still base is still water over a
     # base that swings the other way

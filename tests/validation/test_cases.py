@@ -9,14 +9,10 @@ from validation.cases.bends import exact as loaded
 from validation.cases.bends_in_space import exact as bent
 
 CASES = {case.name: case for case in all_cases()}
-QUICK = {"newmark-order", "own-weight", "tip-load"}
-"""Cases below 5 s of CPU time; the planar ones share what they compile."""
 
 
-@pytest.mark.parametrize(
-    "name",
-    [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in CASES],
-)
+@pytest.mark.release
+@pytest.mark.parametrize("name", CASES)
 def test_case_holds(name):
     case = CASES[name]
     if case.missing:
@@ -28,7 +24,6 @@ def test_case_holds(name):
 
 
 def test_cases_say_what_they_are():
-    assert set(CASES) >= QUICK
     for name, case in CASES.items():
         assert case.run.__name__ == name.replace("-", "_")
         assert case.kind in KINDS
