@@ -1,6 +1,5 @@
 """The output of the command line, and how little it loads; no test here runs a simulation."""
 
-import io
 import json
 import os
 import re
@@ -12,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import crinoid
-from crinoid.cli.command import Terminal, complete_key, complete_name
-from crinoid.cli.display import notes_of_cases, progress_bar, say_absent, seed_notes
+from crinoid.cli.command import complete_key, complete_name
+from crinoid.cli.display import notes_of_cases
 from crinoid.compilation.program import _crowded
 from crinoid.scenario import Scenario
 from crinoid.view.figures import ReportError, write_report
@@ -51,15 +50,6 @@ def test_titles_are_no_formulas(tmp_path):
             assert write_report(tmp_path)
 
 
-def test_scenarios_are_in_two_columns_and_help_names_folders():
-    lines = call("scenarios").stdout.splitlines()
-    starts = [re.match(r"[\w-]+ +", line) for line in lines]
-    assert all(starts)
-    assert len({start.end() for start in starts if start}) == 1
-    for command, folder in {"run": "", "equilibrium": "-equilibrium", "flow": "-flow"}.items():
-        assert f"results/SCENARIO{folder})" in call(command, "--help").stdout
-
-
 @pytest.mark.parametrize(("given", "level"), [({}, "3"), ({"TF_CPP_MIN_LOG_LEVEL": "0"}, "0")])
 def test_xla_does_not_ask_for_bug_reports_unless_the_user_wants_to_see_it(given, level):
     code = "import crinoid, os; print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
@@ -68,23 +58,6 @@ def test_xla_does_not_ask_for_bug_reports_unless_the_user_wants_to_see_it(given,
         [sys.executable, "-c", code], env=others | given, capture_output=True, text=True
     )
     assert ended.stdout.strip() == level
-
-
-def test_a_bar_without_an_end_says_how_long_it_lasts():
-    with progress_bar() as bar:
-        (task,) = bar.tasks
-        bar.update(task.id, description="compiling")
-        task.start_time -= 12.0
-        shown = console_text(bar)
-        assert re.search("compiling .* 1[23] s so far", shown)
-        bar.reset(task.id, total=10.0)
-        assert "so far" not in console_text(bar)
-
-
-def console_text(bar):
-    out = Terminal(width=100, file=io.StringIO())
-    out.print(bar.get_renderable())
-    return out.file.getvalue()
 
 
 def test_names_and_keys_are_completed():
@@ -177,19 +150,3 @@ def test_the_package_loads_lazily_and_computes_in_64_bits():
     subprocess.run([sys.executable, "-c", code], check=True, env=plain, timeout=60)
     with pytest.raises(AttributeError, match="nothing"):
         _ = crinoid.nothing
-
-
-def test_water_that_is_absent_or_random_at_the_start_is_named(capsys):
-    waves = {"kind": "waves", "significant_height": 0.3, "peak_period": 4.0}
-    gusts = {"kind": "gauss-markov", "mean": [0.1, 0.0], "standard_deviation": 0.1}
-    flow = [waves | {"ramp_time": 2.0}, gusts | {"correlation_time": 1.0}]
-    say_absent(Scenario(flow=flow, water={"depth": 20.0}))
-    assert capsys.readouterr().out.splitlines() == [
-        "note: flow.0 is 0 at t = 0, and has no effect here. Try --set flow.0.ramp_time=0",
-        "note: flow.1 (gauss-markov) is at a random instant. It depends on seed",
-    ]
-
-
-@pytest.mark.parametrize(("seeds", "noted"), [(1, False), (2, True), (4, True), (5, False)])
-def test_intervals_of_few_seeds_are_noted(seeds, noted):
-    assert bool(seed_notes(seeds)) == noted
