@@ -7,7 +7,6 @@ from crinoid.cli.command import folder_for
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from helpers.command import call, one_line, refused, succeeded
-from helpers.made_results import case_rows
 
 SMALL = Scenario(
     title="small",
@@ -151,18 +150,6 @@ def test_notes_come_under_the_table_and_once_for_all_cases(here):
     assert other.startswith("note: case-01, case-02: most of the drag")
     first, *_ = Result.load(here / "cases" / "case-02").notes
     assert first.startswith("base.position.1: got 10 m")
-
-
-@pytest.mark.slow
-def test_cases_become_a_table_and_a_folder_each(here):
-    vary = ("--set", "vary.'flow.0.velocity'=[[0.1, 0.1], [0.3, 0.2]]")
-    succeeded("run", "small.toml", *vary, "--out", "cases")
-    rows = case_rows(here / "cases")
-    assert [row["case"] for row in rows] == ["case-01", "case-02"]
-    assert float(rows[1]["rms_error_uncontrolled"]) > float(rows[0]["rms_error_uncontrolled"])
-    for row in rows:
-        assert (here / "cases" / row["directory"] / "result.nc").exists()
-    assert "vary" in refused("equilibrium", "small.toml", *vary)
 
 
 def test_scenarios_are_listed_copied_and_described(here):

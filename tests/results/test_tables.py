@@ -131,21 +131,6 @@ def test_a_run_s_table_has_units_that_read_well_and_fits_80_columns():
     assert cells(said(run_table(run)))["tip error, RMS"] == ["3 µm"]
 
 
-def test_a_run_s_table_has_the_tolerance_and_the_time_that_counts():
-    keys = {"target.tolerance": 0.02, "target.judged_from": 5.0}
-    run = made(np.where(TIME < 7.5, 0.03, 0.01), scenario=crinoid.Scenario().with_values(keys))
-    rows = cells(said(run_table(run)))
-    # without target and controller the tip has no error
-    assert rows["tip displacement counts from"] == ["5 s"]
-    assert rows["tip displacement, maximum"] == ["30 mm"]
-    assert rows["tip displacement within 20 mm"] == ["51 %"]
-    assert not [name for name in rows if "tip error" in name]
-    aimed = crinoid.Scenario().with_values({"target.tip": [0.1, 0.0]})
-    rows = cells(said(run_table(made(0.03, scenario=aimed))))
-    assert rows["tip error, P95"] == ["30 mm"]
-    assert not [name for name in rows if "counts from" in name or "within" in name]
-
-
 def test_a_run_s_table_has_no_round_off():
     scenario = crinoid.Scenario().with_values(DRIVEN)
     rows = cells(said(run_table(made(3e-17, scenario=scenario, slide=1e-14, force=2e-15))))
