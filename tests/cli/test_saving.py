@@ -6,7 +6,6 @@ No test here computes a motion: `Player` stands for the simulation.
 import contextlib
 import errno
 import json
-import os
 import re
 import shutil
 import signal
@@ -21,7 +20,6 @@ import xarray as xr
 
 from crinoid.cli import study
 from crinoid.cli.finding import write_page
-from crinoid.cli.folder import claimed
 from crinoid.cli.interruption import Interrupted, Interruption
 from crinoid.foundation.atomic_file import atomic_write, remove_unfinished
 from crinoid.results.result import Result, attributes
@@ -650,13 +648,3 @@ def test_a_result_keeps_the_pair_of_runs_together(here):
     with pytest.raises((TypeError, ValueError, OSError), match=r"object|dtype"):
         pair.save(here / "out")
     assert contents(here / "out") == before
-
-
-def test_a_claimed_folder_that_is_left_empty_goes(tmp_path):
-    with claimed(tmp_path / "a" / "b"):
-        assert os.listdir(tmp_path / "a" / "b") == [".crinoid.lock"]
-    assert not (tmp_path / "a").exists()
-    (tmp_path / "a").mkdir()
-    with claimed(tmp_path / "a"):
-        pass
-    assert (tmp_path / "a").is_dir()

@@ -50,16 +50,6 @@ def test_titles_are_no_formulas(tmp_path):
             assert write_report(tmp_path)
 
 
-@pytest.mark.parametrize(("given", "level"), [({}, "3"), ({"TF_CPP_MIN_LOG_LEVEL": "0"}, "0")])
-def test_xla_does_not_ask_for_bug_reports_unless_the_user_wants_to_see_it(given, level):
-    code = "import crinoid, os; print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
-    others = {name: value for name, value in os.environ.items() if name != "TF_CPP_MIN_LOG_LEVEL"}
-    ended = subprocess.run(
-        [sys.executable, "-c", code], env=others | given, capture_output=True, text=True
-    )
-    assert ended.stdout.strip() == level
-
-
 def test_names_and_keys_are_completed():
     assert complete_name("station") == ["station-keeping", "station-keeping-3d"]
     assert "arm.length=" in complete_key("arm.")

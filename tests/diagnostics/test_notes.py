@@ -12,7 +12,6 @@ import crinoid
 import crinoid.results.chunks
 from crinoid.assembly.prepared import Prepared
 from crinoid.diagnostics import run_notes
-from crinoid.diagnostics.lock_in import lasting_share
 from crinoid.diagnostics.run_notes import tear_failure
 from crinoid.dynamics import Modes
 from crinoid.results.dimensionless import (
@@ -388,22 +387,6 @@ def test_errors_of_steps_that_add_up_get_a_note(changes, noted):
 
 
 # --- in pieces ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_what_lasts_is_found_across_the_borders_of_pieces(seed):
-    rng = np.random.default_rng(seed)
-    time = np.cumsum(rng.uniform(0.01, 0.1, 200))
-    inside = rng.uniform(size=(200, 4)) < 0.85
-    weight, least = np.array([0.1, 0.2, 0.3, 0.4]), 0.3
-    expected = np.zeros(200)
-    for node in range(4):
-        changes = np.flatnonzero(np.diff(inside[:, node], prepend=False, append=False))
-        for begin, end in changes.reshape(-1, 2):
-            if time[end - 1] - time[begin] >= least:
-                expected[begin:end] += weight[node]
-    assert 0 < np.count_nonzero(expected) < 200
-    np.testing.assert_allclose(lasting_share(inside, time, least, weight), expected, atol=1e-12)
 
 
 def test_a_run_in_pieces_has_the_numbers_and_notes_of_the_whole(monkeypatch):

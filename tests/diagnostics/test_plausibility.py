@@ -350,18 +350,6 @@ def test_rules_judge_series_from_files_as_they_judge_lists(tmp_path):
     (note,) = warnings_about(target=path, simulation={"duration": 50.0})
     assert note.startswith("target.file: got ")
     assert "a target 800.1 m from the base" in note
-    (tmp_path / "heave.csv").write_text("time,heave\n0,0\n1,0\n2,200\n30,200\n")
-    shaken = []
-    for key, motion in {
-        "value": {"kind": "table", "time": [0, 1, 2, 30], "value": [0, 0, 200, 200]},
-        "file": {"kind": "file", "file": str(tmp_path / "heave.csv")},
-    }.items():
-        found = warnings_about(base={"motion": [{"channel": "heave", **motion}]})
-        (note,) = [note for note in found if "acceleration" in note]
-        assert note.startswith(f"base.motion.0.{key}: ")
-        shaken.append(note.split(" (acc")[1])
-    assert shaken[0] == shaken[1]
-    assert "eleration of the base = 200 m/s2" in shaken[0]
 
 
 SCALED = {
