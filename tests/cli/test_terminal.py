@@ -12,7 +12,6 @@ import pytest
 
 import crinoid
 from crinoid.cli.command import complete_key, complete_name
-from crinoid.cli.display import notes_of_cases
 from crinoid.compilation.program import _crowded
 from crinoid.scenario import Scenario
 from crinoid.view.figures import ReportError, write_report
@@ -76,24 +75,6 @@ def test_a_figure_that_cannot_be_written_is_one_line(monkeypatch):
     line = one_line(call("flow", "odd.toml", "--set", flow, "--out", "out"))
     assert line == "crinoid: flow.png: cannot write the figure (Permission denied)"
     assert os.listdir("out") == ["flow.nc"]
-
-
-def test_notes_of_cases_come_once_with_their_cases():
-    notes = {
-        "case-01": ["drag near 60", "touch of 1", "touch of 2"],
-        "case-02": ["drag near 61.5"],
-        "case-03": ["drag near 6e1", "fold"],
-        "case-04": [],
-        "case-05": ["drag near 60", "touch of 1"],
-    }
-    assert notes_of_cases(notes) == [
-        "case-01 to case-03, case-05 (numbers are those of case-01): drag near 60",
-        "case-01, case-05: touch of 1",
-        "case-01: touch of 2",
-        "case-03: fold",
-    ]
-    many = {"case-01": [f"note {word}" for word in "abcdefgh"]}
-    assert notes_of_cases(many)[6:] == ["2 more in the cases' results"]
 
 
 def test_compiled_code_is_freed_when_it_fills_the_memory_maps(monkeypatch):
