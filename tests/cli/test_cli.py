@@ -107,8 +107,7 @@ def test_a_run_that_is_prolonged_stays_in_its_folder(folders):
 @pytest.mark.slow
 def test_run_saves_and_report_draws(here):
     shown = succeeded("run", "small.toml", "--set", "simulation.duration=0.3")
-    for word in ("small", "tip error, RMS", "uncontrolled", "Newton iterations"):
-        assert word in shown
+    assert "tip error, RMS" in shown
     folder = here / "results" / "small,simulation.duration=0.3"
     assert f"crinoid report {folder.relative_to(here)}" in shown
     result = Result.load(folder)

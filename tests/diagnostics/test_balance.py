@@ -61,14 +61,6 @@ def test_what_a_message_says_to_try_helps():
     assert float(result.dataset["step_error"].max()) < 1e-3 * 0.22
 
 
-@pytest.mark.slow
-def test_energy_that_an_integrator_removes_gets_a_note():
-    result = swing(1e-3, "implicit-euler", duration=0.5)
-    (note,) = ledger_notes(result)
-    assert result.status == "ok"
-    assert "implicit Euler damps all motion" in note
-
-
 def test_a_run_that_goes_on_is_judged_as_a_whole():
     begun = swing(0.02, duration=1.0)
     assert begun.status == "ok"

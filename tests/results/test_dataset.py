@@ -11,7 +11,6 @@ import xarray as xr
 
 import crinoid
 from crinoid.base import Servo
-from crinoid.dynamics import Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.results.chunks import join, unwrap_from
 from crinoid.results.dataset import Instants, build_dataset
@@ -116,19 +115,6 @@ def test_values_in_space_are_those_of_the_record(dataset):
 def test_the_angle_of_the_tip_is_that_above_the_level_plane(system, direction, sine):
     angle = dataset_of(system, kept(tip=np.tile([*ORIGIN, *direction], (RECORDS, 1))))["tip_angle"]
     np.testing.assert_allclose(angle, np.arcsin(sine), atol=1e-12)
-
-
-def test_obstacles_in_space_have_three_axes(system):
-    force, length = jnp.ones((2, 3)), jnp.zeros(2)
-    touch = Touch(
-        force=force, in_contact=length > 0, impulse=force, duration=length, closest=length + 0.1
-    )
-    touch = jax.tree.map(lambda values: jnp.stack(RECORDS * [values]), touch)
-    place, gap = np.zeros((RECORDS, 2, 3)), np.full((RECORDS, 2, NODES - 1), 0.1)
-    record = kept(touch=touch, gap=gap, obstacle_position=place, obstacle_velocity=place)
-    dataset = dataset_of(system, record)
-    assert dataset["contact_force"].dims == ("time", "obstacle", "axis")
-    np.testing.assert_allclose(dataset["obstacle_position"].values[0], np.tile(ORIGIN, (2, 1)))
 
 
 def test_the_angle_of_a_planar_tip_turns_on_across_a_cut():
