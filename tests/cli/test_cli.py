@@ -142,6 +142,7 @@ def test_scenarios_are_listed_copied_and_described(here):
     listed = call("scenarios")
     for name in ("still-water", "constant-load", "station-keeping"):
         assert name in listed.stdout
+    assert '"Length at rest. Unit: m."' in succeeded("scenarios", "--schema")
     succeeded("scenarios", "--copy", "station-keeping")
     assert "[control.pid.tilt]" in (here / "station-keeping.toml").read_text()
     assert "already there" in refused("scenarios", "--copy", "station-keeping")

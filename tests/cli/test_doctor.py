@@ -17,7 +17,7 @@ def test_a_sound_installation_names_its_versions_and_solves_the_known_case():
 
 def test_what_is_wrong_is_said_with_its_remedy(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    lacks = {"viser", "optax"}
+    lacks = {"viser"}
     installed = version.version_of
     monkeypatch.setattr(doctor, "version_of", lambda name: "" if name in lacks else installed(name))
     full = shutil.disk_usage(tmp_path)._replace(free=3_000_000)
@@ -29,5 +29,4 @@ def test_what_is_wrong_is_said_with_its_remedy(monkeypatch, tmp_path):
         "crinoid: this installation computes another motion: tip at [0.4"
     )
     assert 'pip install "crinoid[live]"' in ended.stdout
-    assert 'pip install "crinoid[learn]"' in ended.stdout
     assert "note: only 3 MB are free where results are written" in ended.stdout

@@ -1,6 +1,5 @@
 """The output of the command line, and how little it loads; no test here runs a simulation."""
 
-import json
 import os
 import re
 import subprocess
@@ -57,13 +56,6 @@ def test_names_and_keys_are_completed():
     assert complete_key("nothing") == []
 
 
-def test_units_are_in_the_descriptions_that_editors_show():
-    schema = json.loads(call("scenarios", "--schema").stdout)
-    arm = schema["$defs"]["Arm"]["properties"]
-    assert arm["length"]["description"] == "Length at rest. Unit: m."
-    assert arm["nodes"]["description"].endswith("along the arm.")
-
-
 def test_a_figure_that_cannot_be_written_is_one_line(monkeypatch):
     def refused(*_: object) -> None:
         raise ReportError("flow.png: cannot write the figure (Permission denied)")
@@ -108,12 +100,9 @@ def test_commands_that_compute_nothing_load_no_numerics():
 
 
 def test_the_package_loads_lazily_and_computes_in_64_bits():
-    assert {"Result", "Scenario", "load", "simulate", "equilibrium"} <= set(dir(crinoid))
     code = (
         "import sys, crinoid\n"
         "assert crinoid.load('still-water').title and 'jax' not in sys.modules\n"
-        "from crinoid.cli.app import app\n"
-        "assert 'jax' not in sys.modules and 'numpy' not in sys.modules\n"
         "import jax.numpy as jnp\n"
         "assert jnp.zeros(1).dtype == 'float64'\n"
     )

@@ -67,9 +67,8 @@ def test_the_checks_run_on_the_versions_of_python_that_are_promised():
     assert f"for version in {' '.join(promised)};" in (ROOT / ".ci/release").read_text("utf-8")
 
 
-@pytest.mark.parametrize("script", ["run", "release"])
-def test_a_script_of_the_checks_is_sound_shell(script):
-    subprocess.run(["bash", "-n", ROOT / ".ci" / script], check=True)
+def test_the_script_of_a_release_is_sound_shell():
+    subprocess.run(["bash", "-n", ROOT / ".ci" / "release"], check=True)
 
 
 def test_the_packages_have_all_files_and_no_others(tmp_path):

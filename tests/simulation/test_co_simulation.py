@@ -74,7 +74,6 @@ def test_parameters_are_real_numbers_by_key(scenario):
     names = {each.name: each for each in arm.parameters}
     assert names["arm.youngs_modulus"].unit == "Pa"
     assert names["flow.1.mean.0"].start == pytest.approx(0.06)
-    assert names["base.tilt_deg"].unit == "degrees"
     assert all(names[each].meaning for each in ("seed", "water.density", "flow.0.amplitude.0"))
     unused = {"control.pid.slide.kp", "simulation.time_step", "arm.nodes", "arm.dimension"}
     assert not unused & set(names)
