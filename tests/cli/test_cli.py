@@ -4,11 +4,9 @@ from pathlib import Path
 import pytest
 
 from crinoid.cli.command import folder_for
-from crinoid.cli.display import say_when
 from crinoid.results.result import Result
 from crinoid.scenario import Scenario
 from helpers.command import call, one_line, refused, succeeded
-from helpers.made_results import case_rows
 
 SMALL = Scenario(
     title="small",
@@ -32,31 +30,25 @@ def noted(output: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("text", "named"),
+    ("arguments", "answer"),
     [
-        ("[arm]\nlenght = 1.0", "arm.lenght"),
-        ('[[flow]]\nkind = "magic"', "flow.0.kind"),
-        ("[arm\nlength = 1.0", "line 1"),
+        (("run", "nowhere.toml"), "nowhere.toml"),
+        (("run", "broken.toml"), "line 1"),
+        (("equilibrium", "small.toml", "--set", "arm.lenght=1"), "arm.lenght"),
+        (("run", "small.toml", "--set", "arm.radius=-1"), "arm.radius"),
+        (("run", "small.toml", "--set", 'flow=[{file="C:\\x"}]'), r"Write \\ or / for a backslash"),
+        (("run", "small.toml", "--set", "flow.0.velocity=[0.1"), "Close each quote and bracket."),
+        (("run", "small.toml", "--out", "small.toml"), "small.toml"),
+        (("run", "small.toml", "--out", ""), "--out: got an empty name; must be a folder"),
+        (("report", "nowhere"), "nowhere"),
     ],
 )
-def test_a_mistake_gets_one_line_exit_2_and_nothing_written(here, text, named):
-    (here / "bad.toml").write_text(text)
-    before = sorted(here.rglob("*"))
-    for command in ("run", "equilibrium"):
-        ended = call(command, "bad.toml")
-        assert named in one_line(ended)
-        assert ended.stdout == ""
-    assert sorted(here.rglob("*")) == before
-
-
-def test_a_missing_file_and_a_bad_setting_are_mistakes_too(here):
-    assert "nowhere.toml" in refused("run", "nowhere.toml")
-    assert "arm.radius" in refused("run", "small.toml", "--set", "arm.radius=-1")
-    assert "small.toml" in refused("run", "small.toml", "--out", "small.toml")
-    line = refused("run", "small.toml", "--out", "")
-    assert line == "crinoid: --out: got an empty name; must be a folder"
-    assert "nowhere" in refused("report", "nowhere")
-    assert [path.name for path in here.iterdir()] == ["small.toml"]
+def test_a_mistake_gets_one_line_exit_2_and_nothing_written(here, arguments, answer):
+    (here / "broken.toml").write_text("[arm\nlength = 1.0")
+    ended = call(*arguments)
+    assert answer in one_line(ended)
+    assert ended.stdout == ""
+    assert sorted(path.name for path in here.iterdir()) == ["broken.toml", "small.toml"]
 
 
 NAMES = {
@@ -112,28 +104,10 @@ def test_a_run_that_is_prolonged_stays_in_its_folder(folders):
     assert folders == ["results/small,seed=1", own, own]
 
 
-def test_every_command_that_changes_keys_names_its_folder_after_them(here):
-    for command in ("equilibrium", "flow", "modes", "margins", "live", "tune", "compare", "sweep"):
-        at = Path("results", f"small-{command},seed=3")
-        at.parent.mkdir(exist_ok=True)
-        at.touch()
-        words = f"--out: {at} is a file"
-        assert words in refused(command, "small.toml", "--set", "seed=3")
-
-
-def test_a_value_with_a_lost_quote_or_a_backslash_is_refused_with_the_remedy(here):
-    line = refused("run", "small.toml", "--set", 'flow=[{kind="measured", file="C:\\x.csv"}]')
-    assert "flow: got" in line
-    assert "must be valid TOML. Write \\\\ or / for a backslash" in line
-    line = refused("run", "small.toml", "--set", "flow.0.velocity=[0.1, 0.2")
-    assert "must be valid TOML. Close each quote and bracket." in line
-
-
 @pytest.mark.slow
 def test_run_saves_and_report_draws(here):
     shown = succeeded("run", "small.toml", "--set", "simulation.duration=0.3")
-    for word in ("small", "tip error, RMS", "uncontrolled", "Newton iterations"):
-        assert word in shown
+    assert "tip error, RMS" in shown
     folder = here / "results" / "small,simulation.duration=0.3"
     assert f"crinoid report {folder.relative_to(here)}" in shown
     result = Result.load(folder)
@@ -153,41 +127,22 @@ def test_notes_come_under_the_table_and_once_for_all_cases(here):
     assert other.startswith("note: without control: most of the drag acts")
     (folder,) = (here / "results").iterdir()
     assert Result.load(folder).notes == [one.removeprefix("note: ")]
-    studied = ("--set", "vary.seed=[1, 2]", "--set", "control.compare=false", "--out", "cases")
-    above = ("--set", "base.position=[0.0, 10.0]")
-    shown = succeeded("run", "small.toml", *thin, *studied, *above)
-    one, when, other = noted(shown)
-    assert when.startswith("note: errors count from")
     # oddities of a scenario come before it is run, and only then
-    assert shown.splitlines()[0] == one
+    studied = ("--set", "vary.seed=[1, 2]", "--set", "control.compare=false", "--out", "cases")
+    odd = ("--set", "base.position=[0.0, 10.0]")
+    one, when, other = noted(succeeded("run", "small.toml", *thin, *studied, *odd))
     assert one.startswith("note: case-01, case-02: base.position.1: got 10 m, above the")
+    assert when.startswith("note: errors count from")
     assert other.startswith("note: case-01, case-02: most of the drag")
     first, *_ = Result.load(here / "cases" / "case-02").notes
     assert first.startswith("base.position.1: got 10 m")
-    odd = ("--set", "flow.0.velocity=[6.0, 0.0]", "--set", "control.start=9")
-    odd += ("--set", "flow.0.ramp_time=0.0")
-    for command in ("equilibrium", "flow"):
-        first, *others = noted(succeeded(command, "small.toml", *odd, "--out", command))
-        assert first.startswith("note: flow.0.velocity: got [6.0, 0.0] m/s; usual is up to 5")
-        assert not any("control.start" in line or line == first for line in others)
-
-
-@pytest.mark.slow
-def test_cases_become_a_table_and_a_folder_each(here):
-    vary = ("--set", "vary.'flow.0.velocity'=[[0.1, 0.1], [0.3, 0.2]]")
-    succeeded("run", "small.toml", *vary, "--out", "cases")
-    rows = case_rows(here / "cases")
-    assert [row["case"] for row in rows] == ["case-01", "case-02"]
-    assert float(rows[1]["rms_error_uncontrolled"]) > float(rows[0]["rms_error_uncontrolled"])
-    for row in rows:
-        assert (here / "cases" / row["directory"] / "result.nc").exists()
-    assert "vary" in refused("equilibrium", "small.toml", *vary)
 
 
 def test_scenarios_are_listed_copied_and_described(here):
     listed = call("scenarios")
     for name in ("still-water", "constant-load", "station-keeping"):
         assert name in listed.stdout
+    assert '"Length at rest. Unit: m."' in succeeded("scenarios", "--schema")
     succeeded("scenarios", "--copy", "station-keeping")
     assert "[control.pid.tilt]" in (here / "station-keeping.toml").read_text()
     assert "already there" in refused("scenarios", "--copy", "station-keeping")
@@ -199,10 +154,3 @@ def test_scenarios_that_studies_found_do_not_share_a_folder():
     folders = [folder_for(None, name).name for name in names]
     assert folders == ["taper-optimise-optimised", "gains-optimise-optimised"]
     assert folder_for(None, "mine/arm.toml").name == "arm"
-
-
-def test_a_study_says_from_when_errors_count(capsys):
-    say_when(Scenario(flow=[{"kind": "uniform", "velocity": [0.1, 0.0], "ramp_time": 2.0}]))
-    assert capsys.readouterr().out == "note: errors count from 2 s (target.judged_from)\n"
-    say_when(Scenario())
-    assert capsys.readouterr().out == ""

@@ -2,30 +2,22 @@
 
 import shutil
 
-import pytest
-
 import crinoid
 from crinoid.cli import doctor
 from crinoid.foundation import version
 from helpers.command import call, succeeded
 
 
-def test_the_versions_that_matter_are_printed():
-    own, others = succeeded("--version").splitlines()
+def test_a_sound_installation_names_its_versions_and_solves_the_known_case():
+    own, _ = succeeded("--version").splitlines()
     assert own == f"crinoid {crinoid.__version__}"
-    for name in ("Python 3.", "jax ", "jaxlib ", "numpy ", "equinox "):
-        assert name in others
-
-
-def test_a_sound_installation_solves_the_known_case():
-    text = succeeded("doctor")
-    for words in ("Optional parts", "compiled programs", "GB free", "m from its known place"):
-        assert words in text
+    assert all(version.versions().values())
+    assert "m from its known place" in succeeded("doctor")
 
 
 def test_what_is_wrong_is_said_with_its_remedy(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    lacks = {"viser", "optax"}
+    lacks = {"viser"}
     installed = version.version_of
     monkeypatch.setattr(doctor, "version_of", lambda name: "" if name in lacks else installed(name))
     full = shutil.disk_usage(tmp_path)._replace(free=3_000_000)
@@ -37,15 +29,4 @@ def test_what_is_wrong_is_said_with_its_remedy(monkeypatch, tmp_path):
         "crinoid: this installation computes another motion: tip at [0.4"
     )
     assert 'pip install "crinoid[live]"' in ended.stdout
-    assert 'pip install "crinoid[learn]"' in ended.stdout
     assert "note: only 3 MB are free where results are written" in ended.stdout
-
-
-def test_a_package_that_is_not_there_has_no_version():
-    assert version.version_of("no-such-package-of-anybody") == ""
-    assert version.version_of("numpy").count(".") >= 1
-
-
-@pytest.mark.parametrize("name", version.versions())
-def test_each_version_that_matters_is_known(name):
-    assert version.versions()[name]

@@ -1,7 +1,5 @@
 """The output of the command line, and how little it loads; no test here runs a simulation."""
 
-import io
-import json
 import os
 import re
 import subprocess
@@ -12,8 +10,7 @@ from pathlib import Path
 import pytest
 
 import crinoid
-from crinoid.cli.command import Terminal, complete_key, complete_name
-from crinoid.cli.display import notes_of_cases, progress_bar, say_absent, seed_notes
+from crinoid.cli.command import complete_key, complete_name
 from crinoid.compilation.program import _crowded
 from crinoid.scenario import Scenario
 from crinoid.view.figures import ReportError, write_report
@@ -51,55 +48,12 @@ def test_titles_are_no_formulas(tmp_path):
             assert write_report(tmp_path)
 
 
-def test_scenarios_are_in_two_columns_and_help_names_folders():
-    lines = call("scenarios").stdout.splitlines()
-    starts = [re.match(r"[\w-]+ +", line) for line in lines]
-    assert all(starts)
-    assert len({start.end() for start in starts if start}) == 1
-    for command, folder in {"run": "", "equilibrium": "-equilibrium", "flow": "-flow"}.items():
-        assert f"results/SCENARIO{folder})" in call(command, "--help").stdout
-
-
-@pytest.mark.parametrize(("given", "level"), [({}, "3"), ({"TF_CPP_MIN_LOG_LEVEL": "0"}, "0")])
-def test_xla_does_not_ask_for_bug_reports_unless_the_user_wants_to_see_it(given, level):
-    code = "import crinoid, os; print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
-    others = {name: value for name, value in os.environ.items() if name != "TF_CPP_MIN_LOG_LEVEL"}
-    ended = subprocess.run(
-        [sys.executable, "-c", code], env=others | given, capture_output=True, text=True
-    )
-    assert ended.stdout.strip() == level
-
-
-def test_a_bar_without_an_end_says_how_long_it_lasts():
-    with progress_bar() as bar:
-        (task,) = bar.tasks
-        bar.update(task.id, description="compiling")
-        task.start_time -= 12.0
-        shown = console_text(bar)
-        assert re.search("compiling .* 1[23] s so far", shown)
-        bar.reset(task.id, total=10.0)
-        assert "so far" not in console_text(bar)
-
-
-def console_text(bar):
-    out = Terminal(width=100, file=io.StringIO())
-    out.print(bar.get_renderable())
-    return out.file.getvalue()
-
-
 def test_names_and_keys_are_completed():
     assert complete_name("station") == ["station-keeping", "station-keeping-3d"]
     assert "arm.length=" in complete_key("arm.")
     assert "flow.0.velocity=" in complete_key("flow.0.vel")
     assert "arm.section=" not in complete_key("arm.sec")  # a table, which takes no value
     assert complete_key("nothing") == []
-
-
-def test_units_are_in_the_descriptions_that_editors_show():
-    schema = json.loads(call("scenarios", "--schema").stdout)
-    arm = schema["$defs"]["Arm"]["properties"]
-    assert arm["length"]["description"] == "Length at rest. Unit: m."
-    assert arm["nodes"]["description"].endswith("along the arm.")
 
 
 def test_a_figure_that_cannot_be_written_is_one_line(monkeypatch):
@@ -113,24 +67,6 @@ def test_a_figure_that_cannot_be_written_is_one_line(monkeypatch):
     line = one_line(call("flow", "odd.toml", "--set", flow, "--out", "out"))
     assert line == "crinoid: flow.png: cannot write the figure (Permission denied)"
     assert os.listdir("out") == ["flow.nc"]
-
-
-def test_notes_of_cases_come_once_with_their_cases():
-    notes = {
-        "case-01": ["drag near 60", "touch of 1", "touch of 2"],
-        "case-02": ["drag near 61.5"],
-        "case-03": ["drag near 6e1", "fold"],
-        "case-04": [],
-        "case-05": ["drag near 60", "touch of 1"],
-    }
-    assert notes_of_cases(notes) == [
-        "case-01 to case-03, case-05 (numbers are those of case-01): drag near 60",
-        "case-01, case-05: touch of 1",
-        "case-01: touch of 2",
-        "case-03: fold",
-    ]
-    many = {"case-01": [f"note {word}" for word in "abcdefgh"]}
-    assert notes_of_cases(many)[6:] == ["2 more in the cases' results"]
 
 
 def test_compiled_code_is_freed_when_it_fills_the_memory_maps(monkeypatch):
@@ -164,12 +100,9 @@ def test_commands_that_compute_nothing_load_no_numerics():
 
 
 def test_the_package_loads_lazily_and_computes_in_64_bits():
-    assert {"Result", "Scenario", "load", "simulate", "equilibrium"} <= set(dir(crinoid))
     code = (
         "import sys, crinoid\n"
         "assert crinoid.load('still-water').title and 'jax' not in sys.modules\n"
-        "from crinoid.cli.app import app\n"
-        "assert 'jax' not in sys.modules and 'numpy' not in sys.modules\n"
         "import jax.numpy as jnp\n"
         "assert jnp.zeros(1).dtype == 'float64'\n"
     )
@@ -177,19 +110,3 @@ def test_the_package_loads_lazily_and_computes_in_64_bits():
     subprocess.run([sys.executable, "-c", code], check=True, env=plain, timeout=60)
     with pytest.raises(AttributeError, match="nothing"):
         _ = crinoid.nothing
-
-
-def test_water_that_is_absent_or_random_at_the_start_is_named(capsys):
-    waves = {"kind": "waves", "significant_height": 0.3, "peak_period": 4.0}
-    gusts = {"kind": "gauss-markov", "mean": [0.1, 0.0], "standard_deviation": 0.1}
-    flow = [waves | {"ramp_time": 2.0}, gusts | {"correlation_time": 1.0}]
-    say_absent(Scenario(flow=flow, water={"depth": 20.0}))
-    assert capsys.readouterr().out.splitlines() == [
-        "note: flow.0 is 0 at t = 0, and has no effect here. Try --set flow.0.ramp_time=0",
-        "note: flow.1 (gauss-markov) is at a random instant. It depends on seed",
-    ]
-
-
-@pytest.mark.parametrize(("seeds", "noted"), [(1, False), (2, True), (4, True), (5, False)])
-def test_intervals_of_few_seeds_are_noted(seeds, noted):
-    assert bool(seed_notes(seeds)) == noted

@@ -1,7 +1,6 @@
 """Compiled programs between processes: the same results, and nothing run that cannot be trusted."""
 
 import os
-import re
 import stat
 import subprocess
 import sys
@@ -165,7 +164,7 @@ def test_a_call_compiles_what_cannot_be_compiled_ahead(store, monkeypatch, capfd
     assert capfd.readouterr().err == ""
 
 
-def test_without_a_store_nothing_is_compiled_ahead_and_in_threads_once(store, monkeypatch):
+def test_without_a_store_nothing_is_compiled_ahead(store):
     token = STORE.set(None)
     run = compiled()(pulled)
     assert not run.will_compile(spring(), BY, 1)
@@ -180,28 +179,6 @@ def test_without_a_store_nothing_is_compiled_ahead_and_in_threads_once(store, mo
     assert [each.result() for each in asked] == [None] * 4
     run(spring(), BY, 1)
     assert traces == [1]
-    # nor do threads that call one program compile it more than once
-    made, compiles = [], run._compile
-
-    def slowly(*arguments):
-        made.append(arguments)
-        time.sleep(0.1)
-        return compiles(*arguments)
-
-    monkeypatch.setattr(run, "_compile", slowly)
-    with ThreadPoolExecutor(4) as pool:
-        found = [pool.submit(copy_context().run, run, spring(), BY, 2) for _ in range(4)]
-    assert [each.result()[1] for each in found] == [2] * 4
-    assert len(made) == 1
-
-
-def test_one_object_and_equal_objects_make_the_same_program(store):
-    run = in_a_new_process()
-    one, other = {"a": "".join(["lon", "g"])}, {"a": "".join(["lon", "g"])}
-    assert one["a"] is not other["a"]
-    run(spring(), BY, (one, one))
-    run(spring(), BY, (one, other))
-    assert len(traces) == 1
 
 
 def test_a_changed_source_is_another_program(store, monkeypatch, tmp_path):
@@ -239,30 +216,6 @@ def test_programs_of_a_user_on_a_device_or_traced_are_not_kept(store, monkeypatc
     monkeypatch.setattr(Spring, "__module__", "an_element_of_a_user")
     in_a_new_process()(spring(), BY, 1)
     assert not programs_in(store)
-
-
-def test_processes_compile_a_program_of_a_user_one_after_the_other(store):
-    """So that the second one finds it in JAX's cache."""
-    spans = []
-
-    def in_a_process():
-        def slow(by):
-            started = time.perf_counter()
-            time.sleep(0.2)
-            spans.append((started, time.perf_counter()))
-            return 2 * by
-
-        return in_a_new_process(slow)
-
-    programs = [in_a_process() for _ in range(2)]
-    with ThreadPoolExecutor(2) as pool:
-        calls = [pool.submit(copy_context().run, program, BY) for program in programs]
-        for call in calls:
-            np.testing.assert_array_equal(call.result(), 2 * BY)
-    (_, first_ends), (second_starts, _) = sorted(spans)
-    assert first_ends <= second_starts
-    np.testing.assert_array_equal(programs[0](BY), 2 * BY)
-    assert len(spans) == 2
 
 
 @pytest.mark.parametrize(
@@ -354,19 +307,6 @@ def test_processes_at_once_compile_a_program_once_and_agree(tmp_path):
     assert lengths[0] == lengths[1] != ""
     assert sorted(counts) == ["0", "1"]
     assert len(programs_in(Store(tmp_path / "crinoid" / "programs"))) == 1
-
-
-def test_a_long_compilation_says_how_long_the_last_one_took(store, monkeypatch, caplog):
-    monkeypatch.setattr("crinoid.compilation.program._LONG", 0.0)
-    in_a_new_process()(spring(), BY, 1)
-    in_a_new_process()(spring(), BY, 2)
-    first, second = caplog.messages
-    assert "compiling" in first
-    assert "the last time" not in first
-    assert re.search(r"; \d+ s the last time$", second)
-    (store.folder / "times.json").write_text("no numbers")
-    in_a_new_process()(spring(), BY, 3)
-    assert caplog.messages[-1] == first
 
 
 def test_programs_are_kept_where_the_user_wants_it(tmp_path, monkeypatch):

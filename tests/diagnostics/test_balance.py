@@ -3,17 +3,12 @@
 import re
 from functools import cache
 
-import equinox as eqx
-import jax.numpy as jnp
 import pytest
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.diagnostics.energy_balance import find_defect
-from crinoid.dynamics import Outcome
 from crinoid.results.result import Result
 from crinoid.simulation import play
-from crinoid.simulation.conclusion import step_failure
 
 PENDULUM = {
     "arm.nodes": 3,
@@ -35,26 +30,13 @@ def swing(time_step: float, integrator: str = "newmark", duration: float = 10.0)
     return play(Prepared(crinoid.Scenario().with_values(PENDULUM | own)))
 
 
-def ledger_notes(result: Result) -> list[str]:
-    return [note for note in result.notes if "energy balance" in note]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("time_step", "integrator", "said"),
     [
-        (
-            0.1,
-            "newmark",
-            "the arm gained .* no force accounts.*; try simulation.time_step = 0.02, or",
-        ),
+        (0.1, "newmark", "the arm gained .* no force accounts.*; try simulation.time_step = 0.02"),
         (0.02, "newmark", "the arm gained .* too fast for time steps of 0.02 s.* = 0.004, or"),
         (0.1, "generalized-alpha", "the arm gained .*; try simulation.time_step = 0.02$"),
-        (
-            0.1,
-            "implicit-euler",
-            "the arm lost .*accounts for.*implicit Euler damps all motion",
-        ),
         (0.002, "implicit-euler", 'the arm lost .*implicit Euler damps .*integrator = "newmark"'),
     ],
 )
@@ -71,16 +53,8 @@ def test_a_run_whose_energy_comes_from_nowhere_has_failed(time_step, integrator,
 def test_what_a_message_says_to_try_helps():
     result = swing(0.004)
     assert result.status == "ok"
-    assert not ledger_notes(result)
+    assert not any("energy balance" in note for note in result.notes)
     assert float(result.dataset["step_error"].max()) < 1e-3 * 0.22
-
-
-@pytest.mark.slow
-def test_energy_that_an_integrator_removes_gets_a_note():
-    result = swing(1e-3, "implicit-euler", duration=0.5)
-    (note,) = ledger_notes(result)
-    assert result.status == "ok"
-    assert "implicit Euler damps all motion" in note
 
 
 def test_a_run_that_goes_on_is_judged_as_a_whole():
@@ -90,23 +64,3 @@ def test_a_run_that_goes_on_is_judged_as_a_whole():
     resumed = play(Prepared(whole.scenario), resume=begun)
     assert resumed.status == whole.status
     assert resumed.notes == whole.notes
-
-
-def test_a_step_that_fails_after_a_gain_of_energy_is_not_blamed_on_the_nodes():
-    result = swing(0.02)
-    scenario, system = result.scenario, crinoid.system(result.scenario)
-    state = system.rest()
-    folded = eqx.tree_at(lambda o: o.folded, Outcome.of_nothing(converged=False), jnp.asarray(True))
-    defect = find_defect(result.dataset, scenario, 0.0, 0.0)
-    said = step_failure(scenario, system, state, folded, result.dataset, defect)
-    assert "the arm gained" in said
-    assert "until the arm folds onto itself" in said
-    assert said.endswith(
-        'try simulation.time_step = 0.004, or simulation.integrator = "generalized-alpha"'
-    )
-    assert "arm.nodes" not in said
-    # of a run that had kept its books the fold is all that there is to tell
-    good = swing(0.004)
-    calm = step_failure(good.scenario, system, state, folded, good.dataset, None)
-    assert "folds onto itself" in calm
-    assert "more arm.nodes" in calm

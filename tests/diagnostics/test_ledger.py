@@ -67,8 +67,7 @@ def test_a_defect_has_a_size_and_a_time_when_it_began():
     # 2 % of the works until then
     assert found.since == pytest.approx(5.7, abs=0.15)
     assert "the arm lost 0.1 J that no force accounts for, 10%" in found.note
-    assert found.note.endswith("Try simulation.time_step = 0.002.")  # a fifth: 0.1 / 25 is 0.4 %
-    assert "from t = 5.6 s on" in found.note
+    assert "simulation.time_step = 0.002" in found.note  # a fifth: 0.1 / 25 is 0.4 %
 
 
 def test_a_defect_of_more_than_half_is_a_failure_at_that_time():
@@ -99,13 +98,6 @@ def test_what_the_solver_lets_pass_is_no_defect():
     assert judged(books(1e-16 * TIME, scale=1e-18)) is None
 
 
-def test_a_loose_tolerance_is_the_cause_of_what_it_lets_pass():
-    loose = books(ramp(0.1), residual=10.0)
-    found = judged(loose, tolerance=1e-3)
-    assert "steps balance the forces to simulation.tolerance = 0.001 only" in found.note
-    assert "Try simulation.tolerance = 1e-05." in found.note
-
-
 RINGING = 3.0 / 0.01
 """Angular frequency of a vibration that turns by 3 rad in a time step (rad/s)."""
 
@@ -113,6 +105,7 @@ RINGING = 3.0 / 0.01
 @pytest.mark.parametrize(
     ("options", "rate", "size", "said"),
     [
+        ({"tolerance": 1e-3}, 2.0, 0.1, "= 0.001 only. Try simulation.tolerance = 1e-05"),
         ({}, 2.0, 0.1, "steps of 0.01 s are too long for this motion. Try simulation.time_step ="),
         ({}, RINGING, 0.1, "near 0.021 s are too fast .* or simulation.integrator = .generalized-"),
         ({"integrator": "generalized-alpha"}, RINGING, 0.1, "too fast for .* = [0-9.]+$"),
@@ -123,7 +116,8 @@ RINGING = 3.0 / 0.01
     ],
 )
 def test_the_cause_is_sought_in_the_integrator_and_in_vibrations(options, rate, size, said):
-    found = judged(books(ramp(size), rate=rate), **options)
+    residual = 10.0 if "tolerance" in options else 0.0
+    found = judged(books(ramp(size), rate=rate, residual=residual), **options)
     assert re.search(said, found.note)
 
 

@@ -44,6 +44,7 @@ EULER = "simulation.integrator=implicit-euler"
 
 # By the keys that a rule looks at: a setting, or several, with a blank, what is odd in the blank,
 # and what is plausible. Where a rule needs another scenario than that one, its name.
+# fmt: off
 CASES = {
     "arm.length": ("arm.length=?", ["500", "5e-3"], ["2.0"]),
     "arm.density": ("arm.density=?", ["1.08", "1.08e6"], ["7850"]),
@@ -51,30 +52,14 @@ CASES = {
     "arm.damping_time": ("arm.damping_time=?", ["50"], ["0.5"]),
     "arm.radius": ("arm.radius=?", ["15", "1e-5", "[0.005, 0.02]"], ["[0.02, 0.005]"]),
     "arm.nodes": ("arm.nodes=?", ["3", "201"], ["81"]),
-    "arm.rest_curvature": (
-        "arm.rest_curvature=?",
-        ["25.0", "180.0; arm.radius=1e-3; arm.nodes=101", "12.0; arm.nodes=11"],
-        ["6.0"],
-    ),
-    "arm.section.*": (
-        "arm.section={?}",
-        [
-            "EI=1.6e5",
-            "EI=1e-8",
-            "EA=100.0",
-            "EA=1e9",
-            "diameter=30",
-            "displaced_area=7.0",
-            "mass_per_length=760",
-        ],
-        ["EI=0.1, mass_per_length=0.9, diameter=0.04, displaced_area=9e-4"],
-    ),
+    "arm.rest_curvature": ("arm.rest_curvature=?", ["25.0", "180.0; arm.radius=1e-3; arm.nodes=101",
+        "12.0; arm.nodes=11"], ["6.0"]),
+    "arm.section.*": ("arm.section={?}", ["EI=1.6e5", "EI=1e-8", "EA=100.0", "EA=1e9",
+        "diameter=30", "displaced_area=7.0", "mass_per_length=760"],
+        ["EI=0.1, mass_per_length=0.9, diameter=0.04, displaced_area=9e-4"]),
     "arm.section.GJ": ("arm.section.GJ=?", ["10.0"], ["0.1"], "station-keeping-3d"),
-    "arm.youngs_modulus, arm.section.EI": (
-        "arm.youngs_modulus=?",
-        ["4000; arm.density=1500", "1e5; arm.density=1500; base.tilt_deg=90"],
-        ["4e6; base.tilt_deg=90"],
-    ),
+    "arm.youngs_modulus, arm.section.EI": ("arm.youngs_modulus=?", ["4000; arm.density=1500",
+        "1e5; arm.density=1500; base.tilt_deg=90"], ["4e6; base.tilt_deg=90"]),
     "water.density": ("water.density=?", ["1.025", "1025e3"], ["1.2"]),
     "water.kinematic_viscosity": ("water.kinematic_viscosity=?", ["1.2"], ["1e-4"]),
     "water.drag_normal": ("water.drag_normal=?", ["11"], ["2.0"]),
@@ -84,185 +69,100 @@ CASES = {
     "water.linear_drag": ("water.linear_drag=?", ["1000"], ["5"]),
     "water.gravity": ("water.gravity=?", ["981", "1"], ["1.62"]),
     "water.depth": ("water.depth=?", ["2e4"], ["20.0"]),
-    "base.position": (
-        "base.position=?",
-        ["[0.0, 10.0]", "[0.0, -0.2]; base.tilt_deg=90", "[0.0, -9.9]; water.depth=10.0"],
-        ["[0.0, -9.9]; water.depth=20.0"],
-    ),
+    "base.position": ("base.position=?", ["[0.0, 10.0]", "[0.0, -0.2]; base.tilt_deg=90",
+        "[0.0, -9.9]; water.depth=10.0"], ["[0.0, -9.9]; water.depth=20.0"]),
     "base.channels.*.max_speed": (SLIDE + "max_speed=?", ["500"], ["1.0"]),
     "base.channels.*.max_acceleration": (SLIDE + "max_acceleration=?", ["3000"], ["9.0"]),
     "base.channels.*.max_speed_deg": (TILT + "max_speed_deg=?", ["3.14"], ["30"]),
     "base.channels.*.max_acceleration_deg": (TILT + "max_acceleration_deg=?", ["12.6"], ["720"]),
     "base.channels.*.bandwidth_hz": (TILT + "bandwidth_hz=?", ["1e4"], ["1.0"]),
     "base.channels.*.range_deg": (TILT + "range_deg=?", ["[-3600, 3600]"], ["[-360, 360]"]),
-    "base.channels.*.range, base.channels.*.range_deg": (
-        "base.channels.?",
+    "base.channels.*.range, base.channels.*.range_deg": ("base.channels.?",
         ["slide.range=[-300, 300]", "slide.range=[-3e-5, 3e-5]", "tilt.range_deg=[-0.9, 0.9]"],
-        ["slide.range=[-1.0, 1.0]"],
-    ),
-    "base.motion.*": (
-        "base.motion=[{kind=?}]",
-        [
-            "'sine', channel='heave', amplitude=0.3, frequency_hz=5.0",
-            "'sine', channel='heave', amplitude=30.0, frequency_hz=0.1",
-            "'velocity', channel='slide', velocity=50.0",
-            "'table', channel='slide', time=[0, 0.02, 0.04, 40], value=[0, 0, 0.1, 0.1]",
-        ],
-        ["'sine', channel='heave', amplitude=0.3, frequency_hz=0.2"],
-    ),
-    ", ".join(ANGLES): (
-        "?",
-        [
-            "base.tilt_deg=-0.785",
-            "base.channels.tilt.range_deg=[-1.047, 1.047]",
-            "target.angle_deg=1.571",
-            WAVES.replace("?", "0.5, peak_period=6.0, direction_deg=3.14}]; water.depth=20.0"),
-        ],
-        ["base.tilt_deg=0.5; target.angle_deg=2.0"],
-    ),
+        ["slide.range=[-1.0, 1.0]"]),
+    "base.motion.*": ("base.motion=[{kind=?}]",
+        ["'sine', channel='heave', amplitude=0.3, frequency_hz=5.0",
+        "'sine', channel='heave', amplitude=30.0, frequency_hz=0.1",
+        "'velocity', channel='slide', velocity=50.0",
+        "'table', channel='slide', time=[0, 0.02, 0.04, 40], value=[0, 0, 0.1, 0.1]"],
+        ["'sine', channel='heave', amplitude=0.3, frequency_hz=0.2"]),
+    ", ".join(ANGLES): ("?", ["base.tilt_deg=-0.785",
+        "base.channels.tilt.range_deg=[-1.047, 1.047]", "target.angle_deg=1.571",
+        WAVES.replace("?", "0.5, peak_period=6.0, direction_deg=3.14}]; water.depth=20.0")],
+        ["base.tilt_deg=0.5; target.angle_deg=2.0"]),
     "flow.*.velocity": ("flow=[{kind='uniform', velocity=[?, 0.0]}]", ["30.0"], ["-2.0"]),
     "flow.*.mean": ("flow.0.mean=?", ["[30.0, 0.0]"], ["[0.0, 0.2]"]),
     "flow.*.amplitude": (SINE, ["30.0"], ["0.3"]),
     "flow.*.standard_deviation": (GAUSS, ["10.0, correlation_time=2"], ["0.1, correlation_time=2"]),
-    "target.tip": (
-        "flow.0.ramp_time=?",
-        ["0.0; flow.0.intensity=0.9", "0.0; flow.0.mean=[1.0, 0.0]"],
-        ["0.5", "0.0; flow.0.intensity=0.05", "0.0; target.tip=[0.3, -10.2]"],
-    ),
+    "target.tip": ("flow.0.ramp_time=?", ["0.0; flow.0.intensity=0.9",
+        "0.0; flow.0.mean=[1.0, 0.0]"], ["0.5", "0.0; flow.0.intensity=0.05",
+        "0.0; target.tip=[0.3, -10.2]"]),
     "flow.*.correlation_time": (GAUSS, ["0.1, correlation_time=2e3"], ["0.1, correlation_time=5"]),
     "flow.*.time_scale": ("flow.0.time_scale=?", ["1e3"], ["0.25"], "tidal-channel"),
     "flow.*.velocity_scale": ("flow.0.velocity_scale=?", ["30.0"], ["1.0"], "tidal-channel"),
     "flow.*.length_scale": ("flow.0.length_scale=?", ["5e3", "0.005"], ["20"]),
     "flow.*.length_scale against the arm": ("flow.0.length_scale=?", ["0.05"], ["0.1"]),
-    "flow.*.significant_height": (
-        f"{WAVES}}}]; water.depth=500; base.position=[0, -100]",
-        ["80.0, peak_period=25.0"],
-        ["1.0, peak_period=6.0"],
-    ),
-    "flow.*.significant_height against the water": (
-        WAVES,
-        [
-            "3.0, peak_period=2.0}]; water.depth=20.0",
-            "7.0, peak_period=12.0}]; water.depth=11.0",
-            "4.0, peak_period=8.0}]; water.depth=20.0; base.position=[0.0, -3.0]",
-        ],
-        ["1.0, peak_period=6.0}]; water.depth=20.0"],
-    ),
-    "flow.*.height": (
-        f"{REGULAR}}}]; water.depth=500; base.position=[0, -100]",
-        ["80.0, period=25.0"],
-        ["1.0, period=6.0"],
-    ),
-    "flow.*.height against the water": (
-        REGULAR,
-        [
-            "3.0, period=2.0}]; water.depth=20.0",
-            "7.0, period=12.0}]; water.depth=11.0",
-            "4.0, period=8.0}]; base.position=[0.0, -3.0]",
-        ],
-        ["1.0, period=6.0}]"],
-    ),
+    "flow.*.significant_height": (f"{WAVES}}}]; water.depth=500; base.position=[0, -100]",
+        ["80.0, peak_period=25.0"], ["1.0, peak_period=6.0"]),
+    "flow.*.significant_height against the water": (WAVES,
+        ["3.0, peak_period=2.0}]; water.depth=20.0", "7.0, peak_period=12.0}]; water.depth=11.0",
+        "4.0, peak_period=8.0}]; water.depth=20.0; base.position=[0.0, -3.0]"],
+        ["1.0, peak_period=6.0}]; water.depth=20.0"]),
+    "flow.*.height": (f"{REGULAR}}}]; water.depth=500; base.position=[0, -100]",
+        ["80.0, period=25.0"], ["1.0, period=6.0"]),
+    "flow.*.height against the water": (REGULAR, ["3.0, period=2.0}]; water.depth=20.0",
+        "7.0, period=12.0}]; water.depth=11.0", "4.0, period=8.0}]; base.position=[0.0, -3.0]"],
+        ["1.0, period=6.0}]"]),
     "flow.*.period": (f"{REGULAR}}}]", ["0.5, period=6e3", "0.01, period=0.17"], ["0.5, period=6"]),
-    "flow.*.peak_period": (
-        f"{WAVES}}}]; water.depth=20.0",
-        ["0.5, peak_period=6000.0", "0.01, peak_period=0.17"],
-        ["0.5, peak_period=6.0"],
-    ),
+    "flow.*.peak_period": (f"{WAVES}}}]; water.depth=20.0", ["0.5, peak_period=6000.0",
+        "0.01, peak_period=0.17"], ["0.5, peak_period=6.0"]),
     "flow.*.exponent": (SHEAR, ["exponent=7.0"], ["exponent=0.14"]),
     "flow.*.roughness_length": (SHEAR, ["roughness_length=3.0"], ["roughness_length=0.003"]),
-    "flow.*.start, flow.*.ramp_time, load.*.start, load.*.ramp_time": (
-        "?",
-        [
-            "flow.0.start=30",
-            "flow.0.ramp_time=3000",
-            "load=[{kind='tip', force=[0.1, 0.0], start=30.0}]",
-            "load=[{kind='tip', force=[0.1, 0.0], ramp_time=3e3}]",
-        ],
-        ["flow.0.start=10"],
-    ),
+    "flow.*.start, flow.*.ramp_time, load.*.start, load.*.ramp_time": ("?", ["flow.0.start=30",
+        "flow.0.ramp_time=3000", "load=[{kind='tip', force=[0.1, 0.0], start=30.0}]",
+        "load=[{kind='tip', force=[0.1, 0.0], ramp_time=3e3}]"], ["flow.0.start=10"]),
     "flow": ("flow.0.mean=?", ["[1.5, 0.0]; arm.youngs_modulus=4000"], ["[1.0, 0.0]"]),
-    "load.*.force, load.*.magnitude, load.*.moment": (
-        "load=[{kind=?}]",
-        [
-            "'tip', force=[2000.0, 0.0]",
-            "'tip', force=[0.0, 800.0]",
-            "'distributed', direction='normal', magnitude=2000.0",
-            "'tip', moment=9.0",
-        ],
-        ["'tip', force=[3.0, 0.0]"],
-    ),
+    "load.*.force, load.*.magnitude, load.*.moment": ("load=[{kind=?}]",
+        ["'tip', force=[2000.0, 0.0]", "'tip', force=[0.0, 800.0]",
+        "'distributed', direction='normal', magnitude=2000.0", "'tip', moment=9.0"],
+        ["'tip', force=[3.0, 0.0]"]),
     # EI is 0.159 N m2: Euler at 1.57 N, Beck at 12.8 N, Greenhill at 9.97 N/m
-    "load.*.force, load.*.magnitude against buckling": (
-        "load=[{kind=?",
-        [
-            "'tip', force=[-1.7, 0.0]}]; base.tilt_deg=0",
-            "'tip', force=[-13.0, 0.0], follower=true}]",
-            "'distributed', direction=[-1.0, 0.0], magnitude=11.0}]; base.tilt_deg=0",
-        ],
-        ["'tip', force=[-1.5, 0.0]}]; base.tilt_deg=0"],
-    ),
+    "load.*.force, load.*.magnitude against buckling": ("load=[{kind=?",
+        ["'tip', force=[-1.7, 0.0]}]; base.tilt_deg=0",
+        "'tip', force=[-13.0, 0.0], follower=true}]",
+        "'distributed', direction=[-1.0, 0.0], magnitude=11.0}]; base.tilt_deg=0"],
+        ["'tip', force=[-1.5, 0.0]}]; base.tilt_deg=0"]),
     "obstacle.*.velocity": (SPHERE, [BALL + "velocity=[-30, 0]"], [BALL + "velocity=[-0.3, 0]"]),
     "obstacle.*.friction": ("obstacle.0.friction=?", ["40"], ["0.4"], "coral-touch"),
     "obstacle.*.rolling_friction": (ROLLING, ["0.5"], ["1e-4"]),
-    "obstacle.*.spinning_friction": (
-        "obstacle.0.spinning_friction=?",
-        ["0.5"],
-        ["1e-4"],
-        "wind-around",
-    ),
+    "obstacle.*.spinning_friction": ("obstacle.0.spinning_friction=?", ["0.5"], ["1e-4"],
+        "wind-around"),
     "obstacle.*.radius": (SPHERE.replace("?", "[0.4, -9.5], radius=?"), ["60.0", "1e-4"], ["0.1"]),
     "obstacle.*.mass": (SPHERE, [BALL + "mass=500.0", BALL + "mass=5e-4"], [BALL + "mass=0.5"]),
-    "obstacle.*.position": (
-        "obstacle=[{kind=?}]",
-        [
-            "'sphere', position=[400.0, -9.5], radius=0.1",
-            "'plane', position=[0, -30], normal=[0, 1]",
-            "'cylinder', position=[2, -10], axis=[0, 0, 1], radius=0.1",
-        ],
-        ["'sphere', position=[4.0, -10.2], radius=0.1, velocity=[-0.3, 0.0]"],
-    ),
+    "obstacle.*.position": ("obstacle=[{kind=?}]", ["'sphere', position=[400.0, -9.5], radius=0.1",
+        "'plane', position=[0, -30], normal=[0, 1]",
+        "'cylinder', position=[2, -10], axis=[0, 0, 1], radius=0.1"],
+        ["'sphere', position=[4.0, -10.2], radius=0.1, velocity=[-0.3, 0.0]"]),
     "vehicle.mass": ("vehicle={mass=?}", ["0.05, inertia=0.01"], ["50.0, inertia=3.0"]),
-    "vehicle.bandwidth_hz, vehicle.max_force, vehicle.max_moment": (
-        VEHICLE,
+    "vehicle.bandwidth_hz, vehicle.max_force, vehicle.max_moment": (VEHICLE,
         ["3.0, bandwidth_hz=0.4", "3.0, max_force=9.0", "3.0, max_moment=9.0"],
-        ["3.0, bandwidth_hz=0.4, hold='thrusters'"],
-    ),
+        ["3.0, bandwidth_hz=0.4, hold='thrusters'"]),
     "vehicle.volume": (VEHICLE, ["3.0, volume=50.0", "3.0, volume=1e-3"], ["3.0, volume=0.049"]),
     "vehicle.inertia": (VEHICLE, ["3e5", "3e-3"], ["3.0"]),
-    "chamber.*.offset, tendon.*.offset": (
-        "?}]",
-        [EARLY_CHAMBER + "8.0, area=2e-4", EARLY_TENDON + "8.0, max_tension=1e-3"],
-        [EARLY_CHAMBER + "8e-3, area=2e-4", EARLY_TENDON + "8e-3, max_tension=1.0"],
-    ),
+    "chamber.*.offset, tendon.*.offset": ("?}]", [EARLY_CHAMBER + "8.0, area=2e-4",
+        EARLY_TENDON + "8.0, max_tension=1e-3"], [EARLY_CHAMBER + "8e-3, area=2e-4",
+        EARLY_TENDON + "8e-3, max_tension=1.0"]),
     "chamber.*.max_pressure, chamber.*.max_volume, tendon.*.max_tension, tendon.*.max_shortening": (
-        "?}]",
-        [
-            EARLY_CHAMBER + "8e-3, area=2.0",
-            EARLY_TENDON + "8e-3, max_tension=1e3",
-            WINCH + "0.4",
-            PUMP + "2e-3",
-        ],
-        [
-            EARLY_CHAMBER + "8e-3, area=2e-4",
-            EARLY_TENDON + "8e-3, max_tension=1.0",
-            WINCH + "0.02",
-            PUMP + "2e-6",
-        ],
-    ),
-    "chamber.*.schedule.time, tendon.*.schedule.time": (
-        "?}]",
-        [
-            CHAMBER.replace("?", "1e6") + "8e-3, area=2e-4",
-            TENDON.replace("?", "1e6") + "8e-3, max_tension=1.0",
-        ],
-        [EARLY_CHAMBER + "8e-3, area=2e-4", EARLY_TENDON + "8e-3, max_tension=1.0"],
-    ),
+        "?}]", [EARLY_CHAMBER + "8e-3, area=2.0", EARLY_TENDON + "8e-3, max_tension=1e3",
+        WINCH + "0.4", PUMP + "2e-3"], [EARLY_CHAMBER + "8e-3, area=2e-4",
+        EARLY_TENDON + "8e-3, max_tension=1.0", WINCH + "0.02", PUMP + "2e-6"]),
+    "chamber.*.schedule.time, tendon.*.schedule.time": ("?}]",
+        [CHAMBER.replace("?", "1e6") + "8e-3, area=2e-4",
+        TENDON.replace("?", "1e6") + "8e-3, max_tension=1.0"], [EARLY_CHAMBER + "8e-3, area=2e-4",
+        EARLY_TENDON + "8e-3, max_tension=1.0"]),
     "chamber.*.time_constant": ("chamber=[{max_curvature=1.0, time_constant=?}]", ["200"], ["0.2"]),
-    "tendon.*.friction": (
-        "tendon=[{offset=8e-3, max_tension=1.0, friction=?}]",
-        ["1.5"],
-        ["0.2, schedule={time=[0.0, 1.0], share=[1.0, 1.0]}"],
-    ),
+    "tendon.*.friction": ("tendon=[{offset=8e-3, max_tension=1.0, friction=?}]", ["1.5"],
+        ["0.2, schedule={time=[0.0, 1.0], share=[1.0, 1.0]}"]),
     "tendon.*.time_constant": (SLOW_TENDON, ["200"], ["0.2"]),
     "chamber.*.stiffening": ("chamber=[{max_curvature=1.0, stiffening=?}]", ["500"], ["2"]),
     "tool.mass": ("tool={mass=?}", ["200.0"], ["0.2"]),
@@ -274,81 +174,53 @@ CASES = {
     "tool.drag_area": ("tool={mass=0.1, drag_area=?}", ["20"], ["0.01"]),
     "tool.added_mass": ("tool={mass=0.1, added_mass=?}", ["5e3"], ["1"]),
     "target.tip, target.to, target.centre, target.radius, target.amplitude, target.file": (
-        "target.?",
-        [
-            "tip=[1000.0, -10.0]",
-            "tip=[[0.3, -10.3], [0.3, 0.3]]; target.time=[1.0, 2.0]",
-            "tip=[0.3, -10.3]; target.frame=base",
-            "path=line; target.to=[300.0, -300.0]; target.travel_time=2.0",
-            "path=circle; target.radius=100.0; target.period=5.0",
-            "path=circle; target.radius=0.6; target.period=5.0; target.centre=[0.3, -9.9]",
-            "path=sine; target.amplitude=[0.0, 100.0]; target.frequency_hz=0.1",
-        ],
-        ["tip=[0.3, -0.3]; target.frame=base"],
-    ),
-    "target.time.0, target.start, control.start": (
-        "?",
-        [
-            "control.start=30",
-            "target.path=circle; target.radius=0.1; target.period=5.0; target.start=30.0",
-            "target.tip=[[0.3, -10.3], [0.4, -10.3]]; target.time=[30.0, 40.0]",
-        ],
-        ["control.start=10"],
-    ),
+        "target.?", ["tip=[1000.0, -10.0]",
+        "tip=[[0.3, -10.3], [0.3, 0.3]]; target.time=[1.0, 2.0]",
+        "tip=[0.3, -10.3]; target.frame=base",
+        "path=line; target.to=[300.0, -300.0]; target.travel_time=2.0",
+        "path=circle; target.radius=100.0; target.period=5.0",
+        "path=circle; target.radius=0.6; target.period=5.0; target.centre=[0.3, -9.9]",
+        "path=sine; target.amplitude=[0.0, 100.0]; target.frequency_hz=0.1"],
+        ["tip=[0.3, -0.3]; target.frame=base"]),
+    "target.time.0, target.start, control.start": ("?", ["control.start=30",
+        "target.path=circle; target.radius=0.1; target.period=5.0; target.start=30.0",
+        "target.tip=[[0.3, -10.3], [0.4, -10.3]]; target.time=[30.0, 40.0]"], ["control.start=10"]),
     "sensor.delay": ("sensor.delay=?", ["10", "1.0; simulation.duration=1.0"], ["0.1"]),
-    "sensor.noise_position, sensor.noise_angle_deg": (
-        "sensor.noise_?",
-        ["position=1.0", "angle_deg=57.3"],
-        ["position=1e-3; sensor.noise_angle_deg=1.0"],
-    ),
+    "sensor.noise_position, sensor.noise_angle_deg": ("sensor.noise_?", ["position=1.0",
+        "angle_deg=57.3"], ["position=1e-3; sensor.noise_angle_deg=1.0"]),
     "sensor.resolution_position": ("sensor.resolution_position=?", ["1.0"], ["1e-3"]),
     "sensor.resolution_angle_deg": ("sensor.resolution_angle_deg=?", ["90"], ["1.0"]),
     "sensors.*.delay": ("sensors=[{kind='wrench', delay=?}]", ["90.0"], ["0.1"]),
-    "control.pid.*.derivative_filter_hz": (
-        "control.?",
-        ["rate_hz=20"],
-        ["pid.tilt.derivative_filter_hz=40"],
-    ),
-    "control.neural.weights": (
-        "control.kind=neural; ?",
-        ["arm.length=0.6", "flow.0.amplitude.0=0.4", "sensor.noise_position=0.001"],
-        ["arm.youngs_modulus=3e6; sensor.delay=0.006"],
-        "station-keeping",
-    ),
+    "control.pid.*.derivative_filter_hz": ("control.?", ["rate_hz=20"],
+        ["pid.tilt.derivative_filter_hz=40"]),
+    "control.neural.weights": ("control.kind=neural; ?", ["arm.length=0.6",
+        "flow.0.amplitude.0=0.4", "sensor.noise_position=0.001"],
+        ["arm.youngs_modulus=3e6; sensor.delay=0.006"], "station-keeping"),
     "simulation.tolerance": ("simulation.tolerance=?", ["1e-3"], ["1e-6"]),
     "simulation.max_iterations": ("simulation.?", ["max_iterations=2"], ["tolerance=1e-6"]),
-    "simulation.time_step": (
-        "?",
-        [
-            "simulation.time_step=0.5",
-            "simulation.time_step=1e-5",
-            "simulation.time_step=0.05; control.kind=none",
-            "flow.0.length_scale=0.1; flow.0.mean=[3.0, 0.0]",
-            WAVES.replace("?", "0.1, peak_period=0.8}]; water.depth=20.0; simulation.time_step=0.1")
-            + "; arm.youngs_modulus=2e4",
-            "base.motion=[{kind='sine', channel='heave', amplitude=1e-3, frequency_hz=30.0}]",
-            "obstacle=[{kind='sphere', position=[4.0, -10.2], radius=0.01, velocity=[-3.0, 0.0]}]",
-            GAUSS.replace("?", "0.1, correlation_time=0.02"),
-            "base.channels.tilt.bandwidth_hz=40",
-            "flow.0.ramp_time=0.03",
-        ],
-        ["simulation.time_step=0.02"],
-    ),
+    "simulation.time_step": ("?", ["simulation.time_step=0.5", "simulation.time_step=1e-5",
+        "simulation.time_step=0.05; control.kind=none",
+        "flow.0.length_scale=0.1; flow.0.mean=[3.0, 0.0]",
+        WAVES.replace("?", "0.1, peak_period=0.8}]; water.depth=20.0; simulation.time_step=0.1")
+        + "; arm.youngs_modulus=2e4",
+        "base.motion=[{kind='sine', channel='heave', amplitude=1e-3, frequency_hz=30.0}]",
+        "obstacle=[{kind='sphere', position=[4.0, -10.2], radius=0.01, velocity=[-3.0, 0.0]}]",
+        GAUSS.replace("?", "0.1, correlation_time=0.02"), "base.channels.tilt.bandwidth_hz=40",
+        "flow.0.ramp_time=0.03"], ["simulation.time_step=0.02"]),
     "simulation.integrator": (EULER + "?", ["; simulation.time_step=0.025"], [""]),
     "output.interval": ("output.interval=?", ["0.5"], ["0.1"]),
 }
 TURNS = {
     **{f"base.{turn}_deg": f"base.{turn}_deg=?" for turn in ("tilt", "pan", "roll")},
-    "base.motion.*.phase_deg": (
-        "base.motion=[{kind='sine', channel='sway', amplitude=0.1, frequency_hz=0.1, phase_deg=?}]"
-    ),
+    "base.motion.*.phase_deg": "base.motion=[{kind='sine', channel='sway', amplitude=0.1, "
+                               "frequency_hz=0.1, phase_deg=?}]",
     "flow.*.phase_deg": "flow=[{kind='sine', amplitude=[1, 0, 0], frequency_hz=1, phase_deg=?}]",
-    "flow.*.direction_deg": (
-        WAVES.replace("?", "0.1, peak_period=5, direction_deg=?}]; water.depth=20.0")
-    ),
+    "flow.*.direction_deg":
+        WAVES.replace("?", "0.1, peak_period=5, direction_deg=?}]; water.depth=20.0"),
     "flow.*.heading_deg": "flow=[{kind='measured', file='no.csv', heading_deg=?}]",
     "target.phase_deg": "target={path='circle', radius=0.1, period=5, phase_deg=?}",
 }
+# fmt: on
 CASES |= {key: (turn, ["1000"], ["-90"], "station-keeping-3d") for key, turn in TURNS.items()}
 
 
@@ -377,17 +249,12 @@ def warnings_about(scenario: str | None = None, settings: list[str] = (), **tabl
 
 
 def test_every_rule_warns_in_some_case():
-    silent = [rule for rule in RULES if rule.keys not in TRIED_ELSEWHERE]
-    for case, (setting, odd, _, *built_in) in CASES.items():
-        tried = [rule for rule in rules_of(case) if rule in silent]
-        for value in odd if tried else ():
-            settings = setting.replace("?", value).split("; ")
-            silent = [
-                rule
-                for rule in silent
-                if rule not in tried or not warnings_of([rule], settings, *built_in)
-            ]
-    assert silent == []
+    for rule in (each for each in RULES if each.keys not in TRIED_ELSEWHERE):
+        assert any(
+            warnings_of([rule], setting.replace("?", value).split("; "), *built_in)
+            for case, (setting, odd, _, *built_in) in CASES.items()
+            for value in (odd if rule in rules_of(case) else ())
+        ), rule.keys
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -476,18 +343,6 @@ def test_rules_judge_series_from_files_as_they_judge_lists(tmp_path):
     (note,) = warnings_about(target=path, simulation={"duration": 50.0})
     assert note.startswith("target.file: got ")
     assert "a target 800.1 m from the base" in note
-    (tmp_path / "heave.csv").write_text("time,heave\n0,0\n1,0\n2,200\n30,200\n")
-    shaken = []
-    for key, motion in {
-        "value": {"kind": "table", "time": [0, 1, 2, 30], "value": [0, 0, 200, 200]},
-        "file": {"kind": "file", "file": str(tmp_path / "heave.csv")},
-    }.items():
-        found = warnings_about(base={"motion": [{"channel": "heave", **motion}]})
-        (note,) = [note for note in found if "acceleration" in note]
-        assert note.startswith(f"base.motion.0.{key}: ")
-        shaken.append(note.split(" (acc")[1])
-    assert shaken[0] == shaken[1]
-    assert "eleration of the base = 200 m/s2" in shaken[0]
 
 
 SCALED = {
@@ -512,35 +367,6 @@ def test_numbers_beyond_what_can_be_computed_do_not_stop_the_rules(built_in, key
     assert all(re.match(r"[a-z_0-9.*]+: ", note) and "\n" not in note for note in found)
     if size > 1:
         assert found
-
-
-@pytest.mark.parametrize("error", [OverflowError, FloatingPointError, ValueError])
-def test_what_a_rule_found_is_kept_where_it_cannot_go_on(error, monkeypatch):
-    def breaks(facts):
-        yield "flow.0.velocity: odd"
-        raise error("math range error")
-
-    def goes_on(facts):
-        yield "flow.1.velocity: odd too"
-
-    rules = (Rule(("flow.*.velocity",), "", breaks, "speed"), Rule(("flow.*",), "", goes_on))
-    monkeypatch.setattr("crinoid.diagnostics.plausibility._FIRST", ())
-    monkeypatch.setattr("crinoid.diagnostics.plausibility._THEN", rules)
-    assert warnings_about() == [
-        "flow.0.velocity: odd",
-        "flow.*.velocity: cannot be judged by speed: the numbers exceed the range of the "
-        "computation",
-        "flow.1.velocity: odd too",
-    ]
-    # what is wrong with a file is no note
-
-    def refuses(facts):
-        raise crinoid.ScenarioError([])
-        yield
-
-    monkeypatch.setattr("crinoid.diagnostics.plausibility._THEN", (Rule(("flow.*",), "", refuses),))
-    with pytest.raises(crinoid.ScenarioError):
-        warnings_about()
 
 
 def test_what_follows_from_an_odd_arm_goes_without_saying():

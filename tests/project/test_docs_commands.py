@@ -97,17 +97,6 @@ def test_commands_of_a_page_can_be_parsed(page):
     assert not wrong, "\n".join(wrong)
 
 
-def test_a_wrong_command_is_found():
-    found = list(
-        commands("```\ncrinoid run curl --set arm.lenght=1 && crinoid film x --too y\n```")
-    )
-    lines = ["run curl --set arm.lenght=1", "film x --too y"]
-    assert [shlex.join(words) for words, _ in found] == lines
-    for words, _ in found:
-        with pytest.raises(Exception, match=r"lenght|--too"):
-            check(words)
-
-
 def test_the_readme_lists_every_command():
     text = (ROOT / "README.md").read_text("utf-8")
     shown = {name for name, each in group().commands.items() if not each.hidden}

@@ -18,7 +18,6 @@ from helpers.paths import ROOT
 
 HOST = ROOT / ".github"
 WORKFLOWS = sorted((HOST / "workflows").glob("*.yml"))
-FORMS = sorted(path for path in (HOST / "ISSUE_TEMPLATE").glob("*.yml") if path.stem != "config")
 
 
 def read_yaml(path):
@@ -67,16 +66,6 @@ def test_the_checks_run_on_the_versions_of_python_that_are_promised():
     matrix = read_yaml(HOST / "workflows/check.yml")["jobs"]["check"]["strategy"]["matrix"]
     assert matrix["python"] == [promised[0], promised[-1]]
     assert f"for version in {' '.join(promised)};" in (ROOT / ".ci/release").read_text("utf-8")
-
-
-@pytest.mark.parametrize("path", FORMS, ids=lambda path: path.stem)
-def test_a_form_of_an_issue_is_complete(path):
-    form = read_yaml(path)
-    assert form["name"]
-    assert form["description"]
-    fields = [field for field in form["body"] if field["type"] != "markdown"]
-    assert all(field["attributes"]["label"] for field in fields)
-    assert len({field["id"] for field in fields}) == len(fields) > 0
 
 
 @pytest.mark.parametrize("script", ["run", "release", "setup"])

@@ -8,20 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
-from rich.console import Console
 
 import crinoid
 from crinoid.base import Servo
-from crinoid.cli.display import equilibrium_table
-from crinoid.dynamics import Touch
 from crinoid.elements import ENERGIES, WORKS
 from crinoid.results.chunks import join, unwrap_from
 from crinoid.results.dataset import Instants, build_dataset
-from crinoid.results.errors import tip_error
 from crinoid.results.record import Record
-from crinoid.results.result import Result
-from crinoid.view.figures.run import Run
-from crinoid.view.figures.sheet import draw_sheet
 
 NODES, RECORDS = 5, 4
 ORIGIN = np.array([1.0, -2.0, -10.0])
@@ -83,37 +76,15 @@ def dataset(system):
     return dataset_of(system, kept())
 
 
-DIMENSIONS = {
-    "node axis": "position",
-    "edge axis": "tangent director",
-    "node bending": "curvature",
-    "edge": "twist tension",
-    "axis": "tip_position tip_target tip_direction tip_direction_target base_force base_moment",
-    "": "tip_angle tip_error",
-    "channel": "base_command base_servo base_pose",
-}
-
-
-def test_every_variable_in_space_has_its_dimensions_and_units(dataset):
-    for dims, names in DIMENSIONS.items():
-        for name in names.split():
-            assert dataset[name].dims == ("time", *dims.split()), name
-    # channels are shifts and turns: no one unit that CF knows
-    without_unit = {name for name, v in dataset.data_vars.items() if not v.attrs.get("units")}
-    limits = {"channel_lower", "channel_upper", "channel_max_speed", "channel_max_acceleration"}
-    assert without_unit == {"base_command", "base_servo", "base_pose", *limits}
-    assert all(dataset[name].dims == ("channel",) for name in limits)
+def test_channels_in_space_are_shifts_and_turns_with_their_limits(dataset):
     assert float(dataset["channel_upper"].sel(channel="slide")) == 1
-    assert all(float(dataset[name].sel(channel="sway")) == 0 for name in limits)
-    assert "tip_angle_target" not in dataset
+    assert float(dataset["channel_lower"].sel(channel="sway")) == 0
     assert dataset["twist"].attrs["units"] == "rad m-1"
-    assert list(dataset["axis"].values) == ["x", "y", "z"]
-    assert list(dataset["bending"].values) == ["kappa_1", "kappa_2"]
+    # no one unit that CF knows
+    assert "units" not in dataset["base_pose"].attrs
     units = dict(zip(dataset["channel"].values, dataset["channel_unit"].values, strict=True))
     shifts, turns = ("slide", "sway", "heave"), ("pan", "tilt", "roll")
-    assert list(units.items()) == [*((n, "m") for n in shifts), *((n, "rad") for n in turns)]
-    comment = "slide, sway and heave in m, pan, tilt and roll in rad: see channel_unit"
-    assert dataset["base_pose"].attrs["comment"] == comment
+    assert units == dict.fromkeys(shifts, "m") | dict.fromkeys(turns, "rad")
 
 
 def test_values_in_space_are_those_of_the_record(dataset):
@@ -146,19 +117,6 @@ def test_the_angle_of_the_tip_is_that_above_the_level_plane(system, direction, s
     np.testing.assert_allclose(angle, np.arcsin(sine), atol=1e-12)
 
 
-def test_obstacles_in_space_have_three_axes(system):
-    force, length = jnp.ones((2, 3)), jnp.zeros(2)
-    touch = Touch(
-        force=force, in_contact=length > 0, impulse=force, duration=length, closest=length + 0.1
-    )
-    touch = jax.tree.map(lambda values: jnp.stack(RECORDS * [values]), touch)
-    place, gap = np.zeros((RECORDS, 2, 3)), np.full((RECORDS, 2, NODES - 1), 0.1)
-    record = kept(touch=touch, gap=gap, obstacle_position=place, obstacle_velocity=place)
-    dataset = dataset_of(system, record)
-    assert dataset["contact_force"].dims == ("time", "obstacle", "axis")
-    np.testing.assert_allclose(dataset["obstacle_position"].values[0], np.tile(ORIGIN, (2, 1)))
-
-
 def test_the_angle_of_a_planar_tip_turns_on_across_a_cut():
     wide = np.cumsum(np.random.default_rng(2).uniform(-1.0, 2.5, 300))
     wrapped = np.arctan2(np.sin(wide), np.cos(wide))
@@ -181,19 +139,3 @@ def test_joined_stretches_leave_the_angle_above_the_level_as_it_is():
         values = {"tip_angle": ("time", angles), "tip_direction": direction}
         parts.append(xr.Dataset(values, coords={"time": np.arange(float(len(angles)))}))
     np.testing.assert_array_equal(join(parts)["tip_angle"], np.concatenate(flips))
-
-
-def test_measures_tables_and_figures_read_a_run_in_space(dataset):
-    dataset = dataset.assign_attrs(title="in space", scenario="", status="ok")
-    result = Result(dataset)
-    errors = tip_error(result)
-    assert errors.rms == pytest.approx(0.13)
-    assert errors.fluctuation == pytest.approx(0.0, abs=1e-12)
-    console = Console(width=120)
-    with console.capture() as said:
-        console.print(equilibrium_table(result))
-    text = said.get()
-    assert "x 1.24 m, y -1.808 m, z -9.744 m" in text
-    assert "x 0.6, y 0.48, z 0.64" in text
-    assert "greatest twist" in text
-    assert len(draw_sheet(Run(dataset)).axes) == 5

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from crinoid.results.metrics import MEASURES
-from crinoid.results.own_files import is_own
 from crinoid.results.summary import SUMMARY_CSV, SUMMARY_JSON, summarised, write_summary
 from crinoid.scenario import Scenario
 from helpers.made_results import made_result
@@ -51,13 +50,6 @@ def test_a_run_that_failed_has_what_is_valid_and_its_status(tmp_path):
     result.dataset["position"][-1], result.dataset["tip_error"][-1] = 1e200, np.inf
     document, _ = written(result, tmp_path)
     assert document["max_strain"] is document["max_error"] is None
-
-
-def test_crinoid_knows_its_summaries_from_those_of_others(tmp_path):
-    for path in write_summary(made_result(SCENARIO), tmp_path):
-        assert is_own(path)
-        path.write_text(path.read_text("utf-8").replace('"', "'"), "utf-8")
-        assert not is_own(path)
 
 
 def test_an_equilibrium_has_other_numbers(tmp_path):

@@ -1,22 +1,18 @@
-"""Scenarios with obstacles, from the file to the result, the figures and the command line."""
+"""Scenarios with obstacles, from the file to the result."""
 
-from dataclasses import replace
+import re
 from pathlib import Path
-from types import SimpleNamespace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 
 import crinoid
 from crinoid.assembly.prepared import Prepared
-from crinoid.dynamics import Hull, Outcome
 from crinoid.results.result import Result
 from crinoid.simulation import SimulationError, play
-from crinoid.simulation.conclusion import nearest_pair
 from helpers.builtin import STORED
-from helpers.command import call, refused, succeeded
+from helpers.command import succeeded
 from helpers.loops import assert_listed
 
 # a heavy arm that leans on the bed, and a ball that falls on it; one number of nodes, one free and
@@ -108,9 +104,7 @@ def test_a_stopped_run_with_a_free_obstacle_continues_to_the_bit(result, tmp_pat
 
 @pytest.mark.slow
 def test_equilibrium_leans_on_the_bed(here):
-    shown = succeeded("equilibrium", "touched.toml", "--out", "still")
-    assert "force of obstacle 1" in shown
-    assert "force of obstacle 0" not in shown
+    succeeded("equilibrium", "touched.toml", "--out", "still")
     (time,) = xr.load_dataset(here / "still" / "result.nc")["time"].values
     data = xr.load_dataset(here / "still" / "result.nc").sel(time=time)
     assert not data["velocity"].values.any()
@@ -124,46 +118,6 @@ def test_equilibrium_leans_on_the_bed(here):
     felt = data["sensor_reading"].sel(reading=FELT).values
     np.testing.assert_allclose(felt[:2], push[1], rtol=1e-12, atol=1e-12)
     assert 0.2 * push[1, 1] < felt[3] < 0.8 * push[1, 1]
-    # charts of one instant would be empty
-    succeeded("report", "still")
-    figures = {"shape.png", "bending.png"}
-    assert {path.name for path in (here / "still").iterdir()} == {
-        *figures,
-        "result.nc",
-        "summary.csv",
-        "summary.json",
-        "report.html",
-    }
-
-
-def test_an_overlap_is_a_mistake_and_nothing_is_written(here):
-    places = {"0.position": "[0.1875, -10.0]", "1.position": "[0,-10]"}
-    inside = [f"--set=obstacle.{key}={place}" for key, place in places.items()]
-    by, hint = "the arm without load by", "Move it clear of the arm."
-    for command in ("run", "equilibrium"):
-        ended = call(command, "touched.toml", *inside)
-        assert ended.exit_code == 2
-        assert ended.stderr.strip().splitlines() == [
-            f"crinoid: obstacle.0.position: overlaps {by} 50 mm. {hint}",
-            f"crinoid: obstacle.1.position: overlaps {by} 20 mm. {hint}",
-        ]
-    line = refused("run", "touched.toml", "--set", "vary.'obstacle.0.radius'=[0.03, 0.07]")
-    case = "crinoid: vary: case obstacle.0.radius = 0.07: "
-    assert line.startswith(f"{case}obstacle.0.position: overlaps ")
-    assert [path.name for path in here.iterdir()] == ["touched.toml"]
-
-
-@pytest.mark.slow
-def test_the_table_sums_up_the_contacts(here, result):
-    cells = [line.split("\u2502") for line in succeeded("run", "touched.toml").splitlines()]
-    rows = {row[1].strip(): row[2].strip() for row in cells if len(row) == 4}
-    longest = result.dataset["contact_time"].values[-1, 1]
-    assert rows["longest time in contact"] == f"obstacle 1: {longest:.3g} s"
-    force = np.linalg.norm(result.dataset["contact_force"], axis=2).max(axis=0)
-    most = int(force.argmax())
-    assert rows["largest contact force"] == f"obstacle {most}: {force[most]:.3g} N"
-    gap = result.dataset["contact_closest"].values[-1]
-    assert rows["smallest gap"] == f"obstacle {gap.argmin()}: {1e3 * gap.min():.3g} mm"
 
 
 def pressed(speed: float) -> crinoid.Scenario:
@@ -193,47 +147,4 @@ def test_a_hit_that_no_step_resolves_ends_the_run_and_says_so():
         crinoid.simulate(TOUCHED.with_values({"obstacle.1": shot}))
     reason = str(caught.value)
     assert reason.startswith("failed at t = 0 s: a hit is too hard or too fast for a time step")
-    assert "obstacle 0 is nearest to the arm" in reason or "obstacle 1 is nearest" in reason
-    for remedy in ("simulation.time_step", "simulation.max_halvings", "slower obstacles"):
-        assert remedy in reason
-
-
-@pytest.mark.parametrize(
-    ("arm", "itself", "hull", "pair", "words"),
-    [
-        (0.0123, 0.3, 0.2, 0.02, "obstacle 1 is nearest to the arm with 12.3 mm between them"),
-        (-0.0123, 0.3, 0.2, 0.02, "obstacle 1 is pressed 12.3 mm into the arm"),
-        (0.3, 0.0123, 0.2, 0.02, "the arm is nearest to itself with 12.3 mm between them"),
-        (0.3, 0.2, -0.0123, 0.02, "the arm is pressed 12.3 mm into the hull"),
-        (0.3, 0.3, 0.2, 0.0123, "obstacle 0 is nearest to obstacle 2 with 12.3 mm between them"),
-        (0.3, 0.3, 0.2, -0.0123, "obstacle 0 is pressed 12.3 mm into obstacle 2"),
-    ],
-)
-def test_the_nearest_pair_is_named(arm, itself, hull, pair, words, monkeypatch):
-    monkeypatch.setattr(Hull, "distances", lambda self, rows, axes: jnp.array([hull, 0.6]))
-    skin = 1e-3
-    bodies = SimpleNamespace(pairs=(((0, 1),), ((2, 0),)), skin=np.array([skin, skin]))
-    loop = SimpleNamespace(distances=lambda rows, axes: jnp.array([itself, 0.6]))
-    forces = SimpleNamespace(
-        axes=2,
-        far_contacts=(loop, object.__new__(Hull)),
-        obstacles=SimpleNamespace(bodies=bodies),
-    )
-    gaps = np.array([[0.4, 0.5], [arm, 0.5], [0.5, 0.5]])
-    state = SimpleNamespace(
-        gap=gaps,
-        motion=SimpleNamespace(position=None),
-        remembered=lambda of: of,
-        body_gap=np.array([0.3, pair + skin]),
-    )
-    assert nearest_pair(SimpleNamespace(forces=forces), state) == words
-
-
-def test_an_imbalance_past_the_tip_is_that_of_a_free_obstacle():
-    system = crinoid.system(TOUCHED)
-    force = {"residual": jnp.asarray(0.5), "scale": jnp.asarray(2.0)}
-    for row, name in ((4, "node 4"), (5, "obstacle 0")):
-        nothing = Outcome.of_nothing(converged=False)
-        outcome = replace(nothing, **force, worst_node=jnp.asarray(row))
-        reason = outcome.imbalance(system.reference.nodes, system.forces.free)
-        assert reason == f"{name} is out of balance by 0.5 N among forces of up to 2 N"
+    assert re.search("obstacle [01] is nearest to the arm", reason)
