@@ -355,51 +355,7 @@ def test_slopes_are_the_same_forth_and_back_and_those_of_differences(tmp_path, w
     np.testing.assert_allclose(forward[1], (late - early) / (2 * step), atol=1e-6)
 
 
-# --- models, and compass directions -------------------------------------------------------------
-
-
-def grid(path):
-    """Write an ocean model's output: CF names, depth downward, dates, a place in a grid."""
-    time = np.datetime64("2024-03-01T06:00") + np.arange(20) * np.timedelta64(10, "s")
-    seconds = np.arange(20) * 10.0
-    depth = np.array([0.0, 2.0, 5.0, 10.0, 20.0])
-    place = (3.0 + np.arange(2.0))[:, None] + np.array([0.1, 0.2, 0.3])  # lat by lon
-    east = 0.01 * seconds[:, None, None, None] + 0.1 * depth[:, None, None] + place
-    dims = ("time", "depth", "lat", "lon")
-    attributes = {"units": "cm/s", "standard_name": "eastward_sea_water_velocity"}
-    north = {"units": "cm/s", "standard_name": "northward_sea_water_velocity"}
-    dataset = xr.Dataset(
-        {"uo": (dims, east, attributes), "vo": (dims, 2 * east, north)},
-        {
-            "time": time,
-            "depth": ("depth", depth, {"units": "m", "positive": "down"}),
-            "lat": [48.0, 48.5],
-            "lon": ("lon", [236.0, 236.5, 237.0], {"units": "degrees_east"}),
-        },
-    )
-    dataset.to_netcdf(path, encoding={"time": {"units": "hours since 2024-01-01", "dtype": "f8"}})
-
-
-def test_an_ocean_model_is_met_at_the_nearest_place_by_depth_and_heading(tmp_path):
-    grid(tmp_path / "a.nc")
-    case = measured(
-        tmp_path / "a.nc",
-        depth=None,
-        duration=60.0,
-        velocity=["eastward_sea_water_velocity", "northward_sea_water_velocity", "0"],
-        vertical="depth",
-        heading_deg=90.0,
-        select={"lat": 48.4, "lon": -123.4},
-    )
-    recording = recorded(case)
-    np.testing.assert_allclose(recording.levels, [-20.0, -10.0, -5.0, -2.0, 0.0])
-    # latitude 48.5 and longitude 236.5, in m/s
-    seconds = np.arange(20) * 10.0
-    expected = 0.01 * (0.01 * seconds[:, None] + 0.1 * -recording.levels + 4.2)
-    np.testing.assert_allclose(recording.time, seconds, atol=1e-6)
-    np.testing.assert_allclose(recording.velocity[..., 0], expected, rtol=1e-6)
-    assert not recording.velocity[..., 1].any()
-    assert "cross the plane that the arm moves in" in Prepared(case).notes()[0]
+# --- compass directions --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
