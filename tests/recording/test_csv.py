@@ -235,10 +235,3 @@ def test_a_path_begins_at_its_first_time_less_the_skip(tmp_path):
 def test_numbers_of_nines_among_their_like_are_numbers(tmp_path):
     case = followed(tmp_path / "a.csv", "0,500,-10000", "5,400,-9999", "9,400,-9900", units="mm")
     np.testing.assert_allclose(read_path(case).values[:, 1], [-10, -9.999, -9.9])
-
-
-def test_the_part_of_a_series_that_a_run_meets(tmp_path):
-    path = [f"{time},0.5,-10" for time in (-9, -4, 3, 18, 24, 40)]
-    series = read_path(followed(tmp_path / "a.csv", *path))
-    assert series.during(20.0)[0].tolist() == [-4, 3, 18, 24]
-    assert series.during(18.0)[0].tolist() == [-4, 3, 18]

@@ -18,7 +18,7 @@ from helpers.styles import (
 )
 
 BLANK = dates("%Y-%m-%d %H:%M:%S")
-POLAR = {"current": speed_and_direction}
+BLANKS = "%Y %m %d %H %M"
 UNITS = "time,u (m/s),v (m/s)"
 CM, MM = (100.0, 100.0), (1000.0, 1000.0)
 
@@ -32,6 +32,10 @@ def wind(index, z):
     return direction + 180.0, 10.0 * speed
 
 
+def ten_times(index, z):
+    return tuple(10.0 * part for part in turning(index, z))
+
+
 def ndbc(depths, past=False):
     """Return what writes currents by a profiler.
 
@@ -43,7 +47,7 @@ def ndbc(depths, past=False):
         units = " ".join(["    m  degT  cm/s"] * len(depths))
         speed, direction = over(speed_and_direction, -np.asarray(depths))
         rows = []
-        for k, time in enumerate(dates("%Y %m %d %H %M")):
+        for k, time in enumerate(dates(BLANKS)):
             cells = [
                 f"{depth:6.1f} {direction[k, i]:5.0f} {100 * speed[k, i]:5.1f}"
                 for i, depth in enumerate(depths)
@@ -119,6 +123,7 @@ IOOS = "eastward_sea_water_velocity", "northward_sea_water_velocity"
 IOOS_FLAGS = ",".join(("time,z", *IOOS, *(f"{name}_qc_agg" for name in IOOS)))
 WEATHER = {"speed": "WSPD", "direction": "WDIR", "direction_is": "from", "heading_deg": 90.0}
 CO_OPS = {"time": "Date Time", "speed": "Speed", "direction": "Direction", "heading_deg": 90.0}
+# not proposed: a heading may be that of the instrument
 MAROTTE = {"time": "datetime", "speed": "speed", "direction": "heading", "heading_deg": 90.0}
 TOA5 = (
     '"TOA5","CR1000","CR1000","1234","CR1000.Std.32","CPU:current.CR1","5555","Table1"',
@@ -130,160 +135,82 @@ HOBO = '"Plot Title: 20123456"', '"#","Date Time, GMT-07:00","u, m/s (LGR S/N: 2
 GAP = {"gaps": ((1, 0),)}
 
 STYLES = {
-    "ERDDAP csv": Played(
-        lines(
-            STATION,
-            ",UTC,degrees_north,degrees_east,m,m s-1,m s-1,degree_C,PSU,1",
-            row="M1,{t},36.75,-122.03,{depth},{u},{v},11.2,33.5,1",
-            heights=Z,
-        ),
-        Z,
-    ),
-    "ERDDAP csv in knots": Played(
-        lines(
-            "time,spd,dir,water_temperature",
-            "UTC,knots,degrees_true,degree_C",
-            row="{t},{u},{v},11.25",
-            **KNOTS,
-        ),
-        current=turning,
-    ),
+    "ERDDAP csv": Played(lines(
+        STATION, ",UTC,degrees_north,degrees_east,m,m s-1,m s-1,degree_C,PSU,1", heights=Z,
+        row="M1,{t},36.75,-122.03,{depth},{u},{v},11.2,33.5,1"), Z),
+    "ERDDAP csv in knots": Played(lines(
+        "time,spd,dir,water_temperature", "UTC,knots,degrees_true,degree_C",
+        row="{t},{u},{v},11.25", **KNOTS), current=turning),
     "ERDDAP csvp": Played(lines("time (UTC),depth (m),u (m s-1),v (m s-1)", **LEVELS), Z),
     "ERDDAP csv0": Refused(lines(**LEVELS), "csvp"),
-    "ERDDAP tsv": Played(
-        lines("time\tdepth\tu\tv", "UTC\tm\tm s-1\tm s-1", row="{t}\t{depth}\t{u}\t{v}", heights=Z),
-        Z,
-    ),
-    "IOOS csv with flags": Played(
-        lines(
-            IOOS_FLAGS,
-            "UTC,m,m.s-1,m.s-1,,",
-            row="{t},{z},{u},{v},1,1",
-            heights=Z,
-            change=("0.370,-0.070,1", "1.75,-0.070,4"),
-        ),
-        Z,
-        gaps=((1, 1),),
-    ),
-    "NDBC meteorological": Played(
-        lines(
-            "#YY  MM DD hh mm WDIR WSPD GST  WVHT   DPD   APD MWD   PRES  ATMP  WTMP  TIDE",
-            "#yr  mo dy hr mn degT m/s  m/s     m   sec   sec degT   hPa  degC  degC    ft",
-            row="{t} {u} {v}  6.0   1.1     7   5.2 290 1013.5  11.0  11.4    MM",
-            times=dates("%Y %m %d %H %M", count=5),
-            current=wind,
-            change=("250.000 4.400", "MM   MM"),
-            newest_first=True,
-        ),
-        keys=WEATHER,
-        count=5,
-        gaps=((2, 0),),
-        current=lambda index, z: tuple(10 * part for part in turning(index, z)),
-    ),
+    "ERDDAP tsv": Played(lines(
+        "time\tdepth\tu\tv", "UTC\tm\tm s-1\tm s-1", row="{t}\t{depth}\t{u}\t{v}", heights=Z), Z),
+    "IOOS csv with flags": Played(lines(
+        IOOS_FLAGS, "UTC,m,m.s-1,m.s-1,,", row="{t},{z},{u},{v},1,1", heights=Z,
+        change=("0.370,-0.070,1", "1.75,-0.070,4")), Z, gaps=((1, 1),)),
+    "NDBC meteorological": Played(lines(
+        "#YY  MM DD hh mm WDIR WSPD GST  WVHT   DPD   APD MWD   PRES  ATMP  WTMP  TIDE",
+        "#yr  mo dy hr mn degT m/s  m/s     m   sec   sec degT   hPa  degC  degC    ft",
+        row="{t} {u} {v}  6.0   1.1     7   5.2 290 1013.5  11.0  11.4    MM",
+        times=dates(BLANKS, count=5), current=wind, change=("250.000 4.400", "MM   MM"),
+        newest_first=True), keys=WEATHER, count=5, gaps=((2, 0),), current=ten_times),
     "NDBC ADCP": Played(ndbc(DEPTHS), Z, current=turning, gaps=((1, 2),)),
     "NDBC ADCP of past years": Played(ndbc(DEPTHS, past=True), Z, current=turning, gaps=((1, 2),)),
     "one cell of NDBC": Played(ndbc([2.5]), (-2.5,), current=turning),
     "CO-OPS": Refused(
-        lines(
-            "Date Time, Speed, Direction, Bin",
-            row="{t},38.1,60,14",
-            times=dates("%Y-%m-%d %H:%M"),
-        ),
-        "unit",
-        CO_OPS,
-    ),
+        lines("Date Time, Speed, Direction, Bin", row="{t},38.1,60,14"), "unit", CO_OPS),
     "Nortek": Played(nortek("."), NORTEK_Z, current=turning),
     "Nortek with decimal commas": Played(nortek(","), NORTEK_Z, current=turning),
-    "Lowell tilt meter": Played(
-        lines(
-            "ISO 8601 Time,Speed (cm/s),Heading (degrees),Velocity-N (cm/s),Velocity-E (cm/s)",
-            row="{t},45.00,95.0,{v},{u}",
-            times=dates("%Y-%m-%dT%H:%M:%S.000"),
-            scale=CM,
-        )
-    ),
-    "Marotte tilt meter": Played(
-        lines(
-            "datetime,speed (m/s),heading (degrees CW from North),tilt (radians),temp (Celsius)",
-            row="{t},{u},{v},0.21,11.2",
-            times=dates("%Y-%m-%d %H:%M:%S.000"),
-            **POLAR,
-        ),
-        keys=MAROTTE,  # not proposed: a heading may be that of the instrument
-        current=turning,
-    ),
-    "Aanderaa": Played(
-        lines(
-            "Record Number\tTime tag (Gmt)\tBattery Voltage [V]\tNorth [cm/s]\tEast [cm/s]",
-            row="{k}\t{t}\t7.1\t{v}\t{u}",
-            times=dates("%d.%m.%Y %H:%M:%S"),
-            scale=CM,
-            end="\r\n",
-        )
-    ),
-    "Campbell": Played(
-        lines(*TOA5, row='"{t}",7,{u},"{v}"', times=BLANK, change=("0.420", '"NAN"')), **GAP
-    ),
+    "Lowell tilt meter": Played(lines(
+        "ISO 8601 Time,Speed (cm/s),Heading (degrees),Velocity-N (cm/s),Velocity-E (cm/s)",
+        row="{t},45.00,95.0,{v},{u}", times=dates("%Y-%m-%dT%H:%M:%S.000"), scale=CM)),
+    "Marotte tilt meter": Played(lines(
+        "datetime,speed (m/s),heading (degrees CW from North),tilt (radians),temp (Celsius)",
+        row="{t},{u},{v},0.21,11.2", times=dates("%Y-%m-%d %H:%M:%S.000"),
+        current=speed_and_direction), keys=MAROTTE, current=turning),
+    "Aanderaa": Played(lines(
+        "Record Number\tTime tag (Gmt)\tBattery Voltage [V]\tNorth [cm/s]\tEast [cm/s]",
+        row="{k}\t{t}\t7.1\t{v}\t{u}", times=dates("%d.%m.%Y %H:%M:%S"), scale=CM, end="\r\n")),
+    "Campbell": Played(lines(
+        *TOA5, row='"{t}",7,{u},"{v}"', times=BLANK, change=("0.420", '"NAN"')), **GAP),
     "HOBO": Refused(
         lines(*HOBO, row="1,{t},{u}", times=dates("%m/%d/%y %I:%M:%S %p")),
         "03/01/24 06:00:00 AM.*ISO dates",
-        {"time": "Date Time, GMT-07:00", "velocity": ["u, m/s", "0"]},
-    ),
-    "parts of a date": Played(
-        lines(
-            "year,month,day,hour,minute,second,u (m/s),v (m/s)",
-            times=dates("%Y,%m,%d,%H,%M,%S"),
-        )
-    ),
+        {"time": "Date Time, GMT-07:00", "velocity": ["u, m/s", "0"]}),
+    "parts of a date": Played(lines(
+        "year,month,day,hour,minute,second,u (m/s),v (m/s)", times=dates("%Y,%m,%d,%H,%M,%S"))),
     "a flag of all columns": Played(flagged("flag"), **GAP),
     "a quality of all columns": Played(flagged("Quality"), **GAP),
     "a flag of another variable": Played(lines(f"{UNITS},T,T_flag", row="{t},{u},{v},11,4")),
     "a flag of no variable": Played(
-        lines(f"{UNITS},salt_qc", row="{t},{u},{v},4"), remark="salt_qc is a flag of no variable"
-    ),
+        lines(f"{UNITS},salt_qc", row="{t},{u},{v},4"), remark="salt_qc is a flag of no variable"),
     "a comma that may separate thousands": Played(
         lines("time;u (mm/s);v (mm/s)", row="{t};{u};{v}", scale=MM, decimal=","),
-        remark="u: 400,000 is read as 400",
-    ),
-    "commas between thousands": Refused(
-        lines("time;u (mm/s);v (mm/s)", row="{t};4;5", change=("10:00Z;4", "10:00Z;1,400")),
-        "u contains 1,400",
-    ),
-    "dates with the year first": Played(
-        lines("DateTime,u (m/s),v (m/s)", times=dates("%Y/%m/%d %H:%M"))
-    ),
+        remark="u: 400,000 is read as 400"),
+    "commas between thousands": Refused(lines(
+        "time;u (mm/s);v (mm/s)", row="{t};4;5", change=("10:00Z;4", "10:00Z;1,400")),
+        "u contains 1,400"),
+    "dates with the year first": Played(lines(
+        "DateTime,u (m/s),v (m/s)", times=dates("%Y/%m/%d %H:%M"))),
     "date and time in two columns": Refused(
-        lines("Date,Time,u (m/s),v (m/s)", times=dates("%Y-%m-%d,%H:%M:%S")),
-        "date|one column",
-        EAST_NORTH | {"time": "Time"},
-    ),
+        lines("Date,Time,u (m/s),v (m/s)", times=dates("%Y-%m-%d,%H:%M:%S")), "date|one column",
+        EAST_NORTH | {"time": "Time"}),
     "European spreadsheet": Played(german(), keys=EAST_NORTH | {"time": "Datum"}, step=86400.0),
     "European spreadsheet with a dot": Refused(
-        german(("0,440", "0.440")), r"0\.44.*(comma|dot|point)", EAST_NORTH | {"time": "Datum"}
-    ),
+        german(("0,440", "0.440")), r"0\.44.*(comma|dot|point)", EAST_NORTH | {"time": "Datum"}),
     "American dates": Refused(
-        lines(UNITS, times=dates("%m/%d/%Y %H:%M", step=86400.0)), "ISO|2024-03-01|year"
-    ),
-    "seconds with a decimal comma": Played(
-        lines(
-            "time;u [m/s];v [m/s]",
-            row="{t};{u};{v}",
-            times=[each[:-3] for each in dates("%Y-%m-%d %H:%M:%S,%f", step=0.5)],
-            decimal=",",
-        ),
-        step=0.5,
-    ),
+        lines(UNITS, times=dates("%m/%d/%Y %H:%M", step=86400.0)), "ISO|2024-03-01|year"),
+    "seconds with a decimal comma": Played(lines(
+        "time;u [m/s];v [m/s]", row="{t};{u};{v}", decimal=",",
+        times=[each[:-3] for each in dates("%Y-%m-%d %H:%M:%S,%f", step=0.5)]), step=0.5),
     "bare columns": Played(
-        lines("time,depth,u,v", times=[0, 600, 1200, 1800], **LEVELS),
-        Z,
-        remark="u .*no unit.*m/s",
-    ),
+        lines("time,depth,u,v", times=[0, 600, 1200, 1800], **LEVELS), Z, remark="u .*no unit"),
     "epoch seconds": Played(bare_time("s"), remark="time .*assumed.* s"),
     "epoch milliseconds": Refused(bare_time("ms"), r"millisecond|\bms\b"),
     "days of a spreadsheet": Refused(bare_time("D", 8, 25569.0), "days?"),
     "MATLAB days": Refused(bare_time("D", 8, 719529.0), "MATLAB|days"),
     "GRIB": Refused(grib, "GRIB|netCDF"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)
