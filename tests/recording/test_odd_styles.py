@@ -166,60 +166,42 @@ MARKED = {
 """What writes a profile with a value that does not count."""
 STYLES = {name: Played(write, Z, gaps=((1, 2),)) for name, write in MARKED.items()} | {
     "a range that is a text": Played(
-        profile(u=(BOTH, EAST_PART, EAST | {"valid_range": "-3, 3"})), Z
-    ),
+        profile(u=(BOTH, EAST_PART, EAST | {"valid_range": "-3, 3"})), Z),
     "an ancillary variable without flags": Played(
-        profile(
-            u=(BOTH, EAST_PART, EAST | {"ancillary_variables": "u_error"}),
-            u_error=(BOTH, 4.0 * GOOD, {"units": "cm s-1"}),
-        ),
-        Z,
-    ),
+        profile(u=(BOTH, EAST_PART, EAST | {"ancillary_variables": "u_error"}),
+                u_error=(BOTH, 4.0 * GOOD, {"units": "cm s-1"})), Z),
     "positive Down": Played(profile(levels("lev", DEPTHS, positive="Down")), Z),
     "cells beside the depth of the sensor": Played(
-        profile(levels("bin_depth", DEPTHS), depth=SENSOR), Z
-    ),
+        profile(levels("bin_depth", DEPTHS), depth=SENSOR), Z),
     "ranges beside the depth of the sensor": Played(
-        profile(levels("range", HEIGHTS), depth=SENSOR), Z
-    ),
+        profile(levels("range", HEIGHTS), depth=SENSOR), Z),
     "heights above the bed": Played(profile(levels("hab", HEIGHTS)), Z),
     "levels of no direction": Played(
-        profile(levels("z", HEIGHTS)), Z, remark="z .*above the bed.*origin"
-    ),
+        profile(levels("z", HEIGHTS)), Z, remark="z .*above the bed.*origin"),
     "a level above the surface": Played(
-        profile(levels("height", [22.0, 15.0, 10.5])), Z[1:], remark="surface"
-    ),
+        profile(levels("height", [22.0, 15.0, 10.5])), Z[1:], remark="surface"),
     "a level below the bed": Played(
-        profile(levels("depth", [2.0, 5.0, 22.0], positive="down")), Z[:2], remark="bed"
-    ),
+        profile(levels("depth", [2.0, 5.0, 22.0], positive="down")), Z[:2], remark="bed"),
     "rows with the most significant byte first": Played(big_endian, Z),
     "south": Played(point(v=(("time",), -NORTH_POINT, SOUTH))),
     "deviations of the same name": Played(
-        point(us=(("time",), np.full(COUNT, 0.01), EAST | SPREAD))
-    ),
+        point(us=(("time",), np.full(COUNT, 0.01), EAST | SPREAD))),
     "times with bounds": Played(
-        point(
-            time=(*clock()[:2], clock()[2] | {"bounds": "tb"}),
-            tb=(("time", "nv"), np.zeros((COUNT, 2)), clock()[2]),
-        )
-    ),
+        point(time=(*clock()[:2], clock()[2] | {"bounds": "tb"}),
+              tb=(("time", "nv"), np.zeros((COUNT, 2)), clock()[2]))),
     "times of one station": Played(one_station),
     "direction to": Played(polar(), current=turning),
     "direction from": Played(
-        polar("from", standard_name="sea_water_velocity_from_direction"), current=turning
-    ),
+        polar("from", standard_name="sea_water_velocity_from_direction"), current=turning),
     "direction from by key": Played(polar("from"), place={"direction_is": "from"}, current=turning),
     "a direction from magnetic north": Played(
-        polar(long_name="current direction (magnetic)"), current=turning, remark="magnetic north"
-    ),
+        polar(long_name="direction (magnetic)"), current=turning, remark="magnetic north"),
     "a direction that is a mark": Refused(
-        polar(directions=[60, 60, 999, 60]), "999 degrees.*360", BY_SPEED
-    ),
+        polar(directions=[60, 60, 999, 60]), "999 degrees.*360", BY_SPEED),
     "times in single precision": Refused(
-        point(time=(("time",), DAYS, {"units": "days since 1858-11-17"})), "double precision"
-    ),
+        point(time=(("time",), DAYS, {"units": "days since 1858-11-17"})), "double precision"),
     "groups": Refused(groups, "group"),
-}
+}  # fmt: skip
 
 
 def proposed(write, folder):
