@@ -123,13 +123,3 @@ def test_an_edit_of_a_system_is_never_without_effect():
     assert np.all(slopes.rest_length != 0)
     assert np.any(slopes.rest_curvature != 0)
     assert set(vars(system.reference)) == {"rest_length", "rest_curvature", "rest_twist"}
-
-
-def test_the_number_of_halvings_is_a_parameter_too():
-    one, other = (
-        crinoid.system(crinoid.Scenario(**PLANE).with_values({"simulation.max_halvings": number}))
-        for number in (0, 12)
-    )
-    assert (one.max_halvings, other.max_halvings) == (0, 12)
-    # so that they take the same compiled programs
-    assert jax.tree.structure(one) == jax.tree.structure(other)

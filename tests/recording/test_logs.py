@@ -14,7 +14,6 @@ from crinoid.inverse.record import read_record
 from crinoid.recording import read_dataset
 from crinoid.scenario import Scenario
 from crinoid.view.export import write_mcap
-from helpers.measured import measured, recorded
 from helpers.planar_result import swaying_arm
 from helpers.refusals import mistake
 from helpers.spatial_result import curling_arm
@@ -100,15 +99,6 @@ def test_the_log_of_a_run_is_a_record_of_it(axes, tmp_path):
     np.testing.assert_array_equal(record.commands.values[rows], data["base_command"].values)
     first = "time has the instants of /tip/pose and of /commands; each command is valid until the"
     assert record.notes[0] == f"{first} next"
-
-
-def test_the_current_of_a_log_is_played(tmp_path):
-    data = swaying_arm(records=201, duration=20.0, nodes=5)
-    log = write_mcap(save(data, tmp_path / "result.nc"), tmp_path).files[0]
-    keys = {"velocity": [f"/base/current.vector.{axis}" for axis in "xz"]}
-    found = recorded(measured(log, time="/base/current.time", **keys))
-    np.testing.assert_allclose(found.time, data["time"].values, atol=1e-9)
-    np.testing.assert_array_equal(found.velocity[:, 0], data["flow_velocity"].values[:, 0])
 
 
 TIP = STAMP + np.arange(5) * SECOND // 10

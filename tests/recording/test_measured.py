@@ -205,20 +205,6 @@ def test_a_low_pass_removes_the_fast_and_delays_nothing(tmp_path):
 # --- gaps --------------------------------------------------------------------------------------
 
 
-def test_straight_lines_fill_gaps_and_a_note_says_so(tmp_path):
-    time = np.arange(0, 40, 0.5)
-    values = 0.5 + 0.01 * time
-    holed = values.copy()
-    holed[20:24] = np.nan  # from 9.5 to 12 s
-    holed[50] = -9999.0
-    write(tmp_path / "a.nc", time, u=holed, w=values, attributes={"_FillValue": -9999.0})
-    case = measured(tmp_path / "a.nc")
-    np.testing.assert_allclose(recorded(case).velocity[:, 0, 0], values, rtol=1e-12)
-    assert Prepared(case).notes() == [
-        "flow.0: 6.25% of u is missing and was filled by straight lines, the longest gap 2.5 s"
-    ]
-
-
 def test_samples_that_the_file_leaves_out_are_gaps_too(tmp_path):
     time = np.delete(np.arange(0, 40, 0.5), slice(20, 30))
     write(tmp_path / "a.nc", time, u=0.5 + 0.01 * time)

@@ -250,8 +250,7 @@ STYLES |= {
     "time zones": Played(table(times=[each[:-1] + "+02:00" for each in ISO])),
     "words of quality": Played(
         table(f"{HEAD},u_flag", "{t},{u},{v},good", "0.420,-0.090,good", "1.9,-0.090,bad"),
-        gaps=((1, 0),),
-    ),
+        gaps=((1, 0),)),
     "a # in a cell": Refused(table("site,time,u,v", "No #3,{t},{u},{v}"), "# before.*line 2"),
     "an error of a spreadsheet": Refused(mark("#N/A"), "# before.*line 3.*empty"),
     "pixels of a picture": Refused(table("time,u (px/s),v (px/s)"), "px/s.*m/s"),
@@ -259,18 +258,15 @@ STYLES |= {
     "instants in digits": Refused(table(times=dates("%Y%m%d%H%M")), "date.*ISO"),
     "a mark in cm/s": Refused(
         lines("time,u (cm/s),v (cm/s)", scale=(100, 100), change=("42.000", "-99.9")),
-        "-99.9.*missing",
-    ),
+        "-99.9.*missing"),
     "a scaled end of 16 bits": Refused(mark("-32.768"), "-32.768.*missing"),
     "a row without a date": Refused(lines(HEAD, change=(ISO[2], "")), "empty cell in row 3"),
     "a date without a time of day": Refused(
         table("time;u;v", "{t};{u};{v}", " 06:00", "", times=dates("%d.%m.%Y %H:%M")),
-        "row 2; must contain increasing numbers or ISO dates",
-    ),
+        "row 2; must contain increasing numbers or ISO dates"),
     "lines above the names": Refused(
-        lines("Site: M1, north\ntime,u,v"), "longer rows.*mark .* by #"
-    ),
-}
+        lines("Site: M1, north\ntime,u,v"), "longer rows.*mark .* by #"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)

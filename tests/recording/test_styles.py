@@ -266,13 +266,13 @@ def uhdas(folder):
 # --- the table -----------------------------------------------------------------------------------
 
 UVEL_VVEL = {"velocity": ["UVEL", "VVEL", "0"], "heading_deg": 90.0}
+VOZO_VOME = {"velocity": ["vozocrtx", "vomecrty", "0"], "heading_deg": 90.0}
 BEAM = {"velocity": ["vel", "0", "0"], "vertical": "range", "select": {"dir": 1}}
 MOVING = {"count": 5, "remark": "mean", "moving": True}
 
 STYLES = {
     "ERDDAP griddap": Played(
-        grid(("depth", DOWN), "uv", np.float64(-1e34), clock(), form="NETCDF3_CLASSIC"), Z
-    ),
+        grid(("depth", DOWN), "uv", np.float64(-1e34), clock(), form="NETCDF3_CLASSIC"), Z),
     "ERDDAP rows of a point": Played(erddap_rows([2.0]), at=-2.0),
     "ERDDAP rows of a profile": Played(erddap_rows(DEPTHS), Z),
     "Copernicus Marine by depth": Played(copernicus("depth"), CMEMS_Z, step=3600.0),
@@ -280,26 +280,16 @@ STYLES = {
     "Copernicus in situ": Played(copernicus_in_situ, Z, gaps=((2, 1), (1, 0))),
     "HYCOM": Played(hycom, Z, place={"select": {"lat": 38.97, "lon": -75.05}}, step=10800.0),
     "ROMS": Played(
-        roms,
-        tuple(S_LEVELS[1:-1]),
-        place={"select": {"eta_rho": 1, "xi_rho": 0}},
-        step=3600.0,
-        **MOVING,
-    ),
-    "NEMO": Played(
-        nemo,
-        Z,
-        place={"velocity": ["vozocrtx", "vomecrty", "0"], "heading_deg": 90.0, "select": {"x": 1}},
-        step=3600.0,
-    ),
+        roms, tuple(S_LEVELS[1:-1]), place={"select": {"eta_rho": 1, "xi_rho": 0}}, step=3600.0,
+        **MOVING),
+    "NEMO": Played(nemo, Z, place=VOZO_VOME | {"select": {"x": 1}}, step=3600.0),
     "DOLfYN in earth coordinates": Played(
-        dolfyn("earth"), tuple(RANGES - 19.5), place={"origin": -19.5}
-    ),
+        dolfyn("earth"), tuple(RANGES - 19.5), place={"origin": -19.5}),
     "DOLfYN in beam coordinates": Refused(dolfyn("beam"), "beam.*(rotate|earth)", BEAM),
     "MITgcm": Played(xmitgcm, Z, UVEL_VVEL | {"vertical": "-Z"}),
     "MITgcm without a sign": Refused(xmitgcm, "above.*minus sign", UVEL_VVEL | {"vertical": "Z"}),
     "UHDAS": Played(uhdas, tuple(-UHDAS_DEPTHS[1:-1]), **MOVING),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)
